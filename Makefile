@@ -1,0 +1,38 @@
+# Everything on a fresh machine with Python >= 3.11 and make. `make demo` and `make test` install first, once.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+# One thread per process: the arrays are small, and two workers share two cores.
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: demo test lint install gl clean
+.DEFAULT_GOAL := test
+
+install: $(INSTALLED)
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python >= 3.11 is needed: make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+# VTK renders without a screen through EGL; where we may, we install it, elsewhere `vbaa` says what is missing.
+gl: $(INSTALLED)
+	@$(BIN)/python -m viz.probe || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
+	  && apt-get update -qq && apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri; } \
+	  || echo "no 3-D pictures here: install libegl1 and libgl1-mesa-dri"
+
+demo: $(INSTALLED) gl
+	$(BIN)/vbaa demo --out demo --force
+
+test: $(INSTALLED) gl
+	$(BIN)/python -m pytest -n 2
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) demo .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,21 @@
+"""The inverse problem: from what is seen and felt to where the antenna touches, and how hard."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .contact import Contact, Measured
+    from .estimate import ContactEstimator
+
+__all__ = ["Contact", "ContactEstimator", "Measured"]
+
+_HOMES = {"Contact": ".contact", "Measured": ".contact", "ContactEstimator": ".estimate"}
+
+
+def __getattr__(name: str) -> Any:
+    """Load on first use, so that `vbaa --help` need not wait for torch."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name], __name__), name)

@@ -1,0 +1,59 @@
+"""`vbaa estimate SESSION --rig rig.json -o contacts.csv`."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vbaa_calib.console import progress, say
+from vbaa_calib.errors import InputError
+from vbaa_calib.files import refuse_overwrite
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import load_session, read_recording
+
+from .estimate import MODELS, ContactEstimator
+from .recording import estimate_recording
+from .table import ContactRow, write_contacts
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa estimate`."""
+    parser.add_argument("session", type=Path, help="the session folder with recording/ in it")
+    parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write")
+    parser.add_argument(
+        "--model",
+        default="auto",
+        choices=("auto", *MODELS),
+        help="mechanical model (default: the lowest that suffices)",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Estimate every frame of a recording and write contacts.csv."""
+    if args.output.suffix != ".csv":
+        raise InputError(f"cannot write {args.output.suffix or 'this'} files", where=args.output, remedy="name a .csv")
+    refuse_overwrite(args.output, args.force)
+    session = load_session(args.session)
+    estimator = ContactEstimator(Rig.load(args.rig), args.model)
+    frames = read_recording(session)
+    found = progress(estimate_recording(estimator, session, frames), "contacts", len(frames))
+    rows = [ContactRow.of(item.frame.frame, item.frame.time_s, item.contact) for item in found]
+    write_contacts(args.output, rows, args.force)
+    counts = Counter(row.status for row in rows)
+    say(f"{len(rows)} frames: " + ", ".join(f"{count} {status}" for status, count in counts.most_common()))
+    located = [row.distance_std_m for row in rows if np.isfinite(row.distance_std_m)]
+    if located:
+        say(f"contact distance known to {1e3 * float(np.median(located)):.2f} mm (median standard deviation)")
+    say(f"wrote {args.output}")
+    return {
+        "contacts": str(args.output),
+        "frames": len(rows),
+        "status": dict(counts),
+        "models": dict(Counter(row.model for row in rows)),
+        "distance_std_median_m": float(np.median(located)) if located else None,
+    }

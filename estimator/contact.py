@@ -1,0 +1,59 @@
+"""One frame's result: a contact, or why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+def _unknown_vector() -> np.ndarray:
+    return np.full(3, np.nan)
+
+
+def _unknown_matrix() -> np.ndarray:
+    return np.full((3, 3), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """One frame's result. Numbers that the data do not support are NaN; `reason` says why.
+
+    Attributes
+    ----------
+    status : ok, no_contact, tip_contact, unobservable, low_signal, not_quasistatic, no_antenna or failed.
+    reason : the same in words; also says why this model was taken.
+    distance_m, distance_std_m : arc length from the clamp to the contact.
+    force_N, force_std_N : (3,) the object's force on the antenna, antenna frame.
+    deflection_m : (3,) contact point less the same point of the free antenna, antenna frame.
+    point_antenna_m, point_world_m : (3,) contact point on the centreline.
+    covariance_world_m2 : (3, 3) of the world point.
+    force_world_N : (3,).
+    moment_residual_Nm : reading less what the fitted contact predicts, in true N·m.
+    """
+
+    status: str
+    reason: str
+    model: str
+    in_contact: bool
+    distance_m: float = np.nan
+    distance_std_m: float = np.nan
+    force_N: np.ndarray = field(default_factory=_unknown_vector)
+    force_std_N: np.ndarray = field(default_factory=_unknown_vector)
+    deflection_m: np.ndarray = field(default_factory=_unknown_vector)
+    point_antenna_m: np.ndarray = field(default_factory=_unknown_vector)
+    point_world_m: np.ndarray = field(default_factory=_unknown_vector)
+    covariance_world_m2: np.ndarray = field(default_factory=_unknown_matrix)
+    force_world_N: np.ndarray = field(default_factory=_unknown_vector)
+    moment_residual_Nm: float = np.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What one frame offers: points (N, 2) px with deviations (N,) px across the antenna, moment and joint angles."""
+
+    points_px: np.ndarray
+    sigma_px: np.ndarray
+    moment_Nm: float
+    pan_rad: float
+    tilt_rad: float

@@ -1,0 +1,134 @@
+"""The estimator's door for users: centreline, moment and joint angles in, one contact out, with what it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from vbaa_calib.errors import InputError
+from vbaa_calib.reprojection import see
+from vbaa_calib.rig import Rig
+
+from .contact import Contact, Measured
+from .fit import Fit, Scene, fit
+from .uncertainty import Spread, spread
+from .verdict import judge
+
+MODELS = {"elastica": 1, "rod": 3}
+"""Rungs of the ladder, lowest first, with their sweeps over the equilibrium of moments (`antenna.shape.bend`)."""
+SMALL = 1 / 3
+"""A model's predicted bias is small when it is below this fraction of the standard deviation."""
+FEWEST_POINTS = 5
+
+
+class ContactEstimator:
+    """Contacts from centrelines, for one calibrated rig.
+
+    Parameters
+    ----------
+    rig : the calibrated rig.
+    model : "elastica", "rod", or "auto" for the lowest rung whose predicted bias is small against the noise.
+    """
+
+    def __init__(self, rig: Rig, model: str = "auto") -> None:
+        if model != "auto" and model not in MODELS:
+            raise InputError(f"model is {model!r}", remedy=f"one of auto, {', '.join(MODELS)} is needed")
+        self.rig = rig
+        self.model = model
+
+    def estimate(
+        self,
+        centreline_px: np.ndarray,
+        *,
+        moment: float,
+        pan: float,
+        tilt: float,
+        sigma_px: np.ndarray | float | None = None,
+    ) -> Contact:
+        """One frame.
+
+        Parameters
+        ----------
+        centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are left out.
+        moment : the sensor's reading, N·m.
+        pan, tilt : joint angles, rad.
+        sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
+
+        Raises
+        ------
+        InputError : wrong shapes, or numbers that are not finite.
+        """
+        points = np.asarray(centreline_px, float)
+        if points.ndim != 2 or points.shape[1] != 2:
+            raise InputError(f"centreline_px has shape {points.shape}", remedy="give (N, 2) pixels")
+        if not np.isfinite([moment, pan, tilt]).all():
+            raise InputError("moment, pan or tilt is not a finite number", remedy="give N·m and radians")
+        sigma = np.asarray(self.rig.image.noise_px if sigma_px is None else sigma_px, float)
+        if sigma.shape not in ((), points.shape[:1]) or not (sigma > 0).all():
+            raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one positive number or (N,) of them")
+        sigma = np.broadcast_to(sigma, points.shape[:1])
+        good = np.isfinite(points).all(axis=1)
+        return self.measure(Measured(points[good], sigma[good], float(moment), float(pan), float(tilt)))
+
+    def estimate_batch(
+        self,
+        centrelines_px: Sequence[np.ndarray],
+        moments: Sequence[float],
+        pans: Sequence[float],
+        tilts: Sequence[float],
+    ) -> list[Contact]:
+        """B frames: centrelines (B, N, 2), or B arrays of their own lengths; moments, pans and tilts (B,)."""
+        return [
+            self.estimate(points, moment=moment, pan=pan, tilt=tilt)
+            for points, moment, pan, tilt in zip(centrelines_px, moments, pans, tilts, strict=True)
+        ]
+
+    def run(self, recording: Iterable[Measured]) -> Iterator[Contact]:
+        """A recording frame by frame, in constant memory."""
+        return map(self.measure, recording)
+
+    def measure(self, measured: Measured) -> Contact:
+        """One frame that was checked already."""
+        solved = self.solve(measured)
+        if solved is None:
+            why = f"only {len(measured.points_px)} usable centreline points"
+            return Contact("no_antenna", why, self.model, False)
+        scene, result, worth, model, chosen = solved
+        T_world_antenna = self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad)
+        return judge(scene, T_world_antenna, result, worth, model, chosen)
+
+    def solve(self, measured: Measured) -> tuple[Scene, Fit, Spread, str, str] | None:
+        """The fit behind a contact: scene, fit, its uncertainty, the rung taken and why. None with too few points."""
+        lowest = next(iter(MODELS)) if self.model == "auto" else self.model
+        scene = self._scene(measured, MODELS[lowest])
+        if len(scene.seen) < FEWEST_POINTS:
+            return None
+        result = fit(scene)
+        worth = spread(scene, result)
+        if self.model != "auto":
+            return scene, result, worth, lowest, f"{lowest} was asked for"
+        bias = predicted_bias(scene, self._scene(measured, MODELS["rod"]), result, worth)
+        if bias <= SMALL:
+            return scene, result, worth, lowest, f"{lowest}: its bias is {bias:.2f} std"
+        scene = self._scene(measured, MODELS["rod"])
+        result = fit(scene, result.unknowns[None])
+        return scene, result, spread(scene, result), "rod", f"rod: elastica would be {bias:.1f} std off"
+
+    def _scene(self, measured: Measured, sweeps: int) -> Scene:
+        rotation = self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad).rotation
+        seen = see(self.rig.camera, measured.points_px, measured.sigma_px)
+        gravity = rotation.T @ self.rig.gravity_world_m_s2
+        return Scene(self.rig, seen, measured.moment_Nm, gravity, sweeps)
+
+
+def predicted_bias(scene: Scene, reference: Scene, result: Fit, worth: Spread) -> float:
+    """How far, in standard deviations, a fit would move if its model were the reference's; infinite where unknown."""
+    if not np.isfinite(worth.covariance).all():
+        return np.inf
+    contact = result.unknowns[:1] * scene.rig.antenna.length_m
+    lateral = result.unknowns[None, 1:] * scene.force_unit_N
+    change = reference.whitened(reference.curves(contact, lateral))[:, 0] - result.residuals
+    free = slice(1, 3) if result.at_tip else slice(0, 3)
+    move, *_ = np.linalg.lstsq(result.jacobian[:, free], -change, rcond=None)
+    return float(np.max(np.abs(move) / np.sqrt(np.diag(worth.covariance)[free])))

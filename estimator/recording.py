@@ -1,0 +1,105 @@
+"""From a recording on disk to contacts: pictures or ready centrelines, one frame at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vbaa_calib.detect.antenna import corridor, find, find_along, free_curve, pixels, width_px
+from vbaa_calib.detect.profile import Centreline
+from vbaa_calib.errors import InputError
+from vbaa_calib.images import read_gray
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Frame, Session, read_centrelines
+
+from .contact import Contact, Measured
+from .estimate import ContactEstimator
+
+SECOND_LOOK = 0.8
+"""The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameContact:
+    """A frame and what was estimated from it."""
+
+    frame: Frame
+    contact: Contact
+
+
+def gravity(rig: Rig, frame: Frame) -> np.ndarray:
+    """(3,) gravity in the antenna frame."""
+    return rig.kinematics.T_world_antenna(frame.pan_rad, frame.tilt_rad).rotation.T @ rig.gravity_world_m_s2
+
+
+def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
+    """A centreline with the deviations that this rig's pictures really have."""
+    sigma = line.sigma_px * rig.image.noise_scale
+    return Measured(line.points_px, sigma, frame.moment_Nm, frame.pan_rad, frame.tilt_rad)
+
+
+def look(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
+    """The antenna in one picture, wherever the corridor lets it be."""
+    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity(rig, frame))
+    where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
+    return find(image, where, rig.image.bright)
+
+
+def look_again(estimator: ContactEstimator, frame: Frame, image: np.ndarray, first: Centreline) -> Centreline:
+    """The antenna measured along the shape that the first look led to: across its own normals, gaps bridged."""
+    rig = estimator.rig
+    solved = estimator.solve(measured(rig, frame, first))
+    if solved is None:
+        return first
+    scene, result = solved[:2]
+    shape = scene.curves(result.unknowns[:1] * rig.antenna.length_m, result.unknowns[None, 1:] * scene.force_unit_N)
+    T_camera_antenna = rig.T_antenna_camera.inverse()
+    guide = pixels(rig.camera, T_camera_antenna, shape.points_m[0])
+    width = width_px(rig.camera, T_camera_antenna, shape.points_m[0], rig.antenna.diameter_m)
+    again = find_along(image, guide, width, rig.image.bright)
+    return again if len(again.points_px) >= SECOND_LOOK * len(first.points_px) else first
+
+
+def estimate_picture(estimator: ContactEstimator, frame: Frame) -> Contact:
+    """One frame from its picture. Raises InputError when the picture cannot be read or has another size."""
+    assert frame.image is not None
+    image = read_gray(frame.image).astype(np.float32)
+    if image.shape[::-1] != tuple(estimator.rig.camera.image_size):
+        size = "x".join(map(str, image.shape[::-1]))
+        calibrated = "x".join(map(str, estimator.rig.camera.image_size))
+        raise InputError(
+            f"is {size}, the rig's camera {calibrated}",
+            where=frame.image,
+            remedy="use the resolution of the calibration",
+        )
+    line = look(estimator.rig, frame, image)
+    if not line.found:
+        why = f"no antenna in the picture: {100 * line.seen:.0f} % of its length seen"
+        return Contact("no_antenna", why, estimator.model, False)
+    return estimator.measure(measured(estimator.rig, frame, look_again(estimator, frame, image, line)))
+
+
+def estimate_centreline(estimator: ContactEstimator, frame: Frame, lines: Mapping[int, np.ndarray]) -> Contact:
+    """One frame from extracted pixels (N, 3): u_px, v_px, sigma_px."""
+    points = lines.get(frame.frame, np.empty((0, 3)))
+    sigma = np.where(np.isfinite(points[:, 2]), points[:, 2], estimator.rig.image.noise_px)
+    return estimator.measure(Measured(points[:, :2], sigma, frame.moment_Nm, frame.pan_rad, frame.tilt_rad))
+
+
+def estimate_recording(
+    estimator: ContactEstimator, session: Session, frames: Sequence[Frame]
+) -> Iterator[FrameContact]:
+    """Every frame of a session's recording, in order; none is dropped."""
+    if frames[0].image is not None:
+        return (FrameContact(frame, estimate_picture(estimator, frame)) for frame in frames)
+    lines = read_centrelines(session)
+    unknown = set(lines) - {frame.frame for frame in frames}
+    if unknown:
+        raise InputError(
+            f"frame {min(unknown)} is not in recording.csv",
+            where=session.root / "recording" / "centrelines.csv",
+            remedy="give every frame its row in recording.csv",
+        )
+    return (FrameContact(frame, estimate_centreline(estimator, frame, lines)) for frame in frames)

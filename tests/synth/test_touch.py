@@ -1,0 +1,297 @@
+"""The contact equilibrium against the linear beam, and the laws it has to keep."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from vbaa_calib.antenna.rod import Rod, sample_shape
+from vbaa_calib.errors import InputError, SolveError
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.synth.objects import TouchObject
+from vbaa_calib.synth.touch import Touch, touch
+
+L, EI, RADIUS = 0.24, 3.9e-3, 4e-4
+WEIGHT = np.array([0.0, 0.0, -9.80665])
+NONE = np.zeros(3)
+X, Y, Z = np.eye(3)
+
+
+def bare_rod() -> Rod:
+    return Rod(L, EI, 3e-3, 0.0)
+
+
+def real_rod() -> Rod:
+    clamp = Pose.from_rotvec(np.array([0.0, 0.02, -0.03]), np.array([0.001, 0.0, -0.001]))
+    return Rod(L, EI, 3e-3, 0.004, clamp, np.array([0.2, -0.1]))
+
+
+def knife(x: float, gap: float, *, normal: np.ndarray = -Y, **kwargs: float) -> TouchObject:
+    """An edge whose surface is `gap` away from the straight antenna's, which it meets at x; `normal` looks at it."""
+    center = x * X - (gap + RADIUS + 2e-4) * normal
+    return TouchObject("knife_edge", center, np.cross(X, normal), 2e-4, 0.1, wedge_world=-normal, **kwargs)
+
+
+def cylinder(x: float, y: float, radius: float = 0.01, **kwargs: float) -> TouchObject:
+    return TouchObject("cylinder", np.array([x, y, 0.0]), Z, radius, 0.05, **kwargs)
+
+
+def panned(start_deg: float, end_deg: float, count: int, tilt_deg: float = 0.0) -> list[Pose]:
+    angles = np.radians(np.linspace(start_deg, end_deg, count))
+    return [Kinematics().T_world_antenna(float(pan), math.radians(tilt_deg)) for pan in angles]
+
+
+def shifted(*offsets: np.ndarray) -> list[Pose]:
+    return [Pose(np.eye(3), offset) for offset in offsets]
+
+
+def world(poses: list[Pose], points: np.ndarray) -> np.ndarray:
+    return np.stack([pose @ point for pose, point in zip(poses, points, strict=True)])
+
+
+def turned(poses: list[Pose], vectors: np.ndarray) -> np.ndarray:
+    return np.stack([pose.rotation @ vector for pose, vector in zip(poses, vectors, strict=True)])
+
+
+def tangents(result: Touch) -> np.ndarray:
+    return sample_shape(result.shape, np.nan_to_num(result.contact_m, nan=L / 2)[:, None])[1][:, 0]
+
+
+@pytest.mark.parametrize("normal", [-Y, Y, -Z, (Y + Z) / math.sqrt(2.0)])
+def test_rigid_knife_edge_is_the_linear_beam(normal: np.ndarray) -> None:
+    push, x = 2e-6, 0.16
+    result = touch(bare_rod(), RADIUS, knife(x, 0.0, normal=normal), shifted(-push * normal), NONE)
+    assert result.in_contact.all()
+    np.testing.assert_allclose(result.contact_m, x, rtol=1e-6)
+    np.testing.assert_allclose(
+        result.force_antenna_N[0], 3 * EI * push / x**3 * normal, atol=1e-4 * 3 * EI * push / x**3
+    )
+    np.testing.assert_allclose(result.contact_antenna_m[0], x * X + push * normal, atol=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [5.0, 50.0, 5000.0])
+@pytest.mark.parametrize("make", [knife, lambda x, gap, **k: cylinder(x, gap + 0.01 + RADIUS, **k)])
+def test_compliance_is_in_series_with_the_antenna(make: Callable[..., TouchObject], stiffness: float) -> None:
+    push, x = 2e-6, 0.16
+    result = touch(bare_rod(), RADIUS, make(x, 0.0, stiffness_N_m=stiffness), shifted(push * Y), NONE)
+    force = push / (1.0 / stiffness + x**3 / (3 * EI))
+    np.testing.assert_allclose(np.linalg.norm(result.force_antenna_N), force, rtol=1e-5)
+
+
+OBJECTS = {
+    "cylinder": cylinder(0.16, 0.015),
+    "soft cylinder": cylinder(0.16, 0.015, stiffness_N_m=60.0),
+    "leaning cylinder": TouchObject(
+        "cylinder", np.array([0.12, 0.015, 0.0]), np.array([0.0, 0.6, 0.8]), 0.01, 0.1, 500.0
+    ),
+    "knife": TouchObject(
+        "knife_edge",
+        np.array([0.18, 0.005, 0.0]),
+        np.array([0.0, 0.6, 0.8]),
+        2e-4,
+        0.1,
+        wedge_world=np.array([0, 0.8, -0.6]),
+    ),
+    "near cylinder": cylinder(0.04, 0.006, 0.004),
+    "sphere": TouchObject("sphere", np.array([0.15, 0.03, -0.009]), Z, 0.02, 1.0, 400.0),
+}
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_laws_of_a_frictionless_contact(name: str) -> None:
+    """Pushed up to 20° past first touch (the sphere 8°): the antenna's own rest line is then far inside or beyond."""
+    obj = OBJECTS[name]
+    poses = panned(-3.0, 10.0 if name == "sphere" else 22.0, 40, tilt_deg=1.0)
+    result = touch(real_rod(), RADIUS, obj, poses, WEIGHT)
+    touching = result.in_contact
+    first = int(np.argmax(touching))
+    assert 3 < first < 30
+    assert touching[first:].all()
+    force = result.force_antenna_N
+    size = np.linalg.norm(force, axis=1)
+    assert (size[~touching] == 0.0).all()
+    assert np.isnan(result.contact_m[~touching]).all()
+    assert np.isnan(result.contact_antenna_m[~touching]).all()
+    assert (np.diff(size[touching]) > 0.0).all()
+    # frictionless: across the antenna
+    assert np.abs((force * tangents(result)).sum(axis=1))[touching].max() <= 1e-6 * size.max()
+    # the surfaces touch, indented by N/k
+    at = world(poses, result.contact_antenna_m)[touching]
+    distance, normal = obj.signed_distance(at)
+    np.testing.assert_allclose(distance, RADIUS - size[touching] / obj.stiffness_N_m, atol=1e-9)
+    # along the object's normal, and never turning round: the antenna stays on its side
+    direction = (turned(poses, force) / np.maximum(size, 1e-30)[:, None])[touching]
+    np.testing.assert_allclose(direction, normal, atol=1e-6)
+    assert ((direction[1:] * direction[:-1]).sum(axis=1) > 0.7).all()
+    # nowhere else is the antenna deeper
+    everywhere = obj.signed_distance(
+        np.stack([pose @ points for pose, points in zip(poses, result.shape.points_m, strict=True)])
+    )[0].min(axis=1)
+    assert (everywhere[touching] >= distance - 1e-9).all()
+    assert (everywhere[~touching] > RADIUS).all()
+
+
+def test_slopes_of_thirty_degrees_are_reached() -> None:
+    result = touch(real_rod(), RADIUS, OBJECTS["cylinder"], panned(-3.0, 25.0, 12), WEIGHT)
+    assert np.degrees(np.arccos(tangents(result)[:, 0])).max() > 30.0
+
+
+def test_out_of_plane_force_on_a_sphere() -> None:
+    poses = panned(0.0, 8.0, 12)
+    obj = OBJECTS["sphere"]
+    result = touch(bare_rod(), RADIUS, obj, poses, NONE)
+    last = result.force_antenna_N[-1]
+    assert last[1] < 0.0
+    assert last[2] > 0.2 * abs(last[1])
+    # weightless and straight, the antenna bends in the plane of its axis and the force
+    bend = result.contact_antenna_m[-1]
+    np.testing.assert_allclose(bend[2] / bend[1], last[2] / last[1], rtol=1e-9)
+
+
+def test_both_sides_mirror_each_other() -> None:
+    left = touch(bare_rod(), RADIUS, cylinder(0.16, 0.015), panned(0.0, 15.0, 10), NONE)
+    right = touch(bare_rod(), RADIUS, cylinder(0.16, -0.015), panned(0.0, -15.0, 10), NONE)
+    mirror = np.array([1.0, -1.0, 1.0])
+    np.testing.assert_allclose(right.force_antenna_N, mirror * left.force_antenna_N, atol=1e-9)
+    np.testing.assert_allclose(right.contact_m, left.contact_m, atol=1e-9)
+
+
+def test_one_recording_touches_one_side_lifts_off_and_touches_the_other() -> None:
+    """Over the cylinder's end (at z = 20 mm) and down again behind it."""
+    obj = TouchObject("cylinder", 0.16 * X, Z, 0.01, 0.02)
+    path = [(-6, 0), (-3, 0), (-1, 0), (-3, 0), (-6, 0), (-6, 12), (0, 12), (6, 12), (6, 0), (3, 0), (1, 0), (6, 0)]
+    poses = [Kinematics().T_world_antenna(math.radians(pan), math.radians(tilt)) for pan, tilt in path]
+    result = touch(bare_rod(), RADIUS, obj, poses, NONE)
+    np.testing.assert_array_equal(np.flatnonzero(result.in_contact), [1, 2, 3, 9, 10])
+    assert (result.force_antenna_N[[1, 2, 3], 1] < 0.0).all()
+    assert (result.force_antenna_N[[9, 10], 1] > 0.0).all()
+
+
+def test_a_thin_object_still_holds_an_antenna_whose_rest_line_is_beyond_it() -> None:
+    thin = cylinder(0.16, 0.0, 2e-4)
+    result = touch(bare_rod(), RADIUS, thin, panned(-1.0, 12.0, 6), NONE)
+    np.testing.assert_array_equal(result.in_contact, [False, True, True, True, True, True])
+    assert (np.diff(result.force_antenna_N[:, 1]) < 0.0).all()
+    back = touch(bare_rod(), RADIUS, thin, panned(12.0, -1.0, 6), NONE)
+    np.testing.assert_array_equal(back.in_contact, [False, False, False, False, False, True])
+    assert back.force_antenna_N[-1, 1] > 0.0
+
+
+def test_side_of_a_recording_that_starts_in_contact() -> None:
+    for y, sign in ((0.004, -1.0), (-0.004, 1.0)):
+        result = touch(bare_rod(), RADIUS, cylinder(0.16, y), shifted(NONE), NONE)
+        assert result.in_contact[0]
+        assert np.sign(result.force_antenna_N[0, 1]) == sign
+
+
+def test_tip_contact_need_not_push_across_the_antenna() -> None:
+    obj = cylinder(L + 0.004, 0.0085, 0.01)
+    result = touch(bare_rod(), RADIUS, obj, shifted(NONE, 5e-4 * Y), NONE)
+    assert result.in_contact.all()
+    np.testing.assert_array_equal(result.contact_m, L)
+    assert (result.force_antenna_N[:, 0] < -0.05 * np.linalg.norm(result.force_antenna_N, axis=1)).all()
+    distance, normal = obj.signed_distance(world(shifted(NONE, 5e-4 * Y), result.contact_antenna_m))
+    np.testing.assert_allclose(distance, RADIUS, atol=1e-9)
+    size = np.linalg.norm(result.force_antenna_N, axis=1, keepdims=True)
+    np.testing.assert_allclose(result.force_antenna_N / size, normal, atol=1e-6)
+
+
+def test_a_push_runs_from_the_inside_to_the_tip() -> None:
+    result = touch(bare_rod(), RADIUS, cylinder(0.2395, 0.0, 0.005), panned(-1.0, 14.0, 16), NONE)
+    assert result.contact_m[0] < L
+    assert result.contact_m[-1] == L
+    assert (np.diff(result.contact_m[3:]) >= 0.0).all()
+
+
+def test_friction_is_in_the_cone_and_against_the_slip() -> None:
+    mu, poses = 0.3, panned(-3.0, 15.0, 30, tilt_deg=2.0)
+    slick = touch(real_rod(), RADIUS, OBJECTS["cylinder"], poses, WEIGHT)
+    rough = touch(real_rod(), RADIUS, cylinder(0.16, 0.015, friction=mu), poses, WEIGHT, slip_scale_m=1e-6)
+    touching = np.flatnonzero(rough.in_contact)
+    np.testing.assert_array_equal(touching, np.flatnonzero(slick.in_contact))
+    at = world(poses, rough.contact_antenna_m)[touching]
+    distance, normal = OBJECTS["cylinder"].signed_distance(at)
+    np.testing.assert_allclose(distance, RADIUS, atol=1e-9)
+    force = turned(poses, rough.force_antenna_N)[touching]
+    press = (force * normal).sum(axis=1)
+    sideways = force - press[:, None] * normal
+    ratio = np.linalg.norm(sideways, axis=1) / press
+    assert (ratio <= mu + 1e-9).all()
+    assert ratio[3:].min() > 0.9 * mu
+    earlier = np.array(
+        [
+            sample_shape(rough.shape, np.full((len(poses), 1), s))[0][i - 1, 0]
+            for i, s in zip(touching, rough.contact_m[touching], strict=True)
+        ]
+    )
+    slip = at - world([poses[i - 1] for i in touching], earlier)
+    assert ((slip * sideways).sum(axis=1)[3:] < 0.0).all()
+
+
+def test_no_slip_no_friction() -> None:
+    """Two equal poses: between them nothing moves; nor does anything come before the first frame."""
+    result = touch(bare_rod(), RADIUS, knife(0.16, 0.0, friction=0.5), shifted(0.01 * Y, 0.01 * Y), NONE)
+    along = (result.force_antenna_N * tangents(result)).sum(axis=1)
+    assert np.abs(along).max() < 1e-9
+
+
+def test_no_contact_leaves_the_weight_alone() -> None:
+    result = touch(real_rod(), RADIUS, cylinder(0.16, 0.1), panned(-3.0, 3.0, 4), WEIGHT)
+    assert not result.in_contact.any()
+    short = touch(bare_rod(), RADIUS, cylinder(0.3, 0.0), panned(-3.0, 3.0, 4), NONE)
+    assert not short.in_contact.any()
+    aside = TouchObject("cylinder", np.array([0.16, 0.0, 0.05]), Z, 0.01, 0.02)
+    assert not touch(bare_rod(), RADIUS, aside, panned(-3.0, 3.0, 4), NONE).in_contact.any()
+
+
+def test_frames_without_an_answer_are_named() -> None:
+    with pytest.raises(SolveError, match=r"frame 1: .*slip off round the sphere"):
+        touch(bare_rod(), RADIUS, TouchObject("sphere", 0.16 * X, Z, 0.02, 1.0), panned(-8.0, 8.0, 2), NONE)
+    with pytest.raises(SolveError, match="frame 0: the antenna lies along"):
+        touch(bare_rod(), RADIUS, TouchObject("cylinder", 0.1 * X, X, 0.01, 0.1), shifted(NONE), NONE)
+    with pytest.raises(SolveError, match=r"frame 1: .*slipped off"):
+        touch(bare_rod(), RADIUS, cylinder(0.238, 0.0, 0.002), panned(-1.0, 79.0, 3), NONE)
+    with pytest.raises(InputError, match="0 frames"):
+        touch(bare_rod(), RADIUS, cylinder(0.16, 0.0), [], NONE)
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "sphere", "knife_edge"])
+def test_signed_distance_has_its_normal_as_gradient(shape: str) -> None:
+    rng = np.random.default_rng(3)
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    wedge = np.array([1.0, 2.0, 0.0]) / math.sqrt(5.0)
+    obj = TouchObject(shape, np.array([0.1, 0.2, -0.1]), axis, 0.03, 0.1, wedge_world=wedge)
+    points = rng.normal(size=(4, 25, 3))
+    distance, normal = obj.signed_distance(points)
+    assert distance.shape == (4, 25)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), 1.0)
+    step = 1e-6
+    gradient = np.stack(
+        [
+            (obj.signed_distance(points + step * e)[0] - obj.signed_distance(points - step * e)[0]) / (2 * step)
+            for e in np.eye(3)
+        ],
+        axis=-1,
+    )
+    np.testing.assert_allclose(gradient, normal, atol=1e-5)
+    np.testing.assert_allclose(obj.signed_distance(points - distance[..., None] * normal)[0], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"shape": "cube"},
+        {"radius_m": 0.0},
+        {"stiffness_N_m": math.nan},
+        {"friction": -0.1},
+        {"axis_world": 2 * Z},
+        {"wedge_world": Z},
+    ],
+)
+def test_impossible_objects_are_refused(change: dict) -> None:
+    good = {"shape": "knife_edge", "center_world_m": NONE, "axis_world": Z, "radius_m": 0.01, "half_length_m": 0.1}
+    good |= {"wedge_world": Y}
+    TouchObject(**good)
+    with pytest.raises(InputError, match="object"):
+        TouchObject(**(good | change))

@@ -1,0 +1,22 @@
+"""Calibration and camera geometry for the 3D vision-based active antenna."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .camera import Camera
+    from .rig import Rig
+
+__version__ = "0.1.0"
+__all__ = ["Camera", "Rig", "__version__"]
+
+_HOMES = {"Camera": ".camera", "Rig": ".rig"}
+
+
+def __getattr__(name: str) -> Any:
+    """Load the classes on first use, so that `vbaa --help` need not wait for torch."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name], __name__), name)

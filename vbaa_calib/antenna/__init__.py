@@ -1,0 +1,1 @@
+"""Forward mechanics of the antenna: loads in, shapes out."""

@@ -1,0 +1,118 @@
+"""`vbaa intrinsics IMAGES --board board.yaml -o camera.json`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..console import say
+from ..errors import InputError
+from ..files import refuse_overwrite, write_json
+
+if TYPE_CHECKING:
+    from targets.board import BoardSpec
+
+    from .intrinsics import LensSolution
+
+MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "tilted", "fisheye")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa intrinsics`."""
+    parser.add_argument("images", type=Path, help="folder of photos of the board in many poses")
+    parser.add_argument("--board", type=Path, required=True, help="board.yaml, or a session.yaml")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="camera.json to write")
+    parser.add_argument(
+        "--model",
+        choices=MODELS,
+        default="auto",
+        help="lens: auto takes the simplest that predicts held-out views; none, radial (k1 k2), opencv4 and opencv5 "
+        "(coefficients), rational (8), thin (12), tilted (14), fisheye (default: auto)",
+    )
+    parser.add_argument(
+        "--min-corners", type=int, default=6, metavar="N", help="drop photos with fewer corners (default: 6)"
+    )
+    parser.add_argument("--fix-aspect", action="store_true", help="hold fx = fy (square pixels)")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Detect, solve, write camera.json. Returns its numbers."""
+    from ..detect.corners import detect_folder
+    from ..formats.board_file import load_board
+    from .intrinsics import solve_intrinsics
+
+    refuse_overwrite(args.output, args.force)
+    if args.min_corners < 4:
+        raise InputError(f"--min-corners is {args.min_corners}", remedy="4 corners are the least that fix a pose")
+    spec = load_board(args.board)
+    views = detect_folder(args.images, spec)
+    solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
+    document = camera_document(solution, spec)
+    write_json(args.output, document, args.force)
+    report(solution)
+    say(f"wrote {args.output}")
+    return {"output": str(args.output), **document}
+
+
+def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
+    """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
+    covariance = solution.camera.covariance
+    assert covariance is not None
+    return {
+        **solution.camera.to_dict(),
+        "std": dict(zip(solution.camera.parameter_names, covariance.diagonal().clip(0.0) ** 0.5, strict=True)),
+        "lens_model": solution.model,
+        "monotonic": solution.monotonic,
+        "rms_px": solution.rms_px,
+        "views": [
+            {
+                "name": view.name,
+                "corners": view.corners,
+                "left_out": view.left_out,
+                "rms_px": view.rms_px,
+                "outlying": view.outlying,
+                "T_camera_board": view.T_camera_board.to_dict(),
+            }
+            for view in solution.views
+        ],
+        "dropped": [{"name": view.name, "reason": view.reason} for view in solution.dropped],
+        "model_comparison": [
+            {
+                "model": candidate.model,
+                "free_parameters": candidate.free_parameters,
+                "rms_px": candidate.rms_px,
+                "held_out_rms_px": candidate.held_out_rms_px,
+                "monotonic": candidate.monotonic,
+            }
+            for candidate in solution.comparison
+        ],
+        "warnings": list(solution.warnings),
+        "board": spec.to_dict(),
+    }
+
+
+def report(solution: LensSolution) -> None:
+    """The result in a few lines of prose."""
+    matrix, covariance = solution.camera.matrix, solution.camera.covariance
+    assert covariance is not None
+    std = covariance.diagonal().clip(0.0) ** 0.5
+    for candidate in solution.comparison:
+        folds = "" if candidate.monotonic else "  folds inside the picture"
+        say(f"  {candidate.model:9s} rms {candidate.rms_px:.3f} px, held out {candidate.held_out_rms_px:.3f} px{folds}")
+    say(
+        f"lens       {solution.model}: rms {solution.rms_px:.4f} px over "
+        f"{sum(view.corners for view in solution.views)} corners in {len(solution.views)} photos"
+    )
+    say(
+        f"focal      {matrix[0, 0]:.2f} ± {std[0]:.2f}, {matrix[1, 1]:.2f} ± {std[1]:.2f} px, "
+        f"centre {matrix[0, 2]:.2f} ± {std[2]:.2f}, {matrix[1, 2]:.2f} ± {std[3]:.2f} px"
+    )
+    for used in solution.views:
+        if used.outlying or used.left_out:
+            gross = f", {used.left_out} gross corners left out" if used.left_out else ""
+            say(f"look at    {used.name}: rms {used.rms_px:.2f} px{gross}")
+    for view in solution.dropped:
+        say(f"dropped    {view.name}: {view.reason}")
+    for warning in solution.warnings:
+        say(f"warning    {warning}")

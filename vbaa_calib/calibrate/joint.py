@@ -1,0 +1,206 @@
+"""One least-squares solve of camera pose, antenna and moment sensor, from no-load frames and known loads.
+
+Everything is solved together because everything is coupled: a tilted clamp looks like a tilted camera, a bowed wire like
+a heavier one. What the pictures cannot tell apart is held by priors, and shows in the covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..antenna.shape import bend
+from ..camera import Camera
+from ..errors import SolveError
+from ..geometry import Pose
+from ..reprojection import SeenPoints, image_curves, whitened_residuals
+from ..rig import RIG_PARAMETERS, MomentSensor
+from ..session import Load, Still
+
+POSE, ANTENNA = slice(0, 6), slice(6, 14)
+GAIN, OFFSET = 14, 15
+STEPS = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [1e-3] * 2)
+"""Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
+ROBUST = 2.5
+"""Whitened residuals beyond this many standard deviations count linearly, not squared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """One still of the antenna: what was seen, what was read, and the load on it, if any."""
+
+    still: Still
+    seen: SeenPoints
+    gravity_m_s2: np.ndarray
+
+    @property
+    def load_N(self) -> np.ndarray:
+        """(2,) force components y, z."""
+        return np.array([self.still.force_y_N, self.still.force_z_N]) if isinstance(self.still, Load) else np.zeros(2)
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known before the stills: mean and standard deviation of `RIG_PARAMETERS` but the pose, and the pose."""
+
+    T_antenna_camera: Pose
+    pose_covariance: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class JointSolution:
+    """The solved rig.
+
+    Attributes
+    ----------
+    parameters : (16,) `RIG_PARAMETERS`; the pose's six are steps from the prior pose.
+    covariance : (16, 16), the pose's part about the solved pose.
+    noise_scale : spread of the centreline points about the model over what their own deviations predict.
+    point_rms : (F,) per observation, in units of the scaled deviations.
+    moment_residuals_Nm : (F,).
+    """
+
+    parameters: np.ndarray
+    T_antenna_camera: Pose
+    covariance: np.ndarray
+    noise_scale: float
+    point_rms: np.ndarray
+    moment_residuals_Nm: np.ndarray
+
+    @property
+    def sensor_gain_offset(self) -> tuple[float, float]:
+        """Gain and offset (N·m) of the moment sensor."""
+        return float(self.parameters[GAIN]), float(self.parameters[OFFSET])
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    observations: Sequence[Observation]
+    camera: Camera
+    prior: Prior
+    length_m: float
+    sensor: MomentSensor
+    noise_scale: float
+
+    def evaluate(self, parameters: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """Per observation (N, 1 + 14) whitened distances at the parameters and one step along each; (F, 9) moments."""
+        antenna = np.repeat(parameters[None, ANTENNA], 9, axis=0)
+        antenna[1:] += np.diag(STEPS[6:])
+        poses = [self.prior.T_antenna_camera.retract(parameters[POSE])]
+        poses += [poses[0].retract(step) for step in np.diag(STEPS[:6])]
+        inverse = [pose.inverse() for pose in poses]
+        count = len(self.observations)
+        contact = [
+            obs.still.distance_m if isinstance(obs.still, Load) else 0.5 * self.length_m for obs in self.observations
+        ]
+        curves = bend(
+            np.tile(antenna, (count, 1)),
+            self.length_m,
+            np.repeat([obs.gravity_m_s2 for obs in self.observations], 9, axis=0),
+            np.repeat(contact, 9),
+            np.repeat([obs.load_N for obs in self.observations], 9, axis=0),
+            dead=True,
+            sweeps=4,
+        )
+        order = np.array([0] * 7 + list(range(1, 9)))
+        views = [*inverse, *[inverse[0]] * 8]
+        distances = []
+        for index, observation in enumerate(self.observations):
+            pick = 9 * index + order
+            own = replace(
+                curves,
+                arclength_m=curves.arclength_m[pick],
+                points_m=curves.points_m[pick],
+                tangents=curves.tangents[pick],
+            )
+            distances.append(whitened_residuals(observation.seen, image_curves(own, views)))
+        return distances, curves.moment_Nm.reshape(count, 9)
+
+    def residuals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All residuals (R,) and their Jacobian (R, 16)."""
+        distances, moments = self.evaluate(parameters)
+        blocks, rows = [], []
+        for block in distances:
+            jacobian = np.zeros((len(block), 16))
+            jacobian[:, :14] = (block[:, 1:] - block[:, :1]) / STEPS
+            blocks.append(block[:, 0] / self.noise_scale)
+            rows.append(jacobian / self.noise_scale)
+        readings = np.array([obs.still.moment_Nm for obs in self.observations])
+        std = self.sensor.std_Nm
+        jacobian = np.zeros((len(readings), 16))
+        jacobian[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:] - moments[:, :1]) / STEPS[6:]
+        jacobian[:, GAIN], jacobian[:, OFFSET] = moments[:, 0], 1.0
+        blocks.append((parameters[GAIN] * moments[:, 0] + parameters[OFFSET] - readings) / std)
+        rows.append(jacobian / std)
+        whiten = np.linalg.inv(np.linalg.cholesky(self.prior.pose_covariance))
+        blocks.append(whiten @ parameters[POSE])
+        rows.append(np.hstack([whiten, np.zeros((6, 10))]))
+        blocks.append((parameters[6:] - self.prior.mean) / self.prior.std)
+        rows.append(np.hstack([np.zeros((10, 6)), np.diag(1 / self.prior.std)]))
+        return np.concatenate(blocks), np.vstack(rows)
+
+
+def solve_joint(
+    observations: Sequence[Observation], camera: Camera, prior: Prior, length_m: float, sensor: MomentSensor
+) -> JointSolution:
+    """Solve camera pose, antenna and moment sensor from stills.
+
+    Solved twice: the first pass measures how much the points scatter about the model, the second weighs them by that.
+    Raises SolveError when the solver does not converge.
+    """
+    problem = _Problem(observations, camera, prior, length_m, sensor, 1.0)
+    start = np.concatenate([np.zeros(6), prior.mean])
+    first = _solve(problem, start)
+    scatter = np.concatenate([block[:, 0] for block in problem.evaluate(first.x)[0]])
+    problem = replace(problem, noise_scale=float(1.4826 * np.median(np.abs(scatter - np.median(scatter)))))
+    solution = _solve(problem, first.x)
+    distances, moments = problem.evaluate(solution.x)
+    gain, offset = solution.x[GAIN], solution.x[OFFSET]
+    return JointSolution(
+        parameters=solution.x,
+        T_antenna_camera=prior.T_antenna_camera.retract(solution.x[POSE]),
+        covariance=_inverse(solution.jac),
+        noise_scale=problem.noise_scale,
+        point_rms=np.array([np.sqrt((block[:, 0] ** 2).mean()) / problem.noise_scale for block in distances]),
+        moment_residuals_Nm=np.array([obs.still.moment_Nm for obs in observations]) - gain * moments[:, 0] - offset,
+    )
+
+
+def _solve(problem: _Problem, start: np.ndarray):
+    kept: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def both(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        key = parameters.tobytes()
+        if key not in kept:
+            kept.clear()
+            kept[key] = problem.residuals(parameters)
+        return kept[key]
+
+    scale = np.concatenate([np.sqrt(np.diag(problem.prior.pose_covariance)), problem.prior.std])
+    solution = least_squares(
+        lambda x: both(x)[0],
+        start,
+        jac=lambda x: both(x)[1],
+        x_scale=scale,
+        loss="huber",
+        f_scale=ROBUST,
+        max_nfev=60,
+    )
+    if solution.status <= 0:
+        raise SolveError("the joint solve of camera pose, antenna and sensor did not converge")
+    return solution
+
+
+def _inverse(jacobian: np.ndarray) -> np.ndarray:
+    """(JᵀJ)⁻¹ with its columns scaled first: metres and radians differ by orders of magnitude."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    inverse = np.linalg.inv((jacobian / scale).T @ (jacobian / scale)) / np.outer(scale, scale)
+    return 0.5 * (inverse + inverse.T)
+
+
+assert len(RIG_PARAMETERS) == OFFSET + 1

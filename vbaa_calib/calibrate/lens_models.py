@@ -1,0 +1,117 @@
+"""The lens models that can be solved for: one row each, and the two projections behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+OPENCV_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+FISHEYE_NAMES = ("k1", "k2", "k3", "k4")
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """A lens model: which distortion coefficients it has, and which of them are free.
+
+    Attributes
+    ----------
+    name : as `--model` takes it.
+    camera_model : "opencv" or "fisheye".
+    distortion_count : coefficients stored, in OpenCV's order.
+    free : indices of those that are solved for; the others stay zero.
+    simpler : the model whose solution is a good start for this one.
+    """
+
+    name: str
+    camera_model: str
+    distortion_count: int
+    free: tuple[int, ...]
+    simpler: str | None
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """fx, fy, cx, cy, then the distortion in OpenCV's order."""
+        names = FISHEYE_NAMES if self.camera_model == "fisheye" else OPENCV_NAMES
+        return ("fx", "fy", "cx", "cy", *names[: self.distortion_count])
+
+
+LENS_MODELS = {
+    model.name: model
+    for model in (
+        LensModel("none", "opencv", 0, (), None),
+        LensModel("radial", "opencv", 4, (0, 1), "none"),
+        LensModel("opencv4", "opencv", 4, (0, 1, 2, 3), "radial"),
+        # from the solution without k3: a free k3 from a cold start ends far from the minimum on long lenses
+        LensModel("opencv5", "opencv", 5, (0, 1, 2, 3, 4), "opencv4"),
+        LensModel("rational", "opencv", 8, tuple(range(8)), "opencv4"),
+        LensModel("thin", "opencv", 12, tuple(range(12)), "rational"),
+        LensModel("tilted", "opencv", 14, tuple(range(14)), "thin"),
+        LensModel("fisheye", "fisheye", 4, (0, 1, 2, 3), "none"),
+    )
+}
+"""By name, from simple to rich."""
+
+Projection = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
+    """(3, 3) camera matrix from (fx, fy, cx, cy, *distortion)."""
+    fx, fy, cx, cy = intrinsics[:4]
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def _project_opencv(
+    points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    distortion = intrinsics[4:] if len(intrinsics) > 4 else np.zeros(4)
+    pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], camera_matrix(intrinsics), distortion)
+    return pixels.reshape(-1, 2), jacobian[:, 6 : 6 + len(intrinsics)], jacobian[:, :6]
+
+
+def _project_fisheye(
+    points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    pixels, jacobian = cv2.fisheye.projectPoints(
+        points.reshape(-1, 1, 3),
+        pose[:3].reshape(3, 1),
+        pose[3:].reshape(3, 1),
+        camera_matrix(intrinsics),
+        intrinsics[4:].reshape(4, 1),
+    )
+    return pixels.reshape(-1, 2), jacobian[:, :8], jacobian[:, 8:14]
+
+
+PROJECTIONS: dict[str, Projection] = {"opencv": _project_opencv, "fisheye": _project_fisheye}
+"""Camera model → projection of points (N, 3), pose (6,) = rotation vector and translation, intrinsics (4 + k,), to
+pixels (N, 2) and the derivatives of the interleaved pixels by intrinsics (2N, 4 + k) and by the pose (2N, 6)."""
+
+
+def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
+    """Whether pixels move outward with the ray's angle all the way to the picture's border, in every direction.
+
+    A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
+    directions to one pixel.
+    """
+    angle = np.concatenate([np.linspace(0.0, 1.5, 400), np.linspace(1.5, 1.57, 100)[1:]])
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    rays = np.concatenate(
+        [
+            np.sin(angle)[None, :, None] * sideways[:, None],
+            np.broadcast_to(np.cos(angle)[None, :, None], (len(azimuth), len(angle), 1)),
+        ],
+        axis=-1,
+    )
+    pixels, _, _ = PROJECTIONS[model.camera_model](rays.reshape(-1, 3), np.zeros(6), intrinsics)
+    pixels = pixels.reshape(*rays.shape[:2], 2)
+    width, height = image_size
+    inside = np.all((pixels >= -0.5) & (pixels <= np.array([width, height]) - 0.5), axis=-1)
+    # up to and with the step that leaves the picture
+    reached = np.logical_and.accumulate(inside, axis=1)
+    outward = np.einsum("anp,ap->an", np.diff(pixels, axis=1) / intrinsics[:2], sideways)
+    # a perspective lens sends 90° to infinity; a fisheye may show it
+    ends_inside = model.camera_model == "opencv" and bool(np.any(reached[:, -1]))
+    return bool(np.all(outward[reached[:, :-1]] > 0.0)) and not ends_inside

@@ -1,0 +1,77 @@
+"""Starting values that reach the right minimum: several focal lengths, and richer lenses from simpler ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from .bundle import Bundle, Observation, free_directions, refine
+from .lens_models import LENS_MODELS, LensModel, camera_matrix
+
+_FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)
+_FROM_FOCALS = ("none", "radial", "fisheye")
+
+
+def fit_lens(
+    model: LensModel,
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    square_pixels: bool = False,
+    known: dict[str, Bundle] | None = None,
+) -> Bundle:
+    """The best solution of one lens model over all starts.
+
+    known : solutions by model name; used as starts, and filled with those found on the way.
+    """
+    known = {} if known is None else known
+    if model.name in known:
+        return known[model.name]
+    directions = free_directions(model, square_pixels)
+    starts = []
+    if model.simpler is not None:
+        simpler = fit_lens(LENS_MODELS[model.simpler], observations, image_size, square_pixels, known)
+        starts.append((_widened(simpler.intrinsics, model), simpler.poses))
+    if model.name in _FROM_FOCALS:
+        for focal in _focal_starts(observations, image_size):
+            intrinsics = np.zeros(4 + model.distortion_count)
+            intrinsics[:4] = focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2
+            starts.append((intrinsics, start_poses(intrinsics, observations)))
+    found = [refine(model, intrinsics, poses, observations, directions) for intrinsics, poses in starts]
+    # a mirrored solution (board behind the camera, negative focal length) can fit as well
+    found = [bundle for bundle in found if _is_physical(bundle)] or found
+    known[model.name] = min(found, key=lambda bundle: np.nan_to_num(bundle.rms_px, nan=np.inf))
+    return known[model.name]
+
+
+def start_poses(intrinsics: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
+    """(V, 6) poses of the views under a pinhole with these focal lengths, distortion ignored."""
+    matrix, poses = camera_matrix(intrinsics), []
+    for view in observations:
+        _, rotvec, translation = cv2.solvePnP(view.points_m, view.pixels, matrix, None)
+        poses.append(np.concatenate([rotvec.ravel(), translation.ravel()]))
+    return np.array(poses)
+
+
+def _widened(intrinsics: np.ndarray, model: LensModel) -> np.ndarray:
+    wide = np.zeros(4 + model.distortion_count)
+    shared = 4 if model.camera_model == "fisheye" else len(intrinsics)
+    wide[:shared] = intrinsics[:shared]
+    return wide
+
+
+def _focal_starts(observations: Sequence[Observation], image_size: tuple[int, int]) -> list[float]:
+    starts = [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
+    points = [view.points_m.astype(np.float32) for view in observations]
+    pixels = [view.pixels.astype(np.float32) for view in observations]
+    try:
+        closed_form = float(cv2.initCameraMatrix2D(points, pixels, image_size, 0)[0, 0])
+    except cv2.error:
+        return starts
+    usable = np.isfinite(closed_form) and 0.1 * max(image_size) < closed_form < 50 * max(image_size)
+    return [closed_form, *starts] if usable else starts
+
+
+def _is_physical(bundle: Bundle) -> bool:
+    return bool(np.all(bundle.intrinsics[:2] > 0.0) and np.all(bundle.poses[:, 5] > 0.0))

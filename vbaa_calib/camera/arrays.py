@@ -1,0 +1,82 @@
+"""NumPy or torch: one set of formulas serves both, and the kind, dtype and device that go in come out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+import torch
+
+from ..errors import InputError
+
+Array: TypeAlias = Any
+"""np.ndarray or torch.Tensor, inside formulas that use only what the two spell alike."""
+
+ArrayT = TypeVar("ArrayT", np.ndarray, torch.Tensor)
+
+_FLOATS = ("float32", "float64")
+
+
+@dataclass(frozen=True)
+class Working:
+    """An input made ready for work, and the way back.
+
+    Attributes
+    ----------
+    xp : numpy or torch.
+    values : the input in float64, or in float32 on a device that has no float64.
+    restore : takes a result to the input's dtype.
+    """
+
+    xp: ModuleType
+    values: Array
+    restore: Callable[[Array], Array]
+
+
+def namespace(values: Array) -> ModuleType:
+    """The library whose functions work on these values."""
+    return torch if isinstance(values, torch.Tensor) else np
+
+
+def working(values: ArrayT, last: int, name: str) -> Working:
+    """Check an input at the edge. It must be float32 or float64 of shape (..., last), else InputError names it."""
+    xp = namespace(values)
+    if xp is np:
+        values = np.asarray(values)
+    kind = str(values.dtype).removeprefix("torch.")
+    if kind not in _FLOATS:
+        raise InputError(f"{name} are {kind}", remedy="convert them to float32 or float64")
+    if values.ndim == 0 or values.shape[-1] != last:
+        raise InputError(f"{name} have the shape {tuple(values.shape)}", remedy=f"give them as (..., {last})")
+    if kind == "float64":
+        return Working(xp, values, lambda result: result)
+    if xp is np:
+        return Working(xp, values.astype(np.float64), lambda result: result.astype(np.float32))
+    return Working(xp, values.to(widest_float(values.device)), lambda result: result.to(torch.float32))
+
+
+def widest_float(device: torch.device) -> torch.dtype:
+    """float64, except on Apple's GPUs, which have none."""
+    return torch.float32 if device.type == "mps" else torch.float64
+
+
+def as_index(values: Array) -> Array:
+    """Floats rounded down (they are not negative) to integers that may index."""
+    return values.long() if isinstance(values, torch.Tensor) else values.astype(np.intp)
+
+
+def masked(values: Array, valid: Array) -> Array:
+    """NaN where not valid; valid has the leading dimensions of values.
+
+    The values under the mask must be finite: then no NaN reaches a gradient.
+    """
+    mask = valid.reshape(tuple(valid.shape) + (1,) * (values.ndim - valid.ndim))
+    return namespace(values).where(mask, values, np.nan)
+
+
+def matrix(xp: ModuleType, rows: list[list[Array]]) -> Array:
+    """Entries of shape (...) set into matrices (..., rows, columns)."""
+    return xp.stack([xp.stack(row, -1) for row in rows], -2)

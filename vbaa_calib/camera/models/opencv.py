@@ -1,0 +1,133 @@
+"""OpenCV's lens: rational radial terms, decentring, thin prism, tilted sensor; 0, 4, 5, 8, 12 or 14 coefficients.
+
+Coefficient order k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]]. With g = (1 + k1 s + k2 s² + k3 s³) /
+(1 + k4 s + k5 s² + k6 s³) and s = x² + y² on the z = 1 plane:
+
+    xd = g x + 2 p1 x y + p2 (s + 2 x²) + s1 s + s2 s²
+    yd = g y + p1 (s + 2 y²) + 2 p2 x y + s3 s + s4 s²
+
+and then the sensor's tilt. No coefficients: a pinhole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from ..arrays import Array
+from ..charts import PERSPECTIVE
+from .model import Coefficients, LensModel, Path, absent
+from .polynomial import smallest_positive_root
+
+_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_BEYOND = 1e6
+"""Folds farther out than 1000 focal lengths (s = 1e6) are of no concern."""
+
+
+def _padded(c: Coefficients) -> Coefficients:
+    return (*c, *(0.0,) * (len(_NAMES) - len(c)))
+
+
+def _radial(s: Array, c: Coefficients) -> tuple[Array, Array]:
+    k1, k2, _, _, k3, k4, k5, k6, *_ = _padded(c)
+    if absent(k2, k3):
+        numerator, d_numerator = 1.0 + s * k1, k1
+    else:
+        numerator, d_numerator = 1.0 + s * (k1 + s * (k2 + s * k3)), k1 + s * (2.0 * k2 + s * (3.0 * k3))
+    if absent(k4, k5, k6):
+        return numerator, d_numerator
+    inverse = 1.0 / (1.0 + s * (k4 + s * (k5 + s * k6)))
+    gain = numerator * inverse
+    return gain, (d_numerator - gain * (k4 + s * (2.0 * k5 + s * (3.0 * k6)))) * inverse
+
+
+def _path(c: Coefficients) -> Path:
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, *_ = _padded(c)
+    if not absent(p1, p2, s1, s2, s3, s4):
+        return "full"
+    return "none" if absent(k1, k2, k3, k4, k5, k6) else "radial"
+
+
+def _distort(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array]:
+    _, _, p1, p2, _, _, _, _, s1, s2, s3, s4, *_ = _padded(c)
+    x2, y2 = x * x, y * y
+    s = x2 + y2
+    gain, _ = _radial(s, c)
+    xd, yd = x * gain, y * gain
+    if not absent(p1, p2):
+        xy2 = 2.0 * x * y
+        xd, yd = xd + p1 * xy2 + p2 * (s + 2.0 * x2), yd + p1 * (s + 2.0 * y2) + p2 * xy2
+    if not absent(s1, s2, s3, s4):
+        xd, yd = xd + s * (s1 + s2 * s), yd + s * (s3 + s4 * s)
+    return xd, yd
+
+
+def _linearize(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array, Array, Array, Array, Array]:
+    _, _, p1, p2, _, _, _, _, s1, s2, s3, s4, *_ = _padded(c)
+    x2, y2 = x * x, y * y
+    s = x2 + y2
+    gain, d_gain = _radial(s, c)
+    xd, yd = x * gain, y * gain
+    twice = 2.0 * d_gain
+    xx, xy, yy = gain + twice * x2, twice * x * y, gain + twice * y2
+    yx = xy
+    if not absent(p1, p2):
+        xy2 = 2.0 * x * y
+        xd, yd = xd + p1 * xy2 + p2 * (s + 2.0 * x2), yd + p1 * (s + 2.0 * y2) + p2 * xy2
+        p1x, p1y, p2x, p2y = (2.0 * p1) * x, (2.0 * p1) * y, (2.0 * p2) * x, (2.0 * p2) * y
+        shear = p1x + p2y
+        xx, xy, yx, yy = xx + p1y + 3.0 * p2x, xy + shear, yx + shear, yy + 3.0 * p1y + p2x
+    if not absent(s1, s2, s3, s4):
+        xd, yd = xd + s * (s1 + s2 * s), yd + s * (s3 + s4 * s)
+        slope_x, slope_y = 2.0 * s1 + 4.0 * s2 * s, 2.0 * s3 + 4.0 * s4 * s
+        xx, xy, yx, yy = xx + x * slope_x, xy + y * slope_x, yx + x * slope_y, yy + y * slope_y
+    return xd, yd, xx, xy, yx, yy
+
+
+def _by_coefficient(x: Array, y: Array, c: Coefficients) -> list[tuple[Array, Array]]:
+    _, _, _, _, _, k4, k5, k6, *_ = _padded(c)
+    x2, y2 = x * x, y * y
+    s = x2 + y2
+    gain, _ = _radial(s, c)
+    inverse = 1.0 / (1.0 + s * (k4 + s * (k5 + s * k6)))
+    up, down, zero = s * inverse, -s * gain * inverse, 0.0 * s
+    powers = (up, s * up, s * s * up, down, s * down, s * s * down)
+    k1, k2, k3, k4_, k5_, k6_ = ((x * power, y * power) for power in powers)
+    xy2 = 2.0 * x * y
+    columns = [k1, k2, (xy2, s + 2.0 * y2), (s + 2.0 * x2, xy2), k3, k4_, k5_, k6_]
+    columns += [(s, zero), (s * s, zero), (zero, s), (zero, s * s)]
+    return columns[: len(c)]
+
+
+def _tilt(c: Coefficients) -> tuple[Array, Array] | None:
+    return None if len(c) < len(_NAMES) or absent(*c[12:]) else (c[12], c[13])
+
+
+def _fold_radius(c: Sequence[float]) -> float:
+    k1, k2, _, _, k3, k4, k5, k6, *_ = _padded(c)
+    numerator, denominator = (1.0, k1, k2, k3), (1.0, k4, k5, k6)
+    # d(r g)/dr has the sign of N D + 2 s (N' D − N D')
+    d_numerator, d_denominator = polynomial.polyder(numerator), polynomial.polyder(denominator)
+    wronskian = polynomial.polysub(
+        polynomial.polymul(d_numerator, denominator), polynomial.polymul(numerator, d_denominator)
+    )
+    growth = polynomial.polyadd(polynomial.polymul(numerator, denominator), polynomial.polymulx(2.0 * wronskian))
+    fold, pole = smallest_positive_root(growth, _BEYOND), smallest_positive_root(denominator, _BEYOND)
+    return float(np.sqrt(min(fold, pole)))
+
+
+OPENCV = LensModel(
+    name="opencv",
+    chart=PERSPECTIVE,
+    coefficient_names=_NAMES,
+    counts=(0, 4, 5, 8, 12, 14),
+    radial=_radial,
+    path=_path,
+    distort=_distort,
+    linearize=_linearize,
+    by_coefficient=_by_coefficient,
+    tilt=_tilt,
+    fold_radius=_fold_radius,
+)

@@ -1,0 +1,5 @@
+"""The front door: `vbaa VERB ...`."""
+
+from .main import main
+
+__all__ = ["main"]

@@ -1,0 +1,104 @@
+"""Finds the verb by name, runs it, and turns errors into one line and an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import json
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+import estimator.verbs
+import vbaa_calib
+import vbaa_calib.verbs
+import viz.verbs
+from vbaa_calib.errors import InputError, VbaaError
+
+VERBS: dict[str, tuple[str, str]] = {
+    **vbaa_calib.verbs.VERBS,
+    **estimator.verbs.VERBS,
+    **viz.verbs.VERBS,
+    "demo": ("vbaa_calib.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse that raises our error instead of leaving the process."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(message, where=self.prog, remedy=f"see {self.prog} --help")
+
+
+def _front_parser() -> _Parser:
+    width = max(map(len, VERBS))
+    listing = "\n".join(f"  {name:<{width}}  {line}" for name, (_, line) in VERBS.items())
+    parser = _Parser(
+        prog="vbaa",
+        description="From photos of a bent antenna to contacts in millimetres and newtons.",
+        usage="vbaa VERB ... [--json] [--force]",
+        epilog=f"verbs:\n{listing}\n\n`vbaa VERB --help` says more. Exit codes: 0 done, 2 the input or the call is "
+        "wrong, 1 anything else, 130 interrupted.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("verb", help=argparse.SUPPRESS)
+    parser.add_argument("--version", action="version", version=f"vbaa-calib {vbaa_calib.__version__}")
+    return parser
+
+
+def _verb_parser(name: str) -> _Parser:
+    module, line = VERBS[name]
+    parser = _Parser(prog=f"vbaa {name}", description=line[0].upper() + line[1:] + ".")
+    importlib.import_module(module).configure(parser)
+    parser.add_argument("--json", action="store_true", help="print the result's numbers as one JSON object on stdout")
+    parser.add_argument("--force", action="store_true", help="replace outputs that exist already")
+    parser.add_argument("--debug", action="store_true", help="show the whole traceback of an error")
+    return parser
+
+
+def run_verb(argv: Sequence[str]) -> int:
+    """Run one command line. Errors of ours pass through; the caller turns them into exit codes."""
+    name = _front_parser().parse_args(argv[:1]).verb
+    if name not in VERBS:
+        raise InputError(f"there is no verb {name!r}", remedy=f"the verbs are {', '.join(VERBS)}")
+    args = _verb_parser(name).parse_args(argv[1:])
+    args.argv = ["vbaa", *argv]
+    result = importlib.import_module(VERBS[name][0]).run(args)
+    if args.json:
+        print(json.dumps(result, allow_nan=False))
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The `vbaa` command. Returns the exit code: 0 done, 2 wrong input or call, 1 anything else, 130 interrupted."""
+    argv = sys.argv[1:] if argv is None else list(argv)
+    try:
+        code = run_verb(argv or ["--help"])
+        sys.stdout.flush()
+        return code
+    except SystemExit as leave:  # argparse's --help and --version
+        return int(leave.code or 0)
+    except KeyboardInterrupt:
+        print("vbaa: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # the reader went away (`vbaa ... | head`); the interpreter must not complain about it again at exit
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except VbaaError as error:
+        if "--debug" in argv:
+            raise
+        print(f"vbaa: {' '.join(str(error).split())}", file=sys.stderr)
+        return error.exit_code
+    except Exception as error:
+        if "--debug" in argv:
+            raise
+        print(
+            f"vbaa: something went wrong that should not ({type(error).__name__}: {error}); "
+            "run again with --debug and report what it shows",
+            file=sys.stderr,
+        )
+        return 1

@@ -1,0 +1,21 @@
+"""What a person reads while a command works: prose and progress on stderr, so that stdout stays for results."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from typing import TypeVar
+
+from tqdm import tqdm
+
+Item = TypeVar("Item")
+
+
+def say(text: str) -> None:
+    """One line or paragraph of prose, to stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
+    """The same items, with a progress bar on stderr; quiet when stderr is not a terminal."""
+    return tqdm(items, desc=what, total=total, disable=None, leave=False)

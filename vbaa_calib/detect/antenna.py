@@ -1,0 +1,53 @@
+"""The antenna in a picture, found from what is known of the free antenna."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..antenna.shape import Curves, bend
+from ..camera import Camera
+from ..geometry import Pose
+from .corridor import Corridor, trace
+from .profile import Centreline, measure
+
+REACH_PER_LENGTH = 0.6
+"""How far to the side the antenna may be, as a fraction of the distance from the clamp: 31°."""
+CLAMP_REACH_PX = 8.0
+"""How far off the clamp itself may be."""
+
+
+def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray) -> Curves:
+    """The free antenna under its weight: parameters (8,), gravity (3,) antenna frame; a batch of one."""
+    return bend(parameters[None], length_m, gravity_m_s2[None], np.array([0.5 * length_m]), np.zeros((1, 2)))
+
+
+def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.ndarray:
+    """(M, 2) pixels of antenna-frame points (M, 3); points that the lens cannot show are left out."""
+    projected, valid = camera.project(T_camera_antenna @ points_m)
+    return projected[valid]
+
+
+def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diameter_m: float) -> float:
+    """The antenna's width in the picture, halfway along it."""
+    depth = (T_camera_antenna @ points_m[len(points_m) // 2])[2]
+    return float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth)
+
+
+def corridor(camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: float) -> Corridor:
+    """Where in the picture an antenna may be whose free shape is known."""
+    axis = pixels(camera, T_camera_antenna, free.points_m[0])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(axis, axis=0).T))])
+    width = width_px(camera, T_camera_antenna, free.points_m[0], diameter_m)
+    return Corridor(axis, CLAMP_REACH_PX + REACH_PER_LENGTH * along, width)
+
+
+def find(image: np.ndarray, where: Corridor, bright: bool = True) -> Centreline:
+    """The centreline in an (H, W) picture: a rough path through the corridor, then measured across it."""
+    grey = np.asarray(image, np.float32)
+    guide = trace(grey, where, bright) if len(where.axis_px) >= 4 else where.axis_px
+    return measure(grey, guide, where.width_px, bright)
+
+
+def find_along(image: np.ndarray, guide_px: np.ndarray, width: float, bright: bool = True) -> Centreline:
+    """The centreline measured across a predicted path (K, 2), which must be within about a width of the truth."""
+    return measure(np.asarray(image, np.float32), guide_px, width, bright)

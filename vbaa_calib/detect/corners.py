@@ -1,0 +1,120 @@
+"""ChArUco corners in pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec
+from targets.charuco import opencv_board
+
+from ..console import progress
+from ..errors import InputError
+from ..images import list_images, read_gray
+from .board_diagnosis import explain_mismatch, legacy_flag_is_wrong, rows_beyond
+
+_WORKERS = 2
+_FEW_CORNERS = 6
+_FOUND_SHARE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """What one picture shows of the board.
+
+    Attributes
+    ----------
+    name : the picture's name.
+    ids : (N,) corner ids in OpenCV's order.
+    corners_px : (N, 2) their pixels; (0, 0) is the centre of the first pixel.
+    image_size : (width, height) px.
+    marker_ids : (M,) ids of all markers of the dictionary, on the board or not.
+    marker_corners_px : (M, 4, 2) their outlines.
+    """
+
+    name: str
+    ids: np.ndarray
+    corners_px: np.ndarray
+    image_size: tuple[int, int]
+    marker_ids: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    marker_corners_px: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 2)))
+
+    @property
+    def marker_count(self) -> int:
+        """Number of markers seen."""
+        return len(self.marker_ids)
+
+
+def detect_corners(image: np.ndarray, spec: BoardSpec, name: str = "") -> BoardView:
+    """Find the board's corners in one picture, (H, W) uint8. A picture without the board gives an empty view.
+
+    OpenCV's own settings are kept: on the real photo sets neither marker refinement (sub-pixel, contour) nor corners
+    next to a single marker lower the reprojection error, and single-marker corners are grossly wrong on a board that
+    is partly covered.
+    """
+    corners, ids, outlines, marker_ids = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(image)
+    height, width = image.shape
+    return BoardView(
+        name,
+        np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel(),
+        np.zeros((0, 2)) if corners is None else np.asarray(corners, float).reshape(-1, 2),
+        (width, height),
+        np.zeros(0, int) if marker_ids is None else np.asarray(marker_ids, int).ravel(),
+        np.asarray(outlines, float).reshape(-1, 4, 2),
+    )
+
+
+def detect_folder(folder: Path, spec: BoardSpec) -> list[BoardView]:
+    """The board in every picture of a folder, by name. See `detect_files`."""
+    return detect_files(list_images(folder), spec)
+
+
+def detect_files(paths: Sequence[Path], spec: BoardSpec) -> list[BoardView]:
+    """The board in every picture named.
+
+    Raises InputError for a damaged picture, pictures of different size, and a board spec that does not fit what the
+    pictures show (dictionary, legacy pattern, number of squares), naming the cause where it can be found.
+    """
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        found = pool.map(lambda path: detect_corners(read_gray(path), spec, Path(path).name), paths)
+        views = list(progress(found, "detecting the board", len(paths)))
+    _refuse_mixed_sizes(paths, views)
+    _refuse_wrong_spec(paths, views, spec)
+    return views
+
+
+def _refuse_mixed_sizes(paths: Sequence[Path], views: Sequence[BoardView]) -> None:
+    first = views[0]
+    for path, view in zip(paths, views, strict=True):
+        if view.image_size != first.image_size:
+            raise InputError(
+                f"is {view.image_size[0]}x{view.image_size[1]} px, {first.name} is "
+                f"{first.image_size[0]}x{first.image_size[1]} px",
+                where=path,
+                remedy="calibrate from pictures of one camera at one resolution",
+            )
+
+
+def _refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView], spec: BoardSpec) -> None:
+    place = Path(paths[0]).parent if len(paths) > 1 else paths[0]
+    markers = [(view.marker_ids, view.marker_corners_px) for view in views]
+    cause = None
+    if sum(len(view.ids) >= _FEW_CORNERS for view in views) < _FOUND_SHARE * len(views):
+        cause = explain_mismatch(lambda index: read_gray(paths[index]), markers, spec)
+    elif legacy_flag_is_wrong(markers, spec):
+        cause = f"the markers stand as in legacy_pattern: {str(not spec.legacy_pattern).lower()}"
+    elif extra := rows_beyond(markers, spec):
+        cause = f"they show markers of {extra} more rows: squares_y is {spec.squares_y + extra} or more"
+    if cause is not None:
+        raise InputError(f"the board spec does not fit the pictures: {cause}", where=place, remedy="mend the spec")
+    if not any(len(view.ids) for view in views):
+        raise InputError(
+            "no board is found in any picture",
+            where=place,
+            remedy="check that the board is sharp, lit, large enough and whole markers are in view",
+        )

@@ -1,0 +1,37 @@
+"""Planes as n·x = d, and where rays meet them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .pose import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """The points x with normal·x = offset_m, in one frame.
+
+    Attributes
+    ----------
+    normal : (3,) unit vector.
+    offset_m : signed distance of the plane from the frame's origin.
+    """
+
+    normal: np.ndarray
+    offset_m: float
+
+    def seen_from(self, T_b_a: Pose) -> Plane:
+        """The same plane, given in frame a, in the coordinates of frame b."""
+        normal = T_b_a.rotation @ self.normal
+        return Plane(normal, float(self.offset_m + normal @ T_b_a.translation_m))
+
+
+PLANE_C = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+"""The calibration plane C in the antenna frame: z = 0."""
+
+
+def hinge_plane(roll_rad: float) -> Plane:
+    """The deformation plane 𝒟 in the antenna frame: through the x axis, turned by the roll ξ from plane C."""
+    return Plane(np.array([0.0, -np.sin(roll_rad), np.cos(roll_rad)]), 0.0)

@@ -1,0 +1,141 @@
+"""Reading pictures: a damaged one is refused by name, never half-decoded."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from .errors import InputError
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+_SENSOR_BITS = (8, 10, 12, 14, 16)
+_AGAIN = "copy or export the picture again, or remove it"
+_log_level = threading.Lock()
+
+
+def list_images(folder: Path) -> list[Path]:
+    """Pictures in a folder (png, jpg, jpeg, tif, tiff, bmp), sorted by name.
+
+    Raises InputError when the folder is missing, is not a folder, or holds no picture.
+    """
+    folder = Path(folder)
+    if not folder.exists():
+        raise InputError("no such folder", where=folder, remedy="check the path")
+    if not folder.is_dir():
+        raise InputError("is not a folder", where=folder, remedy="name the folder that holds the pictures")
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError as error:
+        raise InputError(f"cannot be read ({error})", where=folder, remedy="check its permissions") from None
+    images = [path for path in entries if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")]
+    if not images:
+        raise InputError("holds no pictures", where=folder, remedy=f"put {', '.join(SUFFIXES)} files into it")
+    return images
+
+
+def read_gray(path: Path) -> np.ndarray:
+    """One picture as (H, W) uint8, in the sensor's own orientation (an EXIF rotation is not applied).
+
+    Colour is turned to gray. A 16-bit picture is scaled by the smallest usual sensor depth (10, 12, 14, 16 bit) that
+    holds its brightest pixel. Raises InputError naming the file when it is missing, empty, truncated or damaged.
+    """
+    path = Path(path)
+    data = _read_bytes(path)
+    _refuse_truncated(data, path)
+    pixels = _decode(data)
+    if pixels is None or pixels.ndim != 2 or pixels.size == 0:
+        raise InputError("is not a picture that can be read", where=path, remedy=_AGAIN)
+    if pixels.dtype == np.uint8:
+        return pixels
+    if pixels.dtype == np.uint16:
+        return _to_8_bit(pixels)
+    raise InputError(f"holds pixels of type {pixels.dtype}", where=path, remedy="save it with 8 or 16 bits per channel")
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("no such picture", where=path, remedy="check the path") from None
+    except IsADirectoryError:
+        raise InputError("is a folder, not a picture", where=path, remedy="name a picture inside it") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read ({error})", where=path, remedy="check the path and its permissions") from None
+    if not data:
+        raise InputError("is an empty file", where=path, remedy=_AGAIN)
+    return data
+
+
+def _decode(data: bytes) -> np.ndarray | None:
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    # the level is global to the process, so two threads must not restore each other's
+    with _log_level:
+        level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        except cv2.error:
+            return None
+        finally:
+            cv2.utils.logging.setLogLevel(level)
+
+
+def _to_8_bit(pixels: np.ndarray) -> np.ndarray:
+    brightest = int(pixels.max())
+    bits = next(bits for bits in _SENSOR_BITS if brightest < 1 << bits)
+    return np.rint(pixels * (255.0 / ((1 << bits) - 1))).astype(np.uint8)
+
+
+def _refuse_truncated(data: bytes, path: Path) -> None:
+    # decoders fill what is missing with gray and only print a warning
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        whole = _png_is_whole(data)
+    elif data.startswith(b"\xff\xd8"):
+        whole = _jpeg_is_whole(data)
+    elif data.startswith(b"BM") and len(data) >= 6:
+        whole = len(data) >= struct.unpack_from("<I", data, 2)[0]
+    else:
+        return
+    if not whole:
+        raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
+
+
+def _png_is_whole(data: bytes) -> bool:
+    """Walk the chunks to IEND, checking each CRC."""
+    position = 8
+    while position + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, position)
+        end = position + 12 + length
+        if end > len(data):
+            return False
+        kind_and_body = memoryview(data)[position + 4 : end - 4]
+        if zlib.crc32(kind_and_body) != struct.unpack_from(">I", data, end - 4)[0]:
+            return False
+        if data[position + 4 : position + 8] == b"IEND":
+            return True
+        position = end
+    return False
+
+
+def _jpeg_is_whole(data: bytes) -> bool:
+    """Walk the segments to the end-of-image marker; an embedded thumbnail's own end does not count."""
+    position = 2
+    while True:
+        position = data.find(b"\xff", position)
+        if position < 0 or position + 1 >= len(data):
+            return False
+        marker = data[position + 1]
+        if marker == 0xD9:
+            return True
+        if marker == 0xFF:  # fill byte
+            position += 1
+        elif marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD7:  # stuffed byte, TEM, restarts: no body
+            position += 2
+        elif position + 4 > len(data):
+            return False
+        else:
+            position += 2 + struct.unpack_from(">H", data, position + 2)[0]

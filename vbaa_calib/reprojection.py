@@ -1,0 +1,102 @@
+"""How far the antenna's seen points lie from a predicted curve, in whitened units along the curve's normal.
+
+Pixels are undistorted once per frame, with their covariance; every comparison after that is a pinhole's, whatever the
+lens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .antenna.shape import Curves
+from .camera import Camera
+from .geometry import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPoints:
+    """The antenna's points of one picture in ideal normalized coordinates (the plane one unit before the camera).
+
+    Attributes
+    ----------
+    points : (N, 2).
+    covariance : (N, 2, 2) of each point, from its standard deviation across the antenna in pixels.
+    """
+
+    points: np.ndarray
+    covariance: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class ImageCurves:
+    """K predicted curves of one frame, normalized coordinates: nodes (K, M, 2), slopes by arc length, nodes' s (K, M)."""
+
+    arclength_m: np.ndarray
+    nodes: np.ndarray
+    slopes: np.ndarray
+
+    def at(self, which: int, arclength_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points and derivatives (N, 2) of one curve at arc lengths (N,), by cubic Hermite between the nodes."""
+        nodes_s = self.arclength_m[which]
+        left = np.clip(np.searchsorted(nodes_s, arclength_m, side="right") - 1, 0, len(nodes_s) - 2)
+        span = nodes_s[left + 1] - nodes_s[left]
+        t = ((arclength_m - nodes_s[left]) / span)[:, None]
+        p0, p1 = self.nodes[which, left], self.nodes[which, left + 1]
+        d0, d1 = self.slopes[which, left] * span[:, None], self.slopes[which, left + 1] * span[:, None]
+        a, b = 2 * (p0 - p1) + d0 + d1, 3 * (p1 - p0) - 2 * d0 - d1
+        return ((a * t + b) * t + d0) * t + p0, ((3 * a * t + 2 * b) * t + d0) / span[:, None]
+
+
+def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray) -> SeenPoints:
+    """Undistort (N, 2) pixels with standard deviations (N,); points where the lens has no inverse are left out."""
+    points, valid = camera.unproject_normalized(points_px)
+    jacobian = camera.jacobian(points_px)
+    covariance = sigma_px[:, None, None] ** 2 * jacobian @ np.swapaxes(jacobian, -1, -2)
+    valid &= np.isfinite(covariance).all(axis=(-1, -2))
+    return SeenPoints(points[valid], covariance[valid])
+
+
+def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> ImageCurves:
+    """Project B curves, through one camera pose or one each."""
+    if isinstance(T_camera_antenna, Pose):
+        rotation, translation = T_camera_antenna.rotation[None], T_camera_antenna.translation_m[None]
+    else:
+        rotation = np.stack([pose.rotation for pose in T_camera_antenna])
+        translation = np.stack([pose.translation_m for pose in T_camera_antenna])
+    points = curves.points_m @ np.swapaxes(rotation, -1, -2) + translation[:, None]
+    tangents = curves.tangents @ np.swapaxes(rotation, -1, -2)
+    depth = points[..., 2:]
+    nodes = points[..., :2] / depth
+    return ImageCurves(curves.arclength_m, nodes, (tangents[..., :2] - nodes * tangents[..., 2:]) / depth)
+
+
+def feet(seen: SeenPoints, curves: ImageCurves, which: int = 0) -> np.ndarray:
+    """(N,) arc lengths of the points of one curve nearest to the seen points."""
+    nodes, nodes_s = curves.nodes[which], curves.arclength_m[which]
+    nearest = ((seen.points[:, None] - nodes[None]) ** 2).sum(axis=-1).argmin(axis=1)
+    foot = nodes_s[nearest]
+    for _ in range(3):
+        point, slope = curves.at(which, foot)
+        foot = foot + ((seen.points - point) * slope).sum(axis=1) / (slope**2).sum(axis=1)
+        foot = np.clip(foot, nodes_s[0], nodes_s[-1])
+    return foot
+
+
+def whitened_residuals(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
+    """(N, K): the seen points' distances from each of K nearby curves along the first one's normal, over their std.
+
+    All curves are compared at the arc lengths of the feet on the first, which to first order is the distance itself
+    (the foot is where it is stationary). Points beyond an end of the curve get the distance from its tangent there.
+    """
+    foot = feet(seen, curves)
+    point, slope = curves.at(0, foot)
+    normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / np.hypot(slope[:, 0], slope[:, 1])[:, None]
+    std = np.sqrt(np.einsum("ni,nij,nj->n", normal, seen.covariance, normal))
+    columns = [point] + [curves.at(which, foot)[0] for which in range(1, len(curves.nodes))]
+    return np.stack([((seen.points - column) * normal).sum(axis=1) / std for column in columns], axis=1)

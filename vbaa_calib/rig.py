@@ -1,0 +1,198 @@
+"""Everything that is known about one rig, and how well: rig.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import schemas
+from .antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
+from .camera import Camera, CameraOnPlane
+from .errors import InputError
+from .files import read_json
+from .geometry import PLANE_C, Kinematics, Plane, Pose
+from .session import read_pose
+
+SCHEMA = "vbaa.rig/1"
+
+POSE_PARAMETERS = (
+    "camera_about_x_rad",
+    "camera_about_y_rad",
+    "camera_about_z_rad",
+    "camera_x_m",
+    "camera_y_m",
+    "camera_z_m",
+)
+SENSOR_PARAMETERS = ("moment_gain", "moment_offset_Nm")
+RIG_PARAMETERS = POSE_PARAMETERS + ANTENNA_PARAMETERS + SENSOR_PARAMETERS
+"""Order of the joint covariance. The pose's six are the tangent of `T_antenna_camera.retract`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Antenna:
+    """The antenna as calibrated: `parameters` (8,) in the order of `antenna.shape.PARAMETERS`."""
+
+    length_m: float
+    diameter_m: float
+    parameters: np.ndarray
+
+    @property
+    def stiffness_Nm2(self) -> float:
+        """EI."""
+        return float(np.exp(self.parameters[6]))
+
+    @property
+    def mass_per_length_kg_m(self) -> float:
+        """ρA."""
+        return float(np.exp(self.parameters[7]))
+
+
+@dataclass(frozen=True)
+class MomentSensor:
+    """reading = gain · moment + offset + noise of standard deviation std."""
+
+    gain: float
+    offset_Nm: float
+    std_Nm: float
+
+
+@dataclass(frozen=True)
+class AntennaImage:
+    """What the antenna looks like in this rig's pictures.
+
+    Attributes
+    ----------
+    noise_px : typical standard deviation of one centreline point.
+    noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
+    bright : brighter than the background.
+    """
+
+    noise_px: float
+    noise_scale: float
+    bright: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A calibrated rig.
+
+    Attributes
+    ----------
+    T_antenna_camera : pose of the camera in the antenna frame.
+    gravity_world_m_s2 : (3,).
+    covariance : (16, 16) joint covariance of `RIG_PARAMETERS`.
+    """
+
+    camera: Camera
+    T_antenna_camera: Pose
+    antenna: Antenna
+    moment_sensor: MomentSensor
+    kinematics: Kinematics
+    gravity_world_m_s2: np.ndarray
+    image: AntennaImage
+    covariance: np.ndarray
+
+    def camera_on_plane(self, plane: Plane = PLANE_C) -> CameraOnPlane:
+        """The metric layer: pixels to metric coordinates on a plane of the antenna frame, plane C by default."""
+        return CameraOnPlane(self.camera, self.T_antenna_camera, plane)
+
+    def std(self, parameter: str) -> float:
+        """Standard deviation of one of `RIG_PARAMETERS`."""
+        index = RIG_PARAMETERS.index(parameter)
+        return float(np.sqrt(self.covariance[index, index]))
+
+    @staticmethod
+    def load(path: str | Path) -> Rig:
+        """Read rig.json. Raises InputError naming what is wrong in it."""
+        path = Path(path)
+        return Rig.from_dict(read_json(path), path)
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any], where: object = "rig") -> Rig:
+        """From the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
+        schemas.check(data, "rig", where)
+        antenna, noload, sensor = data["antenna"], data["antenna"]["noload"], data["moment_sensor"]
+        parameters = [
+            *noload["clamp_offset_yz_m"],
+            *noload["clamp_rotation_yz_rad"],
+            *noload["bow_yz_per_m"],
+            np.log(antenna["stiffness_Nm2"]),
+            np.log(antenna["mass_per_length_kg_m"]),
+        ]
+        kinematics = data["kinematics"]
+        return Rig(
+            camera=Camera.from_dict(data["camera"]),
+            T_antenna_camera=read_pose(data["T_antenna_camera"], where, "T_antenna_camera"),
+            antenna=Antenna(float(antenna["length_m"]), float(antenna["diameter_m"]), np.array(parameters, float)),
+            moment_sensor=MomentSensor(float(sensor["gain"]), float(sensor["offset_Nm"]), float(sensor["std_Nm"])),
+            kinematics=Kinematics(
+                read_pose(kinematics["T_actuator_antenna"], where, "kinematics.T_actuator_antenna")
+                if "T_actuator_antenna" in kinematics
+                else Pose.identity(),
+                np.asarray(kinematics.get("position_world_m", (0.0, 0.0, 0.0)), float),
+            ),
+            gravity_world_m_s2=np.asarray(data["gravity_world"], float),
+            image=AntennaImage(**data["image"]),
+            covariance=_joint_covariance(data["joint"], where),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The part of rig.json that describes the rig; the provenance is added by who writes it."""
+        antenna, sensor = self.antenna, self.moment_sensor
+        return {
+            "schema": SCHEMA,
+            "camera": self.camera.to_dict(),
+            "T_antenna_camera": self.T_antenna_camera.to_dict(),
+            "antenna": {
+                "length_m": antenna.length_m,
+                "diameter_m": antenna.diameter_m,
+                "stiffness_Nm2": antenna.stiffness_Nm2,
+                "stiffness_std_Nm2": antenna.stiffness_Nm2 * self.std("log_stiffness_Nm2"),
+                "mass_per_length_kg_m": antenna.mass_per_length_kg_m,
+                "mass_per_length_std_kg_m": antenna.mass_per_length_kg_m * self.std("log_mass_per_length_kg_m"),
+                "noload": {
+                    "clamp_offset_yz_m": antenna.parameters[0:2].tolist(),
+                    "clamp_rotation_yz_rad": antenna.parameters[2:4].tolist(),
+                    "bow_yz_per_m": antenna.parameters[4:6].tolist(),
+                },
+            },
+            "moment_sensor": {
+                "gain": sensor.gain,
+                "gain_std": self.std("moment_gain"),
+                "offset_Nm": sensor.offset_Nm,
+                "offset_std_Nm": self.std("moment_offset_Nm"),
+                "std_Nm": sensor.std_Nm,
+            },
+            "kinematics": {
+                "T_actuator_antenna": self.kinematics.T_actuator_antenna.to_dict(),
+                "position_world_m": self.kinematics.position_world_m.tolist(),
+            },
+            "gravity_world": self.gravity_world_m_s2.tolist(),
+            "image": {
+                "noise_px": self.image.noise_px,
+                "noise_scale": self.image.noise_scale,
+                "bright": self.image.bright,
+            },
+            "joint": {"parameters": list(RIG_PARAMETERS), "covariance": self.covariance.tolist()},
+        }
+
+
+def _joint_covariance(joint: Mapping[str, Any], where: object) -> np.ndarray:
+    size = len(RIG_PARAMETERS)
+    rows = joint["covariance"]
+    if joint["parameters"] != list(RIG_PARAMETERS) or len(rows) != size or any(len(row) != size for row in rows):
+        raise InputError(
+            "joint must give the covariance of " + ", ".join(RIG_PARAMETERS),
+            where=where,
+            remedy="run vbaa calibrate again",
+        )
+    covariance = np.array(rows, float)
+    scale = np.sqrt(np.clip(np.diag(covariance), 1e-300, None))
+    correlation = covariance / np.outer(scale, scale)
+    if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(correlation).min() < -1e-6:
+        raise InputError("joint.covariance is not a covariance", where=where, remedy="run vbaa calibrate again")
+    return covariance

@@ -1,0 +1,162 @@
+"""A planned session to a folder, whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from ..console import progress
+from ..errors import InputError
+from ..files import write_json
+from ..session import SCHEMA
+from .picture import Studio, studio
+from .plan import Plan, plan, stream
+from .render import render_shot, seen_centreline
+from .render_board import Sheet, print_sheet
+from .scene import Scene
+
+CENTRELINE_STD_PX = 0.1
+
+
+def refuse_target(path: Path, force: bool) -> None:
+    """Raises InputError unless a session may be written to `path`; a folder that is not a session is never replaced."""
+    if not path.resolve().parent.is_dir():
+        raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
+    if not path.exists() and not path.is_symlink():
+        return
+    if not force:
+        raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
+    ours = path.is_dir() and not path.is_symlink()
+    if not ours or not ((path / "session.yaml").is_file() or not any(path.iterdir())):
+        raise InputError("is not a session, it is not replaced", where=path, remedy="remove it yourself or take another name")
+
+
+@contextmanager
+def replacing_folder(path: Path, force: bool) -> Iterator[Path]:
+    """A temporary folder beside `path` that takes its place only when the block ends well."""
+    refuse_target(path, force)
+    parent = path.resolve().parent
+    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o777 & ~umask)
+        if path.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
+            path.rename(old / "session")
+            temporary.rename(path)
+            shutil.rmtree(old)
+        else:
+            temporary.rename(path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_session(scene: Scene, folder: Path, *, force: bool = False, recording_pictures: bool = True) -> Plan:
+    """Simulate a scene and write it as a session.
+
+    Parameters
+    ----------
+    folder : the session; replaced with `force`, but only when it is a session or empty.
+    recording_pictures : False writes recording/centrelines.csv in place of the recording's pictures.
+
+    Raises
+    ------
+    InputError : the folder is in the way, or the scene cannot be carried out.
+    """
+    folder = Path(folder)
+    refuse_target(folder, force)
+    planned = plan(scene)
+    place = studio(scene.lens, scene.picture, stream(scene, "bench"))
+    with replacing_folder(folder, force) as root:
+        for name in ("intrinsics", "plane", "noload", "loads", "recording"):
+            (root / name).mkdir()
+        (root / "session.yaml").write_text(session_yaml(scene), encoding="utf-8")
+        write_json(root / "truth.json", planned.truth)
+        for name, rows in planned.tables.items():
+            drop = () if recording_pictures or name != "recording/recording.csv" else ("image",)
+            _write_csv(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
+        if not recording_pictures:
+            _write_csv(root / "recording/centrelines.csv", list(_centrelines(scene, place, planned)))
+        _write_pictures(scene, place, planned, root, recording_pictures)
+    return planned
+
+
+def _write_pictures(scene: Scene, place: Studio, planned: Plan, root: Path, recording_pictures: bool) -> None:
+    sheet = print_sheet(scene.board)
+    # a picture's noise hangs on its place in the plan, not on which other pictures are taken
+    wanted = [
+        index
+        for index, shot in enumerate(planned.shots)
+        if recording_pictures or not shot.path.startswith("recording/")
+    ]
+
+    def take(index: int) -> None:
+        _take(scene, place, sheet, planned, index, root)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for _ in progress(pool.map(take, wanted), "pictures", len(wanted)):
+            pass
+
+
+def _take(scene: Scene, place: Studio, sheet: Sheet, planned: Plan, index: int, root: Path) -> None:
+    shot = planned.shots[index]
+    picture = render_shot(scene, place, sheet, shot, stream(scene, "pictures", index))
+    encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1]
+    (root / shot.path).write_bytes(encoded.tobytes())
+
+
+def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
+    frames = planned.tables["recording/recording.csv"]
+    shots = [shot for shot in planned.shots if shot.path.startswith("recording/")]
+    for row, shot in zip(frames, shots, strict=True):
+        points = seen_centreline(scene, place, shot)
+        noise = stream(scene, "centrelines", int(row["frame"])).standard_normal(len(points))
+        for u, v in points[:, :2] + CENTRELINE_STD_PX * noise[:, None] * points[:, 2:]:
+            yield {
+                "frame": row["frame"],
+                "u_px": round(float(u), 4),
+                "v_px": round(float(v), 4),
+                "sigma_px": CENTRELINE_STD_PX,
+            }
+
+
+def _write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream_out:
+        writer = csv.DictWriter(stream_out, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _floats(values: np.ndarray | Iterable[float]) -> list[float]:
+    return [float(value) for value in values]
+
+
+def session_yaml(scene: Scene) -> str:
+    """session.yaml: what the user of such a rig would know, not what is true of it."""
+    antenna = scene.antenna
+    data = {
+        "schema": SCHEMA,
+        "board": scene.board.to_dict(),
+        "antenna": {name: float(getattr(antenna, name)) for name in antenna.__dataclass_fields__},
+        "jig": {"T_antenna_board": scene.T_antenna_board.to_dict()},
+        "kinematics": {
+            "T_actuator_antenna": scene.kinematics.T_actuator_antenna.to_dict(),
+            "position_world_m": _floats(scene.kinematics.position_world_m),
+        },
+        "gravity_world": _floats(scene.gravity_world_m_s2) if scene.gravity_world_m_s2.any() else None,
+        "moment_sensor": {"std_Nm": scene.moment.std_Nm},
+    }
+    return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110)

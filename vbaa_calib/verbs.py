@@ -1,0 +1,8 @@
+"""The verbs of this package: name → (module with `configure` and `run`, one line of help)."""
+
+VERBS = {
+    "intrinsics": ("vbaa_calib.calibrate.intrinsics_cli", "lens from photos of a ChArUco board"),
+    "calibrate": ("vbaa_calib.calibrate.calibrate_cli", "a session to rig.json: lens, plane C, antenna, sensors"),
+    "simulate": ("vbaa_calib.synth.simulate_cli", "a synthetic session from a scene file, with truth.json"),
+    "schema": ("vbaa_calib.formats.schema_cli", "print the JSON Schema of session.yaml or rig.json"),
+}
