@@ -70,7 +70,7 @@ def antenna_points(x_m: ArrayLike, y_m: ArrayLike, roll_rad: ArrayLike) -> np.nd
 def onto_plane_c(points_m: ArrayLike, roll_rad: ArrayLike) -> np.ndarray:
     """Image (..., 2) on plane C, under the upright camera, of points (x′, y′) (..., 2) in 𝒟: the map T of Eq. (3).
 
-    With f_y = f′_y·cos ξ this turns Eq. (1) into Eq. (4) and Eq. (2) into Eq. (5).
+    With f_y = f′_y·cos ξ it turns the beam's shape in 𝒟 into Eq. (4) and Eq. (5), the same shape under f_y.
     """
     points = np.asarray(points_m, float)
     return np.stack(np.broadcast_arrays(points[..., 0], points[..., 1] * np.cos(np.asarray(roll_rad, float))), axis=-1)

@@ -171,6 +171,7 @@ def _flat(
 def _candidates(p1: np.ndarray, p2: np.ndarray, e1: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, ...]:
     """Parts (12,), and l, x1, x2 (n, 12) of every solution that lies on the parts it was derived for.
 
+    Two straight points lose κ and keep the upright camera's l, Eq. (30).
     Everything (n, 1), in units in which the larger |x_p|, y2 and 2EI are 1; there t is T, and the unknown m is M.
     A candidate beside one of the points may belong to either part to within rounding.
     """

@@ -165,21 +165,30 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
 
 
 def _patch(points_m: np.ndarray, normals: np.ndarray, covariance_m2: np.ndarray) -> _Patch:
-    """One patch as a height field over its tangent plane."""
+    """One patch as a height field over its tangent plane, or as a line in it."""
     centre, frame = points_m.mean(axis=0), _tangent_frame(points_m, normals)
     local = (points_m - centre) @ frame.T
     std = np.sqrt(np.einsum("ni,nij,nj->n", normals, covariance_m2, normals))
-    area = _spans_area(local[:, :2], np.sqrt(np.einsum("i,nij,j->n", frame[1], covariance_m2, frame[1])))
-    triangles = _triangulate(local[:, :2]) if area else np.empty((0, 3), int)
-    if not len(triangles):
-        steps = np.arange(len(points_m) - 1)
-        return _Patch(points_m, std, triangles, np.stack([steps, steps + 1], axis=1))
-    if np.isfinite(std).all() and (std > 0).all():
-        # an error along the surface only slides a point on it: what changes the height is the part along the normal
-        lean = normals @ frame[2]
-        height, height_std = smooth(local[:, :2], local[:, 2], std / lean)
-        local, std = np.column_stack([local[:, :2], height]), height_std * lean
-    return _Patch(centre + local @ frame, std, triangles, np.empty((0, 2), int))
+    scatter = np.sqrt(np.einsum("ai,nij,aj->na", frame, covariance_m2, frame))
+    known = bool((np.isfinite(scatter) & (scatter > 0)).all() and (std > 0).all())
+    # an error along the surface only slides a point on it: what changes the height is the part along the normal
+    lean = normals @ frame[2]
+    triangles = _triangulate(local[:, :2]) if _spans_area(local[:, :2], scatter[:, 1]) else np.empty((0, 3), int)
+    if len(triangles):
+        if known:
+            height, height_std = smooth(local[:, :2], local[:, 2], std / lean)
+            local, std = np.column_stack([local[:, :2], height]), height_std * lean
+        return _Patch(centre + local @ frame, std, triangles, np.empty((0, 2), int))
+    if known and len(local) > 3 and local[:, 0].std() > RESOLVED * _rms(scatter[:, 0]):
+        across, _ = smooth(local[:, :1], local[:, 1], scatter[:, 1])
+        height, height_std = smooth(local[:, :1], local[:, 2], std / lean)
+        local, std = np.column_stack([local[:, 0], across, height]), height_std * lean
+    steps = np.arange(len(points_m) - 1)
+    return _Patch(centre + local @ frame, std, triangles, np.stack([steps, steps + 1], axis=1))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _tangent_frame(points_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -200,7 +209,7 @@ def _spans_area(flat_m: np.ndarray, std_across_m: np.ndarray) -> bool:
     if len(flat_m) < 3:
         return False
     length, width = flat_m.std(axis=0)
-    scatter = np.sqrt(np.mean(std_across_m**2))
+    scatter = _rms(std_across_m)
     return bool(width > max(RESOLVED * scatter if np.isfinite(scatter) else 0.0, NARROW * length, 1e-9))
 
 
@@ -223,14 +232,15 @@ def _triangulate(flat_m: np.ndarray) -> np.ndarray:
 
 
 def smooth(flat_m: np.ndarray, height_m: np.ndarray, std_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Heights with the noise taken out: a thin plate on springs of stiffness 1/σ².
+    """Heights with the noise taken out: a thin plate, or a thin strip, on springs of stiffness 1/σ².
 
-    The plate's stiffness minimises Mallows' Cp, the expected squared error as far as known deviations can tell it. The
+    Its stiffness minimises Mallows' Cp, the expected squared error as far as known deviations can tell it. The
     deviations returned are Wahba's, σ·√(influence of a point on itself), which cover what smoothing flattens, too.
 
     Parameters
     ----------
-    flat_m : (N, 2) in the tangent plane, N >= 3, not on a line; height_m, std_m : (N,), std_m > 0.
+    flat_m : (N, 2) in the tangent plane, not on a line, or (N, 1) along one; N >= 3.
+    height_m, std_m : (N,), std_m > 0.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What there is to see, as plain arrays in the world frame, built from results. No pyvista here: `viz.actors` draws it."""
+"""What there is to see, as plain arrays in the world frame. Built from results, drawn by `viz.actors`; no pyvista here."""
 
 from __future__ import annotations
 

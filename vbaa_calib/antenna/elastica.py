@@ -81,9 +81,8 @@ def planar_elastica_dead(
 ) -> PlanarShape:
     """As `planar_elastica`, under a force that keeps its direction: a hanging weight, for instance.
 
-    `lean_rad`, () or (B,), is the force's angle from the normal of the *undeformed* antenna, positive towards the clamp's
-    side.
-    Loads a = F·l²/EI above 60, which leave less than 0.1° between antenna and force, give NaN.
+    `lean_rad`, () or (B,), is the force's angle from the normal of the *undeformed* antenna, positive where it pushes the
+    antenna back. Loads a = F·l²/EI above 60, which leave less than 0.1° between antenna and force, give NaN.
     """
     s, load, contact, sign = _dimensionless(s_m, contact_m, force_N, stiffness_Nm2)
     return _scaled(dead_load(s, load, lean_rad), contact, sign)

@@ -25,7 +25,7 @@ PARAMETERS = (
 )
 """Order of an antenna's parameter vector. Logarithms keep stiffness and mass positive, their errors relative."""
 
-NODES_TO_CONTACT, NODES_BEYOND = 64, 24
+NODES_TO_CONTACT, NODES_BEYOND = 40, 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +60,22 @@ def aligned_arclength(contact_m: np.ndarray, length_m: float) -> np.ndarray:
 
 
 def _integrate(values: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Cumulative trapezoid along the nodes, from 0: (B, N, 3) and steps (B, N−1)."""
-    parts = 0.5 * (values[:, 1:] + values[:, :-1]) * step[..., None]
+    """Cumulative integral along the nodes, from 0: values (B, N, 3), steps (B, N − 1).
+
+    Fourth order on either side of the contact, where the curvature's slope jumps and steps change.
+    """
+    contact = NODES_TO_CONTACT - 1
+    sides = values[:, : contact + 1], values[:, contact:]
+    parts = np.concatenate([_intervals(side) for side in sides], axis=1) * (step / 24.0)[..., None]
     return np.concatenate([np.zeros_like(values[:, :1]), np.cumsum(parts, axis=1)], axis=1)
+
+
+def _intervals(f: np.ndarray) -> np.ndarray:
+    """24 times the integral over each interval of unit width, from the cubic through the four nearest nodes."""
+    inner = 13.0 * (f[:, 1:-2] + f[:, 2:-1]) - f[:, :-3] - f[:, 3:]
+    first = 9.0 * f[:, 0] + 19.0 * f[:, 1] - 5.0 * f[:, 2] + f[:, 3]
+    last = 9.0 * f[:, -1] + 19.0 * f[:, -2] - 5.0 * f[:, -3] + f[:, -4]
+    return np.concatenate([first[:, None], inner, last[:, None]], axis=1)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -142,8 +155,10 @@ def bend(
         planar_lever = universal_points[:, contact, None] - universal_points[:, inner]
         moment[:, inner] += _cross(lever, force[:, None]) - _cross(planar_lever, planar_force[:, None])
         curvature = np.einsum("bnji,bnj->bni", contact_turn, moment) / stiffness[:, None, None]
+        curvature -= _cross(small, curvature)
         curvature[..., 0] = 0.0  # torsion turns the section of a round wire, not its axis
-        small = _integrate(curvature + bow, step)
+        curvature += bow
+        small = _integrate(curvature + 0.5 * _cross(small, curvature), step)
 
     offset = np.pad(parameters[:, :2], ((0, 0), (1, 0)))
     points = np.einsum("bij,bnj->bni", clamp_turn, points) + offset[:, None]
@@ -170,10 +185,12 @@ def _hinge_turn(sin: np.ndarray, cos: np.ndarray, toward: np.ndarray) -> np.ndar
 
 
 def _turned_x(rotvec: np.ndarray) -> np.ndarray:
-    """exp(ω)·(1, 0, 0) for ω (..., 3) with ω_x = 0."""
-    angle = np.hypot(rotvec[..., 1], rotvec[..., 2])
-    sinc = np.sinc(angle / np.pi)
-    return np.stack([np.cos(angle), rotvec[..., 2] * sinc, -rotvec[..., 1] * sinc], axis=-1)
+    """exp(ω)·(1, 0, 0) for ω (..., 3)."""
+    square = (rotvec**2).sum(axis=-1)
+    half = 0.5 * np.sqrt(square)
+    sinc, rest = np.sinc(2 * half / np.pi), 0.5 * np.sinc(half / np.pi) ** 2
+    x, y, z = rotvec[..., 0], rotvec[..., 1], rotvec[..., 2]
+    return np.stack([1 - rest * (square - x * x), sinc * z + rest * x * y, -sinc * y + rest * x * z], axis=-1)
 
 
 def _turned(rotvec: np.ndarray, vector: np.ndarray) -> np.ndarray:

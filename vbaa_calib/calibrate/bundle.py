@@ -9,7 +9,6 @@ import numpy as np
 
 from .lens_models import PROJECTIONS, LensModel
 
-_ITERATIONS = 300
 _RELATIVE_DECREASE = 1e-13
 _CAUCHY_PER_SIGMA = 2.385  # 95 % efficiency on normal noise
 
@@ -66,6 +65,7 @@ def refine(
     observations: Sequence[Observation],
     directions: np.ndarray,
     robust: bool = False,
+    iterations: int = 300,
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error from a start.
 
@@ -74,11 +74,12 @@ def refine(
     intrinsics : (4 + k,) start. poses : (V, 6) start.
     directions : (4 + k, p) from `free_directions`; p = 0 solves the poses alone.
     robust : weigh corners down by Cauchy's rule, so that gross errors do not pull.
+    iterations : at most; a few are enough to tell good starts from bad ones.
     """
     intrinsics, poses = np.array(intrinsics, float), np.array(poses, float)
     weights = [np.ones(len(view.pixels)) for view in observations]
     for _ in range(6 if robust else 1):
-        intrinsics, poses, system = _descend(model, intrinsics, poses, observations, weights, directions)
+        intrinsics, poses, system = _descend(model, intrinsics, poses, observations, weights, directions, iterations)
         if robust:
             weights = _cauchy_weights(system.residuals_px)
     return Bundle(intrinsics, poses, system.residuals_px, _covariance(system, directions, observations))
@@ -149,10 +150,11 @@ def _descend(
     observations: Sequence[Observation],
     weights: Sequence[np.ndarray],
     directions: np.ndarray,
+    iterations: int,
 ) -> tuple[np.ndarray, np.ndarray, _System]:
     system = _linearise(model, intrinsics, poses, observations, weights, directions)
     damping = 1e-3
-    for _ in range(_ITERATIONS):
+    for _ in range(iterations):
         try:
             lens_step, pose_step = _step(system, damping)
         except np.linalg.LinAlgError:

@@ -11,6 +11,7 @@ from .bundle import Bundle, Observation, free_directions, refine
 from .lens_models import LENS_MODELS, LensModel, camera_matrix
 
 _FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)
+_TRIAL_ITERATIONS = 15
 _FROM_FOCALS = ("none", "radial", "fisheye")
 
 
@@ -38,9 +39,11 @@ def fit_lens(
             intrinsics = np.zeros(4 + model.distortion_count)
             intrinsics[:4] = focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2
             starts.append((intrinsics, start_poses(intrinsics, observations)))
-    found = [refine(model, intrinsics, poses, observations, directions) for intrinsics, poses in starts]
+    tried = [refine(model, *start, observations, directions, iterations=_TRIAL_ITERATIONS) for start in starts]
     # a mirrored solution (board behind the camera, negative focal length) can fit as well
-    found = [bundle for bundle in found if _is_physical(bundle)] or found
+    tried = [bundle for bundle in tried if _is_physical(bundle)] or tried
+    tried.sort(key=lambda bundle: np.nan_to_num(bundle.rms_px, nan=np.inf))
+    found = [refine(model, start.intrinsics, start.poses, observations, directions) for start in tried[:2]]
     known[model.name] = min(found, key=lambda bundle: np.nan_to_num(bundle.rms_px, nan=np.inf))
     return known[model.name]
 

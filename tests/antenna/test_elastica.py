@@ -1,0 +1,224 @@
+"""The planar elastica against elliptic integrals, an initial-value solver, a boundary-value solver, and its laws."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp, solve_ivp
+from scipy.optimize import brentq
+
+from vbaa_calib.antenna import elastica, linear
+
+EI, LENGTH = 3.9e-3, 0.24
+REFERENCE = Path(__file__).parents[3] / "shared/data/elastica_reference.txt"
+
+DEAD_TIP_LOAD = np.array(
+    [  # a, w/L, u/L, tip angle
+        [1, 0.301720774, 0.056433236, 0.461351950],
+        [2, 0.493457480, 0.160641721, 0.781749832],
+        [3, 0.603253441, 0.254420185, 0.986016947],
+        [4, 0.669964181, 0.328941242, 1.121239350],
+        [5, 0.713791524, 0.387628361, 1.215368120],
+        [6, 0.744571149, 0.434588829, 1.283697290],
+        [7, 0.767369100, 0.472927428, 1.334959860],
+        [8, 0.784982375, 0.504827732, 1.374431510],
+        [9, 0.799055527, 0.531820563, 1.405465330],
+        [10, 0.810609025, 0.554995598, 1.430285540],
+    ]
+)
+
+
+def integrated(s: np.ndarray, load: float, angle_of_force: float, curvature: float) -> np.ndarray:
+    """x, w, θ (3, N) of a unit antenna, from the clamp on: a force normal to a tangent at `angle_of_force` at its end.
+
+    Shoots for the curvature at the clamp that leaves none at the end, starting near the one given.
+    """
+
+    def shot(start: float):
+        return solve_ivp(
+            lambda _, state: [np.cos(state[2]), np.sin(state[2]), state[3], -load * np.cos(angle_of_force - state[2])],
+            (0.0, 1.0),
+            [0.0, 0.0, 0.0, start],
+            method="DOP853",
+            rtol=1e-13,
+            atol=1e-14,
+            dense_output=True,
+        )
+
+    start = brentq(lambda value: shot(value).y[3, -1], 0.99 * curvature, 1.01 * curvature, xtol=1e-15)
+    return shot(start).sol(s)[:3]
+
+
+def test_dead_tip_load_against_the_table() -> None:
+    shape = elastica.dead_load([1.0], DEAD_TIP_LOAD[:, 0])
+    computed = np.concatenate([shape.w_m, 1.0 - shape.x_m, shape.theta_rad], axis=1)
+    np.testing.assert_allclose(computed, DEAD_TIP_LOAD[:, 1:], atol=1e-8)
+
+
+def test_dead_tip_load_against_the_reference_file() -> None:
+    if not REFERENCE.exists():
+        pytest.skip(f"{REFERENCE} is not here")
+    rows = [line.split() for line in REFERENCE.read_text().splitlines() if line.strip() and not line.startswith("#")]
+    table = np.array([[float(row[k]) for k in (0, 2, 4, 6)] for row in rows])
+    shape = elastica.dead_load([1.0], table[:, 0])
+    computed = np.concatenate([shape.w_m, 1.0 - shape.x_m, shape.theta_rad], axis=1)
+    np.testing.assert_allclose(computed, table[:, 1:], atol=5.1e-7)
+
+
+@pytest.mark.parametrize("load", [1e-6, 0.01, 0.7, 2.49, 2.51, 6.0, 25.0, 60.0])
+def test_dead_tip_load_against_elliptic_integrals(load: float) -> None:
+    """Bisshopp and Drucker's closed form at 30 digits, a route that shares nothing with the pendulum's."""
+    with mpmath.workdps(30):
+        root = mpmath.sqrt(mpmath.mpf(load))
+
+        def squared_and_amplitude(theta):
+            squared = (1 + mpmath.sin(theta)) / 2
+            return squared, mpmath.asin(1 / mpmath.sqrt(2 * squared))
+
+        def excess(theta):
+            m, amplitude = squared_and_amplitude(theta)
+            return mpmath.ellipk(m) - mpmath.ellipf(amplitude, m) - root
+
+        bracket = (mpmath.mpf(load) / 4 if load < 1 else mpmath.mpf("0.2"), mpmath.pi / 2 - mpmath.mpf("1e-12"))
+        theta = mpmath.findroot(excess, bracket, solver="anderson", tol=1e-40, maxsteps=500)
+        m, amplitude = squared_and_amplitude(theta)
+        w = 1 - 2 / root * (mpmath.ellipe(m) - mpmath.ellipe(amplitude, m))
+        expected = [float(mpmath.sqrt(2 * mpmath.sin(theta) / load)), float(w), float(theta)]
+    shape = elastica.dead_load([1.0], [load])
+    np.testing.assert_allclose([shape.x_m[0, 0], shape.w_m[0, 0], shape.theta_rad[0, 0]], expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("load", [0.05, 0.6, 2.4, 2.6, 4.5, 9.0])
+@pytest.mark.parametrize("lean", [0.0, 0.3, -0.5])
+def test_contact_force_against_shooting_from_the_clamp(load: float, lean: float) -> None:
+    s = np.linspace(0.0, 1.0, 21)
+    shape = elastica.normal_load(s, [load], lean)
+    near_clamp = elastica.normal_load([1e-4], [load], lean).theta_rad[0, 0] / 1e-4
+    x, w, theta = integrated(s, load, shape.theta_rad[0, -1] + lean, near_clamp)
+    np.testing.assert_allclose(shape.x_m[0], x, atol=1e-10)
+    np.testing.assert_allclose(shape.w_m[0], w, atol=1e-10)
+    np.testing.assert_allclose(shape.theta_rad[0], theta, atol=1e-10)
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.6, -0.8])
+def test_dead_force_against_a_boundary_value_solver(lean: float) -> None:
+    """Clamped at one end, moment-free at the other, force of fixed direction: θ″ = −a·cos(θ − β)."""
+    s = np.linspace(0.0, 1.0, 41)
+    solution = solve_bvp(
+        lambda _, state: [state[1], -3.0 * np.cos(lean - state[0])],
+        lambda clamp, tip: [clamp[0], tip[1]],
+        s,
+        np.stack([s, 1.0 - s]),
+        tol=1e-11,
+        max_nodes=50000,
+    )
+    assert solution.success
+    np.testing.assert_allclose(elastica.dead_load(s, [3.0], lean).theta_rad[0], solution.sol(s)[0], atol=1e-9)
+
+
+def test_series_and_closed_form_agree() -> None:
+    rng = np.random.default_rng(0)
+    lean = rng.uniform(-1.55, 1.55, 500)
+    upsilon = np.sqrt(rng.uniform(0.0, 2.5, (500, 1))) * np.linspace(1.0, 0.0, 25)
+    difference = elastica._series_curve(upsilon, lean) - elastica._jacobi_curve(upsilon, lean)
+    assert np.abs(difference).max() < 1e-14
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_rows_do_not_see_each_other(rows: int) -> None:
+    """Small, large and invalid loads in one batch give what each gives alone."""
+    s = np.linspace(0.0, 1.4, 15)
+    loads, leans = np.array([0.0, 0.2, 5.0, np.nan, 1.9, 12.0]), np.array([0.1, 0.0, 0.2, 0.0, -0.3, 0.0])
+    together = elastica.normal_load(s, loads, leans)
+    for start in range(0, 6, rows):
+        part = slice(start, start + rows)
+        alone = elastica.normal_load(s, loads[part], leans[part])
+        np.testing.assert_allclose(together.w_m[part], alone.w_m, atol=1e-15)
+
+
+def test_small_loads_meet_the_linear_beam() -> None:
+    """To first order the beam; the next term is of relative order a², and there is no floor of rounding under it."""
+    s = np.linspace(0.02, LENGTH, 40)
+    for load in (1e-2, 1e-4, 1e-7, 1e-12):
+        force = load * EI / 0.15**2
+        exact = elastica.planar_elastica(s, [0.15], [force], EI)
+        beam = linear.deflection(s, 0.15, force, EI)
+        np.testing.assert_allclose(exact.w_m[0], beam, rtol=load**2 + 1e-12)
+        np.testing.assert_allclose(exact.theta_rad[0], linear.slope(s, 0.15, force, EI), rtol=load**2 + 1e-12)
+
+
+def test_no_load_is_straight() -> None:
+    s = np.linspace(0.0, LENGTH, 7)
+    shape = elastica.planar_elastica(s, [0.1, 0.2], [0.0, -0.0], EI, 0.2)
+    np.testing.assert_allclose(shape.x_m, np.broadcast_to(s, (2, 7)), rtol=1e-15)
+    np.testing.assert_allclose(shape.w_m, 0.0, atol=1e-30)
+
+
+def test_negative_force_mirrors() -> None:
+    s = np.linspace(0.0, LENGTH, 30)
+    up = elastica.planar_elastica(s, [0.1, 0.2], [0.3, 0.4], EI, 0.1)
+    down = elastica.planar_elastica(s, [0.1, 0.2], [-0.3, -0.4], EI, 0.1)
+    np.testing.assert_array_equal(up.x_m, down.x_m)
+    np.testing.assert_array_equal(up.w_m, -down.w_m)
+    np.testing.assert_array_equal(up.theta_rad, -down.theta_rad)
+
+
+def test_beyond_the_contact_it_continues_along_the_tangent() -> None:
+    s = np.array([0.12, 0.17, 0.24])
+    shape = elastica.planar_elastica(s, [0.12], [0.5], EI)
+    theta = shape.theta_rad[0]
+    np.testing.assert_allclose(theta, theta[0], rtol=1e-15)
+    np.testing.assert_allclose(np.diff(shape.x_m[0]), np.diff(s) * np.cos(theta[0]), rtol=1e-12)
+    np.testing.assert_allclose(np.diff(shape.w_m[0]), np.diff(s) * np.sin(theta[0]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("force", [0.05, -0.4, 1.2])
+@pytest.mark.parametrize("friction", [0.0, 0.25, -0.25])
+def test_clamp_moment_balances_the_contact_force(force: float, friction: float) -> None:
+    """EI·θ′ at the clamp is the moment of the contact force there; unit speed and tangents hold along the antenna."""
+    step = 1e-6
+    shape = elastica.planar_elastica([0.0, step, 2 * step, 0.15], [0.15], [force], EI, friction)
+    curvature = (4 * shape.theta_rad[0, 1] - shape.theta_rad[0, 2]) / (2 * step)
+    f_x, f_w = elastica.contact_force(force, shape.theta_rad[0, 3], friction)
+    assert np.hypot(f_x, f_w) == pytest.approx(abs(force))
+    assert EI * curvature == pytest.approx(shape.x_m[0, 3] * f_w - shape.w_m[0, 3] * f_x, rel=1e-7)
+
+
+def test_positive_friction_pushes_back() -> None:
+    shape = elastica.planar_elastica([0.15], [0.15, 0.15], [0.3, -0.3], EI, 0.2)
+    force = elastica.contact_force([0.3, -0.3], shape.theta_rad[:, 0], 0.2)
+    tangent = np.stack([np.cos(shape.theta_rad[:, 0]), np.sin(shape.theta_rad[:, 0])], axis=-1)
+    np.testing.assert_allclose((force * tangent).sum(axis=-1), -0.3 * np.sin(0.2), rtol=1e-12)
+
+
+def test_what_is_out_of_range_is_nan() -> None:
+    with np.errstate(all="raise"):
+        shape = elastica.planar_elastica([-0.01, 0.1], [0.1, -0.1, np.nan, 0.0], [0.1, 0.1, 0.1, 0.1], EI)
+        leaning = elastica.planar_elastica([0.1], [0.1], [0.1], EI, 2.0)
+        heavy = elastica.planar_elastica_dead([0.1], [0.1, 0.1], [30.0, 0.1], EI, [0.0, 1.6])
+    assert np.isnan(shape.w_m[0, 0])
+    assert np.isfinite(shape.w_m[0, 1])
+    assert np.isnan(shape.w_m[1:]).all()
+    assert np.isnan(leaning.x_m).all()
+    assert np.isnan(heavy.w_m).all()
+
+
+@pytest.mark.parametrize(
+    ("slope_deg", "bias"), [(2.9, 0.0013), (5.7, 0.005), (8.6, 0.011), (14.0, 0.032), (21.0, 0.075), (28.0, 0.14)]
+)
+def test_bias_of_a_linear_fit(slope_deg: float, bias: float) -> None:
+    """Large deflection makes the paper's beam see the contact too far out, counted from its abscissa x, not its arclength."""
+    contact = 0.16
+    loads = np.linspace(0.02, 1.5, 2000)
+    slopes = elastica.planar_elastica([contact], np.full(2000, contact), loads * EI / contact**2, EI).theta_rad[:, 0]
+    force = np.interp(np.radians(slope_deg), slopes, loads) * EI / contact**2
+    shape = elastica.planar_elastica(np.linspace(0.0, LENGTH, 200), [contact], [force], EI)
+    trial = np.linspace(1.0, 1.3, 6001)[:, None] * contact
+    basis = linear.deflection(shape.x_m, trial, 1.0, EI)
+    scale = (basis * shape.w_m).sum(axis=1, keepdims=True) / (basis**2).sum(axis=1, keepdims=True)
+    best = trial[((scale * basis - shape.w_m) ** 2).sum(axis=1).argmin(), 0]
+    abscissa = elastica.planar_elastica([contact], [contact], [force], EI).x_m[0, 0]
+    assert best / abscissa - 1.0 == pytest.approx(bias, rel=0.06)

@@ -1,0 +1,253 @@
+"""The pose of the board that rests in the jig: one board, rigid to the camera, in one or many pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec
+from targets.charuco import corner_points
+
+from ..camera import Camera
+from ..detect.corners import BoardView
+from ..errors import InputError, SolveError
+from ..geometry import Pose
+from .lens_models import PROJECTIONS
+from .view_screening import fixes_homography
+
+_MOVED_PX = 2.0
+_GROSS_CORNER = 20.0
+_GROSS_LEAST_PX = 0.5
+_SAME_RAD = 1e-3
+_AMBIGUOUS = 1.2
+_OUT_OF_SIGHT_PX = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCandidate:
+    """A pose that explains the corners, and how well."""
+
+    T_camera_board: Pose
+    rms_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class BoardPose:
+    """Where the board is, seen from the camera. The board frame lies on the printed face; its thickness is the jig's.
+
+    Attributes
+    ----------
+    T_camera_board : pose of the board.
+    covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the camera frame, the lens
+        held fixed, scaled by the residual variance.
+    lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
+        lens' covariance C the whole covariance is `covariance + S C Sᵀ`, and `S C` its covariance with the lens.
+    rms_px : reprojection error over the corners used.
+    corners : how many were used, averaged over the pictures. left_out : how many were grossly wrong.
+    second : the other solution that a plane allows, where there is one.
+    """
+
+    T_camera_board: Pose
+    covariance: np.ndarray
+    lens_sensitivity: np.ndarray
+    rms_px: float
+    corners: int
+    left_out: int
+    second: PoseCandidate | None
+
+    @property
+    def second_ratio(self) -> float | None:
+        """Reprojection error of the second solution over that of the first."""
+        return None if self.second is None else self.second.rms_px / max(self.rms_px, 1e-12)
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether the second solution fits nearly as well, so that the first cannot be trusted."""
+        return self.second_ratio is not None and self.second_ratio < _AMBIGUOUS
+
+
+def solve_board_pose(views: Sequence[BoardView], spec: BoardSpec, camera: Camera) -> BoardPose:
+    """Pose of the board from one or many pictures in which it stands still relative to the camera.
+
+    Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
+    and only so does the residual variance tell of it.
+
+    Raises
+    ------
+    InputError : no usable board in the pictures, a picture size that is not the camera's, or a board that moved.
+    SolveError : no start led to a pose.
+    """
+    _refuse_other_sizes(views, camera)
+    ids, pixels = _mean_corners(views)
+    points = corner_points(spec)[ids]
+    normalized, seen = _ideal_points(camera, pixels)
+    if not fixes_homography(points[seen, :2]):
+        raise InputError(
+            f"{int(seen.sum())} corners of the board are seen in the pictures of the jig, which do not fix its pose",
+            remedy="take the picture again with the board sharp, lit and wholly in view",
+        )
+    starts = _starts(points[seen], normalized[seen])
+    found = [_refined(pose, camera, points, pixels, "soft_l1") for pose in starts]
+    found += [_refined(_mirrored(pose, points), camera, points, pixels, "soft_l1") for pose in found[:1]]
+    first, *others = sorted(found, key=lambda pose: _robust_cost(pose, camera, points, pixels))
+    inliers = _inliers(first, camera, points, pixels)
+    points, pixels = points[inliers], pixels[inliers]
+    if not fixes_homography(points[:, :2]):
+        raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
+    first = _refined(first, camera, points, pixels, "linear")
+    by_pose = _jacobian(lambda step: camera.project(first.retract(step) @ points)[0], np.full(6, 1e-6))
+    normal_inverse = np.linalg.inv(by_pose.T @ by_pose)
+    residual = _residual(first, camera, points, pixels)
+    by_lens = _lens_jacobian(camera, first, points)
+    return BoardPose(
+        first,
+        normal_inverse * float(residual @ residual) / max(residual.size - 6, 1),
+        -normal_inverse @ by_pose.T @ by_lens,
+        _rms(residual),
+        len(points),
+        int((~inliers).sum()),
+        _second(first, others, camera, points, pixels),
+    )
+
+
+def _refuse_other_sizes(views: Sequence[BoardView], camera: Camera) -> None:
+    for view in views:
+        if view.image_size != tuple(camera.image_size):
+            raise InputError(
+                f"is {view.image_size[0]}x{view.image_size[1]} px, the lens was calibrated at "
+                f"{camera.image_size[0]}x{camera.image_size[1]} px",
+                where=view.name,
+                remedy="take all pictures at one resolution",
+            )
+
+
+def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
+    """Ids (N,) and pixels (N, 2) averaged over the views. Raises InputError when the board moved between them."""
+    ids = np.unique(np.concatenate([np.zeros(0, int), *(view.ids for view in views)]))
+    stack = np.full((len(views), len(ids), 2), np.nan)
+    for row, view in zip(stack, views, strict=True):
+        row[np.searchsorted(ids, view.ids)] = view.corners_px
+    if not len(ids):
+        raise InputError(
+            "the board is not found in the pictures of the jig",
+            remedy="take them again with the board sharp, lit and wholly in view",
+        )
+    middle = np.nanmedian(stack, axis=0)
+    for row, view in zip(stack, views, strict=True):
+        shift = np.linalg.norm(row - middle, axis=-1)
+        if np.isfinite(shift).any() and np.nanmedian(shift) > _MOVED_PX:
+            raise InputError(
+                f"the board stands {np.nanmedian(shift):.1f} px from where the other pictures of the jig show it",
+                where=view.name,
+                remedy="keep the board fixed to the antenna's base, or remove that picture",
+            )
+    # one wrong corner must not spoil the mean
+    near = np.linalg.norm(stack - middle, axis=-1) <= _MOVED_PX
+    total = np.where(near[..., None], stack, 0.0).sum(axis=0)
+    count = near.sum(axis=0)
+    return ids[count > 0], total[count > 0] / count[count > 0, None]
+
+
+def _ideal_points(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    rays, valid = camera.unproject(pixels)
+    seen = valid & (rays[:, 2] > 0.05)
+    return np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], 0.0), seen
+
+
+def _starts(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
+    """Poses by every closed form at hand: IPPE alone can be far off or NaN, and says nothing of it."""
+    starts = []
+    for method in (cv2.SOLVEPNP_ITERATIVE, cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_IPPE):
+        try:
+            _, rotvecs, translations, _ = cv2.solvePnPGeneric(points, normalized, np.eye(3), None, flags=method)
+        except cv2.error:
+            continue
+        for rotvec, translation in zip(rotvecs, translations, strict=True):
+            if np.all(np.isfinite(rotvec)) and np.all(np.isfinite(translation)) and translation[2] > 0.0:
+                starts.append(Pose.from_rotvec(rotvec.ravel(), translation))
+    if not starts:
+        raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
+    return starts
+
+
+def _mirrored(pose: Pose, points: np.ndarray) -> Pose:
+    """The board turned about its centre so that its normal lies on the other side of the line of sight."""
+    centre_board = points.mean(axis=0)
+    centre = pose @ centre_board
+    sight, normal = centre / np.linalg.norm(centre), pose.rotation[:, 2]
+    axis = np.cross(normal, sight)
+    angle = 2.0 * np.arctan2(np.linalg.norm(axis), normal @ sight)
+    turn = Rotation.from_rotvec(angle * axis / max(float(np.linalg.norm(axis)), 1e-12)).as_matrix()
+    rotation = turn @ pose.rotation
+    return Pose(rotation, centre - rotation @ centre_board)
+
+
+def _residual(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    projected, valid = camera.project(pose @ points)
+    return np.where(valid[:, None], projected - pixels, _OUT_OF_SIGHT_PX).ravel()
+
+
+def _rms(residual: np.ndarray) -> float:
+    return float(np.sqrt(2.0 * np.mean(residual**2)))
+
+
+def _robust_cost(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> float:
+    return float(np.sum(np.sqrt(1.0 + _residual(pose, camera, points, pixels) ** 2) - 1.0))
+
+
+def _refined(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray, loss: str) -> Pose:
+    # in units of the board's distance, so that the six steps weigh alike
+    reach = float(np.linalg.norm(pose.translation_m))
+    scale = np.array([1.0, 1.0, 1.0, reach, reach, reach])
+    for _ in range(2):
+        start = pose
+        result = least_squares(
+            lambda step, start=start: _residual(start.retract(step * scale), camera, points, pixels),
+            np.zeros(6),
+            jac="3-point",
+            loss=loss,
+            xtol=1e-12,
+            ftol=1e-12,
+            gtol=1e-12,
+            max_nfev=60,
+        )
+        pose = start.retract(result.x * scale)
+    return pose
+
+
+def _inliers(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    distance = np.linalg.norm(_residual(pose, camera, points, pixels).reshape(-1, 2), axis=1)
+    sigma = float(np.median(distance)) / 1.1774
+    return distance <= max(_GROSS_CORNER * sigma, _GROSS_LEAST_PX)
+
+
+def _second(
+    first: Pose, others: Sequence[Pose], camera: Camera, points: np.ndarray, pixels: np.ndarray
+) -> PoseCandidate | None:
+    for start in others:
+        pose = _refined(start, camera, points, pixels, "linear")
+        apart = Rotation.from_matrix(pose.rotation @ first.rotation.T).magnitude()
+        if apart > _SAME_RAD and bool(camera.project(pose @ points)[1].all()):
+            return PoseCandidate(pose, _rms(_residual(pose, camera, points, pixels)))
+    return None
+
+
+def _jacobian(function: Callable[[np.ndarray], np.ndarray], steps: np.ndarray) -> np.ndarray:
+    """Central differences at zero: (outputs, inputs)."""
+    columns = [
+        (function(step * direction) - function(-step * direction)).ravel() / (2.0 * step)
+        for step, direction in zip(steps, np.eye(len(steps)), strict=True)
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _lens_jacobian(camera: Camera, T_camera_board: Pose, points: np.ndarray) -> np.ndarray:
+    """(2N, 4 + k) derivative of the pixels by the camera's parameters."""
+    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    pose = np.concatenate([T_camera_board.rotvec_rad, T_camera_board.translation_m])
+    return PROJECTIONS[camera.model](points, pose, intrinsics)[1]

@@ -1,0 +1,97 @@
+"""Where rays meet planes. Frame-free, NumPy or torch, broadcast and differentiable; no answer is NaN and False."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry import Plane
+from .arrays import Array, ArrayT, masked, namespace
+
+GRAZING_RAD = 1e-3
+"""Rays that meet a plane at a smaller angle are not intersected: an error of 0.001 rad would move them without end."""
+
+NEAREST_M = 1e-9
+"""A plane closer to the rays' origin than this passes through it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """Intersection of rays with a plane, every number finite.
+
+    Attributes
+    ----------
+    points : (..., 3); harmless where not valid.
+    range_m : (...) from the origin, in lengths of the direction vector.
+    slant : (...) cosine between direction and normal, times the direction's length; 1 where not valid.
+    valid : (...)
+    """
+
+    points: Array
+    range_m: Array
+    slant: Array
+    valid: Array
+
+
+def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> Crossing:
+    """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast.
+
+    Not valid: parallel or grazing, behind the origin, a plane through the origin, not finite.
+    """
+    xp = namespace(directions)
+    slant = (normals * directions).sum(-1)
+    height = offsets_m - (normals * origins).sum(-1)
+    valid = (xp.abs(slant) > math.sin(GRAZING_RAD)) & (xp.abs(height) > NEAREST_M) & (height * slant > 0)
+    slant = xp.where(valid, slant, 1.0)
+    range_m = xp.where(valid, height, 0.0) / slant
+    return Crossing(origins + range_m[..., None] * directions, range_m, slant, valid)
+
+
+def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[ArrayT, ArrayT]:
+    """Points (..., 3) where rays meet a plane, and validity (...). All in the plane's frame.
+
+    origins (..., 3) m and unit directions (..., 3) broadcast. Invalid rays (NaN) stay invalid.
+    """
+    normal = _as(directions, plane.normal)
+    return _finished(origins, directions, normal, plane.offset_m)
+
+
+def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT) -> tuple[ArrayT, ArrayT]:
+    """Points (..., 3) where rays meet the deformation plane 𝒟 at each roll (...), and validity (...). Antenna frame.
+
+    Differentiable in the roll. Not valid where the camera's centre lies in 𝒟: then the picture says nothing of depth.
+    """
+    xp = namespace(directions)
+    roll_rad = _as(directions, roll_rad)
+    normals = xp.stack([0.0 * roll_rad, -xp.sin(roll_rad), xp.cos(roll_rad)], -1)
+    return _finished(origins, directions, normals, 0.0)
+
+
+def in_plane_axes(plane: Plane) -> np.ndarray:
+    """(2, 3) orthonormal axes of the coordinates on a plane.
+
+    The first is the frame's x axis laid onto the plane (y where x is normal to it); the second completes a
+    right-handed frame with the normal. On plane C they are x and y, on the hinge plane x and the way along the roll.
+    """
+    normal = np.asarray(plane.normal, float)
+    seed = np.eye(3)[0 if abs(normal[0]) < 0.999 else 1]
+    first = seed - normal * (normal @ seed)
+    first = first / np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first)])
+
+
+def _as(like: Array, values: Array) -> Array:
+    xp = namespace(like)
+    if xp is np:
+        return np.asarray(values, dtype=like.dtype)
+    return xp.as_tensor(values, dtype=like.dtype, device=like.device)
+
+
+def _finished(origins: Array, directions: Array, normals: Array, offset_m: float) -> tuple[Array, Array]:
+    xp = namespace(directions)
+    finite = xp.isfinite(directions).all(-1) & xp.isfinite(origins).all(-1)
+    safe = xp.where(finite[..., None], directions, 0.0)
+    crossing = cross(xp.where(finite[..., None], origins, 0.0), safe, normals, offset_m)
+    return masked(crossing.points, crossing.valid), crossing.valid
