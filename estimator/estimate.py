@@ -88,9 +88,9 @@ class ContactEstimator:
         """A recording frame by frame, in constant memory."""
         return map(self.measure, recording)
 
-    def measure(self, measured: Measured) -> Contact:
-        """One frame that was checked already."""
-        solved = self.solve(measured)
+    def measure(self, measured: Measured, start: np.ndarray | None = None) -> Contact:
+        """One frame that was checked already. `start` (3,): unknowns of a fit near the truth (`Fit.unknowns`)."""
+        solved = self.solve(measured, start)
         if solved is None:
             why = f"only {len(measured.points_px)} usable centreline points"
             return Contact("no_antenna", why, self.model, False)
@@ -98,22 +98,30 @@ class ContactEstimator:
         T_world_antenna = self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad)
         return judge(scene, T_world_antenna, result, worth, model, chosen)
 
-    def solve(self, measured: Measured) -> tuple[Scene, Fit, Spread, str, str] | None:
+    def rough(self, measured: Measured) -> tuple[Scene, Fit] | None:
+        """The lowest rung's fit alone. None with too few points."""
+        scene = self._scene(measured, MODELS[self._lowest])
+        return (scene, fit(scene)) if len(scene.seen) >= FEWEST_POINTS else None
+
+    def solve(self, measured: Measured, start: np.ndarray | None = None) -> tuple[Scene, Fit, Spread, str, str] | None:
         """The fit behind a contact: scene, fit, its uncertainty, the rung taken and why. None with too few points."""
-        lowest = next(iter(MODELS)) if self.model == "auto" else self.model
-        scene = self._scene(measured, MODELS[lowest])
+        scene = self._scene(measured, MODELS[self._lowest])
         if len(scene.seen) < FEWEST_POINTS:
             return None
-        result = fit(scene)
+        result = fit(scene, None if start is None else start[None])
         worth = spread(scene, result)
         if self.model != "auto":
-            return scene, result, worth, lowest, f"{lowest} was asked for"
-        bias = predicted_bias(scene, self._scene(measured, MODELS["rod"]), result, worth)
+            return scene, result, worth, self.model, f"{self.model} was asked for"
+        reference = self._scene(measured, MODELS["rod"])
+        bias = predicted_bias(scene, reference, result, worth)
         if bias <= SMALL:
-            return scene, result, worth, lowest, f"{lowest}: its bias is {bias:.2f} std"
-        scene = self._scene(measured, MODELS["rod"])
-        result = fit(scene, result.unknowns[None])
-        return scene, result, spread(scene, result), "rod", f"rod: elastica would be {bias:.1f} std off"
+            return scene, result, worth, self._lowest, f"{self._lowest}: its bias is {bias:.2f} std"
+        result = fit(reference, result.unknowns[None])
+        return reference, result, spread(reference, result), "rod", f"rod: {self._lowest} would be {bias:.1f} std off"
+
+    @property
+    def _lowest(self) -> str:
+        return next(iter(MODELS)) if self.model == "auto" else self.model
 
     def _scene(self, measured: Measured, sweeps: int) -> Scene:
         rotation = self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad).rotation

@@ -52,9 +52,10 @@ def hinge_shape(rays: ArrayLike, center_m: ArrayLike, roll_rad: ArrayLike) -> Hi
         distance = np.where((distance > 0.0) & np.isfinite(distance), distance, np.nan)
         # a cross product, in place of the difference of two long vectors
         across = (center[..., 1] * direction[..., 2] - center[..., 2] * direction[..., 1]) / approach
+    x = center[..., 0] + distance * direction[..., 0]
     return HingeShape(
-        x_m=center[..., 0] + distance * direction[..., 0],
-        y_m=np.where(np.isnan(distance), np.nan, across),
+        x_m=x,
+        y_m=np.where(np.isnan(x), np.nan, across),
         incidence_rad=np.arcsin(np.minimum(np.abs(approach), 1.0)),
         distance_m=distance,
     )

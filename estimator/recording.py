@@ -47,19 +47,22 @@ def look(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
     return find(image, where, rig.image.bright)
 
 
-def look_again(estimator: ContactEstimator, frame: Frame, image: np.ndarray, first: Centreline) -> Centreline:
-    """The antenna measured along the shape that the first look led to: across its own normals, gaps bridged."""
+def look_again(
+    estimator: ContactEstimator, frame: Frame, image: np.ndarray, first: Centreline
+) -> tuple[Centreline, np.ndarray | None]:
+    """The antenna measured along the shape that the first look led to, and that shape's unknowns (3,) as a start."""
     rig = estimator.rig
-    solved = estimator.solve(measured(rig, frame, first))
-    if solved is None:
-        return first
-    scene, result = solved[:2]
+    rough = estimator.rough(measured(rig, frame, first))
+    if rough is None:
+        return first, None
+    scene, result = rough
     shape = scene.curves(result.unknowns[:1] * rig.antenna.length_m, result.unknowns[None, 1:] * scene.force_unit_N)
     T_camera_antenna = rig.T_antenna_camera.inverse()
     guide = pixels(rig.camera, T_camera_antenna, shape.points_m[0])
     width = width_px(rig.camera, T_camera_antenna, shape.points_m[0], rig.antenna.diameter_m)
     again = find_along(image, guide, width, rig.image.bright)
-    return again if len(again.points_px) >= SECOND_LOOK * len(first.points_px) else first
+    better = len(again.points_px) >= SECOND_LOOK * len(first.points_px)
+    return (again if better else first), result.unknowns
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame) -> Contact:
@@ -78,7 +81,8 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame) -> Contact:
     if not line.found:
         why = f"no antenna in the picture: {100 * line.seen:.0f} % of its length seen"
         return Contact("no_antenna", why, estimator.model, False)
-    return estimator.measure(measured(estimator.rig, frame, look_again(estimator, frame, image, line)))
+    line, start = look_again(estimator, frame, image, line)
+    return estimator.measure(measured(estimator.rig, frame, line), start)
 
 
 def estimate_centreline(estimator: ContactEstimator, frame: Frame, lines: Mapping[int, np.ndarray]) -> Contact:

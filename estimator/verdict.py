@@ -10,8 +10,8 @@ from .contact import Contact
 from .fit import Fit, Scene
 from .uncertainty import Spread, evidence
 
-CONTACT_EVIDENCE = 14.0
-"""Least evidence for a contact. Noise alone exceeds it about once in 10⁵ frames (χ² with 3 degrees of freedom > 28)."""
+CONTACT_EVIDENCE = 30.0
+"""Least evidence for a contact. Noise alone gives about 1.5; an edge that brushes past the antenna has given 14."""
 LOW_SIGNAL = 0.12
 """Contact distances less certain than this fraction of the length are not given out."""
 EDGE_ON_RAD = 0.05

@@ -1,4 +1,4 @@
-"""What there is to see, as plain arrays in the world frame. Built from results, drawn by `viz.actors`; no pyvista here."""
+"""What there is to see, as plain arrays in the world frame. `viz.actors` draws it; pyvista stays there."""
 
 from __future__ import annotations
 

@@ -119,6 +119,15 @@ def test_dead_force_against_a_boundary_value_solver(lean: float) -> None:
     np.testing.assert_allclose(elastica.dead_load(s, [3.0], lean).theta_rad[0], solution.sol(s)[0], atol=1e-9)
 
 
+def test_dead_forces_of_every_lean_and_load_close_at_the_clamp() -> None:
+    """θ_c = β − α everywhere; the last digits go only where a strong force nearly pulls along the antenna."""
+    lean, load = (value.ravel() for value in np.meshgrid(np.linspace(-1.5, 1.56, 60), np.geomspace(1e-6, 60.0, 60)))
+    at_contact = elastica._lean_at_contact(load, lean)
+    theta = elastica.normal_load([1.0], load, at_contact).theta_rad[:, 0]
+    assert np.abs(theta + at_contact - lean).max() < 1e-9
+    assert np.abs(theta + at_contact - lean)[load < 10.0].max() < 1e-13
+
+
 def test_series_and_closed_form_agree() -> None:
     rng = np.random.default_rng(0)
     lean = rng.uniform(-1.55, 1.55, 500)
@@ -194,6 +203,10 @@ def test_positive_friction_pushes_back() -> None:
     np.testing.assert_allclose((force * tangent).sum(axis=-1), -0.3 * np.sin(0.2), rtol=1e-12)
 
 
+def test_empty_batch() -> None:
+    assert elastica.planar_elastica(np.linspace(0.0, LENGTH, 5), np.zeros(0), np.zeros(0), EI).x_m.shape == (0, 5)
+
+
 def test_what_is_out_of_range_is_nan() -> None:
     with np.errstate(all="raise"):
         shape = elastica.planar_elastica([-0.01, 0.1], [0.1, -0.1, np.nan, 0.0], [0.1, 0.1, 0.1, 0.1], EI)
@@ -210,7 +223,7 @@ def test_what_is_out_of_range_is_nan() -> None:
     ("slope_deg", "bias"), [(2.9, 0.0013), (5.7, 0.005), (8.6, 0.011), (14.0, 0.032), (21.0, 0.075), (28.0, 0.14)]
 )
 def test_bias_of_a_linear_fit(slope_deg: float, bias: float) -> None:
-    """Large deflection makes the paper's beam see the contact too far out, counted from its abscissa x, not its arclength."""
+    """The paper's beam sees the contact of a much bent antenna too far out: against its abscissa, not its arclength."""
     contact = 0.16
     loads = np.linspace(0.02, 1.5, 2000)
     slopes = elastica.planar_elastica([contact], np.full(2000, contact), loads * EI / contact**2, EI).theta_rad[:, 0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from vbaa_calib.synth.lens import Lens
@@ -35,6 +37,7 @@ def spec(**changes: float) -> PictureSpec:
     return PictureSpec(**(plain | changes))
 
 
+@functools.cache
 def place(lens: str = "brown", **changes: float) -> Studio:
     """A studio with one of the lenses."""
     return studio(LENSES[lens], spec(**changes), np.random.default_rng(0))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vbaa_calib.synth.lens import project
-from vbaa_calib.synth.picture import Studio, expose, over
-from vbaa_calib.synth.render_antenna import tube, tube_layer, visible_centreline
+from vbaa_calib.synth.picture import Studio, expose
+from vbaa_calib.synth.render_antenna import tube, tube_patch, visible_centreline
 
 from .studios import LENSES, place
 
@@ -22,10 +22,10 @@ def _curve(slope: float = 0.1, bend: float = 0.6) -> tuple[np.ndarray, np.ndarra
     return arclength, points
 
 
-def _picture(scene: Studio, arclength: np.ndarray, points: np.ndarray, **layer: object) -> np.ndarray:
+def _picture(scene: Studio, arclength: np.ndarray, points: np.ndarray, **options: object) -> np.ndarray:
     seen = tube(scene.rays.lens, arclength, points, RADIUS_M, LAMP)
     empty = np.zeros(scene.light.shape, np.float32)
-    return expose(scene, over(empty, tube_layer(scene, seen, 0.9, **layer))).astype(float)
+    return expose(scene, empty, [tube_patch(scene, seen, 0.9, **options)]).astype(float)
 
 
 def _centroid_offsets(scene: Studio, picture: np.ndarray, arclength: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -44,8 +44,8 @@ def test_the_centroid_across_the_tube_is_the_projected_centreline(lens: str, slo
     scene = place(lens)
     offsets = _centroid_offsets(scene, _picture(scene, *_curve(slope, bend)), *_curve(slope, bend))
     assert len(offsets) > 200
-    assert np.abs(offsets).max() < 0.02
-    assert np.sqrt((offsets**2).mean()) < 0.005
+    assert np.abs(offsets).max() < 0.01
+    assert np.sqrt((offsets**2).mean()) < 0.003
 
 
 def test_asymmetric_shading_pulls_the_centroid() -> None:
@@ -58,10 +58,10 @@ def test_coverage_is_the_tubes_silhouette() -> None:
     scene = place("pinhole")
     points = np.stack([np.linspace(-0.1, 0.1, 50), np.full(50, 0.013), np.full(50, 0.35)], axis=1)
     seen = tube(scene.rays.lens, points[:, 0] + 0.1, points, RADIUS_M, LAMP)
-    layer = tube_layer(scene, seen, 0.9)
+    patch = tube_patch(scene, seen, 0.9)
     fx, fy = np.diag(scene.rays.lens.matrix)[:2]
     silhouette = (0.2 * fx / 0.35) * (2 * RADIUS_M * fy / 0.35)
-    assert layer.alpha.sum() == pytest.approx(silhouette, rel=2e-3)
+    assert patch.alpha.sum() / patch.factor**2 == pytest.approx(silhouette, rel=2e-3)
 
 
 def test_what_is_nearer_hides_the_tube() -> None:
@@ -74,8 +74,8 @@ def test_what_is_nearer_hides_the_tube() -> None:
     free, hidden, behind = (
         _picture(scene, arclength, points, obstacle=obstacle) for obstacle in (None, wall(0.2), wall(0.9))
     )
-    assert hidden[:, 405:495].max() == 0.0
-    assert np.array_equal(hidden[:, :390], free[:, :390])
+    assert np.abs(hidden[:, 405:495]).max() < 1e-6
+    assert np.abs(hidden[:, :390] - free[:, :390]).max() < 1e-4
     assert np.array_equal(behind, free)
     seen = tube(scene.rays.lens, arclength, points, RADIUS_M, LAMP)
     visible = visible_centreline(scene.rays.lens, seen, wall(0.2))
@@ -84,8 +84,8 @@ def test_what_is_nearer_hides_the_tube() -> None:
     np.testing.assert_allclose(np.linalg.norm(visible[:, 2:], axis=1), 1.0)
 
 
-def test_a_tube_outside_the_picture_leaves_no_layer() -> None:
+def test_a_tube_outside_the_picture_is_not_drawn() -> None:
     scene = place("pinhole")
     arclength, points = _curve()
-    seen = tube(scene.rays.lens, arclength, points + [0.0, 1.0, 0.0], RADIUS_M, LAMP)
-    assert tube_layer(scene, seen, 0.9) is None
+    seen = tube(scene.rays.lens, arclength, points + np.array([0.0, 1.0, 0.0]), RADIUS_M, LAMP)
+    assert tube_patch(scene, seen, 0.9) is None

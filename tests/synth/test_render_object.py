@@ -80,23 +80,16 @@ def test_the_picture_of_a_sphere_covers_its_cone_of_sight() -> None:
     rows, columns = np.mgrid[layer.where]
     toward = CAMERA.inverse() @ CENTRE
     # the outline of a sphere is an ellipse: semi-axes of the cone's section with the picture plane
-    sin = 0.02 / np.linalg.norm(toward)
-    half = np.arcsin(sin)
+    half = np.arcsin(0.02 / np.linalg.norm(toward))
     off = np.arctan2(np.hypot(toward[0], toward[1]), toward[2])
     fx, fy = np.diag(scene.rays.lens.matrix)[:2]
     major = (np.tan(off + half) - np.tan(off - half)) / 2
     middle = (np.tan(off + half) + np.tan(off - half)) / 2
-    # minor semi-axis: where the cone meets the plane sideways, at the ellipse's middle
-    minor = np.sqrt((1 + middle**2) * np.tan(half) ** 2 * 0 + major * np.tan(half) * np.cos(off) * 0 + _minor(off, half) ** 2)
+    minor = np.sin(half) / np.sqrt(np.cos(half) ** 2 - np.sin(off) ** 2)
     assert layer.alpha.sum() == pytest.approx(np.pi * major * minor * fx * fy, rel=2e-3)
     centre = np.array([(columns * layer.alpha).sum(), (rows * layer.alpha).sum()]) / layer.alpha.sum()
     aim = toward[:2] / np.hypot(*toward[:2]) * middle
     np.testing.assert_allclose(centre, aim * [fx, fy] + scene.rays.lens.matrix[:2, 2], atol=0.05)
-
-
-def _minor(off: float, half: float) -> float:
-    """Semi-axis across the direction of tilt of a cone's section with the plane z = 1."""
-    return np.sin(half) / np.sqrt(np.cos(half) ** 2 - np.sin(off) ** 2)
 
 
 def test_depth_counts_along_the_cameras_axis() -> None:
@@ -118,5 +111,5 @@ def test_a_pressed_object_gives_way(shape: str) -> None:
 
 
 def test_an_object_outside_the_picture_leaves_no_layer() -> None:
-    away = Pose(CAMERA.rotation, CAMERA.translation_m + [3.0, 0.0, 0.0])
+    away = Pose(CAMERA.rotation, CAMERA.translation_m + np.array([3.0, 0.0, 0.0]))
     assert object_layer(place("pinhole"), _object("cylinder"), away) is None

@@ -10,9 +10,10 @@ is an initial value problem, and for each α one universal curve holds every loa
 clamp only says where that curve is cut: θ_c = ψ(√a) with the load a = F·l²/EI. This is a pendulum let go at rest, with
 k² = (1 − sin α)/2 and the curve's coordinates C = ∫cos ψ dυ, S = ∫sin ψ dυ in Jacobi's functions (`_jacobi_curve`).
 
-Below a = 2.5 (54° to 61° of slope at the contact) the Taylor series in υ² is faster and, for small loads, free of the
-cancellation that the closed form has. Its coefficients are trigonometric polynomials in α, tabulated once. It converges
-for |υ|² < K(½)² + K′(½)² = 6.875 whatever α, the distance to the nearest pole of the Jacobi functions.
+Below a = 2.5 (68° of slope at the contact if the force follows the normal, 51° if dead) the Taylor series in υ² is
+faster and, for small loads, free of the cancellation that the closed form has. Its coefficients are trigonometric
+polynomials in α, tabulated once. It converges for |υ|² < K(½)² + K′(½)² = 6.875 whatever α, the distance to the nearest
+pole of the Jacobi functions.
 """
 
 from __future__ import annotations
@@ -28,8 +29,6 @@ from scipy.special import ellipeinc, ellipj, ellipkinc
 _SERIES_LOAD = 2.5
 _SERIES_RADIUS = 6.875185818020372  # in υ²: 2·K(½)²
 _SERIES_TERMS = 44
-_DEAD_LOAD = 60.0
-_DEAD_LOAD = 60.0
 _DEAD_LOAD = 60.0
 
 
@@ -81,8 +80,8 @@ def planar_elastica_dead(
 ) -> PlanarShape:
     """As `planar_elastica`, under a force that keeps its direction: a hanging weight, for instance.
 
-    `lean_rad`, () or (B,), is the force's angle from the normal of the *undeformed* antenna, positive where it pushes the
-    antenna back. Loads a = F·l²/EI above 60, which leave less than 0.1° between antenna and force, give NaN.
+    `lean_rad`, () or (B,), is the force's angle from the normal of the *undeformed* antenna, positive where it pushes
+    the antenna back. Loads a = F·l²/EI above 60, which leave less than 0.1° between antenna and force, give NaN.
     """
     s, load, contact, sign = _dimensionless(s_m, contact_m, force_N, stiffness_Nm2)
     return _scaled(dead_load(s, load, lean_rad), contact, sign)
@@ -106,10 +105,8 @@ def normal_load(s: ArrayLike, load: ArrayLike, lean_rad: ArrayLike = 0.0) -> Pla
     upsilon[:, 1:] = np.where(along >= 0.0, np.maximum(1.0 - along, 0.0), np.nan) * root
     psi, cos_integral, sin_integral = _universal_curve(upsilon, lean)
     theta = psi[:, :1] - psi[:, 1:]
-    d_cos, d_sin = (
-        (cos_integral[:, :1] - cos_integral[:, 1:]) / root,
-        (sin_integral[:, :1] - sin_integral[:, 1:]) / root,
-    )
+    d_cos = (cos_integral[:, :1] - cos_integral[:, 1:]) / root
+    d_sin = (sin_integral[:, :1] - sin_integral[:, 1:]) / root
     cos, sin = np.cos(psi[:, :1]), np.sin(psi[:, :1])
     return PlanarShape(cos * (d_cos + beyond) + sin * d_sin, sin * (d_cos + beyond) - cos * d_sin, theta)
 

@@ -123,6 +123,8 @@ def bend(
         np.stack([np.zeros(batch), parameters[:, 2], parameters[:, 3]], axis=1)
     ).as_matrix()
     weight = mass[:, None] * np.einsum("bji,bj->bi", clamp_turn, gravity_m_s2)
+    # A force at the very tip leaves nothing beyond it; a micrometre in a metre keeps the nodes apart.
+    contact_m = np.minimum(contact_m, (1 - 1e-6) * length_m)
     s = aligned_arclength(contact_m, length_m)
     step = np.diff(s, axis=1)
 

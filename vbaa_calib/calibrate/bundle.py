@@ -10,6 +10,7 @@ import numpy as np
 from .lens_models import PROJECTIONS, LensModel
 
 _RELATIVE_DECREASE = 1e-13
+_OPEN = 1e-10
 _CAUCHY_PER_SIGMA = 2.385  # 95 % efficiency on normal noise
 
 
@@ -30,14 +31,11 @@ class Bundle:
     intrinsics : (4 + k,) fx, fy, cx, cy, distortion.
     poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
     residuals_px : per view (N, 2), observed minus projected.
-    covariance : (4 + k, 4 + k) of the intrinsics with the poses marginalised, scaled by the residual variance;
-        zero for what is held fixed, None where the views leave a free parameter open.
     """
 
     intrinsics: np.ndarray
     poses: np.ndarray
     residuals_px: tuple[np.ndarray, ...]
-    covariance: np.ndarray | None
 
     @property
     def rms_px(self) -> float:
@@ -82,7 +80,7 @@ def refine(
         intrinsics, poses, system = _descend(model, intrinsics, poses, observations, weights, directions, iterations)
         if robust:
             weights = _cauchy_weights(system.residuals_px)
-    return Bundle(intrinsics, poses, system.residuals_px, _covariance(system, directions, observations))
+    return Bundle(intrinsics, poses, system.residuals_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,20 +180,28 @@ def _cauchy_weights(residuals_px: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [1.0 / (1.0 + (distance / (_CAUCHY_PER_SIGMA * sigma)) ** 2) for distance in distances]
 
 
-def _covariance(system: _System, directions: np.ndarray, observations: Sequence[Observation]) -> np.ndarray | None:
-    count = directions.shape[1]
-    freedom = sum(view.pixels.size for view in observations) - count - 6 * len(observations)
-    if count == 0 or freedom <= 0:
+def lens_covariance(
+    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
+) -> np.ndarray | None:
+    """(4 + k, 4 + k) covariance of the intrinsics, the poses marginalised, scaled by the residual variance.
+
+    Zero for what is held fixed; None where the views leave a free parameter open.
+    """
+    freedom = sum(view.pixels.size for view in observations) - directions.shape[1] - 6 * len(observations)
+    project, blocks = PROJECTIONS[model.camera_model], []
+    for view, pose in zip(observations, bundle.poses, strict=True):
+        _, by_intrinsics, by_pose = project(view.points_m, pose, bundle.intrinsics)
+        # what the view's own pose cannot explain; by QR, for normal equations would lose half the digits
+        basis, _ = np.linalg.qr(by_pose)
+        by_lens = by_intrinsics @ directions
+        blocks.append(by_lens - basis @ (basis.T @ by_lens))
+    jacobian = np.vstack(blocks)
+    norms = np.linalg.norm(jacobian, axis=0)
+    if freedom <= 0 or not np.all(np.isfinite(norms)) or not np.all(norms > 0.0):
         return None
-    try:
-        through = np.linalg.solve(system.pose, np.swapaxes(system.coupling, 1, 2))
-        reduced = system.lens - np.einsum("vpk,vkq->pq", system.coupling, through)
-        scale = 1.0 / np.sqrt(np.diag(reduced))
-        scaled = reduced * np.outer(scale, scale)
-        if not np.all(np.isfinite(scaled)) or np.linalg.cond(scaled) > 1e14:
-            return None
-        inverse = np.linalg.inv(scaled) * np.outer(scale, scale)
-    except np.linalg.LinAlgError:
+    _, values, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
+    if values[-1] < _OPEN * values[0]:
         return None
-    full = directions @ inverse @ directions.T * (system.cost / freedom)
-    return 0.5 * (full + full.T)
+    half = directions @ ((rows.T / values) / norms[:, None])
+    variance = float(sum(np.sum(residual**2) for residual in bundle.residuals_px)) / freedom
+    return variance * half @ half.T

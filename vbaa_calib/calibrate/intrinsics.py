@@ -12,11 +12,11 @@ from targets.charuco import corner_points
 
 from ..camera import Camera
 from ..detect.corners import BoardView
-from ..errors import InputError, SolveError
+from ..errors import InputError
 from ..geometry import Pose
-from .bundle import Bundle, Observation
+from .bundle import Bundle, Observation, free_directions, lens_covariance
 from .lens_choice import Candidate, choose_lens
-from .lens_models import LENS_MODELS, LensModel, is_monotonic
+from .lens_models import LENS_MODELS, LensModel, camera_matrix, is_monotonic
 from .lens_start import fit_lens
 from .view_screening import DroppedView, usable_views, without_gross_errors
 
@@ -89,8 +89,7 @@ def solve_intrinsics(
 
     Raises
     ------
-    InputError : fewer than 3 usable views, or an unknown model.
-    SolveError : the views leave a parameter of the lens open.
+    InputError : fewer than 3 usable views, views that leave a parameter of the lens open, or an unknown model.
     """
     if model != "auto" and model not in LENS_MODELS:
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
@@ -110,7 +109,13 @@ def solve_intrinsics(
         ]
         usable = [view for view, keep in zip(usable, kept, strict=True) if keep]
         observations = cleaned
-    return _solution(lens, bundle, usable, dropped, comparison)
+    covariance = lens_covariance(lens, bundle, observations, free_directions(lens, square_pixels))
+    if covariance is None:
+        raise InputError(
+            f"the pictures leave the {lens.name} lens open",
+            remedy="add views of the board tilted in different directions, or choose a simpler --model",
+        )
+    return _solution(lens, bundle, covariance, usable, dropped, comparison)
 
 
 def _require_enough(
@@ -151,16 +156,12 @@ def _fit(
 def _solution(
     lens: LensModel,
     bundle: Bundle,
+    covariance: np.ndarray,
     usable: Sequence[BoardView],
     dropped: Sequence[DroppedView],
     comparison: tuple[Candidate, ...],
 ) -> LensSolution:
     image_size = usable[0].image_size
-    if bundle.covariance is None or not np.isfinite(bundle.rms_px):
-        raise SolveError(
-            f"the pictures leave the {lens.name} lens open: add views of the board tilted in different directions, "
-            "or choose a simpler --model"
-        )
     rms = bundle.view_rms_px
     spread = 1.4826 * float(np.median(np.abs(rms - np.median(rms))))
     views = tuple(
@@ -178,24 +179,25 @@ def _solution(
     camera = Camera(
         model=lens.camera_model,
         image_size=image_size,
-        matrix=np.array([[intrinsics[0], 0.0, intrinsics[2]], [0.0, intrinsics[1], intrinsics[3]], [0.0, 0.0, 1.0]]),
+        matrix=camera_matrix(intrinsics),
         distortion=intrinsics[4:],
-        covariance=bundle.covariance,
+        covariance=covariance,
         parameter_names=lens.parameter_names,
     )
     monotonic = is_monotonic(lens, intrinsics, image_size)
-    warnings = _warnings(camera, monotonic, lens, usable)
+    warnings = _warnings(lens, bundle, covariance, monotonic, usable)
     return LensSolution(camera, lens.name, bundle.rms_px, views, tuple(dropped), comparison, monotonic, warnings)
 
 
-def _warnings(camera: Camera, monotonic: bool, lens: LensModel, usable: Sequence[BoardView]) -> tuple[str, ...]:
+def _warnings(
+    lens: LensModel, bundle: Bundle, covariance: np.ndarray, monotonic: bool, usable: Sequence[BoardView]
+) -> tuple[str, ...]:
     warnings = []
     if not monotonic:
         warnings.append(
             f"the {lens.name} lens folds inside the picture: directions near its border are not to be trusted"
         )
-    assert camera.covariance is not None
-    focal_std = np.sqrt(np.diag(camera.covariance)[:2]) / np.diag(camera.matrix)[:2]
+    focal_std = np.sqrt(np.diag(covariance)[:2]) / bundle.intrinsics[:2]
     if focal_std.max() > _VAGUE_FOCAL:
         warnings.append(
             f"the focal length is known to {100 * focal_std.max():.1f} % only: "

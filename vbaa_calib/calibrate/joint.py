@@ -24,6 +24,8 @@ POSE, ANTENNA = slice(0, 6), slice(6, 14)
 GAIN, OFFSET = 14, 15
 STEPS = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [1e-3] * 2)
 """Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
+RUN = 10
+"""Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
 ROBUST = 2.5
 """Whitened residuals beyond this many standard deviations count linearly, not squared."""
 
@@ -60,7 +62,7 @@ class JointSolution:
     ----------
     parameters : (16,) `RIG_PARAMETERS`; the pose's six are steps from the prior pose.
     covariance : (16, 16), the pose's part about the solved pose.
-    noise_scale : spread of the centreline points about the model over what their own deviations predict.
+    noise_scale : spread of the centreline points about the model over what their own deviations predict (`noise_scale`).
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,).
     """
@@ -156,8 +158,7 @@ def solve_joint(
     problem = _Problem(observations, camera, prior, length_m, sensor, 1.0)
     start = np.concatenate([np.zeros(6), prior.mean])
     first = _solve(problem, start)
-    scatter = np.concatenate([block[:, 0] for block in problem.evaluate(first.x)[0]])
-    problem = replace(problem, noise_scale=float(1.4826 * np.median(np.abs(scatter - np.median(scatter)))))
+    problem = replace(problem, noise_scale=noise_scale([block[:, 0] for block in problem.evaluate(first.x)[0]]))
     solution = _solve(problem, first.x)
     distances, moments = problem.evaluate(solution.x)
     gain, offset = solution.x[GAIN], solution.x[OFFSET]
@@ -169,6 +170,16 @@ def solve_joint(
         point_rms=np.array([np.sqrt((block[:, 0] ** 2).mean()) / problem.noise_scale for block in distances]),
         moment_residuals_Nm=np.array([obs.still.moment_Nm for obs in observations]) - gain * moments[:, 0] - offset,
     )
+
+
+def noise_scale(residuals: Sequence[np.ndarray]) -> float:
+    """Factor between the deviations that the points claim and those that count when many are averaged.
+
+    Measured on means of runs of neighbours, which also sees errors that neighbours share.
+    """
+    runs = [r[: len(r) // RUN * RUN].reshape(-1, RUN).mean(axis=1) for r in residuals]
+    spread = 1.4826 * np.sqrt(RUN) * float(np.median(np.abs(np.concatenate(runs))))
+    return float(max(spread, 1.4826 * np.median(np.abs(np.concatenate(residuals))), 0.2))
 
 
 def _solve(problem: _Problem, start: np.ndarray):

@@ -41,7 +41,7 @@ def namespace(values: Array) -> ModuleType:
     return torch if isinstance(values, torch.Tensor) else np
 
 
-def working(values: ArrayT, last: int, name: str) -> Working:
+def working(values: Array, last: int, name: str) -> Working:
     """Check an input at the edge. It must be float32 or float64 of shape (..., last), else InputError names it."""
     xp = namespace(values)
     if xp is np:
@@ -66,6 +66,18 @@ def widest_float(device: torch.device) -> torch.dtype:
 def as_index(values: Array) -> Array:
     """Floats rounded down (they are not negative) to integers that may index."""
     return values.long() if isinstance(values, torch.Tensor) else values.astype(np.intp)
+
+
+def as_tensor(values: Array) -> torch.Tensor:
+    """A tensor as it is, an array as a copy: NumPy's may be read-only or run backwards, torch's may not."""
+    return values if isinstance(values, torch.Tensor) else torch.tensor(np.ascontiguousarray(values))
+
+
+def like(reference: Array, values: Array) -> Array:
+    """Values of either kind in the kind, dtype and device of the reference."""
+    if isinstance(reference, torch.Tensor):
+        return torch.as_tensor(values, dtype=reference.dtype, device=reference.device)
+    return np.asarray(values, dtype=reference.dtype)
 
 
 def masked(values: Array, valid: Array) -> Array:

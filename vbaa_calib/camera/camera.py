@@ -140,7 +140,10 @@ class Camera:
         return self._answer(pixel_to_normalized, pixels, 2, "pixels")
 
     def jacobian(self, pixels: ArrayT) -> ArrayT:
-        """d(X/Z, Y/Z)/d(u, v), (..., 2, 2), at pixels (..., 2): carries pixel noise to normalized coordinates. NaN where not valid."""
+        """d(X/Z, Y/Z)/d(u, v), (..., 2, 2), at pixels (..., 2); NaN where not valid.
+
+        It carries pixel noise to normalized coordinates.
+        """
         work = working(pixels, 2, "pixels")
         moved = self._derivatives(work.values)
         Z = moved.rays[..., 2]

@@ -76,11 +76,11 @@ class _Invert(torch.autograd.Function):
 def _solve_tensors(model: LensModel, x: torch.Tensor, y: torch.Tensor, c: torch.Tensor) -> Solution:
     shape = torch.broadcast_shapes(x.shape, y.shape, c.shape[:-1])
     x, y = x.expand(shape), y.expand(shape)
-    parts = tuple(torch.zeros(shape, dtype=kind, device=x.device) for kind in (x.dtype, x.dtype, torch.bool))
+    ideal_x, ideal_y = x.new_zeros(shape), x.new_zeros(shape)
+    valid = x.new_zeros(shape, dtype=torch.bool)
     for where, lens in each_lens(model, c, shape):
-        for part, solved in zip(parts, _solve_one_lens(lens, x[where], y[where]), strict=True):
-            part[where] = solved
-    return parts
+        ideal_x[where], ideal_y[where], valid[where] = _solve_one_lens(lens, x[where], y[where])
+    return ideal_x, ideal_y, valid
 
 
 def _solve_one_lens(lens: Lens, x: torch.Tensor, y: torch.Tensor) -> Solution:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import Plane
-from .arrays import Array, ArrayT, masked, namespace
+from .arrays import Array, ArrayT, like, masked, namespace
 
 GRAZING_RAD = 1e-3
 """Rays that meet a plane at a smaller angle are not intersected: an error of 0.001 rad would move them without end."""
@@ -54,8 +54,7 @@ def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[
 
     origins (..., 3) m and unit directions (..., 3) broadcast. Invalid rays (NaN) stay invalid.
     """
-    normal = _as(directions, plane.normal)
-    return _finished(origins, directions, normal, plane.offset_m)
+    return _finished(origins, directions, like(directions, plane.normal), plane.offset_m)
 
 
 def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT) -> tuple[ArrayT, ArrayT]:
@@ -64,7 +63,7 @@ def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT)
     Differentiable in the roll. Not valid where the camera's centre lies in 𝒟: then the picture says nothing of depth.
     """
     xp = namespace(directions)
-    roll_rad = _as(directions, roll_rad)
+    roll_rad = like(directions, roll_rad)
     normals = xp.stack([0.0 * roll_rad, -xp.sin(roll_rad), xp.cos(roll_rad)], -1)
     return _finished(origins, directions, normals, 0.0)
 
@@ -80,13 +79,6 @@ def in_plane_axes(plane: Plane) -> np.ndarray:
     first = seed - normal * (normal @ seed)
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(normal, first)])
-
-
-def _as(like: Array, values: Array) -> Array:
-    xp = namespace(like)
-    if xp is np:
-        return np.asarray(values, dtype=like.dtype)
-    return xp.as_tensor(values, dtype=like.dtype, device=like.device)
 
 
 def _finished(origins: Array, directions: Array, normals: Array, offset_m: float) -> tuple[Array, Array]:

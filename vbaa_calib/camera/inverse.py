@@ -31,12 +31,9 @@ def solve(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:
     shape = tuple(x.shape)
     x, y = x.reshape(-1), y.reshape(-1)
     with np.errstate(all="ignore"):
-        if xp is np and x.size > _CHUNK:
-            solution = _in_pieces(lens, x, y)
-        else:
-            solution = _solve_flat(xp, lens, x, y)
-    ideal_x, ideal_y, valid = (part.reshape(shape) for part in solution)
-    return ideal_x, ideal_y, valid
+        in_pieces = xp is np and x.size > _CHUNK
+        ideal_x, ideal_y, valid = _in_pieces(lens, x, y) if in_pieces else _solve_flat(xp, lens, x, y)
+    return ideal_x.reshape(shape), ideal_y.reshape(shape), valid.reshape(shape)
 
 
 def _bounded(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:

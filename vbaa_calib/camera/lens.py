@@ -13,7 +13,6 @@ import numpy as np
 import torch
 
 from .arrays import Array
-
 from .models import MODELS, LensModel
 from .models.model import Coefficients, Path
 from .radial import RadialTable, radial_table
@@ -76,7 +75,7 @@ def prepare(name: str, coefficients: tuple[float, ...]) -> Lens:
         return Lens(model, coefficients, path, table, sectors(model, coefficients, table.ideal_limit))
 
 
-def lens_of(model: LensModel, c: Coefficients) -> Lens:
+def lens_of(model: LensModel, c: Coefficients | torch.Tensor) -> Lens:
     """The one lens of these coefficients, (k,) numbers or a tensor."""
     return prepare(model.name, tuple(c.tolist() if isinstance(c, torch.Tensor) else c))
 
@@ -90,6 +89,5 @@ def each_lens(model: LensModel, c: torch.Tensor, shape: tuple[int, ...]) -> Iter
     lenses = c.detach().reshape((*sizes, c.shape[-1]))
     for place in product(*map(range, sizes)):
         # a dimension that the lenses do not have belongs to one lens as a whole
-        yield tuple(slice(None) if size == 1 else i for i, size in zip(place, sizes, strict=True)), lens_of(
-            model, lenses[place]
-        )
+        where = tuple(slice(None) if size == 1 else i for i, size in zip(place, sizes, strict=True))
+        yield where, lens_of(model, lenses[place])

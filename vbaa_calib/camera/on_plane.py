@@ -9,11 +9,11 @@ import torch
 
 from ..errors import InputError
 from ..geometry import PLANE_C, Plane, Pose
-from .arrays import ArrayT, masked, widest_float, working
+from .arrays import ArrayT, as_tensor, like, masked, working
 from .camera import Camera
 from .intersection import Crossing, cross, in_plane_axes
 from .models import MODELS
-from .projection import Intrinsics, RayDerivatives, pixel_to_ray, ray_derivatives
+from .projection import Intrinsics, pixel_to_ray, ray_derivatives
 
 POSE_NAMES = ("rotation_x", "rotation_y", "rotation_z", "translation_x", "translation_y", "translation_z")
 """Small motion of the camera, as `Pose.retract` takes it: rotation vector in rad, translation in m, antenna frame."""
@@ -48,7 +48,7 @@ class CameraOnPlane(torch.nn.Module):
         length = np.linalg.norm(plane.normal)
         if not np.isfinite(plane.offset_m) or not abs(length - 1.0) < 1e-6:
             raise InputError(f"the plane's normal has the length {length:g}", remedy="give a finite plane, normal of 1")
-        buffers = {
+        buffers: dict[str, np.ndarray | float] = {
             "matrix": camera.matrix,
             "distortion": camera.distortion,
             "rotation": T_antenna_camera.rotation,
@@ -84,22 +84,20 @@ class CameraOnPlane(torch.nn.Module):
 
     def pixel_jacobian(self, pixels: ArrayT) -> ArrayT:
         """d(coordinates on the plane)/d(u, v), (..., 2, 2) m/px. NaN where not valid."""
-        return self._jacobian(pixels, lambda moved, on_plane, crossing: on_plane @ (self._turned(moved.by_pixel)))
+        return self._jacobian(pixels, by_parameter=False)
 
     def calibration_jacobian(self, pixels: ArrayT) -> ArrayT:
-        """d(coordinates on the plane)/d(parameters), (..., 2, P), in the order of `parameter_names`; NaN where not valid.
+        """d(coordinates on the plane)/d(parameters), (..., 2, P), in `parameter_names` order. NaN where not valid.
 
         With the joint covariance Σ of the parameters, J Σ Jᵀ is the covariance of all points with one another.
         """
-        return self._jacobian(pixels, self._by_calibration)
+        return self._jacobian(pixels, by_parameter=True)
 
     def covariance(self, pixels: ArrayT, sigma_px: float | ArrayT) -> ArrayT:
         """Covariance (..., 2, 2) m² on the plane from independent pixel noise of sigma_px, a number or (...)."""
         jacobian = self.pixel_jacobian(pixels)
-        variance = torch.as_tensor(sigma_px) ** 2
-        if isinstance(jacobian, np.ndarray):
-            return jacobian @ np.swapaxes(jacobian, -1, -2) * variance.numpy()[..., None, None].astype(jacobian.dtype)
-        return jacobian @ jacobian.mT * variance.to(jacobian)[..., None, None]
+        sigma = like(jacobian, sigma_px)[..., None, None]
+        return (jacobian * sigma) @ (jacobian * sigma).swapaxes(-1, -2)
 
     def calibration_covariance(self, pixels: ArrayT, parameter_covariance: np.ndarray) -> ArrayT:
         """Covariance (N, 2, N, 2) m² of N points with one another, from the parameters' (P, P)."""
@@ -112,48 +110,47 @@ class CameraOnPlane(torch.nn.Module):
             )
         flat = jacobian.reshape(-1, count)
         shape = (len(jacobian), 2, len(jacobian), 2)
-        if isinstance(flat, np.ndarray):
-            return (flat @ np.asarray(parameter_covariance, flat.dtype) @ flat.T).reshape(shape)
-        return (flat @ torch.as_tensor(parameter_covariance).to(flat) @ flat.T).reshape(shape)
+        return (flat @ like(flat, parameter_covariance) @ flat.T).reshape(shape)
 
-    def _intrinsics(self, device: torch.device) -> Intrinsics:
-        matrix, distortion = (value.to(widest_float(device)) for value in (self.matrix, self.distortion))
-        return Intrinsics(
-            MODELS[self.camera.model], matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], distortion
-        )
-
-    def _turned(self, vectors: torch.Tensor) -> torch.Tensor:
-        """Columns (..., 3, n) of the camera frame in the antenna frame."""
-        return self.rotation.to(vectors) @ vectors
-
-    def _crossing(self, rays: torch.Tensor) -> Crossing:
+    def _crossing(self, rays: torch.Tensor) -> tuple[torch.Tensor, Crossing]:
         directions = rays @ self.rotation.to(rays).T
-        return cross(self.translation_m.to(rays), directions, self.normal.to(rays), self.offset_m.to(rays))
+        return directions, cross(self.translation_m.to(rays), directions, self.normal.to(rays), self.offset_m.to(rays))
 
     def _answer(self, pixels: ArrayT, wanted: Callable[[Crossing], torch.Tensor]) -> tuple[ArrayT, ArrayT]:
         work = working(pixels, 2, "pixels")
-        values = torch.as_tensor(work.values)
-        rays, seen = pixel_to_ray(self._intrinsics(values.device), values)
-        crossing = self._crossing(rays)
+        values = as_tensor(work.values)
+        K, c = (value.to(values) for value in (self.matrix, self.distortion))
+        intrinsics = Intrinsics(MODELS[self.camera.model], K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
+        rays, seen = pixel_to_ray(intrinsics, values)
+        _, crossing = self._crossing(rays)
         valid = seen & crossing.valid
         result = masked(wanted(crossing), valid)
         if isinstance(pixels, torch.Tensor):
             return work.restore(result), valid
         return work.restore(result.detach().numpy()), valid.numpy()
 
-    def _jacobian(
-        self, pixels: ArrayT, wanted: Callable[[RayDerivatives, torch.Tensor, Crossing], torch.Tensor]
-    ) -> ArrayT:
+    def _jacobian(self, pixels: ArrayT, by_parameter: bool) -> ArrayT:
         work = working(pixels, 2, "pixels")
-        values = torch.as_tensor(work.values)
         with torch.no_grad():
-            moved = ray_derivatives(self.camera.intrinsics, values)
-            crossing = self._crossing(moved.rays)
-            directions = moved.rays @ self.rotation.to(values).T
-            # a direction that turns by dm, or an origin that moves by it, moves the point by (1 − m nᵀ/(n·m)) dm
-            slide = torch.eye(3).to(values) - (
-                directions[..., :, None] * self.normal.to(values) / crossing.slant[..., None, None]
-            )
-            on_plane = self.axes.to(values) @ slide
-            jacobian = masked(wanted(moved, on_plane, crossing), moved.valid & crossing.valid)
+            jacobian = self._sliding(as_tensor(work.values), by_parameter)
         return work.restore(jacobian if isinstance(pixels, torch.Tensor) else jacobian.numpy())
+
+    def _sliding(self, pixels: torch.Tensor, by_parameter: bool) -> torch.Tensor:
+        """How a point slides on the plane while its ray turns and its origin moves."""
+        K = self.matrix
+        numbers = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+        moved = ray_derivatives(
+            Intrinsics(MODELS[self.camera.model], *numbers, tuple(self.distortion.tolist())), pixels
+        )
+        directions, crossing = self._crossing(moved.rays)
+        # the origin moved by a step moves the point by (1 − m nᵀ/(n·m)) times it; the direction moved, by t times that
+        identity, normal = torch.eye(3).to(pixels), self.normal.to(pixels)
+        slide = identity - directions[..., :, None] * normal / crossing.slant[..., None, None]
+        by_origin = self.axes.to(pixels) @ slide
+        by_direction = by_origin * crossing.range_m[..., None, None]
+        turned = by_direction @ self.rotation.to(pixels)
+        if not by_parameter:
+            return masked(turned @ moved.by_pixel, moved.valid & crossing.valid)
+        by_rotation = torch.linalg.cross(directions[..., None, :], by_direction, dim=-1)
+        whole = torch.cat([turned @ moved.by_parameter, by_rotation, by_origin], -1)
+        return masked(whole, moved.valid & crossing.valid)

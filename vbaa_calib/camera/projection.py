@@ -139,7 +139,8 @@ def _chart_derivatives(
     xp: ModuleType, intrinsics: Intrinsics, pixels: Array
 ) -> tuple[Array, Array | None, Array, Array, Array, Array]:
     model, c = intrinsics.model, intrinsics.separate
-    sensor_x, sensor_y = (pixels[..., 0] - intrinsics.cx) / intrinsics.fx, (pixels[..., 1] - intrinsics.cy) / intrinsics.fy
+    sensor_x = (pixels[..., 0] - intrinsics.cx) / intrinsics.fx
+    sensor_y = (pixels[..., 1] - intrinsics.cy) / intrinsics.fy
     angles = model.tilt(c)
     x, y = sensor_x, sensor_y
     if angles is not None:

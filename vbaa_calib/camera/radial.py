@@ -17,7 +17,8 @@ FARTHEST = 1e3
 
 _NODES = 2048
 _FAST_STEPS = 2
-_SAFE_STEPS = 200
+_SAFE_STEPS = 60
+_TABLE_STEPS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +39,14 @@ class RadialTable:
     nodes_per_unit: float
 
     def bracket(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array, Array]:
-        """Table's radius for distorted radii in [0, distorted_limit], and the two nodes around it."""
+        """Table's radius for distorted radii in [0, distorted_limit], and a bracket around the true one."""
         nodes, steps = self.nodes, self.steps
         if xp is not np:
             nodes, steps = (xp.as_tensor(a, dtype=distorted.dtype, device=distorted.device) for a in (nodes, steps))
         place = self.nodes_per_unit * (distorted / (1.0 + distorted))
         index = as_index(place)
         low, step = nodes[index], steps[index]
-        return low + (place - index) * step, low, low + step
+        return low + (place - index) * step, low - step, low + 2.0 * step
 
 
 def tolerance(xp: ModuleType, distorted: Array) -> Array:
@@ -85,10 +86,18 @@ def _check(
     return solved & (radius >= 0) & (radius <= table.ideal_limit), gain
 
 
-def bracketed(xp: ModuleType, model: LensModel, c: Sequence[float], distorted: Array, low: Array, high: Array) -> Array:
+def bracketed(
+    xp: ModuleType,
+    model: LensModel,
+    c: Sequence[float],
+    distorted: Array,
+    low: Array,
+    high: Array,
+    steps: int = _SAFE_STEPS,
+) -> Array:
     """Radius for each distorted radius by Newton kept inside [low, high], halving where it would leave."""
     radius, close = 0.5 * (low + high), 0.1 * tolerance(xp, distorted)
-    for _ in range(_SAFE_STEPS):
+    for _ in range(steps):
         s = radius * radius
         gain, d_gain = model.radial(s, c)
         residual = radius * gain - distorted
@@ -118,7 +127,7 @@ def radial_table(model: LensModel, c: Sequence[float]) -> RadialTable:
     even = np.linspace(0.0, distorted[-1] / (1.0 + distorted[-1]), _NODES)
     targets = np.append(even[:-1] / (1.0 - even[:-1]), distorted[-1])
     upper = np.clip(np.searchsorted(distorted, targets), 1, count - 1)
-    nodes = bracketed(np, model, c, targets, radius[upper - 1], radius[upper])
+    nodes = bracketed(np, model, c, targets, radius[upper - 1], radius[upper], _TABLE_STEPS)
     nodes = np.maximum.accumulate(nodes)
     return RadialTable(
         ideal_limit=float(radius[-1]),

@@ -1,22 +1,31 @@
-"""Measure the antenna to a fraction of a pixel: a line profile fitted across it at every step along a guide."""
+"""Measure the antenna to a fraction of a pixel: a line profile fitted to the raw pixels of every column that it crosses.
+
+Where the antenna runs more upward than sideways, of every row. Raw pixels, because interpolated ones share their noise,
+and shift a thin line with its phase on the pixel grid.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
 from .corridor import normals, resample
 
-STEP_PX = 2.0
-"""Spacing of the measured points: far enough apart that neighbours share little noise."""
 SEEN_RATIO = 6.0
 """Least amplitude over its standard deviation for a profile to count as seen."""
 LEAST_SEEN = 0.2
 """Least fraction of the guide that must be seen for there to be an antenna at all."""
+QUIET = 0.4
+"""Quantile of the profiles' residuals that is taken for the picture's noise: more than half may lie beside an object."""
+DISTURBED = 1.8
+"""Profiles that leave this many times the noise show something beside the antenna, which draws the line aside."""
+LEAST_CLEAN = 0.3
+"""With less than this fraction undisturbed, disturbed profiles are kept too, with the deviations that they deserve."""
+MARGIN_PX = 2
+"""Columns dropped on either side of a gap: part of their profile shows what hides the antenna."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,58 +51,103 @@ class Centreline:
         return self.seen >= LEAST_SEEN and len(self.points_px) >= 12
 
 
-def _sample(image: np.ndarray, points: np.ndarray, normal: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """(N, T) grey levels across the guide, averaged over one step along it; NaN outside the picture."""
-    tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-    total = 0.0
-    for along in (-0.5, 0.5):
-        where = points[:, None] + across[None, :, None] * normal[:, None] + along * tangent[:, None]
-        grid = where.astype(np.float32)
-        values = cv2.remap(image, grid[..., 0], grid[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        height, width = image.shape
-        inside = (where >= 1).all(-1) & (where[..., 0] < width - 2) & (where[..., 1] < height - 2)
-        total = total + 0.5 * np.where(inside, values, np.nan)
-    return np.asarray(total)
+@dataclass(frozen=True, eq=False)
+class _Crossings:
+    """Where a guide crosses the middles of columns (or rows): the raw profiles there.
 
-
-def _fit(profiles: np.ndarray, across: np.ndarray, scale: float, centre: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Gauss–Newton for a Gaussian line on a sloping background, all profiles at once.
-
-    Returns centre (N,), amplitude (N,), residuals (N, T) and the (N,) unit-noise standard deviations of both.
+    Attributes
+    ----------
+    points : (N, 2) px.
+    axis : (N,) index of the coordinate along the profile: 1 (v) where the guide runs sideways, 0 (u) where upward.
+    stretch : (N,) length along the profile per length across the antenna, at most √2.
+    across : (N, T) distance along the profile from the guide, px.
+    profiles : (N, T) grey levels; NaN outside the picture.
     """
-    window = np.exp(-0.5 * (across / (0.5 * across[-1])) ** 4)
-    for _ in range(6):
-        t = (across[None] - centre[:, None]) / scale
-        line = np.exp(-0.5 * t**2)
-        basis = np.stack([np.ones_like(line), np.broadcast_to(across, line.shape), line, line * t / scale], axis=-1)
-        weighted = basis * window[None, :, None]
-        normal_matrix = np.swapaxes(weighted, 1, 2) @ basis + 1e-9 * np.eye(4)
-        coefficients = np.linalg.solve(normal_matrix, np.swapaxes(weighted, 1, 2) @ profiles[..., None])[..., 0]
-        amplitude = coefficients[:, 2]
-        safe = np.where(np.abs(amplitude) > 1e-6, amplitude, 1e-6)
-        centre = np.clip(centre + np.clip(coefficients[:, 3] / safe, -1.0, 1.0), across[0], across[-1])
-    residuals = profiles - (basis @ coefficients[..., None])[..., 0]
-    inverse = np.linalg.inv(normal_matrix)
-    spread = inverse @ (np.swapaxes(weighted, 1, 2) @ weighted) @ inverse
-    unit = np.sqrt(np.clip(np.diagonal(spread, axis1=1, axis2=2), 0.0, None))
-    return centre, amplitude, residuals * window, unit[:, 3] / np.abs(safe), unit[:, 2]
+
+    points: np.ndarray
+    axis: np.ndarray
+    stretch: np.ndarray
+    across: np.ndarray
+    profiles: np.ndarray
 
 
-def _line_scale(profiles: np.ndarray, across: np.ndarray, guess: float, centre: np.ndarray) -> float:
-    """The Gaussian width that fits this picture's profiles best."""
-    sample = slice(None, None, max(1, len(profiles) // 60))
-
-    def misfit(scale: float) -> float:
-        residuals = _fit(profiles[sample], across, scale, centre[sample])[2]
-        return float(np.median((residuals**2).sum(axis=1)))
-
-    return float(
-        minimize_scalar(misfit, bounds=(0.6 * guess, 2.5 * guess), method="bounded", options={"xatol": 0.02}).x
+def _crossings(image: np.ndarray, guide: np.ndarray, half: int) -> _Crossings:
+    normal = normals(guide)
+    axis = (np.abs(normal[:, 1]) >= np.abs(normal[:, 0])).astype(int)
+    found = []
+    for along in (0, 1):
+        a, b = guide[:-1, along], guide[1:, along]
+        column = np.ceil(np.minimum(a, b))
+        hit = (axis[:-1] == 1 - along) & (column < np.maximum(a, b))
+        part = ((column - a) / np.where(a == b, 1.0, b - a))[:, None]
+        points = guide[:-1] + part * np.diff(guide, axis=0)
+        found.append((np.flatnonzero(hit), points[hit], np.full(hit.sum(), 1 - along)))
+    index, points, axis = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    order = np.argsort(index, kind="stable")
+    index, points, axis = index[order], points[order], axis[order]
+    rows = np.arange(len(points))
+    middle = np.round(points[rows, axis])
+    offsets = np.arange(-half, half + 1)
+    where = np.repeat(np.round(points).astype(int)[:, None], len(offsets), axis=1)
+    where[rows, :, axis] = (middle[:, None] + offsets).astype(int)
+    height, width = image.shape
+    inside = (where >= 0).all(axis=-1) & (where[..., 0] < width) & (where[..., 1] < height)
+    grey = image[np.clip(where[..., 1], 0, height - 1), np.clip(where[..., 0], 0, width - 1)]
+    return _Crossings(
+        points=points,
+        axis=axis,
+        stretch=1.0 / np.abs(normal[index][rows, axis]),
+        across=middle[:, None] + offsets - points[rows, axis][:, None],
+        profiles=np.where(inside, grey, np.nan).astype(float),
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Lines fitted to N profiles: centre and amplitude, each with its deviation at unit noise, and residuals (N, T)."""
+
+    centre: np.ndarray
+    amplitude: np.ndarray
+    unit_centre: np.ndarray
+    unit_amplitude: np.ndarray
+    residuals: np.ndarray
+
+
+def _fit(profiles: np.ndarray, across: np.ndarray, scale: np.ndarray, centre: np.ndarray, steps: int = 5) -> _Lines:
+    """Gauss–Newton for a Gaussian line of known width (N,) on a sloping background, all profiles (N, T) at once."""
+    reach = np.abs(across).max()
+    for _ in range(steps):
+        t = (across - centre[:, None]) / scale[:, None]
+        line = np.exp(-0.5 * t**2)
+        basis = np.stack([np.ones_like(line), across / reach, line, line * t / scale[:, None]], axis=-1)
+        normal_matrix = np.swapaxes(basis, 1, 2) @ basis + 1e-9 * np.eye(4)
+        inverse = np.linalg.inv(normal_matrix)
+        coefficients = inverse @ (np.swapaxes(basis, 1, 2) @ profiles[..., None])
+        amplitude = coefficients[:, 2, 0]
+        safe = np.where(np.abs(amplitude) > 1e-6, amplitude, 1e-6)
+        centre = np.clip(centre + np.clip(coefficients[:, 3, 0] / safe, -1.0, 1.0), -reach, reach)
+    unit = np.sqrt(np.clip(np.diagonal(inverse, axis1=1, axis2=2), 0.0, None))
+    residuals = profiles - (basis @ coefficients)[..., 0]
+    return _Lines(centre, amplitude, unit[:, 3] / np.abs(safe), unit[:, 2], residuals)
+
+
+def _line_scale(found: _Crossings, guess: float, centre: np.ndarray) -> float:
+    """The Gaussian width across the antenna that fits this picture's profiles best."""
+    few = slice(None, None, max(1, len(found.points) // 80))
+
+    def misfit(scale: float) -> float:
+        fitted = _fit(found.profiles[few], found.across[few], scale * found.stretch[few], centre[few], steps=3)
+        return float(np.median((fitted.residuals**2).sum(axis=1)))
+
+    best = minimize_scalar(misfit, bounds=(0.5 * guess, 2.5 * guess), method="bounded", options={"xatol": 0.02})
+    return float(best.x)
+
+
+NOTHING = Centreline(np.empty((0, 2)), np.empty(0), 0.0, 0.0)
+
+
 def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool = True) -> Centreline:
-    """The centreline near a guide.
+    """The centreline near a guide, one point for every column (or row) of pixels that it crosses.
 
     Parameters
     ----------
@@ -104,35 +158,46 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
 
     Notes
     -----
-    A point is kept where the line's amplitude stands out from its noise, agrees with the rest of the antenna, and the
-    profile leaves no large residual; points beside a gap are dropped: half of their profile shows what hides the rest.
+    A point is kept where the line's amplitude stands out from its noise and agrees with the rest of the antenna's, and
+    the profile leaves no more residual than noise does: an object's edge beside the antenna draws the line aside, and
+    alike for many neighbours.
     """
-    points, _ = resample(guide_px, STEP_PX)
-    if len(points) < 4:
-        return Centreline(np.empty((0, 2)), np.empty(0), 0.0, 0.0)
-    points = gaussian_filter1d(points, 2.0, axis=0, mode="nearest")
-    normal = normals(points)
-    guess = float(np.hypot(0.3 * width_px, 0.7))
-    half = max(5.0, 2.2 * width_px + 2.0)
-    across = np.arange(-half, half + 0.5)
-    profiles = _sample(image if bright else -image, points, normal, across)
-    inside = np.isfinite(profiles).all(axis=1)
-    profiles = np.where(np.isfinite(profiles), profiles, 0.0)
-    if not inside.any():
-        return Centreline(np.empty((0, 2)), np.empty(0), 0.0, 0.0)
-
-    near = np.abs(across) <= max(2.5, width_px)
-    start = across[near][profiles[:, near].argmax(axis=1)]
-    scale = _line_scale(profiles[inside], across, guess, start[inside])
-    centre, amplitude, residuals, unit_centre, unit_amplitude = _fit(profiles, across, scale, start)
-    rms = np.sqrt((residuals**2).mean(axis=1))
-    noise = float(np.median(rms[inside])) * np.sqrt(len(across) / max(len(across) - 4, 1)) + 1e-6
-    local = np.maximum(rms, noise)
-    seen = inside & (amplitude > SEEN_RATIO * local * unit_amplitude) & (np.abs(centre) < half - 2.0)
+    guide = resample(guide_px, 0.5)[0] if len(guide_px) > 1 else guide_px
+    if len(guide) < 8:
+        return NOTHING
+    guide = gaussian_filter1d(guide, 8.0, axis=0, mode="nearest")
+    half = int(np.ceil(2.0 * width_px + 4.0))
+    found = _crossings(image if bright else -image, guide, half)
+    inside = np.isfinite(found.profiles).all(axis=1)
+    if inside.sum() < 4:
+        return NOTHING
+    profiles = np.where(inside[:, None], found.profiles, 0.0)
+    near = np.abs(found.across) <= max(2.5, width_px)
+    start = np.take_along_axis(found.across, np.where(near, profiles, -np.inf).argmax(axis=1)[:, None], axis=1)[:, 0]
+    scale = _line_scale(_only(found, inside), float(np.hypot(0.3 * width_px, 0.7)), start[inside])
+    lines = _fit(profiles, found.across, scale * found.stretch, start)
+    rms = np.sqrt((lines.residuals**2).sum(axis=1) / (found.across.shape[1] - 4))
+    noise = float(np.quantile(rms[inside], QUIET)) + 1e-6
+    seen = inside & (np.abs(lines.centre) < half - 2.0)
+    seen &= lines.amplitude > SEEN_RATIO * np.maximum(rms, noise) * lines.unit_amplitude
     if not seen.any():
-        return Centreline(np.empty((0, 2)), np.empty(0), 0.0, 0.0)
-    typical = float(np.median(amplitude[seen]))
-    seen &= (amplitude > 0.3 * typical) & (amplitude < 3.0 * typical) & (rms < 4.0 * noise + 0.1 * typical)
-    seen = binary_erosion(seen, iterations=1, border_value=1)
-    measured = points + centre[:, None] * normal
-    return Centreline(measured[seen], (local * unit_centre)[seen], float(seen.mean()), typical)
+        return NOTHING
+    typical = float(np.median(lines.amplitude[seen]))
+    seen &= (lines.amplitude > 0.3 * typical) & (lines.amplitude < 3.0 * typical)
+    clean = seen & (rms < DISTURBED * noise)
+    seen = clean if clean.mean() >= LEAST_CLEAN else seen & (rms < 4.0 * noise + 0.1 * typical)
+    seen = binary_erosion(seen, iterations=MARGIN_PX, border_value=1)
+    points = found.points.copy()
+    points[np.arange(len(points)), found.axis] += lines.centre
+    sigma = np.where(rms > DISTURBED * noise, rms, noise) * lines.unit_centre / found.stretch
+    return Centreline(points[seen], sigma[seen], float(seen.mean()), typical)
+
+
+def _only(found: _Crossings, chosen: np.ndarray) -> _Crossings:
+    return _Crossings(
+        found.points[chosen],
+        found.axis[chosen],
+        found.stretch[chosen],
+        found.across[chosen],
+        found.profiles[chosen],
+    )

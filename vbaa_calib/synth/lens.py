@@ -45,7 +45,7 @@ def project(lens: Lens, points_camera_m: np.ndarray) -> np.ndarray:
 
 
 def normalise(lens: Lens, pixels: np.ndarray) -> np.ndarray:
-    """(x/z, y/z) of the rays through pixels, (N, 2) to (N, 2). The caller checks that the lens can be inverted there."""
+    """(x/z, y/z) of the rays through pixels, (N, 2) to (N, 2); meaningless where the lens cannot be inverted."""
     points = np.asarray(pixels, float).reshape(-1, 1, 2)
     if lens.model == "fisheye":
         return cv2.fisheye.undistortPoints(points, lens.matrix, lens.distortion, criteria=_PRECISE).reshape(-1, 2)
@@ -76,7 +76,7 @@ class RayMap:
     def block(self, left: int, top: int, right: int, bottom: int, factor: int) -> np.ndarray:
         """(rows·factor, columns·factor, 2) float32 rays of the sub-pixels of the pixels [left, right) × [top, bottom).
 
-        Between pixel centres the map is interpolated linearly: its bend within a pixel is below 1e-4 px.
+        Between pixel centres the map is interpolated linearly: its bend within a pixel is below 1e-3 px.
         """
         around = self.padded[top : bottom + 2, left : right + 2].astype(np.float32)
         size = (around.shape[1] * factor, around.shape[0] * factor)
@@ -94,21 +94,27 @@ class RayMap:
         return (1 - b) * upper + b * lower
 
 
+def invertible(lens: Lens, step_px: int = 8) -> bool:
+    """Whether every pixel has its own ray: looked at every few pixels, and one pixel beyond the picture."""
+    return _inverted(lens, step_px)[1]
+
+
 def ray_map(lens: Lens) -> RayMap:
     """The rays of a lens. Raises InputError when the distortion folds back inside the picture."""
+    rays, sound = _inverted(lens, 1)
+    if not sound:
+        raise InputError("folds back or has a pole inside the picture", where="lens", remedy="distort less")
+    return RayMap(lens, rays)
+
+
+def _inverted(lens: Lens, step_px: int) -> tuple[np.ndarray, bool]:
+    """(rows, columns, 2) rays on a grid from pixel −1 on, and whether they lead back and run the right way round."""
     width, height = lens.image_size
-    u, v = np.meshgrid(np.arange(-1.0, width + 1), np.arange(-1.0, height + 1))
+    u, v = np.meshgrid(np.arange(-1.0, width + step_px, step_px), np.arange(-1.0, height + step_px, step_px))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
     rays = normalise(lens, pixels)
     again = project(lens, np.concatenate([rays, np.ones((len(rays), 1))], axis=1))
-    error = np.abs(again - pixels).max(axis=1)
-    grid = rays.reshape(height + 2, width + 2, 2)
+    grid = rays.reshape(*u.shape, 2)
     along_u, along_v = np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1]
     turns = along_u[..., 0] * along_v[..., 1] - along_u[..., 1] * along_v[..., 0]
-    if not (error < 1e-4).all() or not (turns > 0).all():
-        raise InputError(
-            "the lens folds back or has a pole inside the picture",
-            where="camera.distortion",
-            remedy="use milder distortion or a smaller picture",
-        )
-    return RayMap(lens, grid)
+    return grid, bool((np.abs(again - pixels) < 1e-4).all() and (turns > 0).all())

@@ -38,7 +38,7 @@ def _joints(press: str, pressed_rad: float, other_rad: float) -> Joints:
 
 
 def first_touch(scene: Scene, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float) -> float:
-    """Angle of the pressing joint at which the free antenna first touches, rad. Raises InputError when it never does."""
+    """Angle of the pressing joint at first touch by the free antenna, rad. Raises InputError when there is none."""
 
     def touching(pressed_rad: float) -> bool:
         return _touches(scene, points_antenna_m, _joints(sweep.press, pressed_rad, other_rad))

@@ -5,6 +5,7 @@ Brightness is linear: 0 is black, 1 the whitest that the sensor can hold.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -38,7 +39,7 @@ class Studio:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Something in front of what was drawn before.
+    """Something in front of what was drawn before, pixel by pixel.
 
     Attributes
     ----------
@@ -47,6 +48,24 @@ class Layer:
     """
 
     where: tuple
+    brightness: np.ndarray
+    alpha: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Something in front whose edges are measured: drawn in sub-pixels, so that blur comes before sampling.
+
+    Attributes
+    ----------
+    left, top : its first pixel in the picture.
+    factor : sub-pixels per pixel.
+    brightness, alpha : (rows·factor, columns·factor) float32, as in `Layer`.
+    """
+
+    left: int
+    top: int
+    factor: int
     brightness: np.ndarray
     alpha: np.ndarray
 
@@ -94,8 +113,8 @@ def _soft_shapes(rng: np.random.Generator, softness: float, count: int = 60) -> 
 def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     """(height, width) float32 brightness behind everything, seen by a camera turned like this.
 
-    The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically, straight
-    down in the middle, so that it goes on past the horizon.
+    The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically,
+    straight down in the middle, so that it goes on past the horizon.
     """
     rays = place.rays.centres
     shape = rays.shape[:2]
@@ -104,7 +123,7 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     below = np.linalg.norm(directions, axis=1) - directions[:, 2]
     lay = directions[:, :2] / np.maximum(below, 1e-3)[:, None]
     texel = ((lay / _BENCH_REACH + 1.0) * (_BENCH_TEXELS / 2)).astype(np.float32).reshape(*shape, 2)
-    return cv2.remap(place.bench, texel, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
 
 
 def over(canvas: np.ndarray, layer: Layer) -> np.ndarray:
@@ -114,10 +133,39 @@ def over(canvas: np.ndarray, layer: Layer) -> np.ndarray:
     return result
 
 
-def expose(place: Studio, brightness: np.ndarray) -> np.ndarray:
-    """(height, width) grey levels, float, before noise and quantisation: light and blur."""
-    grey = (255.0 * brightness * place.light).astype(np.float32)
-    return cv2.GaussianBlur(grey, (0, 0), place.spec.blur_px) if place.spec.blur_px > 0 else grey
+def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]:
+    """(left, top, right, bottom) of the pixels around points (n, 2), with room for the blur.
+
+    The whole picture when a point has no pixel.
+    """
+    size = np.array(place.rays.lens.image_size)
+    if not np.isfinite(pixels).all():
+        return 0, 0, int(size[0]), int(size[1])
+    room = 3 + int(np.ceil(4 * place.spec.blur_px))
+    left, top = np.clip(np.floor(pixels.min(axis=0)) - room, 0, size).astype(int)
+    right, bottom = np.clip(np.ceil(pixels.max(axis=0)) + room + 1, 0, size).astype(int)
+    return int(left), int(top), int(right), int(bottom)
+
+
+def expose(place: Studio, canvas: np.ndarray, patches: Sequence[Patch] = ()) -> np.ndarray:
+    """(height, width) grey levels, float, before noise and quantisation: the patches in front, blur, light.
+
+    The patches must not overlap one another.
+    """
+    picture = _blur(canvas, place.spec.blur_px)
+    for patch in patches:
+        rows, columns = (length // patch.factor for length in patch.alpha.shape)
+        where = slice(patch.top, patch.top + rows), slice(patch.left, patch.left + columns)
+        behind = cv2.resize(canvas[where], patch.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        # blur is linear: what the patch adds to what it hides can be blurred by itself, as finely as it was drawn
+        change = _blur(patch.brightness - patch.alpha * behind, place.spec.blur_px * patch.factor)
+        picture[where] += cv2.resize(change, (columns, rows), interpolation=cv2.INTER_AREA)
+    return 255.0 * picture * place.light
+
+
+def _blur(brightness: np.ndarray, sigma_px: float) -> np.ndarray:
+    """A blurred copy."""
+    return cv2.GaussianBlur(brightness, (0, 0), sigma_px) if sigma_px > 0 else brightness.copy()
 
 
 def digitise(spec: PictureSpec, grey: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -15,6 +15,7 @@ from .board_poses import board_poses
 from .paths import sweep_joints
 from .scene import Joints, KnownLoad, Scene, true_rod
 from .touch import Touch, touch
+from .truth import frame_truth, rig_truth
 
 STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4}
 """One independent stream of random numbers for each purpose, so that more of one does not change another."""
@@ -26,22 +27,29 @@ def stream(scene: Scene, purpose: str, index: int = 0) -> np.random.Generator:
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
-    """One picture: of the board, or of the antenna with or without the object.
+class BoardShot:
+    """One picture of the board. `path` is relative to the session; the pose is that of the printed face."""
+
+    path: str
+    joints: Joints
+    T_camera_board: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class AntennaShot:
+    """One picture of the antenna.
 
     Attributes
     ----------
     path : its file, relative to the session.
-    T_camera_board : pose of the printed face, or None.
-    arclength_m, points_m : (N,) and (N, 3) the antenna, antenna frame, or None.
+    arclength_m, points_m : (N,) and (N, 3) the antenna's centreline, antenna frame.
     indentation_m : how far the object gives way to the antenna; None when the object is not there.
     """
 
     path: str
     joints: Joints
-    T_camera_board: Pose | None = None
-    arclength_m: np.ndarray | None = None
-    points_m: np.ndarray | None = None
+    arclength_m: np.ndarray
+    points_m: np.ndarray
     indentation_m: float | None = None
 
 
@@ -49,13 +57,13 @@ class Shot:
 class Plan:
     """A whole session: pictures to take, tables to write (path → rows), truth to keep."""
 
-    shots: Sequence[Shot]
+    shots: Sequence[BoardShot | AntennaShot]
     tables: Mapping[str, Sequence[Mapping[str, Any]]]
     truth: Mapping[str, Any] = field(default_factory=dict)
 
 
 def plan(scene: Scene) -> Plan:
-    """Work out a scene. Raises InputError when its path and its object do not fit, SolveError when a load is too much."""
+    """Work out a scene. Raises InputError when path and object do not fit, SolveError when a load is too much."""
     rod = true_rod(scene)
     noise = stream(scene, "moments")
     boards = _boards(scene)
@@ -68,17 +76,17 @@ def plan(scene: Scene) -> Plan:
         "recording/recording.csv": frame_rows,
     }
     held = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
-    views = [shot.T_camera_board.to_dict() for shot in boards if shot.T_camera_board and "intrinsics" in shot.path]
-    truth = _rig_truth(scene, rod) | {"T_camera_board": views} | held
+    views = [shot.T_camera_board.to_dict() for shot in boards if shot.path.startswith("intrinsics/")]
+    truth = rig_truth(scene, rod) | {"T_camera_board": views} | held
     return Plan([*boards, *noload, *loads, *frames], tables, truth)
 
 
-def _boards(scene: Scene) -> list[Shot]:
+def _boards(scene: Scene) -> list[BoardShot]:
     home = Joints(0.0, 0.0)
     poses = board_poses(scene.lens, scene.board, scene.intrinsics, stream(scene, "boards"))
-    hand_held = [Shot(f"intrinsics/board_{i:03d}.png", home, pose) for i, pose in enumerate(poses)]
+    hand_held = [BoardShot(f"intrinsics/board_{i:03d}.png", home, pose) for i, pose in enumerate(poses)]
     in_jig = scene.T_antenna_camera.inverse() @ scene.T_antenna_face
-    return hand_held + [Shot(f"plane/jig_{i:03d}.png", home, in_jig) for i in range(scene.jig_pictures)]
+    return hand_held + [BoardShot(f"plane/jig_{i:03d}.png", home, in_jig) for i in range(scene.jig_pictures)]
 
 
 def _gravity(scene: Scene, joints: Sequence[Joints]) -> np.ndarray:
@@ -101,7 +109,7 @@ def _row(image: str, joints: Joints, reading_Nm: float) -> dict[str, Any]:
 
 def _held(
     scene: Scene, rod: Rod, cases: Sequence[tuple[Joints, KnownLoad | None]], folder: str, noise: np.random.Generator
-) -> tuple[list[Shot], list[dict[str, Any]], list[dict[str, Any]]]:
+) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
     """Pictures, rows and truth of the antenna held still, free or under a known load."""
     joints = [case[0] for case in cases]
     contact = np.array([load.distance_m if load else rod.length_m for _, load in cases])
@@ -111,112 +119,58 @@ def _held(
     shots, rows, truth = [], [], []
     for i, reading in enumerate(_readings(scene, moments, noise)):
         image = f"{folder}_{i:03d}.png"
-        shots.append(
-            Shot(f"{folder}/{image}", joints[i], arclength_m=shape.arclength_m[i], points_m=shape.points_m[i])
-        )
+        shots.append(AntennaShot(f"{folder}/{image}", joints[i], shape.arclength_m[i], shape.points_m[i]))
         load = cases[i][1]
         known = (
             {"distance_m": load.distance_m, "force_y_N": load.force_y_N, "force_z_N": load.force_z_N} if load else {}
         )
         rows.append(_row(image, joints[i], float(reading)) | known)
-        truth.append({"image": image, "moment_true_Nm": float(moments[i]), "tip_antenna_m": shape.points_m[i, -1].tolist()})
+        truth.append(
+            {"image": image, "moment_true_Nm": float(moments[i]), "tip_antenna_m": shape.points_m[i, -1].tolist()}
+        )
     return shots, rows, truth
+
+
+def _pressed(scene: Scene, rod: Rod, number: int) -> tuple[list[Joints], Touch]:
+    """One stroke's joint angles and contacts. Raises InputError when the antenna slips off or never touches."""
+    sweep = scene.recording.sweeps[number]
+    joints = sweep_joints(scene, rod, sweep)
+    remedy = "push less, sweep less or move the object"
+    where = f"scene {scene.name}: recording.sweeps[{number}]"
+    try:
+        touched = touch(
+            rod,
+            scene.radius_m,
+            scene.object,
+            [scene.T_world_antenna(j) for j in joints],
+            scene.gravity_world_m_s2,
+        )
+    except SolveError as error:
+        raise InputError(str(error), where=where, remedy=remedy) from error
+    missed = np.flatnonzero(~touched.in_contact[sweep.free_frames : len(joints) - sweep.free_frames])
+    if missed.size:
+        raise InputError(f"frame {missed[0]} of the stroke passes the object by", where=where, remedy=remedy)
+    return joints, touched
 
 
 def _recording(
     scene: Scene, rod: Rod, noise: np.random.Generator
-) -> tuple[list[Shot], list[dict[str, Any]], list[dict[str, Any]]]:
-    shots: list[Shot] = []
+) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
+    shots: list[AntennaShot] = []
     rows: list[dict[str, Any]] = []
     truth: list[dict[str, Any]] = []
     start_s = 0.0
-    for number, sweep in enumerate(scene.recording.sweeps):
-        joints = sweep_joints(scene, rod, sweep)
-        poses = [scene.T_world_antenna(j) for j in joints]
-        try:
-            touched = touch(rod, scene.radius_m, scene.object, poses, scene.gravity_world_m_s2)
-        except SolveError as error:
-            raise InputError(
-                f"recording.sweeps[{number}]: {error}",
-                where=f"scene {scene.name}",
-                remedy="push less, sweep less or move the object",
-            ) from error
+    for number in range(len(scene.recording.sweeps)):
+        joints, touched = _pressed(scene, rod, number)
         moments = _true_moments(touched.shape)
         readings = _readings(scene, moments, noise)
-        for i, pose in enumerate(poses):
+        for i, at in enumerate(joints):
             frame, image = len(rows), f"frame_{len(rows):04d}.png"
-            facts = _frame_truth(scene, touched, i, pose)
-            time = {"frame": frame, "time_s": round(start_s + i / scene.recording.rate_hz, 6)}
-            rows.append(time | _row(image, joints[i], float(readings[i])))
+            facts = frame_truth(scene, touched, i, scene.T_world_antenna(at))
+            time_s = round(start_s + i / scene.recording.rate_hz, 6)
+            rows.append({"frame": frame, "time_s": time_s} | _row(image, at, float(readings[i])))
             truth.append({"frame": frame} | facts | {"moment_true_Nm": float(moments[i])})
-            shots.append(
-                Shot(
-                    f"recording/{image}",
-                    joints[i],
-                    arclength_m=touched.shape.arclength_m[i],
-                    points_m=touched.shape.points_m[i],
-                    indentation_m=facts["indentation_m"] or 0.0,
-                )
-            )
+            arclength, points = touched.shape.arclength_m[i], touched.shape.points_m[i]
+            shots.append(AntennaShot(f"recording/{image}", at, arclength, points, facts["indentation_m"] or 0.0))
         start_s += len(joints) / scene.recording.rate_hz + scene.recording.pause_s
     return shots, rows, truth
-
-
-def _frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
-    """What is true of one frame; None where there is no contact."""
-    if not touched.in_contact[index]:
-        nothing = dict.fromkeys(("distance_m", "contact_antenna_m", "contact_world_m", "normal_world", "indentation_m"))
-        return {"in_contact": False, **nothing, "force_N": [0.0, 0.0, 0.0]}
-    contact = T_world_antenna @ touched.contact_antenna_m[index]
-    distance, normal = scene.object.signed_distance(contact)
-    return {
-        "in_contact": True,
-        "distance_m": float(touched.contact_m[index]),
-        "force_N": touched.force_antenna_N[index].tolist(),
-        "contact_antenna_m": touched.contact_antenna_m[index].tolist(),
-        "contact_world_m": contact.tolist(),
-        "normal_world": normal.tolist(),
-        "indentation_m": float(max(scene.radius_m - distance, 0.0)),
-    }
-
-
-def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
-    obj = scene.object
-    rigid = not np.isfinite(obj.stiffness_N_m)
-    return {
-        "schema": "vbaa.truth/1",
-        "scene": scene.name,
-        "seed": scene.seed,
-        "camera": {
-            "model": scene.lens.model,
-            "image_size": list(scene.lens.image_size),
-            "matrix": scene.lens.matrix.tolist(),
-            "distortion": scene.lens.distortion.tolist(),
-        },
-        "T_antenna_camera": scene.T_antenna_camera.to_dict(),
-        "stiffness_Nm2": rod.bending_stiffness_Nm2,
-        "antenna": {
-            "length_m": rod.length_m,
-            "diameter_m": scene.antenna.diameter_m,
-            "torsional_stiffness_Nm2": rod.torsional_stiffness_Nm2,
-            "mass_per_length_kg_m": rod.mass_per_length_kg_m,
-            "T_antenna_clamp": rod.T_antenna_clamp.to_dict(),
-            "clamp_angle_rad": scene.true.clamp_angle_rad.tolist(),
-            "natural_curvature_per_m": rod.natural_curvature_per_m.tolist(),
-        },
-        "moment_sensor": {
-            "gain": scene.moment.gain,
-            "offset_Nm": scene.moment.offset_Nm,
-            "std_Nm": scene.moment.std_Nm,
-        },
-        "object": {
-            "shape": obj.shape,
-            "center_world_m": obj.center_world_m.tolist(),
-            "axis_world": obj.axis_world.tolist(),
-            "wedge_world": obj.wedge_world.tolist(),
-            "radius_m": obj.radius_m,
-            "half_length_m": obj.half_length_m,
-            "stiffness_N_m": None if rigid else obj.stiffness_N_m,
-            "friction": obj.friction,
-        },
-    }

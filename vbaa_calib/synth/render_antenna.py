@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from .lens import Lens, project
-from .picture import Layer, Studio
+from .picture import Patch, Studio, frame_around
 
 _SUBPIXELS = 4
 _AMBIENT = 0.45
@@ -68,9 +68,9 @@ def tube(
     )
 
 
-def tube_layer(
+def tube_patch(
     place: Studio, seen: Tube, paint: float, asymmetry: float = 0.0, obstacle: DepthOfObstacle | None = None
-) -> Layer | None:
+) -> Patch | None:
     """The tube's picture, hidden where the obstacle is nearer to the camera; None when it is outside the picture.
 
     Parameters
@@ -95,14 +95,19 @@ def tube_layer(
         hidden = obstacle(samples.reshape(-1, 2)).reshape(across.shape) < seen.depth_m[nearest][:, None]
         present = np.where(hidden, 0.0, present)
     light = paint * (0.7 + 0.3 * seen.facing[nearest])
-    return Layer(
-        (rows, columns),
-        (light * (shade * present).mean(axis=1)).astype(np.float32),
-        (coverage * present).mean(axis=1).astype(np.float32),
-    )
+
+    left, top, right, bottom = frame_around(place, centres)
+
+    def laid_out(values: np.ndarray) -> np.ndarray:
+        fine = np.zeros((bottom - top, _SUBPIXELS, right - left, _SUBPIXELS), np.float32)
+        fine[rows - top, :, columns - left, :] = values.reshape(-1, _SUBPIXELS, _SUBPIXELS)
+        return fine.reshape((bottom - top) * _SUBPIXELS, (right - left) * _SUBPIXELS)
+
+    return Patch(left, top, _SUBPIXELS, laid_out(light[:, None] * shade * present), laid_out(coverage * present))
 
 
 def _near(lens: Lens, seen: Tube) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the pixels that the tube may touch."""
     width, height = lens.image_size
     inside = ((seen.pixels > -50) & (seen.pixels < np.array([width, height]) + 50)).all(axis=1)
     if not inside.any():
@@ -111,7 +116,8 @@ def _near(lens: Lens, seen: Tube) -> tuple[np.ndarray, np.ndarray]:
     thickness = int(np.ceil(2 * seen.half_width_px[inside].max())) + 5
     path = np.round(seen.pixels[inside]).astype(np.int32).reshape(-1, 1, 2)
     cv2.polylines(mask, [path], isClosed=False, color=1, thickness=thickness)
-    return np.nonzero(mask)
+    rows, columns = np.nonzero(mask)
+    return rows, columns
 
 
 def _profile(across_px: np.ndarray, half_width_px: np.ndarray, asymmetry: float) -> tuple[np.ndarray, np.ndarray]:
@@ -135,11 +141,11 @@ def _between_ends(along_px: np.ndarray, nearest: np.ndarray, count: int) -> np.n
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:
-    """(M, 4) of u, v and the unit normal, about every `step_px`, where the centreline is in the picture and not hidden."""
+    """(M, 4) of u, v and the unit normal, about every `step_px`, where the centreline is seen in the picture."""
     stride = max(1, round(2 * step_px))
     keep = np.arange(0, len(seen.pixels), stride)
     pixels = seen.pixels[keep]
-    inside = ((pixels >= 0) & (pixels <= np.array(lens.image_size) - 1)).all(axis=1)
+    inside = np.all((pixels >= 0) & (pixels <= np.array(lens.image_size) - 1), axis=1)
     if obstacle is not None:
-        inside &= obstacle(np.where(inside[:, None], pixels, 0.0)) >= seen.depth_m[keep]
+        inside = inside & (obstacle(np.where(inside[:, None], pixels, 0.0)) >= seen.depth_m[keep])
     return np.concatenate([pixels, seen.normals[keep]], axis=1)[inside]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -11,8 +12,8 @@ from targets.board import BoardSpec
 from targets.charuco import opencv_board
 
 from ..geometry import Pose
-from .lens import Lens, project
-from .picture import LAMP_WORLD, Layer, Studio
+from .lens import project
+from .picture import LAMP_WORLD, Patch, Studio, frame_around
 
 INK, PAPER = 0.05, 0.88
 MARGIN_SQUARES = 0.5
@@ -60,27 +61,16 @@ def outline(sheet: Sheet) -> np.ndarray:
     rows, columns = sheet.texture.shape[:2]
     corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows], [0, 0]]) / sheet.texels_per_m - sheet.margin_m
     steps = np.linspace(0.0, 1.0, 12, endpoint=False)[:, None]
-    sides = [a + steps * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    sides = [a + steps * (b - a) for a, b in pairwise(corners)]
     return np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
 
 
-def frame_around(lens: Lens, pixels: np.ndarray, extra_px: int = 3) -> tuple[int, int, int, int]:
-    """(left, top, right, bottom) of the pixels around points (n, 2); the whole picture when a point has no pixel."""
-    width, height = lens.image_size
-    if not np.isfinite(pixels).all():
-        return 0, 0, width, height
-    low, high = np.floor(pixels.min(axis=0)) - extra_px, np.ceil(pixels.max(axis=0)) + extra_px + 1
-    left, top = np.clip(low, 0, [width, height]).astype(int)
-    right, bottom = np.clip(high, 0, [width, height]).astype(int)
-    return int(left), int(top), int(right), int(bottom)
-
-
-def board_layer(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> Layer | None:
+def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> Patch | None:
     """The sheet in front of the camera, or None when it is outside the picture or seen from behind."""
     rotation, shift = T_camera_board.rotation, T_camera_board.translation_m
     if rotation[:, 2] @ shift <= 0:
         return None
-    left, top, right, bottom = frame_around(place.rays.lens, project(place.rays.lens, T_camera_board @ outline(sheet)))
+    left, top, right, bottom = frame_around(place, project(place.rays.lens, T_camera_board @ outline(sheet)))
     if right <= left or bottom <= top:
         return None
     rays = place.rays.block(left, top, right, bottom, _SUBPIXELS)
@@ -93,8 +83,10 @@ def board_layer(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camer
     ahead = rays @ board_from_ray[2, :2].astype(np.float32) + np.float32(board_from_ray[2, 2])
     if not (ahead > 0).all():
         texels[ahead <= 0] = -1e4
-    fine = cv2.remap(sheet.texture, np.clip(texels, -1e4, 3e4), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    coarse = cv2.resize(fine, (right - left, bottom - top), interpolation=cv2.INTER_AREA).astype(np.float32) / _FULL
+    fine = cv2.remap(
+        sheet.texture, np.clip(texels, -1e4, 3e4), np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+    )
     facing = -(R_world_camera @ rotation[:, 2]) @ LAMP_WORLD
-    light = 0.6 + 0.4 * max(facing, 0.0)
-    return Layer((slice(top, bottom), slice(left, right)), np.float32(light) * coarse[..., 0], coarse[..., 1])
+    light = (0.6 + 0.4 * max(facing, 0.0)) / _FULL
+    ink, presence = cv2.split(fine)
+    return Patch(left, top, _SUBPIXELS, np.float32(light) * ink, np.float32(1 / _FULL) * presence)

@@ -10,9 +10,8 @@ import numpy as np
 from ..geometry import Pose
 from .lens import project
 from .objects import TouchObject
-from .picture import LAMP_WORLD, Layer, Studio
+from .picture import LAMP_WORLD, Layer, Studio, frame_around
 from .render_antenna import DepthOfObstacle
-from .render_board import frame_around
 
 BLADE_HALF_ANGLE_RAD, BLADE_DEPTH_M = np.deg2rad(3.0), 0.025
 _AMBIENT = 0.35
@@ -21,7 +20,7 @@ _SUBPIXELS = 4
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Where rays meet an object: depth (N,) in units of the ray's vector (inf for a miss), normal (N, 3), face (N,) int."""
+    """Where rays meet an object: depth (N,) in lengths of the ray's vector (inf: a miss), normal (N, 3), face (N,)."""
 
     depth: np.ndarray
     normal: np.ndarray
@@ -102,7 +101,7 @@ def _cast_blade(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) 
 
 
 def pressed_in(obj: TouchObject, depth_m: float) -> TouchObject:
-    """The object with its skin drawn back: a compliant one gives way under the antenna, which then is not buried in it."""
+    """The object with its skin drawn back: a soft one gives way to the antenna, which then is not buried in it."""
     if obj.shape == "knife_edge":
         return replace(obj, center_world_m=obj.center_world_m + depth_m * obj.wedge_world)
     return replace(obj, radius_m=max(obj.radius_m - depth_m, 0.2 * obj.radius_m))
@@ -143,9 +142,8 @@ def _shade(obj: TouchObject, hits: Hits, origin_m: np.ndarray, directions: np.nd
 
 def object_layer(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Layer | None:
     """The object's picture, edges antialiased; None when it is outside the picture."""
-    lens = place.rays.lens
     corners = T_world_camera.inverse() @ _bounding_points(obj)
-    left, top, right, bottom = frame_around(lens, project(lens, corners))
+    left, top, right, bottom = frame_around(place, project(place.rays.lens, corners))
     if right <= left or bottom <= top:
         return None
     origin, albedo = T_world_camera.translation_m, place.spec.object

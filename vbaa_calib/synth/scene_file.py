@@ -12,7 +12,7 @@ from ..files import read_yaml
 from ..geometry import Kinematics, Pose
 from ..session import NominalAntenna
 from .fields import Section
-from .lens import Lens
+from .lens import Lens, invertible
 from .objects import TouchObject
 from .scene import (
     IntrinsicsSpec,
@@ -93,6 +93,8 @@ def _camera(section: Section) -> tuple[Lens, Pose]:
         lengths = ", ".join(map(str, _DISTORTION_LENGTHS[model]))
         raise section.wrong("distortion", f"has {len(distortion)} numbers", f"{lengths} are possible for {model}")
     lens = Lens(model, (int(size[0]), int(size[1])), matrix, distortion)
+    if not invertible(lens):
+        raise section.wrong("distortion", "folds back or has a pole inside the picture", "distort less")
     if section.has("T_antenna_camera") == section.has("pose"):
         raise section.wrong("pose", "and T_antenna_camera: exactly one is needed", "give one of the two")
     return lens, section.pose("T_antenna_camera") if section.has("T_antenna_camera") else _look_at(
@@ -236,7 +238,7 @@ def _sweep(section: Section) -> Sweep:
         frames=section.whole("frames", 1, 100000),
         free_frames=section.whole("free_frames", 1, 1000, 2),
         clearance_rad=_angle(section, "clearance_deg", 0.01, 90.0, 2.0),
-        push_rad=_angles(section, "push_deg", 0.0, 60.0),
+        push_rad=_angles(section, "push_deg", 0.1, 60.0),
         swells=section.number("swells", 0.0, 100.0, 1.0),
         sweep_rad=(float(first), float(last)),
     )

@@ -21,7 +21,7 @@ from ..errors import InputError
 from ..files import write_json
 from ..session import SCHEMA
 from .picture import Studio, studio
-from .plan import Plan, plan, stream
+from .plan import AntennaShot, Plan, plan, stream
 from .render import render_shot, seen_centreline
 from .render_board import Sheet, print_sheet
 from .scene import Scene
@@ -39,7 +39,7 @@ def refuse_target(path: Path, force: bool) -> None:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
     ours = path.is_dir() and not path.is_symlink()
     if not ours or not ((path / "session.yaml").is_file() or not any(path.iterdir())):
-        raise InputError("is not a session, it is not replaced", where=path, remedy="remove it yourself or take another name")
+        raise InputError("is not a session, it is not replaced", where=path, remedy="take another name")
 
 
 @contextmanager
@@ -120,7 +120,7 @@ def _take(scene: Scene, place: Studio, sheet: Sheet, planned: Plan, index: int, 
 
 def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
     frames = planned.tables["recording/recording.csv"]
-    shots = [shot for shot in planned.shots if shot.path.startswith("recording/")]
+    shots = [s for s in planned.shots if isinstance(s, AntennaShot) and s.path.startswith("recording/")]
     for row, shot in zip(frames, shots, strict=True):
         points = seen_centreline(scene, place, shot)
         noise = stream(scene, "centrelines", int(row["frame"])).standard_normal(len(points))

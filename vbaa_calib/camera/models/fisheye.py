@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from ..arrays import Array
 from ..charts import EQUIDISTANT
-from .model import Coefficients, LensModel, absent
+from .model import Coefficients, LensModel, Path, absent
 from .polynomial import smallest_positive_root
 
 
@@ -38,6 +38,14 @@ def _by_coefficient(x: Array, y: Array, c: Coefficients) -> list[tuple[Array, Ar
     return [(x * power, y * power) for power in (s, s * s, s * s * s, s * s * s * s)]
 
 
+def _path(c: Coefficients) -> Path:
+    return "none" if absent(*c) else "radial"
+
+
+def _tilt(c: Coefficients) -> None:
+    return None
+
+
 def _fold_radius(c: Sequence[float]) -> float:
     growth = [1.0] + [(2 * i + 3) * k for i, k in enumerate(c)]
     return math.sqrt(smallest_positive_root(growth, math.pi**2))
@@ -49,10 +57,10 @@ FISHEYE = LensModel(
     coefficient_names=("k1", "k2", "k3", "k4"),
     counts=(4,),
     radial=_radial,
-    path=lambda c: "none" if absent(*c) else "radial",
+    path=_path,
     distort=_distort,
     linearize=_linearize,
     by_coefficient=_by_coefficient,
-    tilt=lambda c: None,
+    tilt=_tilt,
     fold_radius=_fold_radius,
 )

@@ -1,0 +1,190 @@
+"""The lens from corners that are exactly known, with and without noise."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from targets.charuco import corner_points
+from vbaa_calib.calibrate.bundle import Observation, free_directions, lens_covariance, refine
+from vbaa_calib.calibrate.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.intrinsics_cli import MODELS
+from vbaa_calib.calibrate.lens_models import LENS_MODELS, is_monotonic
+from vbaa_calib.calibrate.view_screening import fixes_homography
+from vbaa_calib.detect.corners import BoardView
+from vbaa_calib.errors import InputError
+
+from .synthetic_views import SPEC, pose_towards, views_of
+
+SIZE = (1280, 960)
+LENSES = {
+    "none": np.array([1500.0, 1480.0, 655.0, 470.0]),
+    "radial": np.array([1500.0, 1480.0, 655.0, 470.0, -0.21, 0.08, 0.0, 0.0]),
+    "opencv4": np.array([1500.0, 1480.0, 655.0, 470.0, -0.21, 0.08, 1e-3, -8e-4]),
+    "opencv5": np.array([900.0, 905.0, 630.0, 485.0, -0.25, 0.1, 1e-3, -8e-4, -0.02]),
+    "rational": np.array([600.0, 602.0, 645.0, 476.0, 0.3, 0.05, 4e-4, -6e-4, 0.002, 0.65, 0.12, 0.01]),
+    "fisheye": np.array([420.0, 421.0, 641.0, 478.0, 0.05, -0.01, 0.003, -0.001]),
+}
+
+
+def views_through(name: str, seed: int, count: int = 16, sigma_px: float = 0.0) -> list[BoardView]:
+    rng = np.random.default_rng(seed)
+    lens = LENSES[name]
+    # the board fills about half the picture's width
+    distance = 0.1 * lens[0] / (0.5 * SIZE[0])
+    poses = [pose_towards(rng, distance, 0.8, offset=0.3 * SIZE[0] / lens[0]) for _ in range(count)]
+    return views_of(LENS_MODELS[name], lens, SIZE, poses, rng, sigma_px)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_exact_corners_give_the_exact_lens(name: str) -> None:
+    solution = solve_intrinsics(views_through(name, seed=1), SPEC, name)
+    assert solution.rms_px < 1e-6
+    np.testing.assert_allclose(solution.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], LENSES[name][:4], rtol=1e-6)
+    if name != "rational":  # numerator and denominator nearly cancel
+        np.testing.assert_allclose(solution.camera.distortion, LENSES[name][4:], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["none", "radial", "fisheye"])
+def test_auto_takes_a_model_that_predicts_as_well_as_the_true_one(name: str) -> None:
+    solution = solve_intrinsics(views_through(name, seed=2, sigma_px=0.15), SPEC)
+    held_out = {candidate.model: candidate.held_out_rms_px for candidate in solution.comparison}
+    assert held_out[solution.model] <= 1.02 * held_out[name]
+    assert solution.monotonic
+    assert LENS_MODELS[solution.model].free <= LENS_MODELS[name].free
+    assert abs(solution.camera.matrix[0, 0] / LENSES[name][0] - 1) < 0.003
+
+
+def test_the_rms_belongs_to_the_parameters_returned() -> None:
+    views = views_through("opencv5", seed=3, sigma_px=0.3)
+    solution = solve_intrinsics(views, SPEC, "opencv5")
+    squares = []
+    for view, used in zip(views, solution.views, strict=True):
+        pixels, valid = solution.camera.project(used.T_camera_board @ corner_points(SPEC)[view.ids])
+        assert valid.all()
+        squares.append(np.sum((pixels - view.corners_px) ** 2, axis=1))
+        assert used.rms_px == pytest.approx(np.sqrt(squares[-1].mean()), rel=1e-9)
+    assert solution.rms_px == pytest.approx(np.sqrt(np.concatenate(squares).mean()), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["opencv5", "fisheye"])
+def test_predicted_standard_deviations_are_those_of_repeated_noise(name: str) -> None:
+    rng, model, truth = np.random.default_rng(4), LENS_MODELS[name], LENSES[name]
+    exact = solve_intrinsics(views_through(name, seed=5, count=10), SPEC, name)
+    poses = np.array([[*v.T_camera_board.rotvec_rad, *v.T_camera_board.translation_m] for v in exact.views])
+    clean = [Observation(corner_points(SPEC)[v.ids], v.corners_px) for v in views_through(name, seed=5, count=10)]
+    draws, predicted = [], []
+    for _ in range(200):
+        noisy = [Observation(v.points_m, v.pixels + 0.2 * rng.normal(size=v.pixels.shape)) for v in clean]
+        bundle = refine(model, truth, poses, noisy, free_directions(model))
+        covariance = lens_covariance(model, bundle, noisy, free_directions(model))
+        assert covariance is not None
+        draws.append(bundle.intrinsics)
+        predicted.append(np.diag(covariance))
+    ratio = np.std(draws, axis=0) / np.sqrt(np.mean(predicted, axis=0))
+    np.testing.assert_allclose(ratio, 1.0, atol=0.15)
+
+
+def test_square_pixels_hold_the_aspect() -> None:
+    solution = solve_intrinsics(views_through("radial", seed=6, sigma_px=0.1), SPEC, "radial", square_pixels=True)
+    covariance = solution.camera.covariance
+    assert solution.camera.matrix[0, 0] == solution.camera.matrix[1, 1]
+    assert covariance is not None
+    assert covariance[0, 0] == pytest.approx(covariance[0, 1])
+    assert np.all(covariance[[6, 7]] == 0.0), "p1 and p2 are held at zero"
+
+
+@pytest.mark.parametrize(("size", "focal"), [((2048, 2048), 9000.0), ((2048, 2048), 2500.0), ((640, 480), 300.0)])
+def test_long_and_short_lenses_start_right(size: tuple[int, int], focal: float) -> None:
+    rng = np.random.default_rng(7)
+    truth = np.array([focal, focal, size[0] / 2 - 8, size[1] / 2 + 5, -0.1, 0.05, 2e-4, 1e-4, 0.0])
+    distance = 0.1 * focal / (0.5 * size[0])
+    poses = [pose_towards(rng, distance, 0.8, offset=0.25 * size[0] / focal) for _ in range(14)]
+    views = views_of(LENS_MODELS["opencv5"], truth, size, poses, rng, 0.15)
+    solution = solve_intrinsics(views, SPEC, "opencv5")
+    assert solution.rms_px < 0.25
+    covariance = solution.camera.covariance
+    assert covariance is not None
+    assert abs(solution.camera.matrix[0, 0] - focal) < 4 * np.sqrt(covariance[0, 0])
+
+
+def test_a_gross_view_is_dropped_and_a_gross_corner_left_out() -> None:
+    views = views_through("radial", seed=8, sigma_px=0.15)
+    rng = np.random.default_rng(9)
+    spoilt = views[3].corners_px.copy()
+    spoilt[5] += 14.0
+    views[3] = dataclasses.replace(views[3], corners_px=spoilt)
+    views[7] = dataclasses.replace(views[7], corners_px=rng.permutation(views[7].corners_px))
+    solution = solve_intrinsics(views, SPEC, "radial")
+    assert [view.name for view in solution.dropped] == ["07.png"]
+    assert "robust" in solution.dropped[0].reason
+    assert {view.name: view.left_out for view in solution.views if view.left_out} == {"03.png": 1}
+    assert solution.rms_px < 0.25
+    assert abs(solution.camera.matrix[0, 0] / 1500.0 - 1) < 0.003
+
+
+def test_a_mild_outlier_is_kept_and_flagged() -> None:
+    views = views_through("radial", seed=10, sigma_px=0.15)
+    shaken = views[4].corners_px + 0.5 * np.random.default_rng(11).normal(size=views[4].corners_px.shape)
+    views[4] = dataclasses.replace(views[4], corners_px=shaken)
+    solution = solve_intrinsics(views, SPEC, "radial")
+    assert not solution.dropped
+    assert "04.png" in [view.name for view in solution.views if view.outlying]
+
+
+def test_views_that_fix_nothing_are_dropped_with_the_reason() -> None:
+    views = views_through("radial", seed=12, sigma_px=0.1)
+    line = np.arange(8)
+    on_a_line = dataclasses.replace(views[0], name="line", ids=line, corners_px=views[0].corners_px[line])
+    few = dataclasses.replace(views[1], name="few", ids=views[1].ids[:5], corners_px=views[1].corners_px[:5])
+    empty = BoardView("empty", np.zeros(0, int), np.zeros((0, 2)), SIZE)
+    solution = solve_intrinsics([on_a_line, few, empty, *views], SPEC, "radial")
+    reasons = {view.name: view.reason for view in solution.dropped}
+    assert set(reasons) == {"line", "few", "empty"}
+    assert "line" in reasons["line"]
+    assert "5 corners, at least 6" in reasons["few"]
+    assert "not found" in reasons["empty"]
+
+
+def test_too_few_views_are_refused() -> None:
+    with pytest.raises(InputError, match="2 of 2 pictures can be used, at least 3"):
+        solve_intrinsics(views_through("none", seed=13, count=2), SPEC)
+
+
+def test_views_without_tilt_are_not_answered_with_confidence() -> None:
+    rng = np.random.default_rng(14)
+    poses = [pose_towards(rng, 0.25, 0.06) for _ in range(8)]
+    views = views_of(LENS_MODELS["none"], LENSES["none"], SIZE, poses, rng, 0.15)
+    solution = solve_intrinsics(views, SPEC, "none")
+    assert any("focal length is known to" in warning for warning in solution.warnings)
+    frontal = views_of(LENS_MODELS["none"], LENSES["none"], SIZE, [pose_towards(rng, 0.25, 0.0)] * 8, rng)
+    with pytest.raises(InputError, match="leave the none lens open"):
+        solve_intrinsics(frontal, SPEC, "none")
+
+
+def test_an_unknown_model_is_refused() -> None:
+    with pytest.raises(InputError, match="no lens model 'pinhole'"):
+        solve_intrinsics([], SPEC, "pinhole")
+
+
+def test_folding_lenses_are_told_from_monotonic_ones() -> None:
+    folding = np.array([898.7, 901.5, 640.0, 360.0, 0.0101, 0.7388, 0.0005, -0.0005, -2.503])
+    assert not is_monotonic(LENS_MODELS["opencv5"], folding, (1280, 720))
+    cropped = folding - np.array([0, 0, 240, 60, 0, 0, 0, 0, 0])
+    assert is_monotonic(LENS_MODELS["opencv5"], cropped, (800, 600)), "the fold lies outside the smaller picture"
+    for name, lens in LENSES.items():
+        assert is_monotonic(LENS_MODELS[name], lens, SIZE), name
+
+
+def test_points_on_a_line_fix_no_homography() -> None:
+    line = np.stack([np.arange(10.0), np.zeros(10)], axis=1)
+    assert not fixes_homography(line)
+    assert not fixes_homography(np.vstack([line, [[3.0, 2.0]]]))
+    assert fixes_homography(np.vstack([line, [[3.0, 2.0], [5.0, 2.0]]]))
+    assert not fixes_homography(line[:2])
+
+
+def test_the_command_offers_every_model() -> None:
+    assert ("auto", *LENS_MODELS) == MODELS

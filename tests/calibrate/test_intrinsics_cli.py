@@ -1,0 +1,100 @@
+"""`vbaa intrinsics` from its command line: what it writes, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from targets.board import BoardSpec
+from vbaa_calib.camera import Camera
+from vbaa_calib.cli.main import main
+from vbaa_calib.errors import InputError
+from vbaa_calib.formats.board_file import load_board
+
+from .photo_sets import photo_set
+
+SPEC = BoardSpec(7, 5, 0.03, 0.022, "DICT_4X4_50")
+
+
+def write_board(path: Path, spec: BoardSpec = SPEC) -> Path:
+    path.write_text(yaml.safe_dump(spec.to_dict()))
+    return path
+
+
+def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    photos = photo_set("realsense")
+    board, output = write_board(tmp_path / "board.yaml"), tmp_path / "camera.json"
+    call = ["intrinsics", str(photos.folder), "--board", str(board), "-o", str(output), "--json"]
+    assert main(call) == 0
+    result = json.loads(capsys.readouterr().out)
+    document = json.loads(output.read_text())
+    assert result == {"output": str(output), **document}
+    assert document["schema"] == "vbaa.camera/1"
+    assert document["parameters"] == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]
+    assert np.shape(document["covariance"]) == (8, 8)
+    assert len(document["views"]) == 28
+    assert document["dropped"] == []
+    assert {row["model"] for row in document["model_comparison"]} >= {"none", "radial", "opencv5", "fisheye"}
+    camera = Camera.load(output)
+    assert camera.matrix[0, 0] == pytest.approx(898.7, rel=0.005)
+    assert main(call) == 2, "nothing is overwritten without --force"
+    assert "--force" in capsys.readouterr().err
+
+
+def test_an_existing_output_is_refused_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    output = tmp_path / "camera.json"
+    output.write_text("mine")
+    call = ["intrinsics", str(tmp_path / "none"), "--board", str(tmp_path / "none.yaml"), "-o", str(output)]
+    assert main(call) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert output.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (["--model", "pinhole"], "invalid choice"),
+        (["--min-corners", "2"], "--min-corners is 2"),
+        (["--min-corners", "many"], "invalid int"),
+        ([], "no such folder"),
+    ],
+)
+def test_wrong_calls_are_one_line_and_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture, extra: list[str], words: str
+) -> None:
+    board, output = write_board(tmp_path / "board.yaml"), tmp_path / "camera.json"
+    assert main(["intrinsics", str(tmp_path / "none"), "--board", str(board), "-o", str(output), *extra]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("squares_x: 7", "squares_y is missing"),
+        ("board: {squares_x: 7, squares_y: 5, square_m: 30, marker_m: 22}", "square_m is 30: a length in metres"),
+        ("{squares_x: 7, squares_y: 5, square_m: 0.03, marker_m: 0.022, squares: 3}", "unknown key 'squares'"),
+        ("{squares_x: 7, squares_y: 5, square_m: .nan, marker_m: 0.022}", "square_m is nan"),
+        ("type: chessboard", "type must be charuco"),
+        ("- 1", "must be a mapping"),
+        ("a: [", "not valid YAML"),
+    ],
+)
+def test_a_wrong_board_file_is_refused_by_name_and_key(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "board.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"board\.yaml") as caught:
+        load_board(path)
+    assert words in str(caught.value)
+
+
+def test_a_board_may_stand_under_its_own_key(tmp_path: Path) -> None:
+    path = tmp_path / "session.yaml"
+    path.write_text(yaml.safe_dump({"schema": "vbaa.session/1", "board": SPEC.to_dict()}))
+    assert load_board(path) == load_board(write_board(tmp_path / "board.yaml")) == SPEC

@@ -1,0 +1,164 @@
+"""The pose of the board in the jig from corners that are exactly known, with and without noise."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from targets.charuco import corner_points
+from vbaa_calib.calibrate.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens_models import LENS_MODELS
+from vbaa_calib.calibrate.plane import solve_board_pose
+from vbaa_calib.camera import Camera
+from vbaa_calib.detect.corners import BoardView
+from vbaa_calib.errors import InputError
+from vbaa_calib.geometry import Pose
+
+from .photo_sets import detected
+from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board
+
+SIZE = (1280, 960)
+WIDE = np.array([600.0, 602.0, 645.0, 476.0, 0.3, 0.05, 4e-4, -6e-4, 0.002, 0.65, 0.12, 0.01])
+CAMERAS = {
+    "rational": WIDE,
+    "fisheye": np.array([420.0, 421.0, 641.0, 478.0, 0.05, -0.01, 0.003, -0.001]),
+    "none": np.array([1500.0, 1480.0, 655.0, 470.0]),
+}
+
+
+def camera_of(name: str, intrinsics: np.ndarray) -> Camera:
+    matrix = np.array([[intrinsics[0], 0, intrinsics[2]], [0, intrinsics[1], intrinsics[3]], [0, 0, 1.0]])
+    return Camera(LENS_MODELS[name].camera_model, SIZE, matrix, intrinsics[4:])
+
+
+def pictures(name: str, pose: Pose, rng: np.random.Generator, sigma_px: float, count: int = 1) -> list[BoardView]:
+    pixels = project_board(LENS_MODELS[name], CAMERAS[name], pose)
+    return [board_view(f"{index}.png", pixels, SIZE, rng, sigma_px) for index in range(count)]
+
+
+def facing(rotvec: list[float], distance_m: float = 0.12) -> Pose:
+    """The board's centre on the axis, turned as given."""
+    turned = Pose.from_rotvec(np.array(rotvec), np.zeros(3))
+    return Pose(turned.rotation, np.array([0.0, 0.0, distance_m]) - turned.rotation @ CENTRE)
+
+
+def tangent(measured: Pose, true: Pose) -> np.ndarray:
+    """(6,) step from the true pose to the measured one, as `Pose.retract` takes it."""
+    turn = Pose(measured.rotation @ true.rotation.T, np.zeros(3)).rotvec_rad
+    return np.concatenate([turn, measured.translation_m - true.translation_m])
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("seed", range(3))
+def test_exact_corners_give_the_exact_pose(name: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    true = pose_towards(rng, 0.1 * CAMERAS[name][0] / 600, 0.9, offset=0.3)
+    solved = solve_board_pose(pictures(name, true, rng, 0.0), SPEC, camera_of(name, CAMERAS[name]))
+    assert np.abs(tangent(solved.T_camera_board, true)).max() < 1e-8
+    assert solved.rms_px < 1e-5
+
+
+@pytest.mark.parametrize(
+    "rotvec", [[0, 0, 0], [0, 0, 1e-7], [1e-6, 0, 0], [0, 0, np.pi / 2], [0, 0, 3.1], [1e-3, 0, 3]]
+)
+def test_a_board_parallel_to_the_picture_is_solved(rotvec: list[float]) -> None:
+    rng, true = np.random.default_rng(3), facing(rotvec)
+    solved = solve_board_pose(pictures("rational", true, rng, 0.05), SPEC, camera_of("rational", WIDE))
+    assert np.linalg.norm(tangent(solved.T_camera_board, true)[3:]) < 5e-4
+    assert solved.T_camera_board.translation_m[2] > 0
+
+
+@pytest.mark.parametrize("name", ["rational", "fisheye"])
+def test_the_covariance_is_that_of_repeated_noise(name: str) -> None:
+    rng, camera = np.random.default_rng(4), camera_of(name, CAMERAS[name])
+    true = facing([0.5, 0.2, 0.1], 0.15)
+    normalized = []
+    for _ in range(60):
+        solved = solve_board_pose(pictures(name, true, rng, 0.2), SPEC, camera)
+        step = tangent(solved.T_camera_board, true)
+        normalized.append(step @ np.linalg.solve(solved.covariance, step))
+    # six degrees of freedom; the mean of 60 draws has a standard deviation of 0.45
+    assert np.mean(normalized) == pytest.approx(6.0, abs=1.5)
+
+
+def test_many_pictures_average_their_noise_and_not_what_they_share() -> None:
+    rng, camera, true = np.random.default_rng(5), camera_of("rational", WIDE), facing([0.5, 0.2, 0.1])
+    one = solve_board_pose(pictures("rational", true, rng, 0.2), SPEC, camera)
+    many = solve_board_pose(pictures("rational", true, rng, 0.2, count=16), SPEC, camera)
+    shared = pictures("rational", true, rng, 0.2)
+    repeated = solve_board_pose(shared * 16, SPEC, camera)
+    std = [np.sqrt(np.trace(pose.covariance[3:, 3:])) for pose in (one, many, repeated)]
+    assert std[1] == pytest.approx(std[0] / 4, rel=0.4)
+    assert std[2] == pytest.approx(std[0], rel=0.4)
+
+
+def test_a_board_that_moved_is_refused() -> None:
+    rng, camera = np.random.default_rng(6), camera_of("rational", WIDE)
+    views = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.1, count=3)
+    views[2] = dataclasses.replace(views[2], name="moved.png", corners_px=views[2].corners_px + 5.0)
+    with pytest.raises(InputError, match=r"moved\.png: the board stands 7\.\d px"):
+        solve_board_pose(views, SPEC, camera)
+
+
+def test_a_gross_corner_does_not_pull() -> None:
+    rng, camera, true = np.random.default_rng(7), camera_of("rational", WIDE), facing([0.5, 0.2, 0.1])
+    (view,) = pictures("rational", true, rng, 0.1)
+    spoilt = view.corners_px.copy()
+    spoilt[[3, 17]] += np.array([25.0, -12.0])
+    solved = solve_board_pose([dataclasses.replace(view, corners_px=spoilt)], SPEC, camera)
+    step = tangent(solved.T_camera_board, true)
+    assert solved.left_out == 2
+    assert step @ np.linalg.solve(solved.covariance, step) < 25
+
+
+def test_the_second_solution_of_a_distant_board_is_reported() -> None:
+    rng = np.random.default_rng(8)
+    long_lens = np.array([40000.0, 40000.0, 640.0, 480.0])
+    camera = camera_of("none", long_lens)
+    true = facing([0.35, 0.1, 0.0], 6.0)
+    pixels = project_board(LENS_MODELS["none"], long_lens, true)
+    solved = solve_board_pose([board_view("0.png", pixels, SIZE, rng, 0.3)], SPEC, camera)
+    assert solved.second is not None
+    assert solved.second_ratio is not None
+    assert solved.second_ratio >= 1.0
+    assert solved.is_ambiguous
+    turns = [np.linalg.norm(tangent(pose, true)[:3]) for pose in (solved.T_camera_board, solved.second.T_camera_board)]
+    assert min(turns) < 0.05
+    assert max(turns) > 0.4
+
+
+def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_board() -> None:
+    rng, camera = np.random.default_rng(9), camera_of("rational", WIDE)
+    views = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.0)
+    solved = solve_board_pose(views, SPEC, camera)
+    change = np.array([0.3, -0.2, 0.4, 0.25, 1e-4, -1e-4, 1e-5, 2e-5, 0.0, 0.0, 0.0, 0.0])
+    moved = solve_board_pose(views, SPEC, camera_of("rational", WIDE + change))
+    step = tangent(moved.T_camera_board, solved.T_camera_board)
+    np.testing.assert_allclose(step, solved.lens_sensitivity @ change, atol=0.02 * np.abs(step).max())
+
+
+def test_no_board_a_line_and_another_picture_size_are_refused() -> None:
+    rng, camera = np.random.default_rng(10), camera_of("rational", WIDE)
+    (view,) = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.0)
+    line = np.arange(8)
+    with pytest.raises(InputError, match="not found"):
+        solve_board_pose([BoardView("empty", np.zeros(0, int), np.zeros((0, 2)), SIZE)], SPEC, camera)
+    with pytest.raises(InputError, match="not found"):
+        solve_board_pose([], SPEC, camera)
+    with pytest.raises(InputError, match="do not fix its pose"):
+        solve_board_pose([dataclasses.replace(view, ids=line, corners_px=view.corners_px[line])], SPEC, camera)
+    with pytest.raises(InputError, match="calibrated at 1280x960"):
+        solve_board_pose([dataclasses.replace(view, image_size=(640, 480))], SPEC, camera)
+
+
+@pytest.mark.parametrize(("name", "model"), [("gopro", "fisheye"), ("realsense", "radial")])
+def test_real_views_get_the_pose_of_the_joint_solve(name: str, model: str) -> None:
+    views, spec = detected(name)
+    solution = solve_intrinsics(views, spec, model)
+    for view, used in list(zip(views, solution.views, strict=True))[:4]:
+        solved = solve_board_pose([view], spec, solution.camera)
+        assert np.abs(tangent(solved.T_camera_board, used.T_camera_board)).max() < 1e-4
+        assert solved.rms_px == pytest.approx(used.rms_px, rel=1e-3)
+        assert solved.corners == len(view.ids) <= len(corner_points(spec))

@@ -1,0 +1,152 @@
+"""The upright camera's two-point formulas: exact on noise-free scenes, honest about where they are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimator import two_point
+from estimator.two_point import Part, two_point_contact
+from vbaa_calib.antenna import linear
+
+EI, LENGTH = 3.9e-3, 0.24
+
+
+def scenes(count: int, seed: int, parts: tuple[Part, ...] = (Part.CURVED, Part.STRAIGHT, Part.MIXED)):
+    """Points (n, 2), deflections, contact, force and true part, of random noise-free scenes."""
+    rng = np.random.default_rng(seed)
+    contact = rng.uniform(0.02, 1.0, 8 * count) * LENGTH
+    x = np.sort(rng.uniform(0.005, 1.0, (8 * count, 2)), axis=1) * LENGTH
+    force = rng.normal(size=8 * count)
+    part = np.where(contact >= x[:, 1], Part.CURVED, np.where(contact <= x[:, 0], Part.STRAIGHT, Part.MIXED))
+    chosen = np.flatnonzero(np.isin(part, parts))[:count]
+    x, contact, force, part = x[chosen], contact[chosen], force[chosen], part[chosen]
+    return x, linear.deflection(x, contact[:, None], force[:, None], EI), contact, force, part
+
+
+def test_random_scenes_to_a_billionth() -> None:
+    x, y, contact, force, part = scenes(200_000, 1)
+    found = two_point_contact(x, y, EI, 1.1 * LENGTH)
+    np.testing.assert_array_equal(found.part, part)
+    away = found.condition_contact < 1e5
+    assert away.mean() > 0.999
+    assert np.abs(found.contact_m / contact - 1.0)[away].max() < 1e-9
+    assert np.abs(found.force_y_N / force - 1.0)[away].max() < 1e-9
+
+
+def test_near_the_singular_sets_the_error_is_what_conditioning_predicts() -> None:
+    """Near-coincident points, contacts near the clamp or far beyond the points: within 100 roundings × condition."""
+    rng = np.random.default_rng(2)
+    x1 = rng.uniform(0.02, 0.2, 50_000)
+    x = np.stack([x1, x1 * (1.0 + 10.0 ** rng.uniform(-6, -1, x1.size))], axis=-1)
+    contact = 10.0 ** rng.uniform(-3, 1, x1.size)
+    y = linear.deflection(x, contact[:, None], 0.3, EI)
+    found = two_point_contact(x, y, EI)
+    limit = 100.0 * np.finfo(float).eps
+    trusted = limit * found.condition_contact < 1e-2
+    assert trusted.mean() > 0.7
+    error = np.abs(found.contact_m / contact - 1.0)[trusted]
+    assert (error <= limit * found.condition_contact[trusted]).all()
+
+
+@pytest.mark.parametrize(
+    ("formula", "part"),
+    [(two_point.curved, Part.CURVED), (two_point.straight, Part.STRAIGHT), (two_point.mixed, Part.MIXED)],
+)
+def test_each_case_by_itself(formula, part: Part) -> None:
+    """A case answers where it applies and nowhere else."""
+    x, y, contact, force, _ = scenes(3000, 3, (part,))
+    found, found_force = formula(x, y, EI)
+    away = two_point_contact(x, y, EI).condition_contact < 1e5
+    np.testing.assert_allclose(found[away], contact[away], rtol=1e-9)
+    np.testing.assert_allclose(found_force[away], force[away], rtol=1e-9)
+    others = tuple(other for other in Part if other not in (part, Part.NONE))
+    x, y, *_ = scenes(3000, 4, others)
+    assert np.isnan(formula(x, y, EI)[0]).all()
+
+
+def test_contact_exactly_at_a_point() -> None:
+    """The cases meet without a gap where the contact is one of the points."""
+    rng = np.random.default_rng(5)
+    x = np.sort(rng.uniform(0.05, 1.0, (20_000, 2)), axis=1) * LENGTH
+    for side in (0, 1):
+        contact = x[:, side]
+        found = two_point_contact(x, linear.deflection(x, contact[:, None], 0.2, EI), EI)
+        good = found.condition_contact < 1e5
+        np.testing.assert_allclose(found.contact_m[good], contact[good], rtol=1e-9)
+
+
+@pytest.mark.parametrize("part", [Part.CURVED, Part.STRAIGHT, Part.MIXED])
+def test_condition_numbers_against_perturbation(part: Part) -> None:
+    x, y, *_ = scenes(200, 6, (part,))
+    found = two_point_contact(x, y, EI)
+    step = 1e-7
+    swing_contact, swing_force = np.zeros((2, 200))
+    for point in (0, 1):
+        nudge = np.ones(2)
+        nudge[point] += step
+        up = two_point_contact(x, y * nudge, EI)
+        down = two_point_contact(x, y / nudge, EI)
+        swing_contact += np.abs(up.contact_m - down.contact_m) / (2 * step * found.contact_m)
+        swing_force += np.abs((up.force_y_N - down.force_y_N) / (2 * step * found.force_y_N))
+    # beside a case's border one of the two nudges lands in the next case, whose derivative differs
+    smooth = (found.condition_contact < 1e3) & ~np.isnan(swing_contact)
+    assert smooth.sum() > 100
+    np.testing.assert_allclose(swing_contact[smooth], found.condition_contact[smooth], rtol=2e-3)
+    np.testing.assert_allclose(swing_force[smooth], found.condition_force[smooth], rtol=2e-3)
+
+
+def test_order_of_the_points_and_broadcasting() -> None:
+    x, y, contact, _, _ = scenes(60, 7)
+    reversed_points = two_point_contact(x[:, ::-1], y[:, ::-1], EI)
+    np.testing.assert_array_equal(reversed_points.contact_m, two_point_contact(x, y, EI).contact_m)
+    grid = two_point_contact(x.reshape(3, 20, 2), y.reshape(3, 20, 2), EI)
+    np.testing.assert_allclose(grid.contact_m, contact.reshape(3, 20), rtol=1e-9)
+    one = two_point_contact(x[0], y[0], EI)
+    assert one.contact_m == pytest.approx(contact[0])
+    assert one.part.shape == ()
+
+
+@pytest.mark.parametrize(
+    ("x", "y"),
+    [
+        ((0.1, 0.1), (0.001, 0.001)),  # coincident
+        ((0.1, 0.1), (0.001, 0.002)),  # one position, two deflections
+        ((0.1, 0.2), (0.001, -0.002)),  # bent both ways
+        ((0.1, 0.2), (0.0, 0.002)),
+        ((0.1, 0.2), (0.0, 0.0)),  # no load
+        ((0.1, 0.2), (0.001, 0.002)),  # straight through the clamp: l → 0
+        ((0.1, 0.2), (0.001, 0.0019)),  # bent back
+        ((0.1, 0.2), (0.001, 0.0041)),  # more than any point load can
+        ((-0.1, 0.2), (0.001, 0.003)),
+        ((0.0, 0.2), (0.0, 0.003)),
+        ((0.1, 0.2), (np.nan, 0.003)),
+        ((np.inf, 0.2), (0.001, 0.003)),
+    ],
+)
+def test_no_admissible_contact_is_nan(x: tuple[float, float], y: tuple[float, float]) -> None:
+    with np.errstate(all="raise"):
+        found = two_point_contact(x, y, EI, LENGTH)
+        formulas = [formula(x, y, EI) for formula in (two_point.curved, two_point.straight, two_point.mixed)]
+    assert found.part == Part.NONE
+    for value in (found.contact_m, found.force_y_N, found.condition_contact, found.condition_force):
+        assert np.isnan(value)
+    assert np.isnan(formulas).all()
+
+
+def test_a_contact_beyond_the_tip_is_inadmissible() -> None:
+    x = np.array([0.05, 0.1])
+    y = linear.deflection(x, 0.3, 0.1, EI)
+    assert two_point_contact(x, y, EI, LENGTH).part == Part.NONE
+    assert two_point_contact(x, y, EI).contact_m == pytest.approx(0.3)
+
+
+def test_force_z_and_contact_position() -> None:
+    """Eqs. (16) and (20): the moment sensor's component, and the beam's own point at the contact."""
+    contact, f_y, f_z = 0.16, 0.2, -0.3
+    moment = linear.clamp_moment(contact, f_z)
+    assert two_point.force_z(moment, contact) == pytest.approx(f_z)
+    expected = [contact, linear.deflection(contact, contact, f_y, EI), linear.deflection(contact, contact, f_z, EI)]
+    np.testing.assert_allclose(two_point.contact_position(contact, f_y, f_z, EI), expected, rtol=1e-14)
+    assert np.isnan(two_point.force_z(moment, [0.0, -0.1, np.nan])).all()
+    assert two_point.contact_position(np.full((4, 5), contact), f_y, np.full(5, f_z), EI).shape == (4, 5, 3)

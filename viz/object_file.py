@@ -1,0 +1,102 @@
+"""The reconstructed object as a file: .vtp with everything that is known of it, .ply with its shape."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
+from vtkmodules.vtkIOPLY import vtkPLYReader
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+from estimator.surface import Surface
+from vbaa_calib.errors import InputError
+from vbaa_calib.files import replacing
+
+from .scene import ObjectMesh
+
+SUFFIXES = (".vtp", ".ply")
+
+
+def check_suffix(path: Path) -> None:
+    """Raises InputError for a name that is neither .vtp nor .ply."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError("is not a .vtp or .ply", where=path, remedy="the suffix chooses the format")
+
+
+def to_mesh(surface: Surface) -> pv.PolyData:
+    """Triangles, lines, and loose points as vertices; point arrays Normals, std_m, force_N, frame and patch."""
+    used = np.union1d(surface.triangles, surface.lines)
+    loose = np.setdiff1d(np.arange(len(surface.points_m)), used)
+    mesh = pv.PolyData(
+        surface.points_m,
+        verts=_cells(loose[:, None]),
+        lines=_cells(surface.lines),
+        faces=_cells(surface.triangles),
+    )
+    mesh.point_data["Normals"] = surface.normals
+    for name in ("std_m", "force_N", "frame", "patch"):
+        mesh.point_data[name] = getattr(surface, name)
+    return mesh
+
+
+def _cells(indices: np.ndarray) -> np.ndarray | None:
+    """VTK's cell array of equal cells (C, K); None for none."""
+    size = indices.shape[1]
+    return np.column_stack([np.full(len(indices), size), indices]).ravel() if len(indices) else None
+
+
+def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
+    """Write the surface, whole or not at all. A .ply keeps points and triangles only.
+
+    Raises InputError for another suffix, or when the file exists and `force` is off.
+    """
+    check_suffix(path)
+    with replacing(path, force) as temporary:
+        to_mesh(surface).save(temporary)
+
+
+def read_object(path: Path) -> ObjectMesh:
+    """Read back what is drawn of a .vtp or .ply, ours or another's. Raises InputError when there is nothing in it."""
+    check_suffix(path)
+    if not path.is_file():
+        raise InputError("no such file", where=path, remedy="write it with vbaa reconstruct")
+    mesh = _read(vtkXMLPolyDataReader() if path.suffix.lower() == ".vtp" else vtkPLYReader(), path)
+    if not mesh.n_points or not np.isfinite(mesh.points).all():
+        raise InputError("holds no mesh", where=path, remedy="write it again with vbaa reconstruct")
+    faces = mesh.triangulate().regular_faces if mesh.n_faces_strict else np.empty((0, 3), int)
+    normals = mesh.point_data.get("Normals")
+    if normals is None:
+        normals = mesh.compute_normals(cell_normals=False, auto_orient_normals=False).point_data.get("Normals")
+    segments = [np.stack([line[:-1], line[1:]], axis=1) for line in _split(np.asarray(mesh.lines))]
+    return ObjectMesh(
+        np.asarray(mesh.points, float),
+        np.zeros((mesh.n_points, 3)) if normals is None else np.asarray(normals, float),
+        np.asarray(faces, int),
+        np.concatenate([np.empty((0, 2), int), *segments]),
+    )
+
+
+def _split(cells: np.ndarray) -> list[np.ndarray]:
+    """The point indices of each cell in VTK's flat cell array."""
+    parts, start = [], 0
+    while start < len(cells):
+        parts.append(cells[start + 1 : start + 1 + cells[start]])
+        start += cells[start] + 1
+    return parts
+
+
+def _read(reader: vtkXMLPolyDataReader | vtkPLYReader, path: Path) -> pv.PolyData:
+    """VTK's own readers, because an observer for their errors keeps them from printing pages of them."""
+    executive = reader.GetExecutive()
+    for speaker in (reader, executive):
+        for event in ("ErrorEvent", "WarningEvent"):
+            speaker.AddObserver(event, _ignore)
+    reader.SetFileName(str(path))
+    reader.Update()
+    return pv.wrap(reader.GetOutput())
+
+
+def _ignore(_speaker: vtkAlgorithm, _event: str) -> None:
+    """What went wrong shows in the empty mesh."""
