@@ -13,10 +13,11 @@ from vbaa_calib.rig import Rig
 from .contact import Contact, Measured
 from .fit import Fit, Scene, fit
 from .uncertainty import Spread, spread
-from .verdict import judge
+from .verdict import Solved, judge
 
 MODELS = {"elastica": 1, "rod": 3}
 """Rungs of the ladder, lowest first, with their sweeps over the equilibrium of moments (`antenna.shape.bend`)."""
+HIGHEST = "rod"
 SMALL = 1 / 3
 """A model's predicted bias is small when it is below this fraction of the standard deviation."""
 FEWEST_POINTS = 5
@@ -94,30 +95,28 @@ class ContactEstimator:
         if solved is None:
             why = f"only {len(measured.points_px)} usable centreline points"
             return Contact("no_antenna", why, self.model, False)
-        scene, result, worth, model, chosen = solved
-        T_world_antenna = self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad)
-        return judge(scene, T_world_antenna, result, worth, model, chosen)
+        return judge(solved, self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad))
 
     def rough(self, measured: Measured) -> tuple[Scene, Fit] | None:
         """The lowest rung's fit alone. None with too few points."""
         scene = self._scene(measured, MODELS[self._lowest])
         return (scene, fit(scene)) if len(scene.seen) >= FEWEST_POINTS else None
 
-    def solve(self, measured: Measured, start: np.ndarray | None = None) -> tuple[Scene, Fit, Spread, str, str] | None:
-        """The fit behind a contact: scene, fit, its uncertainty, the rung taken and why. None with too few points."""
-        scene = self._scene(measured, MODELS[self._lowest])
+    def solve(self, measured: Measured, start: np.ndarray | None = None) -> Solved | None:
+        """The fit behind a contact, on the rung that was asked for or chosen. None with too few points."""
+        scene, reference = (self._scene(measured, MODELS[name]) for name in (self._lowest, HIGHEST))
         if len(scene.seen) < FEWEST_POINTS:
             return None
         result = fit(scene, None if start is None else start[None])
         worth = spread(scene, result)
         if self.model != "auto":
-            return scene, result, worth, self.model, f"{self.model} was asked for"
-        reference = self._scene(measured, MODELS["rod"])
+            return Solved(scene, reference, result, worth, self.model, f"{self.model} was asked for")
         bias = predicted_bias(scene, reference, result, worth)
         if bias <= SMALL:
-            return scene, result, worth, self._lowest, f"{self._lowest}: its bias is {bias:.2f} std"
+            return Solved(scene, reference, result, worth, self._lowest, f"{self._lowest}: its bias is {bias:.2f} std")
         result = fit(reference, result.unknowns[None])
-        return reference, result, spread(reference, result), "rod", f"rod: {self._lowest} would be {bias:.1f} std off"
+        why = f"{HIGHEST}: {self._lowest} would be {bias:.1f} std off"
+        return Solved(reference, reference, result, spread(reference, result), HIGHEST, why)
 
     @property
     def _lowest(self) -> str:

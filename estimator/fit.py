@@ -117,7 +117,7 @@ def start_values(scene: Scene) -> np.ndarray:
 STEPS = np.array([1e-4, 1e-4, 1e-4])
 
 
-def _linearised(scene: Scene, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def linearised(scene: Scene, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Whitened residuals (N + 1,) at the unknowns and their Jacobian (N + 1, 3)."""
     length, unit = scene.rig.antenna.length_m, scene.force_unit_N
     steps = STEPS.copy()
@@ -135,7 +135,7 @@ def _polish(scene: Scene, start: np.ndarray, at_tip: bool):
         key = free.tobytes()
         if key not in kept:
             kept.clear()
-            residuals, jacobian = _linearised(scene, np.concatenate([[TIP], free]) if at_tip else free)
+            residuals, jacobian = linearised(scene, np.concatenate([[TIP], free]) if at_tip else free)
             kept[key] = residuals, jacobian[:, 1:] if at_tip else jacobian
         return kept[key]
 
@@ -167,7 +167,7 @@ def fit(scene: Scene, starts: np.ndarray | None = None) -> Fit:
         held = _polish(scene, best.x, True)
         at_tip = held.cost <= best.cost + 0.5
     solution, unknowns = (held, np.concatenate([[TIP], held.x])) if at_tip else (best, best.x)
-    residuals, jacobian = _linearised(scene, unknowns)
+    residuals, jacobian = linearised(scene, unknowns)
     if at_tip:
         jacobian[:, 0] = 0.0
     return Fit(unknowns, float(solution.cost), residuals, jacobian, solution.status > 0, at_tip)

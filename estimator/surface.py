@@ -20,7 +20,7 @@ from vbaa_calib.errors import InputError
 
 from .table import ContactTable
 
-MAX_POINTS = 800
+MAX_POINTS = 500
 """More contacts are thinned evenly: smoothing costs their number cubed."""
 LINK_NORMALS_RAD = np.radians(50)
 """Neighbours whose normals differ by more than this lie on different sides of the object."""
@@ -257,6 +257,6 @@ def smooth(flat_m: np.ndarray, height_m: np.ndarray, std_m: np.ndarray) -> tuple
         hat = influence(log_stiffness)
         return float(np.sum(((hat @ height_m - height_m) / std_m) ** 2) + 2 * np.trace(hat))
 
-    best = minimize_scalar(expected_error, bounds=(-7.0, 4.0), method="bounded", options={"xatol": 0.2}).x
+    best = minimize_scalar(expected_error, bounds=(-7.0, 4.0), method="bounded", options={"xatol": 0.3}).x
     hat = influence(best)
     return hat @ height_m, std_m * np.sqrt(np.clip(np.diag(hat), 0.0, 1.0))

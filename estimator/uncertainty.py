@@ -10,7 +10,7 @@ from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.reprojection import image_curves, whitened_residuals
 from vbaa_calib.rig import POSE_PARAMETERS
 
-from .fit import ROBUST, Fit, Scene, robust_weights
+from .fit import ROBUST, Fit, Scene, linearised, robust_weights
 
 POSES = len(POSE_PARAMETERS)
 RIG_STEPS = np.array([1e-5] * POSES + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4)
@@ -88,12 +88,14 @@ def evidence(scene: Scene, result: Fit, excess: float) -> float:
     """How much better a contact explains the frame than the free antenna: half the difference of the squared misfits.
 
     Both may bend the rig's parameters within their joint covariance first, so that a clamp angle that is known badly is
-    not taken for a contact. Without contact it is about 1.5 (three unknowns fitted to noise).
+    not taken for a contact. Without contact it is about 1.5 (three unknowns fitted to noise). `scene` is the highest
+    rung's, whatever rung was fitted: what a lower one leaves out of the weight must not pass for a force.
     """
+    residuals, jacobian = linearised(scene, result.unknowns)
     free = np.array([0.5, 0.0, 0.0])
-    curves = scene.curves(free[:1] * scene.rig.antenna.length_m, np.zeros((1, 2)))
-    without = _marginal(scene, scene.whitened(curves)[:, 0], np.empty((len(result.residuals), 0)), free)
-    return (without - _marginal(scene, result.residuals, result.jacobian, result.unknowns)) / excess
+    without = linearised(scene, free)[0]
+    gained = _marginal(scene, without, jacobian[:, :0], free) - _marginal(scene, residuals, jacobian, result.unknowns)
+    return gained / excess
 
 
 def _marginal(scene: Scene, residuals: np.ndarray, jacobian: np.ndarray, unknowns: np.ndarray) -> float:

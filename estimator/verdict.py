@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vbaa_calib.geometry import Pose
@@ -10,8 +12,8 @@ from .contact import Contact
 from .fit import Fit, Scene
 from .uncertainty import Spread, evidence
 
-CONTACT_EVIDENCE = 30.0
-"""Least evidence for a contact. Noise alone gives about 1.5; an edge that brushes past the antenna has given 14."""
+CONTACT_EVIDENCE = 14.0
+"""Least evidence for a contact. Noise alone exceeds it about four times in a million (χ² with 3 degrees of freedom > 28)."""
 LOW_SIGNAL = 0.12
 """Contact distances less certain than this fraction of the length are not given out."""
 EDGE_ON_RAD = 0.05
@@ -23,18 +25,32 @@ CONTRADICTION = 4.0
 STEPS = np.array([1e-4, 1e-4, 1e-4])
 
 
-def judge(scene: Scene, T_world_antenna: Pose, result: Fit, spread: Spread, model: str, chosen: str) -> Contact:
-    """The frame's result.
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A fit and what belongs to it.
 
-    Parameters
+    Attributes
     ----------
-    model, chosen : the rung of the ladder, and why it was taken.
+    scene, reference : the frame on the rung that was fitted, and on the highest.
+    model, chosen : name of the rung that was fitted, and why it was taken.
     """
+
+    scene: Scene
+    reference: Scene
+    fit: Fit
+    spread: Spread
+    model: str
+    chosen: str
+
+
+def judge(solved: Solved, T_world_antenna: Pose) -> Contact:
+    """The frame's result: what the fit is worth decides what is said."""
+    scene, result, spread, model = solved.scene, solved.fit, solved.spread, solved.model
     if not result.converged or not np.isfinite(result.unknowns).all():
         return Contact("failed", "the fit did not converge", model, False)
     sensor = scene.rig.moment_sensor
     residual = float(result.residuals[-1] * sensor.std_Nm / sensor.gain)
-    if evidence(scene, result, spread.excess) < CONTACT_EVIDENCE:
+    if evidence(solved.reference, result, spread.excess) < CONTACT_EVIDENCE:
         why = "the antenna has its free shape within its uncertainty"
         return Contact("no_contact", why, model, False, moment_residual_Nm=residual)
     misfit = 1.4826 * float(np.median(np.abs(result.residuals[:-1])))
@@ -45,12 +61,12 @@ def judge(scene: Scene, T_world_antenna: Pose, result: Fit, spread: Spread, mode
     if not distance_std < LOW_SIGNAL:
         status, why = _too_little(scene, result, distance_std)
         return Contact(status, why, model, True, moment_residual_Nm=residual)
-    reasons = [chosen]
+    reasons = [solved.chosen]
     if result.at_tip:
         reasons.insert(0, "the contact is at the tip: its distance is the antenna's length")
     if abs(result.residuals[-1]) > CONTRADICTION:
         reasons.append(f"picture and moment disagree by {abs(result.residuals[-1]):.0f} std")
-    return _describe(scene, T_world_antenna, result, spread, model, "; ".join(reasons), residual)
+    return _describe(solved, T_world_antenna, "; ".join(reasons), residual)
 
 
 def edge_on_angle(scene: Scene, result: Fit) -> float:
@@ -81,9 +97,8 @@ def _quantities(scene: Scene, unknowns: np.ndarray, parameters: np.ndarray) -> n
     return np.hstack([curves.contact_m, curves.force_N, curves.contact_m - free.contact_m])
 
 
-def _describe(
-    scene: Scene, T_world_antenna: Pose, result: Fit, spread: Spread, model: str, reason: str, residual: float
-) -> Contact:
+def _describe(solved: Solved, T_world_antenna: Pose, reason: str, residual: float) -> Contact:
+    scene, result, spread = solved.scene, solved.fit, solved.spread
     steps = STEPS * np.where(result.unknowns + STEPS > 1.0, [-1, 1, 1], 1)
     rig_steps = np.full(8, 1e-5)
     unknowns = np.vstack([result.unknowns, result.unknowns + np.diag(steps), np.tile(result.unknowns, (8, 1))])
@@ -104,7 +119,7 @@ def _describe(
     return Contact(
         status="tip_contact" if result.at_tip else "ok",
         reason=reason,
-        model=model,
+        model=solved.model,
         in_contact=True,
         distance_m=float(result.unknowns[0] * scene.rig.antenna.length_m),
         distance_std_m=float(np.sqrt(spread.covariance[0, 0]) * scene.rig.antenna.length_m),

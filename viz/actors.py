@@ -128,12 +128,17 @@ def _add_object(plotter: pv.Plotter, mesh: ObjectMesh, disc_radius_m: float) -> 
         surface.point_data["Normals"] = mesh.normals
         plotter.add_mesh(surface, color=OBJECT, smooth_shading=True, specular=0.3, split_sharp_edges=False)
     loose = np.setdiff1d(np.arange(len(mesh.points_m)), mesh.triangles)
-    if len(loose):
+    facing = loose[np.linalg.norm(mesh.normals[loose], axis=1) > 0.5]
+    if len(facing):
         # a point with its normal is a piece of the object, however little of it was touched
-        cloud = pv.PolyData(mesh.points_m[loose])
-        cloud["normals"] = mesh.normals[loose]
+        cloud = pv.PolyData(mesh.points_m[facing])
+        cloud["normals"] = mesh.normals[facing]
         disc = pv.Disc(inner=0.0, outer=disc_radius_m, normal=(1, 0, 0), c_res=32)
         plotter.add_mesh(cloud.glyph(geom=disc, scale=False, orient="normals"), color=OBJECT, opacity=0.9)
+    bare = np.setdiff1d(loose, facing)
+    if len(bare):
+        ball = pv.Sphere(radius=0.4 * disc_radius_m)
+        plotter.add_mesh(pv.PolyData(mesh.points_m[bare]).glyph(geom=ball, scale=False, orient=False), color=OBJECT)
     if len(mesh.lines):
         lines = pv.PolyData(mesh.points_m, lines=np.column_stack([np.full(len(mesh.lines), 2), mesh.lines]))
         plotter.add_mesh(lines.tube(radius=0.25 * disc_radius_m), color=OBJECT, smooth_shading=True)

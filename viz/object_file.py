@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyvista as pv
-from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
+from vtkmodules.vtkCommonCore import vtkObject
 from vtkmodules.vtkIOPLY import vtkPLYReader
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
@@ -35,7 +35,8 @@ def to_mesh(surface: Surface) -> pv.PolyData:
         lines=_cells(surface.lines),
         faces=_cells(surface.triangles),
     )
-    mesh.point_data["Normals"] = surface.normals
+    # VTK's .ply writer drops double normals
+    mesh.point_data["Normals"] = surface.normals.astype(np.float32)
     for name in ("std_m", "force_N", "frame", "patch"):
         mesh.point_data[name] = getattr(surface, name)
     return mesh
@@ -65,14 +66,14 @@ def read_object(path: Path) -> ObjectMesh:
     mesh = _read(vtkXMLPolyDataReader() if path.suffix.lower() == ".vtp" else vtkPLYReader(), path)
     if not mesh.n_points or not np.isfinite(mesh.points).all():
         raise InputError("holds no mesh", where=path, remedy="write it again with vbaa reconstruct")
-    faces = mesh.triangulate().regular_faces if mesh.n_faces_strict else np.empty((0, 3), int)
-    normals = mesh.point_data.get("Normals")
-    if normals is None:
-        normals = mesh.compute_normals(cell_normals=False, auto_orient_normals=False).point_data.get("Normals")
+    faces = mesh.triangulate().regular_faces if mesh.faces.size else np.empty((0, 3), int)
+    if "Normals" not in mesh.point_data and len(faces):
+        mesh = mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False)
+    normals = mesh.point_data["Normals"] if "Normals" in mesh.point_data else np.zeros((mesh.n_points, 3))
     segments = [np.stack([line[:-1], line[1:]], axis=1) for line in _split(np.asarray(mesh.lines))]
     return ObjectMesh(
         np.asarray(mesh.points, float),
-        np.zeros((mesh.n_points, 3)) if normals is None else np.asarray(normals, float),
+        np.asarray(normals, float),
         np.asarray(faces, int),
         np.concatenate([np.empty((0, 2), int), *segments]),
     )
@@ -88,15 +89,12 @@ def _split(cells: np.ndarray) -> list[np.ndarray]:
 
 
 def _read(reader: vtkXMLPolyDataReader | vtkPLYReader, path: Path) -> pv.PolyData:
-    """VTK's own readers, because an observer for their errors keeps them from printing pages of them."""
-    executive = reader.GetExecutive()
-    for speaker in (reader, executive):
-        for event in ("ErrorEvent", "WarningEvent"):
-            speaker.AddObserver(event, _ignore)
+    """VTK's mesh, without the pages that it prints about a file it cannot read: an empty mesh says the same."""
     reader.SetFileName(str(path))
-    reader.Update()
+    before = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.SetGlobalWarningDisplay(0)
+    try:
+        reader.Update()
+    finally:
+        vtkObject.SetGlobalWarningDisplay(before)
     return pv.wrap(reader.GetOutput())
-
-
-def _ignore(_speaker: vtkAlgorithm, _event: str) -> None:
-    """What went wrong shows in the empty mesh."""

@@ -110,18 +110,17 @@ def build_scene(
     *,
     rig: RigItems | None = None,
     surface: ObjectMesh | None = None,
-    truth: Mapping[str, Any] | None = None,
+    truth: TruthObject | None = None,
 ) -> Scene:
     """The scene of one recording.
 
     Parameters
     ----------
     table : its contacts; frames without a located contact are not drawn.
-    truth : contents of truth.json, where known.
 
     Raises
     ------
-    InputError : there is nothing to draw, or truth names no object that we know.
+    InputError : there is nothing to draw.
     """
     located = table.located
     if not located.any():
@@ -131,7 +130,7 @@ def build_scene(
     points = table.point_world_m[located]
     bars = _longest_axes(points, table.covariance_world_m2[located])
     contacts = Contacts(points, table.force_world_N[located], bars)
-    return Scene(contacts, rig, surface, None if truth is None else truth_object(truth))
+    return Scene(contacts, rig, surface, truth)
 
 
 def _longest_axes(points_m: np.ndarray, covariance_m2: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from .object_file import read_object
     from .render import require_opengl, screenshot, show, write_page
-    from .scene import build_scene
+    from .scene import build_scene, truth_object
 
     table = read_contacts(args.contacts)
     rig = None
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         table,
         rig=rig,
         surface=None if args.object is None else read_object(args.object),
-        truth=None if args.truth is None else read_json(args.truth),
+        truth=None if args.truth is None else truth_object(read_json(args.truth), args.truth),
     )
     # the page needs no OpenGL: it is written before the picture may fail
     if args.html is not None:

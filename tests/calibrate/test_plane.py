@@ -75,12 +75,12 @@ def test_the_covariance_is_that_of_repeated_noise(name: str) -> None:
     rng, camera = np.random.default_rng(4), camera_of(name, CAMERAS[name])
     true = facing([0.5, 0.2, 0.1], 0.15)
     normalized = []
-    for _ in range(60):
+    for _ in range(40):
         solved = solve_board_pose(pictures(name, true, rng, 0.2), SPEC, camera)
         step = tangent(solved.T_camera_board, true)
         normalized.append(step @ np.linalg.solve(solved.covariance, step))
-    # six degrees of freedom; the mean of 60 draws has a standard deviation of 0.45
-    assert np.mean(normalized) == pytest.approx(6.0, abs=1.5)
+    # six degrees of freedom; the mean of 40 draws has a standard deviation of 0.55
+    assert np.mean(normalized) == pytest.approx(6.0, abs=1.8)
 
 
 def test_many_pictures_average_their_noise_and_not_what_they_share() -> None:
@@ -115,9 +115,9 @@ def test_a_gross_corner_does_not_pull() -> None:
 
 def test_the_second_solution_of_a_distant_board_is_reported() -> None:
     rng = np.random.default_rng(8)
-    long_lens = np.array([40000.0, 40000.0, 640.0, 480.0])
+    long_lens = np.array([120000.0, 120000.0, 640.0, 480.0])
     camera = camera_of("none", long_lens)
-    true = facing([0.35, 0.1, 0.0], 6.0)
+    true = facing([0.35, 0.1, 0.0], 18.0)
     pixels = project_board(LENS_MODELS["none"], long_lens, true)
     solved = solve_board_pose([board_view("0.png", pixels, SIZE, rng, 0.3)], SPEC, camera)
     assert solved.second is not None

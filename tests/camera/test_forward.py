@@ -68,7 +68,9 @@ def test_fisheye_is_smooth_on_the_axis():
     k = camera.distortion
     exact = angle * (1 + sum(k[i] * angle ** (2 * i + 2) for i in range(4)))
     assert valid.all()
-    np.testing.assert_allclose((pixels[:, 0] - camera.matrix[0, 2]) / camera.matrix[0, 0], exact, atol=1e-16, rtol=1e-12)
+    np.testing.assert_allclose(
+        (pixels[:, 0] - camera.matrix[0, 2]) / camera.matrix[0, 0], exact, atol=1e-16, rtol=1e-12
+    )
 
 
 def test_fisheye_sees_beyond_a_right_angle():

@@ -116,13 +116,27 @@ def test_shortcuts_change_nothing():
     np.testing.assert_allclose(full, radial, atol=1e-13)
 
 
+def around_the_rim(lens: Camera, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Pixels on both sides of the valid region's rim, where other branches are close."""
+    radius = lens.valid_region().distorted_radius
+    azimuth, along = rng.uniform(-np.pi, np.pi, count), radius * rng.uniform(0.99, 1.03, count)
+    return (
+        lens.matrix[:2, 2] + np.stack([along * np.cos(azimuth), along * np.sin(azimuth)], -1) * np.diag(lens.matrix)[:2]
+    )
+
+
 def check_never_silently_wrong(lens: Camera, rng: np.random.Generator, count: int) -> tuple[int, int]:
     """Random pixels around the image, and random directions. Returns how many came back of how many that should."""
     width, height = lens.image_size
     pixels = rng.uniform([-0.2 * width, -0.2 * height], [1.2 * width, 1.2 * height], (count, 2))
+    if lens.valid_region().distorted_radius < 3.0:
+        pixels = np.concatenate([pixels, around_the_rim(lens, rng, count)])
     rays, valid = lens.unproject(pixels)
     assert np.isfinite(rays[valid]).all()
     assert np.isnan(rays[~valid]).all()
+    again, still = lens.project(rays[valid])
+    assert still.all()
+    np.testing.assert_allclose(again, pixels[valid], rtol=0, atol=1e-8)
     front = valid & (rays[:, 2] > 1e-3)
     if front.any():
         assert np.abs(opencv_pixels(lens, rays[front]) - pixels[front]).max() < 1e-8

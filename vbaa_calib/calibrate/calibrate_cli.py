@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ..console import say
+from ..detect.corners import detect_folder
 from ..files import refuse_overwrite, sha256, write_json
 from ..images import list_images
 from ..session import Session, load_session, read_loads, read_noload
 from .intrinsics import solve_intrinsics
-from .intrinsics_cli import MODELS, detect_folder
+from .intrinsics_cli import MODELS
 from .plane import solve_board_pose
 from .session_rig import Calibration, doubts, make_rig, pose_from_jig, report, require_jig, solve_antenna, summary
 
@@ -59,12 +60,12 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
     folders = [session.root / name for name in ("intrinsics", "plane")]
     for folder in folders:
         list_images(folder)
-    lens = solve_intrinsics(detect_folder(folders[0], session.board), session.board, model=lens_model)
+    lens = solve_intrinsics(detect_folder(folders[0], session.board), session.board, lens_model)
     board_pose = solve_board_pose(detect_folder(folders[1], session.board), session.board, lens.camera)
-    T_antenna_camera, covariance = pose_from_jig(board_pose, T_antenna_board)
+    T_antenna_camera, covariance = pose_from_jig(board_pose, lens.camera, T_antenna_board)
     joint, observations = solve_antenna(session, lens.camera, T_antenna_camera, covariance)
     rig = make_rig(session, lens.camera, joint, observations)
-    return Calibration(rig, lens, board_pose, joint, doubts(session, rig, joint, [*noload, *loads]))
+    return Calibration(rig, lens, board_pose, joint, doubts(session, rig, board_pose, joint, [*noload, *loads]))
 
 
 def inputs(session: Session) -> dict[str, str]:

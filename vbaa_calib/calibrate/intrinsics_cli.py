@@ -38,8 +38,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Detect, solve, write camera.json. Returns its numbers."""
+    from ..detect.board_file import load_board
     from ..detect.corners import detect_folder
-    from ..formats.board_file import load_board
     from .intrinsics import solve_intrinsics
 
     refuse_overwrite(args.output, args.force)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bundle import Bundle, Observation, free_directions, refine
+from .bundle import Bundle, Observation, free_directions, lens_covariance, refine
 from .lens_models import LENS_MODELS, LensModel, is_monotonic
 from .lens_start import fit_lens
 
@@ -47,13 +47,16 @@ def choose_lens(
 
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. Taken is
     the first in order of complexity whose held-out error is within one standard error (over views), or 1 %, of the
-    best. A model that folds inside the picture is passed over unless every other is 10 % worse.
+    best. A model that folds inside the picture is passed over unless every other is 10 % worse; one that the views
+    leave open is left out.
     """
     known = {} if known is None else known
     errors, candidates = {}, []
     for name in CANDIDATES:
         model = LENS_MODELS[name]
         bundle = fit_lens(model, observations, image_size, square_pixels, known)
+        if lens_covariance(model, bundle, observations, free_directions(model, square_pixels)) is None:
+            continue
         errors[name] = _held_out_squares(model, bundle, observations, square_pixels)
         candidates.append(
             Candidate(
@@ -64,7 +67,8 @@ def choose_lens(
                 is_monotonic(model, bundle.intrinsics, image_size),
             )
         )
-    return LENS_MODELS[_simplest_good(candidates, errors, observations)], tuple(candidates)
+    chosen = _simplest_good(candidates, errors) if candidates else CANDIDATES[0]
+    return LENS_MODELS[chosen], tuple(candidates)
 
 
 def _rms(squares: np.ndarray, observations: Sequence[Observation]) -> float:
@@ -88,9 +92,7 @@ def _held_out_squares(
     return squares
 
 
-def _simplest_good(
-    candidates: Sequence[Candidate], errors: dict[str, np.ndarray], observations: Sequence[Observation]
-) -> str:
+def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:
     least = min(candidate.held_out_rms_px for candidate in candidates)
     monotonic = [c for c in candidates if c.monotonic and c.held_out_rms_px <= _MONOTONIC_MAY_COST * least]
     allowed = monotonic or list(candidates)

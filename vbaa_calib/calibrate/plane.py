@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -100,10 +100,9 @@ def solve_board_pose(views: Sequence[BoardView], spec: BoardSpec, camera: Camera
     if not fixes_homography(points[:, :2]):
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     first = _refined(first, camera, points, pixels, "linear")
-    by_pose = _jacobian(lambda step: camera.project(first.retract(step) @ points)[0], np.full(6, 1e-6))
+    by_pose, by_lens = _derivatives(first, camera, points)
     normal_inverse = np.linalg.inv(by_pose.T @ by_pose)
     residual = _residual(first, camera, points, pixels)
-    by_lens = _lens_jacobian(camera, first, points)
     return BoardPose(
         first,
         normal_inverse * float(residual @ residual) / max(residual.size - 6, 1),
@@ -209,7 +208,8 @@ def _refined(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray,
         result = least_squares(
             lambda step, start=start: _residual(start.retract(step * scale), camera, points, pixels),
             np.zeros(6),
-            jac="3-point",
+            # exact at the start of each round and within a turn of a few degrees good enough to descend
+            jac=lambda step, start=start: _derivatives(start.retract(step * scale), camera, points)[0] * scale,
             loss=loss,
             xtol=1e-12,
             ftol=1e-12,
@@ -237,17 +237,14 @@ def _second(
     return None
 
 
-def _jacobian(function: Callable[[np.ndarray], np.ndarray], steps: np.ndarray) -> np.ndarray:
-    """Central differences at zero: (outputs, inputs)."""
-    columns = [
-        (function(step * direction) - function(-step * direction)).ravel() / (2.0 * step)
-        for step, direction in zip(steps, np.eye(len(steps)), strict=True)
-    ]
-    return np.stack(columns, axis=1)
-
-
-def _lens_jacobian(camera: Camera, T_camera_board: Pose, points: np.ndarray) -> np.ndarray:
-    """(2N, 4 + k) derivative of the pixels by the camera's parameters."""
+def _derivatives(pose: Pose, camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
     intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
-    pose = np.concatenate([T_camera_board.rotvec_rad, T_camera_board.translation_m])
-    return PROJECTIONS[camera.model](points, pose, intrinsics)[1]
+    vector = np.concatenate([pose.rotvec_rad, pose.translation_m])
+    _, by_lens, by_vector = PROJECTIONS[camera.model](points, vector, intrinsics)
+    by_position = by_vector[:, 3:].reshape(-1, 2, 3)
+    # turning by w about the board's origin moves a point by w × lever
+    by_turn = np.cross((points @ pose.rotation.T)[:, None], by_position)
+    by_pose = np.concatenate([by_turn, by_position], axis=-1)
+    seen = camera.project(pose @ points)[1]
+    return np.where(seen[:, None, None], by_pose, 0.0).reshape(-1, 6), by_lens

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -46,8 +46,11 @@ class Calibration:
     warnings: Sequence[str] = field(default_factory=tuple)
 
 
-def pose_from_jig(board_pose: BoardPose, T_antenna_board: Pose) -> tuple[Pose, np.ndarray]:
-    """Pose of the camera in the antenna frame and its (6, 6) covariance, tangent of `Pose.retract` in that frame."""
+def pose_from_jig(board_pose: BoardPose, camera: Camera, T_antenna_board: Pose) -> tuple[Pose, np.ndarray]:
+    """Pose of the camera in the antenna frame and its (6, 6) covariance, tangent of `Pose.retract` in that frame.
+
+    The lens' covariance is carried through to the pose.
+    """
     T_camera_board = board_pose.T_camera_board
     T_antenna_camera = T_antenna_board @ T_camera_board.inverse()
     rotation = T_antenna_camera.rotation
@@ -55,7 +58,10 @@ def pose_from_jig(board_pose: BoardPose, T_antenna_board: Pose) -> tuple[Pose, n
     cross = np.array([[0, -lever[2], lever[1]], [lever[2], 0, -lever[0]], [-lever[1], lever[0], 0]])
     # Turning the board by w turns the camera by −R·w about the board, which also moves it.
     jacobian = np.block([[-rotation, np.zeros((3, 3))], [-cross @ rotation, -rotation]])
-    return T_antenna_camera, jacobian @ board_pose.covariance @ jacobian.T
+    covariance = board_pose.covariance
+    if camera.covariance is not None:
+        covariance = covariance + board_pose.lens_sensitivity @ camera.covariance @ board_pose.lens_sensitivity.T
+    return T_antenna_camera, jacobian @ covariance @ jacobian.T
 
 
 def nominal_parameters(antenna: NominalAntenna) -> np.ndarray:
@@ -102,9 +108,13 @@ def make_rig(session: Session, camera: Camera, joint: JointSolution, observation
     )
 
 
-def doubts(session: Session, rig: Rig, joint: JointSolution, stills: Sequence[Still]) -> list[str]:
+def doubts(
+    session: Session, rig: Rig, board_pose: BoardPose, joint: JointSolution, stills: Sequence[Still]
+) -> list[str]:
     """What a person should look at, in words."""
     found = []
+    if board_pose.is_ambiguous:
+        found.append("the board in the jig has a second pose that fits nearly as well: take it from a steeper angle")
     typical = float(np.median(joint.point_rms))
     for still, rms, moment in zip(stills, joint.point_rms, joint.moment_residuals_Nm, strict=True):
         name = still.image.name if still.image else "?"
@@ -153,14 +163,13 @@ def report(calibration: Calibration) -> None:
 
 def summary(calibration: Calibration) -> dict[str, Any]:
     """The numbers of the result, for rig.json's quality section and `--json`."""
-    joint = calibration.joint
-    second: Mapping[str, Any] = {}
+    joint, board_pose = calibration.joint, calibration.board_pose
     return {
         "lens_rms_px": float(calibration.lens.rms_px),
-        "plane_rms_px": float(calibration.board_pose.rms_px),
+        "plane_rms_px": float(board_pose.rms_px),
+        "plane_second_solution_ratio": board_pose.second_ratio,
         "noise_scale": joint.noise_scale,
         "worst_still_rms": float(joint.point_rms.max()),
         "moment_residual_rms_Nm": float(np.sqrt((joint.moment_residuals_Nm**2).mean())),
         "warnings": list(calibration.warnings),
-        **second,
     }

@@ -23,7 +23,8 @@ def invert(model: LensModel, x: Array, y: Array, c: Coefficients | torch.Tensor)
     """Ideal points (...) in the model's chart of distorted ones (...) before the sensor's tilt, and their validity.
 
     c is a sequence of floats, or a tensor (..., k) whose leading dimensions broadcast against the points'.
-    Differentiable in x, y and c when the points are tensors. Points that are not valid are (0, 0).
+    Differentiable in x, y and c when the points are tensors. Points that are not valid are (0, 0), where every lens
+    has the identity as its Jacobian, and have no gradient.
     """
     if not isinstance(x, torch.Tensor):
         return solve(lens_of(model, c), x, y)
@@ -52,7 +53,7 @@ class _Invert(torch.autograd.Function):
         ideal_x, ideal_y, c, valid = ctx.saved_tensors
         along_x, along_y = (torch.where(valid, gradient, 0.0) for gradient in gradients[:2])
         _, _, xx, xy, yx, yy = ctx.model.linearize(ideal_x, ideal_y, c.unbind(-1))
-        determinant = torch.where(valid, xx * yy - xy * yx, 1.0)
+        determinant = xx * yy - xy * yx
         by_x, by_y = (yy * along_x - yx * along_y) / determinant, (xx * along_y - xy * along_x) / determinant
         columns = ctx.model.by_coefficient(ideal_x, ideal_y, c.unbind(-1))
         by_c = [-(by_x * dx + by_y * dy) for dx, dy in columns]
@@ -69,7 +70,7 @@ class _Invert(torch.autograd.Function):
             for (column_x, column_y), tangent in zip(columns, dc.unbind(-1), strict=False):
                 dx, dy = dx - column_x * tangent, dy - column_y * tangent
         _, _, xx, xy, yx, yy = ctx.model.linearize(ideal_x, ideal_y, c.unbind(-1))
-        inverse = valid / torch.where(valid, xx * yy - xy * yx, 1.0)
+        inverse = valid / (xx * yy - xy * yx)
         return (yy * dx - xy * dy) * inverse, (xx * dy - yx * dx) * inverse, None
 
 

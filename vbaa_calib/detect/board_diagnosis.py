@@ -36,6 +36,14 @@ def marker_cells(squares_x: int, on_even_squares: bool, count: int) -> np.ndarra
     return np.stack([column[holds_marker], row[holds_marker]], axis=-1)[:count]
 
 
+def px_per_square(outlines: np.ndarray, marker_per_square: float) -> np.ndarray:
+    """(M, 2, 2) pixels per square along the board's x and y (columns) at each marker, outlines (M, 4, 2) px.
+
+    The least-squares affine map of its four corners.
+    """
+    return np.einsum("mcp,cb->mpb", outlines, _OUTLINE) / marker_per_square
+
+
 def _neighbours(found: Markers, cells: np.ndarray, marker_per_square: float) -> tuple[np.ndarray, np.ndarray]:
     """(M, M) pairs of markers within two squares of each other in a layout, and which of them stand so in the picture.
 
@@ -44,8 +52,7 @@ def _neighbours(found: Markers, cells: np.ndarray, marker_per_square: float) -> 
     """
     ids, outlines = found
     centres = outlines.mean(axis=1)
-    # px per square along the board's x and y: the least-squares affine map of the four corners
-    per_square = np.einsum("mcp,cb->mpb", outlines, _OUTLINE) / marker_per_square
+    per_square = px_per_square(outlines, marker_per_square)
     steps = cells[ids][None] - cells[ids][:, None]
     distance = np.abs(steps).max(axis=-1)
     near = (distance > 0) & (distance <= 2)

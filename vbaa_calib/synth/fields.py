@@ -49,7 +49,7 @@ class Section:
         """The bare value; missing and without a default is an error."""
         value = self.values.get(key)
         if value is None and default is None:
-            raise self.wrong(key, "is missing", "add it; docs/formats.md lists the keys of a scene")
+            raise self.wrong(key, "is missing", "add it; the bundled scene demo.yaml shows every key")
         return default if value is None else value
 
     def has(self, key: str) -> bool:

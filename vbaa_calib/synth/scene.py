@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from targets.board import BoardSpec
 
 from ..antenna.rod import Rod
+from ..errors import InputError
 from ..geometry import Kinematics, Pose
 from ..session import NominalAntenna
 from .lens import Lens
@@ -212,10 +213,13 @@ def camera_pose(
     return Pose(upright @ turn, look_at_m + distance_m * toward_camera)
 
 
-def bundled_scene(name: str) -> Path | None:
-    """Path of a scene that comes with the package, or None when there is none of that name."""
+def bundled_scene(name: str) -> Path:
+    """Path of a scene that comes with the package. Raises InputError when there is none of that name."""
     path = Path(__file__).parent / "scenes" / f"{name}.yaml"
-    return path if path.is_file() else None
+    if name not in bundled_names():
+        remedy = f"the bundled ones are {', '.join(bundled_names())}"
+        raise InputError("is neither a file nor a bundled scene", where=name, remedy=remedy)
+    return path
 
 
 def bundled_names() -> list[str]:

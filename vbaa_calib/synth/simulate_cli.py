@@ -27,18 +27,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from ..console import say
     from ..errors import InputError
-    from .scene import bundled_names, bundled_scene
+    from .scene import bundled_scene
     from .scene_file import load_scene
     from .write import write_session
 
     started = time.perf_counter()
     given = Path(args.scene)
-    path = given if given.exists() or given.suffix else bundled_scene(args.scene)
-    if path is None:
-        raise InputError(
-            "is neither a file nor a bundled scene", where=args.scene, remedy=f"bundled: {', '.join(bundled_names())}"
-        )
-    scene = load_scene(path)
+    scene = load_scene(given if given.is_file() or given.suffix else bundled_scene(args.scene))
     if args.seed is not None:
         if args.seed < 0:
             raise InputError(f"--seed is {args.seed}", where="vbaa simulate", remedy="give a whole number from 0")

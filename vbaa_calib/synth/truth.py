@@ -28,7 +28,7 @@ def frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose)
         "contact_antenna_m": touched.contact_antenna_m[index].tolist(),
         "contact_world_m": contact.tolist(),
         "normal_world": normal.tolist(),
-        "indentation_m": float(max(scene.radius_m - distance, 0.0)),
+        "indentation_m": float(np.maximum(scene.radius_m - distance, 0.0)),
     }
 
 

@@ -56,8 +56,13 @@ def replacing_folder(path: Path, force: bool) -> Iterator[Path]:
         if path.exists():
             old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
             path.rename(old / "session")
-            temporary.rename(path)
-            shutil.rmtree(old)
+            try:
+                temporary.rename(path)
+            except OSError:
+                (old / "session").rename(path)
+                raise
+            finally:
+                shutil.rmtree(old)
         else:
             temporary.rename(path)
     finally:

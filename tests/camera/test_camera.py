@@ -1,0 +1,176 @@
+"""What goes in and comes out of a Camera: kinds, shapes, dtypes, files, errors."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+import torch
+
+from vbaa_calib.camera import Camera
+from vbaa_calib.errors import InputError
+from vbaa_calib.files import write_json
+
+from .lenses import LENSES, REAL
+
+K = np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3), (4, 0), (0,), (2, 1, 3)])
+@pytest.mark.parametrize("name", ["pinhole", "barrel", "decentred", "tilted", "fisheye 200"])
+def test_shapes_kinds_and_precision_are_kept(name, shape):
+    camera = LENSES[name]
+    pixels = np.random.default_rng(0).uniform(300, 500, (*shape, 2))
+    for given in (pixels, pixels.astype(np.float32), torch.tensor(pixels), torch.tensor(pixels).float()):
+        rays, valid = camera.unproject(given)
+        again, seen = camera.project(rays)
+        ideal, _ = camera.unproject_normalized(given)
+        assert type(rays) is type(again) is type(given)
+        assert rays.dtype == again.dtype == ideal.dtype == camera.jacobian(given).dtype == given.dtype
+        assert tuple(rays.shape) == (*shape, 3)
+        assert tuple(valid.shape) == tuple(seen.shape) == shape
+        assert tuple(again.shape) == tuple(ideal.shape) == (*shape, 2)
+        assert tuple(camera.jacobian(given).shape) == (*shape, 2, 2)
+        np.testing.assert_allclose(np.asarray(again), pixels, atol=1e-3)
+
+
+def test_any_memory_layout_is_taken_and_none_is_changed():
+    camera = LENSES["decentred"]
+    pixels = np.random.default_rng(0).uniform(300, 500, (6, 2))
+    before = pixels.copy()
+    pixels.flags.writeable = False
+    expected, _ = camera.unproject(pixels)
+    np.testing.assert_array_equal(camera.unproject(pixels[::-1])[0], expected[::-1])
+    np.testing.assert_array_equal(camera.unproject(np.asfortranarray(pixels))[0], expected)
+    np.testing.assert_array_equal(pixels, before)
+    np.testing.assert_allclose(camera.unproject(torch.tensor(before))[0].numpy(), expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "says"),
+    [
+        (np.zeros((4, 3)), r"\(\.\.\., 2\)"),
+        (np.zeros(()), r"\(\.\.\., 2\)"),
+        (np.zeros((4, 2), int), "int64"),
+        (torch.zeros(4, 2, dtype=torch.int32), "int32"),
+        (torch.zeros(4, 2, dtype=torch.float16), "float16"),
+        (torch.zeros(4, 2, dtype=torch.bool), "bool"),
+        (np.array(["a", "b"]), "float64"),
+    ],
+)
+def test_wrong_pixels_are_refused(pixels, says):
+    for method in (REAL["gopro five"].unproject, REAL["gopro five"].unproject_normalized, REAL["gopro five"].jacobian):
+        with pytest.raises(InputError, match=says):
+            method(pixels)
+
+
+def test_wrong_points_are_refused():
+    with pytest.raises(InputError, match=r"points have the shape \(5, 2\)"):
+        REAL["gopro five"].project(np.zeros((5, 2)))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"model": "pinhole"}, "fisheye, opencv"),
+        ({"model": None}, "None"),
+        ({"matrix": np.zeros((3, 3))}, "singular"),
+        ({"matrix": np.diag([900.0, -900.0, 1.0])}, "mirrored"),
+        ({"matrix": np.eye(4)}, r"\(3, 3\)"),
+        ({"matrix": K * np.nan}, "NaN"),
+        ({"matrix": np.array([[900.0, 2.0, 0], [0, 900, 0], [0, 0, 1]])}, "skew"),
+        ({"matrix": 2.0 * K}, "last row"),
+        ({"matrix": "K"}, "numbers"),
+        ({"distortion": np.zeros(3)}, "0, 4, 5, 8, 12, 14"),
+        ({"distortion": np.zeros((2, 2))}, r"\(2, 2\)"),
+        ({"distortion": [0.1, np.inf, 0, 0]}, "infinity"),
+        ({"model": "fisheye", "distortion": np.zeros(5)}, "takes 4"),
+        ({"image_size": (1280,)}, "width, height"),
+        ({"image_size": (1280, 0)}, "positive"),
+        ({"image_size": (1280.5, 720)}, "integers"),
+        ({"covariance": np.eye(4)}, r"\(8, 8\)"),
+        ({"covariance": -np.eye(8)}, "positive"),
+        ({"covariance": np.triu(np.ones((8, 8)))}, "symmetric"),
+        ({"parameter_names": ("fx",)}, "fy"),
+    ],
+)
+def test_what_is_no_camera_is_refused(change, says):
+    good = {"model": "opencv", "image_size": (1280, 720), "matrix": K, "distortion": np.zeros(4)}
+    Camera(**good)
+    with pytest.raises(InputError, match=says):
+        Camera(**(good | change))
+
+
+def test_opencv_row_and_column_vectors_are_taken():
+    for shape in ((5,), (1, 5), (5, 1)):
+        assert Camera("opencv", (1280, 720), K, np.zeros(shape)).distortion.shape == (5,)
+    assert Camera("opencv", (1280, 720), K, []).distortion.shape == (0,)
+
+
+def test_the_numbers_cannot_be_changed_behind_the_cameras_back():
+    matrix = K.copy()
+    camera = Camera("opencv", (1280, 720), matrix, np.zeros(4))
+    matrix[0, 0] = 1.0
+    assert camera.matrix[0, 0] == 900.0
+    with pytest.raises(ValueError, match="read-only"):
+        camera.distortion[0] = 1.0
+
+
+@pytest.mark.parametrize("name", sorted(LENSES))
+def test_to_a_file_and_back(name, tmp_path):
+    camera = LENSES[name]
+    count = 4 + camera.distortion.size
+    root = np.random.default_rng(0).normal(size=(count, count))
+    known = Camera(camera.model, camera.image_size, camera.matrix, camera.distortion, root @ root.T)
+    path = tmp_path / "camera.json"
+    write_json(path, known.to_dict() | {"rms_px": 0.3, "views": []})
+    again = Camera.load(path)
+    assert json.dumps(again.to_dict()) == json.dumps(known.to_dict())
+    assert again.parameter_names[:4] == ("fx", "fy", "cx", "cy")
+    np.testing.assert_array_equal(again.covariance, known.covariance)
+
+
+def test_files_that_are_no_camera_are_named(tmp_path):
+    path = tmp_path / "camera.json"
+    good = REAL["gopro five"].to_dict()
+    for broken in (
+        {},
+        good | {"schema": "vbaa.rig/1"},
+        {**good, "matrix": 3},
+        {k: good[k] for k in good if k != "model"},
+    ):
+        write_json(path, broken)
+        with pytest.raises(InputError, match=r"camera\.json"):
+            Camera.load(path)
+    with pytest.raises(InputError, match="no such file"):
+        Camera.load(tmp_path / "none.json")
+
+
+def test_a_camera_travels_between_processes():
+    for camera in LENSES.values():
+        again = pickle.loads(pickle.dumps(camera))
+        assert again.to_dict() == camera.to_dict()
+        assert again.path == camera.path
+
+
+def test_the_valid_region_can_be_asked_for():
+    pinhole = LENSES["pinhole"].valid_region()
+    assert (pinhole.ideal_radius, pinhole.distorted_radius, pinhole.image_fraction) == (np.inf, np.inf, 1.0)
+    assert pinhole.half_angle_rad == pytest.approx(np.pi / 2)
+    folding = LENSES["barrel folding"].valid_region()
+    assert 0.5 < folding.image_fraction < 1.0
+    assert folding.half_angle_rad == pytest.approx(np.arctan(folding.ideal_radius))
+    # growth 1 − 0.6 θ² ends at θ = 1.291
+    fisheye = LENSES["fisheye folding"].valid_region()
+    assert fisheye.half_angle_rad == fisheye.ideal_radius == pytest.approx(1 / np.sqrt(0.6), rel=1e-9)
+
+
+def test_the_fraction_is_the_share_of_valid_pixels():
+    for name in ("barrel folding", "gopro rational", "realsense author", "barrel"):
+        camera = LENSES[name]
+        width, height = camera.image_size
+        u, v = np.meshgrid(np.arange(0.0, width, 4), np.arange(0.0, height, 4))
+        _, valid = camera.unproject(np.stack([u, v], -1))
+        assert camera.valid_region().image_fraction == pytest.approx(valid.mean(), abs=0.02)

@@ -1,0 +1,142 @@
+"""Gradients by the implicit function theorem: exact, for every input, also the second ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch.autograd import gradcheck, gradgradcheck
+
+from vbaa_calib.camera.projection import Intrinsics, chart_to_pixel, pixel_to_chart, pixel_to_ray, ray_derivatives
+
+from .lenses import LENSES
+
+NAMES = ["pinhole", "zero coefficients", "barrel", "decentred", "rational", "prism strong", "tilted", "only tilted"]
+NAMES += ["fisheye 200", "fisheye equidistant", "gopro rational"]
+
+
+def differentiable(name, count=6):
+    camera = LENSES[name]
+    width, height = camera.image_size
+    rng = np.random.default_rng(0)
+    pixels = rng.uniform([0.3 * width, 0.3 * height], [0.7 * width, 0.7 * height], (count, 2))
+    inputs = (torch.tensor(pixels), torch.tensor(camera.matrix), torch.tensor(camera.distortion))
+    return camera, tuple(value.requires_grad_() for value in inputs)
+
+
+def rays_of(camera):
+    def function(pixels, K, c):
+        intrinsics = Intrinsics(camera.intrinsics.model, K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
+        return pixel_to_ray(intrinsics, pixels)[0]
+
+    return function
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_first_derivatives_in_both_modes(name):
+    camera, inputs = differentiable(name)
+    assert gradcheck(rays_of(camera), inputs, eps=1e-5, atol=1e-6, check_forward_ad=True)
+
+
+@pytest.mark.parametrize("name", ["barrel", "tilted", "fisheye 200"])
+def test_second_derivatives(name):
+    camera, inputs = differentiable(name, count=2)
+    assert gradgradcheck(rays_of(camera), inputs, eps=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["decentred", "tilted", "fisheye 200"])
+def test_projection_derivatives(name):
+    camera, (pixels, K, c) = differentiable(name)
+    rays, _ = camera.unproject(pixels.detach())
+
+    def function(points, K, c):
+        intrinsics = Intrinsics(camera.intrinsics.model, K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
+        x, y, _ = camera.intrinsics.model.chart.to_plane(torch, *points.unbind(-1))
+        return torch.stack(chart_to_pixel(intrinsics, x, y)[:2])
+
+    assert gradcheck(function, (rays.requires_grad_(), K, c), eps=1e-6, atol=1e-4)
+
+
+def test_gradient_through_the_public_door():
+    camera, (pixels, _, _) = differentiable("rational")
+    assert gradcheck(lambda p: camera.unproject(p)[0], (pixels,), eps=1e-5, atol=1e-6)
+    assert gradcheck(lambda p: camera.unproject_normalized(p)[0], (pixels,), eps=1e-5, atol=1e-6)
+
+
+def test_on_the_axis_of_a_fisheye_the_gradient_is_finite():
+    camera = LENSES["fisheye 200"]
+    pixels = torch.tensor(camera.matrix[:2, 2]).requires_grad_()
+    rays, _ = camera.unproject(pixels)
+    rays.sum().backward()
+    torch.testing.assert_close(pixels.grad, torch.full((2,), 1 / 430.0, dtype=torch.float64))
+    points = torch.tensor([0.0, 0.0, 2.0], dtype=torch.float64, requires_grad=True)
+    camera.project(points)[0].sum().backward()
+    torch.testing.assert_close(points.grad, torch.tensor([215.0, 215.0, 0.0], dtype=torch.float64))
+
+
+@pytest.mark.parametrize("name", ["barrel folding", "realsense author"])
+def test_invalid_points_leave_the_gradients_of_the_others_alone(name):
+    camera, (_, K, c) = differentiable(name)
+    good, bad = (
+        torch.tensor([[600.0, 340.0]]).double(),
+        torch.tensor([[float("nan"), 0.0], [9e3, 9e3], [1e300, 0.0]]).double(),
+    )
+
+    def gradients(pixels):
+        pixels = pixels.clone().requires_grad_()
+        intrinsics = Intrinsics(camera.intrinsics.model, K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
+        x, y, valid = pixel_to_chart(intrinsics, *pixels.unbind(-1))
+        assert valid.tolist() == [True] + [False] * (len(pixels) - 1)
+        total = (x + 2 * y).sum()
+        return torch.autograd.grad(total, (pixels, K, c))
+
+    (pixel_both, K_both, c_both), (pixel, K_one, c_one) = gradients(torch.cat([good, bad])), gradients(good)
+    torch.testing.assert_close(pixel_both, torch.cat([pixel, torch.zeros(3, 2).double()]))
+    torch.testing.assert_close(K_both, K_one)
+    torch.testing.assert_close(c_both, c_one)
+
+
+def test_a_batch_of_lenses():
+    # cameras (3, 1) against points (3, 5) and against shared points (5,)
+    names = ["barrel", "decentred", "mustache"]
+    coefficients = torch.zeros(3, 1, 5, dtype=torch.float64)
+    for row, name in enumerate(names):
+        coefficients[row, 0, : LENSES[name].distortion.size] = torch.tensor(LENSES[name].distortion)
+    coefficients.requires_grad_()
+    model = LENSES["barrel"].intrinsics.model
+    pixels = torch.rand(5, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0)) * 600
+    for points in (pixels, pixels.expand(3, 5, 2)):
+        rays, valid = pixel_to_ray(Intrinsics(model, 900.0, 900.0, 320.0, 240.0, coefficients), points)
+        assert rays.shape == (3, 5, 3)
+        assert valid.all()
+        for row in range(3):
+            alone, _ = pixel_to_ray(Intrinsics(model, 900.0, 900.0, 320.0, 240.0, coefficients[row, 0]), pixels)
+            torch.testing.assert_close(rays[row], alone)
+    assert gradcheck(
+        lambda c: pixel_to_ray(Intrinsics(model, 900.0, 900.0, 320.0, 240.0, c), pixels)[0], (coefficients,), atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("name", sorted(LENSES))
+def test_closed_form_derivatives_are_autograd(name):
+    camera, (pixels, K, c) = differentiable(name, count=3)
+    by_pixel, by_K, by_c = torch.autograd.functional.jacobian(rays_of(camera), (pixels, K, c), vectorize=False)
+    moved = ray_derivatives(camera.intrinsics, pixels.detach().numpy())
+    expected = torch.stack([by_pixel[i, :, i] for i in range(3)])
+    by_parameter = torch.cat(
+        [torch.stack([by_K[..., 0, 0], by_K[..., 1, 1], by_K[..., 0, 2], by_K[..., 1, 2]], -1), by_c], -1
+    )
+    np.testing.assert_allclose(moved.by_pixel, expected, rtol=1e-8, atol=1e-13)
+    np.testing.assert_allclose(moved.by_parameter, by_parameter, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["gopro rational", "tilted", "fisheye 170"])
+def test_jacobian_of_normalized_coordinates(name):
+    camera, (pixels, _, _) = differentiable(name)
+    step = 1e-4
+    columns = []
+    for axis in np.eye(2) * step:
+        ahead, _ = camera.unproject_normalized(pixels.detach().numpy() + axis)
+        behind, _ = camera.unproject_normalized(pixels.detach().numpy() - axis)
+        columns.append((ahead - behind) / (2 * step))
+    np.testing.assert_allclose(camera.jacobian(pixels.detach().numpy()), np.stack(columns, -1), rtol=1e-6, atol=1e-9)

@@ -1,0 +1,198 @@
+"""The metric layer: pixels to metres on a plane, with gradients and covariance."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from torch.autograd import gradcheck
+
+from vbaa_calib.camera import CameraOnPlane
+from vbaa_calib.errors import InputError
+from vbaa_calib.geometry import PLANE_C, Plane, Pose, hinge_plane
+
+from .lenses import LENSES, border_and_grid
+
+# 0.4 m above plane C, looking down on it at a tilt
+POSE = Pose.from_rotvec(np.array([np.pi - 0.5, 0.2, 0.1]), np.array([0.12, 0.02, 0.4]))
+NAMES = ["pinhole", "barrel", "decentred", "gopro rational", "tilted", "fisheye 170"]
+
+
+def middle(camera, count=8, seed=0):
+    width, height = camera.image_size
+    rng = np.random.default_rng(seed)
+    return rng.uniform([0.25 * width, 0.25 * height], [0.75 * width, 0.75 * height], (count, 2))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("plane", [PLANE_C, hinge_plane(0.3), Plane(np.array([0.6, 0.0, 0.8]), -0.05)])
+def test_points_on_the_plane_are_found_again(name, plane):
+    camera = LENSES[name]
+    layer = CameraOnPlane(camera, POSE, plane)
+    pixels = border_and_grid(camera, 15)
+    points, valid = layer.points(pixels)
+    assert valid.mean() > 0.3
+    np.testing.assert_allclose((points @ plane.normal)[valid], plane.offset_m, atol=1e-12)
+    again, seen = camera.project(POSE.inverse() @ points[valid])
+    assert seen.all()
+    np.testing.assert_allclose(again, pixels[valid], atol=1e-8)
+
+
+def test_on_plane_c_the_coordinates_are_x_and_y():
+    layer = CameraOnPlane(LENSES["barrel"], POSE)
+    xy, valid = layer.project(middle(LENSES["barrel"]))
+    points, _ = layer.points(middle(LENSES["barrel"]))
+    assert valid.all()
+    np.testing.assert_allclose(points[:, 2], 0.0, atol=1e-15)
+    np.testing.assert_array_equal(xy, points[:, :2])
+
+
+def test_the_sky_is_marked():
+    camera = LENSES["pinhole"]
+    level = Pose.from_rotvec(np.array([np.pi / 2, 0.0, 0.0]), np.array([0.0, 0.0, 0.4]))
+    for pose in (level, Pose(level.rotation, np.zeros(3)), Pose(np.eye(3), np.array([0.0, 0.0, 0.4]))):
+        xy, valid = CameraOnPlane(camera, pose)(border_and_grid(camera))
+        assert not valid.all()
+        assert np.isnan(xy[~valid]).all()
+        assert np.isfinite(xy[valid]).all()
+    assert 0.3 < CameraOnPlane(camera, level)(border_and_grid(camera))[1].mean() < 0.7
+    # the plane goes through the camera's centre: no pixel has an answer
+    assert not CameraOnPlane(camera, Pose(level.rotation, np.zeros(3)))(border_and_grid(camera))[1].any()
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (2, 0), (2, 1, 3)])
+def test_shapes_kinds_and_precision(shape):
+    camera = LENSES["decentred"]
+    layer = CameraOnPlane(camera, POSE)
+    pixels = np.random.default_rng(0).uniform(400, 500, (*shape, 2))
+    expected, _ = layer.project(pixels)
+    for given in (pixels, pixels.astype(np.float32), torch.tensor(pixels), torch.tensor(pixels).float()):
+        xy, valid = layer.project(given)
+        assert type(xy) is type(given)
+        assert xy.dtype == given.dtype
+        assert tuple(xy.shape) == (*shape, 2)
+        assert tuple(valid.shape) == shape
+        np.testing.assert_allclose(np.asarray(xy), expected, atol=2e-7)
+        assert tuple(layer.covariance(given, 0.1).shape) == (*shape, 2, 2)
+        assert layer.covariance(given, 0.1).dtype == given.dtype
+        assert tuple(layer.calibration_jacobian(given).shape) == (*shape, 2, 4 + 5 + 6)
+
+
+def test_wrong_input_is_refused():
+    layer = CameraOnPlane(LENSES["decentred"], POSE)
+    with pytest.raises(InputError, match="int64"):
+        layer(torch.zeros(3, 2, dtype=torch.int64))
+    with pytest.raises(InputError, match=r"\(3, 3\)"):
+        layer.covariance(np.zeros((3, 3)), 1.0)
+    with pytest.raises(InputError, match="normal"):
+        CameraOnPlane(LENSES["decentred"], POSE, Plane(np.zeros(3), 0.0))
+    with pytest.raises(InputError, match="translation"):
+        CameraOnPlane(LENSES["decentred"], Pose(np.eye(3), np.full(3, np.nan)))
+    with pytest.raises(InputError, match=r"\(15, 15\)"):
+        layer.calibration_covariance(np.zeros((3, 2)), np.eye(4))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradients_by_pixels_lens_and_pose(name):
+    camera = LENSES[name]
+    layer = CameraOnPlane(camera, POSE)
+    names = ("matrix", "distortion", "rotation", "translation_m")
+
+    def function(pixels, *values):
+        return torch.func.functional_call(layer, dict(zip(names, values, strict=True)), (pixels,))[0]
+
+    inputs = (torch.tensor(middle(camera, 4)), *(getattr(layer, name).clone() for name in names))
+    assert gradcheck(function, tuple(value.requires_grad_() for value in inputs), eps=1e-6, atol=1e-6)
+
+
+def test_it_learns_inside_a_network():
+    camera = LENSES["decentred"]
+    pixels = torch.tensor(middle(camera, 30))
+    target, _ = CameraOnPlane(camera, POSE)(pixels)
+    layer = CameraOnPlane(camera, POSE.retract(np.array([0, 0, 0, 0.01, -0.02, 0.03])))
+    layer.translation_m.requires_grad_()
+    optimizer = torch.optim.LBFGS([layer.translation_m], max_iter=100, tolerance_grad=1e-14, tolerance_change=1e-16)
+
+    def loss():
+        optimizer.zero_grad()
+        value = ((layer(pixels)[0] - target) ** 2).sum() * 1e6
+        value.backward()
+        return value
+
+    optimizer.step(loss)
+    np.testing.assert_allclose(layer.translation_m.detach().numpy(), POSE.translation_m, atol=1e-6)
+
+
+def test_invalid_pixels_do_not_poison_the_gradient():
+    layer = CameraOnPlane(LENSES["barrel folding"], POSE)
+    layer.translation_m.requires_grad_()
+    xy, valid = layer(torch.tensor([[640.0, 360.0], [1279.0, 719.0], [float("nan"), 0.0]]).double())
+    assert valid.tolist() == [True, False, False]
+    xy[valid].sum().backward()
+    assert torch.isfinite(layer.translation_m.grad).all()
+    layer.translation_m.grad = None
+    xy, _ = layer(torch.tensor([[640.0, 360.0], [1279.0, 719.0], [float("nan"), 0.0]]).double())
+    xy.nansum().backward()
+    assert torch.isfinite(layer.translation_m.grad).all()
+
+
+def moved(camera, step):
+    """The camera with a step of (fx, fy, cx, cy, *distortion) added."""
+    matrix = camera.matrix.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
+    return type(camera)(camera.model, camera.image_size, matrix, camera.distortion + step[4:])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("plane", [PLANE_C, hinge_plane(-0.4)])
+def test_calibration_jacobian_is_the_difference_quotient(name, plane):
+    camera = LENSES[name]
+    pixels = middle(camera)
+    jacobian = CameraOnPlane(camera, POSE, plane).calibration_jacobian(pixels)
+    lens = 4 + camera.distortion.size
+    steps = np.r_[np.full(4, 1e-3), np.full(lens - 4, 1e-6), np.full(6, 1e-6)]
+    assert jacobian.shape == (8, 2, lens + 6)
+    for index, step in enumerate(np.diag(steps)):
+        ends = [
+            CameraOnPlane(moved(camera, sign * step[:lens]), POSE.retract(sign * step[lens:]), plane).project(pixels)[0]
+            for sign in (1, -1)
+        ]
+        quotient = (ends[0] - ends[1]) / (2 * steps[index])
+        np.testing.assert_allclose(jacobian[..., index], quotient, rtol=1e-5, atol=1e-7)
+
+
+def test_pixel_noise_against_sampling():
+    camera = LENSES["gopro five"]
+    layer = CameraOnPlane(camera, POSE)
+    pixels, rng = middle(camera, 5), np.random.default_rng(1)
+    samples, _ = layer.project(pixels + 0.3 * rng.normal(size=(20_000, 5, 2)))
+    for predicted, drawn in zip(layer.covariance(pixels, 0.3), samples.swapaxes(0, 1), strict=True):
+        sampled = np.cov(drawn.T)
+        np.testing.assert_allclose(np.sqrt(np.diag(predicted)), np.sqrt(np.diag(sampled)), rtol=0.03)
+        np.testing.assert_allclose(predicted, sampled, atol=0.03 * np.trace(sampled))
+    each = layer.covariance(pixels, np.arange(5) * 0.1)
+    np.testing.assert_allclose(each, layer.covariance(pixels, 1.0) * (np.arange(5) * 0.1)[:, None, None] ** 2)
+
+
+def test_calibration_covariance_against_2000_calibrations():
+    # the samples go another way: OpenCV's inverse and an intersection written out
+    camera = LENSES["gopro five"]
+    pixels, rng = middle(camera, 5), np.random.default_rng(2)
+    deviations = np.array([0.8, 0.8, 0.5, 0.5, 2e-3, 3e-3, 2e-4, 2e-4, 2e-3, 1e-3, 1e-3, 1e-3, 2e-4, 2e-4, 3e-4])
+    mixing = np.eye(15) + 0.3 * rng.normal(size=(15, 15))
+    root = deviations[:, None] * mixing / np.linalg.norm(mixing, axis=1, keepdims=True)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
+    samples = []
+    for step in rng.normal(size=(2000, 15)) @ root.T:
+        lens, pose = moved(camera, step[:9]), POSE.retract(step[9:])
+        ideal = cv2.undistortPointsIter(pixels[:, None], lens.matrix, lens.distortion, None, None, criteria)[:, 0]
+        directions = np.c_[ideal, np.ones(5)] @ pose.rotation.T
+        points = pose.translation_m - directions * (pose.translation_m[2] / directions[:, 2:])
+        samples.append(points[:, :2].ravel())
+    sampled = np.cov(np.array(samples).T)
+    predicted = CameraOnPlane(camera, POSE).calibration_covariance(pixels, root @ root.T).reshape(10, 10)
+    np.testing.assert_allclose(np.sqrt(np.diag(predicted)), np.sqrt(np.diag(sampled)), rtol=0.1)
+    scale = np.sqrt(np.outer(np.diag(sampled), np.diag(sampled)))
+    np.testing.assert_allclose(predicted / scale, sampled / scale, atol=0.1)
+    assert np.abs((sampled / scale)[:2, 2:]).max() > 0.5
