@@ -126,7 +126,7 @@ def _add_object(plotter: pv.Plotter, mesh: ObjectMesh, disc_radius_m: float) -> 
     if len(mesh.triangles):
         surface = pv.PolyData.from_regular_faces(mesh.points_m, mesh.triangles)
         surface.point_data["Normals"] = mesh.normals
-        plotter.add_mesh(surface, color=OBJECT, smooth_shading=True, specular=0.3, split_sharp_edges=False)
+        plotter.add_mesh(surface, color=OBJECT, smooth_shading=True, ambient=0.4, split_sharp_edges=False)
     loose = np.setdiff1d(np.arange(len(mesh.points_m)), mesh.triangles)
     facing = loose[np.linalg.norm(mesh.normals[loose], axis=1) > 0.5]
     if len(facing):
@@ -134,7 +134,7 @@ def _add_object(plotter: pv.Plotter, mesh: ObjectMesh, disc_radius_m: float) -> 
         cloud = pv.PolyData(mesh.points_m[facing])
         cloud["normals"] = mesh.normals[facing]
         disc = pv.Disc(inner=0.0, outer=disc_radius_m, normal=(1, 0, 0), c_res=32)
-        plotter.add_mesh(cloud.glyph(geom=disc, scale=False, orient="normals"), color=OBJECT, opacity=0.9)
+        plotter.add_mesh(cloud.glyph(geom=disc, scale=False, orient="normals"), color=OBJECT, ambient=0.4)
     bare = np.setdiff1d(loose, facing)
     if len(bare):
         ball = pv.Sphere(radius=0.4 * disc_radius_m)
@@ -164,7 +164,7 @@ def truth_mesh(truth: TruthObject) -> pv.PolyData:
 
 def _add_truth(plotter: pv.Plotter, truth: TruthObject) -> None:
     mesh = truth_mesh(truth)
-    plotter.add_mesh(mesh, color=TRUTH, opacity=0.38, smooth_shading=True, split_sharp_edges=True, specular=0.2)
+    plotter.add_mesh(mesh, color=TRUTH, opacity=0.3, smooth_shading=True, split_sharp_edges=True, specular=0.2)
 
 
 def look_at_all(plotter: pv.Plotter, *, lift: float = 0.0) -> None:

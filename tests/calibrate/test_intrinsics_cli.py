@@ -12,8 +12,8 @@ import yaml
 from targets.board import BoardSpec
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
-from vbaa_calib.errors import InputError
 from vbaa_calib.detect.board_file import load_board
+from vbaa_calib.errors import InputError
 
 from .photo_sets import photo_set
 

@@ -43,7 +43,13 @@ def test_the_fitting_lens_model_reproduces_the_reference(
     assert len(solution.views) == sum(len(view.ids) >= min_corners for view in views), "no good view may be lost"
 
 
-@pytest.mark.parametrize(("name", "min_corners", "rms", "fx", "fy"), REFERENCES)
+@pytest.mark.parametrize(
+    ("name", "min_corners", "rms", "fx", "fy"),
+    [
+        pytest.param(*reference, marks=pytest.mark.slow if reference[0] == "ucl_left" else ())
+        for reference in REFERENCES
+    ],
+)
 def test_the_chosen_lens_model_reproduces_the_reference_and_does_not_fold(
     name: str, min_corners: int, rms: float, fx: float, fy: float
 ) -> None:

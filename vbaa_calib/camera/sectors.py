@@ -1,9 +1,9 @@
 """How far from the axis a lens with decentring or prism terms can be trusted, direction by direction.
 
-The trusted region is star-shaped around the axis: along each direction the symmetric part of the Jacobian is positive
-definite from the axis on. Without prism terms the Jacobian is symmetric, so the region ends exactly where its
-determinant first reaches zero, at the fold. On the largest disc inside it (on any convex part of it) the map is
-one-to-one: (F(a) − F(b))·(a − b) > 0.
+Along each direction the symmetric part of the Jacobian is positive definite from the axis to the rim. Without prism
+terms the Jacobian is symmetric, so the rim is where its determinant first reaches zero, the fold. The region is convex
+(where the folds leave it notched, the largest disc inside is taken), and on a convex region the map is then one to one:
+(F(a) − F(b))·(a − b) > 0 for any two of its points.
 """
 
 from __future__ import annotations
@@ -94,10 +94,20 @@ def sectors(model: LensModel, c: Sequence[float], farthest: float) -> Sectors:
         _, _, *jacobian = model.linearize(middle * cosine[:, 0], middle * sine[:, 0], c)
         good_there = definite(*jacobian)
         low, high = np.where(good_there, middle, low), np.where(good_there, high, middle)
+    if not _is_convex(low * cosine[:, 0], low * sine[:, 0]):
+        # a rim with a notch can enclose two points with one image: fall back to the disc
+        low = np.full_like(low, low.min())
+        end = np.searchsorted(radius, low, side="right")
     edge_x, edge_y = model.distort(low * cosine[:, 0], low * sine[:, 0], c)
     inside = np.arange(_RADII) < end[:, None]
     every_x, every_y = np.append(xd[inside], edge_x), np.append(yd[inside], edge_y)
     return Sectors(Rim.of(low), _reach(every_x, every_y), float(np.hypot(edge_x, edge_y).min()))
+
+
+def _is_convex(x: np.ndarray, y: np.ndarray) -> bool:
+    """Whether a polygon around the axis, given anticlockwise, turns left at every corner."""
+    edge_x, edge_y = np.roll(x, -1) - x, np.roll(y, -1) - y
+    return bool((edge_x * np.roll(edge_y, -1) - edge_y * np.roll(edge_x, -1) > 0.0).all())
 
 
 def _reach(x: np.ndarray, y: np.ndarray) -> Rim:

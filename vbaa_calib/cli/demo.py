@@ -114,7 +114,7 @@ def finish(out: Path, seconds: float, force: bool) -> dict[str, Any]:
     picture = out / "scene.png"
     write_report(
         out / "report.html",
-        f"vbaa demo: {truth.get('name', 'scene')}",
+        f"vbaa demo: {truth.get('scene', 'scene')}",
         picture if picture.exists() else None,
         contacts,
         truth,

@@ -69,7 +69,7 @@ def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> Score:
         distance_rmse_m=_rms(contacts.distance_m[both] - distance),
         force_rmse_relative=_rms(np.linalg.norm(found - force, axis=1) / np.linalg.norm(force, axis=1)),
         direction_rmse_rad=_rms(turn),
-        stiffness_relative_error=abs(rig.antenna.stiffness_Nm2 / truth["antenna"]["stiffness_Nm2"] - 1),
+        stiffness_relative_error=abs(rig.antenna.stiffness_Nm2 / truth["stiffness_Nm2"] - 1),
         focal_relative_error=float(np.abs(np.diag(matrix)[:2] / np.diag(true_matrix)[:2] - 1).max()),
         camera_position_error_m=float(np.linalg.norm(rig.T_antenna_camera.translation_m - T_true.translation_m)),
         camera_rotation_error_rad=float(rotation),

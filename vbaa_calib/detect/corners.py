@@ -62,10 +62,10 @@ def detect_corners(image: np.ndarray, spec: BoardSpec, name: str = "") -> BoardV
     next to a single marker lower the reprojection error, and single-marker corners are grossly wrong on a board that
     is partly covered.
     """
-    corners, ids, outlines, marker_ids = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(image)
+    corners, ids, quadrangles, marker_ids = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(image)
     height, width = image.shape
     found = np.zeros((0, 2)) if corners is None else np.asarray(corners, float).reshape(-1, 2)
-    outlines = np.asarray(outlines, float).reshape(-1, 4, 2)
+    outlines = np.asarray(quadrangles, float).reshape(-1, 4, 2)
     return BoardView(
         name,
         np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel(),
