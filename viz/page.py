@@ -14,7 +14,7 @@ _STYLE = """
 <style>
   body { font-family: system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
   .content { position: fixed; inset: 0; }
-  #vbaa { position: fixed; top: 16px; left: 16px; z-index: 10; max-width: 21rem; padding: 14px 18px;
+  #vbaa { position: fixed; top: 16px; right: 16px; z-index: 10; max-width: 21rem; padding: 14px 18px;
           border-radius: 10px; background: rgba(255, 255, 255, .88); color: #1f2937;
           box-shadow: 0 1px 8px rgba(31, 41, 55, .18); font-size: 14px; line-height: 1.5; pointer-events: none; }
   #vbaa h1 { font-size: 16px; margin: 0 0 6px; }

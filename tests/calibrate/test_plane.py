@@ -70,17 +70,17 @@ def test_a_board_parallel_to_the_picture_is_solved(rotvec: list[float]) -> None:
     assert solved.T_camera_board.translation_m[2] > 0
 
 
-@pytest.mark.parametrize("name", ["rational", "fisheye"])
+@pytest.mark.parametrize("name", ["rational", pytest.param("fisheye", marks=pytest.mark.slow)])
 def test_the_covariance_is_that_of_repeated_noise(name: str) -> None:
     rng, camera = np.random.default_rng(4), camera_of(name, CAMERAS[name])
     true = facing([0.5, 0.2, 0.1], 0.15)
     normalized = []
-    for _ in range(40):
+    for _ in range(30):
         solved = solve_board_pose(pictures(name, true, rng, 0.2), SPEC, camera)
         step = tangent(solved.T_camera_board, true)
         normalized.append(step @ np.linalg.solve(solved.covariance, step))
-    # six degrees of freedom; the mean of 40 draws has a standard deviation of 0.55
-    assert np.mean(normalized) == pytest.approx(6.0, abs=1.8)
+    # six degrees of freedom; the mean of 30 draws has a standard deviation of 0.63
+    assert np.mean(normalized) == pytest.approx(6.0, abs=2.0)
 
 
 def test_many_pictures_average_their_noise_and_not_what_they_share() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.surface import MAX_POINTS, Surface, group, reconstruct, smooth
+from estimator import surface as surface_module
+from estimator.surface import Surface, group, reconstruct, smooth
 from estimator.table import ContactRow, ContactTable
 from tests.viz.touching import ANTENNA_RADIUS_M, cylinder, sphere, touch
 from vbaa_calib.errors import InputError
@@ -63,8 +64,8 @@ def test_smoothing_takes_noise_out_and_knows_what_is_left() -> None:
         raw_error.append(off_cylinder(raw))
         error.append(off_cylinder(surface.points_m))
         scaled.append(error[-1] / surface.std_m)
-    assert np.std(error) < 0.75 * np.std(raw_error)
-    assert 0.8 < np.sqrt(np.mean(np.square(scaled))) < 1.25
+    assert np.std(error) < 0.8 * np.std(raw_error)
+    assert 0.85 < np.sqrt(np.mean(np.square(scaled))) < 1.15
 
 
 def test_two_sides_of_a_cylinder_are_two_patches() -> None:
@@ -77,7 +78,7 @@ def test_two_sides_of_a_cylinder_are_two_patches() -> None:
 
 def test_touched_all_around_the_patches_stay_height_fields() -> None:
     rng = np.random.default_rng(3)
-    surface = rebuilt(*cylinder(rng.uniform(0, 2 * np.pi, 300), rng.uniform(-0.03, 0.03, 300)), std_along_m=2e-4)
+    surface = rebuilt(*cylinder(rng.uniform(0, 2 * np.pi, 240), rng.uniform(-0.03, 0.03, 240)), std_along_m=2e-4)
     assert 3 <= surface.patch.max() + 1 <= 6
     normal, _ = face_normals(surface)
     assert (np.sum(normal * surface.normals[surface.triangles[:, 0]], axis=1) > 0).mean() > 0.99
@@ -93,7 +94,7 @@ def test_objects_apart_are_not_joined() -> None:
 
 
 def test_dense_tracks_far_apart_are_one_surface() -> None:
-    angle, height = np.tile(np.linspace(1.2, 1.9, 25), 8), np.repeat(np.linspace(-0.03, 0.03, 8), 25)
+    angle, height = np.tile(np.linspace(1.2, 1.9, 16), 8), np.repeat(np.linspace(-0.03, 0.03, 8), 16)
     surface = rebuilt(*cylinder(angle, height), std_along_m=1e-5, std_across_m=1e-5)
     assert surface.patch.max() == 0
     assert face_normals(surface)[1].sum() > 0.8 * RADIUS_M * 0.7 * 0.06
@@ -112,7 +113,7 @@ def test_a_track_no_wider_than_its_noise_is_a_line(sway_rad: float) -> None:
 
 def test_no_triangle_is_a_sliver() -> None:
     rng = np.random.default_rng(5)
-    surface = rebuilt(*sphere(rng, 150, 0.9), std_along_m=1e-4)
+    surface = rebuilt(*sphere(rng, 130, 0.9), std_along_m=1e-4)
     a, b, c = (surface.points_m[surface.triangles[:, i]] for i in range(3))
     longest = np.max([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     height = 2 * face_normals(surface)[1] / longest
@@ -149,7 +150,7 @@ def test_exact_duplicates_are_survived() -> None:
         np.repeat(points, 2, axis=0), np.repeat(normals, 2, axis=0), std_along_m=1e-12, std_across_m=1e-12
     )
     assert np.isfinite(surface.points_m).all()
-    assert len(surface.triangles) > 100
+    assert len(surface.triangles) > 60
 
 
 def test_only_located_contacts_count_and_unknown_covariances_are_not_smoothed() -> None:
@@ -165,11 +166,11 @@ def test_only_located_contacts_count_and_unknown_covariances_are_not_smoothed() 
     assert np.isnan(surface.std_m).all()
 
 
-def test_many_contacts_are_thinned_and_it_says_so() -> None:
-    points, normals = cylinder(np.full(MAX_POINTS + 50, 1.6), np.linspace(-0.03, 0.03, MAX_POINTS + 50))
-    surface = rebuilt(points, normals)
-    assert len(surface.points_m) == MAX_POINTS
-    assert "thinned" in surface.notes[0]
+def test_many_contacts_are_thinned_and_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(surface_module, "MAX_POINTS", 30)
+    surface = rebuilt(*cylinder(np.full(70, 1.6), np.linspace(-0.03, 0.03, 70)))
+    assert len(surface.points_m) == 30
+    assert "70 contacts were thinned evenly to 30" in surface.notes[0]
 
 
 def test_nothing_touched_is_an_input_error() -> None:
@@ -199,12 +200,12 @@ def test_the_result_turns_with_the_world() -> None:
 
 def test_smoothing_keeps_a_plane_and_beats_the_noise_of_a_bowl() -> None:
     rng = np.random.default_rng(0)
-    flat = rng.uniform(-0.02, 0.02, (120, 2))
-    std = np.full(120, 2e-4)
+    flat = rng.uniform(-0.02, 0.02, (80, 2))
+    std = np.full(80, 2e-4)
     plane = 0.3 * flat[:, 0] - 0.1 * flat[:, 1] + 0.004
     np.testing.assert_allclose(smooth(flat, plane, std)[0], plane, atol=1e-9)
     bowl = 20 * np.sum(flat**2, axis=1)
-    smoothed, left = smooth(flat, bowl + std * rng.standard_normal(120), std)
+    smoothed, left = smooth(flat, bowl + std * rng.standard_normal(80), std)
     assert np.std(smoothed - bowl) < 0.75 * 2e-4
     assert (left < std).all()
 

@@ -24,6 +24,7 @@ _MOVED_PX = 2.0
 _GROSS_CORNER = 20.0
 _GROSS_LEAST_PX = 0.5
 _SAME_RAD = 1e-3
+_SAME_START_RAD = 0.02
 _AMBIGUOUS = 1.2
 _OUT_OF_SIGHT_PX = 1e3
 
@@ -160,7 +161,7 @@ def _ideal_points(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def _starts(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
     """Poses by every closed form at hand: IPPE alone can be far off or NaN, and says nothing of it."""
-    starts = []
+    starts: list[Pose] = []
     for method in (cv2.SOLVEPNP_ITERATIVE, cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_IPPE):
         try:
             _, rotvecs, translations, _ = cv2.solvePnPGeneric(points, normalized, np.eye(3), None, flags=method)
@@ -168,10 +169,16 @@ def _starts(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
             continue
         for rotvec, translation in zip(rotvecs, translations, strict=True):
             if np.all(np.isfinite(rotvec)) and np.all(np.isfinite(translation)) and translation[2] > 0.0:
-                starts.append(Pose.from_rotvec(rotvec.ravel(), translation))
+                start = Pose.from_rotvec(rotvec.ravel(), translation)
+                if all(_turn_between(start, other) > _SAME_START_RAD for other in starts):
+                    starts.append(start)
     if not starts:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     return starts
+
+
+def _turn_between(one: Pose, other: Pose) -> float:
+    return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
 
 def _mirrored(pose: Pose, points: np.ndarray) -> Pose:
@@ -231,8 +238,7 @@ def _second(
 ) -> PoseCandidate | None:
     for start in others:
         pose = _refined(start, camera, points, pixels, "linear")
-        apart = Rotation.from_matrix(pose.rotation @ first.rotation.T).magnitude()
-        if apart > _SAME_RAD and bool(camera.project(pose @ points)[1].all()):
+        if _turn_between(pose, first) > _SAME_RAD and bool(camera.project(pose @ points)[1].all()):
             return PoseCandidate(pose, _rms(_residual(pose, camera, points, pixels)))
     return None
 
