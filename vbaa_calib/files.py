@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import json
+import math
 import os
 import re
+import stat
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,12 +38,25 @@ def read_text(path: Path) -> str:
 class _UniqueKeyLoader(yaml.SafeLoader):
     """YAML without silent surprises: a key given twice is an error, not the last one wins."""
 
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """As SafeLoader's, without aliases: they can make a small file endless."""
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()
+            raise yaml.composer.ComposerError(
+                None, None, f"*{event.anchor} refers to another place; write the value out", event.start_mark
+            )
+        return super().compose_node(parent, index)
+
 
 def _unique_mapping(loader: _UniqueKeyLoader, node: yaml.MappingNode, deep: bool = False) -> dict:
-    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} stands twice", node.start_mark)
+    seen: set[Hashable] = set()
+    for key_node, _ in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, Hashable):
+            break  # construct_mapping below refuses it
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} stands twice", key_node.start_mark)
+        seen.add(key)
     return loader.construct_mapping(node, deep)
 
 
@@ -54,13 +70,16 @@ _UniqueKeyLoader.add_implicit_resolver(
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML mapping. Raises InputError naming line and column of what is wrong."""
+    """A YAML mapping. Raises InputError naming the line of what is wrong."""
     try:
         data = yaml.load(read_text(path), Loader=_UniqueKeyLoader)
-    except (yaml.YAMLError, TypeError, ValueError, RecursionError) as error:
+    except RecursionError:
+        raise InputError("is not valid YAML (nested too deeply)", where=path, remedy="write it again") from None
+    except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # PyYAML lets the bare errors of int(), datetime() and its own tables through, e.g. for `!!bool maybe`
         mark = getattr(error, "problem_mark", None)
-        place = f"{path}:{mark.line + 1}" if mark else path
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        place = f"{path} line {mark.line + 1}" if mark else path
+        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
         raise InputError(f"is not valid YAML ({problem})", where=place, remedy="mend that line") from None
     if not isinstance(data, dict):
         raise InputError("must be a mapping of keys to values", where=path, remedy="see docs/formats.md")
@@ -68,86 +87,148 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object. Raises InputError naming line and column of what is wrong."""
+    """A JSON object. Raises InputError naming the line of what is wrong."""
     try:
-        data = json.loads(read_text(path))
-    except (json.JSONDecodeError, RecursionError) as error:
-        place = f"{path}:{error.lineno}" if isinstance(error, json.JSONDecodeError) else path
-        problem = error.msg if isinstance(error, json.JSONDecodeError) else "nested too deeply"
-        raise InputError(f"is not valid JSON ({problem})", where=place, remedy="write it again") from None
-    if not isinstance(data, dict):
-        raise InputError("must be a JSON object", where=path, remedy="see docs/formats.md")
+        data = json.loads(read_text(path), object_pairs_hook=_unique_object)
+    except json.JSONDecodeError as error:
+        where, problem = f"{path} line {error.lineno}", error.msg
+    except RecursionError:
+        where, problem = str(path), "nested too deeply"
+    except ValueError as error:
+        where, problem = str(path), str(error)
+    else:
+        if not isinstance(data, dict):
+            raise InputError("must be a JSON object", where=path, remedy="see docs/formats.md")
+        return data
+    raise InputError(f"is not valid JSON ({problem})", where=where, remedy="write it again")
+
+
+def _unique_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    data: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in data:
+            raise ValueError(f"the key {key!r} stands twice")
+        data[key] = value
     return data
 
 
 def read_csv(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> list[dict[str, str]]:
-    """Rows of a CSV with a header, as text; row i of the result stands in line i + 2 of the file.
+    """Rows of a CSV with a header, as text; each also carries its place in the file as `line`.
 
-    Raises InputError for a missing file, header, column or cell. Columns beyond those named are ignored.
+    Raises InputError for a missing file, header, column or cell. Columns beyond those named are ignored, and so are
+    blank lines.
     """
-    lines = read_text(path).splitlines()
+    reader = csv.reader(io.StringIO(read_text(path)), strict=True)
     try:
-        rows = [[cell.strip() for cell in row] for row in csv.reader(lines, strict=True)]
+        lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
     except csv.Error as error:
-        raise InputError(f"is not a valid CSV ({error})", where=path, remedy="write it again") from None
-    if not rows or not any(rows[0]):
+        place = f"{path} line {reader.line_num}"
+        raise InputError(f"is not a valid CSV ({error})", where=place, remedy="write it again") from None
+    lines = [(line, cells) for line, cells in lines if any(cells)]
+    if not lines:
         raise InputError("is empty", where=path, remedy=f"the first line must name the columns {','.join(columns)}")
-    header = rows[0]
-    for name in columns:
-        if header.count(name) != 1:
-            problem = "is missing" if name not in header else "stands twice"
+    (_, header), *rows = lines
+    known = [*columns, *(name for name in optional if name in header)]
+    _check_header(header, known, columns, path)
+    for line, cells in rows:
+        if len(cells) != len(header):
             raise InputError(
-                f"column {name} {problem}", where=path, remedy=f"the columns {','.join(columns)} are needed"
+                f"has {len(cells)} cells, the header {len(header)}", where=f"{path} line {line}", remedy="mend the row"
             )
-    known = [name for name in (*columns, *optional) if name in header]
-    table = []
-    for number, row in enumerate(rows[1:], start=2):
-        if not any(row):
-            continue
-        if len(row) != len(header):
-            raise InputError(
-                f"has {len(row)} cells, the header {len(header)}", where=f"{path} line {number}", remedy="mend the row"
-            )
-        record = dict(zip(header, row, strict=True))
-        table.append({name: record[name] for name in known} | {"line": str(number)})
-    if not table:
+    if not rows:
         raise InputError("has a header but no rows", where=path, remedy="add at least one row")
-    return table
+    places = {name: header.index(name) for name in known}
+    return [{name: cells[at] for name, at in places.items()} | {"line": str(line)} for line, cells in rows]
+
+
+def _check_header(header: Sequence[str], known: Sequence[str], columns: Sequence[str], path: Path) -> None:
+    for name in known:
+        if header.count(name) == 1:
+            continue
+        problem = "is missing" if name not in header else "stands twice"
+        other = next((mark for mark in (";", "\t") if len(header) == 1 and mark in header[0]), None)
+        remedy = f"the columns {','.join(columns)} are needed"
+        if other:
+            remedy = f"separate the cells by commas, not by {other!r}"
+        raise InputError(f"column {name} {problem}", where=path, remedy=remedy)
 
 
 def number(row: Mapping[str, str], column: str, path: Path) -> float:
     """One finite number out of a CSV row. Raises InputError naming file, line and column."""
-    place = f"{path} line {row['line']}"
+    text, place = row[column], f"{path} line {row['line']}"
     try:
-        value = float(row[column])
+        # float() reads 1_0 as 10; in a table it is a slip of the pen
+        value = float(text.replace("_", "?"))
     except ValueError:
-        raise InputError(f"{column} is {row[column]!r}", where=place, remedy="a number in SI units is needed") from None
-    if value != value or value in (float("inf"), float("-inf")):
-        raise InputError(f"{column} is {row[column]}", where=place, remedy="a finite number in SI units is needed")
+        raise InputError(f"{column} is {text!r}", where=place, remedy="a number in SI units is needed") from None
+    if not math.isfinite(value):
+        raise InputError(f"{column} is {text}", where=place, remedy="a finite number in SI units is needed")
     return value
 
 
+def whole_number(row: Mapping[str, str], column: str, path: Path) -> int:
+    """One whole number from 0 on out of a CSV row. Raises InputError naming file, line and column."""
+    value = number(row, column, path)
+    if not 0 <= value < 2**53 or value != int(value):
+        raise InputError(
+            f"{column} is {row[column]}", where=f"{path} line {row['line']}", remedy="a whole number from 0 on is needed"
+        )
+    return int(value)
+
+
 def sha256(path: Path) -> str:
-    """Hex digest of a file's bytes."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    """Hex digest of a file's bytes. Raises InputError when it cannot be read."""
+    try:
+        with Path(path).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=path, remedy="check the path") from None
 
 
 def refuse_overwrite(path: Path, force: bool) -> None:
-    """Raises InputError when path exists and force is off; to be called before the work, not after it."""
+    """Raises InputError when a file may not be written to `path`; to be called before the work, not after it.
+
+    A file in the way is refused unless `force` is on; a folder or a device always, and a folder that is not there.
+    """
     path = Path(path)
-    if path.exists() and not force:
+    kind = _kind(path)
+    if kind == "folder":
+        raise InputError("is a folder", where=path, remedy="name a file inside it")
+    if kind == "other":
+        raise InputError("is not a regular file", where=path, remedy="take another name")
+    if kind != "none" and not force:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
-    if not path.resolve().parent.is_dir():
+    folder = path.resolve().parent
+    if not folder.is_dir():
         raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError("its folder is read-only", where=path, remedy="write somewhere else")
+
+
+def _kind(path: Path) -> str:
+    """What stands at a path: none, file, folder, link (to nothing) or other. Raises InputError for an impossible path."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return "link" if path.is_symlink() else "none"
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be written ({error})", where=path, remedy="take another name") from None
+    return "folder" if stat.S_ISDIR(mode) else "file" if stat.S_ISREG(mode) else "other"
 
 
 @contextmanager
 def replacing(path: Path, force: bool = True) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place only when the block ends well (write, fsync, rename)."""
-    path = Path(path)
+    """A temporary path beside `path` that takes its place only when the block ends well (write, fsync, rename).
+
+    A link is followed: the file it leads to is replaced. Raises InputError as `refuse_overwrite` does.
+    """
     refuse_overwrite(path, force)
-    # the suffix stays: writers like VTK's choose the format by it
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.resolve().parent)
+    target = Path(path).resolve()
+    try:
+        # the suffix stays: writers like VTK's choose the format by it
+        handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="write somewhere else") from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -157,7 +238,7 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
+        temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
 

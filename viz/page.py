@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from matplotlib import colormaps
-from matplotlib.colors import to_hex
+import pyvista as pv
 
 from . import actors
 from .scene import Scene
@@ -34,7 +33,7 @@ def legend(scene: Scene, title: str) -> str:
         for part in actors.parts(scene)
     )
     low, high = actors.force_range_mN(scene)
-    colours = ", ".join(to_hex(colormaps[actors.FORCE_MAP](share / 8)) for share in range(9))
+    colours = ", ".join(pv.Color(rgba).hex_rgb for rgba in pv.LookupTable(actors.FORCE_MAP, n_values=9).values)
     return (
         f'<div id="vbaa"><h1>{escape(title)}</h1>{rows}'
         f'<div class="bar" style="background:linear-gradient(to right, {colours})"></div>'
