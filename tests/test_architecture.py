@@ -98,7 +98,9 @@ def upward(name: str, targets: set[str]) -> list[str]:
         there = room(target)
         if there is not None and there != home and FLOORS[there] >= FLOORS[home] and FLOORS[home] > 0:
             wrong.append(target)
-        if any(_inside(name, a) and _inside(target, b) and not _inside(target, "vbaa_calib.errors") for a, b in STRANGERS):
+        if any(
+            _inside(name, a) and _inside(target, b) and not _inside(target, "vbaa_calib.errors") for a, b in STRANGERS
+        ):
             wrong.append(target)
     return wrong
 
@@ -123,7 +125,12 @@ def test_every_module_has_a_floor() -> None:
 
 def test_the_rule_sees_an_upward_import(tmp_path: Path) -> None:
     """The walker finds upward imports in every spelling, inside functions and sub-packages too."""
-    spellings = ["import viz.scene", "from viz import scene", "from ..synth import write", "def f():\n    import estimator.fit"]
+    spellings = [
+        "import viz.scene",
+        "from viz import scene",
+        "from ..synth import write",
+        "def f():\n    import estimator.fit",
+    ]
     for text in spellings:
         path = tmp_path / "module.py"
         path.write_text(text)

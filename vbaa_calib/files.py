@@ -168,11 +168,9 @@ def number(row: Mapping[str, str], column: str, path: Path) -> float:
 
 def whole_number(row: Mapping[str, str], column: str, path: Path) -> int:
     """One whole number from 0 on out of a CSV row. Raises InputError naming file, line and column."""
-    value = number(row, column, path)
+    value, place = number(row, column, path), f"{path} line {row['line']}"
     if not 0 <= value < 2**53 or value != int(value):
-        raise InputError(
-            f"{column} is {row[column]}", where=f"{path} line {row['line']}", remedy="a whole number from 0 on is needed"
-        )
+        raise InputError(f"{column} is {row[column]}", where=place, remedy="a whole number from 0 on is needed")
     return int(value)
 
 
@@ -206,7 +204,7 @@ def refuse_overwrite(path: Path, force: bool) -> None:
 
 
 def _kind(path: Path) -> str:
-    """What stands at a path: none, file, folder, link (to nothing) or other. Raises InputError for an impossible path."""
+    """What stands at a path: none, file, folder, link (to nothing) or other. Raises InputError for no path at all."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

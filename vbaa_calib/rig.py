@@ -123,9 +123,9 @@ class Rig:
             np.log(antenna["stiffness_Nm2"]),
             np.log(antenna["mass_per_length_kg_m"]),
         ]
-        kinematics = data["kinematics"]
+        kinematics, image = data["kinematics"], data["image"]
         return Rig(
-            camera=Camera.from_dict(data["camera"]),
+            camera=_camera(data["camera"], where),
             T_antenna_camera=read_pose(data["T_antenna_camera"], where, "T_antenna_camera"),
             antenna=Antenna(float(antenna["length_m"]), float(antenna["diameter_m"]), np.array(parameters, float)),
             moment_sensor=MomentSensor(float(sensor["gain"]), float(sensor["offset_Nm"]), float(sensor["std_Nm"])),
@@ -136,7 +136,7 @@ class Rig:
                 np.asarray(kinematics.get("position_world_m", (0.0, 0.0, 0.0)), float),
             ),
             gravity_world_m_s2=np.asarray(data["gravity_world"], float),
-            image=AntennaImage(**data["image"]),
+            image=AntennaImage(float(image["noise_px"]), float(image["noise_scale"]), bool(image["bright"])),
             covariance=_joint_covariance(data["joint"], where),
         )
 
@@ -181,6 +181,13 @@ class Rig:
         }
 
 
+def _camera(data: Mapping[str, Any], where: object) -> Camera:
+    try:
+        return Camera.from_dict(data)
+    except InputError as error:
+        raise InputError(f"camera: {error.what}", where=where, remedy=error.remedy) from None
+
+
 def _joint_covariance(joint: Mapping[str, Any], where: object) -> np.ndarray:
     size = len(RIG_PARAMETERS)
     rows = joint["covariance"]
@@ -191,8 +198,17 @@ def _joint_covariance(joint: Mapping[str, Any], where: object) -> np.ndarray:
             remedy="run vbaa calibrate again",
         )
     covariance = np.array(rows, float)
-    scale = np.sqrt(np.clip(np.diag(covariance), 1e-300, None))
-    correlation = covariance / np.outer(scale, scale)
-    if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(correlation).min() < -1e-6:
+    if not _is_covariance(covariance):
         raise InputError("joint.covariance is not a covariance", where=where, remedy="run vbaa calibrate again")
     return covariance
+
+
+def _is_covariance(matrix: np.ndarray) -> bool:
+    """Symmetric and positive semidefinite, whatever the units of its rows."""
+    variance = np.diag(matrix)
+    if (variance < 0).any():
+        return False
+    deviation = np.sqrt(np.where(variance > 0, variance, 1.0))
+    correlation = matrix / deviation / deviation[:, None]
+    symmetric = np.allclose(correlation, correlation.T, rtol=0, atol=1e-6)
+    return bool(symmetric and np.linalg.eigvalsh(correlation).min() > -1e-6)

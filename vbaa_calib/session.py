@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from targets.board import BoardSpec
 
 from . import schemas
 from .errors import InputError
-from .files import number, read_csv, read_yaml
+from .files import number, read_csv, read_yaml, whole_number
 from .geometry import Kinematics, Pose
 
 SCHEMA = "vbaa.session/1"
@@ -101,7 +102,8 @@ def load_session(root: Path) -> Session:
     """Read and check session.yaml. Raises InputError naming the key that is wrong."""
     root = Path(root)
     if not root.is_dir():
-        raise InputError("no such folder", where=root, remedy="name a session folder (docs/formats.md)")
+        problem = "is not a folder" if root.exists() else "no such folder"
+        raise InputError(problem, where=root, remedy="name a session folder (docs/formats.md)")
     path = root / "session.yaml"
     data = read_yaml(path)
     schemas.check(data, "session", path)
@@ -140,75 +142,86 @@ def read_pose(data: Mapping[str, Any], where: object, key: str) -> Pose:
     return Pose(Rotation.from_quat(data["rotation_xyzw"]).as_matrix(), np.asarray(data["translation_m"], float))
 
 
+def _wrong(row: Mapping[str, str], path: Path, what: str, remedy: str) -> InputError:
+    return InputError(what, where=f"{path} line {row['line']}", remedy=remedy)
+
+
 def _still(row: Mapping[str, str], path: Path, with_image: bool) -> dict[str, Any]:
-    image = None
-    if with_image:
-        if not row.get("image"):
-            raise InputError("image is empty", where=f"{path} line {row['line']}", remedy="name the picture")
-        image = path.parent / row["image"]
-        if not image.is_file():
-            raise InputError(
-                f"the picture {row['image']} is not there",
-                where=f"{path} line {row['line']}",
-                remedy=f"put it at {image}",
-            )
     angles = {name: number(row, name, path) for name in ("pan_rad", "tilt_rad")}
     for name, value in angles.items():
         if abs(value) > 2 * np.pi:
-            raise InputError(
-                f"{name} is {value:g}, more than a turn", where=f"{path} line {row['line']}", remedy="give radians"
-            )
+            raise _wrong(row, path, f"{name} is {value:g}, more than a turn", "give radians")
+    image = _picture(row, path) if with_image else None
     return {"image": image, **angles, "moment_Nm": number(row, "moment_Nm", path)}
 
 
+def _picture(row: Mapping[str, str], path: Path) -> Path:
+    if not row["image"]:
+        raise _wrong(row, path, "image is empty", "name the picture")
+    image = path.parent / row["image"]
+    if not os.path.isfile(image):  # Path.is_file raises for a name that is too long
+        raise _wrong(row, path, f"the picture {row['image']} is not there", f"put it at {image}")
+    return image
+
+
+def _refuse_repeated_pictures(stills: Sequence[Still], rows: Sequence[Mapping[str, str]], path: Path) -> None:
+    lines: dict[Path | None, str] = {}
+    for still, row in zip(stills, rows, strict=True):
+        if still.image in lines:
+            what = f"the picture {row['image']} stands in line {lines[still.image]}, too"
+            raise _wrong(row, path, what, "every row needs its own picture")
+        lines[still.image] = row["line"]
+
+
+def _require(path: Path, why: str) -> None:
+    if not path.exists():
+        raise InputError("no such file", where=path, remedy=f"{why} (docs/formats.md)")
+
+
 def read_noload(session: Session) -> list[Still]:
-    """noload/noload.csv: the free antenna."""
+    """noload/noload.csv: the free antenna, a picture a row."""
     path = session.root / "noload" / "noload.csv"
+    _require(path, "calibration needs the free antenna")
     rows = read_csv(path, ("image", "pan_rad", "tilt_rad", "moment_Nm"))
-    return [Still(**_still(row, path, True)) for row in rows]
+    stills = [Still(**_still(row, path, True)) for row in rows]
+    _refuse_repeated_pictures(stills, rows, path)
+    return stills
 
 
 def read_loads(session: Session) -> list[Load]:
-    """loads/loads.csv: known loads, each on the antenna."""
+    """loads/loads.csv: known loads, each on the antenna, a picture a row."""
     path = session.root / "loads" / "loads.csv"
+    _require(path, "calibration needs known loads, for the stiffness")
     names = ("distance_m", "force_y_N", "force_z_N")
     rows = read_csv(path, ("image", "pan_rad", "tilt_rad", "moment_Nm", *names))
-    loads = [Load(**_still(row, path, True), **{name: number(row, name, path) for name in names}) for row in rows]
+    loads = [Load(**(_still(row, path, True) | {name: number(row, name, path) for name in names})) for row in rows]
+    length_m = session.antenna.length_m
     for row, load in zip(rows, loads, strict=True):
-        if not 0 < load.distance_m <= session.antenna.length_m:
-            raise InputError(
-                f"distance_m is {load.distance_m:g}, the antenna {session.antenna.length_m:g} m long",
-                where=f"{path} line {row['line']}",
-                remedy="give metres from the clamp along the antenna",
-            )
+        if not 0 < load.distance_m <= length_m:
+            what = f"distance_m is {load.distance_m:g}, the antenna {length_m:g} m long"
+            raise _wrong(row, path, what, "give metres from the clamp along the antenna")
         if load.force_y_N == load.force_z_N == 0:
-            raise InputError(
-                "the force is zero", where=f"{path} line {row['line']}", remedy="free frames belong into noload/"
-            )
+            raise _wrong(row, path, "the force is zero", "free frames belong into noload/")
+    _refuse_repeated_pictures(loads, rows, path)
     return loads
 
 
 def read_recording(session: Session) -> list[Frame]:
     """recording/recording.csv. With recording/centrelines.csv instead of pictures it needs no image column."""
     path = session.root / "recording" / "recording.csv"
+    _require(path, "it names the frames of the recording")
     with_images = not (path.parent / "centrelines.csv").exists()
-    columns = ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad", "moment_Nm")
-    rows = read_csv(path, columns)
+    rows = read_csv(path, ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad", "moment_Nm"))
     frames: list[Frame] = []
     seen: set[int] = set()
     for row in rows:
-        place = f"{path} line {row['line']}"
-        if not row["frame"].lstrip("-").isdecimal():
-            raise InputError(f"frame is {row['frame']!r}", where=place, remedy="a whole number is needed")
-        frame = Frame(**_still(row, path, with_images), frame=int(row["frame"]), time_s=number(row, "time_s", path))
-        if frame.frame in seen:
-            raise InputError(
-                f"frame {frame.frame} stands twice", where=place, remedy="every frame needs its own number"
-            )
-        if frames and frame.time_s < frames[-1].time_s:
-            raise InputError("the time runs backwards", where=place, remedy="sort the rows by time_s")
-        seen.add(frame.frame)
-        frames.append(frame)
+        index, time_s = whole_number(row, "frame", path), number(row, "time_s", path)
+        if index in seen:
+            raise _wrong(row, path, f"frame {index} stands twice", "every frame needs its own number")
+        if frames and time_s < frames[-1].time_s:
+            raise _wrong(row, path, "the time runs backwards", "sort the rows by time_s")
+        seen.add(index)
+        frames.append(Frame(**_still(row, path, with_images), frame=index, time_s=time_s))
     return frames
 
 
@@ -219,7 +232,21 @@ def read_centrelines(session: Session) -> dict[int, np.ndarray]:
     for row in read_csv(path, ("frame", "u_px", "v_px"), ("sigma_px",)):
         sigma = number(row, "sigma_px", path) if "sigma_px" in row else np.nan
         if sigma <= 0:
-            raise InputError("sigma_px is not positive", where=f"{path} line {row['line']}", remedy="give a deviation")
-        frame = number(row, "frame", path)
-        grouped.setdefault(int(frame), []).append((number(row, "u_px", path), number(row, "v_px", path), sigma))
+            raise _wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
+        point = (number(row, "u_px", path), number(row, "v_px", path), sigma)
+        grouped.setdefault(whole_number(row, "frame", path), []).append(point)
     return {frame: np.array(points) for frame, points in grouped.items()}
+
+
+def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose: str) -> None:
+    """Raises InputError for the first picture that cannot be read or has another size than (width, height) px.
+
+    Decoding is quick: better all of it before the long work than an error in the middle of it.
+    """
+    from .images import read_gray
+
+    for path in pictures:
+        height, width = read_gray(path).shape
+        if (width, height) != tuple(image_size):
+            what = f"is {width}x{height} px, {whose} {image_size[0]}x{image_size[1]} px"
+            raise InputError(what, where=path, remedy="use one camera at one resolution throughout")

@@ -31,6 +31,7 @@ def observe(
     T_camera_antenna = T_antenna_camera.inverse()
     observations = []
     for still, pull in zip(progress(stills, what), gravity, strict=True):
+        assert still.image is not None  # read_noload and read_loads see to that
         image = read_gray(still.image)
         check_size(image, camera, still.image)
         free = free_curve(parameters, session.antenna.length_m, pull)

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     started = time.perf_counter()
     out: Path = args.out
     prepare(out, args.force)
-    for command in commands(out, args.scene, pictures=can_render()):
+    for command in commands(out, args.scene, screenshot=can_render()):
         step(command)
     result = finish(out, time.perf_counter() - started, args.force)
     say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")
@@ -62,20 +62,18 @@ def prepare(out: Path, force: bool) -> None:
     out.mkdir(parents=True, exist_ok=True)
 
 
-def commands(out: Path, scene: str, pictures: bool) -> list[list[str]]:
-    """The command lines, in order. Without a way to render, the 3-D pictures are left out."""
-    session, rig, contacts, surface = (str(out / name) for name in ("session", "rig.json", "contacts.csv", "object.vtp"))
-    lines = [
+def commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
+    """The command lines, in order. Where nothing can be rendered, scene.png is left out; scene.html needs no OpenGL."""
+    names = ("session", "rig.json", "contacts.csv", "object.vtp", "scene.png", "scene.html")
+    session, rig, contacts, surface, picture, page = (str(out / name) for name in names)
+    view = ["view", contacts, "--rig", rig, "--object", surface, "--truth", f"{session}/truth.json", "--html", page]
+    return [
         ["simulate", scene, "-o", session],
         ["calibrate", session, "-o", rig],
         ["estimate", session, "--rig", rig, "-o", contacts],
         ["reconstruct", contacts, "--rig", rig, "-o", surface],
+        [*view, "--screenshot", picture] if screenshot else view,
     ]
-    if pictures:
-        scene_files = ["--screenshot", str(out / "scene.png"), "--html", str(out / "scene.html")]
-        truth = ["--truth", f"{session}/truth.json"]
-        lines.append(["view", contacts, "--rig", rig, "--object", surface, *truth, *scene_files])
-    return lines
 
 
 def step(command: list[str]) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import json
-import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -21,19 +22,51 @@ def schema(name: str) -> Mapping[str, Any]:
 
 
 def check(data: Mapping[str, Any], name: str, where: object) -> None:
-    """Raises InputError naming the first key of `data` that the schema refuses, or that is not a finite number."""
+    """Raises InputError naming the first key of `data` that the schema refuses, or that is not a finite number.
+
+    Further keys at the top are let through, unless they can only be a misspelt one of ours.
+    """
     import jsonschema
 
-    errors = jsonschema.Draft202012Validator(schema(name)).iter_errors(data)
-    first = min(errors, key=lambda error: (len(error.path), str(error.path)), default=None)
+    published = schema(name)
+    remedy = f"`vbaa schema {name}` prints what is expected"
+    expected = published["properties"]["schema"]["const"]
+    if data.get("schema") != expected:
+        raise InputError(f"schema is {data.get('schema')!r}", where=where, remedy=f"{expected} is needed here")
+    for key, meant in _misspelt(data, published["properties"]):
+        raise InputError(f"unknown key {key}", where=where, remedy=f"is {meant} meant?")
+    first = min(jsonschema.Draft202012Validator(published).iter_errors(data), key=_importance, default=None)
     if first is not None:
-        key = ".".join(map(str, first.absolute_path)) or "the file"
-        raise InputError(
-            f"{key}: {_in_words(first)}", where=where, remedy=f"`vbaa schema {name}` prints what is expected"
-        )
+        key = ".".join(map(str, first.absolute_path))
+        raise InputError(f"{key}: {_in_words(first)}" if key else _in_words(first), where=where, remedy=remedy)
     bad = _not_finite(data)
     if bad:
         raise InputError(f"{bad} is not a finite number", where=where, remedy="give a number in SI units")
+
+
+def _misspelt(data: Mapping[str, Any], known: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Keys that nobody knows, each with the one known key that looks like it and is not there."""
+    missing = [name for name in known if name not in data]
+    for key in data:
+        if key not in known:
+            for meant in difflib.get_close_matches(str(key), missing, n=1, cutoff=0.75):
+                yield str(key), meant
+
+
+def _importance(error: Any) -> tuple[int, bool, str]:
+    # a key that nobody knows explains the one that is missing
+    return len(error.path), error.validator != "additionalProperties", str(error.path)
+
+
+_WORDS = {
+    "object": "a mapping",
+    "array": "a list",
+    "string": "a text",
+    "number": "a number",
+    "integer": "a whole number",
+    "boolean": "true or false",
+    "null": "null",
+}
 
 
 def _in_words(error: Any) -> str:
@@ -41,17 +74,23 @@ def _in_words(error: Any) -> str:
     shown = value if len(value) <= 60 else value[:57] + "..."
     match error.validator:
         case "required":
-            return error.message.replace("is a required property", "is missing")
+            missing = [name for name in error.validator_value if name not in error.instance]
+            return f"{missing[0]} is missing"
         case "additionalProperties":
-            return error.message.replace("Additional properties are not allowed", "unknown keys")
+            known = error.schema["properties"]
+            unknown = [str(name) for name in error.instance if name not in known]
+            return f"unknown key {', '.join(unknown)}, the keys are {', '.join(known)}"
         case "type":
-            return f"{shown} is not a {error.validator_value}"
+            types = error.validator_value
+            wanted = [types] if isinstance(types, str) else types
+            return f"{shown} is not {' or '.join(_WORDS[name] for name in wanted)}"
         case _:
             return error.message if len(error.message) < 160 else f"{shown} does not fit"
 
 
 def _not_finite(data: Any, path: str = "") -> str | None:
-    if isinstance(data, float) and not math.isfinite(data):
-        return path.lstrip(".")
+    if isinstance(data, float | int):
+        # a whole number may be too large for a float
+        return None if abs(data) <= sys.float_info.max else path.lstrip(".")
     items = data.items() if isinstance(data, Mapping) else enumerate(data) if isinstance(data, list) else ()
     return next(filter(None, (_not_finite(value, f"{path}.{key}") for key, value in items)), None)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from numpy.polynomial import polynomial
 
 from ..arrays import Array
@@ -22,6 +23,7 @@ from .model import Coefficients, LensModel, Path, absent
 from .polynomial import smallest_positive_root
 
 _NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_BEFORE_TILT = 12
 _BEYOND = 1e6
 """Folds farther out than 1000 focal lengths (s = 1e6) are of no concern."""
 
@@ -51,6 +53,8 @@ def _path(c: Coefficients) -> Path:
 
 
 def _distort(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array]:
+    if isinstance(x, torch.Tensor) and len(c):
+        return _distort_by_kornia(x, y, c)
     _, _, p1, p2, _, _, _, _, s1, s2, s3, s4, *_ = _padded(c)
     x2, y2 = x * x, y * y
     s = x2 + y2
@@ -62,6 +66,22 @@ def _distort(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array]:
     if not absent(s1, s2, s3, s4):
         xd, yd = xd + s * (s1 + s2 * s), yd + s * (s3 + s4 * s)
     return xd, yd
+
+
+def _distort_by_kornia(x: torch.Tensor, y: torch.Tensor, c: Coefficients) -> tuple[torch.Tensor, torch.Tensor]:
+    """Tensors go through kornia, whose forward map is right and whose gradients others have tested.
+
+    The tilt is left to us: it must also be undone. One point to each of kornia's batches, so that coefficients may
+    broadcast against points.
+    """
+    # importing kornia costs a second, and only those who work with tensors need it
+    from kornia.geometry.calibration import distort_points
+
+    terms = [torch.as_tensor(value, dtype=x.dtype, device=x.device) for value in c[:_BEFORE_TILT]]
+    eye = torch.eye(3, dtype=x.dtype, device=x.device)
+    points = torch.stack(torch.broadcast_tensors(x, y), -1)[..., None, :]
+    distorted = distort_points(points, eye, torch.stack(torch.broadcast_tensors(*terms), -1), eye)[..., 0, :]
+    return distorted[..., 0], distorted[..., 1]
 
 
 def _linearize(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array, Array, Array, Array, Array]:
