@@ -7,17 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from vbaa_calib.console import progress, say
-from vbaa_calib.errors import InputError
-from vbaa_calib.files import refuse_overwrite
-from vbaa_calib.rig import Rig
-from vbaa_calib.session import load_session, read_recording
-
-from .estimate import MODELS, ContactEstimator
-from .recording import estimate_recording
-from .table import ContactRow, write_contacts
+MODELS = ("auto", "elastica", "rod")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -28,19 +18,34 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
         default="auto",
-        choices=("auto", *MODELS),
+        choices=MODELS,
         help="mechanical model (default: the lowest that suffices)",
     )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording and write contacts.csv."""
+    import numpy as np
+
+    from vbaa_calib.console import progress, say
+    from vbaa_calib.errors import InputError
+    from vbaa_calib.files import refuse_overwrite
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import check_pictures, load_session, read_recording
+
+    from .estimate import ContactEstimator
+    from .recording import estimate_recording
+    from .table import ContactRow, write_contacts
+
     if args.output.suffix != ".csv":
         raise InputError(f"cannot write {args.output.suffix or 'this'} files", where=args.output, remedy="name a .csv")
     refuse_overwrite(args.output, args.force)
     session = load_session(args.session)
-    estimator = ContactEstimator(Rig.load(args.rig), args.model)
+    rig = Rig.load(args.rig)
     frames = read_recording(session)
+    pictures = [frame.image for frame in frames if frame.image is not None]
+    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
+    estimator = ContactEstimator(rig, args.model)
     found = progress(estimate_recording(estimator, session, frames), "contacts", len(frames))
     rows = [ContactRow.of(item.frame.frame, item.frame.time_s, item.contact) for item in found]
     write_contacts(args.output, rows, args.force)

@@ -6,17 +6,13 @@ import argparse
 import platform
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..console import say
-from ..detect.corners import detect_folder
-from ..files import refuse_overwrite, sha256, write_json
-from ..images import list_images
-from ..session import Session, load_session, read_loads, read_noload
-from .intrinsics import solve_intrinsics
 from .intrinsics_cli import MODELS
-from .plane import solve_board_pose
-from .session_rig import Calibration, doubts, make_rig, pose_from_jig, report, require_jig, solve_antenna, summary
+
+if TYPE_CHECKING:
+    from ..session import Session
+    from .session_rig import Calibration
 
 PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")
 
@@ -32,6 +28,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Calibrate a session and write rig.json."""
+    from ..console import say
+    from ..files import refuse_overwrite, write_json
+    from ..session import load_session
+    from .session_rig import report, summary
+
     refuse_overwrite(args.output, args.force)
     session = load_session(args.session)
     calibration = calibrate(session, args.model)
@@ -55,13 +56,24 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
     """A session to a rig. Everything that can be wrong with the inputs is checked before the long work."""
+    from ..detect.corners import detect_folder
+    from ..images import list_images, read_gray
+    from ..session import check_pictures, read_loads, read_noload
+    from .intrinsics import solve_intrinsics
+    from .plane import solve_board_pose
+    from .session_rig import Calibration, doubts, make_rig, pose_from_jig, require_jig, solve_antenna
+
     T_antenna_board = require_jig(session)
     noload, loads = read_noload(session), read_loads(session)
-    folders = [session.root / name for name in ("intrinsics", "plane")]
-    for folder in folders:
-        list_images(folder)
-    lens = solve_intrinsics(detect_folder(folders[0], session.board), session.board, lens_model)
-    board_pose = solve_board_pose(detect_folder(folders[1], session.board), session.board, lens.camera)
+    stills = [still.image for still in (*noload, *loads) if still.image is not None]
+    photos, in_jig = (list_images(session.root / name) for name in ("intrinsics", "plane"))
+    height, width = read_gray(photos[0]).shape
+    check_pictures((*photos, *in_jig, *stills), (width, height), f"{photos[0].name} is")
+
+    # the jig first: one picture tells whether the board is the one described
+    jig_views = detect_folder(session.root / "plane", session.board)
+    lens = solve_intrinsics(detect_folder(session.root / "intrinsics", session.board), session.board, lens_model)
+    board_pose = solve_board_pose(jig_views, session.board, lens.camera)
     T_antenna_camera, covariance = pose_from_jig(board_pose, lens.camera, T_antenna_board)
     joint, observations = solve_antenna(session, lens.camera, T_antenna_camera, covariance)
     rig = make_rig(session, lens.camera, joint, observations)
@@ -70,6 +82,8 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
 
 def inputs(session: Session) -> dict[str, str]:
     """sha256 of every file that the calibration read."""
+    from ..files import sha256
+
     folders = ("intrinsics", "plane", "noload", "loads")
     files = [session.root / "session.yaml"]
     for name in folders:

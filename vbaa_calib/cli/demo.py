@@ -43,7 +43,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     started = time.perf_counter()
     out: Path = args.out
     prepare(out, args.force)
-    for command in commands(out, args.scene, screenshot=can_render()):
+    drawable = can_render()
+    if not drawable:
+        say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")
+    for command in commands(out, args.scene, screenshot=drawable):
         step(command)
     result = finish(out, time.perf_counter() - started, args.force)
     say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")

@@ -8,6 +8,7 @@ import importlib
 import json
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -29,7 +30,8 @@ class _Parser(argparse.ArgumentParser):
     """argparse that raises our error instead of leaving the process."""
 
     def error(self, message: str) -> NoReturn:
-        raise InputError(message, where=self.prog, remedy=f"see {self.prog} --help")
+        verb = self.prog.removeprefix("vbaa").strip()
+        raise InputError(message, where=verb or None, remedy=f"see {self.prog} --help")
 
 
 def _front_parser() -> _Parser:
@@ -42,6 +44,7 @@ def _front_parser() -> _Parser:
         epilog=f"verbs:\n{listing}\n\n`vbaa VERB --help` says more. Exit codes: 0 done, 2 the input or the call is "
         "wrong, 1 anything else, 130 interrupted.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
     parser.add_argument("verb", help=argparse.SUPPRESS)
     parser.add_argument("--version", action="version", version=f"vbaa-calib {vbaa_calib.__version__}")
@@ -50,7 +53,7 @@ def _front_parser() -> _Parser:
 
 def _verb_parser(name: str) -> _Parser:
     module, line = VERBS[name]
-    parser = _Parser(prog=f"vbaa {name}", description=line[0].upper() + line[1:] + ".")
+    parser = _Parser(prog=f"vbaa {name}", description=line[0].upper() + line[1:] + ".", allow_abbrev=False)
     importlib.import_module(module).configure(parser)
     parser.add_argument("--json", action="store_true", help="print the result's numbers as one JSON object on stdout")
     parser.add_argument("--force", action="store_true", help="replace outputs that exist already")
@@ -88,17 +91,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except VbaaError as error:
-        if "--debug" in argv:
-            raise
-        print(f"vbaa: {' '.join(str(error).split())}", file=sys.stderr)
-        return error.exit_code
     except Exception as error:
         if "--debug" in argv:
-            raise
-        print(
-            f"vbaa: something went wrong that should not ({type(error).__name__}: {error}); "
-            "run again with --debug and report what it shows",
-            file=sys.stderr,
-        )
-        return 1
+            traceback.print_exc()
+        print(f"vbaa: {' '.join(_in_words(error).split())}", file=sys.stderr)
+        return error.exit_code if isinstance(error, VbaaError) else 1
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, VbaaError):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror:  # a full disk, a lost network drive
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return (
+        f"something went wrong that should not ({type(error).__name__}: {error}); "
+        "run again with --debug and report what it shows"
+    )
