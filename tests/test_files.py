@@ -1,0 +1,383 @@
+"""Files from outside: what is wrong is named in one line, and nothing is left half-written."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import io
+import json
+import math
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vbaa_calib.errors import InputError
+from vbaa_calib.files import (
+    number,
+    read_csv,
+    read_json,
+    read_text,
+    read_yaml,
+    refuse_overwrite,
+    replacing,
+    sha256,
+    whole_number,
+    write_json,
+    write_text,
+)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "given.txt"
+
+
+def refused(caught: pytest.ExceptionInfo[InputError], path: Path, words: str) -> None:
+    """The error is one line that names the file, says what is wrong, and what to do."""
+    assert str(path) in str(caught.value)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize("read", [read_text, read_yaml, read_json, lambda path: read_csv(path, ["a"])])
+class TestAnyFile:
+    def test_missing(self, read, path: Path) -> None:
+        with pytest.raises(InputError) as caught:
+            read(path)
+        refused(caught, path, "no such file")
+
+    def test_a_folder(self, read, tmp_path: Path) -> None:
+        with pytest.raises(InputError) as caught:
+            read(tmp_path)
+        refused(caught, tmp_path, "is a folder")
+
+    def test_below_a_file(self, read, path: Path) -> None:
+        path.write_text("a: 1")
+        with pytest.raises(InputError) as caught:
+            read(path / "below")
+        refused(caught, path / "below", "cannot be read")
+
+    @pytest.mark.parametrize("content", [b"\xff\xfe\x00a", b"a: \xe9", bytes(range(256))])
+    def test_not_text(self, read, path: Path, content: bytes) -> None:
+        path.write_bytes(content)
+        with pytest.raises(InputError) as caught:
+            read(path)
+        refused(caught, path, "not UTF-8")
+
+    def test_an_impossible_name(self, read) -> None:
+        with pytest.raises(InputError):
+            read(Path("a\0b"))
+
+
+class TestYaml:
+    def test_numbers_as_people_write_them(self, path: Path) -> None:
+        path.write_text("a: 193.0e9\nb: 1e-3\nc: -2E+5\nd: .5e1\ne: 7900\nf: 1.5\ng: 4.e2\n")
+        assert read_yaml(path) == {"a": 193e9, "b": 1e-3, "c": -2e5, "d": 5.0, "e": 7900, "f": 1.5, "g": 400.0}
+
+    def test_what_only_looks_like_a_number_stays_text(self, path: Path) -> None:
+        path.write_text("a: e9\nb: 1e\nc: DICT_4X4_50\nd: '1e9'\n")
+        assert read_yaml(path) == {"a": "e9", "b": "1e", "c": "DICT_4X4_50", "d": "1e9"}
+
+    def test_a_byte_order_mark_is_no_key(self, path: Path) -> None:
+        path.write_text("a: 1", encoding="utf-8-sig")
+        assert read_yaml(path) == {"a": 1}
+
+    @pytest.mark.parametrize(
+        ("text", "line", "words"),
+        [
+            ("a: 1\nb: 2\na: 3\n", 3, "'a' stands twice"),
+            ("x:\n  a: 1\n  a: 1\n", 3, "'a' stands twice"),
+            ("x: {a: 1, a: 1}\n", 1, "'a' stands twice"),
+            ("a: [1, 2\n", 2, "not valid YAML"),
+            ("a: 1\n\tb: 2\n", 2, "not valid YAML"),
+            ("a: 1\n b: 2\n", 2, "not valid YAML"),
+            ("a: !!python/object/apply:os.system [ls]\n", 1, "not valid YAML"),
+            ("a: 1\n? [1, 2]\n: 3\n", 2, "unhashable"),
+            ("a: 1\n---\nb: 2\n", 2, "not valid YAML"),
+            ("a: &x [1]\nb: *x\n", 2, "*x refers to another place"),
+            ("a: &x\n  - *x\n", 2, "*x refers to another place"),
+        ],
+    )
+    def test_the_line_is_named(self, path: Path, text: str, line: int, words: str) -> None:
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_yaml(path)
+        refused(caught, path, words)
+        assert f"line {line}:" in str(caught.value)
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            "a: !!bool maybe",
+            "a: !!int ''",
+            "a: !!float x",
+            "a: !!timestamp x",
+            "a: 2024-13-45",
+            "a: !!binary '%%%'",
+            "a: " + "9" * 5000,
+            "a: \0",
+            "? {a: 1}\n: 2",
+            "<<: 3",
+        ],
+    )
+    def test_odd_values_are_refused_not_raised(self, path: Path, text: str) -> None:
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_yaml(path)
+        refused(caught, path, "not valid YAML")
+
+    @pytest.mark.parametrize("text", ["", "# only a comment\n", "- 1\n- 2\n", "text", "3", "null"])
+    def test_no_mapping(self, path: Path, text: str) -> None:
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_yaml(path)
+        refused(caught, path, "must be a mapping")
+
+    def test_deep_nesting(self, path: Path) -> None:
+        path.write_text("a: " + "[" * 20000)
+        with pytest.raises(InputError) as caught:
+            read_yaml(path)
+        refused(caught, path, "nested too deeply")
+
+
+class TestJson:
+    def test_an_object(self, path: Path) -> None:
+        path.write_text('{"a": [1, 2.5, null]}', encoding="utf-8-sig")
+        assert read_json(path) == {"a": [1, 2.5, None]}
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("", "line 1: is not valid JSON"),
+            ('{"a": 1,\n "b": }', "line 2: is not valid JSON"),
+            ('{"a": 1', "not valid JSON"),
+            ('{"a": 1, "a": 2}', "'a' stands twice"),
+            ('{"a": ' + "9" * 5000 + "}", "not valid JSON"),
+            ('{"a": ' + "[" * 100000, "nested too deeply"),
+            ("[1, 2]", "must be a JSON object"),
+            ('"text"', "must be a JSON object"),
+        ],
+    )
+    def test_what_is_refused(self, path: Path, text: str, words: str) -> None:
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_json(path)
+        refused(caught, path, words)
+
+
+class TestCsv:
+    def test_rows_know_their_lines(self, path: Path) -> None:
+        path.write_text("\n frame , u_px,more\n1, 2.5 ,x\n\n,,\n3,4.5,y\n")
+        assert read_csv(path, ["frame", "u_px"], ["sigma_px"]) == [
+            {"frame": "1", "u_px": "2.5", "line": "3"},
+            {"frame": "3", "u_px": "4.5", "line": "6"},
+        ]
+
+    def test_optional_columns_are_taken_when_there(self, path: Path) -> None:
+        path.write_text("b,a\n1,2\n")
+        assert read_csv(path, ["a"], ["b"]) == [{"a": "2", "b": "1", "line": "2"}]
+
+    @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+    def test_line_ends_quotes_and_byte_order_mark(self, path: Path, end: str) -> None:
+        path.write_bytes(b"\xef\xbb\xbf" + end.join(["a,b", '"x, y","say ""no"""', "z,"]).encode())
+        assert read_csv(path, ["a", "b"]) == [
+            {"a": "x, y", "b": 'say "no"', "line": "2"},
+            {"a": "z", "b": "", "line": "3"},
+        ]
+
+    def test_a_quoted_line_end_does_not_shift_the_lines(self, path: Path) -> None:
+        path.write_text('a,b\n"two\nlines",1\n3,4\n')
+        assert [(row["a"], row["line"]) for row in read_csv(path, ["a"])] == [("two\nlines", "3"), ("3", "4")]
+
+    def test_what_other_alphabets_call_a_line_end_is_none(self, path: Path) -> None:
+        path.write_text("a,b\nx\u2028y\x0bz,1\n", encoding="utf-8")
+        assert read_csv(path, ["a"]) == [{"a": "x\u2028y\x0bz", "line": "2"}]
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("", "is empty"),
+            ("\n\n ,\n", "is empty"),
+            ("a,b\n", "has a header but no rows"),
+            ("a,b\n,\n", "has a header but no rows"),
+            ("a,c\n1,2\n", "column b is missing"),
+            ("a,B\n1,2\n", "column b is missing"),
+            ("a,b,a\n1,2,3\n", "column a stands twice"),
+            ("a,b,c,c\n1,2,3,4\n", "column c stands twice"),
+            ("a;b\n1;2\n", "separate the cells by commas, not by ';'"),
+            ("a\tb\n1\t2\n", "separate the cells by commas"),
+            ("a,b\n1,2\n1\n", "line 3: has 1 cells, the header 2"),
+            ("a,b\n1,2,3\n", "line 2: has 3 cells, the header 2"),
+            ('a,b\n1,"2\n', "is not a valid CSV"),
+            ('a,b\n1,2\n"1"x,2\n', "line 3: is not a valid CSV"),
+            ("a,b\n" + "1" * 200000 + ",2\n", "is not a valid CSV"),
+        ],
+    )
+    def test_what_is_refused(self, path: Path, text: str, words: str) -> None:
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_csv(path, ["a", "b"], ["c"])
+        refused(caught, path, words)
+
+    # one cell of a table: anything but what a reader may strip or a file cannot hold
+    cell = st.text(st.characters(codec="utf-8", exclude_characters="\r\0"), max_size=8).map(str.strip)
+
+    @given(st.lists(st.tuples(cell, cell, cell.filter(bool)), min_size=1, max_size=6))
+    def test_round_trip(self, rows: list[tuple[str, str, str]]) -> None:
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerows([("a", "b", "c"), *rows])
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "table.csv"
+            path.write_text(stream.getvalue(), encoding="utf-8", newline="")
+            read = read_csv(path, ["a", "b", "c"])
+        assert [(row["a"], row["b"], row["c"]) for row in read] == rows
+
+    @given(st.floats(allow_nan=False, allow_infinity=False))
+    def test_numbers_survive_the_table(self, value: float) -> None:
+        assert number({"x": repr(value), "line": "2"}, "x", Path("t.csv")) == value
+
+
+class TestNumber:
+    @pytest.mark.parametrize("text", ["nan", "NaN", "inf", "-Infinity", "1e999"])
+    def test_not_finite(self, path: Path, text: str) -> None:
+        with pytest.raises(InputError) as caught:
+            number({"x_m": text, "line": "7"}, "x_m", path)
+        refused(caught, path, "line 7: x_m is")
+        assert "finite" in str(caught.value)
+
+    @pytest.mark.parametrize("text", ["", "text", "1,5", "0x10", "1 m", "1_0", "--1", "None"])
+    def test_not_a_number(self, path: Path, text: str) -> None:
+        with pytest.raises(InputError) as caught:
+            number({"x_m": text, "line": "7"}, "x_m", path)
+        refused(caught, path, f"line 7: x_m is {text!r}")
+
+    @pytest.mark.parametrize(("text", "value"), [("3", 3), ("3.0", 3), ("0", 0), ("1e3", 1000)])
+    def test_whole(self, path: Path, text: str, value: int) -> None:
+        whole = whole_number({"frame": text, "line": "7"}, "frame", path)
+        assert (whole, type(whole)) == (value, int)
+
+    @pytest.mark.parametrize("text", ["-1", "1.5", "1e300", "--5", "x", "nan", "9007199254740993"])
+    def test_not_whole(self, path: Path, text: str) -> None:
+        with pytest.raises(InputError) as caught:
+            whole_number({"frame": text, "line": "7"}, "frame", path)
+        refused(caught, path, "line 7: frame is")
+
+
+class TestWriting:
+    def test_whole_and_readable(self, path: Path) -> None:
+        before = os.umask(0o022)
+        try:
+            write_text(path, "grüße\n")
+        finally:
+            os.umask(before)
+        assert path.read_bytes() == "grüße\n".encode()
+        assert stat.S_IMODE(path.stat().st_mode) == 0o644
+        assert list(path.parent.iterdir()) == [path]
+
+    @pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt, OSError])
+    def test_a_failure_leaves_nothing(self, path: Path, failure: type[BaseException]) -> None:
+        def write() -> None:
+            with replacing(path) as temporary:
+                temporary.write_text("half")
+                raise failure
+
+        with pytest.raises(failure):
+            write()
+        assert list(path.parent.iterdir()) == []
+        path.write_text("mine")
+        with pytest.raises(failure):
+            write()
+        assert path.read_text() == "mine"
+        assert list(path.parent.iterdir()) == [path]
+
+    def test_until_the_end_the_old_file_stands(self, path: Path) -> None:
+        path.write_text("old")
+        with replacing(path) as temporary:
+            temporary.write_text("new")
+            assert path.read_text() == "old"
+            assert temporary.suffix == path.suffix
+            assert temporary.parent == path.parent.resolve()
+        assert path.read_text() == "new"
+
+    def test_an_existing_file_needs_force(self, path: Path) -> None:
+        path.write_text("mine")
+        with pytest.raises(InputError) as caught:
+            write_text(path, "theirs", force=False)
+        refused(caught, path, "exists already; give --force")
+        assert path.read_text() == "mine"
+        write_text(path, "theirs", force=True)
+        assert path.read_text() == "theirs"
+
+    def test_a_link_is_followed(self, path: Path, tmp_path: Path) -> None:
+        (tmp_path / "far").mkdir()
+        path.symlink_to(tmp_path / "far" / "target.txt")
+        with pytest.raises(InputError) as caught:
+            refuse_overwrite(path, force=False)
+        refused(caught, path, "exists already")
+        write_text(path, "through", force=True)
+        assert path.is_symlink()
+        assert (tmp_path / "far" / "target.txt").read_text() == "through"
+
+    @pytest.mark.parametrize("force", [False, True])
+    def test_what_cannot_be_written_is_refused_before_the_work(self, tmp_path: Path, force: bool) -> None:
+        fifo, file = tmp_path / "fifo", tmp_path / "file"
+        os.mkfifo(fifo)
+        file.write_text("mine")
+        cases = {
+            tmp_path: "is a folder",
+            Path(os.devnull): "is not a regular file",
+            fifo: "is not a regular file",
+            tmp_path / "none" / "a.json": "its folder does not exist",
+            file / "a.json": "cannot be written",
+            tmp_path / ("n" * 300): "cannot be written",
+            Path("a\0b"): "cannot be written",
+        }
+        for path, words in cases.items():
+            with pytest.raises(InputError) as caught:
+                refuse_overwrite(path, force)
+            refused(caught, path, words)
+        assert sorted(tmp_path.iterdir()) == [fifo, file]
+
+    def test_a_read_only_folder(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        # root may write everywhere, so the system's answer is put in place of a real read-only folder
+        monkeypatch.setattr(os, "access", lambda folder, mode: Path(folder) != path.parent.resolve())
+        with pytest.raises(InputError) as caught:
+            refuse_overwrite(path, force=True)
+        refused(caught, path, "its folder is read-only")
+
+    def test_a_folder_that_turns_read_only(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        def refuse(**_: object) -> None:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+        monkeypatch.setattr(tempfile, "mkstemp", refuse)
+        with pytest.raises(InputError) as caught:
+            write_text(path, "text")
+        refused(caught, path, "cannot be written (Read-only file system)")
+
+    def test_json_is_never_nan(self, path: Path) -> None:
+        with pytest.raises(ValueError, match="not JSON compliant"):
+            write_json(path, {"a": math.nan})
+        assert list(path.parent.iterdir()) == []
+        write_json(path, {"a": 0.1})
+        assert json.loads(path.read_text()) == {"a": 0.1}
+
+
+class TestDigest:
+    def test_known_values(self, path: Path) -> None:
+        path.write_bytes(b"abc")
+        assert sha256(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+        path.write_bytes(b"")
+        assert sha256(path) == "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
+
+    def test_what_cannot_be_read(self, tmp_path: Path) -> None:
+        for path in (tmp_path, tmp_path / "none"):
+            with pytest.raises(InputError) as caught:
+                sha256(path)
+            refused(caught, path, "cannot be read")
