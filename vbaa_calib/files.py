@@ -35,22 +35,35 @@ def read_text(path: Path) -> str:
         raise InputError(f"cannot be read ({error})", where=path, remedy="check the path and its permissions") from None
 
 
+_MOST_VALUES = 1e6
+
+
 class _UniqueKeyLoader(yaml.SafeLoader):
     """YAML without silent surprises: a key given twice is an error, not the last one wins."""
 
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """As SafeLoader's, without aliases: they can make a small file endless."""
-        if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()
-            raise yaml.composer.ComposerError(
-                None, None, f"*{event.anchor} refers to another place; write the value out", event.start_mark
-            )
-        return super().compose_node(parent, index)
+    def get_single_node(self) -> yaml.Node | None:
+        """As SafeLoader's, but a small file whose aliases make it endless is refused."""
+        node = super().get_single_node()
+        if node is not None and _size(node, {}) > _MOST_VALUES:
+            raise yaml.composer.ComposerError(None, None, "its aliases never end", node.start_mark)
+        return node
+
+
+def _size(node: yaml.Node, sizes: dict[int, float]) -> float:
+    """How many values a node stands for with all aliases written out; infinite where it holds itself."""
+    if id(node) not in sizes:
+        sizes[id(node)] = math.inf  # what is found on coming back here before the sum is known
+        pairs = isinstance(node, yaml.MappingNode)
+        parts = [part for pair in node.value for part in pair] if pairs else node.value
+        sizes[id(node)] = 1 + sum(_size(part, sizes) for part in parts if isinstance(part, yaml.Node))
+    return sizes[id(node)]
 
 
 def _unique_mapping(loader: _UniqueKeyLoader, node: yaml.MappingNode, deep: bool = False) -> dict:
     seen: set[Hashable] = set()
     for key_node, _ in node.value:
+        if key_node.tag == "tag:yaml.org,2002:merge":
+            continue
         key = loader.construct_object(key_node, deep=True)
         if not isinstance(key, Hashable):
             break  # construct_mapping below refuses it

@@ -1,0 +1,67 @@
+"""The whole way on every bundled scene, by the commands that a user types, against the goals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vbaa_calib.cli.demo import SCENES
+from vbaa_calib.cli.main import main
+from viz.render import can_render
+
+FILES = ("rig.json", "contacts.csv", "object.vtp", "scene.html", "report.html", "summary.json")
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def demo(request, tmp_path_factory) -> Path:
+    """A finished demo's folder."""
+    out = tmp_path_factory.mktemp("demo") / request.param
+    assert main(["demo", "--scene", request.param, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.mark.slow
+def test_reaches_the_goals(demo: Path) -> None:
+    """Contact point, distance, force, direction, stiffness and focal length, and no frame dropped or misjudged."""
+    summary = json.loads((demo / "summary.json").read_text())
+    assert summary["contact_point_rmse_m"] <= 1.5e-3
+    assert summary["distance_rmse_m"] <= 0.02 * 0.24
+    assert summary["force_rmse_relative"] <= 0.08
+    assert summary["direction_rmse_rad"] <= np.radians(4)
+    assert summary["stiffness_relative_error"] <= 0.02
+    assert summary["focal_relative_error"] <= 0.005
+    assert summary["frames_ok"] == summary["frames"]
+    assert all(np.isfinite(value) for value in summary.values() if isinstance(value, float))
+
+
+@pytest.mark.slow
+def test_predicted_uncertainty_is_honest(demo: Path) -> None:
+    """The mean squared error over its predicted variance, per degree of freedom, is neither blind nor timid."""
+    assert 0.1 < json.loads((demo / "summary.json").read_text())["nees"] < 2.5
+
+
+@pytest.mark.slow
+def test_leaves_its_files(demo: Path) -> None:
+    """All of them, and no temporary one."""
+    wanted = {*FILES, "session", *(("scene.png",) if can_render() else ())}
+    assert {path.name for path in demo.iterdir()} == wanted
+
+
+@pytest.mark.slow
+def test_a_second_run_needs_force(demo: Path, capsys) -> None:
+    """A finished demo is not overwritten without being asked to."""
+    before = (demo / "rig.json").read_bytes()
+    assert main(["demo", "--out", str(demo)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert (demo / "rig.json").read_bytes() == before
+
+
+def test_a_foreign_folder_is_left_alone(tmp_path: Path, capsys) -> None:
+    """Even with --force, a folder that is not a demo's is not written into."""
+    (tmp_path / "thesis.txt").write_text("mine")
+    assert main(["demo", "--out", str(tmp_path), "--force"]) == 2
+    assert str(tmp_path) in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]

@@ -1,0 +1,250 @@
+"""rig.json: what is written is what is read, and what is not a rig is refused by key."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib import schemas
+from vbaa_calib.camera import Camera
+from vbaa_calib.errors import InputError
+from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
+from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
+
+SIZE = len(RIG_PARAMETERS)
+
+
+def make_rig(seed: int = 0) -> Rig:
+    """An inclined camera with distortion, and a full joint covariance in the parameters' own units."""
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(SIZE, SIZE)) * np.geomspace(1e-6, 1e-2, SIZE)[:, None]
+    lens = rng.normal(size=(8, 8))
+    return Rig(
+        camera=Camera(
+            "opencv",
+            (960, 720),
+            np.array([[1004.0, 0, 476.5], [0, 1001.0, 363.2], [0, 0, 1]]),
+            np.array([-0.182, 0.061, 0.0007, -0.0005]),
+            covariance=lens @ lens.T,
+        ),
+        T_antenna_camera=Pose(
+            Rotation.from_euler("xyz", [170 + rng.uniform(-20, 20), rng.uniform(-20, 20), 3], degrees=True).as_matrix(),
+            np.array([0.12, 0.03, 0.35]) + rng.normal(size=3) * 0.01,
+        ),
+        antenna=Antenna(
+            0.24,
+            0.0008,
+            np.array([*rng.normal(size=6) * 0.01, math.log(3.9e-3 * rng.uniform(0.9, 1.1)), math.log(3.97e-3)]),
+        ),
+        moment_sensor=MomentSensor(1.0 + rng.normal() * 0.05, rng.normal() * 1e-4, 2e-5),
+        kinematics=Kinematics(
+            Pose.from_rotvec(rng.normal(size=3) * 0.1, rng.normal(size=3) * 0.01), rng.normal(size=3)
+        ),
+        gravity_world_m_s2=np.array([0.0, 0.0, -9.80665]),
+        image=AntennaImage(0.1, 1.3, False),
+        covariance=factor @ factor.T,
+    )
+
+
+@pytest.fixture
+def good() -> dict[str, Any]:
+    return make_rig().to_dict()
+
+
+def refused(data: Any, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Rig.from_dict(data, "some/rig.json")
+    assert str(caught.value).startswith("some/rig.json: ")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_round_trip(seed: int) -> None:
+    rig = make_rig(seed)
+    text = json.dumps(rig.to_dict(), allow_nan=False)
+    back = Rig.from_dict(json.loads(text))
+    for name in ("matrix", "distortion", "covariance"):
+        np.testing.assert_array_equal(getattr(back.camera, name), getattr(rig.camera, name))
+    assert (back.camera.model, back.camera.image_size) == (rig.camera.model, rig.camera.image_size)
+    assert back.camera.parameter_names == rig.camera.parameter_names
+    np.testing.assert_array_equal(back.antenna.parameters, rig.antenna.parameters)
+    assert (back.antenna.length_m, back.antenna.diameter_m) == (rig.antenna.length_m, rig.antenna.diameter_m)
+    assert (back.moment_sensor, back.image) == (rig.moment_sensor, rig.image)
+    np.testing.assert_array_equal(back.gravity_world_m_s2, rig.gravity_world_m_s2)
+    np.testing.assert_array_equal(back.covariance, rig.covariance)
+    np.testing.assert_array_equal(back.kinematics.position_world_m, rig.kinematics.position_world_m)
+    for there, here in (
+        (back.T_antenna_camera, rig.T_antenna_camera),
+        (back.kinematics.T_actuator_antenna, rig.kinematics.T_actuator_antenna),
+    ):
+        np.testing.assert_array_equal(there.translation_m, here.translation_m)
+        # a quaternion's rounding, nothing more
+        np.testing.assert_allclose(there.rotation, here.rotation, rtol=0, atol=1e-15)
+
+
+def test_the_text_loses_nothing(good: dict[str, Any]) -> None:
+    assert json.loads(json.dumps(good)) == good
+    assert Rig.from_dict(json.loads(json.dumps(good))).to_dict() == Rig.from_dict(good).to_dict()
+
+
+def test_the_file_itself(good: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(good))
+    assert Rig.load(path).to_dict() == Rig.load(str(path)).to_dict() == Rig.from_dict(good).to_dict()
+    with pytest.raises(InputError, match=r"none\.json: no such file"):
+        Rig.load(tmp_path / "none.json")
+
+
+def test_what_is_written_fits_what_is_published(good: dict[str, Any]) -> None:
+    schemas.check(good, "rig", "rig")
+    assert set(good) <= set(schemas.schema("rig")["properties"])
+
+
+def nodes(data: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Paths to every mapping in a rig."""
+    if not isinstance(data, dict):
+        return []
+    return [path, *(found for key, value in data.items() for found in nodes(value, (*path, key)))]
+
+
+def at(data: Any, path: tuple[str | int, ...]) -> Any:
+    for key in path:
+        data = data[key]
+    return data
+
+
+@pytest.mark.parametrize("path", nodes(make_rig().to_dict()))
+def test_keys_of_later_versions_are_ignored_everywhere(good: dict[str, Any], path: tuple[str | int, ...]) -> None:
+    expected = Rig.from_dict(good).to_dict()
+    at(good, path)["added_by_a_later_version"] = {"any": "thing"}
+    assert Rig.from_dict(good).to_dict() == expected
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *((key,) for key in make_rig().to_dict()),
+        *(("camera", key) for key in ("schema", "model", "image_size", "matrix", "distortion")),
+        *(("T_antenna_camera", key) for key in ("translation_m", "rotation_xyzw")),
+        *(("antenna", key) for key in ("length_m", "diameter_m", "stiffness_Nm2", "mass_per_length_kg_m", "noload")),
+        *(("antenna", "noload", key) for key in ("clamp_offset_yz_m", "clamp_rotation_yz_rad", "bow_yz_per_m")),
+        *(("moment_sensor", key) for key in ("gain", "offset_Nm", "std_Nm")),
+        *(("image", key) for key in ("noise_px", "noise_scale", "bright")),
+        *(("joint", key) for key in ("parameters", "covariance")),
+    ],
+)
+def test_every_missing_key_is_named(good: dict[str, Any], path: tuple[str, ...]) -> None:
+    del at(good, path[:-1])[path[-1]]
+    refused(good, path[-1])
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        (("schema",), "vbaa.camera/1", "schema is 'vbaa.camera/1'; vbaa.rig/1 is needed here"),
+        (("camera",), [1], "camera: [1] is not a mapping"),
+        (("camera", "schema"), "vbaa.camera/9", "camera.schema"),
+        (("camera", "model"), "pinhole", "camera.model"),
+        (("camera", "image_size"), [640.0, 480.5], "camera.image_size.1"),
+        (("camera", "image_size"), [640.0, 480.0], "camera: image_size"),
+        (("camera", "distortion"), [0.1], "camera: distortion has the shape (1,)"),
+        (("camera", "distortion"), [0.1, 0.1, 0.0, math.nan], "camera.distortion.3 is not a finite number"),
+        (("camera", "matrix"), [[0, 0, 1], [0, 1, 1], [0, 0, 1]], "camera: the camera matrix is singular"),
+        (("camera", "matrix"), [[1, 0, 0], [0, 1, 0]], "camera.matrix"),
+        (("camera", "covariance"), [[1.0]], "camera: the covariance has the shape (1, 1)"),
+        (("T_antenna_camera", "rotation_xyzw"), [0, 0, 0, 2.0], "T_antenna_camera.rotation_xyzw has length 2"),
+        (("T_antenna_camera", "translation_m"), [0, 0], "T_antenna_camera.translation_m"),
+        (("antenna", "length_m"), 0, "antenna.length_m"),
+        (("antenna", "stiffness_Nm2"), -1.0, "antenna.stiffness_Nm2"),
+        (("antenna", "mass_per_length_kg_m"), "heavy", "antenna.mass_per_length_kg_m: 'heavy' is not a number"),
+        (("antenna", "noload", "bow_yz_per_m"), [0.0], "antenna.noload.bow_yz_per_m"),
+        (("moment_sensor", "std_Nm"), 0.0, "moment_sensor.std_Nm"),
+        (("moment_sensor", "gain"), math.inf, "moment_sensor.gain is not a finite number"),
+        (("gravity_world",), None, "gravity_world: None is not a list"),
+        (("gravity_world",), [0, 0, 10**400], "gravity_world.2 is not a finite number"),
+        (("image", "bright"), "yes", "image.bright: 'yes' is not true or false"),
+        (("kinematics", "T_actuator_antenna"), {}, "kinematics.T_actuator_antenna"),
+        (("joint", "parameters"), ["a"], "joint must give the covariance of camera_about_x_rad"),
+        (("joint", "covariance"), [[1.0]], "joint must give the covariance of"),
+        (("joint", "covariance"), "none", "joint.covariance: 'none' is not a list"),
+    ],
+)
+def test_every_wrong_value_is_named(good: dict[str, Any], path: tuple[str, ...], value: Any, words: str) -> None:
+    at(good, path[:-1])[path[-1]] = value
+    refused(good, words)
+
+
+def test_what_is_no_covariance_is_refused(good: dict[str, Any]) -> None:
+    ruined = {name: copy.deepcopy(good) for name in ("asymmetric", "negative", "indefinite", "nan", "ragged")}
+    variance = np.diag(make_rig().covariance)
+    ruined["asymmetric"]["joint"]["covariance"][0][1] += 0.5 * math.sqrt(variance[0] * variance[1])
+    ruined["negative"]["joint"]["covariance"][0][0] *= -1
+    for i, j in ((0, 1), (1, 0)):
+        ruined["indefinite"]["joint"]["covariance"][i][j] = 1.1 * math.sqrt(variance[0] * variance[1])
+    ruined["nan"]["joint"]["covariance"][2][2] = math.nan
+    ruined["ragged"]["joint"]["covariance"][3].pop()
+    # the smallest entries, 1e-12, count as much as the largest
+    assert variance[0] < 1e-10
+    for name in ("asymmetric", "negative", "indefinite"):
+        refused(ruined[name], "joint.covariance is not a covariance")
+    refused(ruined["nan"], "joint.covariance.2.2 is not a finite number")
+    refused(ruined["ragged"], "joint must give the covariance of")
+
+
+def test_a_known_parameter_has_no_variance(good: dict[str, Any]) -> None:
+    covariance = np.array(good["joint"]["covariance"])
+    covariance[0] = covariance[:, 0] = 0.0
+    good["joint"]["covariance"] = covariance.tolist()
+    assert Rig.from_dict(good).std(RIG_PARAMETERS[0]) == 0.0
+
+
+def test_standard_deviations(good: dict[str, Any]) -> None:
+    rig = make_rig()
+    for index, name in enumerate(RIG_PARAMETERS):
+        assert rig.std(name) == pytest.approx(math.sqrt(rig.covariance[index, index]), rel=1e-15)
+    antenna, sensor = good["antenna"], good["moment_sensor"]
+    assert antenna["stiffness_std_Nm2"] == rig.antenna.stiffness_Nm2 * rig.std("log_stiffness_Nm2")
+    assert antenna["mass_per_length_std_kg_m"] == pytest.approx(3.97e-3 * rig.std("log_mass_per_length_kg_m"))
+    assert (sensor["gain_std"], sensor["offset_std_Nm"]) == (rig.std("moment_gain"), rig.std("moment_offset_Nm"))
+    with pytest.raises(ValueError, match="not in tuple"):
+        rig.std("colour")
+
+
+def by_hand(rig: Rig, pixels: np.ndarray, plane: Plane) -> np.ndarray:
+    """(N, 3) where the rays of pixels (N, 2) meet a plane of the antenna frame."""
+    rays, _ = rig.camera.unproject(pixels)
+    directions = rays @ rig.T_antenna_camera.rotation.T
+    eye = rig.T_antenna_camera.translation_m
+    reach = (plane.offset_m - plane.normal @ eye) / (directions @ plane.normal)
+    return eye + reach[:, None] * directions
+
+
+def test_the_metric_layer_meets_plane_c() -> None:
+    rig = make_rig()
+    pixels = np.array([[476.5, 363.2], [30.0, 40.0], [930.0, 60.0], [500.0, 700.0]])
+    expected = by_hand(rig, pixels, PLANE_C)
+    assert np.abs(expected[:, 2]).max() < 1e-15
+    plane_xy, valid = rig.camera_on_plane().project(pixels)
+    assert np.asarray(valid).all()
+    np.testing.assert_allclose(np.asarray(plane_xy), expected[:, :2], atol=1e-12)
+    # and back: the points' own pixels are where they were taken
+    T_camera_antenna = rig.T_antenna_camera.inverse()
+    seen, _ = rig.camera.project(T_camera_antenna @ expected)
+    np.testing.assert_allclose(seen, pixels, atol=1e-9)
+
+
+def test_the_metric_layer_meets_any_plane() -> None:
+    rig, plane = make_rig(), Plane(np.array([0.0, -0.6, 0.8]), 0.02)
+    pixels = np.array([[476.5, 363.2], [100.0, 600.0]])
+    points, valid = rig.camera_on_plane(plane).points(pixels)
+    assert np.asarray(valid).all()
+    np.testing.assert_allclose(np.asarray(points), by_hand(rig, pixels, plane), atol=1e-12)
