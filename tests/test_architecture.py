@@ -33,6 +33,7 @@ FLOORS = {
     "vbaa_calib.synth": 5,
     "estimator": 5,
     "viz": 6,
+    "vbaa_calib.bench": 6,
     "vbaa_calib.cli": 7,
 }
 """Room → floor (ARCHITECTURE.md). A room may import from lower floors and from itself."""

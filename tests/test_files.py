@@ -31,7 +31,6 @@ from vbaa_calib.files import (
     write_text,
 )
 
-
 BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
 """A few hundred bytes of YAML that stand for 9¹¹ values."""
 

@@ -24,7 +24,12 @@ from vbaa_calib.session import (
     read_recording,
 )
 
-POSE = {"translation_m": [0.1, 0.2, 0.3], "rotation_xyzw": [0.0, 0.6, 0.0, 0.8]}
+
+def pose() -> dict[str, Any]:
+    """A turn about y by 2·atan(0.75), as a session.yaml gives it."""
+    return {"translation_m": [0.1, 0.2, 0.3], "rotation_xyzw": [0.0, 0.6, 0.0, 0.8]}
+
+
 GOOD: dict[str, Any] = {
     "schema": "vbaa.session/1",
     "board": {
@@ -38,8 +43,8 @@ GOOD: dict[str, Any] = {
         "thickness_m": 0.002,
     },
     "antenna": {"length_m": 0.24, "diameter_m": 0.0008, "youngs_modulus_Pa": 193.0e9, "density_kg_m3": 7900.0},
-    "jig": {"T_antenna_board": POSE},
-    "kinematics": {"T_actuator_antenna": POSE, "position_world_m": [0.0, 0.0, 0.15]},
+    "jig": {"T_antenna_board": pose()},
+    "kinematics": {"T_actuator_antenna": pose(), "position_world_m": [0.0, 0.0, 0.15]},
     "gravity_world": [0.0, 0.0, -9.80665],
     "moment_sensor": {"std_Nm": 2.0e-5},
 }
@@ -195,14 +200,14 @@ class TestSessionFile:
             (("antenna", "density_kg_m3"), 7.9, "antenna.density_kg_m3"),
             (("antenna", "length_mm"), 240, "antenna: unknown key length_mm, the keys are length_m, "),
             (("jig",), [1], "jig: [1] is not a mapping or null"),
-            (("jig", "T_board_antenna"), POSE, "jig: unknown key T_board_antenna, the keys are T_antenna_board"),
+            (("jig", "T_board_antenna"), pose(), "jig: unknown key T_board_antenna, the keys are T_antenna_board"),
             (("jig", "T_antenna_board", "rotation_xyzw"), [0, 0, 0, 0], "has length 0"),
             (("jig", "T_antenna_board", "rotation_xyzw"), [0, 0, 1, 1], "has length 1.41; a unit quaternion"),
             (("jig", "T_antenna_board", "rotation_xyzw"), [0, 0, 1], "jig.T_antenna_board.rotation_xyzw"),
             (("jig", "T_antenna_board", "rotation_xyzw"), [0, 0, math.nan, 1], "rotation_xyzw.2 is not a finite"),
             (("jig", "T_antenna_board", "translation_m"), [0, "x", 0], "jig.T_antenna_board.translation_m.1"),
             (("jig", "T_antenna_board", "translation_m"), [0, 10**400, 0], "translation_m.1 is not a finite"),
-            (("kinematics", "T_antenna_actuator"), POSE, "kinematics: unknown key T_antenna_actuator"),
+            (("kinematics", "T_antenna_actuator"), pose(), "kinematics: unknown key T_antenna_actuator"),
             (("kinematics", "position_world_m"), [0, 0], "kinematics.position_world_m"),
             (("gravity_world",), -9.8, "gravity_world: -9.8 is not a list or null"),
             (("gravity_world",), [0, 0, -9806.65], "gravity_world.2"),

@@ -49,7 +49,7 @@ def _misspelt(data: Mapping[str, Any], known: Iterable[str]) -> Iterator[tuple[s
     missing = [name for name in known if name not in data]
     for key in data:
         if key not in known:
-            for meant in difflib.get_close_matches(str(key), missing, n=1, cutoff=0.75):
+            for meant in difflib.get_close_matches(str(key).lower(), missing, n=1, cutoff=0.7):
                 yield str(key), meant
 
 

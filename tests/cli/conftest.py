@@ -1,0 +1,85 @@
+"""One small synthetic session and its rig, made once, and a way to call `vbaa` as its user sees it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from vbaa_calib.cli.main import main
+from vbaa_calib.files import read_yaml
+from vbaa_calib.synth.scene import bundled_scene
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a call left behind: exit code, stdout, stderr."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """The one JSON object on stdout."""
+        data = json.loads(self.out)
+        assert isinstance(data, dict)
+        return data
+
+
+Call = Callable[..., Outcome]
+
+
+@pytest.fixture
+def vbaa(capfd: pytest.CaptureFixture[str]) -> Call:
+    """Calls the command in this process; what C libraries print counts as well."""
+
+    def call(*argv: object) -> Outcome:
+        capfd.readouterr()
+        code = main([str(part) for part in argv])
+        said = capfd.readouterr()
+        return Outcome(code, said.out, said.err)
+
+    return call
+
+
+def small_scene() -> dict[str, Any]:
+    """The demo's scene with few and small pictures."""
+    scene = read_yaml(bundled_scene("demo"))
+    scene["name"] = "small"
+    scene["camera"]["image_size"] = [480, 360]
+    scene["camera"]["matrix"] = [[502.0, 0.0, 238.3], [0.0, 500.5, 181.6], [0.0, 0.0, 1.0]]
+    scene["intrinsics"]["pictures"] = 5
+    scene["jig"]["pictures"] = 1
+    scene["noload"] = scene["noload"][:3]
+    scene["loads"] = [scene["loads"][index] for index in (1, 3, 8, 9)]
+    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
+    return scene
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with scene.yaml, session/ and rig.json, never to be written to."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene()))
+    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
+    assert main(["calibrate", str(folder / "session"), "-o", str(folder / "rig.json")]) == 0
+    return folder
+
+
+@pytest.fixture
+def session(made: Path, tmp_path: Path) -> Path:
+    """A session of the test's own."""
+    return Path(shutil.copytree(made / "session", tmp_path / "session"))
+
+
+@pytest.fixture
+def rig(made: Path, tmp_path: Path) -> Path:
+    """A rig.json of the test's own."""
+    return Path(shutil.copy(made / "rig.json", tmp_path / "rig.json"))

@@ -1,0 +1,340 @@
+"""Whatever comes from outside and is wrong: exit 2, one line that names the file, and nothing left behind."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from vbaa_calib.files import read_yaml
+
+from .conftest import Call, Outcome
+
+Damage = Callable[[Path], None]
+
+PICTURES = {
+    "intrinsics": "intrinsics/board_002.png",
+    "plane": "plane/jig_000.png",
+    "noload": "noload/noload_001.png",
+    "loads": "loads/loads_002.png",
+    "recording": "recording/frame_0003.png",
+}
+
+
+def remove(name: str) -> Damage:
+    def damage(root: Path) -> None:
+        shutil.rmtree(root / name) if (root / name).is_dir() else (root / name).unlink()
+
+    return damage
+
+
+def write(name: str, content: str | bytes) -> Damage:
+    return lambda root: (root / name).write_bytes(content.encode() if isinstance(content, str) else content) and None
+
+
+def truncate(name: str, fraction: float = 0.7) -> Damage:
+    def damage(root: Path) -> None:
+        data = (root / name).read_bytes()
+        (root / name).write_bytes(data[: int(len(data) * fraction)])
+
+    return damage
+
+
+def replace(name: str, old: str, new: str) -> Damage:
+    """One place of a text file changed."""
+
+    def damage(root: Path) -> None:
+        text = (root / name).read_text()
+        assert old in text
+        (root / name).write_text(text.replace(old, new, 1))
+
+    return damage
+
+
+def cell(name: str, line: int, column: str, value: str) -> Damage:
+    """One cell of a CSV set."""
+
+    def damage(root: Path) -> None:
+        rows = list(csv.reader((root / name).read_text().splitlines()))
+        rows[line - 1][rows[0].index(column)] = value
+        (root / name).write_text("\n".join(map(",".join, rows)) + "\n")
+
+    return damage
+
+
+def board(**keys: object) -> Damage:
+    """session.yaml with another board."""
+
+    def damage(root: Path) -> None:
+        data = read_yaml(root / "session.yaml")
+        data["board"] |= keys
+        (root / "session.yaml").write_text(yaml.safe_dump(data))
+
+    return damage
+
+
+def without(key: str) -> Damage:
+    """session.yaml without a key."""
+
+    def damage(root: Path) -> None:
+        data = read_yaml(root / "session.yaml")
+        del data[key]
+        (root / "session.yaml").write_text(yaml.safe_dump(data))
+
+    return damage
+
+
+def repaint(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Damage:
+    """A picture put in place of another."""
+
+    def damage(root: Path) -> None:
+        for path in sorted(root.glob(name)):
+            picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            assert cv2.imwrite(str(path), change(picture))
+
+    return damage
+
+
+def grey(picture: np.ndarray) -> np.ndarray:
+    return np.full_like(picture, 90)
+
+
+def noise(picture: np.ndarray) -> np.ndarray:
+    return np.random.default_rng(1).normal(90, 12, picture.shape).clip(0, 255).astype(np.uint8)
+
+
+def smaller(picture: np.ndarray) -> np.ndarray:
+    return cv2.resize(picture, (picture.shape[1] // 2, picture.shape[0] // 2))
+
+
+def several(*damages: Damage) -> Damage:
+    def damage(root: Path) -> None:
+        for one in damages:
+            one(root)
+
+    return damage
+
+
+def copied(source: str, target: str) -> Damage:
+    return lambda root: shutil.copy(root / source, root / target) and None
+
+
+def file_in_place_of(name: str) -> Damage:
+    return several(remove(name), write(name, "a text file"))
+
+
+def tree(folder: Path) -> dict[str, tuple[int, int]]:
+    """Every file below a folder, hidden ones included, with its size and time."""
+    return {str(path): (path.stat().st_size, path.stat().st_mtime_ns) for path in folder.rglob("*")}
+
+
+def refused(said: Outcome, *words: str) -> None:
+    assert said.code == 2, said
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert said.err.startswith("vbaa: ")
+    assert "Traceback" not in said.err
+    for word in words:
+        assert word in said.err
+
+
+CALIBRATE: dict[str, tuple[Damage, str, str]] = {
+    "no session": (remove(""), "session: no such folder", ""),
+    "a file for a session": (several(remove(""), write("", "x")), "session: is not a folder", ""),
+    "no session.yaml": (remove("session.yaml"), "session.yaml: no such file", ""),
+    "session.yaml is another file": (copied("truth.json", "session.yaml"), "session.yaml: schema is 'vbaa.truth/1'", ""),
+    "session.yaml is a picture": (copied(PICTURES["plane"], "session.yaml"), "session.yaml: is not UTF-8 text", ""),
+    "a key twice": (replace("session.yaml", "board:", "schema: a\nboard:"), "session.yaml line", "stands twice"),
+    "no jig": (without("jig"), "session.yaml: jig is missing", ""),
+    "no loads": (remove("loads"), "loads.csv: no such file; calibration needs known loads", ""),
+    "no load in the table": (write("loads/loads.csv", ""), "loads.csv: is empty", ""),
+    "a NaN in the loads": (cell("loads/loads.csv", 3, "force_y_N", "nan"), "loads.csv line 3", "force_y_N is nan"),
+    "a load in cm": (cell("loads/loads.csv", 2, "distance_m", "10"), "loads.csv line 2", "the antenna 0.24 m long"),
+    "a load without a number": (cell("loads/loads.csv", 2, "moment_Nm", ""), "loads.csv line 2", "moment_Nm is ''"),
+    "no no-load frames": (remove("noload"), "noload.csv: no such file; calibration needs the free antenna", ""),
+    "a column missing": (replace("noload/noload.csv", "tilt_rad", "tilt"), "noload.csv: column tilt_rad is missing", ""),
+    "a NaN": (cell("noload/noload.csv", 2, "pan_rad", "NaN"), "noload.csv line 2", "pan_rad is NaN"),
+    "degrees": (cell("noload/noload.csv", 2, "tilt_rad", "20"), "noload.csv line 2", "give radians"),
+    "a picture named twice": (
+        cell("noload/noload.csv", 3, "image", "noload_000.png"),
+        "noload.csv line 3: the picture noload_000.png stands in line 2, too",
+        "",
+    ),
+    "a picture that is not there": (remove(PICTURES["noload"]), "noload.csv line 3: the picture noload_001.png", ""),
+    "a row cut short": (
+        several(truncate("noload/noload.csv", 0.9)),
+        "noload.csv line 4",
+        "",
+    ),
+    "no photos": (remove("intrinsics"), "intrinsics: no such folder", ""),
+    "an empty folder": (
+        several(remove("plane"), lambda root: (root / "plane").mkdir()),
+        "plane: holds no pictures",
+        "",
+    ),
+    "a text file for a folder": (file_in_place_of("intrinsics"), "intrinsics: is not a folder", ""),
+    "another dictionary": (board(dictionary="DICT_5X5_100"), "plane", "the board spec does not fit the pictures"),
+    "another width": (board(squares_x=9), "plane", "squares_x: 11 (not 9)"),
+    "no board in the jig": (repaint("plane/*.png", grey), "plane/jig_000.png: no board is found", ""),
+    "no board in the photos": (repaint("intrinsics/*.png", grey), "intrinsics: no board is found", ""),
+    "no antenna, plain grey": (repaint(PICTURES["noload"], grey), "noload_001.png: no antenna found", ""),
+    "no antenna, only noise": (repaint(PICTURES["noload"], noise), "noload_001.png: no antenna found", ""),
+    "no antenna, but a board": (copied(PICTURES["plane"], PICTURES["noload"]), "noload_001.png: no antenna found", ""),
+    "no antenna under load": (repaint(PICTURES["loads"], grey), "loads_002.png: no antenna found", ""),
+}
+for place, name in list(PICTURES.items())[:4]:
+    short = name.partition("/")[2]
+    CALIBRATE |= {
+        f"a truncated picture in {place}": (truncate(name), f"{short}: is truncated or damaged", ""),
+        f"an empty picture in {place}": (write(name, b""), f"{short}: is an empty file", ""),
+        f"a text for a picture in {place}": (write(name, "text"), f"{short}: is not a picture", ""),
+        f"another size in {place}": (repaint(name, smaller), f"{short}: is 240x180 px", "480x360 px"),
+    }
+
+
+@pytest.mark.parametrize("case", CALIBRATE)
+def test_calibrate(vbaa: Call, session: Path, tmp_path: Path, case: str) -> None:
+    damage, *words = CALIBRATE[case]
+    damage(session)
+    before = tree(tmp_path)
+    refused(vbaa("calibrate", session, "-o", tmp_path / "rig.json", "--model", "radial"), *words)
+    assert tree(tmp_path) == before
+
+
+ESTIMATE: dict[str, tuple[Damage, str, str]] = {
+    "no recording": (remove("recording"), "recording.csv: no such file", ""),
+    "a column missing": (replace("recording/recording.csv", "pan_rad", "pan"), "column pan_rad is missing", ""),
+    "a NaN": (cell("recording/recording.csv", 4, "moment_Nm", "nan"), "recording.csv line 4: moment_Nm is nan", ""),
+    "a duplicate frame": (cell("recording/recording.csv", 4, "frame", "1"), "recording.csv line 4: frame 1 stands", ""),
+    "time backwards": (cell("recording/recording.csv", 4, "time_s", "0.05"), "line 4: the time runs backwards", ""),
+    "a picture that is not there": (remove(PICTURES["recording"]), "line 5: the picture frame_0003.png is not", ""),
+    "no rows": (write("recording/recording.csv", "frame,time_s,image,pan_rad,tilt_rad,moment_Nm\n"), "no rows", ""),
+    "a truncated picture": (truncate(PICTURES["recording"]), "frame_0003.png: is truncated or damaged", ""),
+    "an empty picture": (write(PICTURES["recording"], b""), "frame_0003.png: is an empty file", ""),
+    "another size": (repaint(PICTURES["recording"], smaller), "frame_0003.png: is 240x180 px", "480x360 px"),
+    "a centreline of no frame": (
+        write("recording/centrelines.csv", "frame,u_px,v_px\n9,100,100\n"),
+        "centrelines.csv: frame 9 is not in recording.csv",
+        "",
+    ),
+    "a centreline with a NaN": (
+        write("recording/centrelines.csv", "frame,u_px,v_px\n0,100,100\n1,nan,3\n"),
+        "centrelines.csv line 3: u_px is nan",
+        "",
+    ),
+    "no rig": (remove("../rig.json"), "rig.json: no such file", ""),
+    "a rig that is none": (write("../rig.json", "[1, 2]"), "rig.json: must be a JSON object", ""),
+    "a rig that is text": (write("../rig.json", "text"), "rig.json line 1: is not valid JSON", ""),
+    "a rig that is a picture": (copied(PICTURES["plane"], "../rig.json"), "rig.json: is not UTF-8 text", ""),
+    "a rig that is the truth": (copied("truth.json", "../rig.json"), "rig.json: schema is 'vbaa.truth/1'", ""),
+    "a rig cut short": (truncate("../rig.json"), "rig.json line", "is not valid JSON"),
+    "a rig with a NaN": (replace("../rig.json", '"gain": ', '"gain": NaN, "old": '), "moment_sensor.gain", ""),
+}
+
+
+@pytest.mark.parametrize("case", ESTIMATE)
+def test_estimate(vbaa: Call, session: Path, rig: Path, tmp_path: Path, case: str) -> None:
+    damage, *words = ESTIMATE[case]
+    damage(session)
+    before = tree(tmp_path)
+    refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv"), *words)
+    assert tree(tmp_path) == before
+
+
+INTRINSICS: dict[str, tuple[Damage, str, str]] = {
+    "no folder": (remove("intrinsics"), "intrinsics: no such folder", ""),
+    "a text file": (file_in_place_of("intrinsics"), "intrinsics: is not a folder", ""),
+    "no pictures": (several(remove("intrinsics"), lambda root: (root / "intrinsics").mkdir()), "holds no pictures", ""),
+    "a truncated picture": (truncate(PICTURES["intrinsics"]), "board_002.png: is truncated or damaged", ""),
+    "an empty picture": (write(PICTURES["intrinsics"], b""), "board_002.png: is an empty file", ""),
+    "another size": (repaint(PICTURES["intrinsics"], smaller), "board_002.png: is 240x180 px", ""),
+    "no board file": (remove("session.yaml"), "session.yaml: no such file", ""),
+    "another dictionary": (board(dictionary="DICT_6X6_250"), "intrinsics: the board spec does not fit", "DICT_4X4"),
+    "another height": (board(squares_y=6), "intrinsics: the board spec does not fit", "squares_y is 8 or more"),
+    "too many squares": (board(squares_x=40, squares_y=40), "session.yaml", "need 800 markers"),
+    "no board": (repaint("intrinsics/*.png", noise), "intrinsics: no board is found", ""),
+}
+
+
+@pytest.mark.parametrize("case", INTRINSICS)
+def test_intrinsics(vbaa: Call, session: Path, tmp_path: Path, case: str) -> None:
+    damage, *words = INTRINSICS[case]
+    damage(session)
+    before = tree(tmp_path)
+    argv = [session / "intrinsics", "--board", session / "session.yaml", "-o", tmp_path / "camera.json"]
+    refused(vbaa("intrinsics", *argv), *words)
+    assert tree(tmp_path) == before
+
+
+@pytest.mark.parametrize("output", ["none/out.csv", "session", "session/session.yaml/out.csv", "n" * 300 + ".csv"])
+@pytest.mark.parametrize("verb", ["calibrate", "estimate", "intrinsics"])
+def test_outputs_that_cannot_be(vbaa: Call, session: Path, rig: Path, tmp_path: Path, verb: str, output: str) -> None:
+    inputs = {
+        "calibrate": [session],
+        "estimate": [session, "--rig", rig],
+        "intrinsics": [session / "intrinsics", "--board", session / "session.yaml"],
+    }
+    before = tree(tmp_path)
+    for force in ([], ["--force"]):
+        refused(vbaa(verb, *inputs[verb], "-o", tmp_path / output, *force), output)
+    assert tree(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("scene", "output", "words"),
+    [
+        ("none.yaml", "new", "none.yaml: no such file"),
+        ("no_such_scene", "new", "no_such_scene"),
+        ("rig.json", "new", "rig.json"),
+        ("session", "new", "session"),
+        ("scene.yaml", "none/new", "its folder does not exist"),
+        ("scene.yaml", "rig.json", "exists already"),
+    ],
+)
+def test_simulate(vbaa: Call, made: Path, rig: Path, tmp_path: Path, scene: str, output: str, words: str) -> None:
+    shutil.copy(made / "scene.yaml", tmp_path)
+    before = tree(tmp_path)
+    refused(vbaa("simulate", tmp_path / scene, "-o", tmp_path / output), words)
+    assert tree(tmp_path) == before
+
+
+def test_pictures_of_any_depth_and_colour_mean_the_same(vbaa: Call, made: Path, session: Path, tmp_path: Path) -> None:
+    """The same grey as colour, as 16 bit, and under another suffix gives the same rig and the same contacts."""
+    repaint("intrinsics/*.png", lambda picture: cv2.merge([picture] * 3))(session)
+    repaint("noload/*.png", lambda picture: picture.astype(np.uint16) * 257)(session)
+    repaint("loads/*.png", lambda picture: cv2.merge([picture] * 4))(session)
+    repaint("recording/*.png", lambda picture: cv2.merge([picture.astype(np.uint16) * 257] * 3))(session)
+    for path in (session / "plane").iterdir():
+        cv2.imwrite(str(path.with_suffix(".tif")), cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+        path.unlink()
+    rig = tmp_path / "rig.json"
+    assert vbaa("calibrate", session, "-o", rig).code == 0
+    mine, theirs = (json.loads(path.read_text()) for path in (rig, made / "rig.json"))
+    for key in ("camera", "T_antenna_camera", "antenna", "moment_sensor", "joint"):
+        assert mine[key] == theirs[key], key
+    tables = []
+    for folder, name in ((session, "mine.csv"), (made / "session", "theirs.csv")):
+        assert vbaa("estimate", folder, "--rig", rig, "-o", tmp_path / name).code == 0
+        tables.append((tmp_path / name).read_text())
+    assert tables[0] == tables[1]
+
+
+def test_a_frame_without_an_antenna_stays_in_the_table(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    repaint("recording/frame_0001.png", grey)(session)
+    repaint("recording/frame_0002.png", noise)(session)
+    contacts = tmp_path / "contacts.csv"
+    assert vbaa("estimate", session, "--rig", rig, "-o", contacts).code == 0
+    rows = list(csv.DictReader(contacts.open()))
+    assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
+    assert [row["status"] for row in rows] == ["no_contact", "no_antenna", "no_antenna", "no_contact"]
+    assert all(row["reason"] for row in rows)
+    said = vbaa("reconstruct", contacts, "--rig", rig, "-o", tmp_path / "object.vtp")
+    refused(said, "contacts.csv")
+    assert not (tmp_path / "object.vtp").exists()

@@ -1,0 +1,214 @@
+"""The front door: quick, one line for every error, and the exit codes that scripts rely on."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from estimator import cli as estimate_cli
+from estimator.estimate import MODELS
+from vbaa_calib import __version__
+from vbaa_calib.cli.main import VERBS
+from vbaa_calib.errors import InputError, SolveError
+from vbaa_calib.formats import schema_cli
+
+from .conftest import Call
+
+HEAVY = {"torch", "pyvista", "cv2", "kornia", "scipy", "vtk", "vtkmodules"}
+
+
+def in_fresh_python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def test_help_is_quick() -> None:
+    """A contract, not a benchmark: under half a second, interpreter and all."""
+    command = [sys.executable, "-c", "from vbaa_calib.cli import main; main(['--help'])"]
+    seconds = []
+    for _ in range(3):
+        started = time.perf_counter()
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        seconds.append(time.perf_counter() - started)
+    assert min(seconds) < 0.5
+    for verb in VERBS:
+        assert f"\n  {verb} " in done.stdout
+
+
+def test_help_needs_no_heavy_library() -> None:
+    lines = ["import sys", "from vbaa_calib.cli.main import main, VERBS", f"heavy = {HEAVY}"]
+    lines += ["assert main(['--help']) == 0", "assert not heavy & set(sys.modules), 'vbaa --help'"]
+    lines += ["for verb in VERBS:"]
+    lines += ["    assert main([verb, '--help']) == 0, verb", "    assert not heavy & set(sys.modules), verb"]
+    done = in_fresh_python("\n".join(lines))
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_explains_itself(vbaa: Call, verb: str) -> None:
+    said = vbaa(verb, "--help")
+    assert said.code == 0
+    assert said.out.startswith(f"usage: vbaa {verb}")
+    assert all(option in said.out for option in ("--json", "--force", "--debug"))
+    assert said.err == ""
+
+
+def test_no_arguments_show_the_help(vbaa: Call) -> None:
+    assert vbaa().out == vbaa("--help").out
+    assert vbaa().code == 0
+    assert vbaa("--version").out.split() == ["vbaa-calib", __version__]
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["frobnicate"], "there is no verb 'frobnicate'; the verbs are intrinsics, calibrate"),
+        (["--frobnicate"], "see vbaa --help"),
+        (["--json"], "see vbaa --help"),
+        (["schema"], "schema: the following arguments are required: name; see vbaa schema --help"),
+        (["schema", "rig", "--frobnicate"], "unrecognized arguments: --frobnicate"),
+        (["schema", "rig", "--for"], "unrecognized arguments: --for"),
+        (["schema", "contacts"], "invalid choice: 'contacts'"),
+        (["schema", "two\nlines"], "invalid choice"),
+        (["estimate", "a", "-o", "b.csv"], "estimate: the following arguments are required: --rig"),
+        (["calibrate", "a", "-o"], "expected one argument"),
+    ],
+)
+def test_wrong_calls(vbaa: Call, argv: list[str], words: str) -> None:
+    said = vbaa(*argv)
+    assert said.code == 2
+    assert said.out == ""
+    assert words in said.err
+    assert said.err.startswith("vbaa: ")
+    assert said.err.count("\n") == 1
+
+
+def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path, tmp_path: Path) -> None:
+    contacts = tmp_path / "contacts.csv"
+    quiet = vbaa("estimate", made / "session", "--rig", made / "rig.json", "-o", contacts)
+    assert quiet.code == 0
+    assert quiet.out == ""
+    assert "wrote" in quiet.err
+    loud = vbaa("estimate", made / "session", "--rig", made / "rig.json", "-o", contacts, "--force", "--json")
+    assert loud.out.count("\n") == 1
+    assert loud.result["frames"] == 4
+    assert loud.err == quiet.err
+    schema = vbaa("schema", "rig", "--json")
+    assert schema.result == json.loads(vbaa("schema", "rig").out)
+    assert schema.result["properties"]["schema"] == {"const": "vbaa.rig/1"}
+
+
+def test_calibrate_tells_how_well(vbaa: Call, made: Path, tmp_path: Path) -> None:
+    said = vbaa("calibrate", made / "session", "-o", tmp_path / "rig.json", "--json")
+    assert said.code == 0
+    truth = json.loads((made / "session" / "truth.json").read_text())
+    antenna = said.result["antenna"]
+    assert antenna["stiffness_Nm2"] == pytest.approx(truth["stiffness_Nm2"], rel=0.02)
+    written = json.loads((tmp_path / "rig.json").read_text())
+    assert written["command"] == ["vbaa", "calibrate", str(made / "session"), "-o", str(tmp_path / "rig.json"), "--json"]
+    named = {name.partition("/")[0] for name in written["inputs_sha256"]}
+    assert named == {"session.yaml", "intrinsics", "plane", "noload", "loads"}
+
+
+@pytest.fixture
+def raising(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], None]:
+    """Makes `vbaa schema rig` fail."""
+
+    def make(error: BaseException) -> None:
+        def run(args: argparse.Namespace) -> dict[str, Any]:
+            raise error
+
+        monkeypatch.setattr(schema_cli, "run", run)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (InputError("is odd", where="file.csv", remedy="even it"), 2, "vbaa: file.csv: is odd; even it"),
+        (SolveError("the fit\ndid not converge"), 1, "vbaa: the fit did not converge"),
+        (KeyboardInterrupt(), 130, "vbaa: interrupted"),
+        (RuntimeError("two\nlines"), 1, "vbaa: something went wrong that should not (RuntimeError: two lines); run"),
+        (MemoryError(), 1, "vbaa: something went wrong that should not (MemoryError"),
+        (OSError(errno.ENOSPC, "No space left on device", "rig.json"), 1, "vbaa: rig.json: No space left on device"),
+        (OSError("odd"), 1, "vbaa: something went wrong that should not (OSError: odd)"),
+    ],
+)
+def test_every_error_is_one_line(
+    vbaa: Call, raising: Callable[[BaseException], None], error: BaseException, code: int, words: str
+) -> None:
+    raising(error)
+    said = vbaa("schema", "rig")
+    assert (said.code, said.out) == (code, "")
+    assert said.err.startswith(words)
+    assert said.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("error", "code"), [(InputError("is odd"), 2), (RuntimeError("broken"), 1)])
+def test_debug_shows_where(
+    vbaa: Call, raising: Callable[[BaseException], None], error: BaseException, code: int
+) -> None:
+    raising(error)
+    said = vbaa("schema", "rig", "--debug")
+    assert said.code == code
+    assert "Traceback" in said.err
+    assert __file__ in said.err
+    assert said.err.splitlines()[-1].startswith("vbaa: ")
+
+
+def test_results_are_never_nan(vbaa: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(schema_cli, "run", lambda args: {"value": float("nan")})
+    said = vbaa("schema", "rig", "--json")
+    assert (said.code, said.out) == (1, "")
+
+
+def test_a_reader_that_goes_away_is_no_error_to_shout_about() -> None:
+    code = "import sys; from vbaa_calib.cli import main; sys.exit(main(['schema', 'rig']))"
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run([sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert done.returncode == 1
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "estimate", "intrinsics"])
+def test_nothing_is_overwritten_without_force(vbaa: Call, tmp_path: Path, verb: str) -> None:
+    output = tmp_path / "mine.csv"
+    output.write_text("mine")
+    inputs = {
+        "calibrate": [tmp_path / "none"],
+        "estimate": [tmp_path / "none", "--rig", tmp_path / "none.json"],
+        "intrinsics": [tmp_path / "none", "--board", tmp_path / "none.yaml"],
+    }
+    said = vbaa(verb, *inputs[verb], "-o", output)
+    assert said.code == 2
+    assert f"{output}: exists already; give --force" in said.err
+    assert output.read_text() == "mine"
+    # with it, the inputs are looked at, and a failure leaves the old file
+    said = vbaa(verb, *inputs[verb], "-o", output, "--force")
+    assert said.code == 2
+    assert "none" in said.err
+    assert output.read_text() == "mine"
+
+
+def test_a_session_is_not_replaced_without_force(vbaa: Call, made: Path, session: Path) -> None:
+    before = (session / "session.yaml").stat()
+    said = vbaa("simulate", made / "scene.yaml", "-o", session)
+    assert said.code == 2
+    assert "exists already" in said.err
+    assert (session / "session.yaml").stat() == before
+
+
+def test_the_models_on_offer_are_the_estimators() -> None:
+    assert estimate_cli.MODELS == ("auto", *MODELS)

@@ -1,0 +1,1 @@
+"""Speed against error, measured in one run with the alternatives beside us: `vbaa bench`."""
