@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
 from vbaa_calib.errors import InputError
 from vbaa_calib.session import (
@@ -412,3 +415,51 @@ def test_pictures_are_checked_before_the_work(root: Path) -> None:
     assert "is 12x8 px, the rig's camera has 640x480 px" in what
     pictures[1].write_bytes(pictures[0].read_bytes()[:-9])
     assert "truncated" in complaint(lambda: check_pictures(pictures, (12, 8), "x"), pictures[1])
+
+
+ODD = st.sampled_from(
+    [None, True, -1, 0, 1e-300, 1e300, math.nan, math.inf, 10**400, "", "x", "\n", [], [1], {}, {"a": 1}, "2024-01-01"]
+)
+
+
+def nodes(data: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Paths to everything in a file, mappings and lists included."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    return [*([path] if path else []), *(found for key, value in items for found in nodes(value, (*path, key)))]
+
+
+def attempt(action: Callable[[], Any]) -> tuple[Any, str]:
+    """What came of it, or None and what was said. Only an InputError is let through."""
+    try:
+        return action(), ""
+    except InputError as error:
+        return None, str(error)
+
+
+@given(st.sampled_from(nodes(GOOD)), ODD)
+def test_whatever_stands_in_a_session_it_is_read_or_refused(keys: tuple[str | int, ...], value: Any) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder), changed(*keys, to=value))
+        session, said = attempt(lambda: load_session(Path(folder)))
+        assert session is None or np.isfinite([session.antenna.stiffness_Nm2, *session.gravity_world_m_s2]).all()
+        assert session is not None or said.startswith(str(path))
+
+
+@given(st.binary(max_size=60), st.integers(0, len(LOADS)))
+def test_whatever_stands_in_a_table_it_is_read_or_refused(content: bytes, position: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        session = load_session(write(root, GOOD).parent)
+        for name, text, read in (
+            ("noload/noload.csv", NOLOAD, read_noload),
+            ("loads/loads.csv", LOADS, read_loads),
+            ("recording/recording.csv", RECORDING, read_recording),
+            ("recording/centrelines.csv", CENTRELINES, read_centrelines),
+        ):
+            path = root / name
+            path.parent.mkdir(exist_ok=True)
+            for picture in ("a.png", "b.png"):
+                path.with_name(picture).touch()
+            path.write_bytes(text.encode()[:position] + content + text.encode()[position:])
+            rows, said = attempt(lambda read=read: read(session))
+            assert rows or said.startswith(str(path))

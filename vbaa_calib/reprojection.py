@@ -10,10 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from .antenna.shape import Curves
 from .camera import Camera
 from .geometry import Pose
+
+FOOT_STEPS = 2
+"""Newton steps from the nearest node to the foot: each squares an error of a few hundredths of the nodes' spacing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +83,8 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
 def feet(seen: SeenPoints, curves: ImageCurves, which: int = 0) -> np.ndarray:
     """(N,) arc lengths of the points of one curve nearest to the seen points."""
     nodes, nodes_s = curves.nodes[which], curves.arclength_m[which]
-    nearest = ((seen.points[:, None] - nodes[None]) ** 2).sum(axis=-1).argmin(axis=1)
-    foot = nodes_s[nearest]
-    for _ in range(3):
+    foot = nodes_s[cKDTree(nodes).query(seen.points)[1]]
+    for _ in range(FOOT_STEPS):
         point, slope = curves.at(which, foot)
         foot = foot + ((seen.points - point) * slope).sum(axis=1) / (slope**2).sum(axis=1)
         foot = np.clip(foot, nodes_s[0], nodes_s[-1])

@@ -209,6 +209,8 @@ def _is_covariance(matrix: np.ndarray) -> bool:
     if (variance < 0).any():
         return False
     deviation = np.sqrt(np.where(variance > 0, variance, 1.0))
-    correlation = matrix / deviation / deviation[:, None]
-    symmetric = np.allclose(correlation, correlation.T, rtol=0, atol=1e-6)
-    return bool(symmetric and np.linalg.eigvalsh(correlation).min() > -1e-6)
+    with np.errstate(over="ignore"):
+        correlation = matrix / deviation / deviation[:, None]
+    if np.abs(correlation).max() > 1 + 1e-6 or np.abs(correlation - correlation.T).max() > 1e-6:
+        return False
+    return bool(np.linalg.eigvalsh(correlation).min() > -1e-6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -134,7 +135,7 @@ def load_session(root: Path) -> Session:
 
 def read_pose(data: Mapping[str, Any], where: object, key: str) -> Pose:
     """A pose out of a checked file. Raises InputError when the quaternion is not one."""
-    length = float(np.linalg.norm(data["rotation_xyzw"]))
+    length = math.hypot(*data["rotation_xyzw"])
     if not 0.99 < length < 1.01:
         raise InputError(
             f"{key}.rotation_xyzw has length {length:.3g}", where=where, remedy="a unit quaternion x, y, z, w is needed"

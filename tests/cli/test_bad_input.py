@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 import yaml
 
+from estimator import recording
+from vbaa_calib.detect import corners
 from vbaa_calib.files import read_yaml
 
 from .conftest import Call, Outcome
@@ -149,7 +151,11 @@ CALIBRATE: dict[str, tuple[Damage, str, str]] = {
     "no session": (remove(""), "session: no such folder", ""),
     "a file for a session": (several(remove(""), write("", "x")), "session: is not a folder", ""),
     "no session.yaml": (remove("session.yaml"), "session.yaml: no such file", ""),
-    "session.yaml is another file": (copied("truth.json", "session.yaml"), "session.yaml: schema is 'vbaa.truth/1'", ""),
+    "session.yaml is another file": (
+        copied("truth.json", "session.yaml"),
+        "session.yaml: schema is 'vbaa.truth/1'",
+        "",
+    ),
     "session.yaml is a picture": (copied(PICTURES["plane"], "session.yaml"), "session.yaml: is not UTF-8 text", ""),
     "a key twice": (replace("session.yaml", "board:", "schema: a\nboard:"), "session.yaml line", "stands twice"),
     "no jig": (without("jig"), "session.yaml: jig is missing", ""),
@@ -159,7 +165,11 @@ CALIBRATE: dict[str, tuple[Damage, str, str]] = {
     "a load in cm": (cell("loads/loads.csv", 2, "distance_m", "10"), "loads.csv line 2", "the antenna 0.24 m long"),
     "a load without a number": (cell("loads/loads.csv", 2, "moment_Nm", ""), "loads.csv line 2", "moment_Nm is ''"),
     "no no-load frames": (remove("noload"), "noload.csv: no such file; calibration needs the free antenna", ""),
-    "a column missing": (replace("noload/noload.csv", "tilt_rad", "tilt"), "noload.csv: column tilt_rad is missing", ""),
+    "a column missing": (
+        replace("noload/noload.csv", "tilt_rad", "tilt"),
+        "noload.csv: column tilt_rad is missing",
+        "",
+    ),
     "a NaN": (cell("noload/noload.csv", 2, "pan_rad", "NaN"), "noload.csv line 2", "pan_rad is NaN"),
     "degrees": (cell("noload/noload.csv", 2, "tilt_rad", "20"), "noload.csv line 2", "give radians"),
     "a picture named twice": (
@@ -168,11 +178,7 @@ CALIBRATE: dict[str, tuple[Damage, str, str]] = {
         "",
     ),
     "a picture that is not there": (remove(PICTURES["noload"]), "noload.csv line 3: the picture noload_001.png", ""),
-    "a row cut short": (
-        several(truncate("noload/noload.csv", 0.9)),
-        "noload.csv line 4",
-        "",
-    ),
+    "a row cut short": (truncate("noload/noload.csv", 0.7), "noload.csv line", "cells, the header 4"),
     "no photos": (remove("intrinsics"), "intrinsics: no such folder", ""),
     "an empty folder": (
         several(remove("plane"), lambda root: (root / "plane").mkdir()),
@@ -182,6 +188,7 @@ CALIBRATE: dict[str, tuple[Damage, str, str]] = {
     "a text file for a folder": (file_in_place_of("intrinsics"), "intrinsics: is not a folder", ""),
     "another dictionary": (board(dictionary="DICT_5X5_100"), "plane", "the board spec does not fit the pictures"),
     "another width": (board(squares_x=9), "plane", "squares_x: 11 (not 9)"),
+    "the other layout": (board(legacy_pattern=True), "plane", "legacy_pattern: false"),
     "no board in the jig": (repaint("plane/*.png", grey), "plane/jig_000.png: no board is found", ""),
     "no board in the photos": (repaint("intrinsics/*.png", grey), "intrinsics: no board is found", ""),
     "no antenna, plain grey": (repaint(PICTURES["noload"], grey), "noload_001.png: no antenna found", ""),
@@ -206,6 +213,39 @@ def test_calibrate(vbaa: Call, session: Path, tmp_path: Path, case: str) -> None
     before = tree(tmp_path)
     refused(vbaa("calibrate", session, "-o", tmp_path / "rig.json", "--model", "radial"), *words)
     assert tree(tmp_path) == before
+
+
+LATE_IN_A_SESSION = [
+    *(f"{what} in {place}" for place in ("noload", "loads") for what in ("a truncated picture", "another size")),
+    "no loads",
+    "a NaN in the loads",
+    "an empty folder",
+    "no jig",
+]
+
+
+@pytest.mark.parametrize("case", LATE_IN_A_SESSION)
+def test_calibrate_refuses_before_the_long_work(
+    vbaa: Call, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
+) -> None:
+    def begun(*_: object) -> None:
+        raise AssertionError("the long work has begun")
+
+    monkeypatch.setattr(corners, "detect_corners", begun)
+    damage, *words = CALIBRATE[case]
+    damage(session)
+    refused(vbaa("calibrate", session, "-o", tmp_path / "rig.json"), *words)
+
+
+def test_estimate_refuses_before_the_long_work(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def begun(*_: object) -> None:
+        raise AssertionError("the long work has begun")
+
+    monkeypatch.setattr(recording, "estimate_picture", begun)
+    truncate(PICTURES["recording"])(session)
+    refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv"), "is truncated or damaged")
 
 
 ESTIMATE: dict[str, tuple[Damage, str, str]] = {

@@ -114,7 +114,14 @@ def test_calibrate_tells_how_well(vbaa: Call, made: Path, tmp_path: Path) -> Non
     antenna = said.result["antenna"]
     assert antenna["stiffness_Nm2"] == pytest.approx(truth["stiffness_Nm2"], rel=0.02)
     written = json.loads((tmp_path / "rig.json").read_text())
-    assert written["command"] == ["vbaa", "calibrate", str(made / "session"), "-o", str(tmp_path / "rig.json"), "--json"]
+    assert written["command"] == [
+        "vbaa",
+        "calibrate",
+        str(made / "session"),
+        "-o",
+        str(tmp_path / "rig.json"),
+        "--json",
+    ]
     named = {name.partition("/")[0] for name in written["inputs_sha256"]}
     assert named == {"session.yaml", "intrinsics", "plane", "noload", "loads"}
 
@@ -211,4 +218,5 @@ def test_a_session_is_not_replaced_without_force(vbaa: Call, made: Path, session
 
 
 def test_the_models_on_offer_are_the_estimators() -> None:
-    assert estimate_cli.MODELS == ("auto", *MODELS)
+    offered = estimate_cli.MODELS
+    assert offered == ("auto", *MODELS)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ..camera import Camera
+
 OPENCV_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 FISHEYE_NAMES = ("k1", "k2", "k3", "k4")
 
@@ -90,28 +92,10 @@ pixels (N, 2) and the derivatives of the interleaved pixels by intrinsics (2N, 4
 
 
 def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether pixels move outward with the ray's angle all the way to the picture's border, in every direction.
+    """Whether every pixel of the picture has a ray of its own (`Camera.valid_region`).
 
     A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
     directions to one pixel.
     """
-    angle = np.concatenate([np.linspace(0.0, 1.5, 400), np.linspace(1.5, 1.57, 100)[1:]])
-    azimuth = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
-    rays = np.concatenate(
-        [
-            np.sin(angle)[None, :, None] * sideways[:, None],
-            np.broadcast_to(np.cos(angle)[None, :, None], (len(azimuth), len(angle), 1)),
-        ],
-        axis=-1,
-    )
-    pixels, _, _ = PROJECTIONS[model.camera_model](rays.reshape(-1, 3), np.zeros(6), intrinsics)
-    pixels = pixels.reshape(*rays.shape[:2], 2)
-    width, height = image_size
-    inside = np.all((pixels >= -0.5) & (pixels <= np.array([width, height]) - 0.5), axis=-1)
-    # up to and with the step that leaves the picture
-    reached = np.logical_and.accumulate(inside, axis=1)
-    outward = np.einsum("anp,ap->an", np.diff(pixels, axis=1) / intrinsics[:2], sideways)
-    # a perspective lens sends 90° to infinity; a fisheye may show it
-    ends_inside = model.camera_model == "opencv" and bool(np.any(reached[:, -1]))
-    return bool(np.all(outward[reached[:, :-1]] > 0.0)) and not ends_inside
+    camera = Camera(model.camera_model, image_size, camera_matrix(intrinsics), intrinsics[4:])
+    return camera.valid_region().image_fraction == 1.0
