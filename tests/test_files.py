@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import errno
 import io
@@ -177,6 +178,16 @@ class TestJson:
         with pytest.raises(InputError) as caught:
             read_json(path)
         refused(caught, path, words)
+
+
+@given(st.one_of(st.binary(max_size=80), st.text("a:&*<>[]{}!-?|'\"\n \t,#%@`01.e~=\\", max_size=80).map(str.encode)))
+def test_whatever_is_given_is_read_or_refused(content: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "given"
+        path.write_bytes(content)
+        for read in (read_yaml, read_json, lambda path: {"rows": read_csv(path, ["a"])}):
+            with contextlib.suppress(InputError):
+                assert isinstance(read(path), dict)
 
 
 class TestCsv:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter1d
 from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
 
 from .corridor import normals, resample
 
@@ -104,13 +105,22 @@ def _crossings(image: np.ndarray, guide: np.ndarray, half: int) -> _Crossings:
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Lines fitted to N profiles: centre and amplitude, each with its deviation at unit noise, and residuals (N, T)."""
+    """Lines fitted to N profiles of T pixels.
+
+    Attributes
+    ----------
+    centre, amplitude : (N,).
+    unit_centre, unit_amplitude : (N,) their standard deviations, were the noise of every pixel one.
+    own_centre : (N,) standard deviation of the centre by the profile's own residuals, pixel by pixel.
+    rms : (N,) root mean square of the residuals, freed of the four parameters.
+    """
 
     centre: np.ndarray
     amplitude: np.ndarray
     unit_centre: np.ndarray
     unit_amplitude: np.ndarray
-    residuals: np.ndarray
+    own_centre: np.ndarray
+    rms: np.ndarray
 
 
 def _fit(profiles: np.ndarray, across: np.ndarray, scale: np.ndarray, centre: np.ndarray, steps: int = 5) -> _Lines:
@@ -127,8 +137,13 @@ def _fit(profiles: np.ndarray, across: np.ndarray, scale: np.ndarray, centre: np
         safe = np.where(np.abs(amplitude) > 1e-6, amplitude, 1e-6)
         centre = np.clip(centre + np.clip(coefficients[:, 3, 0] / safe, -1.0, 1.0), -reach, reach)
     unit = np.sqrt(np.clip(np.diagonal(inverse, axis1=1, axis2=2), 0.0, None))
-    residuals = profiles - (basis @ coefficients)[..., 0]
-    return _Lines(centre, amplitude, unit[:, 3] / np.abs(safe), unit[:, 2], residuals)
+    squares = (profiles - (basis @ coefficients)[..., 0]) ** 2
+    gain = inverse @ np.swapaxes(basis, 1, 2)
+    # What a pixel's residual lacks because the pixel itself drew the line towards it.
+    left = 1.0 - np.minimum((np.swapaxes(gain, 1, 2) * basis).sum(axis=-1), 0.9)
+    own = np.sqrt((gain[:, 3] ** 2 * squares / left).sum(axis=1))
+    rms = np.sqrt(squares.sum(axis=1) / (squares.shape[1] - basis.shape[2]))
+    return _Lines(centre, amplitude, unit[:, 3] / np.abs(safe), unit[:, 2], own / np.abs(safe), rms)
 
 
 def _line_scale(found: _Crossings, guess: float, centre: np.ndarray) -> float:
@@ -137,7 +152,7 @@ def _line_scale(found: _Crossings, guess: float, centre: np.ndarray) -> float:
 
     def misfit(scale: float) -> float:
         fitted = _fit(found.profiles[few], found.across[few], scale * found.stretch[few], centre[few], steps=3)
-        return float(np.median((fitted.residuals**2).sum(axis=1)))
+        return float(np.median(fitted.rms))
 
     best = minimize_scalar(misfit, bounds=(0.5 * guess, 2.5 * guess), method="bounded", options={"xatol": 0.02})
     return float(best.x)
@@ -176,8 +191,7 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     start = np.take_along_axis(found.across, np.where(near, profiles, -np.inf).argmax(axis=1)[:, None], axis=1)[:, 0]
     scale = _line_scale(_only(found, inside), float(np.hypot(0.3 * width_px, 0.7)), start[inside])
     lines = _fit(profiles, found.across, scale * found.stretch, start)
-    rms = np.sqrt((lines.residuals**2).sum(axis=1) / (found.across.shape[1] - 4))
-    noise = float(np.quantile(rms[inside], QUIET)) + 1e-6
+    rms, noise = lines.rms, _noise(lines.rms[inside], found.across.shape[1] - 4)
     seen = inside & (np.abs(lines.centre) < half - 2.0)
     seen &= lines.amplitude > SEEN_RATIO * np.maximum(rms, noise) * lines.unit_amplitude
     if not seen.any():
@@ -189,8 +203,23 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     seen = binary_erosion(seen, iterations=MARGIN_PX, border_value=1)
     points = found.points.copy()
     points[np.arange(len(points)), found.axis] += lines.centre
-    sigma = np.where(rms > DISTURBED * noise, rms, noise) * lines.unit_centre / found.stretch
+    sigma = np.where(rms > DISTURBED * noise, rms, noise) * lines.unit_centre * _uneven(lines, clean, noise)
+    sigma /= found.stretch
     return Centreline(points[seen], sigma[seen], float(seen.mean()), typical)
+
+
+def _noise(rms: np.ndarray, freedom: int) -> float:
+    """The picture's noise from the profiles' residuals (N,), of which more than half may be disturbed."""
+    expected = np.sqrt(chi2.ppf(QUIET, freedom) / freedom)
+    return float(np.quantile(rms, QUIET) / expected) + 1e-6
+
+
+def _uneven(lines: _Lines, clean: np.ndarray, noise: float) -> float:
+    """How much more the centres scatter than noise that is alike everywhere would make them: light brings its own."""
+    if clean.sum() < 8:
+        return 1.0
+    even = noise * lines.unit_centre[clean]
+    return float(np.clip(np.sqrt((lines.own_centre[clean] ** 2).sum() / (even**2).sum()), 0.5, 3.0))
 
 
 def _only(found: _Crossings, chosen: np.ndarray) -> _Crossings:
