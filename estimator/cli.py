@@ -37,9 +37,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from .recording import estimate_recording
     from .table import ContactRow, write_contacts
 
-    if args.output.suffix != ".csv":
-        raise InputError(f"cannot write {args.output.suffix or 'this'} files", where=args.output, remedy="name a .csv")
     refuse_overwrite(args.output, args.force)
+    if args.output.suffix != ".csv":
+        raise InputError("is not a .csv", where=args.output, remedy="the suffix chooses the format")
     session = load_session(args.session)
     rig = Rig.load(args.rig)
     frames = read_recording(session)

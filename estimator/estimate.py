@@ -107,14 +107,14 @@ class ContactEstimator:
         scene, reference = (self._scene(measured, MODELS[name]) for name in (self._lowest, HIGHEST))
         if len(scene.seen) < FEWEST_POINTS:
             return None
-        result = fit(scene, None if start is None else start[None])
+        result = fit(scene, start)
         worth = spread(scene, result)
         if self.model != "auto":
             return Solved(scene, reference, result, worth, self.model, f"{self.model} was asked for")
         bias = predicted_bias(scene, reference, result, worth)
         if bias <= SMALL:
             return Solved(scene, reference, result, worth, self._lowest, f"{self._lowest}: its bias is {bias:.2f} std")
-        result = fit(reference, result.unknowns[None])
+        result = fit(reference, result.unknowns)
         why = f"{HIGHEST}: {self._lowest} would be {bias:.1f} std off"
         return Solved(reference, reference, result, spread(reference, result), HIGHEST, why)
 

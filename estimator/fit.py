@@ -6,10 +6,9 @@ plane is not searched: it is part of the fit. The moment is one more measurement
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.reprojection import SeenPoints, image_curves, whitened_residuals
@@ -18,11 +17,22 @@ from vbaa_calib.rig import Rig
 START_DISTANCES = 14
 """Distances tried for a start, spread over the antenna."""
 STARTS = 2
-"""The best so many of them are polished."""
+"""The best so many of them, each in a valley of its own, are followed down."""
+COARSE_POINTS = 120
+"""So many points are enough to follow a start to its valley's floor."""
+SAME = 1e-2
+"""Distances closer than this, in antenna lengths, are taken for the same valley."""
 ROBUST = 2.5
 """Whitened residuals beyond this count linearly: a few false points must not pull the shape."""
 NEAREST, TIP = 0.03, 1.0
 """Least and greatest contact distance that is looked for, in antenna lengths."""
+AT_TIP = 2e-3
+"""A distance this near to the tip is held there, unless the data object."""
+STEPS = np.array([1e-4, 1e-4, 1e-4])
+"""Finite-difference steps of the unknowns."""
+ITERATIONS = 40
+STANDSTILL = 1e-4
+"""A step that promises less than this much of the cost is the last: a hundredth of a standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +50,13 @@ class Scene:
         """A force that bends the tip by about a hundredth of the length: the scale of the fit's unknowns."""
         antenna = self.rig.antenna
         return 0.03 * antenna.stiffness_Nm2 / antenna.length_m**2
+
+    def thinned(self, count: int) -> Scene:
+        """The same with at most so many points, spread over all of them by lot."""
+        if len(self.seen) <= count:
+            return self
+        chosen = np.random.default_rng(0).permutation(len(self.seen))[:count]
+        return replace(self, seen=SeenPoints(self.seen.points[chosen], self.seen.covariance[chosen]))
 
     def curves(self, contact_m: np.ndarray, lateral_N: np.ndarray, parameters: np.ndarray | None = None) -> Curves:
         """Antenna shapes for contacts (B,) and lateral forces (B, 2), with the rig's antenna or others (B, 8)."""
@@ -66,8 +83,8 @@ class Fit:
     unknowns : (3,) contact distance in antenna lengths, lateral force (y, z of the clamp's frame) in `force_unit_N`.
     cost : half the summed robust squares.
     residuals : (N + 1,) whitened; the last is the moment's.
-    jacobian : (N + 1, 3) of them; a distance held at the tip has a column of zeros.
-    converged : whether the solver ended by its own criteria.
+    jacobian : (N + 1, 3) of them.
+    converged : whether the solver came to a standstill.
     at_tip : whether the distance was held at the tip.
     """
 
@@ -91,7 +108,7 @@ def robust_weights(residuals: np.ndarray) -> np.ndarray:
 
 
 def start_values(scene: Scene) -> np.ndarray:
-    """(STARTS, 3) unknowns from a grid of distances.
+    """(K, 3) unknowns from a grid of distances: the lowest K ≤ `STARTS` of the cost's local minima.
 
     For small deflections the picture is linear in the force once the distance is given, so the force is profiled out by
     linear least squares over points and moment together.
@@ -104,70 +121,92 @@ def start_values(scene: Scene) -> np.ndarray:
     lateral = np.stack([np.stack([probe, 0 * probe], 1), np.stack([0 * probe, probe], 1)], axis=1).reshape(-1, 2)
     contact = np.concatenate([[0.5 * length], contact])
     whitened = scene.whitened(scene.curves(contact, np.vstack([[0.0, 0.0], lateral]) * unit))
-    best = []
+    found, costs = np.empty((len(grid), 3)), np.empty(len(grid))
     for index, distance in enumerate(grid):
         columns = slice(1 + 2 * index, 3 + 2 * index)
         slope = (whitened[:, columns] - whitened[:, :1]) / probe[index]
         force, *_ = np.linalg.lstsq(slope, -whitened[:, 0], rcond=None)
-        best.append((robust_cost(whitened[:, 0] + slope @ force), [distance, *force]))
-    best.sort(key=lambda pair: pair[0])
-    return np.array([unknowns for _, unknowns in best[:STARTS]])
-
-
-STEPS = np.array([1e-4, 1e-4, 1e-4])
+        found[index] = distance, *force
+        costs[index] = robust_cost(whitened[:, 0] + slope @ force)
+    around = np.pad(costs, 1, constant_values=np.inf)
+    floors = np.flatnonzero((costs <= around[:-2]) & (costs <= around[2:]))
+    return found[floors[np.argsort(costs[floors])][:STARTS]]
 
 
 def linearised(scene: Scene, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Whitened residuals (N + 1,) at the unknowns and their Jacobian (N + 1, 3)."""
     length, unit = scene.rig.antenna.length_m, scene.force_unit_N
-    steps = STEPS.copy()
-    if unknowns[0] + steps[0] > 1.0:
-        steps[0] = -steps[0]
+    steps = np.where(unknowns + STEPS > TIP, [-1.0, 1.0, 1.0], 1.0) * STEPS
     trials = np.vstack([unknowns, unknowns + np.diag(steps)])
     whitened = scene.whitened(scene.curves(trials[:, 0] * length, trials[:, 1:] * unit))
     return whitened[:, 0], (whitened[:, 1:] - whitened[:, :1]) / steps
 
 
-def _polish(scene: Scene, start: np.ndarray, at_tip: bool):
-    kept: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-
-    def both(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        key = free.tobytes()
-        if key not in kept:
-            kept.clear()
-            residuals, jacobian = linearised(scene, np.concatenate([[TIP], free]) if at_tip else free)
-            kept[key] = residuals, jacobian[:, 1:] if at_tip else jacobian
-        return kept[key]
-
-    bounds = ([-np.inf] * 2, [np.inf] * 2) if at_tip else ([NEAREST, -np.inf, -np.inf], [TIP, np.inf, np.inf])
-    begin = start[1:] if at_tip else np.concatenate([[np.clip(start[0], NEAREST + 1e-3, TIP - 1e-3)], start[1:]])
-    return least_squares(
-        lambda x: both(x)[0],
-        begin,
-        jac=lambda x: both(x)[1],
-        bounds=bounds,
-        x_scale="jac",
-        loss="huber",
-        f_scale=ROBUST,
-        xtol=1e-9,
-        ftol=1e-9,
-        max_nfev=60,
-    )
+def _step(result: Fit, damping: float) -> tuple[np.ndarray, float]:
+    """Levenberg–Marquardt step (3,) on the reweighted residuals, and how much of the cost it promises to take."""
+    weights = robust_weights(result.residuals)
+    jacobian, residuals = result.jacobian * weights[:, None], result.residuals * weights
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0.0] = 1.0
+    jacobian = jacobian / scale
+    hessian, slope = jacobian.T @ jacobian, jacobian.T @ residuals
+    free = np.array([not result.at_tip, True, True])
+    for _ in range(2):
+        inner = np.ix_(free, free)
+        step = np.zeros(3)
+        step[free] = np.linalg.solve(hessian[inner] + (damping + 1e-12) * np.eye(free.sum()), -slope[free])
+        outward = result.unknowns[0] + step[0] / scale[0]
+        if NEAREST < result.unknowns[0] < TIP or NEAREST <= outward <= TIP:
+            break
+        free[0] = False
+    return step / scale, float(-(slope @ step + 0.5 * step @ hessian @ step))
 
 
-def fit(scene: Scene, starts: np.ndarray | None = None) -> Fit:
-    """The best contact for one frame: every start polished on the full model, the lowest cost taken.
+def _descend(scene: Scene, start: np.ndarray, at_tip: bool = False) -> Fit:
+    """From a start to the floor of its valley.
 
-    When the distance runs to the tip, or cannot be told from it, the fit with the distance held there is returned.
+    Reweighting keeps every point in the step. SciPy's robust solver leaves those out that count linearly, which far
+    from the floor are most of them, and needs three to eight times as many evaluations.
     """
-    solutions = [_polish(scene, start, False) for start in (start_values(scene) if starts is None else starts)]
-    best = min(solutions, key=lambda solution: solution.cost)
-    at_tip = False
-    if best.x[0] > TIP - 2e-3:
-        held = _polish(scene, best.x, True)
-        at_tip = held.cost <= best.cost + 0.5
-    solution, unknowns = (held, np.concatenate([[TIP], held.x])) if at_tip else (best, best.x)
-    residuals, jacobian = linearised(scene, unknowns)
-    if at_tip:
-        jacobian[:, 0] = 0.0
-    return Fit(unknowns, float(solution.cost), residuals, jacobian, solution.status > 0, at_tip)
+    def at(unknowns: np.ndarray, converged: bool = False) -> Fit:
+        residuals, jacobian = linearised(scene, unknowns)
+        return Fit(unknowns, robust_cost(residuals), residuals, jacobian, converged, at_tip)
+
+    now = at(np.array([TIP if at_tip else np.clip(start[0], NEAREST, TIP), *start[1:]]))
+    damping = 0.0
+    for _ in range(ITERATIONS):
+        step, promise = _step(now, damping)
+        unknowns = now.unknowns + step
+        unknowns[0] = np.clip(unknowns[0], NEAREST, TIP)
+        trial = at(unknowns)
+        better = trial.cost <= now.cost
+        now = trial if better else now
+        if promise < STANDSTILL:
+            return replace(now, converged=True)
+        damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)
+    return now
+
+
+def fit(scene: Scene, start: np.ndarray | None = None) -> Fit:
+    """The best contact for one frame, from a start (3,) near it, or from several of its own.
+
+    Own starts are followed down on a part of the points; what they lead to is polished on all of them, and the lowest
+    cost taken. A distance that runs to the tip is held there unless that costs more than half a standard deviation.
+    """
+    starts = _valleys(scene.thinned(COARSE_POINTS)) if start is None else [start]
+    best = min((_descend(scene, start) for start in starts), key=lambda result: result.cost)
+    if best.unknowns[0] > TIP - AT_TIP:
+        held = _descend(scene, best.unknowns, at_tip=True)
+        if held.cost <= best.cost + 0.5:
+            return held
+    return best
+
+
+def _valleys(scene: Scene) -> list[np.ndarray]:
+    """The floors (3,) that the start values lead to, each once."""
+    floors: list[np.ndarray] = []
+    for start in start_values(scene):
+        floor = _descend(scene, start).unknowns
+        if all(abs(floor[0] - other[0]) > SAME for other in floors):
+            floors.append(floor)
+    return floors

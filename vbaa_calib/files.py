@@ -32,7 +32,8 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError:
         raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read ({error})", where=path, remedy="check the path and its permissions") from None
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be read ({why})", where=path, remedy="check the path and its permissions") from None
 
 
 _MOST_VALUES = 1e6
@@ -223,7 +224,8 @@ def _kind(path: Path) -> str:
     except FileNotFoundError:
         return "link" if path.is_symlink() else "none"
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be written ({error})", where=path, remedy="take another name") from None
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be written ({why})", where=path, remedy="take another name") from None
     return "folder" if stat.S_ISDIR(mode) else "file" if stat.S_ISREG(mode) else "other"
 
 

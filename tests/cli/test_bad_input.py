@@ -327,6 +327,12 @@ def test_outputs_that_cannot_be(vbaa: Call, session: Path, rig: Path, tmp_path: 
     assert tree(tmp_path) == before
 
 
+def test_contacts_are_a_csv(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    for name in ("contacts.xlsx", "contacts"):
+        refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / name), f"{name}: is not a .csv")
+        assert not (tmp_path / name).exists()
+
+
 @pytest.mark.parametrize(
     ("scene", "output", "words"),
     [

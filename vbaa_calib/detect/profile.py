@@ -137,11 +137,13 @@ def _fit(profiles: np.ndarray, across: np.ndarray, scale: np.ndarray, centre: np
         safe = np.where(np.abs(amplitude) > 1e-6, amplitude, 1e-6)
         centre = np.clip(centre + np.clip(coefficients[:, 3, 0] / safe, -1.0, 1.0), -reach, reach)
     unit = np.sqrt(np.clip(np.diagonal(inverse, axis1=1, axis2=2), 0.0, None))
-    squares = (profiles - (basis @ coefficients)[..., 0]) ** 2
+    residuals = profiles - (basis @ coefficients)[..., 0]
+    squares = residuals**2
+    noise_squares = 0.5 * np.diff(residuals, axis=0, append=residuals[-2:-1]) ** 2
     gain = inverse @ np.swapaxes(basis, 1, 2)
     # What a pixel's residual lacks because the pixel itself drew the line towards it.
     left = 1.0 - np.minimum((np.swapaxes(gain, 1, 2) * basis).sum(axis=-1), 0.9)
-    own = np.sqrt((gain[:, 3] ** 2 * squares / left).sum(axis=1))
+    own = np.sqrt((gain[:, 3] ** 2 * noise_squares / left).sum(axis=1))
     rms = np.sqrt(squares.sum(axis=1) / (squares.shape[1] - basis.shape[2]))
     return _Lines(centre, amplitude, unit[:, 3] / np.abs(safe), unit[:, 2], own / np.abs(safe), rms)
 
