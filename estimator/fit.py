@@ -142,43 +142,47 @@ def linearised(scene: Scene, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return whitened[:, 0], (whitened[:, 1:] - whitened[:, :1]) / steps
 
 
+def evaluated(scene: Scene, unknowns: np.ndarray, at_tip: bool = False) -> Fit:
+    """What a fit with these unknowns (3,) looks like in a scene; nothing is searched for."""
+    residuals, jacobian = linearised(scene, unknowns)
+    return Fit(unknowns, robust_cost(residuals), residuals, jacobian, False, at_tip)
+
+
 def _step(result: Fit, damping: float) -> tuple[np.ndarray, float]:
     """Levenberg–Marquardt step (3,) on the reweighted residuals, and how much of the cost it promises to take."""
     weights = robust_weights(result.residuals)
-    jacobian, residuals = result.jacobian * weights[:, None], result.residuals * weights
+    jacobian = result.jacobian * weights[:, None]
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0.0] = 1.0
-    jacobian = jacobian / scale
-    hessian, slope = jacobian.T @ jacobian, jacobian.T @ residuals
-    free = np.array([not result.at_tip, True, True])
-    for _ in range(2):
-        inner = np.ix_(free, free)
+    jacobian /= scale
+    hessian, slope = jacobian.T @ jacobian, jacobian.T @ (result.residuals * weights)
+
+    def solved(free: slice) -> np.ndarray:
         step = np.zeros(3)
-        step[free] = np.linalg.solve(hessian[inner] + (damping + 1e-12) * np.eye(free.sum()), -slope[free])
-        outward = result.unknowns[0] + step[0] / scale[0]
-        if NEAREST < result.unknowns[0] < TIP or NEAREST <= outward <= TIP:
-            break
-        free[0] = False
+        inner = hessian[free, free]
+        step[free] = -np.linalg.solve(inner + (damping + 1e-12) * np.eye(len(inner)), slope[free])
+        return step
+
+    step = solved(slice(1, 3) if result.at_tip else slice(0, 3))
+    distance = result.unknowns[0]
+    if (distance <= NEAREST and step[0] < 0.0) or (distance >= TIP and step[0] > 0.0):
+        step = solved(slice(1, 3))
     return step / scale, float(-(slope @ step + 0.5 * step @ hessian @ step))
 
 
 def _descend(scene: Scene, start: np.ndarray, at_tip: bool = False) -> Fit:
     """From a start to the floor of its valley.
 
-    Reweighting keeps every point in the step. SciPy's robust solver leaves those out that count linearly, which far
-    from the floor are most of them, and needs three to eight times as many evaluations.
+    Reweighting keeps every point in the step. SciPy's robust solver leaves out those that count linearly, far from the
+    floor most of them, and needs three to eight times as many evaluations.
     """
-    def at(unknowns: np.ndarray, converged: bool = False) -> Fit:
-        residuals, jacobian = linearised(scene, unknowns)
-        return Fit(unknowns, robust_cost(residuals), residuals, jacobian, converged, at_tip)
-
-    now = at(np.array([TIP if at_tip else np.clip(start[0], NEAREST, TIP), *start[1:]]))
+    now = evaluated(scene, np.array([TIP if at_tip else np.clip(start[0], NEAREST, TIP), *start[1:]]), at_tip)
     damping = 0.0
     for _ in range(ITERATIONS):
         step, promise = _step(now, damping)
         unknowns = now.unknowns + step
         unknowns[0] = np.clip(unknowns[0], NEAREST, TIP)
-        trial = at(unknowns)
+        trial = evaluated(scene, unknowns, at_tip)
         better = trial.cost <= now.cost
         now = trial if better else now
         if promise < STANDSTILL:

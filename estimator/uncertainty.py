@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.reprojection import image_curves, whitened_residuals
 from vbaa_calib.rig import POSE_PARAMETERS
 
@@ -15,6 +14,8 @@ from .fit import ROBUST, Fit, Scene, linearised, robust_weights
 POSES = len(POSE_PARAMETERS)
 RIG_STEPS = np.array([1e-5] * POSES + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4)
 """Finite-difference steps of the camera pose and the antenna's parameters."""
+LEAST_REDUNDANCY = 0.1
+"""A moment whose misfit may be only this part of its own deviation was fitted, not tested: it contradicts nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,14 +24,19 @@ class Spread:
 
     Attributes
     ----------
-    covariance : (3, 3) of the unknowns from all sources; infinite where the data do not hold an unknown.
+    noise : (3, 3) covariance of the unknowns from pixels and moment; infinite where the data do not hold an unknown.
     gain : (3, 16) change of the unknowns with `RIG_PARAMETERS`.
+    covariance : (3, 3) from noise and rig together.
     excess : mean square of the points' whitened residuals where it is above one, else one.
+    moment_std : standard deviation that the moment's whitened misfit has by noise and rig, what was fitted away left
+        out; at least `LEAST_REDUNDANCY`.
     """
 
-    covariance: np.ndarray
+    noise: np.ndarray
     gain: np.ndarray
+    covariance: np.ndarray
     excess: float
+    moment_std: float
 
 
 def by_rig(scene: Scene, unknowns: np.ndarray) -> np.ndarray:
@@ -42,7 +48,8 @@ def by_rig(scene: Scene, unknowns: np.ndarray) -> np.ndarray:
     curves = scene.curves(contact, np.tile(unknowns[1:] * scene.force_unit_N, (9, 1)), antenna)
     views = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
     views = [pose.inverse() for pose in [*views, *[views[0]] * 8]]
-    points = whitened_residuals(scene.seen, image_curves(_picked(curves, [0] * 7 + list(range(1, 9))), views))
+    order = np.array([0] * (POSES + 1) + list(range(1, 9)))
+    points = whitened_residuals(scene.seen, image_curves(curves.picked(order), views))
     moment = curves.moment_Nm
     table = np.zeros((len(points) + 1, len(rig.covariance)))
     table[:-1, : len(RIG_STEPS)] = (points[:, 1:] - points[:, :1]) / RIG_STEPS
@@ -51,66 +58,73 @@ def by_rig(scene: Scene, unknowns: np.ndarray) -> np.ndarray:
     return table
 
 
-def _picked(curves: Curves, order: list[int]) -> Curves:
-    return Curves(
-        curves.arclength_m[order],
-        curves.points_m[order],
-        curves.tangents[order],
-        curves.force_N[order],
-        curves.moment_Nm[order],
-    )
-
-
 def spread(scene: Scene, result: Fit) -> Spread:
-    """Carry pixel noise, moment noise and the rig's joint covariance into the unknowns of a fit."""
+    """Carry pixel noise, moment noise and the rig's joint covariance into the unknowns of a fit.
+
+    A distance held at the tip gets the deviation that it would have if it were free: the data allow it that far inside.
+    """
+    rig = scene.rig.covariance
+    unknown = np.full((3, 3), np.inf)
+    nothing = Spread(unknown, np.zeros((3, len(rig))), unknown, 1.0, 1.0)
     weights = robust_weights(result.residuals)[:, None]
-    free = slice(1, 3) if result.at_tip else slice(0, 3)
-    jacobian = result.jacobian[:, free] * weights
+    jacobian = result.jacobian * weights
     scale = np.linalg.norm(jacobian, axis=0)
-    nothing = Spread(np.full((3, 3), np.inf), np.zeros((3, len(scene.rig.covariance))), 1.0)
     if not np.isfinite(scale).all() or (scale == 0).any():
         return nothing
     information = (jacobian / scale).T @ (jacobian / scale)
     if np.linalg.cond(information) > 1e14:
         return nothing
-    noise = np.linalg.inv(information) / np.outer(scale, scale)
+    pure = np.linalg.inv(information) / np.outer(scale, scale)
     # Points that scatter more about the best shape than they should know less than they claim; never more.
     inliers = np.abs(result.residuals[:-1]) < 2 * ROBUST
     excess = max(1.0, float((result.residuals[:-1][inliers] ** 2).mean())) if inliers.any() else 1.0
-    gain = np.zeros_like(nothing.gain)
-    gain[free] = -noise @ jacobian.T @ (by_rig(scene, result.unknowns) * weights)
-    covariance = gain @ scene.rig.covariance @ gain.T
-    covariance[free, free] += excess * noise
-    return Spread(covariance, gain, excess)
+    response = -pure @ (jacobian * weights).T
+    table = by_rig(scene, result.unknowns)
+    gain = response @ table
+    moment_by_noise = result.jacobian[-1] @ response
+    moment_by_noise[-1] += 1.0
+    moment_by_rig = table[-1] + result.jacobian[-1] @ gain
+    moment_variance = excess * moment_by_noise @ moment_by_noise + moment_by_rig @ rig @ moment_by_rig
+    return Spread(
+        noise=excess * pure,
+        gain=gain,
+        covariance=excess * pure + gain @ rig @ gain.T,
+        excess=excess,
+        moment_std=max(float(np.sqrt(moment_variance)), LEAST_REDUNDANCY),
+    )
 
 
 def evidence(scene: Scene, result: Fit, excess: float) -> float:
     """How much better a contact explains the frame than the free antenna: half the difference of the squared misfits.
 
     Both may bend the rig's parameters within their joint covariance first, so that a clamp angle that is known badly is
-    not taken for a contact. Without contact it is about 1.5 (three unknowns fitted to noise). `scene` is the highest
-    rung's, whatever rung was fitted: what a lower one leaves out of the weight must not pass for a force.
+    not taken for a contact. Without contact it is about 1.5 (three unknowns fitted to noise). Scene and result must be
+    of the highest rung (`fit.evaluated`): what a lower one leaves out of the weight must not pass for a force.
     """
-    residuals, jacobian = linearised(scene, result.unknowns)
     free = np.array([0.5, 0.0, 0.0])
-    without = linearised(scene, free)[0]
-    gained = _marginal(scene, without, jacobian[:, :0], free) - _marginal(scene, residuals, jacobian, result.unknowns)
+    without, _ = linearised(scene, free)
+    gained = _marginal(scene, without, np.empty((len(without), 0)), free)
+    gained -= _marginal(scene, result.residuals, result.jacobian, result.unknowns)
     return gained / excess
 
 
 def _marginal(scene: Scene, residuals: np.ndarray, jacobian: np.ndarray, unknowns: np.ndarray) -> float:
     """Half the least sum of squares over the unknowns and over the rig's parameters under their prior."""
     weights = robust_weights(residuals)
-    root = np.linalg.cholesky(_regular(scene.rig.covariance))
+    root = _root(scene.rig.covariance)
     table = np.hstack([jacobian, by_rig(scene, unknowns) @ root]) * weights[:, None]
-    prior = np.hstack([np.zeros((len(root), jacobian.shape[1])), np.eye(len(root))])
-    target = np.concatenate([residuals * weights, np.zeros(len(root))])
-    stacked = np.vstack([table, prior])
-    step, *_ = np.linalg.lstsq(stacked, -target, rcond=None)
-    return 0.5 * float(((target + stacked @ step) ** 2).sum())
+    prior = np.concatenate([np.zeros(jacobian.shape[1]), np.ones(len(root))])
+    slope = table.T @ (residuals * weights)
+    hessian = table.T @ table + np.diag(prior)
+    scale = np.sqrt(np.diag(hessian)) + 1e-30
+    hessian = hessian / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+    taken = (slope / scale) @ np.linalg.solve(hessian, slope / scale)
+    return 0.5 * float(((residuals * weights) ** 2).sum() - taken)
 
 
-def _regular(covariance: np.ndarray) -> np.ndarray:
-    """The covariance with a diagonal raised by 1e-12 of itself: parameters that are known exactly have a row of zeros."""
-    diagonal = np.diag(covariance)
-    return covariance + np.diag(1e-12 * diagonal + 1e-30)
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """A with A·Aᵀ the covariance, which may be singular: what is known exactly has a row of zeros."""
+    std = np.sqrt(np.diag(covariance))
+    unit = np.where(std > 0, std, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return std[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))

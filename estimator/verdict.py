@@ -9,7 +9,8 @@ import numpy as np
 from vbaa_calib.geometry import Pose
 
 from .contact import Contact
-from .fit import Fit, Scene
+from .fit import STEPS, TIP, Fit, Scene, evaluated
+from .hinge import camera_angle
 from .uncertainty import Spread, evidence
 
 CONTACT_EVIDENCE = 14.0
@@ -22,7 +23,6 @@ WRONG_SHAPE = 6.0
 """Median misfit, in standard deviations, beyond which the shape is not that of one contact."""
 CONTRADICTION = 4.0
 """Moment misfit in standard deviations beyond which picture and moment are said to disagree."""
-STEPS = np.array([1e-4, 1e-4, 1e-4])
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,8 @@ def judge(solved: Solved, T_world_antenna: Pose) -> Contact:
         return Contact("failed", "the fit did not converge", model, False)
     sensor = scene.rig.moment_sensor
     residual = float(result.residuals[-1] * sensor.std_Nm / sensor.gain)
-    if evidence(solved.reference, result, spread.excess) < CONTACT_EVIDENCE:
+    at_reference = result if solved.reference is scene else evaluated(solved.reference, result.unknowns, result.at_tip)
+    if evidence(solved.reference, at_reference, spread.excess) < CONTACT_EVIDENCE:
         why = "the antenna has its free shape within its uncertainty"
         return Contact("no_contact", why, model, False, moment_residual_Nm=residual)
     misfit = 1.4826 * float(np.median(np.abs(result.residuals[:-1])))
@@ -64,19 +65,19 @@ def judge(solved: Solved, T_world_antenna: Pose) -> Contact:
     reasons = [solved.chosen]
     if result.at_tip:
         reasons.insert(0, "the contact is at the tip: its distance is the antenna's length")
-    if abs(result.residuals[-1]) > CONTRADICTION:
-        reasons.append(f"picture and moment disagree by {abs(result.residuals[-1]):.0f} std")
+    contradiction = abs(result.residuals[-1]) / spread.moment_std
+    if contradiction > CONTRADICTION:
+        reasons.append(f"picture and moment disagree by {contradiction:.0f} std")
     return _describe(solved, T_world_antenna, "; ".join(reasons), residual)
 
 
 def edge_on_angle(scene: Scene, result: Fit) -> float:
-    """Angle between the deformation plane 𝒟 and the ray from the camera's centre to the contact point, rad."""
-    curves = scene.curves(
-        result.unknowns[:1] * scene.rig.antenna.length_m, result.unknowns[None, 1:] * scene.force_unit_N
-    )
-    ray = curves.contact_m[0] - scene.rig.T_antenna_camera.translation_m
-    normal = np.cross(curves.tangents[0, 0], curves.force_N[0])
-    return float(np.arcsin(abs(normal @ ray) / (np.linalg.norm(normal) * np.linalg.norm(ray))))
+    """Angle between the deformation plane 𝒟 and the ray from the camera's centre to the contact, rad."""
+    y_m, z_m, about_y, about_z = scene.rig.antenna.parameters[:4]
+    T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
+    center_m = T_antenna_clamp.inverse() @ scene.rig.T_antenna_camera.translation_m
+    distance, force_y, force_z = result.unknowns
+    return float(camera_angle(center_m, np.arctan2(force_z, force_y), distance * scene.rig.antenna.length_m))
 
 
 def _too_little(scene: Scene, result: Fit, distance_std: float) -> tuple[str, str]:
@@ -99,7 +100,7 @@ def _quantities(scene: Scene, unknowns: np.ndarray, parameters: np.ndarray) -> n
 
 def _describe(solved: Solved, T_world_antenna: Pose, reason: str, residual: float) -> Contact:
     scene, result, spread = solved.scene, solved.fit, solved.spread
-    steps = STEPS * np.where(result.unknowns + STEPS > 1.0, [-1, 1, 1], 1)
+    steps = STEPS * np.where(result.unknowns + STEPS > TIP, [-1, 1, 1], 1)
     rig_steps = np.full(8, 1e-5)
     unknowns = np.vstack([result.unknowns, result.unknowns + np.diag(steps), np.tile(result.unknowns, (8, 1))])
     parameters = np.repeat(scene.rig.antenna.parameters[None], 12, axis=0)
@@ -111,9 +112,7 @@ def _describe(solved: Solved, T_world_antenna: Pose, reason: str, residual: floa
     direct = np.zeros((9, spread.gain.shape[1]))
     direct[:, 6:14] = by_antenna
     total = direct + by_unknowns @ spread.gain
-    rig = scene.rig.covariance
-    noise = spread.covariance - spread.gain @ rig @ spread.gain.T
-    covariance = by_unknowns @ noise @ by_unknowns.T + total @ rig @ total.T
+    covariance = by_unknowns @ spread.noise @ by_unknowns.T + total @ scene.rig.covariance @ total.T
     rotation = T_world_antenna.rotation
     point, force = values[0, :3], values[0, 3:6]
     return Contact(

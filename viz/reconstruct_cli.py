@@ -11,7 +11,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa reconstruct`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, help="rig.json: its antenna's radius lies between contact and object")
-    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OBJECT", help="object.vtp or object.ply")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OBJECT", help="object.vtp or object.ply")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -21,12 +21,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.surface import reconstruct
     from estimator.table import read_contacts
     from vbaa_calib.console import say
+    from vbaa_calib.errors import InputError
     from vbaa_calib.files import refuse_overwrite
 
     from .object_file import check_suffix, write_object
 
-    check_suffix(args.out)
-    refuse_overwrite(args.out, args.force)
+    check_suffix(args.output)
+    refuse_overwrite(args.output, args.force)
     table = read_contacts(args.contacts)
     radius = 0.0
     if args.rig is None:
@@ -35,18 +36,20 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from vbaa_calib.rig import Rig
 
         radius = Rig.load(args.rig).antenna.diameter_m / 2
+    if not table.located.any():
+        raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     surface = reconstruct(table, radius)
-    write_object(surface, args.out, force=args.force)
+    write_object(surface, args.output, force=args.force)
     patches = int(surface.patch.max()) + 1
     say(
-        f"{args.out}: {len(surface.points_m)} points in {patches} patches, {len(surface.triangles)} triangles, "
+        f"{args.output}: {len(surface.points_m)} points in {patches} patches, {len(surface.triangles)} triangles, "
         f"{len(surface.lines)} line segments"
     )
     for note in surface.notes:
         say(f"  {note}")
     known = surface.std_m[np.isfinite(surface.std_m)]
     return {
-        "object": str(args.out),
+        "object": str(args.output),
         "points": len(surface.points_m),
         "patches": patches,
         "triangles": len(surface.triangles),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -79,10 +80,10 @@ def _opencv(camera: Camera, steps: int) -> Undistort:
         return fisheye
     if steps == 5:
         return lambda pixels: cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion).reshape(-1, 2)
-    criteria = (cv2.TERM_CRITERIA_COUNT, steps, 0.0)
+    criteria, eye = (cv2.TERM_CRITERIA_COUNT, steps, 0.0), np.eye(3)
 
     def iterated(pixels: np.ndarray) -> np.ndarray:
-        out = cv2.undistortPointsIter(pixels[:, None], camera.matrix, camera.distortion, None, None, criteria)
+        out = cv2.undistortPointsIter(pixels[:, None], camera.matrix, camera.distortion, eye, eye, criteria)
         return out.reshape(-1, 2)
 
     return iterated
@@ -147,7 +148,7 @@ def run(points: int, seed: int, repeats: int) -> list[Row]:
         ours_ms = np.nan
         for method, undistort in contestants(camera, pixels):
             off = errors_px(camera, pixels, undistort(pixels))
-            batch_ms = 1e3 * median_seconds(lambda u=undistort, p=pixels: u(p), repeats)
+            batch_ms = 1e3 * median_seconds(partial(undistort, pixels), repeats)
             ours_ms = batch_ms if method == "this layer" else ours_ms
             rows.append(
                 Row(
@@ -157,7 +158,7 @@ def run(points: int, seed: int, repeats: int) -> list[Row]:
                     silent=float((off > SILENT_PX).mean()),
                     marked=float(np.isnan(off).mean()),
                     batch_ms=batch_ms,
-                    live_ms=1e3 * median_seconds(lambda u=undistort, p=live: u(p), repeats),
+                    live_ms=1e3 * median_seconds(partial(undistort, live), repeats),
                     ratio=batch_ms / ours_ms,
                 )
             )

@@ -97,13 +97,11 @@ class Camera:
         for key in ("model", "image_size", "matrix", "distortion"):
             if key not in data:
                 raise InputError(f"the camera has no {key}", remedy="write it again, or add the key")
+        names = data.get("parameters") or []
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise InputError(f"parameters is {names!r}", remedy="give the names of the covariance's rows as a list")
         return Camera(
-            data["model"],
-            data["image_size"],
-            data["matrix"],
-            data["distortion"],
-            data.get("covariance"),
-            tuple(data.get("parameters") or ()),
+            data["model"], data["image_size"], data["matrix"], data["distortion"], data.get("covariance"), tuple(names)
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -35,11 +35,12 @@ _SHAPES = ("cylinder", "sphere", "knife_edge")
 def load_scene(path: Path) -> Scene:
     """Read and check a scene file. Raises InputError naming the file and the key."""
     path = Path(path)
-    top = Section(read_yaml(path), path).only(
+    top = Section(read_yaml(path), path)
+    top.choice("schema", (SCHEMA,))
+    top.only(
         *("schema", "name", "seed", "camera", "board", "jig", "antenna", "moment_sensor", "kinematics"),
         *("gravity_world", "object", "picture", "intrinsics", "noload", "loads", "recording"),
     )
-    top.choice("schema", (SCHEMA,))
     antenna = top.section("antenna")
     nominal, true = _antenna(antenna)
     jig = top.section("jig").only("T_antenna_board", "pictures")

@@ -11,7 +11,7 @@ from typing import Any
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa simulate`."""
     parser.add_argument("scene", help="a scene file, or the name of a bundled scene such as demo")
-    parser.add_argument("-o", "--out", required=True, type=Path, metavar="SESSION", help="folder to write")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="SESSION", help="folder to write")
     parser.add_argument("--seed", type=int, help="random seed in place of the scene's")
     parser.add_argument(
         "--pictures",
@@ -38,13 +38,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if args.seed < 0:
             raise InputError(f"--seed is {args.seed}", where="vbaa simulate", remedy="give a whole number from 0")
         scene = replace(scene, seed=args.seed)
-    planned = write_session(scene, args.out, force=args.force, recording_pictures=args.pictures == "all")
+    planned = write_session(scene, args.output, force=args.force, recording_pictures=args.pictures == "all")
     frames = planned.truth["frames"]
     touching = sum(frame["in_contact"] for frame in frames)
     seconds = time.perf_counter() - started
-    say(f"{args.out}: scene {scene.name}, {len(frames)} frames of which {touching} in contact, {seconds:.1f} s")
+    say(f"{args.output}: scene {scene.name}, {len(frames)} frames of which {touching} in contact, {seconds:.1f} s")
     return {
-        "session": str(args.out),
+        "session": str(args.output),
         "scene": scene.name,
         "seed": scene.seed,
         "intrinsics": scene.intrinsics.pictures,
