@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,8 @@ from vbaa_calib.reprojection import see
 from vbaa_calib.rig import Rig
 
 from .contact import Contact, Measured
-from .fit import Fit, Scene, fit
+from .fit import COARSE_POINTS, Fit, evaluated, fit, robust_weights
+from .scene import Scene
 from .uncertainty import Spread, spread
 from .verdict import Solved, judge
 
@@ -66,11 +68,13 @@ class ContactEstimator:
         if not np.isfinite([moment, pan, tilt]).all():
             raise InputError("moment, pan or tilt is not a finite number", remedy="give N·m and radians")
         sigma = np.asarray(self.rig.image.noise_px if sigma_px is None else sigma_px, float)
-        if sigma.shape not in ((), points.shape[:1]) or not (sigma > 0).all():
-            raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one positive number or (N,) of them")
-        sigma = np.broadcast_to(sigma, points.shape[:1])
+        if sigma.shape not in ((), points.shape[:1]):
+            raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
         good = np.isfinite(points).all(axis=1)
-        return self.measure(Measured(points[good], sigma[good], float(moment), float(pan), float(tilt)))
+        sigma = np.broadcast_to(sigma, points.shape[:1])[good]
+        if not ((sigma > 0) & np.isfinite(sigma)).all():
+            raise InputError("sigma_px is not everywhere positive and finite", remedy="give standard deviations in px")
+        return self.measure(Measured(points[good], sigma, float(moment), float(pan), float(tilt)))
 
     def estimate_batch(
         self,
@@ -79,7 +83,16 @@ class ContactEstimator:
         pans: Sequence[float],
         tilts: Sequence[float],
     ) -> list[Contact]:
-        """B frames: centrelines (B, N, 2), or B arrays of their own lengths; moments, pans and tilts (B,)."""
+        """B frames: centrelines (B, N, 2), or B arrays of their own lengths; moments, pans and tilts (B,).
+
+        Raises InputError as `estimate` does, or when the four do not have one length.
+        """
+        lengths = [len(values) for values in (centrelines_px, moments, pans, tilts)]
+        if len(set(lengths)) > 1:
+            raise InputError(
+                "centrelines, moments, pans and tilts number " + ", ".join(map(str, lengths)),
+                remedy="give one of each for every frame",
+            )
         return [
             self.estimate(points, moment=moment, pan=pan, tilt=tilt)
             for points, moment, pan, tilt in zip(centrelines_px, moments, pans, tilts, strict=True)
@@ -97,45 +110,44 @@ class ContactEstimator:
             return Contact("no_antenna", why, self.model, False)
         return judge(solved, self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad))
 
-    def rough(self, measured: Measured) -> tuple[Scene, Fit] | None:
-        """The lowest rung's fit alone. None with too few points."""
-        scene = self._scene(measured, MODELS[self._lowest])
-        return (scene, fit(scene)) if len(scene.seen) >= FEWEST_POINTS else None
+    def rough(self, measured: Measured) -> Fit | None:
+        """The lowest rung's fit to a part of the points. None with too few of them."""
+        scene = self._scene(measured).thinned(COARSE_POINTS)
+        return fit(scene) if len(scene.seen) >= FEWEST_POINTS else None
 
     def solve(self, measured: Measured, start: np.ndarray | None = None) -> Solved | None:
         """The fit behind a contact, on the rung that was asked for or chosen. None with too few points."""
-        scene, reference = (self._scene(measured, MODELS[name]) for name in (self._lowest, HIGHEST))
+        scene = self._scene(measured)
         if len(scene.seen) < FEWEST_POINTS:
             return None
         result = fit(scene, start)
-        worth = spread(scene, result)
+        worth = spread(result)
+        reference = evaluated(replace(result.scene, sweeps=MODELS[HIGHEST]), result.unknowns, result.rig_steps)
         if self.model != "auto":
-            return Solved(scene, reference, result, worth, self.model, f"{self.model} was asked for")
-        bias = predicted_bias(scene, reference, result, worth)
+            return Solved(result, reference, worth, self.model, f"{self.model} was asked for")
+        bias = predicted_bias(result, reference, worth)
         if bias <= SMALL:
-            return Solved(scene, reference, result, worth, self._lowest, f"{self._lowest}: its bias is {bias:.2f} std")
-        result = fit(reference, result.unknowns)
+            return Solved(result, reference, worth, self._lowest, f"{self._lowest}: its bias is {bias:.2f} std")
+        result = fit(reference.scene, result.unknowns)
         why = f"{HIGHEST}: {self._lowest} would be {bias:.1f} std off"
-        return Solved(reference, reference, result, spread(reference, result), HIGHEST, why)
+        return Solved(result, result, spread(result), HIGHEST, why)
 
     @property
     def _lowest(self) -> str:
         return next(iter(MODELS)) if self.model == "auto" else self.model
 
-    def _scene(self, measured: Measured, sweeps: int) -> Scene:
+    def _scene(self, measured: Measured) -> Scene:
         rotation = self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad).rotation
         seen = see(self.rig.camera, measured.points_px, measured.sigma_px)
         gravity = rotation.T @ self.rig.gravity_world_m_s2
-        return Scene(self.rig, seen, measured.moment_Nm, gravity, sweeps)
+        return Scene(self.rig, seen, measured.moment_Nm, gravity, MODELS[self._lowest])
 
 
-def predicted_bias(scene: Scene, reference: Scene, result: Fit, worth: Spread) -> float:
+def predicted_bias(result: Fit, reference: Fit, worth: Spread) -> float:
     """How far, in standard deviations, a fit would move if its model were the reference's; infinite where unknown."""
     if not np.isfinite(worth.covariance).all():
         return np.inf
-    contact = result.unknowns[:1] * scene.rig.antenna.length_m
-    lateral = result.unknowns[None, 1:] * scene.force_unit_N
-    change = reference.whitened(reference.curves(contact, lateral))[:, 0] - result.residuals
-    free = slice(1, 3) if result.at_tip else slice(0, 3)
-    move, *_ = np.linalg.lstsq(result.jacobian[:, free], -change, rcond=None)
-    return float(np.max(np.abs(move) / np.sqrt(np.diag(worth.covariance)[free])))
+    weights = robust_weights(result.residuals)
+    change = (reference.residuals - result.residuals) * weights
+    move = -worth.joint[:3] @ ((result.jacobian * weights[:, None]).T @ change)
+    return float(np.max(np.abs(move) / np.sqrt(np.diag(worth.covariance))))

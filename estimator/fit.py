@@ -2,6 +2,7 @@
 
 The force's two components across the antenna fix the deformation plane 𝒟 (its roll ξ is their direction), so the hinge
 plane is not searched: it is part of the fit. The moment is one more measurement, Eq. (16) with weight and offset in.
+The rig's parameters take part under their joint covariance: a camera that is a little off is no contact.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.antenna.shape import Curves, bend
-from vbaa_calib.reprojection import SeenPoints, image_curves, whitened_residuals
-from vbaa_calib.rig import Rig
+from vbaa_calib.antenna.shape import Curves
+
+from .scene import TIP, Scene, by_rig, linearised
 
 START_DISTANCES = 14
 """Distances tried for a start, spread over the antenna."""
@@ -24,54 +25,19 @@ SAME = 1e-2
 """Distances closer than this, in antenna lengths, are taken for the same valley."""
 ROBUST = 2.5
 """Whitened residuals beyond this count linearly: a few false points must not pull the shape."""
-NEAREST, TIP = 0.03, 1.0
-"""Least and greatest contact distance that is looked for, in antenna lengths."""
+NEAREST = 0.03
+"""Least contact distance that is looked for, in antenna lengths."""
 AT_TIP = 2e-3
 """A distance this near to the tip is held there, unless the data object."""
-STEPS = np.array([1e-4, 1e-4, 1e-4])
-"""Finite-difference steps of the unknowns."""
-ITERATIONS = 40
+ITERATIONS, REWEIGHTINGS = 40, 4
 STANDSTILL = 1e-4
 """A step that promises less than this much of the cost is the last: a hundredth of a standard deviation."""
+SCATTERED = 1.15
+"""Points whose median misfit exceeds its expectation by this factor scatter more than noise: beyond 95 % of frames."""
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """One frame's data: seen points, moment reading, gravity in the antenna frame, and the rig they belong to."""
-
-    rig: Rig
-    seen: SeenPoints
-    moment_reading_Nm: float
-    gravity_m_s2: np.ndarray
-    sweeps: int
-
-    @property
-    def force_unit_N(self) -> float:
-        """A force that bends the tip by about a hundredth of the length: the scale of the fit's unknowns."""
-        antenna = self.rig.antenna
-        return 0.03 * antenna.stiffness_Nm2 / antenna.length_m**2
-
-    def thinned(self, count: int) -> Scene:
-        """The same with at most so many points, spread over all of them by lot."""
-        if len(self.seen) <= count:
-            return self
-        chosen = np.random.default_rng(0).permutation(len(self.seen))[:count]
-        return replace(self, seen=SeenPoints(self.seen.points[chosen], self.seen.covariance[chosen]))
-
-    def curves(self, contact_m: np.ndarray, lateral_N: np.ndarray, parameters: np.ndarray | None = None) -> Curves:
-        """Antenna shapes for contacts (B,) and lateral forces (B, 2), with the rig's antenna or others (B, 8)."""
-        antenna = self.rig.antenna
-        if parameters is None:
-            parameters = np.repeat(antenna.parameters[None], len(contact_m), axis=0)
-        gravity = np.repeat(self.gravity_m_s2[None], len(contact_m), axis=0)
-        return bend(parameters, antenna.length_m, gravity, contact_m, lateral_N, sweeps=self.sweeps)
-
-    def whitened(self, curves: Curves) -> np.ndarray:
-        """(N + 1, B): the points' distances from each of B nearby curves, then the moment's misfit, all in std."""
-        sensor = self.rig.moment_sensor
-        points = whitened_residuals(self.seen, image_curves(curves, self.rig.T_antenna_camera.inverse()))
-        moment = (self.moment_reading_Nm - sensor.gain * curves.moment_Nm - sensor.offset_Nm) / sensor.std_Nm
-        return np.vstack([points, moment[None]])
+FREE = np.array([0.5, 0.0, 0.0])
+"""Unknowns of the free antenna."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,20 +46,34 @@ class Fit:
 
     Attributes
     ----------
-    unknowns : (3,) contact distance in antenna lengths, lateral force (y, z of the clamp's frame) in `force_unit_N`.
-    cost : half the summed robust squares.
-    residuals : (N + 1,) whitened; the last is the moment's.
-    jacobian : (N + 1, 3) of them.
+    scene : what was fitted, with the scatter that was found.
+    unknowns : (3,) as in `Scene`.
+    rig_steps : (R,) how far the rig's parameters went along `scene.rig_axes`; R is 16, or 0 for an exact rig.
+    cost : half the summed robust squares of residuals and rig steps.
+    residuals : (N + 1,) whitened, with the rig steps in; the last is the moment's.
+    jacobian : (N + 1, 3 + R) of them by unknowns and rig steps.
     converged : whether the solver came to a standstill.
     at_tip : whether the distance was held at the tip.
     """
 
+    scene: Scene
     unknowns: np.ndarray
+    rig_steps: np.ndarray
     cost: float
     residuals: np.ndarray
     jacobian: np.ndarray
-    converged: bool
-    at_tip: bool
+    converged: bool = False
+    at_tip: bool = False
+
+    @property
+    def curve(self) -> Curves:
+        """The antenna's fitted shape for the rig as calibrated, a batch of one."""
+        return self.scene.curves(self.unknowns[None])
+
+    @property
+    def prior(self) -> np.ndarray:
+        """(3 + R,) weight of the unknowns' and rig steps' own squares: nothing is known of the contact beforehand."""
+        return np.repeat([0.0, 1.0], [3, len(self.rig_steps)])
 
 
 def robust_cost(residuals: np.ndarray) -> float:
@@ -107,88 +87,54 @@ def robust_weights(residuals: np.ndarray) -> np.ndarray:
     return np.sqrt(ROBUST / np.maximum(np.abs(residuals), ROBUST))
 
 
+def least_cost(residuals: np.ndarray, table: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, float]:
+    """The z (K,) of least robust cost of residuals (N,) + table·z, with half of prior·z² added, and that cost."""
+    best = np.zeros(table.shape[1])
+    for _ in range(REWEIGHTINGS):
+        weights = robust_weights(residuals + table @ best)
+        weighted = table * weights[:, None]
+        hessian = weighted.T @ weighted + np.diag(prior)
+        scale = np.sqrt(np.diag(hessian)) + 1e-30
+        hessian = hessian / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+        best = -np.linalg.solve(hessian, weighted.T @ (residuals * weights) / scale) / scale
+    return best, robust_cost(residuals + table @ best) + 0.5 * float(prior @ best**2)
+
+
+def evaluated(scene: Scene, unknowns: np.ndarray, rig_steps: np.ndarray | None = None, at_tip: bool = False) -> Fit:
+    """What a fit with these unknowns (3,) and rig steps (R,) looks like in a scene; nothing is searched for."""
+    residuals, jacobian = linearised(scene, unknowns)
+    table = scene.scaled_rig_table()
+    steps = np.zeros(table.shape[1]) if rig_steps is None else rig_steps
+    residuals = residuals + table @ steps
+    cost = robust_cost(residuals) + 0.5 * float(steps @ steps)
+    return Fit(scene, unknowns, steps, cost, residuals, np.hstack([jacobian, table]), at_tip=at_tip)
+
+
 def start_values(scene: Scene) -> np.ndarray:
     """(K, 3) unknowns from a grid of distances: the lowest K ≤ `STARTS` of the cost's local minima.
 
-    For small deflections the picture is linear in the force once the distance is given, so the force is profiled out by
-    linear least squares over points and moment together.
+    For small deflections the picture is linear in the force once the distance is given, so force and rig are profiled
+    out by linear least squares over points and moment together.
     """
-    length, unit = scene.rig.antenna.length_m, scene.force_unit_N
     grid = np.linspace(0.08, 1.0, START_DISTANCES)
-    contact = np.repeat(grid * length, 2)
     # Equal tip deflections, so that no column of the small problem is lost in rounding.
     probe = 0.3 / (grid**2 * (3 - grid))
-    lateral = np.stack([np.stack([probe, 0 * probe], 1), np.stack([0 * probe, probe], 1)], axis=1).reshape(-1, 2)
-    contact = np.concatenate([[0.5 * length], contact])
-    whitened = scene.whitened(scene.curves(contact, np.vstack([[0.0, 0.0], lateral]) * unit))
+    trials = np.zeros((1 + 2 * len(grid), 3))
+    trials[0] = FREE
+    trials[1:, 0] = np.repeat(grid, 2)
+    trials[1::2, 1] = trials[2::2, 2] = probe
+    whitened = scene.whitened(scene.curves(trials))
+    table = scene.scaled_rig_table()
+    prior = np.repeat([0.0, 1.0], [2, table.shape[1]])
     found, costs = np.empty((len(grid), 3)), np.empty(len(grid))
     for index, distance in enumerate(grid):
         columns = slice(1 + 2 * index, 3 + 2 * index)
-        slope = (whitened[:, columns] - whitened[:, :1]) / probe[index]
-        force, *_ = np.linalg.lstsq(slope, -whitened[:, 0], rcond=None)
-        found[index] = distance, *force
-        costs[index] = robust_cost(whitened[:, 0] + slope @ force)
+        slope = np.hstack([(whitened[:, columns] - whitened[:, :1]) / probe[index], table])
+        best, costs[index] = least_cost(whitened[:, 0], slope, prior)
+        found[index] = distance, *best[:2]
     around = np.pad(costs, 1, constant_values=np.inf)
     floors = np.flatnonzero((costs <= around[:-2]) & (costs <= around[2:]))
     return found[floors[np.argsort(costs[floors])][:STARTS]]
-
-
-def linearised(scene: Scene, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened residuals (N + 1,) at the unknowns and their Jacobian (N + 1, 3)."""
-    length, unit = scene.rig.antenna.length_m, scene.force_unit_N
-    steps = np.where(unknowns + STEPS > TIP, [-1.0, 1.0, 1.0], 1.0) * STEPS
-    trials = np.vstack([unknowns, unknowns + np.diag(steps)])
-    whitened = scene.whitened(scene.curves(trials[:, 0] * length, trials[:, 1:] * unit))
-    return whitened[:, 0], (whitened[:, 1:] - whitened[:, :1]) / steps
-
-
-def evaluated(scene: Scene, unknowns: np.ndarray, at_tip: bool = False) -> Fit:
-    """What a fit with these unknowns (3,) looks like in a scene; nothing is searched for."""
-    residuals, jacobian = linearised(scene, unknowns)
-    return Fit(unknowns, robust_cost(residuals), residuals, jacobian, False, at_tip)
-
-
-def _step(result: Fit, damping: float) -> tuple[np.ndarray, float]:
-    """Levenberg–Marquardt step (3,) on the reweighted residuals, and how much of the cost it promises to take."""
-    weights = robust_weights(result.residuals)
-    jacobian = result.jacobian * weights[:, None]
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0.0] = 1.0
-    jacobian /= scale
-    hessian, slope = jacobian.T @ jacobian, jacobian.T @ (result.residuals * weights)
-
-    def solved(free: slice) -> np.ndarray:
-        step = np.zeros(3)
-        inner = hessian[free, free]
-        step[free] = -np.linalg.solve(inner + (damping + 1e-12) * np.eye(len(inner)), slope[free])
-        return step
-
-    step = solved(slice(1, 3) if result.at_tip else slice(0, 3))
-    distance = result.unknowns[0]
-    if (distance <= NEAREST and step[0] < 0.0) or (distance >= TIP and step[0] > 0.0):
-        step = solved(slice(1, 3))
-    return step / scale, float(-(slope @ step + 0.5 * step @ hessian @ step))
-
-
-def _descend(scene: Scene, start: np.ndarray, at_tip: bool = False) -> Fit:
-    """From a start to the floor of its valley.
-
-    Reweighting keeps every point in the step. SciPy's robust solver leaves out those that count linearly, far from the
-    floor most of them, and needs three to eight times as many evaluations.
-    """
-    now = evaluated(scene, np.array([TIP if at_tip else np.clip(start[0], NEAREST, TIP), *start[1:]]), at_tip)
-    damping = 0.0
-    for _ in range(ITERATIONS):
-        step, promise = _step(now, damping)
-        unknowns = now.unknowns + step
-        unknowns[0] = np.clip(unknowns[0], NEAREST, TIP)
-        trial = evaluated(scene, unknowns, at_tip)
-        better = trial.cost <= now.cost
-        now = trial if better else now
-        if promise < STANDSTILL:
-            return replace(now, converged=True)
-        damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)
-    return now
 
 
 def fit(scene: Scene, start: np.ndarray | None = None) -> Fit:
@@ -197,20 +143,97 @@ def fit(scene: Scene, start: np.ndarray | None = None) -> Fit:
     Own starts are followed down on a part of the points; what they lead to is polished on all of them, and the lowest
     cost taken. A distance that runs to the tip is held there unless that costs more than half a standard deviation.
     """
-    starts = _valleys(scene.thinned(COARSE_POINTS)) if start is None else [start]
-    best = min((_descend(scene, start) for start in starts), key=lambda result: result.cost)
+    starts = valleys(scene.thinned(COARSE_POINTS)) if start is None else [start]
+    best = min((_polished(scene, start) for start in starts), key=_plain_cost)
     if best.unknowns[0] > TIP - AT_TIP:
-        held = _descend(scene, best.unknowns, at_tip=True)
+        held = _descend(replace(best, unknowns=np.array([TIP, *best.unknowns[1:]]), at_tip=True))
         if held.cost <= best.cost + 0.5:
             return held
     return best
 
 
-def _valleys(scene: Scene) -> list[np.ndarray]:
+def valleys(scene: Scene) -> list[np.ndarray]:
     """The floors (3,) that the start values lead to, each once."""
+    scene = replace(scene, rig_table=by_rig(scene, FREE))
     floors: list[np.ndarray] = []
     for start in start_values(scene):
-        floor = _descend(scene, start).unknowns
+        begin = evaluated(scene, start)
+        floor = _descend(_rescaled(begin, _scatter(begin))).unknowns
         if all(abs(floor[0] - other[0]) > SAME for other in floors):
             floors.append(floor)
     return floors
+
+
+def _polished(scene: Scene, start: np.ndarray) -> Fit:
+    """The floor below a start, with the rig's parameters in it, and deviations scaled to what the points scatter there.
+
+    What neither noise nor rig explains — friction, a second contact — must not be fitted as if it were exact, nor must
+    most points count as outliers for it.
+    """
+    result = _descend(evaluated(replace(scene, scatter=1.0, rig_table=by_rig(scene, start)), start))
+    scatter = _scatter(result)
+    return result if scatter == 1.0 else _descend(_rescaled(result, scatter))
+
+
+def _scatter(result: Fit) -> float:
+    median = 1.4826 * float(np.median(np.abs(result.residuals[:-1]))) * result.scene.scatter
+    return median if median > SCATTERED else 1.0
+
+
+def _rescaled(result: Fit, scatter: float) -> Fit:
+    return evaluated(replace(result.scene, scatter=scatter), result.unknowns, result.rig_steps, result.at_tip)
+
+
+def _plain_cost(result: Fit) -> float:
+    """The cost with the deviations that the points came with: only these compare between fits."""
+    plain = np.append(result.residuals[:-1] * result.scene.scatter, result.residuals[-1])
+    return robust_cost(plain) + 0.5 * float(result.rig_steps @ result.rig_steps)
+
+
+def _descend(begin: Fit) -> Fit:
+    """From a beginning to the floor of its valley.
+
+    Reweighting keeps every point in the step. SciPy's robust solver leaves out those that count linearly, far from the
+    floor most of them, and needs three to eight times as many evaluations.
+    """
+    now, damping = begin, 0.0
+    for _ in range(ITERATIONS):
+        step, promise = _step(now, damping)
+        trial = evaluated(now.scene, _moved(now.unknowns, step), now.rig_steps + step[3:], now.at_tip)
+        better = trial.cost <= now.cost
+        now = trial if better else now
+        if promise < STANDSTILL:
+            return replace(now, converged=True)
+        damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)
+    return now
+
+
+def _moved(unknowns: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Unknowns (3,) after a step (3 + R,), taken straight in l and l·f: in f the valley of equal moments is bent."""
+    old = unknowns[0]
+    distance = np.clip(old + step[0], max(NEAREST, 0.5 * old), TIP)
+    return np.array([distance, *(old * (unknowns[1:] + step[1:3]) + step[0] * unknowns[1:]) / distance])
+
+
+def _step(result: Fit, damping: float) -> tuple[np.ndarray, float]:
+    """Levenberg–Marquardt step (3 + R,) on the reweighted residuals, and how much of the cost it promises to take."""
+    weights = robust_weights(result.residuals)
+    jacobian = result.jacobian * weights[:, None]
+    hessian = jacobian.T @ jacobian + np.diag(result.prior)
+    slope = jacobian.T @ (result.residuals * weights)
+    slope[3:] += result.rig_steps
+    scale = np.sqrt(np.diag(hessian))
+    scale[scale == 0.0] = 1.0
+    hessian, slope = hessian / np.outer(scale, scale), slope / scale
+
+    def solved(first: int) -> np.ndarray:
+        step = np.zeros(len(slope))
+        inner = hessian[first:, first:]
+        step[first:] = -np.linalg.solve(inner + (damping + 1e-12) * np.eye(len(inner)), slope[first:])
+        return step
+
+    step = solved(1 if result.at_tip else 0)
+    distance = result.unknowns[0]
+    if (distance <= NEAREST and step[0] < 0.0) or (distance >= TIP and step[0] > 0.0):
+        step = solved(1)
+    return step / scale, float(-(slope @ step + 0.5 * step @ hessian @ step))

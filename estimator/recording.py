@@ -55,14 +55,13 @@ def look_again(
     rough = estimator.rough(measured(rig, frame, first))
     if rough is None:
         return first, None
-    scene, result = rough
-    shape = scene.curves(result.unknowns[:1] * rig.antenna.length_m, result.unknowns[None, 1:] * scene.force_unit_N)
+    shape = rough.curve
     T_camera_antenna = rig.T_antenna_camera.inverse()
     guide = pixels(rig.camera, T_camera_antenna, shape.points_m[0])
     width = width_px(rig.camera, T_camera_antenna, shape.points_m[0], rig.antenna.diameter_m)
     again = find_along(image, guide, width, rig.image.bright)
     better = len(again.points_px) >= SECOND_LOOK * len(first.points_px)
-    return (again if better else first), result.unknowns
+    return (again if better else first), rough.unknowns
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame) -> Contact:

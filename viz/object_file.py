@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyvista as pv
+from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkObject
 from vtkmodules.vtkIOPLY import vtkPLYReader
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
@@ -14,6 +15,7 @@ from estimator.surface import Surface
 from vbaa_calib.errors import InputError
 from vbaa_calib.files import replacing
 
+from .ply import is_whole
 from .scene import ObjectMesh
 
 SUFFIXES = (".vtp", ".ply")
@@ -63,8 +65,11 @@ def read_object(path: Path) -> ObjectMesh:
     check_suffix(path)
     if not path.is_file():
         raise InputError("no such file", where=path, remedy="write it with vbaa reconstruct")
-    mesh = _read(vtkXMLPolyDataReader() if path.suffix.lower() == ".vtp" else vtkPLYReader(), path)
-    if not mesh.n_points or not np.isfinite(mesh.points).all():
+    if path.suffix.lower() == ".vtp":
+        mesh = _read(vtkXMLPolyDataReader(), path)
+    else:
+        mesh = _read(vtkPLYReader(), path) if is_whole(path.read_bytes()) else pv.PolyData()
+    if not mesh.n_points or not np.isfinite(mesh.points).all() or not _cells_have_points(mesh):
         raise InputError("holds no mesh", where=path, remedy="write it again with vbaa reconstruct")
     faces = mesh.triangulate().regular_faces if mesh.faces.size else np.empty((0, 3), int)
     if "Normals" not in mesh.point_data and len(faces):
@@ -74,9 +79,16 @@ def read_object(path: Path) -> ObjectMesh:
     return ObjectMesh(
         np.asarray(mesh.points, float),
         np.asarray(normals, float),
-        np.asarray(faces, int),
+        np.asarray(faces, int).reshape(-1, 3),
         np.concatenate([np.empty((0, 2), int), *segments]),
     )
+
+
+def _cells_have_points(mesh: pv.PolyData) -> bool:
+    """Whether every cell's indices are of points that there are; VTK would follow them anywhere."""
+    kinds = (mesh.GetVerts(), mesh.GetLines(), mesh.GetPolys(), mesh.GetStrips())
+    indices = np.concatenate([vtk_to_numpy(cells.GetConnectivityArray()) for cells in kinds])
+    return bool(((indices >= 0) & (indices < mesh.n_points)).all())
 
 
 def _split(cells: np.ndarray) -> list[np.ndarray]:

@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from estimator.table import read_contacts
     from vbaa_calib.console import say
+    from vbaa_calib.errors import InputError
     from vbaa_calib.files import read_json
 
     from .object_file import read_object
@@ -37,6 +38,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from .scene import build_scene, truth_object
 
     table = read_contacts(args.contacts)
+    if not table.located.any():
+        raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     rig = None
     if args.rig is not None:
         from vbaa_calib.rig import Rig

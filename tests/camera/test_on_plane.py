@@ -85,6 +85,8 @@ def test_wrong_input_is_refused():
         layer(torch.zeros(3, 2, dtype=torch.int64))
     with pytest.raises(InputError, match=r"\(3, 3\)"):
         layer.covariance(np.zeros((3, 3)), 1.0)
+    with pytest.raises(InputError, match="different lengths"):
+        layer([[1.0, 2.0], [3.0]])
     with pytest.raises(InputError, match="normal"):
         CameraOnPlane(LENSES["decentred"], POSE, Plane(np.zeros(3), 0.0))
     with pytest.raises(InputError, match="translation"):
@@ -106,6 +108,25 @@ def test_gradients_by_pixels_lens_and_pose(name):
     assert gradcheck(function, tuple(value.requires_grad_() for value in inputs), eps=1e-6, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_functional_transforms_go_through_it(name):
+    camera = LENSES[name]
+    layer = CameraOnPlane(camera, POSE)
+    pixels = torch.tensor(middle(camera, 5))
+    alone = torch.func.vmap(lambda pixel: layer(pixel)[0])(pixels)
+    torch.testing.assert_close(alone, layer(pixels)[0], rtol=0, atol=0)
+    for jacobian in (torch.func.jacfwd, torch.func.jacrev):
+        each = torch.func.vmap(jacobian(lambda pixel: layer(pixel)[0]))(pixels)
+        torch.testing.assert_close(each, layer.pixel_jacobian(pixels), rtol=1e-9, atol=1e-15)
+
+    def through(matrix, distortion, pixel):
+        return torch.func.functional_call(layer, {"matrix": matrix, "distortion": distortion}, (pixel,))[0]
+
+    lenses = torch.stack([layer.distortion, 0.9 * layer.distortion])
+    both = torch.func.vmap(through, in_dims=(None, 0, None))(layer.matrix, lenses, pixels)
+    torch.testing.assert_close(both[1], through(layer.matrix, lenses[1], pixels), rtol=0, atol=0)
+
+
 def test_it_learns_inside_a_network():
     camera = LENSES["decentred"]
     pixels = torch.tensor(middle(camera, 30))
@@ -122,6 +143,27 @@ def test_it_learns_inside_a_network():
 
     optimizer.step(loss)
     np.testing.assert_allclose(layer.translation_m.detach().numpy(), POSE.translation_m, atol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
+def test_casting_the_network_around_it_costs_no_accuracy(dtype):
+    camera = LENSES["decentred"]
+    network = torch.nn.Sequential(torch.nn.Linear(2, 2), CameraOnPlane(camera, POSE)).to(dtype)
+    assert network[0].weight.dtype == dtype
+    assert all(value.dtype == torch.float64 for value in network[1].buffers())
+    pixels = torch.tensor(middle(camera))
+    assert torch.equal(network[1](pixels)[0], CameraOnPlane(camera, POSE)(pixels)[0])
+    assert {value.device.type for value in network.to("meta").buffers()} == {"meta"}
+
+
+def test_its_state_comes_back_into_another_layer():
+    layer = CameraOnPlane(LENSES["decentred"], POSE)
+    other = CameraOnPlane(moved(LENSES["decentred"], np.r_[np.full(4, 5.0), np.full(5, 1e-3)]), Pose.identity())
+    pixels = middle(LENSES["decentred"])
+    assert not np.allclose(other(pixels)[0], layer(pixels)[0], equal_nan=True)
+    other.load_state_dict(layer.state_dict())
+    np.testing.assert_array_equal(other(pixels)[0], layer(pixels)[0])
+    np.testing.assert_array_equal(other.pixel_jacobian(pixels), layer.pixel_jacobian(pixels))
 
 
 def test_invalid_pixels_do_not_poison_the_gradient():

@@ -377,7 +377,7 @@ def test_a_frame_without_an_antenna_stays_in_the_table(vbaa: Call, session: Path
     repaint("recording/frame_0002.png", noise)(session)
     contacts = tmp_path / "contacts.csv"
     assert vbaa("estimate", session, "--rig", rig, "-o", contacts).code == 0
-    rows = list(csv.DictReader(contacts.open()))
+    rows = list(csv.DictReader(contacts.read_text().splitlines()))
     assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
     assert [row["status"] for row in rows] == ["no_contact", "no_antenna", "no_antenna", "no_contact"]
     assert all(row["reason"] for row in rows)

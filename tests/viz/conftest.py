@@ -93,13 +93,15 @@ def truth(table: ContactTable) -> dict[str, Any]:
 
 @pytest.fixture
 def files(tmp_path: Path, rows: list[ContactRow], rig: Rig, truth: dict[str, Any]) -> SimpleNamespace:
-    """The same as files: contacts, rig, truth, and the folder they are in."""
+    """The same as files: contacts, some without any contact, rig, truth, and the folder they are in."""
     write_contacts(tmp_path / "contacts.csv", rows)
+    write_contacts(tmp_path / "free.csv", [row for row in rows if row.status == "no_contact"])
     (tmp_path / "rig.json").write_text(json.dumps(rig.to_dict()))
     (tmp_path / "truth.json").write_text(json.dumps(truth))
     return SimpleNamespace(
         folder=tmp_path,
         contacts=tmp_path / "contacts.csv",
+        free=tmp_path / "free.csv",
         rig=tmp_path / "rig.json",
         truth=tmp_path / "truth.json",
     )

@@ -57,6 +57,8 @@ def test_without_rig_it_says_that_the_radius_is_missing(
         (["view", "{contacts}", "--object", "{contacts}", "--html", "{folder}/a.html"], "is not a .vtp or .ply"),
         (["view", "{contacts}", "--object", "{folder}/a.vtp", "--html", "{folder}/a.html"], "no such file"),
         (["view", "{contacts}", "--truth", "{rig}", "--html", "{folder}/a.html"], "rig.json: has no object"),
+        (["view", "{free}", "--html", "{folder}/a.html"], "free.csv: no frame has a located contact"),
+        (["reconstruct", "{free}", "-o", "{folder}/object.vtp"], "free.csv: no frame has a located contact"),
         (["view", "{rig}", "--html", "{folder}/a.html"], "rig.json"),
     ],
 )

@@ -16,7 +16,8 @@ from estimator.table import ContactTable
 from vbaa_calib.errors import InputError, VbaaError
 from vbaa_calib.rig import Rig
 from viz import actors, render
-from viz.object_file import read_object, write_object
+from viz.object_file import read_object, to_mesh, write_object
+from viz.ply import is_whole
 from viz.rig_items import rig_items
 from viz.scene import ObjectMesh, Scene, TruthObject, build_scene, truth_object
 
@@ -158,3 +159,40 @@ def test_a_broken_object_file_is_refused(tmp_path: Path, name: str, capfd: pytes
     with pytest.raises(InputError, match="no such file"):
         read_object(tmp_path / f"other-{name}")
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_a_ply_is_read_whole_or_not_at_all(table: ContactTable, tmp_path: Path, binary: bool) -> None:
+    path = tmp_path / "object.ply"
+    to_mesh(reconstruct(table, ANTENNA_RADIUS_M)).save(path, binary=binary)
+    whole = path.read_bytes()
+    assert is_whole(whole)
+    body = whole.index(b"end_header") + 11
+    # VTK would read past the end of each of these
+    for length in (0, 3, body - 40, body - 1, body, body + 1, (body + len(whole)) // 2, len(whole) - 30):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError, match="holds no mesh"):
+            read_object(path)
+
+
+def test_a_big_endian_ply_is_walked_with_its_lists() -> None:
+    header = "ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list ushort int vertex_indices\nend_header\n"
+    rows = b"".join(np.array([3], ">u2").tobytes() + np.zeros(3, ">i4").tobytes() for _ in range(2))
+    assert is_whole(header.encode() + rows)
+    assert not is_whole(header.encode() + rows[:-1])
+    assert not is_whole(header.encode() + rows[:14])
+    assert not is_whole(header.encode().replace(b"ushort", b"wide") + rows)
+
+
+@pytest.mark.parametrize("index", [99, -2])
+def test_cells_of_points_that_are_not_there_are_refused(tmp_path: Path, index: int) -> None:
+    path = tmp_path / "object.ply"
+    properties = "".join(f"property float {axis}\n" for axis in "xyz")
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}element face 1\nproperty list uchar int vertex_indices\n"
+        f"end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 {index}\n"
+    )
+    with pytest.raises(InputError, match="holds no mesh"):
+        read_object(path)
+    path.write_text(path.read_text().replace(f"1 {index}\n", "1 2\n"))
+    assert read_object(path).triangles.tolist() == [[0, 1, 2]]

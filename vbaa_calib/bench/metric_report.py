@@ -37,26 +37,37 @@ def write_csv(path: Path, rows: Sequence[Row], force: bool) -> None:
     write_text(path, text.getvalue(), force)
 
 
+FAMILIES = {"this layer": ("#0f766e", "s", 3), "OpenCV": ("#b45309", "o", 7), "kornia": ("#6d28d9", "^", -10)}
+"""Of each family of methods: its colour, its mark, and how far above it (points) its number of steps stands."""
+
+
 def write_figure(path: Path, rows: Sequence[Row], points: int, force: bool) -> None:
     """Error over time per point, one panel per lens, both logarithmic."""
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     names = list(dict.fromkeys(row.lens for row in rows))
-    figure = Figure(figsize=(11, 2.6 * ((len(names) + 2) // 3)), layout="constrained")
-    panels = figure.subplots((len(names) + 2) // 3, 3, sharex=True, sharey=True).ravel()
-    colours = {"this": "#0f766e", "OpenCV": "#b45309", "kornia": "#6d28d9"}
+    lines = (len(names) + 2) // 3
+    figure = Figure(figsize=(11, 2.6 * lines), layout="constrained")
+    panels = figure.subplots(lines, 3, sharex=True, sharey=True).ravel()
     for name, panel in zip(names, panels, strict=False):
         for row in rows:
             if row.lens == name:
-                colour = colours[row.method.replace(",", "").split()[0]]
-                x, y = 1e6 * row.batch_ms / points, max(row.error_px, 1e-14)
-                panel.loglog(x, y, "o", color=colour, markersize=5)
-                label = row.method.removeprefix("this layer").strip(", ").replace(" steps", "") or "this layer"
-                panel.annotate(label, (x, y), xytext=(4, 3), textcoords="offset points", fontsize=6, color=colour)
+                family, _, detail = row.method.partition(", ")
+                colour, mark, above = FAMILIES[family]
+                at = 1e6 * row.batch_ms / points, max(row.error_px, 1e-14)
+                panel.loglog(*at, mark, color=colour, markersize=5)
+                label, shift = detail.removesuffix(" steps"), (4, above)
+                panel.annotate(label, at, xytext=shift, textcoords="offset points", fontsize=6, color=colour)
         panel.set_title(name, fontsize=9)
         panel.grid(alpha=0.3)
-    for panel in panels[len(names) :]:
-        panel.set_visible(False)
+    for index in range(len(names), len(panels)):
+        panels[index].set_visible(False)
+        panels[index - 3].tick_params(labelbottom=True)
+    marks = [
+        Line2D([], [], ls="", marker=mark, color=colour, label=name) for name, (colour, mark, _) in FAMILIES.items()
+    ]
+    figure.legend(handles=marks, loc="lower right", fontsize=9, title="numbers: steps")
     figure.supxlabel("time, ns per point")
     figure.supylabel("largest error, px")
     with replacing(path, force) as temporary:

@@ -1,25 +1,42 @@
-"""Joint least squares over one lens and many board poses, with the poses eliminated view by view."""
+"""Joint least squares over one lens, one board and many board poses, with the poses eliminated view by view."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .lens_models import PROJECTIONS, LensModel
 
-_RELATIVE_DECREASE = 1e-13
+FLEX = 2
+"""Numbers that describe a board that is not flat (`board_flex`)."""
+
+_RELATIVE_DECREASE = 1e-10
 _OPEN = 1e-10
 _CAUCHY_PER_SIGMA = 2.385  # 95 % efficiency on normal noise
+_REWEIGHTINGS = 12
+_STEPS_PER_WEIGHTING = 3
+_SETTLED = 1e-3
+_MEDIAN_LENGTH = 1.1774  # of a plane normal vector, in standard deviations per axis
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Corners of one view: board points (N, 3) m and their pixels (N, 2)."""
+    """Corners of one view: board points (N, 3) m and their pixels (N, 2).
+
+    bend : (N, 2) how far each point rises along the board's z for a metre of each sagitta; a flat board has none.
+    """
 
     points_m: np.ndarray
     pixels: np.ndarray
+    bend: np.ndarray | None = None
+
+    def picked(self, which: np.ndarray) -> Observation:
+        """The corners of a mask or of indices."""
+        bend = None if self.bend is None else self.bend[which]
+        return Observation(self.points_m[which], self.pixels[which], bend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +48,13 @@ class Bundle:
     intrinsics : (4 + k,) fx, fy, cx, cy, distortion.
     poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
     residuals_px : per view (N, 2), observed minus projected.
+    sagittas_m : (2,) of the board along its x and y.
     """
 
     intrinsics: np.ndarray
     poses: np.ndarray
     residuals_px: tuple[np.ndarray, ...]
+    sagittas_m: np.ndarray = field(default_factory=lambda: np.zeros(FLEX))
 
     @property
     def rms_px(self) -> float:
@@ -47,12 +66,27 @@ class Bundle:
         """(V,) the same, view by view."""
         return np.array([np.sqrt(np.mean(np.sum(r**2, axis=1))) for r in self.residuals_px])
 
+    @property
+    def sigma_px(self) -> float:
+        """Noise per axis as the median corner has it: half of the corners may be wrong."""
+        return robust_sigma(np.concatenate([np.linalg.norm(r, axis=1) for r in self.residuals_px]))
 
-def free_directions(model: LensModel, square_pixels: bool = False) -> np.ndarray:
-    """(4 + k, p) columns span the intrinsics that are solved for; with square pixels fx and fy move as one."""
+
+def robust_sigma(distances: np.ndarray) -> float:
+    """Standard deviation per axis of plane normal vectors of these lengths (N,), from their median."""
+    return float(np.median(distances)) / _MEDIAN_LENGTH
+
+
+def free_directions(model: LensModel, square_pixels: bool = False, flex: bool = False) -> np.ndarray:
+    """(4 + k + 2, p) columns span what all views share and is solved for: intrinsics, then the board's sagittas.
+
+    With square pixels fx and fy move as one.
+    """
     size = 4 + model.distortion_count
-    columns = [np.eye(size)[index] for index in (2, 3, *(4 + index for index in model.free))]
-    focal = [np.eye(size)[0] + np.eye(size)[1]] if square_pixels else [np.eye(size)[0], np.eye(size)[1]]
+    unit = np.eye(size + FLEX)
+    columns = [unit[index] for index in (2, 3, *(4 + index for index in model.free))]
+    columns += [unit[size], unit[size + 1]] if flex else []
+    focal = [unit[0] + unit[1]] if square_pixels else [unit[0], unit[1]]
     return np.stack([*focal, *columns], axis=1)
 
 
@@ -64,75 +98,133 @@ def refine(
     directions: np.ndarray,
     robust: bool = False,
     iterations: int = 300,
+    sagittas_m: Sequence[float] | np.ndarray = (0.0, 0.0),
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error from a start.
 
     Parameters
     ----------
-    intrinsics : (4 + k,) start. poses : (V, 6) start.
-    directions : (4 + k, p) from `free_directions`; p = 0 solves the poses alone.
+    intrinsics : (4 + k,) start. poses : (V, 6) start. sagittas_m : (2,) start.
+    directions : (4 + k + 2, p) from `free_directions`; p = 0 solves the poses alone.
     robust : weigh corners down by Cauchy's rule, so that gross errors do not pull.
     iterations : at most; a few are enough to tell good starts from bad ones.
     """
-    intrinsics, poses = np.array(intrinsics, float), np.array(poses, float)
-    weights = [np.ones(len(view.pixels)) for view in observations]
-    for _ in range(6 if robust else 1):
-        intrinsics, poses, system = _descend(model, intrinsics, poses, observations, weights, directions, iterations)
-        if robust:
-            weights = _cauchy_weights(system.residuals_px)
-    return Bundle(intrinsics, poses, system.residuals_px)
+    stack = _Stack.of(observations)
+    state = _State(np.concatenate([np.asarray(intrinsics, float), sagittas_m]), np.array(poses, float))
+    weights = np.ones(len(stack.pixels))
+    if robust:
+        weights, state = _reweighted(model, state, stack, directions)
+    state, system = _descend(model, state, stack, weights, directions, iterations)
+    residuals = tuple(np.split(system.residuals_px, stack.bounds[1:-1]))
+    return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:])
+
+
+def residuals_px(model: LensModel, bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:
+    """Per view (N, 2), observed minus projected, of any corners of the bundle's views."""
+    stack = _Stack.of(observations)
+    state = _State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
+    return np.split(_rows(model, state, stack)[0], stack.bounds[1:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """All corners one after the other: view `i` has rows bounds[i] to bounds[i + 1]."""
+
+    points_m: np.ndarray
+    pixels: np.ndarray
+    bend: np.ndarray
+    view: np.ndarray
+    bounds: np.ndarray
+
+    @staticmethod
+    def of(observations: Sequence[Observation]) -> _Stack:
+        counts = [len(view.pixels) for view in observations]
+        return _Stack(
+            np.concatenate([view.points_m for view in observations]),
+            np.concatenate([view.pixels for view in observations]),
+            np.concatenate([np.zeros((len(v.pixels), FLEX)) if v.bend is None else v.bend for v in observations]),
+            np.repeat(np.arange(len(counts)), counts),
+            np.concatenate([[0], np.cumsum(counts)]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Where the descent is: what all views share (4 + k + 2,), and the poses (V, 6)."""
+
+    shared: np.ndarray
+    poses: np.ndarray
+
+    def moved(self, shared: np.ndarray, poses: np.ndarray) -> _State:
+        """Poses turn about the board's origin by a rotation vector in the camera frame, and shift."""
+        turned = Rotation.from_rotvec(poses[:, :3]) * Rotation.from_rotvec(self.poses[:, :3])
+        return _State(self.shared + shared, np.hstack([turned.as_rotvec(), self.poses[:, 3:] + poses[:, 3:]]))
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The normal equations in blocks: lens, poses, and what couples them; all weighted."""
+    """The normal equations in blocks: shared, poses, and what couples them; all weighted."""
 
-    residuals_px: tuple[np.ndarray, ...]
+    residuals_px: np.ndarray
     cost: float
-    lens: np.ndarray
-    lens_gradient: np.ndarray
+    shared: np.ndarray
+    shared_gradient: np.ndarray
     pose: np.ndarray
     pose_gradient: np.ndarray
     coupling: np.ndarray
 
 
+def _rows(model: LensModel, state: _State, stack: _Stack) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals (N, 2) and their negative derivatives by what is shared (N, 2, 4 + k + 2) and the poses (N, 2, 6)."""
+    intrinsics, sagittas = state.shared[:-FLEX], state.shared[-FLEX:]
+    rotations = Rotation.from_rotvec(state.poses[:, :3]).as_matrix()[stack.view]
+    rise = stack.bend @ sagittas
+    turned = np.einsum("nij,nj->ni", rotations, stack.points_m) + rise[:, None] * rotations[:, :, 2]
+    points = turned + state.poses[stack.view, 3:]
+    pixels, by_intrinsics, by_pose = PROJECTIONS[model.camera_model](points, np.zeros(6), intrinsics)
+    by_point = by_pose[:, 3:].reshape(-1, 2, 3)
+    # gᵀ(ω × q) = ωᵀ(q × g)
+    by_turn = np.cross(turned[:, None, :], by_point)
+    by_sagitta = (by_point @ rotations[:, :, 2:]) * stack.bend[:, None, :]
+    by_shared = np.concatenate([by_intrinsics.reshape(len(points), 2, -1), by_sagitta], axis=-1)
+    return stack.pixels - pixels, by_shared, np.concatenate([by_turn, by_point], axis=-1)
+
+
 def _linearise(
-    model: LensModel,
-    intrinsics: np.ndarray,
-    poses: np.ndarray,
-    observations: Sequence[Observation],
-    weights: Sequence[np.ndarray],
-    directions: np.ndarray,
+    model: LensModel, state: _State, stack: _Stack, weights: np.ndarray, directions: np.ndarray
 ) -> _System:
-    project = PROJECTIONS[model.camera_model]
-    count = directions.shape[1]
-    lens, lens_gradient = np.zeros((count, count)), np.zeros(count)
-    pose, pose_gradient = np.zeros((len(poses), 6, 6)), np.zeros((len(poses), 6))
-    coupling = np.zeros((len(poses), count, 6))
-    residuals, cost = [], 0.0
-    for index, (view, weight) in enumerate(zip(observations, weights, strict=True)):
-        pixels, by_intrinsics, by_pose = project(view.points_m, poses[index], intrinsics)
-        residual = view.pixels - pixels
-        root = np.sqrt(np.repeat(weight, 2))
-        scaled, a, b = root * residual.ravel(), root[:, None] * (by_intrinsics @ directions), root[:, None] * by_pose
-        lens += a.T @ a
-        lens_gradient += a.T @ scaled
-        pose[index], pose_gradient[index], coupling[index] = b.T @ b, b.T @ scaled, a.T @ b
-        residuals.append(residual)
-        cost += float(scaled @ scaled)
-    return _System(tuple(residuals), cost, lens, lens_gradient, pose, pose_gradient, coupling)
+    residuals, by_shared, by_pose = _rows(model, state, stack)
+    rows = np.concatenate([by_shared @ directions, by_pose, residuals[..., None]], axis=-1)
+    rows *= np.sqrt(weights)[:, None, None]
+    blocks = np.array(
+        [
+            (flat := rows[first:last].reshape(-1, rows.shape[-1])).T @ flat
+            for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True)
+        ]
+    )
+    p = directions.shape[1]
+    return _System(
+        residuals_px=residuals,
+        cost=float(blocks[:, -1, -1].sum()),
+        shared=blocks[:, :p, :p].sum(axis=0),
+        shared_gradient=blocks[:, :p, -1].sum(axis=0),
+        pose=blocks[:, p:-1, p:-1],
+        pose_gradient=blocks[:, p:-1, -1],
+        coupling=blocks[:, :p, p:-1],
+    )
 
 
 def _step(system: _System, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    grow = 1.0 + damping
     pose = system.pose * (1.0 + damping * np.eye(6))
-    through = np.linalg.solve(pose, np.swapaxes(system.coupling, 1, 2))
-    own = np.linalg.solve(pose, system.pose_gradient[..., None])[..., 0]
-    lens = system.lens + (grow - 1.0) * np.diag(np.diag(system.lens))
-    reduced = lens - np.einsum("vpk,vkq->pq", system.coupling, through)
-    gradient = system.lens_gradient - np.einsum("vpk,vk->p", system.coupling, own)
-    lens_step = _solve_scaled(reduced, gradient)
-    return lens_step, own - np.einsum("vkp,p->vk", through, lens_step)
+    both = np.linalg.solve(
+        pose, np.concatenate([np.swapaxes(system.coupling, 1, 2), system.pose_gradient[..., None]], axis=-1)
+    )
+    through, own = both[..., :-1], both[..., -1]
+    shared = system.shared + damping * np.diag(np.diag(system.shared))
+    reduced = shared - (system.coupling @ through).sum(axis=0)
+    gradient = system.shared_gradient - np.einsum("vpk,vk->p", system.coupling, own)
+    shared_step = _solve_scaled(reduced, gradient)
+    return shared_step, own - through @ shared_step
 
 
 def _solve_scaled(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -142,66 +234,82 @@ def _solve_scaled(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def _descend(
-    model: LensModel,
-    intrinsics: np.ndarray,
-    poses: np.ndarray,
-    observations: Sequence[Observation],
-    weights: Sequence[np.ndarray],
-    directions: np.ndarray,
-    iterations: int,
-) -> tuple[np.ndarray, np.ndarray, _System]:
-    system = _linearise(model, intrinsics, poses, observations, weights, directions)
+    model: LensModel, state: _State, stack: _Stack, weights: np.ndarray, directions: np.ndarray, iterations: int
+) -> tuple[_State, _System]:
+    system = _linearise(model, state, stack, weights, directions)
     damping = 1e-3
     for _ in range(iterations):
         try:
-            lens_step, pose_step = _step(system, damping)
+            shared_step, pose_step = _step(system, damping)
         except np.linalg.LinAlgError:
             damping *= 10.0
             continue
-        new_intrinsics, new_poses = intrinsics + directions @ lens_step, poses + pose_step
-        trial = _linearise(model, new_intrinsics, new_poses, observations, weights, directions)
+        new_state = state.moved(directions @ shared_step, pose_step)
+        trial = _linearise(model, new_state, stack, weights, directions)
         if np.isfinite(trial.cost) and trial.cost <= system.cost:
             decrease = system.cost - trial.cost
-            intrinsics, poses, system = new_intrinsics, new_poses, trial
-            damping = max(0.2 * damping, 1e-15)
-            if decrease <= _RELATIVE_DECREASE * system.cost:
+            state, system = new_state, trial
+            damping = max(0.1 * damping, 1e-15)
+            # under heavy damping a step is small wherever it is taken
+            if decrease <= _RELATIVE_DECREASE * system.cost and damping < 1.0:
                 break
         else:
             damping *= 8.0
             if damping > 1e12:
                 break
-    return intrinsics, poses, system
+    return state, system
 
 
-def _cauchy_weights(residuals_px: Sequence[np.ndarray]) -> list[np.ndarray]:
-    distances = [np.linalg.norm(residual, axis=1) for residual in residuals_px]
-    # the median length of a plane normal vector is 1.1774 standard deviations per axis
-    sigma = max(float(np.median(np.concatenate(distances))) / 1.1774, 1e-9)
-    return [1.0 / (1.0 + (distance / (_CAUCHY_PER_SIGMA * sigma)) ** 2) for distance in distances]
+def _reweighted(
+    model: LensModel, state: _State, stack: _Stack, directions: np.ndarray
+) -> tuple[np.ndarray, _State]:
+    """Cauchy weights (N,) that have settled, and the state that they lead to."""
+    weights = _cauchy_weights(_rows(model, state, stack)[0])
+    for _ in range(_REWEIGHTINGS):
+        state, system = _descend(model, state, stack, weights, directions, _STEPS_PER_WEIGHTING)
+        before, weights = weights, _cauchy_weights(system.residuals_px)
+        if np.abs(weights - before).max() < _SETTLED:
+            break
+    return weights, state
+
+
+def _cauchy_weights(residuals: np.ndarray) -> np.ndarray:
+    distances = np.linalg.norm(residuals, axis=1)
+    sigma = max(robust_sigma(distances), 1e-9)
+    return 1.0 / (1.0 + (distances / (_CAUCHY_PER_SIGMA * sigma)) ** 2)
 
 
 def lens_covariance(
     model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
 ) -> np.ndarray | None:
-    """(4 + k, 4 + k) covariance of the intrinsics, the poses marginalised, scaled by the residual variance.
+    """(4 + k, 4 + k) covariance of the intrinsics: `shared_covariance` without the board."""
+    covariance = shared_covariance(model, bundle, observations, directions)
+    return None if covariance is None else covariance[:-FLEX, :-FLEX]
+
+
+def shared_covariance(
+    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
+) -> np.ndarray | None:
+    """(4 + k + 2, 4 + k + 2) covariance of intrinsics and sagittas, poses marginalised, scaled by the residual variance.
 
     Zero for what is held fixed; None where the views leave a free parameter open.
     """
     freedom = sum(view.pixels.size for view in observations) - directions.shape[1] - 6 * len(observations)
-    project, blocks = PROJECTIONS[model.camera_model], []
-    for view, pose in zip(observations, bundle.poses, strict=True):
-        _, by_intrinsics, by_pose = project(view.points_m, pose, bundle.intrinsics)
+    stack = _Stack.of(observations)
+    state = _State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
+    residuals, by_shared, by_pose = _rows(model, state, stack)
+    by_shared, blocks = by_shared @ directions, []
+    for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True):
         # what the view's own pose cannot explain; by QR, for normal equations would lose half the digits
-        basis, _ = np.linalg.qr(by_pose)
-        by_lens = by_intrinsics @ directions
-        blocks.append(by_lens - basis @ (basis.T @ by_lens))
+        basis, _ = np.linalg.qr(by_pose[first:last].reshape(-1, 6))
+        flat = by_shared[first:last].reshape(2 * (last - first), -1)
+        blocks.append(flat - basis @ (basis.T @ flat))
     jacobian = np.vstack(blocks)
     norms = np.linalg.norm(jacobian, axis=0)
     if freedom <= 0 or not np.all(np.isfinite(norms)) or not np.all(norms > 0.0):
         return None
-    _, values, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
+    _, values, rows = np.linalg.svd(np.linalg.qr(jacobian / norms, mode="r"), full_matrices=False)
     if values[-1] < _OPEN * values[0]:
         return None
     half = directions @ ((rows.T / values) / norms[:, None])
-    variance = float(sum(np.sum(residual**2) for residual in bundle.residuals_px)) / freedom
-    return variance * half @ half.T
+    return float(np.sum(residuals**2)) / freedom * half @ half.T

@@ -32,11 +32,18 @@ ROBUST = 2.5
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """One still of the antenna: what was seen, what was read, and the load on it, if any."""
+    """One still of the antenna: what was seen, what was read, and the load on it, if any.
+
+    Attributes
+    ----------
+    gravity_m_s2 : (3,) antenna frame.
+    bright : whether the antenna is brighter than its background.
+    """
 
     still: Still
     seen: SeenPoints
     gravity_m_s2: np.ndarray
+    bright: bool = True
 
     @property
     def load_N(self) -> np.ndarray:
@@ -113,13 +120,7 @@ class _Problem:
         views = [*inverse, *[inverse[0]] * 8]
         distances = []
         for index, observation in enumerate(self.observations):
-            pick = 9 * index + order
-            own = replace(
-                curves,
-                arclength_m=curves.arclength_m[pick],
-                points_m=curves.points_m[pick],
-                tangents=curves.tangents[pick],
-            )
+            own = curves.picked(9 * index + order)
             distances.append(whitened_residuals(observation.seen, image_curves(own, views)))
         return distances, curves.moment_Nm.reshape(count, 9)
 

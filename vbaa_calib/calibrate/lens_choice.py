@@ -1,4 +1,4 @@
-"""Which lens model? The simplest that predicts views it has not seen as well as the best does."""
+"""Which lens model? The simplest that predicts views it has not seen as well as the best does, and can be trusted."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bundle import Bundle, Observation, free_directions, lens_covariance, refine
+from .bundle import Bundle, Observation, free_directions, lens_covariance
+from .halves import AGREE, disagreement_of_halves
+from .held_out import excess_in_errors, held_out_squares, rms_over
 from .lens_models import LENS_MODELS, LensModel, is_monotonic
 from .lens_start import fit_lens
 
 CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
 """What `auto` compares, from simple to rich. Thin-prism and tilted lenses must be asked for by name."""
 
-_FOLDS = 5
-_ITERATIONS = 20  # from a start that is all but the answer
-_WORTH = 0.01
+_EXCESS = 1.0
+_WORTH = 1.002
+_AGREEMENT_MAY_COST = 1.02
 _MONOTONIC_MAY_COST = 1.1
 
 
@@ -29,6 +31,8 @@ class Candidate:
     model : its name. free_parameters : of the lens, focal lengths and principal point included.
     rms_px : over the corners it was fitted to. held_out_rms_px : over views that only had their poses fitted.
     monotonic : whether it maps the whole picture without folding.
+    halves : how far the lenses of two halves of the views differ, in predicted deviations (`disagreement_of_halves`);
+        None where they cannot be compared.
     """
 
     model: str
@@ -36,6 +40,32 @@ class Candidate:
     rms_px: float
     held_out_rms_px: float
     monotonic: bool
+    halves: float | None = None
+
+    @property
+    def halves_agree(self) -> bool:
+        """Whether the halves differ no more than predicted, or cannot be compared."""
+        return self.halves is None or self.halves <= AGREE
+
+
+def assess(
+    model: LensModel,
+    bundle: Bundle,
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    directions: np.ndarray,
+) -> tuple[Candidate, np.ndarray]:
+    """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
+    squares = held_out_squares(model, bundle, observations, directions)
+    candidate = Candidate(
+        model=model.name,
+        free_parameters=directions.shape[1] - int(np.any(directions[-2:] != 0.0, axis=0).sum()),
+        rms_px=bundle.rms_px,
+        held_out_rms_px=rms_over(squares, observations),
+        monotonic=is_monotonic(model, bundle.intrinsics, image_size),
+        halves=disagreement_of_halves(model, bundle, observations, directions, image_size),
+    )
+    return candidate, squares
 
 
 def choose_lens(
@@ -43,64 +73,41 @@ def choose_lens(
     image_size: tuple[int, int],
     square_pixels: bool = False,
     known: dict[str, Bundle] | None = None,
+    flex: bool = False,
 ) -> tuple[LensModel, tuple[Candidate, ...]]:
     """The lens model that the views ask for, and the comparison it rests on.
 
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. Taken is
-    the first in order of complexity whose held-out error is within one standard error (over views), or 1 %, of the
-    best. A model that folds inside the picture is passed over unless every other is 10 % worse; one that the views
-    leave open is left out.
+    the first in order of complexity whose held-out error is within one standard error (over views), or 0.2 %, of the best. A
+    model that folds inside the picture is passed over unless every other is 10 % worse, one whose halves disagree unless
+    every other is 2 % worse; one that the views leave open is left out.
     """
     known = {} if known is None else known
     errors, candidates = {}, []
     for name in CANDIDATES:
-        model = LENS_MODELS[name]
-        bundle = fit_lens(model, observations, image_size, square_pixels, known)
-        if lens_covariance(model, bundle, observations, free_directions(model, square_pixels)) is None:
+        model, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex)
+        bundle = fit_lens(model, observations, image_size, square_pixels, known, flex)
+        if lens_covariance(model, bundle, observations, directions) is None:
             continue
-        errors[name] = _held_out_squares(model, bundle, observations, square_pixels)
-        candidates.append(
-            Candidate(
-                name,
-                free_directions(model, square_pixels).shape[1],
-                bundle.rms_px,
-                _rms(errors[name], observations),
-                is_monotonic(model, bundle.intrinsics, image_size),
-            )
-        )
+        candidate, errors[name] = assess(model, bundle, observations, image_size, directions)
+        candidates.append(candidate)
     chosen = _simplest_good(candidates, errors) if candidates else CANDIDATES[0]
     return LENS_MODELS[chosen], tuple(candidates)
 
 
-def _rms(squares: np.ndarray, observations: Sequence[Observation]) -> float:
-    return float(np.sqrt(squares.sum() / sum(len(view.pixels) for view in observations)))
-
-
-def _held_out_squares(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], square_pixels: bool
-) -> np.ndarray:
-    """(V,) sum of squared distances of each view's corners, px², under a lens fitted without that view."""
-    squares = np.zeros(len(observations))
-    directions = free_directions(model, square_pixels)
-    folds = min(_FOLDS, len(observations))
-    for fold in range(folds):
-        held = np.arange(len(observations)) % folds == fold
-        seen = [view for view, out in zip(observations, held, strict=True) if not out]
-        unseen = [view for view, out in zip(observations, held, strict=True) if out]
-        lens = refine(model, bundle.intrinsics, bundle.poses[~held], seen, directions, iterations=_ITERATIONS)
-        tested = refine(model, lens.intrinsics, bundle.poses[held], unseen, directions[:, :0], iterations=_ITERATIONS)
-        squares[held] = [np.sum(residual**2) for residual in tested.residuals_px]
-    return squares
-
-
 def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:
-    least = min(candidate.held_out_rms_px for candidate in candidates)
-    monotonic = [c for c in candidates if c.monotonic and c.held_out_rms_px <= _MONOTONIC_MAY_COST * least]
-    allowed = monotonic or list(candidates)
+    allowed = _unless_too_dear(candidates, [c for c in candidates if c.monotonic], _MONOTONIC_MAY_COST)
+    allowed = _unless_too_dear(allowed, [c for c in allowed if c.halves_agree], _AGREEMENT_MAY_COST)
     best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
     for candidate in allowed:
-        excess = errors[candidate.model] - errors[best.model]
-        standard_error = np.sqrt(len(excess)) * np.std(excess, ddof=1)
-        if excess.sum() <= standard_error or candidate.held_out_rms_px <= (1.0 + _WORTH) * best.held_out_rms_px:
+        as_good = candidate.held_out_rms_px <= _WORTH * best.held_out_rms_px
+        if as_good or excess_in_errors(errors[candidate.model], errors[best.model]) <= _EXCESS:
             return candidate.model
     return best.model
+
+
+def _unless_too_dear(
+    every: Sequence[Candidate], preferred: Sequence[Candidate], may_cost: float
+) -> Sequence[Candidate]:
+    least = min(candidate.held_out_rms_px for candidate in every)
+    return [candidate for candidate in preferred if candidate.held_out_rms_px <= may_cost * least] or every

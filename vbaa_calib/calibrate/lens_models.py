@@ -97,5 +97,9 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
     A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
     directions to one pixel.
     """
-    camera = Camera(model.camera_model, image_size, camera_matrix(intrinsics), intrinsics[4:])
-    return camera.valid_region().image_fraction == 1.0
+    return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
+
+
+def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
+    """The camera of intrinsics (fx, fy, cx, cy, *distortion), without a covariance."""
+    return Camera(model.camera_model, image_size, camera_matrix(intrinsics), intrinsics[4:])

@@ -21,18 +21,20 @@ def fit_lens(
     image_size: tuple[int, int],
     square_pixels: bool = False,
     known: dict[str, Bundle] | None = None,
+    flex: bool = False,
 ) -> Bundle:
     """The best solution of one lens model over all starts.
 
     known : solutions by model name; used as starts, and filled with those found on the way.
+    flex : solve for the board's sagittas too.
     """
     known = {} if known is None else known
     if model.name in known:
         return known[model.name]
-    directions = free_directions(model, square_pixels)
+    directions = free_directions(model, square_pixels, flex)
     starts = []
     if model.simpler is not None:
-        simpler = fit_lens(LENS_MODELS[model.simpler], observations, image_size, square_pixels, known)
+        simpler = fit_lens(LENS_MODELS[model.simpler], observations, image_size, square_pixels, known, flex)
         starts.append((_widened(simpler.intrinsics, model), simpler.poses))
     if model.name in _FROM_FOCALS:
         for focal in _focal_starts(observations, image_size):
@@ -42,8 +44,12 @@ def fit_lens(
     tried = [refine(model, *start, observations, directions, iterations=_TRIAL_ITERATIONS) for start in starts]
     # a mirrored solution (board behind the camera, negative focal length) can fit as well
     tried = [bundle for bundle in tried if _is_physical(bundle)] or tried
-    tried.sort(key=lambda bundle: np.nan_to_num(bundle.rms_px, nan=np.inf))
-    found = [refine(model, start.intrinsics, start.poses, observations, directions) for start in tried[:2]]
+    # by the median corner: half of them may be wrong
+    tried.sort(key=lambda bundle: np.nan_to_num(bundle.sigma_px, nan=np.inf))
+    found = [
+        refine(model, start.intrinsics, start.poses, observations, directions, sagittas_m=start.sagittas_m)
+        for start in tried[:2]
+    ]
     known[model.name] = min(found, key=lambda bundle: np.nan_to_num(bundle.rms_px, nan=np.inf))
     return known[model.name]
 

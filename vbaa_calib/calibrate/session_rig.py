@@ -75,10 +75,8 @@ def solve_antenna(
     """Camera pose, antenna and moment sensor from the no-load frames and the known loads of a session."""
     noload, loads = read_noload(session), read_loads(session)
     nominal = nominal_parameters(session.antenna)
-    observations = [
-        *observe(session, noload, camera, T_antenna_camera, nominal, "free antenna"),
-        *observe(session, loads, camera, T_antenna_camera, nominal, "known loads"),
-    ]
+    free = observe(session, noload, camera, T_antenna_camera, nominal, "free antenna")
+    loaded = observe(session, loads, camera, T_antenna_camera, nominal, "known loads", free[0].bright)
     std = [CLAMP_OFFSET_STD_M] * 2 + [CLAMP_ANGLE_STD_RAD] * 2 + [BOW_STD_PER_M] * 2
     prior = Prior(
         T_antenna_camera,
@@ -87,6 +85,7 @@ def solve_antenna(
         std=np.array([*std, LOG_STIFFNESS_STD, LOG_MASS_STD, GAIN_STD, OFFSET_STD_NM]),
     )
     sensor = MomentSensor(1.0, 0.0, session.moment_std_Nm)
+    observations = [*free, *loaded]
     return solve_joint(observations, camera, prior, session.antenna.length_m, sensor), observations
 
 
@@ -103,7 +102,7 @@ def make_rig(session: Session, camera: Camera, joint: JointSolution, observation
         moment_sensor=MomentSensor(gain, offset, session.moment_std_Nm),
         kinematics=session.kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,
-        image=AntennaImage(float(sigma_px * joint.noise_scale), joint.noise_scale, True),
+        image=AntennaImage(float(sigma_px * joint.noise_scale), joint.noise_scale, observations[0].bright),
         covariance=joint.covariance,
     )
 

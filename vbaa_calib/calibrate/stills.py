@@ -21,28 +21,36 @@ LEAST_SEEN_FREE = 0.6
 
 
 def observe(
-    session: Session, stills: Sequence[Still], camera: Camera, T_antenna_camera: Pose, parameters: np.ndarray, what: str
+    session: Session,
+    stills: Sequence[Still],
+    camera: Camera,
+    T_antenna_camera: Pose,
+    parameters: np.ndarray,
+    what: str,
+    bright: bool | None = None,
 ) -> list[Observation]:
-    """The antenna's seen points in every still.
+    """The antenna's seen points in every still, brighter or darker than its background; None: as the first one shows.
 
     Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
     """
     gravity = session.gravity_antenna(stills)
     T_camera_antenna = T_antenna_camera.inverse()
-    observations = []
+    observations: list[Observation] = []
     for still, pull in zip(progress(stills, what), gravity, strict=True):
-        assert still.image is not None  # read_noload and read_loads see to that
         image = read_gray(still.image)
         check_size(image, camera, still.image)
         free = free_curve(parameters, session.antenna.length_m, pull)
-        line = find(image, corridor(camera, T_camera_antenna, free, session.antenna.diameter_m))
+        where = corridor(camera, T_camera_antenna, free, session.antenna.diameter_m)
+        if bright is None:
+            bright = find(image, where, bright=True).seen >= find(image, where, bright=False).seen
+        line = find(image, where, bright)
         if not line.found or (not isinstance(still, Load) and line.seen < LEAST_SEEN_FREE):
             raise InputError(
                 f"no antenna found in it ({100 * line.seen:.0f} % of its length seen)",
                 where=still.image,
                 remedy="shoot it again with the antenna lit, or take its row out of the CSV",
             )
-        observations.append(Observation(still, see(camera, line.points_px, line.sigma_px), pull))
+        observations.append(Observation(still, see(camera, line.points_px, line.sigma_px), pull, bright))
     return observations
 
 

@@ -11,14 +11,12 @@ from targets.board import BoardSpec
 from targets.charuco import corner_points
 
 from ..detect.corners import BoardView
-from .bundle import Bundle, Observation, free_directions, refine
-from .lens_models import LensModel
+from .bundle import Observation
 
 LEAST_CORNERS = 4
 """Four corners fix the pose of a plane."""
 
 _GROSS_VIEW = 5.0
-_GROSS_CORNER = 20.0
 _GROSS_LEAST_PX = 0.5
 
 
@@ -67,39 +65,27 @@ def fixes_homography(plane_points: np.ndarray) -> bool:
     return len(plane_points) >= LEAST_CORNERS and bool(values[7] > 1e-3 * values[0])
 
 
-def without_gross_errors(
-    lens: LensModel, bundle: Bundle, observations: Sequence[Observation], min_corners: int, square_pixels: bool
-) -> tuple[list[bool], list[Observation] | None]:
-    """Which views to keep, and their observations without gross corners; None when there is nothing to leave out.
+def good_views(
+    residuals: Sequence[np.ndarray], good: Sequence[np.ndarray], observations: Sequence[Observation], min_corners: int
+) -> np.ndarray:
+    """(V,) which views are worth keeping, from their residuals (N, 2) px and masks of good corners (N,).
 
-    A corner is gross when it is over 20 standard deviations off under a robust fit. A view with some gross corners
-    loses those; one that is wrong as a whole (half its corners, or 5 times the median view's error) goes.
+    A view goes that is wrong as a whole: over half its corners are outliers, the rest has over 5 times the median
+    view's error, or it no longer fixes a pose.
     """
-    directions = free_directions(lens, square_pixels)
-    robust = refine(lens, bundle.intrinsics, bundle.poses, observations, directions, robust=True)
-    distances = [np.linalg.norm(residual, axis=1) for residual in robust.residuals_px]
-    sigma = float(np.median(np.concatenate(distances))) / 1.1774
-    inliers = [distance <= max(_GROSS_CORNER * sigma, _GROSS_LEAST_PX) for distance in distances]
-    view_rms = np.array([_rms(d[good]) for d, good in zip(distances, inliers, strict=True)])
-    limit = max(_GROSS_VIEW * float(np.median(view_rms)), _GROSS_LEAST_PX)
-    kept = [
-        bool(
-            rms <= limit
-            and good.mean() > 0.5
-            and good.sum() >= max(min_corners, LEAST_CORNERS)
-            and fixes_homography(view.points_m[good, :2])
-        )
-        for rms, good, view in zip(view_rms, inliers, observations, strict=True)
-    ]
-    if all(kept) and all(good.all() for good in inliers):
-        return kept, None
-    cleaned = [
-        Observation(view.points_m[good], view.pixels[good])
-        for view, good, keep in zip(observations, inliers, kept, strict=True)
-        if keep
-    ]
-    return kept, cleaned
+    rms = np.array([_rms(residual[mask]) for residual, mask in zip(residuals, good, strict=True)])
+    limit = max(_GROSS_VIEW * float(np.median(rms)), _GROSS_LEAST_PX)
+    return np.array(
+        [
+            error <= limit
+            and mask.mean() > 0.5
+            and mask.sum() >= max(min_corners, LEAST_CORNERS)
+            and fixes_homography(view.points_m[mask, :2])
+            for error, mask, view in zip(rms, good, observations, strict=True)
+        ],
+        bool,
+    )
 
 
-def _rms(distances: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(distances)))) if len(distances) else np.inf
+def _rms(residuals: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if len(residuals) else np.inf

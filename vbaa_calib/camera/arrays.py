@@ -45,7 +45,10 @@ def working(values: Array, last: int, name: str) -> Working:
     """Check an input at the edge. It must be float32 or float64 of shape (..., last), else InputError names it."""
     xp = namespace(values)
     if xp is np:
-        values = np.asarray(values)
+        try:
+            values = np.asarray(values)
+        except ValueError:
+            raise InputError(f"{name} are lists of different lengths", remedy=f"give them as (..., {last})") from None
     kind = str(values.dtype).removeprefix("torch.")
     if kind not in _FLOATS:
         raise InputError(f"{name} are {kind}", remedy="convert them to float32 or float64")

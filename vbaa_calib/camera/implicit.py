@@ -73,6 +73,23 @@ class _Invert(torch.autograd.Function):
         inverse = valid / (xx * yy - xy * yx)
         return (yy * dx - xy * dy) * inverse, (xx * dy - yx * dx) * inverse, None
 
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple, x: torch.Tensor, y: torch.Tensor, c: torch.Tensor, model: LensModel) -> Any:
+        # what is mapped over becomes one more of the points' leading dimensions
+        ranks = [
+            value.ndim - last - (dim is not None)
+            for value, dim, last in zip((x, y, c), in_dims, (0, 0, 1), strict=False)
+        ]
+
+        def fronted(value: torch.Tensor, dim: int | None, rank: int) -> torch.Tensor:
+            if dim is None:
+                return value
+            value = value.movedim(dim, 0)
+            return value.reshape(len(value), *(1,) * (max(ranks) - rank), *value.shape[1:])
+
+        mapped = (fronted(*each) for each in zip((x, y, c), in_dims, ranks, strict=False))
+        return _Invert.apply(*mapped, model), (0, 0, 0)
+
 
 def _solve_tensors(model: LensModel, x: torch.Tensor, y: torch.Tensor, c: torch.Tensor) -> Solution:
     shape = torch.broadcast_shapes(x.shape, y.shape, c.shape[:-1])

@@ -22,8 +22,9 @@ POSE_NAMES = ("rotation_x", "rotation_y", "rotation_z", "translation_x", "transl
 class CameraOnPlane(torch.nn.Module):
     """Where the rays of pixels meet a plane, in metres.
 
-    Lens, camera pose and plane are buffers in float64: they move with `.to(device)`, and become part of the graph
-    when they are made to require gradients or are swapped by `torch.func.functional_call`. Pixels may have any
+    Lens, camera pose and plane are buffers in float64: they move with `.to(device)`, stay float64 when the network
+    around them is cast (`.half()`, `.float()`), and become part of the graph when they are made to require gradients
+    or are swapped by `torch.func.functional_call`. Pixels may have any
     leading shape, float32 or float64; NumPy in gives NumPy out. What has no answer (outside the lens's valid region,
     parallel, grazing, behind the camera, a plane through its centre) is NaN and False, and its gradient is zero.
 
@@ -111,6 +112,16 @@ class CameraOnPlane(torch.nn.Module):
         flat = jacobian.reshape(-1, count)
         shape = (len(jacobian), 2, len(jacobian), 2)
         return (flat @ like(flat, parameter_covariance) @ flat.T).reshape(shape)
+
+    def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> CameraOnPlane:
+        # a focal length in half precision is pixels off: what moves or casts the network only moves these
+        exact = dict(self._buffers)
+        super()._apply(fn, recurse)
+        for name, value in exact.items():
+            moved = self._buffers[name]
+            if value is not None and moved is not None:
+                self._buffers[name] = value.to(moved.device) if moved.dtype != value.dtype else moved
+        return self
 
     def _crossing(self, rays: torch.Tensor) -> tuple[torch.Tensor, Crossing]:
         directions = rays @ self.rotation.to(rays).T

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.table import ContactTable, read_contacts
-from vbaa_calib.files import read_json
+from estimator.table import ContactTable
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 
@@ -75,11 +73,6 @@ def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> Score:
         camera_rotation_error_rad=float(rotation),
         nees=float((off * weighted).sum(axis=1).mean() / 3),
     )
-
-
-def score_files(session: Path, rig: Path, contacts: Path) -> Score:
-    """The same from the files of a synthetic session."""
-    return score(Rig.load(rig), read_contacts(contacts), read_json(session / "truth.json"))
 
 
 def _rms(values: np.ndarray) -> float:

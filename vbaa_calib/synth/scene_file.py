@@ -13,7 +13,7 @@ from ..geometry import Kinematics, Pose
 from ..session import NominalAntenna
 from .fields import Section
 from .lens import Lens, invertible
-from .objects import TouchObject
+from .objects import SHAPES, TouchObject
 from .scene import (
     IntrinsicsSpec,
     Joints,
@@ -29,7 +29,6 @@ from .scene import (
 
 SCHEMA = "vbaa.scene/1"
 _DISTORTION_LENGTHS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
-_SHAPES = ("cylinder", "sphere", "knife_edge")
 
 
 def load_scene(path: Path) -> Scene:
@@ -162,7 +161,7 @@ def _object(section: Section) -> TouchObject:
         *("shape", "center_world_m", "axis_world", "wedge_world", "radius_m", "half_length_m", "stiffness_N_m"),
         *("friction",),
     )
-    shape = section.choice("shape", _SHAPES)
+    shape = section.choice("shape", SHAPES)
     axis = np.array([0.0, 0.0, 1.0]) if shape == "sphere" else section.direction("axis_world")
     wedge = section.direction("wedge_world") if shape == "knife_edge" else np.array([1.0, 0.0, 0.0])
     if shape == "knife_edge":

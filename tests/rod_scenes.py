@@ -1,0 +1,169 @@
+"""Scenes for the inverse problems: the static rod, seen through OpenCV. Nothing here is the estimator's own model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from vbaa_calib.camera import Camera
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
+
+LENGTH_M, STIFFNESS_NM2, MASS_KG_M = 0.24, 3.9e-3, 3.97e-3
+GRAVITY_WORLD = np.array([0.0, 0.0, -9.80665])
+MATRIX = np.array([[1004.0, 0.0, 476.5], [0.0, 1001.0, 363.2], [0.0, 0.0, 1.0]])
+BROWN = np.array([-0.182, 0.061, 0.0007, -0.0005])
+SIGMA_PX = 0.03
+
+RIG_STD = np.array(
+    [2e-4] * 3 + [5e-5] * 3 + [2e-5] * 2 + [2e-4] * 2 + [2e-3] * 2 + [1e-3, 1e-2] + [2e-3, 5e-6],
+)
+"""Standard deviations of `RIG_PARAMETERS` after an ordinary calibration."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What is true, in the order of the rig's own parameters but for the estimator unseen."""
+
+    T_antenna_camera: Pose
+    parameters: np.ndarray = field(
+        default_factory=lambda: np.array(
+            [3e-4, -2e-4, 0.009, -0.012, 0.05, 0.12, np.log(STIFFNESS_NM2), np.log(MASS_KG_M)]
+        )
+    )
+    sensor: MomentSensor = field(default_factory=lambda: MomentSensor(1.04, 1.5e-4, 2e-5))
+
+    @property
+    def rod(self) -> Rod:
+        """The true antenna, of a wire with ν = 0.3."""
+        y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass = self.parameters
+        stiffness = np.exp(log_stiffness)
+        clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
+        return Rod(LENGTH_M, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array([bow_y, bow_z]))
+
+    def moved(self, step: np.ndarray) -> World:
+        """Another world, `RIG_PARAMETERS` away by (16,)."""
+        sensor = self.sensor
+        return World(
+            self.T_antenna_camera.retract(step[:6]),
+            self.parameters + step[6:14],
+            MomentSensor(sensor.gain + step[14], sensor.offset_Nm + step[15], sensor.std_Nm),
+        )
+
+    def rig(self, std: np.ndarray = RIG_STD, gravity_world: np.ndarray = GRAVITY_WORLD) -> Rig:
+        """The rig that a calibration would have found, were it free of error."""
+        return Rig(
+            camera=Camera("opencv", (960, 720), MATRIX, BROWN),
+            T_antenna_camera=self.T_antenna_camera,
+            antenna=Antenna(LENGTH_M, 0.8e-3, self.parameters),
+            moment_sensor=self.sensor,
+            kinematics=Kinematics(),
+            gravity_world_m_s2=gravity_world,
+            image=AntennaImage(SIGMA_PX, 1.0, True),
+            covariance=np.diag(std**2),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What one frame gives the estimator, and what is true of it."""
+
+    points_px: np.ndarray
+    moment_Nm: float
+    tilt_rad: float
+    distance_m: float
+    force_N: np.ndarray
+    contact_world_m: np.ndarray
+
+
+def camera_pose(incline_rad: float = 0.0, azimuth_rad: float = 0.0, away_m: float = 0.36) -> Pose:
+    """A camera that looks at the antenna's middle, inclined from plane C's normal towards an azimuth from x."""
+    sin = np.sin(incline_rad)
+    toward = np.array([sin * np.cos(azimuth_rad), sin * np.sin(azimuth_rad), np.cos(incline_rad)])
+    x = np.array([1.0, 0.0, 0.0]) - toward[0] * toward
+    x /= np.linalg.norm(x)
+    return Pose(np.stack([x, np.cross(-toward, x), -toward], axis=1), np.array([0.12, 0.0, 0.0]) + away_m * toward)
+
+
+def gravity_antenna(tilt_rad: float, gravity_world: np.ndarray = GRAVITY_WORLD) -> np.ndarray:
+    """(3,) gravity in the antenna frame at a tilt."""
+    return Kinematics().T_world_antenna(0.0, tilt_rad).rotation.T @ gravity_world
+
+
+def press(rod: Rod, gravity: np.ndarray, contact_m: np.ndarray, lateral_N: np.ndarray) -> tuple[RodShape, np.ndarray]:
+    """Rods under forces without friction: lateral (B, 2) turned until they are normal to the antenna at the contact."""
+    size = np.linalg.norm(lateral_N, axis=1, keepdims=True)
+    force = np.concatenate([np.zeros_like(size), lateral_N], axis=1)
+    guess = None
+    for _ in range(4):
+        shape = solve_rod(rod, gravity, contact_m, force, guess)
+        guess = shape.clamp_moment_Nm
+        tangent = sample_shape(shape, contact_m[:, None])[1][:, 0]
+        across = np.concatenate([np.zeros_like(size), lateral_N], axis=1)
+        across -= (across * tangent).sum(axis=1, keepdims=True) * tangent
+        norm = np.linalg.norm(across, axis=1, keepdims=True)
+        force = size * across / np.where(norm > 0, norm, 1.0)
+    return shape, force
+
+
+def seen(T_antenna_camera: Pose, points_m: np.ndarray) -> np.ndarray:
+    """(N, 2) pixels of antenna-frame points (N, 3), by OpenCV."""
+    T_camera_antenna = T_antenna_camera.inverse()
+    turn, _ = cv2.Rodrigues(T_camera_antenna.rotation)
+    return cv2.projectPoints(points_m, turn, T_camera_antenna.translation_m, MATRIX, BROWN)[0][:, 0]
+
+
+def along(shape: RodShape, arclength_m: np.ndarray, index: int = 0) -> np.ndarray:
+    """(N, 3) points of one rod of a batch at arc lengths (N,)."""
+    one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
+    return sample_shape(one, arclength_m[None])[0][0]
+
+
+def frames(
+    world: World,
+    contact_m: Sequence[float],
+    lateral_N: Sequence[Sequence[float]],
+    tilt_rad: Sequence[float],
+    rng: np.random.Generator,
+    *,
+    points: int = 300,
+    sigma_px: float = SIGMA_PX,
+    gravity_world: np.ndarray = GRAVITY_WORLD,
+) -> list[Frame]:
+    """One noisy frame per contact."""
+    contact, lateral = np.asarray(contact_m, float), np.asarray(lateral_N, float)
+    gravity = np.array([gravity_antenna(tilt, gravity_world) for tilt in tilt_rad])
+    shape, force = press(world.rod, gravity, contact, lateral)
+    s = np.linspace(0.01, 1.0, points) * LENGTH_M
+    sensor, result = world.sensor, []
+    for index, tilt in enumerate(tilt_rad):
+        pixels = seen(world.T_antenna_camera, along(shape, s, index))
+        touched = along(shape, contact[index : index + 1], index)[0]
+        moment = -shape.clamp_moment_Nm[index, 1]
+        result.append(
+            Frame(
+                points_px=pixels + rng.normal(0.0, sigma_px, pixels.shape),
+                moment_Nm=float(sensor.gain * moment + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)),
+                tilt_rad=float(tilt),
+                distance_m=float(contact[index]),
+                force_N=force[index],
+                contact_world_m=Kinematics().T_world_antenna(0.0, tilt) @ touched,
+            )
+        )
+    return result
+
+
+def pushing(direction_rad: float, tip_m: float, contact_m: float) -> np.ndarray:
+    """(2,) lateral force that would push the tip aside by about so much, by the paper's beam."""
+    size = 6 * STIFFNESS_NM2 * tip_m / (contact_m**2 * (3 * LENGTH_M - contact_m))
+    return size * np.array([np.cos(direction_rad), np.sin(direction_rad)])
+
+
+def blunt(world: World, **changes: float) -> World:
+    """The same world with another moment sensor."""
+    return replace(world, sensor=replace(world.sensor, **changes))

@@ -1,0 +1,113 @@
+"""A board that is not flat: two sagittas, solved with the lens when the views ask for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from targets.board import BoardSpec
+from targets.charuco import corner_points
+
+from ..detect.corners import BoardView
+from .bundle import FLEX, Bundle, Observation, free_directions, refine, shared_covariance
+from .held_out import excess_in_errors, held_out_squares, rms_over
+from .lens_models import LensModel
+
+_SIGNIFICANCE = 1e-3
+_EXCESS = 3.0
+_LARGEST_PER_EXTENT = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class BoardFlex:
+    """How far the board is bent, and whether the lens was solved with it.
+
+    Attributes
+    ----------
+    sagittas_m : (2,) along the board's x and y: how far the outer corners lie behind the middle (+z, away from the
+        viewer). Reported also when they were not used.
+    std_m : (2,) their standard deviations; NaN where the views leave them open.
+    p_value : chance of sagittas this large on a flat board.
+    flat_held_out_rms_px, bent_held_out_rms_px : error on views that only had their poses fitted.
+    used : whether the lens was solved with a bent board. reason : why, in words.
+    """
+
+    sagittas_m: np.ndarray
+    std_m: np.ndarray
+    p_value: float
+    flat_held_out_rms_px: float
+    bent_held_out_rms_px: float
+    used: bool
+    reason: str
+
+
+def bend(spec: BoardSpec) -> np.ndarray:
+    """(corner_count, 2) rise along z of each corner for a metre of each sagitta: u² − 1/3, u = ±1 at the outer corners.
+
+    Two parabolas about the board's middle. Their mean over the board is nil, so that the board's frame stays in its
+    mean plane.
+    """
+    plane = corner_points(spec)[:, :2]
+    low, high = plane.min(axis=0), plane.max(axis=0)
+    half = 0.5 * (high - low)
+    centred = (plane - 0.5 * (low + high)) / np.where(half > 0.0, half, 1.0)
+    return np.where(half > 0.0, centred**2 - 1.0 / 3.0, 0.0)
+
+
+def observations_of(views: Sequence[BoardView], spec: BoardSpec) -> list[Observation]:
+    """The corners of views beside the board points they show."""
+    points, rise = corner_points(spec), bend(spec)
+    return [Observation(points[view.ids], view.corners_px, rise[view.ids]) for view in views]
+
+
+def judge_flex(
+    model: LensModel, bundle: Bundle, observations: Sequence[Observation], square_pixels: bool = False
+) -> BoardFlex:
+    """Whether the views ask for a bent board: significant, better on held-out views, and not absurd.
+
+    bundle : a solution of this lens, with or without a bent board.
+    """
+    fits = {}
+    for flex in (False, True):
+        directions = free_directions(model, square_pixels, flex)
+        start = bundle.sagittas_m if flex else np.zeros(FLEX)
+        fits[flex] = refine(
+            model, bundle.intrinsics, bundle.poses, observations, directions, sagittas_m=start, iterations=60
+        )
+    squares = {
+        flex: held_out_squares(model, fit, observations, free_directions(model, square_pixels, flex))
+        for flex, fit in fits.items()
+    }
+    covariance = shared_covariance(model, fits[True], observations, free_directions(model, square_pixels, True))
+    sagittas = fits[True].sagittas_m
+    std, p_value = np.full(FLEX, np.nan), 1.0
+    if covariance is not None:
+        own = covariance[-FLEX:, -FLEX:]
+        std, p_value = np.sqrt(np.diag(own)), float(chi2.sf(sagittas @ np.linalg.solve(own, sagittas), FLEX))
+    rms = {flex: rms_over(values, observations) for flex, values in squares.items()}
+    used, reason = _verdict(sagittas, covariance is None, p_value, rms, squares, observations)
+    return BoardFlex(sagittas, std, p_value, rms[False], rms[True], used, reason)
+
+
+def _verdict(
+    sagittas: np.ndarray,
+    is_open: bool,
+    p_value: float,
+    rms: dict[bool, float],
+    squares: dict[bool, np.ndarray],
+    observations: Sequence[Observation],
+) -> tuple[bool, str]:
+    extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
+    held_out = f"{rms[True]:.4f} px on held-out views against {rms[False]:.4f} px flat"
+    if is_open:
+        return False, "the views do not tell a bent board from a flat one"
+    if p_value > _SIGNIFICANCE:
+        return False, f"a flat board explains the corners (chance of this much by noise: {p_value:.2g})"
+    if np.abs(sagittas).max() > _LARGEST_PER_EXTENT * extent:
+        return False, f"{1e3 * np.abs(sagittas).max():.1f} mm is more than a board bends: another error looks like it"
+    if excess_in_errors(squares[False], squares[True]) <= _EXCESS:
+        return False, f"a bent board does not predict views better ({held_out})"
+    return True, f"significant, and it predicts views better ({held_out})"

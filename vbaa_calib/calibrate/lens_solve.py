@@ -1,0 +1,94 @@
+"""From all corners to one lens: outliers, the bend of the board, and the lens model are decided together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .board_flex import BoardFlex, judge_flex
+from .bundle import Bundle, Observation, free_directions, refine
+from .lens_choice import Candidate, assess, choose_lens
+from .lens_models import LENS_MODELS, LensModel
+from .lens_start import fit_lens
+from .outliers import Inliers, fit_without_outliers
+
+SCREENING = ("opencv5", "fisheye", "rational")
+"""Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
+
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class LensFit:
+    """A lens over the good corners, with all that was decided about it.
+
+    Attributes
+    ----------
+    inliers : the good corners among all observations. bundle : the solution over them, one pose for each good view.
+    directions : (4 + k + 2, p) what was solved for.
+    comparison : the lens models that were assessed.
+    """
+
+    lens: LensModel
+    bundle: Bundle
+    inliers: Inliers
+    flex: BoardFlex
+    comparison: tuple[Candidate, ...]
+    directions: np.ndarray
+
+
+def screened(
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    model: str,
+    square_pixels: bool,
+    min_corners: int,
+) -> tuple[LensModel, Inliers, Bundle]:
+    """The good corners under the lens given, or under the best of `SCREENING` for "auto"; the board may be bent.
+
+    Which lens is best is told by the median corner of a robust fit, which outliers do not move.
+    """
+    known: dict[str, Bundle] = {}
+    robust = {}
+    for name in SCREENING if model == "auto" else (model,):
+        lens, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex=True)
+        start = fit_lens(lens, observations, image_size, square_pixels, known, flex=True)
+        robust[name] = refine(
+            lens, start.intrinsics, start.poses, observations, directions, robust=True, sagittas_m=start.sagittas_m
+        )
+    best = min(robust, key=lambda name: robust[name].sigma_px)
+    lens, directions = LENS_MODELS[best], free_directions(LENS_MODELS[best], square_pixels, flex=True)
+    return lens, *fit_without_outliers(lens, robust[best], observations, directions, min_corners)
+
+
+def decide(
+    start: tuple[LensModel, Inliers, Bundle],
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    model: str,
+    square_pixels: bool,
+    min_corners: int,
+) -> LensFit:
+    """Bend of the board, lens model, and once more the outliers under them, until neither decision changes."""
+    lens, inliers, bundle = start
+    before = None
+    for _ in range(_ROUNDS):
+        good = inliers.of(observations)
+        flex = judge_flex(lens, bundle, good, square_pixels)
+        decision = (lens.name, flex.used)
+        if decision == before:
+            break
+        known: dict[str, Bundle] = {}
+        if model == "auto":
+            lens, comparison = choose_lens(good, image_size, square_pixels, known, flex.used)
+        fitted = fit_lens(lens, good, image_size, square_pixels, known, flex.used)
+        directions = free_directions(lens, square_pixels, flex.used)
+        whole = [observations[index] for index in inliers.views]
+        within, bundle = fit_without_outliers(lens, fitted, whole, directions, min_corners)
+        inliers = Inliers(inliers.views[within.views], within.masks)
+        before = (lens.name, flex.used)
+    if model != "auto":
+        comparison = (assess(lens, bundle, inliers.of(observations), image_size, directions)[0],)
+    return LensFit(lens, bundle, inliers, flex, comparison, directions)

@@ -1,0 +1,74 @@
+"""Whether a .ply holds what it announces. VTK's reader runs past the end of one that does not, and dies."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+_HEADER = re.compile(rb"ply\r?\n.*?\bend_header\r?\n", re.DOTALL)
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+
+
+@dataclass(frozen=True)
+class _Element:
+    """So many rows of the same properties: of each, the type of its length (None: one number) and of its numbers."""
+
+    rows: int
+    properties: list[tuple[np.dtype | None, np.dtype]]
+
+
+def is_whole(data: bytes) -> bool:
+    """Whether the header can be read and every row that it announces follows."""
+    header = _HEADER.match(data)
+    if header is None:
+        return False
+    lines = [line.split() for line in header.group().decode("ascii", "replace").splitlines()]
+    try:
+        order = next(_ORDERS[words[1]] for words in lines if words[:1] == ["format"])
+        elements = _elements(lines, order)
+        if not order:
+            return data[header.end() :].count(b"\n") >= sum(element.rows for element in elements) - 1
+        position = header.end()
+        for element in elements:
+            position = _behind(data, position, element)
+        return position <= len(data)
+    except (KeyError, IndexError, ValueError, StopIteration):
+        return False
+
+
+def _elements(lines: list[list[str]], order: str) -> list[_Element]:
+    """What the header announces. Raises KeyError, IndexError or ValueError for one that makes no sense."""
+    elements: list[_Element] = []
+    for words in lines:
+        if words[:1] == ["element"]:
+            elements.append(_Element(int(words[2]), []))
+        elif words[:1] == ["property"]:
+            listed = words[1] == "list"
+            count = np.dtype(order + _TYPES[words[2]]) if listed else None
+            elements[-1].properties.append((count, np.dtype(order + _TYPES[words[3 if listed else 1]])))
+    if any(element.rows < 0 for element in elements):
+        raise ValueError
+    return elements
+
+
+def _behind(data: bytes, position: int, element: _Element) -> int:
+    """Where the element's rows end. Raises ValueError where the data end before a list's length."""
+    if all(count is None for count, _ in element.properties):
+        return position + element.rows * sum(number.itemsize for _, number in element.properties)
+    for _ in range(element.rows):
+        for count, number in element.properties:
+            length = 1
+            if count is not None:
+                length = int(np.frombuffer(data, count, 1, position)[0])
+                position += count.itemsize
+            if length < 0:
+                raise ValueError
+            position += length * number.itemsize
+    return position
