@@ -51,7 +51,7 @@ def _cells(indices: np.ndarray) -> np.ndarray | None:
 
 
 def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
-    """Write the surface, whole or not at all. A .ply keeps points and triangles only.
+    """Write the surface, whole or not at all. A .ply keeps points, normals and triangles only.
 
     Raises InputError for another suffix, or when the file exists and `force` is off.
     """

@@ -194,7 +194,7 @@ def real_rod(tmp_path: Path) -> Path:
 def test_the_real_rod(real_rod: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     """10 mm square steel: E within 200–222 GPa, and an interval that knows what the readings cannot separate."""
     output = tmp_path / "stiffness.json"
-    call = ["stiffness", str(real_rod), "--load", "5.18", "--distance", "0.54", "--second-moment", "833.3e-12"]
+    call = ["stiffness", str(real_rod), "--force", "5.18", "--distance", "0.54", "--second-moment", "833.3e-12"]
     assert main([*call, "-o", str(output), "--json"]) == 0
     said = capsys.readouterr()
     result = json.loads(said.out)
@@ -219,7 +219,7 @@ def test_the_real_rod(real_rod: Path, tmp_path: Path, capsys: pytest.CaptureFixt
 def test_young_s_modulus_of_a_round_rod(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     diameter = 0.0137
     path = write_table(tmp_path / "rod.csv", stiff_table(np.random.default_rng(6), 1e-6))
-    call = ["stiffness", str(path), "--load", "5.18", "--distance", "0.54", "--json"]
+    call = ["stiffness", str(path), "--force", "5.18", "--distance", "0.54", "--json"]
     assert main([*call, "--diameter", str(diameter)]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["youngs_modulus_Pa"] == pytest.approx(result["stiffness_Nm2"] / (np.pi * diameter**4 / 64))
@@ -268,7 +268,7 @@ def test_wrong_tables_are_refused_in_one_line(name: str, tmp_path: Path, capsys:
     path, output = tmp_path / "table.csv", tmp_path / "out.json"
     with path.open("w", newline="") as stream:
         csv.writer(stream).writerows([["x_m", "unloaded_y_m", "loaded_y_m"], *rows])
-    assert main(["stiffness", str(path), "--load", "5.18", "--distance", "0.54", "-o", str(output)]) == 2
+    assert main(["stiffness", str(path), "--force", "5.18", "--distance", "0.54", "-o", str(output)]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.count("\n") == 1
@@ -280,14 +280,14 @@ def test_wrong_tables_are_refused_in_one_line(name: str, tmp_path: Path, capsys:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--load", "0"], "newtons"),
-        (["--load", "nan"], "newtons"),
-        (["--load", "inf"], "newtons"),
+        (["--force", "0"], "newtons"),
+        (["--force", "nan"], "newtons"),
+        (["--force", "inf"], "newtons"),
         (["--distance", "540"], "metres"),
         (["--distance", "-0.54"], "metres"),
         (["--distance", "nan"], "metres"),
         (["--distance", "0.3"], "beyond the load"),
-        (["--load", "-5.18"], "against the force"),
+        (["--force", "-5.18"], "against the force"),
         (["--diameter", "10"], "metres"),
         (["--diameter", "nan"], "metres"),
         (["--second-moment", "833.3"], "m^4"),
@@ -300,7 +300,7 @@ def test_wrong_options_are_refused(
     options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     path = write_table(tmp_path / "rod.csv", stiff_table(np.random.default_rng(7)))
-    call = ["stiffness", str(path), "--load", "5.18", "--distance", "0.54", *options]
+    call = ["stiffness", str(path), "--force", "5.18", "--distance", "0.54", *options]
     assert main(call) == 2
     assert words in capsys.readouterr().err
 
@@ -308,11 +308,11 @@ def test_wrong_options_are_refused(
 def test_outputs_are_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     path, output = write_table(tmp_path / "rod.csv", stiff_table(np.random.default_rng(8))), tmp_path / "out.json"
     output.write_text("mine")
-    call = ["stiffness", str(path), "--load", "5.18", "--distance", "0.54", "-o", str(output)]
+    call = ["stiffness", str(path), "--force", "5.18", "--distance", "0.54", "-o", str(output)]
     assert main(call) == 2
     assert output.read_text() == "mine"
-    assert "--force" in capsys.readouterr().err
-    assert main([*call, "--force"]) == 0
+    assert "--overwrite" in capsys.readouterr().err
+    assert main([*call, "--overwrite"]) == 0
     assert json.loads(output.read_text())["schema"] == "vbaa.stiffness/1"
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from targets.charuco import corner_points
 
 from ..calibrate.board_flex import observations_of
-from ..calibrate.bundle import free_directions, refine
+from ..calibrate.bundle import Observation, free_directions, refine
 from ..calibrate.intrinsics import LensSolution, solve_intrinsics
-from ..calibrate.lens_models import camera_of
+from ..calibrate.lens_models import LensModel, camera_of
 from ..camera import Camera
 from ..console import progress
 from ..errors import VbaaError
@@ -64,19 +64,31 @@ def plane_c() -> tuple[Pose, np.ndarray]:
 
 
 def error_mm(camera: Camera, truth: Camera) -> float:
-    """Rms distance on C between points and where the camera puts their pixels, mm; the pose of C is known exactly.
+    """Rms distance on C between points and where the camera puts their pixels, mm.
 
-    Points outside the true picture are left out; a pixel that has no ray counts as 100 mm.
+    The pose of C is solved with this camera from the same points, exactly seen, as a board in the jig gives it. Points
+    outside the true picture are left out; a pixel that has no ray counts as 100 mm.
     """
     T_camera_plane, points = plane_c()
-    pixels, valid = truth.project(T_camera_plane @ np.column_stack([points, np.zeros(len(points))]))
+    space = np.column_stack([points, np.zeros(len(points))])
+    pixels, valid = truth.project(T_camera_plane @ space)
     inside = valid & np.all((pixels > -0.5) & (pixels < np.array(truth.image_size) - 0.5), axis=1)
+    pose = _solved_pose(camera, T_camera_plane, Observation(space[inside], pixels[inside]))
     rays, seen = camera.unproject(pixels[inside])
-    normal, origin = T_camera_plane.rotation[:, 2], T_camera_plane.translation_m
+    normal, origin = pose.rotation[:, 2], pose.translation_m
     with np.errstate(all="ignore"):
         hits = rays * ((normal @ origin) / (rays @ normal))[:, None]
-    off = np.linalg.norm((hits - origin) @ T_camera_plane.rotation[:, :2] - points[inside], axis=1)
+    off = np.linalg.norm((hits - origin) @ pose.rotation[:, :2] - points[inside], axis=1)
     return 1e3 * float(np.sqrt(np.mean(np.where(seen & np.isfinite(off), np.minimum(off, 0.1), 0.1) ** 2)))
+
+
+def _solved_pose(camera: Camera, start: Pose, board: Observation) -> Pose:
+    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    model = LensModel("any", camera.model, len(camera.distortion), (), None)
+    fixed = free_directions(model)[:, :0]
+    vector = np.concatenate([start.rotvec_rad, start.translation_m])[None]
+    pose = refine(model, intrinsics, vector, [board], fixed).poses[0]
+    return Pose.from_rotvec(pose[:3], pose[3:])
 
 
 def solve_oracle(given: Draw) -> Camera:

@@ -1,4 +1,4 @@
-"""`vbaa stiffness TABLE.csv --load N --distance M`."""
+"""`vbaa stiffness TABLE.csv --force N --distance M`."""
 
 from __future__ import annotations
 
@@ -23,14 +23,12 @@ _FEW_READINGS = 8
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa stiffness`."""
     parser.add_argument("table", type=Path, help="CSV with the columns x_m,unloaded_y_m,loaded_y_m")
-    parser.add_argument(
-        "--load",
-        dest="force_N",
-        type=float,
-        required=True,
-        metavar="N",
-        help="the load in newtons, + along +y",
+    # here --force is newtons, and the front door's flag of that name gives way: --overwrite stands for it
+    load = parser.add_argument_group("load", conflict_handler="resolve")
+    load.add_argument(
+        "--force", "--load", dest="force_N", type=float, required=True, metavar="N", help="in newtons, + along +y"
     )
+    parser.add_argument("--overwrite", dest="force", action="store_true", help="replace stiffness.json if it exists")
     parser.add_argument(
         "--distance", dest="distance_m", type=float, required=True, metavar="M", help="clamp to load, in metres"
     )
@@ -58,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from .stiffness import solve_stiffness
 
     if args.output:
-        refuse_overwrite(args.output, args.force)
+        _refuse_overwrite(args.output, args.force)
     moment = _second_moment(args.diameter, args.second_moment, args.distance_m)
     if not 0.0 <= args.clamp_share <= 1.0:
         raise InputError(f"--clamp-share is {args.clamp_share:g}", remedy="give a share from 0 (rigid) to 1")
@@ -77,6 +75,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         say(f"wrote {args.output}")
         return {"output": str(args.output), **document}
     return document
+
+
+def _refuse_overwrite(path: Path, allowed: bool) -> None:
+    if path.is_file() and not allowed:
+        raise InputError("exists already", where=path, remedy="give --overwrite to replace it, or another name")
+    refuse_overwrite(path, allowed)
 
 
 def _second_moment(diameter_m: float | None, second_moment_m4: float | None, distance_m: float) -> float | None:

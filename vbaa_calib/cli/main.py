@@ -54,10 +54,11 @@ def _front_parser() -> _Parser:
 def _verb_parser(name: str) -> _Parser:
     module, line = VERBS[name]
     parser = _Parser(prog=f"vbaa {name}", description=line[0].upper() + line[1:] + ".", allow_abbrev=False)
-    importlib.import_module(module).configure(parser)
     parser.add_argument("--json", action="store_true", help="print the result's numbers as one JSON object on stdout")
     parser.add_argument("--force", action="store_true", help="replace outputs that exist already")
     parser.add_argument("--debug", action="store_true", help="show the whole traceback of an error")
+    # last, so that a verb may take one of these names for itself (`stiffness --force N`)
+    importlib.import_module(module).configure(parser)
     return parser
 
 
