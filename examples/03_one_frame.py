@@ -23,10 +23,13 @@ rig = Rig(
     covariance=np.diag(np.full(len(RIG_PARAMETERS), 1e-10)),
 )
 
-# What the camera would see and the sensor feel: a static rod, pushed at 150 mm by 40 mN.
+# What the camera would see and the sensor feel: a static rod, pushed at 150 mm by 40 mN, square to it (no friction).
 rod = Rod(length_m, stiffness_Nm2, stiffness_Nm2 / 1.3, mass_kg_m, Pose.identity(), np.zeros(2))
-force_N = np.array([[0.0, 0.035, -0.02]])
-shape = solve_rod(rod, gravity[None], np.array([0.15]), force_N)
+contact_m, force_N = np.array([0.15]), np.array([[0.0, 0.035, -0.02]])
+for _ in range(5):
+    shape = solve_rod(rod, gravity[None], contact_m, force_N)
+    tangent = sample_shape(shape, contact_m[:, None])[1][0, 0]
+    force_N[0, 0] = -(force_N[0, 1:] @ tangent[1:]) / tangent[0]
 points, _ = sample_shape(shape, np.linspace(0.0, length_m, 200)[None])
 seen = tilted.inverse() @ points[0]
 pixels = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), rig.camera.matrix, None)[0].reshape(-1, 2)
@@ -35,5 +38,6 @@ moment_Nm = -float(shape.clamp_moment_Nm[0, 1])
 
 contact = ContactEstimator(rig).estimate(pixels, moment=moment_Nm, pan=0.0, tilt=0.0)
 print(f"{contact.status}: l = {1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm (true 150)")
-print("force", (1e3 * contact.force_N).round(2), "±", (1e3 * contact.force_std_N).round(2), "mN (true 0, 35, −20)")
+print("force", (1e3 * contact.force_N).round(2), "±", (1e3 * contact.force_std_N).round(2), "mN")
+print("true ", (1e3 * force_N[0]).round(2))
 print("contact point in the world", (1e3 * contact.point_world_m).round(2), "mm;", contact.reason)

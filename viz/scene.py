@@ -176,7 +176,7 @@ def truth_object(truth: Mapping[str, Any], where: object = "truth.json") -> Trut
 def _numbers(value: Any, size: int, name: str, where: object, remedy: str) -> np.ndarray:
     try:
         array = np.array(value, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array(math.nan)
     if array.shape != (size,) or not np.isfinite(array).all():
         raise InputError(f"{name} is {value!r}", where=where, remedy=remedy)

@@ -83,6 +83,7 @@ def test_wrong_points_are_refused():
         ({"matrix": np.array([[900.0, 2.0, 0], [0, 900, 0], [0, 0, 1]])}, "skew"),
         ({"matrix": 2.0 * K}, "last row"),
         ({"matrix": "K"}, "numbers"),
+        ({"matrix": [[10**400, 0, 0], [0, 900, 0], [0, 0, 1]]}, "numbers"),
         ({"distortion": np.zeros(3)}, "0, 4, 5, 8, 12, 14"),
         ({"distortion": np.zeros((2, 2))}, r"\(2, 2\)"),
         ({"distortion": [0.1, np.inf, 0, 0]}, "infinity"),

@@ -40,7 +40,7 @@ def _small(**changes: Any) -> dict[str, Any]:
     camera["image_size"] = [320, 240]
     camera["matrix"] = [[334.7, 0.0, 158.5], [0.0, 333.7, 120.7], [0.0, 0.0, 1.0]]
     data["intrinsics"]["pictures"] = 2
-    data["jig"]["pictures"] = 1
+    data["jig"]["pictures"] = 2
     data["noload"] = data["noload"][:2]
     data["loads"] = data["loads"][:3]
     data["recording"]["sweeps"] = [data["recording"]["sweeps"][0] | {"frames": 4, "free_frames": 1}]
@@ -88,7 +88,7 @@ def test_the_session_reader_takes_what_was_written(written: Path) -> None:
     assert [frame.frame for frame in frames] == list(range(6))
     names = {str(path.relative_to(written)) for path in written.rglob("*.png")}
     assert sum(name.startswith("intrinsics/") for name in names) == 2
-    assert sum(name.startswith("plane/") for name in names) == 1
+    assert sum(name.startswith("plane/") for name in names) == 2
     for name in names:
         picture = cv2.imread(str(written / name), cv2.IMREAD_UNCHANGED)
         assert picture.shape == (240, 320)
@@ -112,6 +112,23 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(written: Path, 
     assert mine.keys() == other.keys()
     assert all(mine[name] != other[name] for name in mine if name.endswith((".png", ".csv")))
     assert mine["session.yaml"] == other["session.yaml"]
+
+
+def test_two_pictures_of_the_same_share_no_noise(written: Path) -> None:
+    paths = (written / f"plane/jig_00{index}.png" for index in (0, 1))
+    first, second = (cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(float) for path in paths)
+    # the noise of both, about 1.9 grey levels in the dark and 2.7 on the paper; and nothing else
+    assert 1.5 < np.std(first - second) < 3.5
+    assert abs(np.mean(first - second)) < 0.05
+
+
+def test_a_pause_lies_between_two_strokes() -> None:
+    scene, planned = _bundled("demo")
+    time_s = np.array([row["time_s"] for row in planned.tables["recording/recording.csv"]])
+    stroke = len(time_s) // 2
+    steps = np.full(len(time_s) - 1, 1.0 / scene.recording.rate_hz)
+    steps[stroke - 1] += scene.recording.pause_s
+    np.testing.assert_allclose(np.diff(time_s), steps, atol=1e-9)
 
 
 def test_the_truth_is_consistent(written: Path) -> None:
@@ -218,6 +235,8 @@ def test_thickness_moves_the_printed_face_toward_the_viewer(tmp_path: Path) -> N
         ({"object": _small()["object"] | {"center_world_m": [0.15, 2.0, 0.0]}}, "never meets the object"),
         ({"object": _small()["object"] | {"half_length_m": 0.001}}, "passes the object by"),
         ({"loads": []}, "loads is []"),
+        ({"moment_sensor": {"std_Nm": 10**400}}, "moment_sensor.std_Nm is 1000"),
+        ({"gravity_world": [0, 0, 10**400]}, "gravity_world is not a list of numbers"),
         ({"noload": 3}, "noload is 3"),
     ],
 )

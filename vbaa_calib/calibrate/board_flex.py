@@ -17,7 +17,7 @@ from .held_out import excess_in_errors, held_out_squares, rms_over
 from .lens_models import LensModel
 
 _SIGNIFICANCE = 1e-3
-_EXCESS = 3.0
+_GAIN = 3.0
 _LARGEST_PER_EXTENT = 0.05
 
 
@@ -29,17 +29,18 @@ class BoardFlex:
     ----------
     sagittas_m : (2,) along the board's x and y: how far the outer corners lie behind the middle (+z, away from the
         viewer). Reported also when they were not used.
-    std_m : (2,) their standard deviations; NaN where the views leave them open.
+    std_m : (2,) their standard deviations; None where the views leave them open.
     p_value : chance of sagittas this large on a flat board.
-    flat_held_out_rms_px, bent_held_out_rms_px : error on views that only had their poses fitted.
+    flat_held_out_rms_px, bent_held_out_rms_px : error on views that only had their poses
+        fitted; None where the sagittas are not significant.
     used : whether the lens was solved with a bent board. reason : why, in words.
     """
 
     sagittas_m: np.ndarray
-    std_m: np.ndarray
+    std_m: np.ndarray | None
     p_value: float
-    flat_held_out_rms_px: float
-    bent_held_out_rms_px: float
+    flat_held_out_rms_px: float | None
+    bent_held_out_rms_px: float | None
     used: bool
     reason: str
 
@@ -70,44 +71,43 @@ def judge_flex(
 
     bundle : a solution of this lens, with or without a bent board.
     """
-    fits = {}
-    for flex in (False, True):
-        directions = free_directions(model, square_pixels, flex)
-        start = bundle.sagittas_m if flex else np.zeros(FLEX)
-        fits[flex] = refine(
-            model, bundle.intrinsics, bundle.poses, observations, directions, sagittas_m=start, iterations=60
-        )
-    squares = {
-        flex: held_out_squares(model, fit, observations, free_directions(model, square_pixels, flex))
-        for flex, fit in fits.items()
-    }
-    covariance = shared_covariance(model, fits[True], observations, free_directions(model, square_pixels, True))
-    sagittas = fits[True].sagittas_m
-    std, p_value = np.full(FLEX, np.nan), 1.0
-    if covariance is not None:
-        own = covariance[-FLEX:, -FLEX:]
-        std, p_value = np.sqrt(np.diag(own)), float(chi2.sf(sagittas @ np.linalg.solve(own, sagittas), FLEX))
-    rms = {flex: rms_over(values, observations) for flex, values in squares.items()}
-    used, reason = _verdict(sagittas, covariance is None, p_value, rms, squares, observations)
-    return BoardFlex(sagittas, std, p_value, rms[False], rms[True], used, reason)
-
-
-def _verdict(
-    sagittas: np.ndarray,
-    is_open: bool,
-    p_value: float,
-    rms: dict[bool, float],
-    squares: dict[bool, np.ndarray],
-    observations: Sequence[Observation],
-) -> tuple[bool, str]:
-    extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
-    held_out = f"{rms[True]:.4f} px on held-out views against {rms[False]:.4f} px flat"
-    if is_open:
-        return False, "the views do not tell a bent board from a flat one"
+    bent = _fit(model, bundle, observations, square_pixels, flex=True)
+    sagittas = bent.sagittas_m
+    covariance = shared_covariance(model, bent, observations, free_directions(model, square_pixels, True))
+    if covariance is None:
+        return BoardFlex(sagittas, None, 1.0, None, None, False, "the views do not tell a bent board from a flat one")
+    own = covariance[-FLEX:, -FLEX:]
+    std, p_value = np.sqrt(np.diag(own)), float(chi2.sf(sagittas @ np.linalg.solve(own, sagittas), FLEX))
     if p_value > _SIGNIFICANCE:
-        return False, f"a flat board explains the corners (chance of this much by noise: {p_value:.2g})"
+        reason = f"a flat board explains the corners (chance of this much by noise: {p_value:.2g})"
+        return BoardFlex(sagittas, std, p_value, None, None, False, reason)
+    flat = _fit(model, bundle, observations, square_pixels, flex=False)
+    squares = [
+        held_out_squares(model, fit, observations, free_directions(model, square_pixels, flex))
+        for fit, flex in ((flat, False), (bent, True))
+    ]
+    flat_rms, bent_rms = (rms_over(own, observations) for own in squares)
+    gain = excess_in_errors(*squares)
+    errors = f"{bent_rms:.3f} px on held-out views against {flat_rms:.3f} px flat, {gain:.1f} standard errors"
+    extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
     if np.abs(sagittas).max() > _LARGEST_PER_EXTENT * extent:
-        return False, f"{1e3 * np.abs(sagittas).max():.1f} mm is more than a board bends: another error looks like it"
-    if excess_in_errors(squares[False], squares[True]) <= _EXCESS:
-        return False, f"a bent board does not predict views better ({held_out})"
-    return True, f"significant, and it predicts views better ({held_out})"
+        most = 1e3 * np.abs(sagittas).max()
+        reason = f"{most:.1f} mm is more than a board bends: another error looks like it"
+        return BoardFlex(sagittas, std, p_value, flat_rms, bent_rms, False, reason)
+    if gain <= _GAIN:
+        reason = f"a bent board does not predict views clearly better ({errors})"
+        return BoardFlex(sagittas, std, p_value, flat_rms, bent_rms, False, reason)
+    return BoardFlex(sagittas, std, p_value, flat_rms, bent_rms, True, f"it predicts views better ({errors})")
+
+
+def _fit(
+    model: LensModel, bundle: Bundle, observations: Sequence[Observation], square_pixels: bool, flex: bool
+) -> Bundle:
+    return refine(
+        model,
+        bundle.intrinsics,
+        bundle.poses,
+        observations,
+        free_directions(model, square_pixels, flex),
+        sagittas_m=bundle.sagittas_m if flex else np.zeros(FLEX),
+    )

@@ -17,7 +17,7 @@ from .board_flex import BoardFlex, observations_of
 from .bundle import FLEX, Observation, shared_covariance
 from .lens_choice import Candidate
 from .lens_models import LENS_MODELS, camera_matrix, is_monotonic
-from .lens_solve import LensFit, decide, screened
+from .lens_solve import LensFit, decide, screen
 from .lens_verdict import lens_warnings, verdict
 from .view_screening import DroppedView, usable_views
 
@@ -101,8 +101,8 @@ def solve_intrinsics(
     observations = observations_of(usable, spec)
     _require_enough(observations, dropped, model)
     size = usable[0].image_size
-    start = screened(observations, size, model, square_pixels, min_corners)
-    _require_enough(start[1].of(observations), [*dropped, *_contradicting(usable, start[1].views)], model)
+    start = screen(observations, size, model, square_pixels, min_corners)
+    _require_enough(start.inliers.of(observations), [*dropped, *_contradicting(usable, start.inliers.views)], model)
     fit = decide(start, observations, size, model, square_pixels, min_corners)
     dropped += _contradicting(usable, fit.inliers.views)
     good = fit.inliers.of(observations)

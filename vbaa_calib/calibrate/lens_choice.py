@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,27 +72,29 @@ def choose_lens(
     observations: Sequence[Observation],
     image_size: tuple[int, int],
     square_pixels: bool = False,
-    known: dict[str, Bundle] | None = None,
     flex: bool = False,
-) -> tuple[LensModel, tuple[Candidate, ...]]:
-    """The lens model that the views ask for, and the comparison it rests on.
+    warm: Mapping[str, Bundle] | None = None,
+) -> tuple[LensModel, Bundle, tuple[Candidate, ...]]:
+    """The lens model that the views ask for, its solution, and the comparison it rests on.
 
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. Taken is
     the first in order of complexity whose held-out error is within one standard error (over views), or 0.2 %, of the best. A
     model that folds inside the picture is passed over unless every other is 10 % worse, one whose halves disagree unless
     every other is 2 % worse; one that the views leave open is left out.
+
+    warm : solutions by model name for nearly the same corners, to start from.
     """
-    known = {} if known is None else known
+    known: dict[str, Bundle] = {}
     errors, candidates = {}, []
     for name in CANDIDATES:
         model, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex)
-        bundle = fit_lens(model, observations, image_size, square_pixels, known, flex)
+        bundle = fit_lens(model, observations, image_size, square_pixels, known, flex, warm)
         if lens_covariance(model, bundle, observations, directions) is None:
             continue
         candidate, errors[name] = assess(model, bundle, observations, image_size, directions)
         candidates.append(candidate)
     chosen = _simplest_good(candidates, errors) if candidates else CANDIDATES[0]
-    return LENS_MODELS[chosen], tuple(candidates)
+    return LENS_MODELS[chosen], known[chosen], tuple(candidates)
 
 
 def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:

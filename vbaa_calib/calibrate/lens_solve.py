@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .board_flex import BoardFlex, judge_flex
-from .bundle import Bundle, Observation, free_directions, refine
+from .bundle import FLEX, Bundle, Observation, free_directions, refine
 from .lens_choice import Candidate, assess, choose_lens
 from .lens_models import LENS_MODELS, LensModel
 from .lens_start import fit_lens
@@ -39,13 +39,23 @@ class LensFit:
     directions: np.ndarray
 
 
-def screened(
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """The good corners under a first lens, that lens' solution over them, and solutions of others to start from."""
+
+    lens: LensModel
+    inliers: Inliers
+    bundle: Bundle
+    warm: dict[str, Bundle]
+
+
+def screen(
     observations: Sequence[Observation],
     image_size: tuple[int, int],
     model: str,
     square_pixels: bool,
     min_corners: int,
-) -> tuple[LensModel, Inliers, Bundle]:
+) -> Screened:
     """The good corners under the lens given, or under the best of `SCREENING` for "auto"; the board may be bent.
 
     Which lens is best is told by the median corner of a robust fit, which outliers do not move.
@@ -60,11 +70,13 @@ def screened(
         )
     best = min(robust, key=lambda name: robust[name].sigma_px)
     lens, directions = LENS_MODELS[best], free_directions(LENS_MODELS[best], square_pixels, flex=True)
-    return lens, *fit_without_outliers(lens, robust[best], observations, directions, min_corners)
+    inliers, bundle = fit_without_outliers(lens, robust[best], observations, directions, min_corners)
+    warm = {name: replace(fit, poses=fit.poses[inliers.views]) for name, fit in (known | robust).items()}
+    return Screened(lens, inliers, bundle, warm)
 
 
 def decide(
-    start: tuple[LensModel, Inliers, Bundle],
+    start: Screened,
     observations: Sequence[Observation],
     image_size: tuple[int, int],
     model: str,
@@ -72,23 +84,24 @@ def decide(
     min_corners: int,
 ) -> LensFit:
     """Bend of the board, lens model, and once more the outliers under them, until neither decision changes."""
-    lens, inliers, bundle = start
-    before = None
+    lens, inliers, bundle, warm = start.lens, start.inliers, start.bundle, start.warm
+    comparison: tuple[Candidate, ...] = ()
+    decided = None
     for _ in range(_ROUNDS):
         good = inliers.of(observations)
         flex = judge_flex(lens, bundle, good, square_pixels)
-        decision = (lens.name, flex.used)
-        if decision == before:
+        if decided == (lens.name, flex.used):
             break
-        known: dict[str, Bundle] = {}
         if model == "auto":
-            lens, comparison = choose_lens(good, image_size, square_pixels, known, flex.used)
-        fitted = fit_lens(lens, good, image_size, square_pixels, known, flex.used)
+            lens, bundle, comparison = choose_lens(good, image_size, square_pixels, flex.used, warm)
+        decided = (lens.name, flex.used)
         directions = free_directions(lens, square_pixels, flex.used)
         whole = [observations[index] for index in inliers.views]
-        within, bundle = fit_without_outliers(lens, fitted, whole, directions, min_corners)
+        if not flex.used:
+            bundle = replace(bundle, sagittas_m=np.zeros(FLEX))
+        within, bundle = fit_without_outliers(lens, bundle, whole, directions, min_corners)
         inliers = Inliers(inliers.views[within.views], within.masks)
-        before = (lens.name, flex.used)
+        warm = {name: replace(fit, poses=fit.poses[within.views]) for name, fit in warm.items()}
     if model != "auto":
         comparison = (assess(lens, bundle, inliers.of(observations), image_size, directions)[0],)
     return LensFit(lens, bundle, inliers, flex, comparison, directions)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
 
-from .bundle import Bundle, Observation, free_directions, refine
+from .bundle import FLEX, Bundle, Observation, free_directions, refine
 from .lens_models import LENS_MODELS, LensModel, camera_matrix
 
 _FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)
@@ -22,19 +22,28 @@ def fit_lens(
     square_pixels: bool = False,
     known: dict[str, Bundle] | None = None,
     flex: bool = False,
+    warm: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
     """The best solution of one lens model over all starts.
 
     known : solutions by model name; used as starts, and filled with those found on the way.
     flex : solve for the board's sagittas too.
+    warm : solutions by model name for nearly the same corners; where there is one it is the only start.
     """
     known = {} if known is None else known
     if model.name in known:
         return known[model.name]
     directions = free_directions(model, square_pixels, flex)
+    if warm and model.name in warm:
+        near = warm[model.name]
+        sagittas = near.sagittas_m if flex else np.zeros(FLEX)
+        known[model.name] = refine(
+            model, near.intrinsics, near.poses, observations, directions, sagittas_m=sagittas
+        )
+        return known[model.name]
     starts = []
     if model.simpler is not None:
-        simpler = fit_lens(LENS_MODELS[model.simpler], observations, image_size, square_pixels, known, flex)
+        simpler = fit_lens(LENS_MODELS[model.simpler], observations, image_size, square_pixels, known, flex, warm)
         starts.append((_widened(simpler.intrinsics, model), simpler.poses))
     if model.name in _FROM_FOCALS:
         for focal in _focal_starts(observations, image_size):

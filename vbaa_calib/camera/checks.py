@@ -68,7 +68,7 @@ def checked_covariance(covariance: Any, count: int) -> np.ndarray:
 def _numbers(values: Any, name: str) -> np.ndarray:
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is not an array of numbers", remedy="give finite numbers") from None
     if not np.isfinite(array).all():
         raise InputError(f"{name} has NaN or infinity in it", remedy="give finite numbers")

@@ -221,7 +221,7 @@ def _uneven(lines: _Lines, clean: np.ndarray, noise: float) -> float:
     if clean.sum() < 8:
         return 1.0
     even = noise * lines.unit_centre[clean]
-    return float(np.clip(np.sqrt((lines.own_centre[clean] ** 2).sum() / (even**2).sum()), 0.5, 3.0))
+    return float(np.clip(np.sqrt((lines.own_centre[clean] ** 2).sum() / (even**2).sum()), 0.3, 3.0))
 
 
 def _only(found: _Crossings, chosen: np.ndarray) -> _Crossings:

@@ -15,6 +15,13 @@ from ..geometry import Pose
 from ..session import read_pose
 
 
+def _is_finite(value: int | float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond the largest float
+        return False
+
+
 @dataclass(frozen=True)
 class Section:
     """One mapping of a scene file.
@@ -59,7 +66,7 @@ class Section:
     def number(self, key: str, low: float = -math.inf, high: float = math.inf, default: float | None = None) -> float:
         """A finite number in [low, high]."""
         value = self.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
             raise self.wrong(key, f"is {value!r}", "a finite number is needed")
         if not low <= value <= high:
             raise self.wrong(key, f"is {value:g}", f"a number from {low:g} to {high:g} is needed")
@@ -85,7 +92,7 @@ class Section:
         sizes = " × ".join("n" if length < 0 else str(length) for length in shape)
         try:
             array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise self.wrong(key, "is not a list of numbers", f"{sizes} numbers are needed") from None
         fits = array.ndim == len(shape) and all(w in (-1, h) for w, h in zip(shape, array.shape, strict=True))
         if not fits or not np.isfinite(array).all():
@@ -102,10 +109,11 @@ class Section:
     def direction(self, key: str) -> np.ndarray:
         """A unit vector (3,); the file may give it at any length."""
         vector = self.array(key, (3,))
-        length = float(np.linalg.norm(vector))
-        if length < 1e-9:
+        largest = float(np.abs(vector).max())
+        if largest < 1e-9:
             raise self.wrong(key, "has no length", "a direction in x, y, z is needed")
-        return vector / length
+        # scaled first: the square of a huge number is none
+        return vector / largest / np.linalg.norm(vector / largest)
 
     def pose(self, key: str) -> Pose:
         """{translation_m: [x, y, z], rotation_xyzw: [x, y, z, w]}."""

@@ -1,0 +1,180 @@
+"""The estimator's antenna against the static rod, the paper's beam and its own symmetries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib.antenna import linear
+from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from vbaa_calib.antenna.shape import CONTACT, Curves, aligned_arclength, bend
+from vbaa_calib.geometry import Pose
+
+LENGTH, EI, MASS = 0.24, 3.9e-3, 3.97e-3
+STRAIGHT = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.log(EI), np.log(MASS)])
+WEIGHTLESS = np.zeros((1, 3))
+
+
+def cases(count: int, slope_deg: float, seed: int, nearest_m: float = 0.2 * LENGTH) -> dict[str, np.ndarray]:
+    """Clamped askew, bowed, heavy, and loaded to about this slope at the contact."""
+    rng = np.random.default_rng(seed)
+    parameters = np.tile(STRAIGHT, (count, 1))
+    parameters[:, :6] = rng.normal(size=(count, 6)) * [5e-4, 5e-4, 0.02, 0.02, 0.12, 0.12]
+    gravity = rng.normal(size=(count, 3))
+    contact = rng.uniform(nearest_m, LENGTH, count)
+    angle = rng.uniform(-np.pi, np.pi, count)
+    size = 2 * EI * np.tan(np.radians(slope_deg)) / contact**2
+    return {
+        "parameters": parameters,
+        "gravity_m_s2": 9.80665 * gravity / np.linalg.norm(gravity, axis=1, keepdims=True),
+        "contact_m": contact,
+        "force_N": size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1),
+    }
+
+
+def rods(case: dict[str, np.ndarray], force_N: np.ndarray) -> list[RodShape]:
+    """The same antennas as static rods with forces (B, 3)."""
+    shapes = []
+    for index, (y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass) in enumerate(case["parameters"]):
+        stiffness = np.exp(log_stiffness)
+        clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
+        rod = Rod(LENGTH, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array([bow_y, bow_z]))
+        one = slice(index, index + 1)
+        shapes.append(solve_rod(rod, case["gravity_m_s2"][one], case["contact_m"][one], force_N[one]))
+    return shapes
+
+
+def worst_error_m(curves: Curves, shapes: list[RodShape]) -> np.ndarray:
+    """(B,) greatest distance between curve and rod at equal arc length."""
+    at = [sample_shape(shape, s[None])[0][0] for shape, s in zip(shapes, curves.arclength_m, strict=True)]
+    return np.linalg.norm(np.array(at) - curves.points_m, axis=2).max(axis=1)
+
+
+def moments(shapes: list[RodShape]) -> np.ndarray:
+    """(B,) the paper's τ_y: minus the right-handed moment about y."""
+    return np.array([-shape.clamp_moment_Nm[0, 1] for shape in shapes])
+
+
+@pytest.mark.parametrize("dead", [True, False])
+def test_agrees_with_the_rod_at_twenty_degrees(dead: bool) -> None:
+    case = cases(12, 20.0, seed=1)
+    curves = {sweeps: bend(**case, length_m=LENGTH, dead=dead, sweeps=sweeps) for sweeps in (0, 1, 2, 3, 4)}
+    lateral = np.concatenate([np.zeros((12, 1)), case["force_N"]], axis=1)
+    if dead:
+        np.testing.assert_allclose(curves[4].force_N, lateral, atol=1e-15)
+    shapes = rods(case, curves[4].force_N)
+    errors = {sweeps: np.median(worst_error_m(curve, shapes)) for sweeps, curve in curves.items()}
+    for sweeps in (0, 1, 2):
+        assert errors[sweeps + 1] < 0.2 * errors[sweeps], errors
+    assert worst_error_m(curves[4], shapes).max() < 1e-5
+    assert worst_error_m(curves[3], shapes).max() < 3e-5
+    np.testing.assert_allclose(curves[4].moment_Nm, moments(shapes), atol=1e-7)
+
+
+def test_a_contact_without_friction_pushes_along_the_normal() -> None:
+    case = cases(12, 20.0, seed=2)
+    curves = bend(**case, length_m=LENGTH, sweeps=4)
+    tangent = curves.tangents[:, CONTACT]
+    size = np.linalg.norm(case["force_N"], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(curves.force_N, axis=1), size, rtol=1e-12)
+    np.testing.assert_allclose((tangent * curves.force_N).sum(axis=1) / size, 0.0, atol=2e-5)
+    np.testing.assert_allclose(np.linalg.norm(curves.tangents, axis=2), 1.0, atol=1e-12)
+
+
+def test_weight_alone_is_a_sagging_rod() -> None:
+    case = cases(6, 10.0, seed=3) | {"force_N": np.zeros((6, 2))}
+    curves = bend(**case, length_m=LENGTH, sweeps=4)
+    shapes = rods(case, np.zeros((6, 3)))
+    assert worst_error_m(curves, shapes).max() < 1e-6
+    np.testing.assert_allclose(curves.moment_Nm, moments(shapes), atol=1e-8)
+    np.testing.assert_array_equal(curves.force_N, 0.0)
+
+
+@pytest.mark.parametrize("contact", [0.05, 0.15, 0.239])
+def test_tiny_loads_are_the_papers_beam(contact: float) -> None:
+    force = np.array([[2e-6, -1e-6]])
+    curves = bend(STRAIGHT[None], LENGTH, WEIGHTLESS, np.array([contact]), force)
+    s = curves.arclength_m[0]
+    for axis in (0, 1):
+        beam = linear.deflection(s, contact, force[0, axis], EI)
+        np.testing.assert_allclose(curves.points_m[0, :, 1 + axis], beam, atol=1e-6 * np.abs(beam).max())
+    np.testing.assert_allclose(curves.points_m[0, :, 0], s, atol=1e-12)
+    assert curves.moment_Nm[0] == pytest.approx(linear.clamp_moment(contact, force[0, 1]), rel=1e-6)
+
+
+def test_moment_is_plus_lever_times_force_z() -> None:
+    """τ_y = + l·f_z for a force on a straight antenna, and the weight's τ_y has the sign of the weight's z."""
+    touched = bend(STRAIGHT[None], LENGTH, WEIGHTLESS, np.array([0.1]), np.array([[0.0, 1e-4]]))
+    assert touched.moment_Nm[0] == pytest.approx(1e-5, rel=1e-4)
+    sagging = bend(STRAIGHT[None], LENGTH, np.array([[0.0, 0.0, -9.80665]]), np.array([0.1]), np.zeros((1, 2)))
+    assert sagging.moment_Nm[0] == pytest.approx(-linear.weight_clamp_moment(LENGTH, MASS * 9.80665), rel=1e-3)
+    raised = STRAIGHT + np.array([0.0, 0.01, 0, 0, 0, 0, 0, 0])
+    lifted = bend(raised[None], LENGTH, WEIGHTLESS, np.array([0.1]), np.array([[0.0, 1e-4]]))
+    assert lifted.moment_Nm[0] == pytest.approx(touched.moment_Nm[0], rel=1e-3)
+
+
+def test_a_batch_is_a_loop() -> None:
+    case = cases(5, 15.0, seed=4)
+    together = bend(**case, length_m=LENGTH)
+    for index in range(5):
+        alone = bend(**{name: values[index : index + 1] for name, values in case.items()}, length_m=LENGTH)
+        for name, values in vars(alone).items():
+            np.testing.assert_allclose(getattr(together, name)[index], values[0], rtol=1e-12, atol=1e-15, err_msg=name)
+    picked = together.picked(np.array([3, 3, 0]))
+    np.testing.assert_array_equal(picked.points_m, together.points_m[[3, 3, 0]])
+    np.testing.assert_array_equal(picked.contact_m, together.points_m[[3, 3, 0], CONTACT])
+
+
+def test_contact_at_the_very_tip() -> None:
+    case = cases(4, 15.0, seed=5, nearest_m=LENGTH) | {"contact_m": np.full(4, LENGTH)}
+    curves = bend(**case, length_m=LENGTH, sweeps=4)
+    assert (np.diff(curves.arclength_m, axis=1) > 0).all()
+    assert worst_error_m(curves, rods(case, curves.force_N)).max() < 1e-5
+    just_inside = bend(**(case | {"contact_m": np.full(4, LENGTH * (1 - 1e-5))}), length_m=LENGTH, sweeps=4)
+    np.testing.assert_allclose(curves.points_m, just_inside.points_m, atol=1e-5)
+
+
+def test_no_force_is_the_limit_of_small_ones_from_any_side() -> None:
+    """Where the elastica's plane is undefined nothing may jump: finite differences start there."""
+    case = cases(1, 0.0, seed=6)
+    none = bend(**(case | {"force_N": np.zeros((1, 2))}), length_m=LENGTH, sweeps=3)
+    for angle in np.linspace(-np.pi, np.pi, 7):
+        tiny = 1e-9 * np.array([[np.cos(angle), np.sin(angle)]])
+        near = bend(**(case | {"force_N": tiny}), length_m=LENGTH, sweeps=3)
+        np.testing.assert_allclose(near.points_m, none.points_m, atol=1e-9)
+
+
+def test_the_opposite_force_mirrors_a_straight_antenna() -> None:
+    force = np.array([[0.08, -0.03]])
+    there = bend(STRAIGHT[None], LENGTH, WEIGHTLESS, np.array([0.16]), force)
+    back = bend(STRAIGHT[None], LENGTH, WEIGHTLESS, np.array([0.16]), -force)
+    np.testing.assert_allclose(back.points_m, there.points_m * [1, -1, -1], atol=1e-14)
+    np.testing.assert_allclose(back.moment_Nm, -there.moment_Nm, atol=1e-15)
+
+
+@pytest.mark.parametrize("dead", [True, False])
+def test_turning_everything_about_x_turns_the_shape(dead: bool) -> None:
+    case = cases(4, 15.0, seed=7)
+    angle = 1.1
+    turn = Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
+    pairs = turn[1:, 1:].T
+    parameters = case["parameters"].copy()
+    for first in (0, 2, 4):
+        parameters[:, first : first + 2] = parameters[:, first : first + 2] @ pairs
+    turned = {
+        "parameters": parameters,
+        "gravity_m_s2": case["gravity_m_s2"] @ turn.T,
+        "contact_m": case["contact_m"],
+        "force_N": case["force_N"] @ pairs,
+    }
+    here, there = (bend(**which, length_m=LENGTH, dead=dead, sweeps=3) for which in (case, turned))
+    np.testing.assert_allclose(there.points_m, here.points_m @ turn.T, atol=1e-10)
+    np.testing.assert_allclose(there.force_N, here.force_N @ turn.T, atol=1e-10)
+
+
+def test_nodes_meet_at_the_contact() -> None:
+    s = aligned_arclength(np.array([0.05, 0.2]), LENGTH)
+    np.testing.assert_allclose(s[:, CONTACT], [0.05, 0.2])
+    np.testing.assert_allclose(s[:, [0, -1]], [[0.0, LENGTH]] * 2)
+    assert (np.diff(s, axis=1) > 0).all()

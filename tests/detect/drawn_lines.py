@@ -1,0 +1,80 @@
+"""Antialiased tubes drawn here, not by the simulator: blurred, on uneven light, with noise."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+SIZE = (240, 320)
+"""(height, width) of the pictures."""
+_FINE = 6
+
+
+def background(rng: np.random.Generator, clutter: float = 6.0, size: tuple[int, int] = SIZE) -> np.ndarray:
+    """(H, W) grey levels: a slope of light, soft blots and a few blurred edges."""
+    height, width = size
+    v, u = np.mgrid[:height, :width]
+    picture = 60.0 + 25.0 * u / width - 15.0 * v / height
+    for cells in (5, 12):
+        picture = picture + clutter * cv2.resize(rng.normal(size=(cells, cells)), (width, height), interpolation=2)
+    for _ in range(6):
+        corner, span = rng.uniform(0, [width, height]).astype(int), rng.uniform(10, 90, 2).astype(int)
+        blot = np.zeros(size)
+        cv2.rectangle(blot, corner.tolist(), (corner + span).tolist(), float(clutter * rng.normal()), -1)
+        picture += cv2.GaussianBlur(blot, (0, 0), 2.0)
+    return picture
+
+
+def tube(
+    path_px: np.ndarray, width_px: float, height: float, blur_px: float = 0.8, size: tuple[int, int] = SIZE
+) -> np.ndarray:
+    """(H, W) grey levels of a shaded tube along a polyline (K, 2): distances on a fine grid, blurred, then averaged."""
+    rows, columns = size
+    step = (np.arange(_FINE * max(size)) + 0.5) / _FINE - 0.5
+    nearest = np.full((_FINE * rows, _FINE * columns), np.inf)
+    for a, b in zip(path_px[:-1], path_px[1:], strict=True):
+        along = b - a
+        low, high = np.minimum(a, b) - width_px, np.maximum(a, b) + width_px
+        u, v = ((step[: _FINE * n] >= low[i]) & (step[: _FINE * n] <= high[i]) for i, n in ((0, columns), (1, rows)))
+        here = np.ix_(v, u)
+        du, dv = step[: _FINE * columns][u][None] - a[0], step[: _FINE * rows][v][:, None] - a[1]
+        share = np.clip((du * along[0] + dv * along[1]) / (along @ along), 0.0, 1.0)
+        nearest[here] = np.minimum(nearest[here], np.hypot(du - share * along[0], dv - share * along[1]))
+    across = nearest / (0.5 * width_px)
+    shade = np.where(across < 1.0, 0.4 + 0.6 * np.sqrt(np.clip(1.0 - across**2, 0.0, None)), 0.0)
+    blurred = cv2.GaussianBlur(shade, (0, 0), blur_px * _FINE)
+    return height * blurred.reshape(rows, _FINE, columns, _FINE).mean(axis=(1, 3))
+
+
+def exposed(brightness: np.ndarray, rng: np.random.Generator, noise: float = 1.5) -> np.ndarray:
+    """(H, W) float32: noise and whole grey levels."""
+    noisy = brightness + rng.normal(0.0, noise, brightness.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.float32)
+
+
+def straight(angle_deg: float, length_px: float = 180.0, middle: tuple[float, float] = (158.3, 119.6)) -> np.ndarray:
+    """(2, 2) ends of a straight line through the picture's middle."""
+    half = 0.5 * length_px * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    return np.array([np.array(middle) - half, np.array(middle) + half])
+
+
+def bent(start: tuple[float, float], angle_deg: float, turn_deg: float, length_px: float = 220.0) -> np.ndarray:
+    """(K, 2) a line whose direction turns evenly by so much from clamp to tip."""
+    share = np.linspace(0.0, 1.0, 80)
+    heading = np.radians(angle_deg + turn_deg * share)
+    step = length_px / 79 * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    return np.array(start) + np.concatenate([np.zeros((1, 2)), np.cumsum(step[:-1], axis=0)])
+
+
+def aside(path_px: np.ndarray, points_px: np.ndarray) -> np.ndarray:
+    """(N,) signed distance of points from a polyline, positive to the right of its direction in the picture."""
+    best, signed = np.full(len(points_px), np.inf), np.zeros(len(points_px))
+    for a, b in zip(path_px[:-1], path_px[1:], strict=True):
+        along = (b - a) / np.linalg.norm(b - a)
+        offset = points_px - a
+        share = np.clip(offset @ along, 0.0, np.linalg.norm(b - a))
+        distance = np.linalg.norm(offset - share[:, None] * along, axis=1)
+        nearer = distance < best
+        best[nearer] = distance[nearer]
+        signed[nearer] = (along[0] * offset[:, 1] - along[1] * offset[:, 0])[nearer]
+    return signed

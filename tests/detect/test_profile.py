@@ -1,0 +1,125 @@
+"""The measured centreline against lines drawn by the tests: bias, honest deviations, gaps, edges, and no line at all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vbaa_calib.detect.corridor import Corridor, trace
+from vbaa_calib.detect.profile import Centreline, measure
+
+from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
+
+WIDTH_PX = 2.3
+
+
+def dense(path_px: np.ndarray) -> np.ndarray:
+    """(K, 2) a polyline with a point every two pixels."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path_px, axis=0), axis=1))])
+    at = np.arange(0.0, along[-1], 2.0)
+    return np.stack([np.interp(at, along, path_px[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def measured(path_px: np.ndarray, rng: np.random.Generator, off_px: float = 0.7, **changes: float) -> Centreline:
+    """A line drawn on clutter and measured along a guide that lies a little aside."""
+    picture = background(rng, changes.get("clutter", 2.0)) + tube(path_px, WIDTH_PX, changes.get("height", 110.0))
+    return measure(exposed(picture, rng, changes.get("noise", 1.5)), dense(path_px) + [0.0, off_px], WIDTH_PX)
+
+
+@pytest.mark.parametrize("angle_deg", [0.4, 7.0, 30.0, 45.0, 60.0, 90.0, 133.0, 180.0, 271.0])
+def test_straight_lines_at_any_angle(angle_deg: float) -> None:
+    line = measured(straight(angle_deg), np.random.default_rng(int(angle_deg * 10)))
+    assert line.found
+    assert line.seen > 0.9
+    error = aside(straight(angle_deg), line.points_px)
+    assert abs(error.mean()) < 0.02
+    assert np.abs(error).max() < 0.25
+    along = line.points_px @ np.diff(straight(angle_deg), axis=0)[0]
+    assert (np.diff(along) > 0).all(), "ordered from clamp to tip"
+
+
+def test_bias_and_spread_over_many_lines() -> None:
+    """No bias, and the deviations that are claimed, also where the line's own light brings the noise."""
+    rng = np.random.default_rng(1)
+    errors, claims = [], []
+    for index in range(12):
+        path = bent((40.0, 60.0 + rng.uniform(0, 1)), rng.uniform(-5, 20), rng.uniform(0, 50))
+        light = background(rng, 1.0) + tube(path, WIDTH_PX, rng.uniform(60, 150))
+        shot = np.sqrt(1.0 + light / 25.0) if index % 2 else 1.8
+        line = measure(exposed(light + rng.normal(0, 1, SIZE) * shot, rng, 0.0), dense(path) + 0.5, WIDTH_PX)
+        assert line.found
+        errors.append(aside(path, line.points_px))
+        claims.append(line.sigma_px)
+    assert abs(np.concatenate(errors).mean()) < 0.005
+    ratio = [np.std(error) / np.sqrt((claim**2).mean()) for error, claim in zip(errors, claims, strict=True)]
+    assert 0.7 < min(ratio)
+    assert max(ratio) < 1.3
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.1)
+    assert np.sqrt((np.concatenate(claims) ** 2).mean()) < 0.06
+
+
+@pytest.mark.parametrize("width_px", [1.2, 4.0, 8.0])
+def test_thin_and_thick_lines(width_px: float) -> None:
+    rng = np.random.default_rng(2)
+    path = bent((40.0, 60.0), 5.0, 30.0)
+    line = measure(exposed(background(rng, 1.0) + tube(path, width_px, 110.0), rng), dense(path) + 0.5, width_px)
+    assert line.seen > 0.9
+    error = aside(path, line.points_px)
+    assert abs(error.mean()) < 0.02
+    assert 0.6 < np.std(error) / line.sigma_px.mean() < 1.4
+
+
+def test_a_dark_line_on_a_bright_ground() -> None:
+    rng = np.random.default_rng(3)
+    path = straight(20.0)
+    picture = exposed(background(rng, 1.0) + 120.0 - tube(path, WIDTH_PX, 90.0), rng)
+    line = measure(picture, dense(path) + 0.5, WIDTH_PX, bright=False)
+    assert line.seen > 0.9
+    assert abs(aside(path, line.points_px).mean()) < 0.02
+    assert not measure(picture, dense(path) + 0.5, WIDTH_PX, bright=True).found
+
+
+@pytest.mark.parametrize("brightness", [20.0, 180.0])
+def test_what_hides_the_antenna_leaves_a_gap_and_draws_nothing_aside(brightness: float) -> None:
+    rng = np.random.default_rng(4)
+    path = straight(10.0)
+    picture = background(rng, 1.0) + tube(path, WIDTH_PX, 110.0)
+    picture[:, 140:175] = brightness
+    line = measure(exposed(picture, rng), dense(path) + 0.5, WIDTH_PX)
+    u = line.points_px[:, 0]
+    assert not ((u > 140) & (u < 174)).any()
+    assert ((u < 135).sum() > 50) & ((u > 180).sum() > 50)
+    assert np.abs(aside(path, line.points_px)).max() < 0.25
+
+
+def test_a_line_that_leaves_the_picture() -> None:
+    rng = np.random.default_rng(5)
+    path = straight(0.0, 180.0, (270.0, 119.6))
+    line = measured(path, rng)
+    assert line.found
+    assert line.points_px[:, 0].max() <= SIZE[1] - 1
+    assert line.points_px[:, 0].max() > SIZE[1] - 8
+    assert np.abs(aside(path, line.points_px)).max() < 0.25
+    assert line.seen < 0.85
+
+
+def test_a_guide_outside_the_picture_or_too_short_finds_nothing() -> None:
+    picture = exposed(background(np.random.default_rng(6)), np.random.default_rng(6))
+    for guide in (np.array([[-300.0, 50.0], [-100.0, 60.0]]), np.array([[50.0, 50.0], [52.0, 50.0]]), np.empty((0, 2))):
+        line = measure(picture, guide, WIDTH_PX)
+        assert not line.found
+        assert len(line.points_px) == 0
+
+
+def test_noise_and_clutter_are_no_antenna() -> None:
+    """The whole way, path and measurement, over pictures of everything but an antenna."""
+    found = []
+    for seed in range(60):
+        rng = np.random.default_rng(1000 + seed)
+        picture = exposed(background(rng, rng.uniform(0.0, 20.0)), rng, rng.uniform(0.5, 4.0))
+        axis = dense(straight(rng.uniform(-30, 30), 230.0))
+        where = Corridor(axis, 8.0 + 0.6 * np.linspace(0.0, 230.0, len(axis)), WIDTH_PX)
+        line = measure(picture, trace(picture, where), WIDTH_PX)
+        if line.found:
+            found.append((seed, line.seen))
+    assert not found

@@ -1,0 +1,154 @@
+"""Distances of seen points from predicted curves, against brute force and OpenCV."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from vbaa_calib.antenna.shape import Curves, bend
+from vbaa_calib.camera import Camera
+from vbaa_calib.reprojection import ImageCurves, SeenPoints, feet, image_curves, see, whitened_residuals
+
+from .rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose, pushing
+
+CAMERA = Camera("opencv", (960, 720), MATRIX, BROWN)
+T_ANTENNA_CAMERA = camera_pose(0.5, 0.7)
+
+
+def curves(forces_N: np.ndarray) -> Curves:
+    """Bent antennas, one per lateral force (B, 2)."""
+    count = len(forces_N)
+    gravity = np.tile([0.0, -1.0, -9.7], (count, 1))
+    parameters = np.tile(World(T_ANTENNA_CAMERA).parameters, (count, 1))
+    return bend(parameters, LENGTH_M, gravity, np.full(count, 0.15), forces_N, sweeps=3)
+
+
+def fine(image: ImageCurves, which: int = 0, count: int = 60_000) -> tuple[np.ndarray, np.ndarray]:
+    """Arc lengths and points of one curve, finely."""
+    s = np.linspace(0.0, LENGTH_M, count)
+    return s, image.at(which, s)[0]
+
+
+def distance(image: ImageCurves, which: int, point: np.ndarray) -> float:
+    """Least distance of one point from one curve, by search."""
+    s, points = fine(image, which, 600)
+    near = s[((points - point) ** 2).sum(axis=1).argmin()]
+    found = minimize_scalar(
+        lambda at: float(np.linalg.norm(image.at(which, np.array([at]))[0][0] - point)),
+        bounds=(max(near - 1e-3, 0.0), min(near + 1e-3, LENGTH_M)),
+        method="bounded",
+        options={"xatol": 1e-9},
+    )
+    return float(found.fun)
+
+
+def beside(image: ImageCurves, s: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """(N, 2) points at arc lengths s, shifted along the normal."""
+    point, slope = image.at(0, s)
+    normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / np.linalg.norm(slope, axis=1)[:, None]
+    return point + away[:, None] * normal
+
+
+def test_points_undistort_with_their_covariance() -> None:
+    rng = np.random.default_rng(0)
+    pixels = rng.uniform([0, 0], [960, 720], (200, 2))
+    sigma = rng.uniform(0.02, 0.2, 200)
+    seen = see(CAMERA, pixels, sigma)
+    distorted = cv2.projectPoints(np.insert(seen.points, 2, 1.0, axis=1), np.zeros(3), np.zeros(3), MATRIX, BROWN)[0]
+    np.testing.assert_allclose(distorted[:, 0], pixels, atol=1e-9)
+    noisy = pixels[:, None] + sigma[:, None, None] * rng.normal(size=(200, 4000, 2))
+    sampled = CAMERA.unproject_normalized(noisy)[0]
+    spread = np.einsum("nki,nkj->nij", sampled - seen.points[:, None], sampled - seen.points[:, None]) / 4000
+    assert (np.abs(spread - seen.covariance).max(axis=(1, 2)) < 0.15 * seen.covariance.max(axis=(1, 2))).all()
+
+
+def test_points_that_the_lens_cannot_show_are_left_out() -> None:
+    folding = Camera("opencv", (960, 720), MATRIX, np.array([-0.9, 0.0, 0.0, 0.0]))
+    pixels = np.array([[480.0, 360.0], [-3000.0, 360.0], [500.0, 300.0]])
+    seen = see(folding, pixels, np.full(3, 0.1))
+    assert len(seen) == 2
+    assert np.isfinite(seen.covariance).all()
+
+
+def test_projection_is_opencvs() -> None:
+    bent = curves(np.array([pushing(0.3, 0.02, 0.15), pushing(2.0, 0.01, 0.15)]))
+    image = image_curves(bent, T_ANTENNA_CAMERA.inverse())
+    T = T_ANTENNA_CAMERA.inverse()
+    for index in range(2):
+        ideal = cv2.projectPoints(bent.points_m[index], cv2.Rodrigues(T.rotation)[0], T.translation_m, np.eye(3), None)
+        np.testing.assert_allclose(image.nodes[index], ideal[0][:, 0], atol=1e-12)
+    other = image_curves(bent, [T, T_ANTENNA_CAMERA])
+    np.testing.assert_array_equal(other.nodes[0], image.nodes[0])
+    assert not np.allclose(other.nodes[1], image.nodes[1])
+
+
+def test_interpolation_is_exact_for_cubics_and_fine_for_the_antenna() -> None:
+    rng = np.random.default_rng(1)
+    coefficients = rng.normal(size=(4, 2))
+    nodes_s = np.sort(rng.uniform(0.0, 1.0, 12))
+    powers, slopes = np.vander(nodes_s, 4), np.vander(nodes_s, 4)[:, 1:] * [3, 2, 1]
+    image = ImageCurves(nodes_s[None], (powers @ coefficients)[None], (slopes @ coefficients[:3])[None])
+    s = np.linspace(nodes_s[0], nodes_s[-1], 300)
+    point, slope = image.at(0, s)
+    np.testing.assert_allclose(point, np.vander(s, 4) @ coefficients, atol=1e-12)
+    np.testing.assert_allclose(slope, (np.vander(s, 4)[:, 1:] * [3, 2, 1]) @ coefficients[:3], atol=1e-10)
+
+    bent = curves(pushing(0.3, 0.04, 0.15)[None])
+    image = image_curves(bent, T_ANTENNA_CAMERA.inverse())
+    thinned = ImageCurves(image.arclength_m[:, ::2], image.nodes[:, ::2], image.slopes[:, ::2])
+    # 2e-7 of the focal length are 0.2 thousandths of a pixel, and the nodes really used are twice as dense
+    np.testing.assert_allclose(thinned.at(0, bent.arclength_m[0])[0], image.nodes[0], atol=2e-7)
+
+
+def test_feet_are_the_nearest_points() -> None:
+    rng = np.random.default_rng(2)
+    image = image_curves(curves(pushing(0.3, 0.04, 0.15)[None]), T_ANTENNA_CAMERA.inverse())
+    s = rng.uniform(0.003, LENGTH_M - 0.003, 150)
+    seen = SeenPoints(beside(image, s, rng.normal(0.0, 3e-3, 150)), np.tile(1e-8 * np.eye(2), (150, 1, 1)))
+    grid, points = fine(image)
+    nearest = grid[((seen.points[:, None] - points[None, ::5]) ** 2).sum(axis=2).argmin(axis=1) * 5]
+    np.testing.assert_allclose(feet(seen, image), nearest, atol=5 * LENGTH_M / 60_000)
+
+
+def test_residuals_are_distances_over_their_deviation() -> None:
+    rng = np.random.default_rng(3)
+    image = image_curves(curves(pushing(0.3, 0.04, 0.15)[None]), T_ANTENNA_CAMERA.inverse())
+    s, away = rng.uniform(0.003, LENGTH_M - 0.003, 100), rng.normal(0.0, 1e-3, 100)
+    root = rng.normal(size=(100, 2, 2)) * 1e-4
+    seen = SeenPoints(beside(image, s, away), root @ np.swapaxes(root, 1, 2))
+    _, slope = image.at(0, s)
+    normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / np.linalg.norm(slope, axis=1)[:, None]
+    deviation = np.sqrt(np.einsum("ni,nij,nj->n", normal, seen.covariance, normal))
+    np.testing.assert_allclose(whitened_residuals(seen, image)[:, 0], away / deviation, rtol=1e-4, atol=1e-6)
+
+
+def test_other_curves_are_measured_to_first_order() -> None:
+    """The second column, less the first, is how far the curve moved along the normal; brute force says the same."""
+    rng = np.random.default_rng(4)
+    force = pushing(0.3, 0.02, 0.15)
+    pair = image_curves(curves(np.array([force, force * 1.001])), T_ANTENNA_CAMERA.inverse())
+    s = rng.uniform(0.05, LENGTH_M - 0.005, 60)
+    seen = SeenPoints(beside(pair, s, rng.normal(0.0, 1e-4, 60)), np.tile(np.eye(2), (60, 1, 1)))
+    both = whitened_residuals(seen, pair)
+    brute = np.array([[distance(pair, which, point) for which in (0, 1)] for point in seen.points])
+    np.testing.assert_allclose(np.abs(both), brute, atol=2e-7)
+    moved = np.abs(both[:, 1] - both[:, 0])
+    assert moved.max() > 2e-5
+
+
+def test_beyond_the_tip_the_tangent_counts() -> None:
+    image = image_curves(curves(np.zeros((1, 2))), T_ANTENNA_CAMERA.inverse())
+    end, slope = image.at(0, np.array([LENGTH_M]))
+    beyond = end + 0.01 * slope / np.linalg.norm(slope)
+    seen = SeenPoints(np.vstack([beyond, end]), np.tile(np.eye(2), (2, 1, 1)))
+    np.testing.assert_allclose(feet(seen, image), LENGTH_M)
+    np.testing.assert_allclose(whitened_residuals(seen, image)[:, 0], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_few_points_are_no_special_case(count: int) -> None:
+    image = image_curves(curves(np.zeros((2, 2))), T_ANTENNA_CAMERA.inverse())
+    seen = SeenPoints(np.zeros((count, 2)), np.tile(np.eye(2), (count, 1, 1)))
+    assert whitened_residuals(seen, image).shape == (count, 2)
