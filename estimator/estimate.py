@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from vbaa_calib.errors import InputError
-from vbaa_calib.reprojection import see
+from vbaa_calib.reprojection import robust_weights, see
 from vbaa_calib.rig import Rig
 
 from .contact import Contact, Measured
-from .fit import COARSE_POINTS, Fit, evaluated, fit, robust_weights
+from .fit import COARSE_POINTS, Fit, evaluated, fit
 from .scene import Scene
 from .uncertainty import Spread, spread
 from .verdict import Solved, judge

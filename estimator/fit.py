@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.antenna.shape import Curves
+from vbaa_calib.reprojection import robust_cost, robust_weights
 
 from .scene import TIP, Scene, by_rig, linearised
 
@@ -23,8 +24,6 @@ COARSE_POINTS = 120
 """So many points are enough to follow a start to its valley's floor."""
 SAME = 1e-2
 """Distances closer than this, in antenna lengths, are taken for the same valley."""
-ROBUST = 2.5
-"""Whitened residuals beyond this count linearly: a few false points must not pull the shape."""
 NEAREST = 0.03
 """Least contact distance that is looked for, in antenna lengths."""
 AT_TIP = 2e-3
@@ -74,17 +73,6 @@ class Fit:
     def prior(self) -> np.ndarray:
         """(3 + R,) weight of the unknowns' and rig steps' own squares: nothing is known of the contact beforehand."""
         return np.repeat([0.0, 1.0], [3, len(self.rig_steps)])
-
-
-def robust_cost(residuals: np.ndarray) -> float:
-    """Half the summed Huber squares of whitened residuals."""
-    size = np.abs(residuals)
-    return float(np.where(size <= ROBUST, 0.5 * size**2, ROBUST * size - 0.5 * ROBUST**2).sum())
-
-
-def robust_weights(residuals: np.ndarray) -> np.ndarray:
-    """(N,) factors that turn Huber's cost into least squares near the solution."""
-    return np.sqrt(ROBUST / np.maximum(np.abs(residuals), ROBUST))
 
 
 def least_cost(residuals: np.ndarray, table: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, float]:
@@ -191,11 +179,7 @@ def _plain_cost(result: Fit) -> float:
 
 
 def _descend(begin: Fit) -> Fit:
-    """From a beginning to the floor of its valley.
-
-    Reweighting keeps every point in the step. SciPy's robust solver leaves out those that count linearly, far from the
-    floor most of them, and needs three to eight times as many evaluations.
-    """
+    """From a beginning to the floor of its valley, by Levenberg and Marquardt's steps."""
     now, damping = begin, 0.0
     for _ in range(ITERATIONS):
         step, promise = _step(now, damping)

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .fit import FREE, Fit, evaluated, least_cost, robust_weights
+from vbaa_calib.reprojection import robust_weights
+
+from .fit import FREE, Fit, evaluated, least_cost
 from .scene import by_rig
 
 LEAST_REDUNDANCY = 0.1

@@ -53,7 +53,8 @@ def test_auto_takes_a_model_that_predicts_as_well_as_the_true_one(name: str) -> 
     held_out = {candidate.model: candidate.held_out_rms_px for candidate in solution.comparison}
     assert held_out[solution.model] <= 1.02 * held_out[name]
     assert solution.monotonic
-    assert LENS_MODELS[solution.model].free <= LENS_MODELS[name].free
+    # a lens is not taken for centred unless the views say so
+    assert LENS_MODELS[solution.model].free <= max(LENS_MODELS[name].free, LENS_MODELS["opencv4"].free)
     assert abs(solution.camera.matrix[0, 0] / LENSES[name][0] - 1) < 0.003
 
 

@@ -21,6 +21,18 @@ def test_a_gray_picture_comes_back_as_it_is(tmp_path: Path, suffix: str) -> None
     np.testing.assert_array_equal(read_gray(tmp_path / f"a{suffix}"), GRAY)
 
 
+def test_an_exif_rotation_is_not_applied(tmp_path: Path) -> None:
+    """Else pictures of one camera held in two ways would be of two cameras."""
+    entry = np.array([0x0112, 3, 1, 0, 6, 0], "<u2").tobytes()  # orientation: turned by 90°
+    exif = b"Exif\0\0II*\0\x08\0\0\0\x01\0" + entry + bytes(4)
+    encoded = cv2.imencode(".jpg", GRAY)[1].tobytes()
+    (tmp_path / "a.jpg").write_bytes(
+        encoded[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + encoded[2:]
+    )
+    assert cv2.imread(str(tmp_path / "a.jpg"), cv2.IMREAD_GRAYSCALE).shape == GRAY.shape[::-1]
+    assert read_gray(tmp_path / "a.jpg").shape == GRAY.shape
+
+
 @pytest.mark.parametrize(
     "pixels",
     [

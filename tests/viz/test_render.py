@@ -64,6 +64,17 @@ def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> Non
     assert close_to(right, high, 25).sum() > 100
 
 
+def test_arrows_begin_at_the_contacts_and_run_along_the_force(table: ContactTable) -> None:
+    contacts = build_scene(table).contacts
+    plotter = pv.Plotter(off_screen=True)
+    actors.add_scene(plotter, build_scene(table), scalar_bar=False)
+    arrows = plotter.meshes[-1].points.reshape(len(contacts.points_m), -1, 3) - contacts.points_m[:, None]
+    along = np.einsum("aki,ai->ak", arrows, contacts.force_N / np.linalg.norm(contacts.force_N, axis=1, keepdims=True))
+    plotter.close()
+    np.testing.assert_allclose(along.min(axis=1), 0.0, atol=1e-6)
+    np.testing.assert_allclose(along.max(axis=1) / along.max(), contacts.size_mN / contacts.size_mN.max(), atol=1e-4)
+
+
 def test_without_opengl_the_picture_says_what_to_install(scene: Scene, tmp_path: Path, no_opengl: None) -> None:
     with pytest.raises(VbaaError, match="libegl1"):
         render.screenshot(scene, tmp_path / "scene.png")

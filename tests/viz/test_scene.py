@@ -65,6 +65,10 @@ def test_the_drawn_antenna_is_as_long_as_the_antenna_and_bends_from_its_free_sha
     # the tip goes where the force pushes
     strongest = np.argmax(np.where(table.located, np.hypot(table.force_y_N, table.force_z_N), -1.0))
     assert (items.bent_m[-1] - items.free_m[-1]) @ table.force_world_N[strongest] > 0
+    # and the rig stands as it stood then
+    angles = joint_angles(rig.kinematics, table.point_antenna_m[strongest], table.point_world_m[strongest])
+    corner = rig.kinematics.T_world_antenna(*angles) @ np.array([0.0, -0.3 * 0.24, 0.0])
+    np.testing.assert_allclose(items.plane_m[0], corner, atol=1e-12)
     assert len(items.ghosts_m) in (5, 6)
 
 

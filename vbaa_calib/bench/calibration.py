@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
@@ -27,6 +27,7 @@ _SIDES_M = (0.24, 0.12)
 _DISTANCE_M = 0.4
 _TILT_RAD = np.radians(35.0)
 _GRID = (13, 7)
+DEFAULT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, float(np.finfo(float).eps))
 _TIGHT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-12)
 _FLAGS = {"opencv5": 0, "rational": cv2.CALIB_RATIONAL_MODEL}
 
@@ -37,8 +38,9 @@ class Row:
 
     Attributes
     ----------
-    error_mm : median over draws of the rms error of points on C; None where the method is absent or mostly failed.
-    ratio : median over draws of its error over the oracle's on the same corners.
+    error_mm : median over draws of the rms error of points on C, whose pose is told; None where the method is absent
+        or mostly failed. ratio : the same over the oracle's.
+    jig_error_mm, jig_ratio : the same with the pose of C solved with the method's own lens.
     seconds : median time of one solve. folds : share of draws whose lens folds inside the picture.
     good_dropped : share of the good corners that were left out; None where the method does not say.
     outliers_found : share of the outliers that were left out; None as above or where there are none.
@@ -49,6 +51,8 @@ class Row:
     method: str
     error_mm: float | None
     ratio: float | None
+    jig_error_mm: float | None
+    jig_ratio: float | None
     seconds: float | None
     folds: float | None
     good_dropped: float | None
@@ -63,17 +67,18 @@ def plane_c() -> tuple[Pose, np.ndarray]:
     return tilt, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def error_mm(camera: Camera, truth: Camera) -> float:
+def error_mm(camera: Camera, truth: Camera, from_jig: bool = False) -> float:
     """Rms distance on C between points and where the camera puts their pixels, mm.
 
-    The pose of C is solved with this camera from the same points, exactly seen, as a board in the jig gives it. Points
-    outside the true picture are left out; a pixel that has no ray counts as 100 mm.
+    The pose of C is told; with `from_jig` it is solved with this camera from the same points, exactly seen, as a board
+    in the jig gives it, which takes up much of a lens' error. Points outside the true picture are left out; a pixel
+    that has no ray counts as 100 mm.
     """
-    T_camera_plane, points = plane_c()
+    told, points = plane_c()
     space = np.column_stack([points, np.zeros(len(points))])
-    pixels, valid = truth.project(T_camera_plane @ space)
+    pixels, valid = truth.project(told @ space)
     inside = valid & np.all((pixels > -0.5) & (pixels < np.array(truth.image_size) - 0.5), axis=1)
-    pose = _solved_pose(camera, T_camera_plane, Observation(space[inside], pixels[inside]))
+    pose = _solved_pose(camera, told, Observation(space[inside], pixels[inside])) if from_jig else told
     rays, seen = camera.unproject(pixels[inside])
     normal, origin = pose.rotation[:, 2], pose.translation_m
     with np.errstate(all="ignore"):
@@ -108,11 +113,10 @@ def solve_oracle(given: Draw) -> Camera:
     return camera_of(rig.model, bundle.intrinsics, rig.image_size)
 
 
-def solve_opencv(given: Draw, criteria: tuple[int, int, float] | None = None) -> Camera:
+def solve_opencv(given: Draw, criteria: tuple[int, int, float] = DEFAULT) -> Camera:
     """`cv2.calibrateCamera` with the true lens model."""
     points = corner_points(BOARD).astype(np.float32)
     rig = given.rig
-    extra = {} if criteria is None else {"criteria": criteria}
     _, matrix, distortion, *_ = cv2.calibrateCamera(
         [points[view.ids] for view in given.views],
         [view.corners_px.astype(np.float32) for view in given.views],
@@ -120,7 +124,7 @@ def solve_opencv(given: Draw, criteria: tuple[int, int, float] | None = None) ->
         None,
         None,
         flags=_FLAGS[rig.lens],
-        **extra,
+        criteria=criteria,
     )
     count = len(rig.intrinsics) - 4
     return Camera("opencv", rig.image_size, matrix, distortion.ravel()[:count])
@@ -136,8 +140,8 @@ def run(draws: int, seed: int) -> list[Row]:
     rows = []
     for rig in progress(rigs(), "rigs", len(rigs())):
         given = [draw(rig, seed + number) for number in range(draws)]
-        oracle = np.array([error_mm(solve_oracle(one), rig.camera) for one in given])
-        rows += [_row(rig, name, solve, given, oracle) for name, solve in SOLVERS.items()]
+        measured = [_row(rig, name, solve, given) for name, solve in SOLVERS.items()]
+        rows += [_beside(row, measured[0]) for row in measured]
         rows += [_absent_row(rig, name, why) for name, why in absent().items()]
     return rows
 
@@ -152,9 +156,7 @@ SOLVERS: dict[str, Callable[[Draw], Camera | LensSolution]] = {
 """Name → solver of those that are always there."""
 
 
-def _row(
-    rig: Rig, name: str, solve: Callable[[Draw], Camera | LensSolution], given: Sequence[Draw], oracle: np.ndarray
-) -> Row:
+def _row(rig: Rig, name: str, solve: Callable[[Draw], Camera | LensSolution], given: Sequence[Draw]) -> Row:
     errors, seconds, folds, dropped, found, failure = [], [], [], [], [], ""
     for one in given:
         begun = time.perf_counter()
@@ -162,27 +164,41 @@ def _row(
             solution = solve(one)
         except (VbaaError, cv2.error) as error:
             failure = str(error).splitlines()[0]
-            errors.append(np.inf)
+            errors.append((np.inf, np.inf))
             continue
         seconds.append(time.perf_counter() - begun)
         camera = solution.camera if isinstance(solution, LensSolution) else solution
-        errors.append(error_mm(camera, rig.camera))
+        errors.append((error_mm(camera, rig.camera), error_mm(camera, rig.camera, from_jig=True)))
         folds.append(camera.valid_region().image_fraction < 1.0)
         if isinstance(solution, LensSolution):
             lost, caught = screening(solution, one)
             dropped.append(lost)
             found.append(caught)
+    told, jig = np.transpose(errors)
     return Row(
         rig=rig.name,
         method=name,
-        error_mm=_median(errors),
-        ratio=_median(np.array(errors) / oracle),
+        error_mm=_median(told),
+        ratio=None,
+        jig_error_mm=_median(jig),
+        jig_ratio=None,
         seconds=_median(seconds),
         folds=float(np.mean(folds)) if folds else None,
         good_dropped=float(np.mean(dropped)) if dropped else None,
         outliers_found=float(np.nanmean(found)) if np.isfinite(found).any() else None,
         note=failure,
     )
+
+
+def _beside(row: Row, oracle: Row) -> Row:
+    """The row with its ratios to the oracle's."""
+    return replace(
+        row, ratio=_over(row.error_mm, oracle.error_mm), jig_ratio=_over(row.jig_error_mm, oracle.jig_error_mm)
+    )
+
+
+def _over(value: float | None, reference: float | None) -> float | None:
+    return value / reference if value is not None and reference else None
 
 
 def screening(solution: LensSolution, given: Draw) -> tuple[float, float]:
@@ -194,7 +210,7 @@ def screening(solution: LensSolution, given: Draw) -> tuple[float, float]:
 
 
 def _absent_row(rig: Rig, name: str, why: str) -> Row:
-    return Row(rig.name, name, None, None, None, None, None, None, why)
+    return Row(rig.name, name, *[None] * 8, note=why)
 
 
 def _median(values: Sequence[float] | np.ndarray) -> float | None:

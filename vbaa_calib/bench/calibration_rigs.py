@@ -85,7 +85,8 @@ def draw(rig: Rig, seed: int) -> Draw:
     """Views of a rig, their noise, poses and outliers all from the seed."""
     rng = np.random.default_rng(seed)
     points = corner_points(BOARD) + (bend(BOARD) @ rig.sagittas_m)[:, None] * np.array([0.0, 0.0, 1.0])
-    views, poses, good = [], [], []
+    views: list[BoardView] = []
+    poses, good = [], []
     while len(views) < rig.views:
         pose = _pose(rig, rng)
         vector = np.concatenate([pose.rotvec_rad, pose.translation_m])

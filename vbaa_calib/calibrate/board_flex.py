@@ -44,6 +44,13 @@ class BoardFlex:
     used: bool
     reason: str
 
+    @property
+    def sagitta_mm(self) -> float:
+        """How far the board's most raised and most sunken corners lie apart."""
+        rise = [value for value in self.sagittas_m if value > 0.0]
+        fall = [value for value in self.sagittas_m if value < 0.0]
+        return 1e3 * float(sum(rise) - sum(fall))
+
 
 def bend(spec: BoardSpec) -> np.ndarray:
     """(corner_count, 2) rise along z of each corner for a metre of each sagitta: u² − 1/3, u = ±1 at the outer corners.
@@ -110,4 +117,5 @@ def _fit(
         observations,
         free_directions(model, square_pixels, flex),
         sagittas_m=bundle.sagittas_m if flex else np.zeros(FLEX),
+        shrink_px2=bundle.shrink_px2,
     )

@@ -49,12 +49,14 @@ class Bundle:
     poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
     residuals_px : per view (N, 2), observed minus projected.
     sagittas_m : (2,) of the board along its x and y.
+    shrink_px2 : pull of the distortion coefficients towards zero that it was solved with (`refine`).
     """
 
     intrinsics: np.ndarray
     poses: np.ndarray
     residuals_px: tuple[np.ndarray, ...]
     sagittas_m: np.ndarray = field(default_factory=lambda: np.zeros(FLEX))
+    shrink_px2: float = 0.0
 
     @property
     def rms_px(self) -> float:
@@ -99,6 +101,7 @@ def refine(
     robust: bool = False,
     iterations: int = 300,
     sagittas_m: Sequence[float] | np.ndarray = (0.0, 0.0),
+    shrink_px2: float = 0.0,
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error from a start.
 
@@ -108,15 +111,16 @@ def refine(
     directions : (4 + k + 2, p) from `free_directions`; p = 0 solves the poses alone.
     robust : weigh corners down by Cauchy's rule, so that gross errors do not pull.
     iterations : at most; a few are enough to tell good starts from bad ones.
+    shrink_px2 : added to the cost for each distortion coefficient of 1, squared. It holds what the corners leave open.
     """
     stack = _Stack.of(observations)
     state = _State(np.concatenate([np.asarray(intrinsics, float), sagittas_m]), np.array(poses, float))
     weights = np.ones(len(stack.pixels))
     if robust:
-        weights, state = _reweighted(model, state, stack, directions)
-    state, system = _descend(model, state, stack, weights, directions, iterations)
+        weights, state = _reweighted(model, state, stack, directions, shrink_px2)
+    state, system = _descend(model, state, stack, weights, directions, iterations, shrink_px2)
     residuals = tuple(np.split(system.residuals_px, stack.bounds[1:-1]))
-    return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:])
+    return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:], shrink_px2)
 
 
 def residuals_px(model: LensModel, bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:
@@ -191,7 +195,12 @@ def _rows(model: LensModel, state: _State, stack: _Stack) -> tuple[np.ndarray, n
 
 
 def _linearise(
-    model: LensModel, state: _State, stack: _Stack, weights: np.ndarray, directions: np.ndarray
+    model: LensModel,
+    state: _State,
+    stack: _Stack,
+    weights: np.ndarray,
+    directions: np.ndarray,
+    shrink_px2: float,
 ) -> _System:
     residuals, by_shared, by_pose = _rows(model, state, stack)
     rows = np.concatenate([by_shared @ directions, by_pose, residuals[..., None]], axis=-1)
@@ -203,11 +212,12 @@ def _linearise(
         ]
     )
     p = directions.shape[1]
+    distortion, moved = state.shared[4:-FLEX], directions[4:-FLEX]
     return _System(
         residuals_px=residuals,
-        cost=float(blocks[:, -1, -1].sum()),
-        shared=blocks[:, :p, :p].sum(axis=0),
-        shared_gradient=blocks[:, :p, -1].sum(axis=0),
+        cost=float(blocks[:, -1, -1].sum() + shrink_px2 * (distortion @ distortion)),
+        shared=blocks[:, :p, :p].sum(axis=0) + shrink_px2 * (moved.T @ moved),
+        shared_gradient=blocks[:, :p, -1].sum(axis=0) - shrink_px2 * (moved.T @ distortion),
         pose=blocks[:, p:-1, p:-1],
         pose_gradient=blocks[:, p:-1, -1],
         coupling=blocks[:, :p, p:-1],
@@ -234,9 +244,15 @@ def _solve_scaled(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def _descend(
-    model: LensModel, state: _State, stack: _Stack, weights: np.ndarray, directions: np.ndarray, iterations: int
+    model: LensModel,
+    state: _State,
+    stack: _Stack,
+    weights: np.ndarray,
+    directions: np.ndarray,
+    iterations: int,
+    shrink_px2: float,
 ) -> tuple[_State, _System]:
-    system = _linearise(model, state, stack, weights, directions)
+    system = _linearise(model, state, stack, weights, directions, shrink_px2)
     damping = 1e-3
     for _ in range(iterations):
         try:
@@ -245,7 +261,7 @@ def _descend(
             damping *= 10.0
             continue
         new_state = state.moved(directions @ shared_step, pose_step)
-        trial = _linearise(model, new_state, stack, weights, directions)
+        trial = _linearise(model, new_state, stack, weights, directions, shrink_px2)
         if np.isfinite(trial.cost) and trial.cost <= system.cost:
             decrease = system.cost - trial.cost
             state, system = new_state, trial
@@ -261,12 +277,12 @@ def _descend(
 
 
 def _reweighted(
-    model: LensModel, state: _State, stack: _Stack, directions: np.ndarray
+    model: LensModel, state: _State, stack: _Stack, directions: np.ndarray, shrink_px2: float
 ) -> tuple[np.ndarray, _State]:
     """Cauchy weights (N,) that have settled, and the state that they lead to."""
     weights = _cauchy_weights(_rows(model, state, stack)[0])
     for _ in range(_REWEIGHTINGS):
-        state, system = _descend(model, state, stack, weights, directions, _STEPS_PER_WEIGHTING)
+        state, system = _descend(model, state, stack, weights, directions, _STEPS_PER_WEIGHTING, shrink_px2)
         before, weights = weights, _cauchy_weights(system.residuals_px)
         if np.abs(weights - before).max() < _SETTLED:
             break
@@ -290,9 +306,9 @@ def lens_covariance(
 def shared_covariance(
     model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
 ) -> np.ndarray | None:
-    """(4 + k + 2, 4 + k + 2) covariance of intrinsics and sagittas, poses marginalised, scaled by the residual variance.
+    """(4 + k + 2, 4 + k + 2) covariance of intrinsics and sagittas, poses marginalised.
 
-    Zero for what is held fixed; None where the views leave a free parameter open.
+    Scaled by the residual variance. Zero for what is held fixed; None where the views leave a free parameter open.
     """
     freedom = sum(view.pixels.size for view in observations) - directions.shape[1] - 6 * len(observations)
     stack = _Stack.of(observations)

@@ -34,6 +34,7 @@ def held_out_squares(
             directions,
             iterations=_ITERATIONS,
             sagittas_m=bundle.sagittas_m,
+            shrink_px2=bundle.shrink_px2,
         )
         tested = refine(
             model,
@@ -43,6 +44,7 @@ def held_out_squares(
             directions[:, :0],
             iterations=_ITERATIONS,
             sagittas_m=lens.sagittas_m,
+            shrink_px2=lens.shrink_px2,
         )
         squares[held] = [np.sum(residual**2) for residual in tested.residuals_px]
     return squares

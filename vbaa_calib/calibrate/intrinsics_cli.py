@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from ..files import refuse_overwrite, write_json
 if TYPE_CHECKING:
     from targets.board import BoardSpec
 
+    from ..camera import Camera
     from .intrinsics import LensSolution
 
 MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "tilted", "fisheye")
@@ -59,17 +61,31 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
     """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
     covariance = solution.camera.covariance
     assert covariance is not None
+    flex = solution.board_flex
     return {
         **solution.camera.to_dict(),
         "std": dict(zip(solution.camera.parameter_names, covariance.diagonal().clip(0.0) ** 0.5, strict=True)),
         "lens_model": solution.model,
         "monotonic": solution.monotonic,
+        "verdict": solution.verdict,
         "rms_px": solution.rms_px,
+        "projection_uncertainty": uncertainty_document(solution.camera),
+        "board_flex": {
+            "sagittas_m": flex.sagittas_m.tolist(),
+            "std_m": None if flex.std_m is None else flex.std_m.tolist(),
+            "sagitta_mm": flex.sagitta_mm,
+            "used": flex.used,
+            "reason": flex.reason,
+            "p_value": flex.p_value,
+            "flat_held_out_rms_px": flex.flat_held_out_rms_px,
+            "bent_held_out_rms_px": flex.bent_held_out_rms_px,
+        },
         "views": [
             {
                 "name": view.name,
                 "corners": view.corners,
                 "left_out": view.left_out,
+                "outlier_ids": list(view.outlier_ids),
                 "rms_px": view.rms_px,
                 "outlying": view.outlying,
                 "T_camera_board": view.T_camera_board.to_dict(),
@@ -84,11 +100,28 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
                 "rms_px": candidate.rms_px,
                 "held_out_rms_px": candidate.held_out_rms_px,
                 "monotonic": candidate.monotonic,
+                "halves": candidate.halves,
             }
             for candidate in solution.comparison
         ],
         "warnings": list(solution.warnings),
         "board": spec.to_dict(),
+    }
+
+
+def uncertainty_document(camera: Camera) -> dict[str, Any]:
+    """Standard deviation of the projection in its worst direction over the picture, px; null where there is no ray.
+
+    `std_px` has what a turn of the camera explains taken out, `std_fixed_camera_px` has not.
+    """
+    from .lens_uncertainty import projection_uncertainty
+
+    turning, fixed = (projection_uncertainty(camera, compensated) for compensated in (True, False))
+    return {
+        "columns_px": turning.pixels[0, :, 0].tolist(),
+        "rows_px": turning.pixels[:, 0, 1].tolist(),
+        "std_px": [[value if isfinite(value) else None for value in row] for row in turning.std_px.tolist()],
+        "std_fixed_camera_px": [[value if isfinite(value) else None for value in row] for row in fixed.std_px.tolist()],
     }
 
 
@@ -99,7 +132,11 @@ def report(solution: LensSolution) -> None:
     std = covariance.diagonal().clip(0.0) ** 0.5
     for candidate in solution.comparison:
         folds = "" if candidate.monotonic else "  folds inside the picture"
-        say(f"  {candidate.model:9s} rms {candidate.rms_px:.3f} px, held out {candidate.held_out_rms_px:.3f} px{folds}")
+        halves = "" if candidate.halves is None else f", halves differ by {candidate.halves:.1f} predicted deviations"
+        say(
+            f"  {candidate.model:9s} rms {candidate.rms_px:.3f} px, held out {candidate.held_out_rms_px:.3f} px"
+            f"{halves}{folds}"
+        )
     say(
         f"lens       {solution.model}: rms {solution.rms_px:.4f} px over "
         f"{sum(view.corners for view in solution.views)} corners in {len(solution.views)} photos"
@@ -110,9 +147,11 @@ def report(solution: LensSolution) -> None:
     )
     for used in solution.views:
         if used.outlying or used.left_out:
-            gross = f", {used.left_out} gross corners left out" if used.left_out else ""
+            gross = f", {used.left_out} outlier corners left out" if used.left_out else ""
             say(f"look at    {used.name}: rms {used.rms_px:.2f} px{gross}")
     for view in solution.dropped:
         say(f"dropped    {view.name}: {view.reason}")
+    say(f"board      {'bent, solved with that' if solution.board_flex.used else 'flat'}: {solution.board_flex.reason}")
     for warning in solution.warnings:
         say(f"warning    {warning}")
+    say(f"verdict    {solution.verdict}")

@@ -1,7 +1,7 @@
 """One least-squares solve of camera pose, antenna and moment sensor, from no-load frames and known loads.
 
-Everything is solved together because everything is coupled: a tilted clamp looks like a tilted camera, a bowed wire like
-a heavier one. What the pictures cannot tell apart is held by priors, and shows in the covariance.
+Everything is solved together because everything is coupled: a tilted clamp looks like a tilted camera, a bowed wire
+like a heavier one. What the pictures cannot tell apart is held by priors, and shows in the covariance.
 """
 
 from __future__ import annotations
@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ..antenna.shape import bend
 from ..camera import Camera
 from ..errors import SolveError
 from ..geometry import Pose
-from ..reprojection import SeenPoints, image_curves, whitened_residuals
+from ..reprojection import SeenPoints, image_curves, robust_cost, robust_weights, whitened_residuals
 from ..rig import RIG_PARAMETERS, MomentSensor
 from ..session import Load, Still
 
@@ -26,8 +25,11 @@ STEPS = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 
 """Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
 RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
-ROBUST = 2.5
-"""Whitened residuals beyond this many standard deviations count linearly, not squared."""
+ITERATIONS = 40
+TIGHTENING = 4.0
+"""How much smaller the points' deviations are taken in each pass."""
+STANDSTILL = 1e-5
+"""A step that promises less than this much of the cost is the last: a few thousandths of a standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ class JointSolution:
     ----------
     parameters : (16,) `RIG_PARAMETERS`; the pose's six are steps from the prior pose.
     covariance : (16, 16), the pose's part about the solved pose.
-    noise_scale : spread of the centreline points about the model over what their own deviations predict (`noise_scale`).
+    noise_scale : scatter of the centreline points about the model over what their own deviations predict.
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,).
     """
@@ -153,20 +155,28 @@ def solve_joint(
 ) -> JointSolution:
     """Solve camera pose, antenna and moment sensor from stills.
 
-    Solved twice: the first pass measures how much the points scatter about the model, the second weighs them by that.
-    Raises SolveError when the solver does not converge.
+    Solved in passes. At first, far off, the points' deviations are taken so large that no still counts as false; then
+    ever smaller, down to what the points claim, so that a still that is false cannot hide behind the others' misfits.
+    The last pass takes what the points then scatter. Raises SolveError when it does not converge.
     """
     problem = _Problem(observations, camera, prior, length_m, sensor, 1.0)
-    start = np.concatenate([np.zeros(6), prior.mean])
-    first = _solve(problem, start)
-    problem = replace(problem, noise_scale=noise_scale([block[:, 0] for block in problem.evaluate(first.x)[0]]))
-    solution = _solve(problem, first.x)
-    distances, moments = problem.evaluate(solution.x)
-    gain, offset = solution.x[GAIN], solution.x[OFFSET]
+    parameters = np.concatenate([np.zeros(6), prior.mean])
+    scale = _scatter(problem, parameters)
+    while scale > 1.0:
+        parameters = _descend(replace(problem, noise_scale=scale), parameters).parameters
+        scale /= TIGHTENING
+    parameters = _descend(problem, parameters).parameters
+    problem = replace(problem, noise_scale=_scatter(problem, parameters))
+    solution = _descend(problem, parameters)
+    if not solution.converged:
+        raise SolveError("the joint solve of camera pose, antenna and sensor did not converge")
+    parameters = solution.parameters
+    distances, moments = problem.evaluate(parameters)
+    gain, offset = parameters[GAIN], parameters[OFFSET]
     return JointSolution(
-        parameters=solution.x,
-        T_antenna_camera=prior.T_antenna_camera.retract(solution.x[POSE]),
-        covariance=_inverse(solution.jac),
+        parameters=parameters,
+        T_antenna_camera=prior.T_antenna_camera.retract(parameters[POSE]),
+        covariance=solution.covariance(),
         noise_scale=problem.noise_scale,
         point_rms=np.array([np.sqrt((block[:, 0] ** 2).mean()) / problem.noise_scale for block in distances]),
         moment_residuals_Nm=np.array([obs.still.moment_Nm for obs in observations]) - gain * moments[:, 0] - offset,
@@ -183,36 +193,49 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
     return float(max(spread, 1.4826 * np.median(np.abs(np.concatenate(residuals))), 0.2))
 
 
-def _solve(problem: _Problem, start: np.ndarray):
-    kept: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-
-    def both(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        key = parameters.tobytes()
-        if key not in kept:
-            kept.clear()
-            kept[key] = problem.residuals(parameters)
-        return kept[key]
-
-    scale = np.concatenate([np.sqrt(np.diag(problem.prior.pose_covariance)), problem.prior.std])
-    solution = least_squares(
-        lambda x: both(x)[0],
-        start,
-        jac=lambda x: both(x)[1],
-        x_scale=scale,
-        loss="huber",
-        f_scale=ROBUST,
-        max_nfev=60,
-    )
-    if solution.status <= 0:
-        raise SolveError("the joint solve of camera pose, antenna and sensor did not converge")
-    return solution
+def _scatter(problem: _Problem, parameters: np.ndarray) -> float:
+    return noise_scale([block[:, 0] for block in problem.evaluate(parameters)[0]])
 
 
-def _inverse(jacobian: np.ndarray) -> np.ndarray:
-    """(JᵀJ)⁻¹ with its columns scaled first: metres and radians differ by orders of magnitude."""
-    scale = np.linalg.norm(jacobian, axis=0)
-    inverse = np.linalg.inv((jacobian / scale).T @ (jacobian / scale)) / np.outer(scale, scale)
-    return 0.5 * (inverse + inverse.T)
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Parameters (16,), residuals (R,), their Jacobian (R, 16), and whether the solver came to a standstill."""
+
+    parameters: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+    converged: bool = False
+
+    def normal_equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Reweighted information (16, 16) and slope (16,), and the scale (16,) taken out: units differ by magnitudes."""
+        weights = robust_weights(self.residuals)
+        weighted = self.jacobian * weights[:, None]
+        scale = np.linalg.norm(weighted, axis=0)
+        weighted /= scale
+        return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
+
+    def covariance(self) -> np.ndarray:
+        """(16, 16) inverse of the information."""
+        information, _, scale = self.normal_equations()
+        inverse = np.linalg.inv(information) / np.outer(scale, scale)
+        return 0.5 * (inverse + inverse.T)
+
+
+def _descend(problem: _Problem, start: np.ndarray) -> _Solution:
+    """Parameters of least robust cost, by Levenberg and Marquardt's steps."""
+    now, damping = _Solution(start, *problem.residuals(start)), 0.0
+    for _ in range(ITERATIONS):
+        information, slope, scale = now.normal_equations()
+        step = -np.linalg.solve(information + damping * np.eye(len(slope)), slope)
+        promise = -float(slope @ step + 0.5 * step @ information @ step)
+        moved = now.parameters + step / scale
+        trial = _Solution(moved, *problem.residuals(moved))
+        better = robust_cost(trial.residuals) <= robust_cost(now.residuals)
+        now = trial if better else now
+        if promise < STANDSTILL:
+            return replace(now, converged=True)
+        damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)
+    return now
 
 
 assert len(RIG_PARAMETERS) == OFFSET + 1

@@ -66,7 +66,14 @@ def screen(
         lens, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex=True)
         start = fit_lens(lens, observations, image_size, square_pixels, known, flex=True)
         robust[name] = refine(
-            lens, start.intrinsics, start.poses, observations, directions, robust=True, sagittas_m=start.sagittas_m
+            lens,
+            start.intrinsics,
+            start.poses,
+            observations,
+            directions,
+            robust=True,
+            sagittas_m=start.sagittas_m,
+            shrink_px2=start.shrink_px2,
         )
     best = min(robust, key=lambda name: robust[name].sigma_px)
     lens, directions = LENS_MODELS[best], free_directions(LENS_MODELS[best], square_pixels, flex=True)

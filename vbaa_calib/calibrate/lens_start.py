@@ -8,10 +8,13 @@ import cv2
 import numpy as np
 
 from .bundle import FLEX, Bundle, Observation, free_directions, refine
-from .lens_models import LENS_MODELS, LensModel, camera_matrix
+from .lens_models import LENS_MODELS, LensModel, camera_matrix, is_monotonic
 
 _FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)
 _TRIAL_ITERATIONS = 15
+_PULLS = 10.0 ** np.arange(-4, 5)
+_UNFOLDING_MAY_COST = 1.005
+_UNFOLDING_ITERATIONS = 40
 _FROM_FOCALS = ("none", "radial", "fisheye")
 
 
@@ -37,9 +40,8 @@ def fit_lens(
     if warm and model.name in warm:
         near = warm[model.name]
         sagittas = near.sagittas_m if flex else np.zeros(FLEX)
-        known[model.name] = refine(
-            model, near.intrinsics, near.poses, observations, directions, sagittas_m=sagittas
-        )
+        found = [refine(model, near.intrinsics, near.poses, observations, directions, sagittas_m=sagittas)]
+        known[model.name] = unfolded(model, found[0], observations, directions, image_size)
         return known[model.name]
     starts = []
     if model.simpler is not None:
@@ -59,8 +61,43 @@ def fit_lens(
         refine(model, start.intrinsics, start.poses, observations, directions, sagittas_m=start.sagittas_m)
         for start in tried[:2]
     ]
-    known[model.name] = min(found, key=lambda bundle: np.nan_to_num(bundle.rms_px, nan=np.inf))
+    best = min(found, key=lambda bundle: np.nan_to_num(bundle.rms_px, nan=np.inf))
+    known[model.name] = unfolded(model, best, observations, directions, image_size)
     return known[model.name]
+
+
+def unfolded(
+    model: LensModel,
+    bundle: Bundle,
+    observations: Sequence[Observation],
+    directions: np.ndarray,
+    image_size: tuple[int, int],
+) -> Bundle:
+    """A solution that does not fold inside the picture, where the corners leave room for one; the given one otherwise.
+
+    Beyond the corners a rich lens is held by nothing, and often folds there. A pull of its coefficients towards zero,
+    as weak as will do, holds what the corners leave open and moves the rest by less than they can tell: at most 0.5 %
+    of the residual is paid for it.
+    """
+    if not np.isfinite(bundle.rms_px) or is_monotonic(model, bundle.intrinsics, image_size):
+        return bundle
+    at_most = _UNFOLDING_MAY_COST * bundle.rms_px
+    for pull in _PULLS:
+        trial = refine(
+            model,
+            bundle.intrinsics,
+            bundle.poses,
+            observations,
+            directions,
+            iterations=_UNFOLDING_ITERATIONS,
+            sagittas_m=bundle.sagittas_m,
+            shrink_px2=pull * bundle.rms_px**2,
+        )
+        if trial.rms_px > at_most:
+            break
+        if is_monotonic(model, trial.intrinsics, image_size):
+            return trial
+    return bundle
 
 
 def start_poses(intrinsics: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:

@@ -1,8 +1,8 @@
 """What the covariance of a lens means in the picture: how far each pixel's ray may be off.
 
 A lens that is a little wrong and a camera that is a little turned look much the same. Who solves for the camera's pose
-with this lens, as every rig does, has that part taken up by the pose. `compensated` leaves out of the uncertainty what a
-turn of the camera explains.
+with this lens, as every rig does, has that part taken up by the pose. `compensated` leaves out of the uncertainty what
+a turn of the camera explains.
 """
 
 from __future__ import annotations
@@ -89,9 +89,7 @@ def turn_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     x, y, z = np.moveaxis(moved.rays, -1, 0)
     zero = np.zeros_like(x)
     # ω × r = −[r]× ω
-    turned = -np.stack(
-        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2
-    )
+    turned = -np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
     return np.where(moved.valid[..., None, None], _pseudo_inverse(moved.by_pixel, moved.valid) @ turned, np.nan)
 
 

@@ -29,8 +29,10 @@ def verdict(chosen: Candidate | None, comparison: Sequence[Candidate], flex: Boa
 
 def _why(chosen: Candidate, comparison: Sequence[Candidate]) -> str:
     if len(comparison) < 2:
-        return f"The lens model {chosen.model} was given; it misses views that it has not seen by "\
+        return (
+            f"The lens model {chosen.model} was given; it misses views that it has not seen by "
             f"{chosen.held_out_rms_px:.3f} px rms."
+        )
     best = min(comparison, key=lambda candidate: candidate.held_out_rms_px)
     if best.model == chosen.model:
         return f"{chosen.model} predicts views that it has not seen best of all ({chosen.held_out_rms_px:.3f} px rms)."

@@ -26,7 +26,7 @@ class Inliers:
 
     def of(self, observations: Sequence[Observation]) -> list[Observation]:
         """The good corners of the good views."""
-        return [observations[index].picked(mask) for index, mask in zip(self.views, self.masks, strict=True)]
+        return [observations[index].picked(mask) for index, mask in zip(self.views.tolist(), self.masks, strict=True)]
 
 
 def outlier_limit_px(distances: np.ndarray) -> float:
@@ -64,11 +64,19 @@ def fit_without_outliers(
     remaining views are judged anew by it, until none changes sides.
     """
     bundle = refine(
-        model, start.intrinsics, start.poses, observations, directions, robust=True, sagittas_m=start.sagittas_m
+        model,
+        start.intrinsics,
+        start.poses,
+        observations,
+        directions,
+        robust=True,
+        sagittas_m=start.sagittas_m,
+        shrink_px2=start.shrink_px2,
     )
-    views, masks = np.arange(len(observations)), None
+    views = np.arange(len(observations))
+    masks: list[np.ndarray] | None = None
     for _ in range(_ROUNDS):
-        whole = [observations[index] for index in views]
+        whole = [observations[index] for index in views.tolist()]
         residuals = residuals_px(model, bundle, whole)
         good = inlier_masks(residuals)
         keep = good_views(residuals, good, whole, min_corners)
@@ -84,5 +92,6 @@ def fit_without_outliers(
             Inliers(views, tuple(masks)).of(observations),
             directions,
             sagittas_m=bundle.sagittas_m,
+            shrink_px2=bundle.shrink_px2,
         )
     return Inliers(views, tuple(masks or ())), bundle

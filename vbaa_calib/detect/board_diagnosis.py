@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import DICTIONARIES, BoardSpec
 
 Markers = tuple[np.ndarray, np.ndarray]
 """Marker ids (M,) and their outlines (M, 4, 2) px in one picture."""
@@ -21,8 +21,7 @@ _LARGEST_WIDTH = 60
 _OUTLINE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 _APRILTAGS = ("DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11")
 # small dictionaries first: the large ones contain them
-_FAMILIES = tuple(tuple(f"DICT_{n}X{n}_{size}" for size in (50, 100, 250, 1000)) for n in (4, 5, 6, 7))
-_DICTIONARIES = (*(name for family in _FAMILIES for name in family), *_APRILTAGS, "DICT_ARUCO_ORIGINAL")
+_DICTIONARIES = (*DICTIONARIES, *_APRILTAGS, "DICT_ARUCO_ORIGINAL")
 
 
 def marker_cells(squares_x: int, on_even_squares: bool, count: int) -> np.ndarray:

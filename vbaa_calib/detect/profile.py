@@ -19,6 +19,8 @@ SEEN_RATIO = 6.0
 """Least amplitude over its standard deviation for a profile to count as seen."""
 LEAST_SEEN = 0.2
 """Least fraction of the guide that must be seen for there to be an antenna at all."""
+BROAD, LEAST_SEEN_BROAD = 1.8, 0.6
+"""So much broader than expected it may be an antenna out of focus, or a soft edge: then more must be seen of it."""
 QUIET = 0.4
 """Quantile of the profiles' residuals that is taken for the picture's noise: more than half may lie beside an object."""
 DISTURBED = 1.8
@@ -39,17 +41,20 @@ class Centreline:
     sigma_px : (N,) standard deviation across the antenna.
     seen : fraction of the guide where the antenna was seen.
     amplitude : median height of the line above its background, grey levels.
+    breadth : how broad the line is, over what its width and an ordinary lens make of it.
     """
 
     points_px: np.ndarray
     sigma_px: np.ndarray
     seen: float
     amplitude: float
+    breadth: float
 
     @property
     def found(self) -> bool:
         """Whether enough of the antenna was seen to speak of one."""
-        return self.seen >= LEAST_SEEN and len(self.points_px) >= 12
+        least = LEAST_SEEN if self.breadth < BROAD else LEAST_SEEN_BROAD
+        return self.seen >= least and len(self.points_px) >= 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +165,7 @@ def _line_scale(found: _Crossings, guess: float, centre: np.ndarray) -> float:
     return float(best.x)
 
 
-NOTHING = Centreline(np.empty((0, 2)), np.empty(0), 0.0, 0.0)
+NOTHING = Centreline(np.empty((0, 2)), np.empty(0), 0.0, 0.0, 1.0)
 
 
 def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool = True) -> Centreline:
@@ -191,7 +196,8 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     profiles = np.where(inside[:, None], found.profiles, 0.0)
     near = np.abs(found.across) <= max(2.5, width_px)
     start = np.take_along_axis(found.across, np.where(near, profiles, -np.inf).argmax(axis=1)[:, None], axis=1)[:, 0]
-    scale = _line_scale(_only(found, inside), float(np.hypot(0.3 * width_px, 0.7)), start[inside])
+    expected = float(np.hypot(0.3 * width_px, 0.7))
+    scale = _line_scale(_only(found, inside), expected, start[inside])
     lines = _fit(profiles, found.across, scale * found.stretch, start)
     rms, noise = lines.rms, _noise(lines.rms[inside], found.across.shape[1] - 4)
     seen = inside & (np.abs(lines.centre) < half - 2.0)
@@ -207,7 +213,7 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     points[np.arange(len(points)), found.axis] += lines.centre
     sigma = np.where(rms > DISTURBED * noise, rms, noise) * lines.unit_centre * _uneven(lines, clean, noise)
     sigma /= found.stretch
-    return Centreline(points[seen], sigma[seen], float(seen.mean()), typical)
+    return Centreline(points[seen], sigma[seen], float(seen.mean()), typical, scale / expected)
 
 
 def _noise(rms: np.ndarray, freedom: int) -> float:

@@ -1,0 +1,149 @@
+"""Projection uncertainty against sampled noise, and what halves of the views say of each other."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
+from vbaa_calib.calibrate.board_flex import observations_of
+from vbaa_calib.calibrate.bundle import Observation, free_directions, lens_covariance, refine
+from vbaa_calib.calibrate.halves import AGREE, disagreement_of_halves
+from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.lens_uncertainty import (
+    compensate,
+    pixel_grid,
+    projection_jacobian,
+    projection_uncertainty,
+    ray_covariance,
+    turn_jacobian,
+)
+from vbaa_calib.camera import Camera
+from vbaa_calib.errors import InputError
+
+RIG = rigs()[0]
+GRID = (5, 4)
+
+
+def solved(seed: int, count: int):
+    """`count` noise draws over one set of poses: intrinsics (count, 9), the mean covariance (9, 9)."""
+    given, rng, directions = draw(RIG, seed), np.random.default_rng(seed + 1), free_directions(RIG.model)
+    views = observations_of(given.views, BOARD)
+    exact = refine(RIG.model, RIG.intrinsics, given.poses, views, directions[:, :0])
+    clean = [view.pixels - residual for view, residual in zip(views, exact.residuals_px, strict=True)]
+    found, covariances = [], []
+    for _ in range(count):
+        noisy = [
+            Observation(view.points_m, pixels + 0.15 * rng.normal(size=pixels.shape))
+            for view, pixels in zip(views, clean, strict=True)
+        ]
+        # poses solved for the noisy corners: the exact ones would be the truth only where no corner moved
+        bundle = refine(RIG.model, RIG.intrinsics, exact.poses, noisy, directions)
+        found.append(bundle.intrinsics)
+        covariances.append(lens_covariance(RIG.model, bundle, noisy, directions))
+    return np.array(found), np.mean(covariances, axis=0)
+
+
+@pytest.fixture(scope="module")
+def samples():
+    """Enough draws for a standard deviation to 6 %."""
+    return solved(41, 120)
+
+
+@pytest.mark.parametrize("compensated", [False, True])
+def test_predicted_uncertainty_is_that_of_repeated_noise(samples, compensated: bool) -> None:
+    """Over the picture, root mean square of the standard deviation within 15 %."""
+    found, covariance = samples
+    truth = RIG.camera
+    camera = dataclasses.replace(truth, covariance=covariance)
+    predicted = projection_uncertainty(camera, compensated, GRID)
+    rays, _ = truth.unproject(predicted.pixels)
+    shifts = []
+    for intrinsics in found:
+        shift = camera_of(RIG.model, intrinsics, RIG.image_size).project(rays)[0] - predicted.pixels
+        shifts.append(compensate(truth, predicted.pixels, shift[..., None])[..., 0] if compensated else shift)
+    sampled = np.sqrt(np.mean(np.var(shifts, axis=0).sum(axis=-1)))
+    expected = np.sqrt(np.mean(np.trace(predicted.covariance_px2, axis1=-2, axis2=-1)))
+    assert sampled / expected == pytest.approx(1.0, abs=0.15)
+    each = np.sqrt(np.var(shifts, axis=0).sum(axis=-1) / np.trace(predicted.covariance_px2, axis1=-2, axis2=-1))
+    assert np.all(np.abs(each - 1.0) < 0.3), "nowhere far off"
+
+
+def test_compensation_takes_out_most_of_what_a_fixed_camera_would_show() -> None:
+    _, covariance = solved(42, 1)
+    camera = dataclasses.replace(RIG.camera, covariance=covariance)
+    fixed, turning = projection_uncertainty(camera, False).std_px, projection_uncertainty(camera, True).std_px
+    assert fixed.shape == turning.shape == (13, 17)
+    assert np.median(turning) < 0.5 * np.median(fixed)
+    assert turning[0, 0] > 2 * turning[6, 8], "the corner of the picture is known worse than its middle"
+
+
+@pytest.mark.parametrize("index", [0, 2])
+def test_jacobians_are_finite_differences(index: int) -> None:
+    rig = rigs()[index]
+    camera, pixels = rig.camera, pixel_grid(rig.image_size, (3, 3))
+    rays, _ = camera.unproject(pixels)
+    by_lens, by_turn = projection_jacobian(camera, pixels), turn_jacobian(camera, pixels)
+    for number, step in enumerate(1e-6 * np.maximum(np.abs(rig.intrinsics), 1.0)):
+        moved = rig.intrinsics.copy()
+        moved[number] += step
+        numeric = (camera_of(rig.model, moved, rig.image_size).project(rays)[0] - pixels) / step
+        np.testing.assert_allclose(by_lens[..., number], numeric, rtol=1e-3, atol=1e-3)
+    for number, turn in enumerate(1e-7 * np.eye(3)):
+        turned = Rotation.from_rotvec(turn).apply(rays.reshape(-1, 3)).reshape(rays.shape)
+        numeric = (camera.project(turned)[0] - pixels) / 1e-7
+        np.testing.assert_allclose(by_turn[..., number], numeric, rtol=1e-3, atol=0.05)
+
+
+def test_a_turn_alone_is_wholly_compensated() -> None:
+    pixels = pixel_grid(RIG.image_size)
+    turn = turn_jacobian(RIG.camera, pixels)
+    assert np.abs(compensate(RIG.camera, pixels, turn)).max() < 1e-8 * np.abs(turn).max()
+
+
+def test_ray_covariance_is_across_the_ray_and_matches_the_projection() -> None:
+    _, covariance = solved(43, 1)
+    camera = dataclasses.replace(RIG.camera, covariance=covariance)
+    pixels = np.array([[200.0, 150.0], [645.0, 352.0]])
+    rays, _ = camera.unproject(pixels)
+    spread = ray_covariance(camera, pixels)
+    assert np.einsum("ni,nij,nj->n", rays, spread, rays) == pytest.approx([0.0, 0.0], abs=1e-18)
+    jacobian = projection_jacobian(camera, pixels)
+    middle_px = np.sqrt(np.trace(jacobian[1] @ covariance @ jacobian[1].T))
+    assert np.sqrt(np.trace(spread[1])) == pytest.approx(middle_px / 900.0, rel=0.01)
+
+
+def test_pixels_without_a_ray_have_no_uncertainty() -> None:
+    folding = np.array([898.7, 901.5, 640.0, 360.0, 0.0101, 0.7388, 0.0005, -0.0005, -2.503])
+    camera = dataclasses.replace(camera_of(LENS_MODELS["opencv5"], folding, (1280, 720)), covariance=1e-4 * np.eye(9))
+    std = projection_uncertainty(camera).std_px
+    assert np.isnan(std[0, 0])
+    assert np.isfinite(std[6, 8])
+
+
+def test_a_camera_without_covariance_is_refused() -> None:
+    with pytest.raises(InputError, match="no covariance"):
+        projection_uncertainty(Camera("opencv", (640, 480), np.diag([500.0, 500.0, 1.0]), np.zeros(0)))
+
+
+def test_halves_of_good_views_agree_and_those_of_two_cameras_do_not() -> None:
+    """The second half is shown through a lens of another focal length, zoomed in between."""
+    directions = free_directions(RIG.model)
+    given = draw(RIG, 44)
+    views = observations_of(given.views, BOARD)
+    bundle = refine(RIG.model, RIG.intrinsics, given.poses, views, directions)
+    ratio = disagreement_of_halves(RIG.model, bundle, views, directions, RIG.image_size)
+    assert ratio is not None
+    assert 0.1 < ratio < AGREE
+    zoomed = [
+        view if index % 2 else Observation(view.points_m, view.pixels + 4e-3 * (view.pixels - RIG.intrinsics[2:4]))
+        for index, view in enumerate(views)
+    ]
+    bundle = refine(RIG.model, RIG.intrinsics, given.poses, zoomed, directions)
+    ratio = disagreement_of_halves(RIG.model, bundle, zoomed, directions, RIG.image_size)
+    assert ratio is not None
+    assert ratio > AGREE
+    assert disagreement_of_halves(RIG.model, bundle, zoomed[:5], directions, RIG.image_size) is None

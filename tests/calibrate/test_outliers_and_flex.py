@@ -1,0 +1,139 @@
+"""Outlier corners and bent boards: found where they are, left alone where they are not, against an oracle."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vbaa_calib.bench.calibration import error_mm, screening, solve_oracle, solve_ours
+from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
+from vbaa_calib.calibrate.board_flex import bend, judge_flex, observations_of
+from vbaa_calib.calibrate.bundle import Observation, free_directions, refine, shared_covariance
+from vbaa_calib.calibrate.lens_models import LENS_MODELS, is_monotonic
+from vbaa_calib.calibrate.lens_start import fit_lens, unfolded
+from vbaa_calib.calibrate.outliers import inlier_masks, outlier_limit_px
+
+RIGS = rigs()
+SPOILT = RIGS[4]
+
+
+@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
+def test_within_five_per_cent_of_the_oracle(rig) -> None:
+    errors, oracle = [], []
+    for seed in (21, 22, 23):
+        given = draw(rig, seed)
+        solution = solve_ours(given)
+        errors.append(error_mm(solution.camera, rig.camera))
+        oracle.append(error_mm(solve_oracle(given), rig.camera))
+        lost, caught = screening(solution, given)
+        assert lost <= 0.005
+        assert np.isnan(caught) or caught == 1.0
+        assert solution.board_flex.used == any(rig.sagittas_m)
+    assert np.median(errors) <= 1.05 * np.median(oracle)
+
+
+def test_outliers_and_bend_are_reported() -> None:
+    given = draw(SPOILT, 31)
+    solution = solve_ours(given, "auto")
+    flex = solution.board_flex
+    assert flex.used
+    assert flex.std_m is not None
+    assert np.all(np.abs(flex.sagittas_m - SPOILT.sagittas_m) < 4 * flex.std_m)
+    assert np.all(flex.std_m < 5e-5)
+    assert flex.sagitta_mm == pytest.approx(0.5, abs=0.1)
+    for view, good, used in zip(given.views, given.good, solution.views, strict=True):
+        assert set(view.ids[~good]) == set(used.outlier_ids)
+        assert used.left_out == len(used.outlier_ids)
+        assert used.corners == good.sum()
+    assert "bent" in solution.verdict
+    assert solution.rms_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
+
+
+def test_a_corner_that_a_bad_start_condemned_is_taken_back() -> None:
+    """All good corners come back although the first robust fit is that of a lens which does not fit."""
+    given = draw(RIGS[0], 32)
+    solution = solve_ours(given, "auto")
+    assert sum(view.corners for view in solution.views) == sum(len(view.ids) for view in given.views)
+
+
+def test_the_limit_follows_the_noise() -> None:
+    rng = np.random.default_rng(33)
+    normal = np.linalg.norm(0.5 * rng.normal(size=(4000, 2)), axis=1)
+    assert outlier_limit_px(normal) == pytest.approx(0.5 * np.sqrt(2 * np.log(1e9)), rel=0.1)
+    spoilt = np.where(rng.random(4000) < 0.05, rng.uniform(20, 80, 4000), normal)
+    assert outlier_limit_px(spoilt) < 1.5 * outlier_limit_px(normal)
+    long_tailed = rng.exponential(0.5, 4000)
+    assert outlier_limit_px(long_tailed) > 1.5 * outlier_limit_px(normal)
+    assert outlier_limit_px(np.zeros(10)) == 0.25, "rounding is no outlier"
+
+
+def test_a_blurred_view_is_given_more_room() -> None:
+    rng = np.random.default_rng(34)
+    views = [0.15 * rng.normal(size=(40, 2)) for _ in range(10)]
+    views[3] = 0.6 * rng.normal(size=(40, 2))
+    views[5][7] = 3.0, 0.0
+    masks = inlier_masks(views)
+    assert masks[3].all()
+    assert [int((~mask).sum()) for mask in masks] == [0, 0, 0, 0, 0, 1, 0, 0, 0, 0]
+
+
+def test_a_bend_leaves_the_mean_plane() -> None:
+    rise = bend(BOARD)
+    assert rise.shape == (BOARD.corner_count, 2)
+    assert np.ptp(rise, axis=0) == pytest.approx([1.0, 1.0], abs=0.03)
+    assert np.abs(rise.mean(axis=0)).max() < 0.2
+    assert np.linalg.matrix_rank(np.column_stack([np.ones(len(rise)), rise])) == 3
+
+
+def test_sagittas_scatter_as_predicted() -> None:
+    given, rng = draw(RIGS[0], 35), np.random.default_rng(36)
+    model, rig, directions = RIGS[0].model, RIGS[0], free_directions(RIGS[0].model, flex=True)
+    clean = observations_of(given.views, BOARD)
+    exact = refine(model, rig.intrinsics, given.poses, clean, free_directions(model)[:, :0])
+    base = [v.pixels - r for v, r in zip(clean, exact.residuals_px, strict=True)]
+    found, predicted = [], []
+    for _ in range(60):
+        noisy = [
+            Observation(v.points_m, pixels + 0.15 * rng.normal(size=pixels.shape), v.bend)
+            for v, pixels in zip(clean, base, strict=True)
+        ]
+        bundle = refine(model, rig.intrinsics, given.poses, noisy, directions)
+        covariance = shared_covariance(model, bundle, noisy, directions)
+        assert covariance is not None
+        found.append(bundle.sagittas_m)
+        predicted.append(np.diag(covariance)[-2:])
+    assert np.std(found, axis=0) / np.sqrt(np.mean(predicted, axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
+
+
+def test_an_absurd_bend_is_not_used() -> None:
+    """Half a millimetre in a unit that makes it 500 mm: significant, predictive, and impossible."""
+    given = draw(dataclasses.replace(SPOILT, outliers=0.0), 37)
+    observations = observations_of(given.views, BOARD)
+    bundle = fit_lens(SPOILT.model, observations, SPOILT.image_size)
+    assert judge_flex(SPOILT.model, bundle, observations).used
+    shrunk = [Observation(v.points_m, v.pixels, 1e-3 * v.bend) for v in observations if v.bend is not None]
+    judged = judge_flex(SPOILT.model, bundle, shrunk)
+    assert not judged.used
+    assert "more than a board bends" in judged.reason
+
+
+def test_a_fold_beyond_the_corners_is_taken_out() -> None:
+    """Seed 1 of the wide rig folds inside the picture by plain least squares, as most solvers' results do."""
+    rig = RIGS[2]
+    given = draw(rig, 1)
+    assert solve_oracle(given).valid_region().image_fraction < 1.0
+    solution = solve_ours(given)
+    assert solution.monotonic
+    assert solution.camera.valid_region().image_fraction == 1.0
+
+
+def test_a_lens_that_folds_among_the_corners_stays() -> None:
+    """No pull is strong enough to hide that a model is wrong."""
+    given = draw(RIGS[2], 2)
+    model, observations = LENS_MODELS["opencv5"], observations_of(given.views, BOARD)
+    bundle = fit_lens(model, observations, RIGS[2].image_size)
+    assert not is_monotonic(model, bundle.intrinsics, RIGS[2].image_size)
+    again = unfolded(model, bundle, observations, free_directions(model), RIGS[2].image_size)
+    assert again is bundle

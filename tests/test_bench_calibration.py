@@ -1,0 +1,58 @@
+"""The calibration benchmark: its rigs, its judge, its table."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vbaa_calib.bench.calibration import SOLVERS, error_mm, plane_c, run, solve_oracle
+from vbaa_calib.bench.calibration_report import as_text, write_csv
+from vbaa_calib.bench.calibration_rigs import SIGMA_PX, draw, rigs
+
+
+def test_the_judge_reports_a_wrong_lens_at_its_size() -> None:
+    """A centre that is 2 px off moves every point on C by about 2 px; a pose from the jig takes that up."""
+    truth = rigs()[1].camera
+    assert error_mm(truth, truth) < 1e-9
+    off = dataclasses.replace(truth, matrix=truth.matrix + np.array([[0, 0, 0], [0, 0, 2.0], [0, 0, 0]]))
+    assert error_mm(off, truth) == pytest.approx(2.0 / 2800 * 400, rel=0.15)
+    assert error_mm(off, truth, from_jig=True) < 0.1 * error_mm(off, truth)
+
+
+def test_plane_c_is_as_described() -> None:
+    pose, points = plane_c()
+    assert np.ptp(points, axis=0) == pytest.approx([0.24, 0.12])
+    assert pose.rotation[2, 2] == pytest.approx(np.cos(np.radians(35.0)))
+    assert pose.translation_m[2] == 0.4
+
+
+def test_draws_are_seeded_and_as_spoilt_as_they_say() -> None:
+    rig = rigs()[4]
+    first, again, other = draw(rig, 3), draw(rig, 3), draw(rig, 4)
+    np.testing.assert_array_equal(first.views[5].corners_px, again.views[5].corners_px)
+    assert not np.array_equal(first.poses, other.poses)
+    share = 1 - np.mean(np.concatenate(first.good + other.good))
+    assert 0.035 < share < 0.065
+    assert solve_oracle(first).matrix[0, 0] == pytest.approx(900.0, rel=2e-3)
+    assert SIGMA_PX == 0.15
+
+
+@pytest.mark.slow
+def test_the_table_holds_every_method_on_every_rig(tmp_path) -> None:
+    rows = run(draws=1, seed=5)
+    methods = {row.method for row in rows}
+    assert set(SOLVERS) | {"lensboy", "mrcal"} >= methods >= set(SOLVERS)
+    assert len(rows) == len(rigs()) * len(methods)
+    for row in rows:
+        assert (row.error_mm is None) == bool(row.note)
+        assert row.method != "oracle" or row.ratio == 1.0
+    spoilt = {row.method: row for row in rows if "outliers" in row.rig}
+    assert spoilt["OpenCV, default"].jig_ratio > 3 * spoilt["ours, lens given"].jig_ratio
+    assert spoilt["ours, auto"].outliers_found == 1.0
+    assert as_text(rows, 1).count("\n") == len(rows) + 1
+    write_csv(tmp_path / "calibration.csv", rows, force=False)
+    with (tmp_path / "calibration.csv").open() as stream:
+        assert len(list(csv.DictReader(stream))) == len(rows)
