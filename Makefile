@@ -27,7 +27,7 @@ demo: $(INSTALLED) gl
 	$(BIN)/vbaa demo --out demo --force
 
 test: $(INSTALLED) gl
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -26,8 +26,8 @@ SAME = 1e-2
 """Distances closer than this, in antenna lengths, are taken for the same valley."""
 NEAREST = 0.03
 """Least contact distance that is looked for, in antenna lengths."""
-AT_TIP = 2e-3
-"""A distance this near to the tip is held there, unless the data object."""
+NEAR_TIP, TIP_OBJECTION = 0.03, 2.0
+"""A distance this near to the tip is held there if that costs no more than this: if it lies within two deviations."""
 ITERATIONS, REWEIGHTINGS = 40, 4
 STANDSTILL = 1e-4
 """A step that promises less than this much of the cost is the last: a hundredth of a standard deviation."""
@@ -129,13 +129,14 @@ def fit(scene: Scene, start: np.ndarray | None = None) -> Fit:
     """The best contact for one frame, from a start (3,) near it, or from several of its own.
 
     Own starts are followed down on a part of the points; what they lead to is polished on all of them, and the lowest
-    cost taken. A distance that runs to the tip is held there unless that costs more than half a standard deviation.
+    cost taken. A distance that the data cannot tell from the tip is held there.
     """
     starts = valleys(scene.thinned(COARSE_POINTS)) if start is None else [start]
     best = min((_polished(scene, start) for start in starts), key=_plain_cost)
-    if best.unknowns[0] > TIP - AT_TIP:
-        held = _descend(replace(best, unknowns=np.array([TIP, *best.unknowns[1:]]), at_tip=True))
-        if held.cost <= best.cost + 0.5:
+    if best.unknowns[0] > TIP - NEAR_TIP:
+        at_tip = np.array([TIP, *best.unknowns[1:]])
+        held = _descend(evaluated(best.scene, at_tip, best.rig_steps, at_tip=True))
+        if held.cost <= best.cost + TIP_OBJECTION:
             return held
     return best
 

@@ -11,7 +11,7 @@ from vbaa_calib.reprojection import robust_weights
 from .fit import FREE, Fit, evaluated, least_cost
 from .scene import by_rig
 
-LEAST_REDUNDANCY = 0.1
+LEAST_REDUNDANCY = 0.005
 """A moment whose misfit may be only this part of its own deviation was fitted, not tested: it contradicts nothing."""
 
 

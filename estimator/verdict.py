@@ -21,8 +21,11 @@ LOW_SIGNAL, LOW_SIGNAL_OWN = 0.05, 0.1
 no longer describes what is known."""
 EDGE_ON_RAD = 0.05
 """Within this angle of the camera's centre the deformation plane counts as seen edge-on."""
-WRONG_SHAPE = 6.0
+WRONG_SHAPE = 3.0
 """Median misfit, in standard deviations, beyond which the shape is not that of one contact."""
+STRANGE_RIG = 50.0
+"""Summed squares of the rig's steps, in deviations, beyond which the frame is said to ask for another rig: 16 of them
+follow χ² and exceed it about twice in 100,000 frames."""
 CONTRADICTION = 4.0
 """Moment misfit in standard deviations beyond which picture and moment are said to disagree."""
 RIG_STEP = 1e-5
@@ -70,9 +73,12 @@ def judge(solved: Solved, T_world_antenna: Pose) -> Contact:
         return Contact(status, why, model, True, moment_residual_Nm=residual)
     reasons = [solved.chosen]
     if result.at_tip:
-        reasons.insert(0, "the contact is at the tip: its distance is the antenna's length")
+        reasons.insert(0, "the contact cannot be told from the tip: its distance is the antenna's length")
     if scene.scatter > 1.0:
         reasons.append(f"the points scatter {scene.scatter:.1f} times more than they should")
+    strange = float(result.rig_steps @ result.rig_steps)
+    if strange > STRANGE_RIG:
+        reasons.append(f"the rig's parameters had to move by {np.sqrt(strange):.0f} std to fit: check the rig")
     contradiction = abs(result.residuals[-1]) / spread.moment_std
     if contradiction > CONTRADICTION:
         reasons.append(f"picture and moment disagree by {contradiction:.0f} std")

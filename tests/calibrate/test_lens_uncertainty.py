@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.board_flex import observations_of
-from vbaa_calib.calibrate.bundle import Observation, free_directions, lens_covariance, refine
+from vbaa_calib.calibrate.bundle import free_directions, lens_covariance, refine
+from vbaa_calib.calibrate.corner_stack import Observation
 from vbaa_calib.calibrate.halves import AGREE, disagreement_of_halves
 from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.lens_uncertainty import (

@@ -10,7 +10,8 @@ import pytest
 from vbaa_calib.bench.calibration import error_mm, screening, solve_oracle, solve_ours
 from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.board_flex import bend, judge_flex, observations_of
-from vbaa_calib.calibrate.bundle import Observation, free_directions, refine, shared_covariance
+from vbaa_calib.calibrate.bundle import free_directions, refine, shared_covariance
+from vbaa_calib.calibrate.corner_stack import Observation
 from vbaa_calib.calibrate.lens_models import LENS_MODELS, is_monotonic
 from vbaa_calib.calibrate.lens_start import fit_lens, unfolded
 from vbaa_calib.calibrate.outliers import inlier_masks, outlier_limit_px
@@ -19,7 +20,9 @@ RIGS = rigs()
 SPOILT = RIGS[4]
 
 
-@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
+@pytest.mark.parametrize(
+    "rig", [pytest.param(rig, id=rig.name, marks=pytest.mark.slow if rig in RIGS[1:4] else ()) for rig in RIGS]
+)
 def test_within_five_per_cent_of_the_oracle(rig) -> None:
     errors, oracle = [], []
     for seed in (21, 22, 23):

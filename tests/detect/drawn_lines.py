@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 
@@ -32,7 +34,7 @@ def tube(
     rows, columns = size
     step = (np.arange(_FINE * max(size)) + 0.5) / _FINE - 0.5
     nearest = np.full((_FINE * rows, _FINE * columns), np.inf)
-    for a, b in zip(path_px[:-1], path_px[1:], strict=True):
+    for a, b in pairwise(path_px):
         along = b - a
         low, high = np.minimum(a, b) - width_px, np.maximum(a, b) + width_px
         u, v = ((step[: _FINE * n] >= low[i]) & (step[: _FINE * n] <= high[i]) for i, n in ((0, columns), (1, rows)))
@@ -69,7 +71,7 @@ def bent(start: tuple[float, float], angle_deg: float, turn_deg: float, length_p
 def aside(path_px: np.ndarray, points_px: np.ndarray) -> np.ndarray:
     """(N,) signed distance of points from a polyline, positive to the right of its direction in the picture."""
     best, signed = np.full(len(points_px), np.inf), np.zeros(len(points_px))
-    for a, b in zip(path_px[:-1], path_px[1:], strict=True):
+    for a, b in pairwise(path_px):
         along = (b - a) / np.linalg.norm(b - a)
         offset = points_px - a
         share = np.clip(offset @ along, 0.0, np.linalg.norm(b - a))

@@ -1,4 +1,4 @@
-"""The measured centreline against lines drawn by the tests: bias, honest deviations, gaps, edges, and no line at all."""
+"""The measured centreline against lines drawn here: bias, honest deviations, gaps, edges, and no line at all."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def dense(path_px: np.ndarray) -> np.ndarray:
 def measured(path_px: np.ndarray, rng: np.random.Generator, off_px: float = 0.7, **changes: float) -> Centreline:
     """A line drawn on clutter and measured along a guide that lies a little aside."""
     picture = background(rng, changes.get("clutter", 2.0)) + tube(path_px, WIDTH_PX, changes.get("height", 110.0))
-    return measure(exposed(picture, rng, changes.get("noise", 1.5)), dense(path_px) + [0.0, off_px], WIDTH_PX)
+    return measure(exposed(picture, rng, changes.get("noise", 1.5)), dense(path_px) + np.array([0.0, off_px]), WIDTH_PX)
 
 
 @pytest.mark.parametrize("angle_deg", [0.4, 7.0, 30.0, 45.0, 60.0, 90.0, 133.0, 180.0, 271.0])
@@ -52,13 +52,13 @@ def test_bias_and_spread_over_many_lines() -> None:
         claims.append(line.sigma_px)
     assert abs(np.concatenate(errors).mean()) < 0.005
     ratio = [np.std(error) / np.sqrt((claim**2).mean()) for error, claim in zip(errors, claims, strict=True)]
-    assert 0.7 < min(ratio)
+    assert min(ratio) > 0.7
     assert max(ratio) < 1.3
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.1)
     assert np.sqrt((np.concatenate(claims) ** 2).mean()) < 0.06
 
 
-@pytest.mark.parametrize(("width_px", "least"), [(1.2, 0.7), (4.0, 0.7), (8.0, 0.3)])
+@pytest.mark.parametrize(("width_px", "least"), [(1.2, 0.7), (4.0, 0.5), (8.0, 0.3)])
 def test_thin_and_thick_lines(width_px: float, least: float) -> None:
     """A thick tube is no Gaussian: its deviations are claimed too large, never too small."""
     rng = np.random.default_rng(2)

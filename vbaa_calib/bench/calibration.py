@@ -13,14 +13,15 @@ import numpy as np
 from targets.charuco import corner_points
 
 from ..calibrate.board_flex import observations_of
-from ..calibrate.bundle import Observation, free_directions, refine
+from ..calibrate.bundle import free_directions, refine
+from ..calibrate.corner_stack import Observation
 from ..calibrate.intrinsics import LensSolution, solve_intrinsics
 from ..calibrate.lens_models import LensModel, camera_of
 from ..camera import Camera
 from ..console import progress
 from ..errors import VbaaError
 from ..geometry import Pose
-from .calibration_peers import absent
+from .calibration_peers import not_run
 from .calibration_rigs import BOARD, Draw, Rig, draw, rigs
 
 _SIDES_M = (0.24, 0.12)
@@ -49,14 +50,14 @@ class Row:
 
     rig: str
     method: str
-    error_mm: float | None
-    ratio: float | None
-    jig_error_mm: float | None
-    jig_ratio: float | None
-    seconds: float | None
-    folds: float | None
-    good_dropped: float | None
-    outliers_found: float | None
+    error_mm: float | None = None
+    ratio: float | None = None
+    jig_error_mm: float | None = None
+    jig_ratio: float | None = None
+    seconds: float | None = None
+    folds: float | None = None
+    good_dropped: float | None = None
+    outliers_found: float | None = None
     note: str = ""
 
 
@@ -142,7 +143,7 @@ def run(draws: int, seed: int) -> list[Row]:
         given = [draw(rig, seed + number) for number in range(draws)]
         measured = [_row(rig, name, solve, given) for name, solve in SOLVERS.items()]
         rows += [_beside(row, measured[0]) for row in measured]
-        rows += [_absent_row(rig, name, why) for name, why in absent().items()]
+        rows += [Row(rig.name, name, note=why) for name, why in not_run().items()]
     return rows
 
 
@@ -179,9 +180,7 @@ def _row(rig: Rig, name: str, solve: Callable[[Draw], Camera | LensSolution], gi
         rig=rig.name,
         method=name,
         error_mm=_median(told),
-        ratio=None,
         jig_error_mm=_median(jig),
-        jig_ratio=None,
         seconds=_median(seconds),
         folds=float(np.mean(folds)) if folds else None,
         good_dropped=float(np.mean(dropped)) if dropped else None,
@@ -207,10 +206,6 @@ def screening(solution: LensSolution, given: Draw) -> tuple[float, float]:
     out = [np.isin(view.ids, list(used.get(view.name, view.ids))) for view in given.views]
     left_out, good = np.concatenate(out), np.concatenate(given.good)
     return float(left_out[good].mean()), float(left_out[~good].mean()) if (~good).any() else np.nan
-
-
-def _absent_row(rig: Rig, name: str, why: str) -> Row:
-    return Row(rig.name, name, *[None] * 8, note=why)
 
 
 def _median(values: Sequence[float] | np.ndarray) -> float | None:

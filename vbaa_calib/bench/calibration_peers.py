@@ -1,4 +1,4 @@
-"""Other calibrators, where they are installed."""
+"""Other calibrators: which are installed, and why they have no numbers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ PEERS = {"lensboy": "pip install lensboy", "mrcal": "apt install python3-mrcal"}
 """Importable name → where to get it."""
 
 
-def absent() -> dict[str, str]:
-    """Peers that cannot be imported here, and how to get them."""
-    return {name: f"absent ({remedy})" for name, remedy in PEERS.items() if find_spec(name) is None}
+def not_run() -> dict[str, str]:
+    """Name of each peer and why this benchmark has no numbers of it."""
+    return {
+        name: f"absent ({remedy})" if find_spec(name) is None else "installed, but not driven by this benchmark"
+        for name, remedy in PEERS.items()
+    }

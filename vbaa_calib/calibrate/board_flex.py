@@ -12,7 +12,8 @@ from targets.board import BoardSpec
 from targets.charuco import corner_points
 
 from ..detect.corners import BoardView
-from .bundle import FLEX, Bundle, Observation, free_directions, refine, shared_covariance
+from .bundle import Bundle, free_directions, refine, shared_covariance
+from .corner_stack import FLEX, Observation
 from .held_out import excess_in_errors, held_out_squares, rms_over
 from .lens_models import LensModel
 

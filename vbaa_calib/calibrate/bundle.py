@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from .lens_models import PROJECTIONS, LensModel
-
-FLEX = 2
-"""Numbers that describe a board that is not flat (`board_flex`)."""
+from .corner_stack import FLEX, Observation, Stack, State, rows
+from .lens_models import LensModel
 
 _RELATIVE_DECREASE = 1e-10
 _OPEN = 1e-10
@@ -20,23 +17,6 @@ _REWEIGHTINGS = 12
 _STEPS_PER_WEIGHTING = 3
 _SETTLED = 1e-3
 _MEDIAN_LENGTH = 1.1774  # of a plane normal vector, in standard deviations per axis
-
-
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """Corners of one view: board points (N, 3) m and their pixels (N, 2).
-
-    bend : (N, 2) how far each point rises along the board's z for a metre of each sagitta; a flat board has none.
-    """
-
-    points_m: np.ndarray
-    pixels: np.ndarray
-    bend: np.ndarray | None = None
-
-    def picked(self, which: np.ndarray) -> Observation:
-        """The corners of a mask or of indices."""
-        bend = None if self.bend is None else self.bend[which]
-        return Observation(self.points_m[which], self.pixels[which], bend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +93,8 @@ def refine(
     iterations : at most; a few are enough to tell good starts from bad ones.
     shrink_px2 : added to the cost for each distortion coefficient of 1, squared. It holds what the corners leave open.
     """
-    stack = _Stack.of(observations)
-    state = _State(np.concatenate([np.asarray(intrinsics, float), sagittas_m]), np.array(poses, float))
+    stack = Stack.of(observations)
+    state = State(np.concatenate([np.asarray(intrinsics, float), sagittas_m]), np.array(poses, float))
     weights = np.ones(len(stack.pixels))
     if robust:
         weights, state = _reweighted(model, state, stack, directions, shrink_px2)
@@ -125,44 +105,9 @@ def refine(
 
 def residuals_px(model: LensModel, bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:
     """Per view (N, 2), observed minus projected, of any corners of the bundle's views."""
-    stack = _Stack.of(observations)
-    state = _State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
-    return np.split(_rows(model, state, stack)[0], stack.bounds[1:-1])
-
-
-@dataclass(frozen=True, eq=False)
-class _Stack:
-    """All corners one after the other: view `i` has rows bounds[i] to bounds[i + 1]."""
-
-    points_m: np.ndarray
-    pixels: np.ndarray
-    bend: np.ndarray
-    view: np.ndarray
-    bounds: np.ndarray
-
-    @staticmethod
-    def of(observations: Sequence[Observation]) -> _Stack:
-        counts = [len(view.pixels) for view in observations]
-        return _Stack(
-            np.concatenate([view.points_m for view in observations]),
-            np.concatenate([view.pixels for view in observations]),
-            np.concatenate([np.zeros((len(v.pixels), FLEX)) if v.bend is None else v.bend for v in observations]),
-            np.repeat(np.arange(len(counts)), counts),
-            np.concatenate([[0], np.cumsum(counts)]),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """Where the descent is: what all views share (4 + k + 2,), and the poses (V, 6)."""
-
-    shared: np.ndarray
-    poses: np.ndarray
-
-    def moved(self, shared: np.ndarray, poses: np.ndarray) -> _State:
-        """Poses turn about the board's origin by a rotation vector in the camera frame, and shift."""
-        turned = Rotation.from_rotvec(poses[:, :3]) * Rotation.from_rotvec(self.poses[:, :3])
-        return _State(self.shared + shared, np.hstack([turned.as_rotvec(), self.poses[:, 3:] + poses[:, 3:]]))
+    stack = Stack.of(observations)
+    state = State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
+    return np.split(rows(model, state, stack)[0], stack.bounds[1:-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,36 +123,20 @@ class _System:
     coupling: np.ndarray
 
 
-def _rows(model: LensModel, state: _State, stack: _Stack) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals (N, 2) and their negative derivatives by what is shared (N, 2, 4 + k + 2) and the poses (N, 2, 6)."""
-    intrinsics, sagittas = state.shared[:-FLEX], state.shared[-FLEX:]
-    rotations = Rotation.from_rotvec(state.poses[:, :3]).as_matrix()[stack.view]
-    rise = stack.bend @ sagittas
-    turned = np.einsum("nij,nj->ni", rotations, stack.points_m) + rise[:, None] * rotations[:, :, 2]
-    points = turned + state.poses[stack.view, 3:]
-    pixels, by_intrinsics, by_pose = PROJECTIONS[model.camera_model](points, np.zeros(6), intrinsics)
-    by_point = by_pose[:, 3:].reshape(-1, 2, 3)
-    # gᵀ(ω × q) = ωᵀ(q × g)
-    by_turn = np.cross(turned[:, None, :], by_point)
-    by_sagitta = (by_point @ rotations[:, :, 2:]) * stack.bend[:, None, :]
-    by_shared = np.concatenate([by_intrinsics.reshape(len(points), 2, -1), by_sagitta], axis=-1)
-    return stack.pixels - pixels, by_shared, np.concatenate([by_turn, by_point], axis=-1)
-
-
 def _linearise(
     model: LensModel,
-    state: _State,
-    stack: _Stack,
+    state: State,
+    stack: Stack,
     weights: np.ndarray,
     directions: np.ndarray,
     shrink_px2: float,
 ) -> _System:
-    residuals, by_shared, by_pose = _rows(model, state, stack)
-    rows = np.concatenate([by_shared @ directions, by_pose, residuals[..., None]], axis=-1)
-    rows *= np.sqrt(weights)[:, None, None]
+    residuals, by_shared, by_pose = rows(model, state, stack)
+    scaled = np.concatenate([by_shared @ directions, by_pose, residuals[..., None]], axis=-1)
+    scaled *= np.sqrt(weights)[:, None, None]
     blocks = np.array(
         [
-            (flat := rows[first:last].reshape(-1, rows.shape[-1])).T @ flat
+            (flat := scaled[first:last].reshape(-1, scaled.shape[-1])).T @ flat
             for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True)
         ]
     )
@@ -245,13 +174,13 @@ def _solve_scaled(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 def _descend(
     model: LensModel,
-    state: _State,
-    stack: _Stack,
+    state: State,
+    stack: Stack,
     weights: np.ndarray,
     directions: np.ndarray,
     iterations: int,
     shrink_px2: float,
-) -> tuple[_State, _System]:
+) -> tuple[State, _System]:
     system = _linearise(model, state, stack, weights, directions, shrink_px2)
     damping = 1e-3
     for _ in range(iterations):
@@ -277,10 +206,10 @@ def _descend(
 
 
 def _reweighted(
-    model: LensModel, state: _State, stack: _Stack, directions: np.ndarray, shrink_px2: float
-) -> tuple[np.ndarray, _State]:
+    model: LensModel, state: State, stack: Stack, directions: np.ndarray, shrink_px2: float
+) -> tuple[np.ndarray, State]:
     """Cauchy weights (N,) that have settled, and the state that they lead to."""
-    weights = _cauchy_weights(_rows(model, state, stack)[0])
+    weights = _cauchy_weights(rows(model, state, stack)[0])
     for _ in range(_REWEIGHTINGS):
         state, system = _descend(model, state, stack, weights, directions, _STEPS_PER_WEIGHTING, shrink_px2)
         before, weights = weights, _cauchy_weights(system.residuals_px)
@@ -311,9 +240,9 @@ def shared_covariance(
     Scaled by the residual variance. Zero for what is held fixed; None where the views leave a free parameter open.
     """
     freedom = sum(view.pixels.size for view in observations) - directions.shape[1] - 6 * len(observations)
-    stack = _Stack.of(observations)
-    state = _State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
-    residuals, by_shared, by_pose = _rows(model, state, stack)
+    stack = Stack.of(observations)
+    state = State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
+    residuals, by_shared, by_pose = rows(model, state, stack)
     by_shared, blocks = by_shared @ directions, []
     for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True):
         # what the view's own pose cannot explain; by QR, for normal equations would lose half the digits
@@ -324,8 +253,8 @@ def shared_covariance(
     norms = np.linalg.norm(jacobian, axis=0)
     if freedom <= 0 or not np.all(np.isfinite(norms)) or not np.all(norms > 0.0):
         return None
-    _, values, rows = np.linalg.svd(np.linalg.qr(jacobian / norms, mode="r"), full_matrices=False)
+    _, values, basis = np.linalg.svd(np.linalg.qr(jacobian / norms, mode="r"), full_matrices=False)
     if values[-1] < _OPEN * values[0]:
         return None
-    half = directions @ ((rows.T / values) / norms[:, None])
+    half = directions @ ((basis.T / values) / norms[:, None])
     return float(np.sum(residuals**2)) / freedom * half @ half.T

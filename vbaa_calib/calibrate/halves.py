@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .bundle import Bundle, Observation, lens_covariance, refine
+from .bundle import Bundle, lens_covariance, refine
+from .corner_stack import Observation
 from .lens_models import LensModel, camera_of
 from .lens_uncertainty import compensate, pixel_grid, projection_jacobian
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .bundle import Bundle, Observation, refine
+from .bundle import Bundle, refine
+from .corner_stack import Observation
 from .lens_models import LensModel
 
 _FOLDS = 5

@@ -14,7 +14,8 @@ from ..detect.corners import BoardView
 from ..errors import InputError
 from ..geometry import Pose
 from .board_flex import BoardFlex, observations_of
-from .bundle import FLEX, Observation, shared_covariance
+from .bundle import shared_covariance
+from .corner_stack import FLEX, Observation
 from .lens_choice import Candidate
 from .lens_models import LENS_MODELS, camera_matrix, is_monotonic
 from .lens_solve import LensFit, decide, screen

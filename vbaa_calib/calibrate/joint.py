@@ -25,9 +25,11 @@ STEPS = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 
 """Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
 RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
-ITERATIONS = 40
-TIGHTENING = 4.0
-"""How much smaller the points' deviations are taken in each pass."""
+ITERATIONS, PASSES = 40, 10
+SETTLED = 0.02
+"""The passes end when the points' scatter changes by less than this part."""
+FALSE_STILL = 3.0
+"""A still whose points lie this many times further off than the median still's is left out."""
 STANDSTILL = 1e-5
 """A step that promises less than this much of the cost is the last: a few thousandths of a standard deviation."""
 
@@ -73,6 +75,7 @@ class JointSolution:
     covariance : (16, 16), the pose's part about the solved pose.
     noise_scale : scatter of the centreline points about the model over what their own deviations predict.
     point_rms : (F,) per observation, in units of the scaled deviations.
+    kept : (F,) whether the observation took part; others lie far off what the rest agree on.
     moment_residuals_Nm : (F,).
     """
 
@@ -81,6 +84,7 @@ class JointSolution:
     covariance: np.ndarray
     noise_scale: float
     point_rms: np.ndarray
+    kept: np.ndarray
     moment_residuals_Nm: np.ndarray
 
     @property
@@ -97,6 +101,7 @@ class _Problem:
     length_m: float
     sensor: MomentSensor
     noise_scale: float
+    kept: np.ndarray
 
     def evaluate(self, parameters: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """Per observation (N, 1 + 14) whitened distances at the parameters and one step along each; (F, 9) moments."""
@@ -130,7 +135,7 @@ class _Problem:
         """All residuals (R,) and their Jacobian (R, 16)."""
         distances, moments = self.evaluate(parameters)
         blocks, rows = [], []
-        for block in distances:
+        for block in (block for block, kept in zip(distances, self.kept, strict=True) if kept):
             jacobian = np.zeros((len(block), 16))
             jacobian[:, :14] = (block[:, 1:] - block[:, :1]) / STEPS
             blocks.append(block[:, 0] / self.noise_scale)
@@ -140,8 +145,8 @@ class _Problem:
         jacobian = np.zeros((len(readings), 16))
         jacobian[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:] - moments[:, :1]) / STEPS[6:]
         jacobian[:, GAIN], jacobian[:, OFFSET] = moments[:, 0], 1.0
-        blocks.append((parameters[GAIN] * moments[:, 0] + parameters[OFFSET] - readings) / std)
-        rows.append(jacobian / std)
+        blocks.append(((parameters[GAIN] * moments[:, 0] + parameters[OFFSET] - readings) / std)[self.kept])
+        rows.append(jacobian[self.kept] / std)
         whiten = np.linalg.inv(np.linalg.cholesky(self.prior.pose_covariance))
         blocks.append(whiten @ parameters[POSE])
         rows.append(np.hstack([whiten, np.zeros((6, 10))]))
@@ -155,30 +160,36 @@ def solve_joint(
 ) -> JointSolution:
     """Solve camera pose, antenna and moment sensor from stills.
 
-    Solved in passes. At first, far off, the points' deviations are taken so large that no still counts as false; then
-    ever smaller, down to what the points claim, so that a still that is false cannot hide behind the others' misfits.
-    The last pass takes what the points then scatter. Raises SolveError when it does not converge.
+    Solved in passes: each weighs the points by how much they scattered about the model of the one before, so that at
+    first, far off, nothing counts as false, and leaves out the stills that lie much further off than the others do. A
+    load noted wrong bends its whole shape: no weight on single points keeps it from drawing the others along.
+    Raises SolveError when the solver does not converge.
     """
-    problem = _Problem(observations, camera, prior, length_m, sensor, 1.0)
+    problem = _Problem(observations, camera, prior, length_m, sensor, 1.0, np.ones(len(observations), bool))
     parameters = np.concatenate([np.zeros(6), prior.mean])
-    scale = _scatter(problem, parameters)
-    while scale > 1.0:
-        parameters = _descend(replace(problem, noise_scale=scale), parameters).parameters
-        scale /= TIGHTENING
-    parameters = _descend(problem, parameters).parameters
-    problem = replace(problem, noise_scale=_scatter(problem, parameters))
-    solution = _descend(problem, parameters)
+    distances, moments = problem.evaluate(parameters)
+    for _ in range(PASSES):
+        kept = problem.kept
+        scale = noise_scale([block[:, 0] for block, inside in zip(distances, kept, strict=True) if inside])
+        settled = abs(scale / problem.noise_scale - 1.0) < SETTLED
+        problem = replace(problem, noise_scale=scale)
+        solution = _descend(problem, parameters)
+        parameters = solution.parameters
+        distances, moments = problem.evaluate(parameters)
+        rms = np.array([np.sqrt((block[:, 0] ** 2).mean()) for block in distances]) / scale
+        problem = replace(problem, kept=rms < FALSE_STILL * np.median(rms))
+        if settled and (problem.kept == kept).all():
+            break
     if not solution.converged:
         raise SolveError("the joint solve of camera pose, antenna and sensor did not converge")
-    parameters = solution.parameters
-    distances, moments = problem.evaluate(parameters)
     gain, offset = parameters[GAIN], parameters[OFFSET]
     return JointSolution(
         parameters=parameters,
         T_antenna_camera=prior.T_antenna_camera.retract(parameters[POSE]),
         covariance=solution.covariance(),
         noise_scale=problem.noise_scale,
-        point_rms=np.array([np.sqrt((block[:, 0] ** 2).mean()) / problem.noise_scale for block in distances]),
+        point_rms=rms,
+        kept=kept,
         moment_residuals_Nm=np.array([obs.still.moment_Nm for obs in observations]) - gain * moments[:, 0] - offset,
     )
 
@@ -193,10 +204,6 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
     return float(max(spread, 1.4826 * np.median(np.abs(np.concatenate(residuals))), 0.2))
 
 
-def _scatter(problem: _Problem, parameters: np.ndarray) -> float:
-    return noise_scale([block[:, 0] for block in problem.evaluate(parameters)[0]])
-
-
 @dataclass(frozen=True, eq=False)
 class _Solution:
     """Parameters (16,), residuals (R,), their Jacobian (R, 16), and whether the solver came to a standstill."""
@@ -207,7 +214,7 @@ class _Solution:
     converged: bool = False
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Reweighted information (16, 16) and slope (16,), and the scale (16,) taken out: units differ by magnitudes."""
+        """Reweighted information (16, 16) and slope (16,), and the scale (16,) taken out: units differ greatly."""
         weights = robust_weights(self.residuals)
         weighted = self.jacobian * weights[:, None]
         scale = np.linalg.norm(weighted, axis=0)

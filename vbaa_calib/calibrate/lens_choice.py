@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bundle import Bundle, Observation, free_directions, lens_covariance
+from .bundle import Bundle, free_directions, lens_covariance
+from .corner_stack import Observation
 from .halves import AGREE, disagreement_of_halves
 from .held_out import excess_in_errors, held_out_squares, rms_over
 from .lens_models import LENS_MODELS, LensModel, is_monotonic

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .board_flex import BoardFlex, judge_flex
-from .bundle import FLEX, Bundle, Observation, free_directions, refine
+from .bundle import Bundle, free_directions, refine
+from .corner_stack import FLEX, Observation
 from .lens_choice import Candidate, assess, choose_lens
 from .lens_models import LENS_MODELS, LensModel
 from .lens_start import fit_lens

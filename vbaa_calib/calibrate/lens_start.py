@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
-from .bundle import FLEX, Bundle, Observation, free_directions, refine
+from .bundle import Bundle, free_directions, refine
+from .corner_stack import FLEX, Observation
 from .lens_models import LENS_MODELS, LensModel, camera_matrix, is_monotonic
 
 _FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bundle import Bundle, Observation, refine, residuals_px
+from .bundle import Bundle, refine, residuals_px
+from .corner_stack import Observation
 from .lens_models import LensModel
 from .view_screening import good_views
 

@@ -26,11 +26,9 @@ LOG_STIFFNESS_STD = 0.5
 LOG_MASS_STD = 0.03
 GAIN_STD = 0.5
 OFFSET_STD_NM = 0.02
-"""Priors of the joint solve: what a careful builder can be trusted with. Stiffness and sensor are left all but free; the
-mass is not, for sag is what weight over stiffness gives, and a kitchen scale knows the wire's mass to a few per cent."""
+"""Priors of the joint solve: what a careful builder can be trusted with. Stiffness and sensor are left all but free;
+the mass is not, for sag is what weight over stiffness gives, and a kitchen scale knows the mass to a few per cent."""
 
-OUTLIER_RMS = 4.0
-"""A still whose points lie this many times further off than the median still is named."""
 STIFFNESS_DOUBT = 0.15
 """Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
 
@@ -114,13 +112,13 @@ def doubts(
     found = []
     if board_pose.is_ambiguous:
         found.append("the board in the jig has a second pose that fits nearly as well: take it from a steeper angle")
-    typical = float(np.median(joint.point_rms))
-    for still, rms, moment in zip(stills, joint.point_rms, joint.moment_residuals_Nm, strict=True):
+    for index, still in enumerate(stills):
+        rms, moment = joint.point_rms[index], joint.moment_residuals_Nm[index]
         name = still.image.name if still.image else "?"
         kind = "load" if isinstance(still, Load) else "no-load frame"
-        if rms > OUTLIER_RMS * max(typical, 1.0):
-            found.append(f"{kind} {name}: the seen shape lies {rms:.1f} std off the model; is its row right?")
-        if abs(moment) > 5 * session.moment_std_Nm:
+        if not joint.kept[index]:
+            found.append(f"{kind} {name}: left out, its shape lies {rms:.1f} std off the model; is its row right?")
+        elif abs(moment) > 5 * session.moment_std_Nm:
             off = moment / session.moment_std_Nm
             found.append(f"{kind} {name}: the moment reading is {off:+.1f} std off; is its row right?")
     nominal = session.antenna.stiffness_Nm2
@@ -153,9 +151,8 @@ def report(calibration: Calibration) -> None:
     say(f"lens       {calibration.lens.model}: rms {calibration.lens.rms_px:.3f} px")
     say(f"plane C    camera at ({position[0]:.1f}, {position[1]:.1f}, {position[2]:.1f}) mm in the antenna frame")
     say(f"antenna    EI = {antenna.stiffness_Nm2:.5g} ± {antenna.stiffness_Nm2 * std[0]:.2g} N·m²")
-    say(
-        f"sensor     gain {rig.moment_sensor.gain:.4f} ± {std[1]:.4f}, offset {1e3 * rig.moment_sensor.offset_Nm:.3f} mN·m"
-    )
+    sensor = rig.moment_sensor
+    say(f"sensor     gain {sensor.gain:.4f} ± {std[1]:.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m")
     for line in calibration.warnings:
         say(f"look at    {line}")
 

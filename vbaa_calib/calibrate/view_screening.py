@@ -11,7 +11,7 @@ from targets.board import BoardSpec
 from targets.charuco import corner_points
 
 from ..detect.corners import BoardView
-from .bundle import Observation
+from .corner_stack import Observation
 
 LEAST_CORNERS = 4
 """Four corners fix the pose of a plane."""

@@ -1,7 +1,7 @@
-"""Measure the antenna to a fraction of a pixel: a line profile fitted to the raw pixels of every column that it crosses.
+"""Measure the antenna to a fraction of a pixel: a line profile fitted to the raw pixels of every column it crosses.
 
-Where the antenna runs more upward than sideways, of every row. Raw pixels, because interpolated ones share their noise,
-and shift a thin line with its phase on the pixel grid.
+Where the antenna runs more upward than sideways, of every row. Raw pixels, because interpolated ones share their
+noise, and shift a thin line with its phase on the pixel grid.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LEAST_SEEN = 0.2
 BROAD, LEAST_SEEN_BROAD = 1.8, 0.6
 """So much broader than expected it may be an antenna out of focus, or a soft edge: then more must be seen of it."""
 QUIET = 0.4
-"""Quantile of the profiles' residuals that is taken for the picture's noise: more than half may lie beside an object."""
+"""Quantile of the profiles' residuals taken for the picture's noise: more than half may lie beside an object."""
 DISTURBED = 1.8
 """Profiles that leave this many times the noise show something beside the antenna, which draws the line aside."""
 LEAST_CLEAN = 0.3
