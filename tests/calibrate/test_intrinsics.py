@@ -123,7 +123,7 @@ def test_a_gross_view_is_dropped_and_a_gross_corner_left_out() -> None:
     assert [view.name for view in solution.dropped] == ["07.png"]
     assert "robust" in solution.dropped[0].reason
     assert {view.name: view.left_out for view in solution.views if view.left_out} == {"03.png": 1}
-    assert solution.rms_px < 0.25
+    assert solution.rms_inliers_px < 0.25
     assert abs(solution.camera.matrix[0, 0] / 1500.0 - 1) < 0.003
 
 

@@ -51,7 +51,7 @@ def test_outliers_and_bend_are_reported() -> None:
         assert used.left_out == len(used.outlier_ids)
         assert used.corners == good.sum()
     assert "bent" in solution.verdict
-    assert solution.rms_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
+    assert solution.rms_inliers_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
 
 
 def test_a_corner_that_a_bad_start_condemned_is_taken_back() -> None:

@@ -14,7 +14,7 @@ from ..detect.corners import BoardView
 from ..errors import InputError
 from ..geometry import Pose
 from .board_flex import BoardFlex, observations_of
-from .bundle import shared_covariance
+from .bundle import residuals_px, shared_covariance
 from .corner_stack import FLEX, Observation
 from .lens_choice import Candidate
 from .lens_models import LENS_MODELS, camera_matrix, is_monotonic
@@ -56,7 +56,9 @@ class LensSolution:
     ----------
     camera : with the covariance of (fx, fy, cx, cy, distortion), poses and board marginalised, scaled by the residual
         variance.
-    model : name of the lens model. rms_px : recomputed from the parameters returned, over all corners used.
+    model : name of the lens model.
+    rms_px : recomputed from the parameters returned, over all corners of the views used, outliers too: what other tools
+        call RMS. rms_inliers_px : without the outliers, which is what was minimised.
     comparison : the lens models that were assessed: all that `auto` compared, or the one that was given.
     monotonic : whether the lens maps the whole picture without folding.
     board_flex : how far the board is bent, and whether the lens was solved with that.
@@ -66,6 +68,7 @@ class LensSolution:
     camera: Camera
     model: str
     rms_px: float
+    rms_inliers_px: float
     views: tuple[UsedView, ...]
     dropped: tuple[DroppedView, ...]
     comparison: tuple[Candidate, ...]
@@ -114,7 +117,10 @@ def solve_intrinsics(
             f"the pictures leave the {fit.lens.name} lens open",
             remedy="add views of the board tilted in different directions, or choose a simpler --model",
         )
-    return _solution(fit, covariance[:-FLEX, :-FLEX], usable, good, dropped)
+    whole = [observations[index] for index in fit.inliers.views.tolist()]
+    distances = np.concatenate([np.linalg.norm(r, axis=1) for r in residuals_px(fit.lens, fit.bundle, whole)])
+    rms_px = float(np.sqrt((distances**2).mean()))
+    return _solution(fit, covariance[:-FLEX, :-FLEX], usable, good, dropped, rms_px)
 
 
 def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[DroppedView]:
@@ -146,6 +152,7 @@ def _solution(
     usable: Sequence[BoardView],
     good: Sequence[Observation],
     dropped: Sequence[DroppedView],
+    rms_px: float,
 ) -> LensSolution:
     bundle, lens, image_size = fit.bundle, fit.lens, usable[0].image_size
     camera = Camera(
@@ -163,7 +170,8 @@ def _solution(
     return LensSolution(
         camera=camera,
         model=lens.name,
-        rms_px=bundle.rms_px,
+        rms_px=rms_px,
+        rms_inliers_px=bundle.rms_px,
         views=_used(fit, usable),
         dropped=tuple(dropped),
         comparison=fit.comparison,

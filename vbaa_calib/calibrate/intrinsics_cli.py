@@ -69,6 +69,7 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "monotonic": solution.monotonic,
         "verdict": solution.verdict,
         "rms_px": solution.rms_px,
+        "rms_inliers_px": solution.rms_inliers_px,
         "projection_uncertainty": uncertainty_document(solution.camera),
         "board_flex": {
             "sagittas_m": flex.sagittas_m.tolist(),
@@ -137,20 +138,23 @@ def report(solution: LensSolution) -> None:
             f"  {candidate.model:9s} rms {candidate.rms_px:.3f} px, held out {candidate.held_out_rms_px:.3f} px"
             f"{halves}{folds}"
         )
+    used = sum(view.corners for view in solution.views)
+    outliers = sum(view.left_out for view in solution.views)
+    without = f", {solution.rms_inliers_px:.4f} px without {outliers} outliers" if outliers else ""
     say(
-        f"lens       {solution.model}: rms {solution.rms_px:.4f} px over "
-        f"{sum(view.corners for view in solution.views)} corners in {len(solution.views)} photos"
+        f"lens       {solution.model}: rms {solution.rms_px:.4f} px over {used + outliers} corners{without}, "
+        f"{len(solution.views)} photos"
     )
     say(
         f"focal      {matrix[0, 0]:.2f} ± {std[0]:.2f}, {matrix[1, 1]:.2f} ± {std[1]:.2f} px, "
         f"centre {matrix[0, 2]:.2f} ± {std[2]:.2f}, {matrix[1, 2]:.2f} ± {std[3]:.2f} px"
     )
-    for used in solution.views:
-        if used.outlying or used.left_out:
-            gross = f", {used.left_out} outlier corners left out" if used.left_out else ""
-            say(f"look at    {used.name}: rms {used.rms_px:.2f} px{gross}")
-    for view in solution.dropped:
-        say(f"dropped    {view.name}: {view.reason}")
+    for view in solution.views:
+        if view.outlying or view.left_out:
+            gross = f", {view.left_out} outlier corners left out" if view.left_out else ""
+            say(f"look at    {view.name}: rms {view.rms_px:.2f} px{gross}")
+    for dropped in solution.dropped:
+        say(f"dropped    {dropped.name}: {dropped.reason}")
     say(f"board      {'bent, solved with that' if solution.board_flex.used else 'flat'}: {solution.board_flex.reason}")
     for warning in solution.warnings:
         say(f"warning    {warning}")
