@@ -58,7 +58,7 @@ def evidence(result: Fit) -> float:
     """How much better a contact explains the frame than the free antenna: half the difference of the squared misfits.
 
     Both may bend the rig's parameters within their joint covariance first, so that a clamp angle that is known badly is
-    not taken for a contact. Without contact it is about 1.5 (three unknowns fitted to noise). The result must be of the
+    not taken for a contact. Without contact it is 1.5 to 2 (three unknowns fitted to noise). The result must be of the
     highest rung (`fit.evaluated`): what a lower one leaves out of the weight must not pass for a force.
     """
     free = evaluated(replace(result.scene, rig_table=by_rig(result.scene, FREE)), FREE)

@@ -102,6 +102,8 @@ def press(rod: Rod, gravity: np.ndarray, contact_m: np.ndarray, lateral_N: np.nd
     guess = None
     for _ in range(4):
         shape = solve_rod(rod, gravity, contact_m, force, guess)
+        if not size.any():
+            break
         guess = shape.clamp_moment_Nm
         tangent = sample_shape(shape, contact_m[:, None])[1][:, 0]
         across = np.concatenate([np.zeros_like(size), lateral_N], axis=1)

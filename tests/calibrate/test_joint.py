@@ -206,7 +206,7 @@ def test_the_deviation_of_the_stiffness_is_what_sampling_shows() -> None:
     rng = np.random.default_rng(7)
     exact = observed(TRUE, rng, sigma_px=1e-12, points=60)
     z = []
-    for _ in range(16):
+    for _ in range(12):
         drawn = []
         for observation in exact:
             root = np.linalg.inv(CAMERA.matrix[:2, :2])
@@ -222,6 +222,6 @@ def test_the_deviation_of_the_stiffness_is_what_sampling_shows() -> None:
         z.append([errors(joint)[12] / np.sqrt(joint.covariance[12, 12]), whole / 16])
         assert joint.covariance[mass, mass] < 0.03**2
     stiffness, whole = np.array(z).T
-    # χ² of 16 draws: 0.43 to 1.8 at 1 %; the whole covariance has 16 times as many
-    assert 0.4 < (stiffness**2).mean() < 1.9
+    # χ² of 12 draws: 0.3 to 2.2 at 1 %; the whole covariance has 16 times as many
+    assert 0.3 < (stiffness**2).mean() < 2.2
     assert 0.7 < whole.mean() < 1.35

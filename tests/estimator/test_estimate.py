@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator import Contact, ContactEstimator, Measured
-from estimator.estimate import FEWEST_POINTS
+from estimator.estimate import FEWEST_POINTS, predicted_bias
 from vbaa_calib.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -60,11 +60,11 @@ def mixed(rng: np.random.Generator, worlds: int, each: int) -> list[tuple[Rig, F
 
 
 def test_errors_are_what_the_deviations_say() -> None:
-    """Camera 0–60° inclined, joints tilted 0–60°, l/L 0.3–0.95, any roll, 78 frames on 13 rigs."""
-    scenes = mixed(np.random.default_rng(11), worlds=13, each=6)
+    """Camera 0–60° inclined, joints tilted 0–60°, l/L 0.3–0.95, any roll, 66 frames on 11 rigs."""
+    scenes = mixed(np.random.default_rng(11), worlds=11, each=6)
     contacts = [estimated(seen, rig) for rig, seen in scenes]
     good = [(contact, seen) for contact, (_, seen) in zip(contacts, scenes, strict=True) if contact.status == "ok"]
-    assert len(good) >= 70
+    assert len(good) >= 60
     # whatever is not given out must say why
     silent = {contact.status for contact in contacts} - {"ok"}
     assert silent <= {"unobservable", "low_signal", "tip_contact"}
@@ -120,14 +120,16 @@ def test_the_rungs_of_the_ladder() -> None:
 
 
 def test_a_lower_rung_predicts_its_own_bias() -> None:
-    """Noise-free, the elastica's fit is off by what the ladder says, within a fifth."""
+    """Noise-free, the elastica's fit is off from the rod's by what the ladder says."""
     seen = frame(tip_m=0.03, sigma_px=1e-9)
-    quiet = WORLD.rig(1e-3 * RIG_STD)
-    low, high, auto = (estimated(seen, quiet, model) for model in ("elastica", "rod", "auto"))
-    said = float(auto.reason.split("would be ")[1].split(" std")[0])
-    moved = np.abs([low.distance_m - high.distance_m]) / low.distance_std_m
-    assert moved.max() > 0.5
-    assert moved.max() < 1.25 * said
+    measured = Measured(seen.points_px, np.full(len(seen.points_px), SIGMA_PX), seen.moment_Nm, 0.0, seen.tilt_rad)
+    low, high = (ContactEstimator(RIG, model).solve(measured) for model in ("elastica", "rod"))
+    assert low is not None
+    assert high is not None
+    std = np.sqrt(np.diag(low.spread.covariance))
+    moved = float(np.max(np.abs(low.fit.unknowns - high.fit.unknowns) / std))
+    assert moved > 0.3
+    assert predicted_bias(low.fit, low.reference, low.spread) == pytest.approx(moved, rel=0.15)
 
 
 def test_a_weightless_rig() -> None:

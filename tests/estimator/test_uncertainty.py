@@ -110,16 +110,15 @@ def test_what_is_known_exactly_has_no_axis() -> None:
 
 
 def test_evidence_without_contact_follows_its_law() -> None:
-    """χ²₃/2: mean and variance 1.5. 64 free frames on rigs that are off as their covariance says."""
+    """χ²₃/2: mean and variance 1.5, a little more since the distance means nothing without a force. 50 free frames."""
     rng, found = np.random.default_rng(3), []
-    for _ in range(8):
+    for _ in range(50):
         believed = World(camera_pose(rng.uniform(0.0, 1.0), rng.uniform(-np.pi, np.pi)))
-        for _ in range(4):
-            true = believed.moved(RIG_STD * rng.normal(size=16))
-            pair = frames(true, [0.1, 0.1], np.zeros((2, 2)), rng.uniform(0, 1, 2), rng, points=150)
-            found += [evidence(solved(seen, believed.rig()).reference) for seen in pair]
-    assert 1.0 < np.mean(found) < 2.0
-    assert 0.6 < np.var(found) < 3.0
+        true = believed.moved(RIG_STD * rng.normal(size=16))
+        seen = frames(true, [0.1], np.zeros((1, 2)), [rng.uniform(0, 1)], rng, points=150)[0]
+        found.append(evidence(solved(seen, believed.rig()).reference))
+    assert 1.0 < np.mean(found) < 2.2
+    assert 0.6 < np.var(found) < 3.5
     assert min(found) > -0.01
     assert max(found) < 0.7 * CONTACT_EVIDENCE
 

@@ -37,6 +37,7 @@ def observe(
     T_camera_antenna = T_antenna_camera.inverse()
     observations: list[Observation] = []
     for still, pull in zip(progress(stills, what), gravity, strict=True):
+        assert still.image is not None
         image = read_gray(still.image)
         check_size(image, camera, still.image)
         free = free_curve(parameters, session.antenna.length_m, pull)
