@@ -29,8 +29,8 @@ NEAREST = 0.03
 NEAR_TIP, TIP_OBJECTION = 0.03, 2.0
 """A distance this near to the tip is held there if that costs no more than this: if it lies within two deviations."""
 ITERATIONS, REWEIGHTINGS = 40, 4
-STANDSTILL = 1e-4
-"""A step that promises less than this much of the cost is the last: a hundredth of a standard deviation."""
+STANDSTILL, COARSE_STANDSTILL = 1e-4, 1e-2
+"""A step that promises less than this much of the cost is the last: a hundredth of a standard deviation, or a tenth."""
 SCATTERED = 1.15
 """Points whose median misfit exceeds its expectation by this factor scatter more than noise: beyond 95 % of frames."""
 
@@ -147,7 +147,7 @@ def valleys(scene: Scene) -> list[np.ndarray]:
     floors: list[np.ndarray] = []
     for start in start_values(scene):
         begin = evaluated(scene, start)
-        floor = _descend(_rescaled(begin, _scatter(begin))).unknowns
+        floor = _descend(_rescaled(begin, _scatter(begin)), COARSE_STANDSTILL).unknowns
         if all(abs(floor[0] - other[0]) > SAME for other in floors):
             floors.append(floor)
     return floors
@@ -179,7 +179,7 @@ def _plain_cost(result: Fit) -> float:
     return robust_cost(plain) + 0.5 * float(result.rig_steps @ result.rig_steps)
 
 
-def _descend(begin: Fit) -> Fit:
+def _descend(begin: Fit, standstill: float = STANDSTILL) -> Fit:
     """From a beginning to the floor of its valley, by Levenberg and Marquardt's steps."""
     now, damping = begin, 0.0
     for _ in range(ITERATIONS):
@@ -187,7 +187,7 @@ def _descend(begin: Fit) -> Fit:
         trial = evaluated(now.scene, _moved(now.unknowns, step), now.rig_steps + step[3:], now.at_tip)
         better = trial.cost <= now.cost
         now = trial if better else now
-        if promise < STANDSTILL:
+        if promise < standstill:
             return replace(now, converged=True)
         damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)
     return now
