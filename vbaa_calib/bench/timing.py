@@ -10,11 +10,18 @@ from importlib.metadata import version
 from pathlib import Path
 
 
+SLOW_S = 1.0
+
+
 def median_seconds(function: Callable[[], object], repeats: int, least_s: float = 0.02) -> float:
-    """Median of `repeats` timings after one warm-up call; quick functions are repeated within each timing."""
+    """Median of `repeats` timings after one warm-up call.
+
+    Quick functions are repeated within each timing; one that takes over a second is timed once.
+    """
     begun = time.perf_counter()
     function()
-    calls = max(1, int(least_s / max(time.perf_counter() - begun, 1e-7)))
+    warm = time.perf_counter() - begun
+    calls, repeats = max(1, int(least_s / max(warm, 1e-7))), 1 if warm > SLOW_S else repeats
     timings = []
     for _ in range(repeats):
         begun = time.perf_counter()
