@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-
 SLOW_S = 1.0
 
 
