@@ -9,7 +9,8 @@ import pytest
 
 from vbaa_calib.bench.lenses import lenses
 from vbaa_calib.bench.metric import contestants, errors_px, run
-from vbaa_calib.bench.metric_report import as_text, write_csv, write_figure
+from vbaa_calib.bench.metric_report import as_text, write_figure
+from vbaa_calib.bench.rows import write_csv
 
 
 @pytest.fixture(scope="module")

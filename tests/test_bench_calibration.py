@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from vbaa_calib.bench.calibration import SOLVERS, error_mm, plane_c, run, solve_oracle
-from vbaa_calib.bench.calibration_report import as_text, write_csv
+from vbaa_calib.bench.calibration_report import as_text
 from vbaa_calib.bench.calibration_rigs import SIGMA_PX, draw, rigs
+from vbaa_calib.bench.rows import write_csv
 
 
 def test_the_judge_reports_a_wrong_lens_at_its_size() -> None:

@@ -62,7 +62,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _metric(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
     from .metric import run as measure
-    from .metric_report import as_text, write_csv, write_figure
+    from .metric_report import as_text, write_figure
+    from .rows import write_csv
 
     points = QUICK_POINTS if args.quick else POINTS
     rows = measure(points, args.seed, repeats=3 if args.quick else 5)
@@ -74,7 +75,8 @@ def _metric(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str,
 
 def _calibration(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
     from .calibration import run as measure
-    from .calibration_report import as_text, write_csv
+    from .calibration_report import as_text
+    from .rows import write_csv
 
     draws = QUICK_DRAWS if args.quick else DRAWS
     rows = measure(draws, args.seed)

@@ -1,14 +1,9 @@
-"""What the calibration benchmark leaves: a table for the terminal, a CSV."""
+"""What the calibration benchmark leaves: a table for the terminal."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
-from dataclasses import asdict, fields
-from pathlib import Path
 
-from ..files import write_text
 from .calibration import Row
 
 
@@ -43,12 +38,3 @@ def as_text(rows: Sequence[Row], draws: int) -> str:
 
 def _cell(value: float | None, width: int, digits: int, scale: float) -> str:
     return f"{'–':>{width}}" if value is None else f"{scale * value:>{width}.{digits}f}"
-
-
-def write_csv(path: Path, rows: Sequence[Row], force: bool) -> None:
-    """One line per row: millimetres, seconds, fractions; empty where there is no number."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=[field.name for field in fields(Row)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(row) for row in rows)
-    write_text(path, text.getvalue(), force)

@@ -1,14 +1,11 @@
-"""What the metric benchmark leaves: a table for the terminal, a CSV, a figure."""
+"""What the metric benchmark leaves: a table for the terminal, a figure."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
-from dataclasses import asdict, fields
 from pathlib import Path
 
-from ..files import replacing, write_text
+from ..files import replacing
 from .metric import Row
 
 
@@ -26,15 +23,6 @@ def as_text(rows: Sequence[Row], points: int) -> str:
             f"{row.batch_ms:>9.1f}{row.ratio:>8.2f}{row.live_ms:>8.3f}"
         )
     return "\n".join(lines)
-
-
-def write_csv(path: Path, rows: Sequence[Row], force: bool) -> None:
-    """One line per row, SI-free: pixels, fractions, milliseconds."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=[field.name for field in fields(Row)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(row) for row in rows)
-    write_text(path, text.getvalue(), force)
 
 
 FAMILIES = {"this layer": ("#0f766e", "s", 3), "OpenCV": ("#b45309", "o", 7), "kornia": ("#6d28d9", "^", -10)}
