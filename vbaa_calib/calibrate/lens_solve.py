@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .board_flex import BoardFlex, judge_flex
-from .bundle import Bundle, free_directions, refine
+from .bundle import Bundle, free_directions
 from .corner_stack import FLEX, Observation
 from .lens_choice import Candidate, assess, choose_lens
 from .lens_models import LENS_MODELS, LensModel
 from .lens_start import fit_lens
-from .outliers import Inliers, fit_without_outliers
+from .outliers import Inliers, fit_without_outliers, refined_robustly
 
 SCREENING = ("opencv5", "fisheye", "rational")
 """Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
@@ -66,16 +66,7 @@ def screen(
     for name in SCREENING if model == "auto" else (model,):
         lens, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex=True)
         start = fit_lens(lens, observations, image_size, square_pixels, known, flex=True)
-        robust[name] = refine(
-            lens,
-            start.intrinsics,
-            start.poses,
-            observations,
-            directions,
-            robust=True,
-            sagittas_m=start.sagittas_m,
-            shrink_px2=start.shrink_px2,
-        )
+        robust[name] = refined_robustly(lens, start, observations, directions)
     best = min(robust, key=lambda name: robust[name].sigma_px)
     lens, directions = LENS_MODELS[best], free_directions(LENS_MODELS[best], square_pixels, flex=True)
     inliers, bundle = fit_without_outliers(lens, robust[best], observations, directions, min_corners)

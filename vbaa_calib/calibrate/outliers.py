@@ -56,15 +56,11 @@ def inlier_masks(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [own <= limit * np.clip(np.median(own) / middle, 1.0, _BLURRED) for own in distances]
 
 
-def fit_without_outliers(
-    model: LensModel, start: Bundle, observations: Sequence[Observation], directions: np.ndarray, min_corners: int
-) -> tuple[Inliers, Bundle]:
-    """Which views and corners are good, and the solution over the good ones alone.
-
-    A robust fit (Cauchy) comes first; then least squares over the corners within the limit, and all corners of the
-    remaining views are judged anew by it, until none changes sides.
-    """
-    bundle = refine(
+def refined_robustly(
+    model: LensModel, start: Bundle, observations: Sequence[Observation], directions: np.ndarray
+) -> Bundle:
+    """A robust fit (Cauchy) to all corners, from a start and with its pull on the coefficients."""
+    return refine(
         model,
         start.intrinsics,
         start.poses,
@@ -74,6 +70,17 @@ def fit_without_outliers(
         sagittas_m=start.sagittas_m,
         shrink_px2=start.shrink_px2,
     )
+
+
+def fit_without_outliers(
+    model: LensModel, start: Bundle, observations: Sequence[Observation], directions: np.ndarray, min_corners: int
+) -> tuple[Inliers, Bundle]:
+    """Which views and corners are good, and the solution over the good ones alone.
+
+    A robust fit (Cauchy) comes first; then least squares over the corners within the limit, and all corners of the
+    remaining views are judged anew by it, until none changes sides.
+    """
+    bundle = refined_robustly(model, start, observations, directions)
     views = np.arange(len(observations))
     masks: list[np.ndarray] | None = None
     for _ in range(_ROUNDS):
