@@ -47,7 +47,7 @@ class Fit:
     ----------
     scene : what was fitted, with the scatter that was found.
     unknowns : (3,) as in `Scene`.
-    rig_steps : (R,) how far the rig's parameters went along `scene.rig_axes`; R is 16, or 0 for an exact rig.
+    rig_steps : (R,) how far the rig's parameters went along `scene.rig_axes`; R is 0 for an exact rig.
     cost : half the summed robust squares of residuals and rig steps.
     residuals : (N + 1,) whitened, with the rig steps in; the last is the moment's.
     jacobian : (N + 1, 3 + R) of them by unknowns and rig steps.

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.antenna.shape import Curves, bend
-from vbaa_calib.reprojection import SeenPoints, image_curves, whitened_residuals
-from vbaa_calib.rig import POSE_PARAMETERS, Rig
+from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.reprojection import SeenPoints, image_curves, residuals_by_lens, whitened_residuals
+from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
 POSES = len(POSE_PARAMETERS)
 RIG_STEPS = np.array([1e-5] * POSES + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4)
@@ -31,7 +32,7 @@ class Scene:
     gravity_m_s2 : (3,) antenna frame.
     sweeps : the model's rung, see `antenna.shape.bend`.
     scatter : factor on the points' deviations: 1, or what they scatter about the best shape where that is more.
-    rig_table : (N + 1, 16) as `by_rig` gives it, if the rig's parameters take part; None where the rig counts as exact.
+    rig_table : (N + 1, R) as `by_rig` gives it, if the rig's R parameters take part; None where it counts as exact.
     """
 
     rig: Rig
@@ -51,7 +52,7 @@ class Scene:
     def thinned(self, count: int) -> Scene:
         """The same with at most so many points, spread over all of them by lot, and an exact rig."""
         chosen = np.random.default_rng(0).permutation(len(self.seen))[:count]
-        return replace(self, seen=SeenPoints(self.seen.points[chosen], self.seen.covariance[chosen]), rig_table=None)
+        return replace(self, seen=self.seen.picked(chosen), rig_table=None)
 
     def curves(self, unknowns: np.ndarray, parameters: np.ndarray | None = None) -> Curves:
         """Antenna shapes for contacts (B, 3), with the rig's antenna or others (B, 8)."""
@@ -70,7 +71,7 @@ class Scene:
         return np.vstack([points / self.scatter, moment[None]])
 
     def scaled_rig_table(self) -> np.ndarray:
-        """(N + 1, 16) `rig_table` at the scene's scatter; (N + 1, 0) where the rig counts as exact."""
+        """(N + 1, R) `rig_table` at the scene's scatter; (N + 1, 0) where the rig counts as exact."""
         if self.rig_table is None:
             return np.zeros((len(self.seen) + 1, 0))
         return np.vstack([self.rig_table[:-1] / self.scatter, self.rig_table[-1:]])
@@ -84,7 +85,7 @@ def linearised(scene: Scene, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def by_rig(scene: Scene, unknowns: np.ndarray) -> np.ndarray:
-    """(N + 1, 16) change of the whitened residuals at a contact with the rig's parameters along `rig_axes`.
+    """(N + 1, R) change of the whitened residuals at a contact with the rig's R parameters along `rig_axes`.
 
     The points' scatter is left at 1.
     """
@@ -95,21 +96,18 @@ def by_rig(scene: Scene, unknowns: np.ndarray) -> np.ndarray:
     views = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
     views = [pose.inverse() for pose in [*views, *[views[0]] * 8]]
     order = np.array([0] * (POSES + 1) + list(range(1, 9)))
-    points = whitened_residuals(scene.seen, image_curves(curves.picked(order), views))
+    images = image_curves(curves.picked(order), views)
+    points = whitened_residuals(scene.seen, images)
     moment = curves.moment_Nm
     table = np.zeros((len(points) + 1, len(rig.covariance)))
     table[:-1, : len(RIG_STEPS)] = (points[:, 1:] - points[:, :1]) / RIG_STEPS
     table[-1, POSES : len(RIG_STEPS)] = -sensor.gain * (moment[1:] - moment[0]) / RIG_STEPS[POSES:] / sensor.std_Nm
-    table[-1, len(RIG_STEPS) :] = -moment[0] / sensor.std_Nm, -1.0 / sensor.std_Nm
+    table[-1, len(RIG_STEPS) : len(RIG_PARAMETERS)] = -moment[0] / sensor.std_Nm, -1.0 / sensor.std_Nm
+    if rig.with_lens:
+        table[:-1, len(RIG_PARAMETERS) :] = residuals_by_lens(scene.seen, images)
     return table @ rig_axes(rig)
 
 
 def rig_axes(rig: Rig) -> np.ndarray:
-    """A (16, 16) with A·Aᵀ the rig's covariance: steps along its columns are independent, of unit deviation.
-
-    The covariance may be singular: what is known exactly has a row of zeros.
-    """
-    std = np.sqrt(np.diag(rig.covariance))
-    unit = np.where(std > 0, std, 1.0)
-    values, vectors = np.linalg.eigh(rig.covariance / np.outer(unit, unit))
-    return std[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
+    """(R, R): along its columns the rig varies independently, by unit deviations."""
+    return independent_axes(rig.covariance)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from vbaa_calib.geometry import Pose
 
@@ -23,9 +24,8 @@ EDGE_ON_RAD = 0.05
 """Within this angle of the camera's centre the deformation plane counts as seen edge-on."""
 WRONG_SHAPE = 3.0
 """Median misfit, in standard deviations, beyond which the shape is not that of one contact."""
-STRANGE_RIG = 50.0
-"""Summed squares of the rig's steps, in deviations, beyond which the frame is said to ask for another rig: 16 of them
-follow χ² and exceed it about twice in 100,000 frames."""
+STRANGE_RIG = 2e-5
+"""The rig's steps, in deviations, follow χ²: a sum of squares this improbable says that the frame asks for another."""
 CONTRADICTION = 4.0
 """Moment misfit in standard deviations beyond which picture and moment are said to disagree."""
 RIG_STEP = 1e-5
@@ -77,7 +77,7 @@ def judge(solved: Solved, T_world_antenna: Pose) -> Contact:
     if scene.scatter > 1.0:
         reasons.append(f"the points scatter {scene.scatter:.1f} times more than they should")
     strange = float(result.rig_steps @ result.rig_steps)
-    if strange > STRANGE_RIG:
+    if chi2.sf(strange, max(len(result.rig_steps), 1)) < STRANGE_RIG:
         reasons.append(f"the rig's parameters had to move by {np.sqrt(strange):.0f} std to fit: check the rig")
     contradiction = abs(result.residuals[-1]) / spread.moment_std
     if contradiction > CONTRADICTION:

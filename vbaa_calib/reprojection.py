@@ -7,7 +7,7 @@ lens.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -30,13 +30,24 @@ class SeenPoints:
     ----------
     points : (N, 2).
     covariance : (N, 2, 2) of each point, from its standard deviation across the antenna in pixels.
+    by_lens : (N, 2, P) how the points move with the P parameters of the lens; None where the lens counts as exact.
     """
 
     points: np.ndarray
     covariance: np.ndarray
+    by_lens: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def picked(self, which: np.ndarray) -> SeenPoints:
+        """Some of the points, by index or mask."""
+        by_lens = None if self.by_lens is None else self.by_lens[which]
+        return SeenPoints(self.points[which], self.covariance[which], by_lens)
+
+    def with_lens_moved(self, step: np.ndarray) -> SeenPoints:
+        """The same pixels through a lens whose parameters are a small step (P,) away."""
+        return self if self.by_lens is None else replace(self, points=self.points + self.by_lens @ step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +71,16 @@ class ImageCurves:
 
 
 def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray) -> SeenPoints:
-    """Undistort (N, 2) pixels with standard deviations (N,); points where the lens has no inverse are left out."""
+    """Undistort (N, 2) pixels with standard deviations (N,); points where the lens has no inverse are left out.
+
+    Their dependence on the lens comes with them where the camera knows its own covariance.
+    """
     points, valid = camera.unproject_normalized(points_px)
     jacobian = camera.jacobian(points_px)
     covariance = sigma_px[:, None, None] ** 2 * jacobian @ np.swapaxes(jacobian, -1, -2)
     valid &= np.isfinite(covariance).all(axis=(-1, -2))
-    return SeenPoints(points[valid], covariance[valid])
+    by_lens = None if camera.covariance is None else camera.lens_jacobian(points_px)
+    return SeenPoints(points, covariance, by_lens).picked(valid)
 
 
 def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> ImageCurves:
@@ -99,12 +114,25 @@ def whitened_residuals(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
     All curves are compared at the arc lengths of the feet on the first, which to first order is the distance itself
     (the foot is where it is stationary). Points beyond an end of the curve get the distance from its tangent there.
     """
+    foot, unit = normals_at_feet(seen, curves)
+    columns = [curves.at(which, foot)[0] for which in range(len(curves.nodes))]
+    return np.stack([((seen.points - column) * unit).sum(axis=1) for column in columns], axis=1)
+
+
+def normals_at_feet(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray]:
+    """Arc lengths (N,) of the feet on the first curve, and its normals (N, 2) there over the points' std along them."""
     foot = feet(seen, curves)
-    point, slope = curves.at(0, foot)
+    _, slope = curves.at(0, foot)
     normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / np.hypot(slope[:, 0], slope[:, 1])[:, None]
-    std = np.sqrt(np.einsum("ni,nij,nj->n", normal, seen.covariance, normal))
-    columns = [point] + [curves.at(which, foot)[0] for which in range(1, len(curves.nodes))]
-    return np.stack([((seen.points - column) * normal).sum(axis=1) / std for column in columns], axis=1)
+    return foot, normal / np.sqrt(np.einsum("ni,nij,nj->n", normal, seen.covariance, normal))[:, None]
+
+
+def residuals_by_lens(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
+    """(N, P) change of the whitened residuals from the first curve with the lens' parameters; (N, 0) if it is exact."""
+    if seen.by_lens is None:
+        return np.zeros((len(seen), 0))
+    _, unit = normals_at_feet(seen, curves)
+    return np.einsum("ni,nip->np", unit, seen.by_lens)
 
 
 def robust_cost(residuals: np.ndarray) -> float:

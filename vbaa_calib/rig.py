@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,9 @@ POSE_PARAMETERS = (
 )
 SENSOR_PARAMETERS = ("moment_gain", "moment_offset_Nm")
 RIG_PARAMETERS = POSE_PARAMETERS + ANTENNA_PARAMETERS + SENSOR_PARAMETERS
-"""Order of the joint covariance. The pose's six are the tangent of `T_antenna_camera.retract`."""
+"""Order of the joint covariance, before the lens. The pose's six are the tangent of `T_antenna_camera.retract`."""
+JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
+"""What a sweep finds of the joints, in the order of `Kinematics`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,8 @@ class Rig:
     ----------
     T_antenna_camera : pose of the camera in the antenna frame.
     gravity_world_m_s2 : (3,).
-    covariance : (16, 16) joint covariance of `RIG_PARAMETERS`.
+    covariance : (16 + P, 16 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
+        `parameter_names` order; (16, 16) where the lens counts as exact.
     """
 
     camera: Camera
@@ -100,9 +103,34 @@ class Rig:
         """The metric layer: pixels to metric coordinates on a plane of the antenna frame, plane C by default."""
         return CameraOnPlane(self.camera, self.T_antenna_camera, plane)
 
+    @property
+    def with_lens(self) -> bool:
+        """Whether the joint covariance holds the lens."""
+        return len(self.covariance) > len(RIG_PARAMETERS)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """What the rows of the joint covariance are."""
+        return RIG_PARAMETERS + (self.camera.parameter_names if self.with_lens else ())
+
+    def plane_covariance(self) -> np.ndarray:
+        """(P + 6, P + 6) covariance of lens and camera pose in the order of `CameraOnPlane.parameter_names`.
+
+        Without the lens in the joint covariance its own stands beside the pose's, as if they were independent.
+        """
+        lens, pose = len(self.camera.parameter_names), len(POSE_PARAMETERS)
+        whole = np.zeros((lens + pose, lens + pose))
+        if self.with_lens:
+            order = np.r_[len(RIG_PARAMETERS) : len(self.covariance), :pose]
+            return self.covariance[np.ix_(order, order)]
+        if self.camera.covariance is not None:
+            whole[:lens, :lens] = self.camera.covariance
+        whole[lens:, lens:] = self.covariance[:pose, :pose]
+        return whole
+
     def std(self, parameter: str) -> float:
-        """Standard deviation of one of `RIG_PARAMETERS`."""
-        index = RIG_PARAMETERS.index(parameter)
+        """Standard deviation of one of `parameter_names`."""
+        index = self.parameter_names.index(parameter)
         return float(np.sqrt(self.covariance[index, index]))
 
     @staticmethod
@@ -123,21 +151,20 @@ class Rig:
             np.log(antenna["stiffness_Nm2"]),
             np.log(antenna["mass_per_length_kg_m"]),
         ]
-        kinematics, image = data["kinematics"], data["image"]
+        image, camera = data["image"], _camera(data["camera"], where)
+        covariance = _joint_covariance(data["joint"], camera.parameter_names, where)
+        if len(covariance) > len(RIG_PARAMETERS):
+            lens = slice(len(RIG_PARAMETERS), None)
+            camera = replace(camera, covariance=covariance[lens, lens])
         return Rig(
-            camera=_camera(data["camera"], where),
+            camera=camera,
             T_antenna_camera=read_pose(data["T_antenna_camera"], where, "T_antenna_camera"),
             antenna=Antenna(float(antenna["length_m"]), float(antenna["diameter_m"]), np.array(parameters, float)),
             moment_sensor=MomentSensor(float(sensor["gain"]), float(sensor["offset_Nm"]), float(sensor["std_Nm"])),
-            kinematics=Kinematics(
-                read_pose(kinematics["T_actuator_antenna"], where, "kinematics.T_actuator_antenna")
-                if "T_actuator_antenna" in kinematics
-                else Pose.identity(),
-                np.asarray(kinematics.get("position_world_m", (0.0, 0.0, 0.0)), float),
-            ),
+            kinematics=_kinematics(data["kinematics"], where),
             gravity_world_m_s2=np.asarray(data["gravity_world"], float),
             image=AntennaImage(float(image["noise_px"]), float(image["noise_scale"]), bool(image["bright"])),
-            covariance=_joint_covariance(data["joint"], where),
+            covariance=covariance,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -170,6 +197,7 @@ class Rig:
             "kinematics": {
                 "T_actuator_antenna": self.kinematics.T_actuator_antenna.to_dict(),
                 "position_world_m": self.kinematics.position_world_m.tolist(),
+                **{name: getattr(self.kinematics, name) for name in JOINT_AXES},
             },
             "gravity_world": self.gravity_world_m_s2.tolist(),
             "image": {
@@ -177,8 +205,17 @@ class Rig:
                 "noise_scale": self.image.noise_scale,
                 "bright": self.image.bright,
             },
-            "joint": {"parameters": list(RIG_PARAMETERS), "covariance": self.covariance.tolist()},
+            "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }
+
+
+def _kinematics(data: Mapping[str, Any], where: object) -> Kinematics:
+    mount = data.get("T_actuator_antenna")
+    return Kinematics(
+        Pose.identity() if mount is None else read_pose(mount, where, "kinematics.T_actuator_antenna"),
+        np.asarray(data.get("position_world_m", (0.0, 0.0, 0.0)), float),
+        *(float(data.get(name, 0.0)) for name in JOINT_AXES),
+    )
 
 
 def _camera(data: Mapping[str, Any], where: object) -> Camera:
@@ -188,12 +225,11 @@ def _camera(data: Mapping[str, Any], where: object) -> Camera:
         raise InputError(f"camera: {error.what}", where=where, remedy=error.remedy) from None
 
 
-def _joint_covariance(joint: Mapping[str, Any], where: object) -> np.ndarray:
-    size = len(RIG_PARAMETERS)
-    rows = joint["covariance"]
-    if joint["parameters"] != list(RIG_PARAMETERS) or len(rows) != size or any(len(row) != size for row in rows):
+def _joint_covariance(joint: Mapping[str, Any], lens: tuple[str, ...], where: object) -> np.ndarray:
+    rows, names = joint["covariance"], tuple(joint["parameters"])
+    if names not in (RIG_PARAMETERS, RIG_PARAMETERS + lens) or {len(rows), *map(len, rows)} != {len(names)}:
         raise InputError(
-            "joint must give the covariance of " + ", ".join(RIG_PARAMETERS),
+            f"joint must give the covariance of {', '.join(RIG_PARAMETERS)}, and then of the lens ({', '.join(lens)})",
             where=where,
             remedy="run vbaa calibrate again",
         )

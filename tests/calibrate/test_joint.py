@@ -10,12 +10,14 @@ import pytest
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.calibrate.joint import JointSolution, Observation, Prior, noise_scale, solve_joint
-from vbaa_calib.calibrate.plane import BoardPose
-from vbaa_calib.calibrate.session_rig import doubts, make_rig, nominal_parameters
+from vbaa_calib.calibrate.calibration_report import antenna_doubts, sensor_doubts, still_doubts
+from vbaa_calib.calibrate.joint import JointSolution, noise_scale, solve_joint
+from vbaa_calib.calibrate.joint_checks import check
+from vbaa_calib.calibrate.joint_problem import Observation
+from vbaa_calib.calibrate.pose_estimate import PoseEstimate
+from vbaa_calib.calibrate.session_rig import make_rig, prior
 from vbaa_calib.camera import Camera
-from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.reprojection import see
+from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import RIG_PARAMETERS, MomentSensor
 from vbaa_calib.session import Load, NominalAntenna, Session, Still
 
@@ -41,42 +43,43 @@ def stills() -> list[Still]:
 
 
 def observed(
-    world: World, rng: np.random.Generator, sigma_px: float = 0.04, claimed: float = 1.0, points: int = 200
+    world: World,
+    rng: np.random.Generator,
+    sigma_px: float = 0.04,
+    claimed: float = 1.0,
+    points: int = 200,
+    softer_to_z: float = 1.0,
 ) -> list[Observation]:
-    """What the camera sees of the stills, and what the sensor reads; deviations `claimed` times the true ones."""
+    """What the camera sees of the stills, and what the sensor reads; deviations `claimed` times the true ones.
+
+    Loads to z act `softer_to_z` times as strongly on the shape as they do on the sensor.
+    """
     s = np.linspace(0.01, 1.0, points) * LENGTH_M
     result = []
     for still in stills():
         gravity = gravity_antenna(still.tilt_rad)
         loaded = isinstance(still, Load)
         force = np.array([0.0, still.force_y_N, still.force_z_N]) if loaded else np.zeros(3)
-        contact = still.distance_m if loaded else 0.1
-        shape = solve_rod(world.rod, gravity[None], np.array([contact]), force[None])
-        pixels = seen(world.T_antenna_camera, along(shape, s)) + rng.normal(0.0, sigma_px, (points, 2))
-        sensor = world.sensor
-        reading = -sensor.gain * shape.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
-        points_seen = see(CAMERA, pixels, np.full(points, claimed * sigma_px))
-        result.append(Observation(replace(still, moment_Nm=float(reading)), points_seen, gravity))
+        contact = np.array([still.distance_m if loaded else 0.1])
+        bent = solve_rod(world.rod, gravity[None], contact, force[None] * [1.0, 1.0, softer_to_z])
+        pixels = seen(world.T_antenna_camera, along(bent, s)) + rng.normal(0.0, sigma_px, (points, 2))
+        sensor, pressed = world.sensor, solve_rod(world.rod, gravity[None], contact, force[None])
+        reading = -sensor.gain * pressed.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
+        read = replace(still, moment_Nm=float(reading))
+        result.append(Observation(read, pixels, np.full(points, claimed * sigma_px), gravity))
     return result
 
 
 def solved(observations: list[Observation], rng: np.random.Generator) -> JointSolution:
     """Solved from a prior pose that is off as its covariance says."""
     start = TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
-    prior = Prior(
-        start,
-        POSE_COVARIANCE,
-        mean=np.concatenate([nominal_parameters(NOMINAL), [1.0, 0.0]]),
-        std=np.array([1.5e-3] * 2 + [0.035] * 2 + [0.3] * 2 + [0.5, 0.03, 0.5, 0.02]),
-    )
-    return solve_joint(observations, CAMERA, prior, LENGTH_M, MomentSensor(1.0, 0.0, TRUE.sensor.std_Nm))
+    before = prior(NOMINAL, CAMERA, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))])
+    return solve_joint(observations, before, LENGTH_M, TRUE.sensor.std_Nm)
 
 
 def errors(joint: JointSolution) -> np.ndarray:
     """(16,) solved less true; the pose as a step from the true one."""
-    turn = joint.T_antenna_camera.rotation @ TRUE.T_antenna_camera.rotation.T
-    pose = np.concatenate([Pose(turn, np.zeros(3)).rotvec_rad, np.zeros(3)])
-    pose[3:] = joint.T_antenna_camera.translation_m - TRUE.T_antenna_camera.translation_m
+    pose = joint.T_antenna_camera.tangent_from(TRUE.T_antenna_camera)
     truth = np.concatenate([TRUE.parameters, [TRUE.sensor.gain, TRUE.sensor.offset_Nm]])
     return np.concatenate([pose, joint.parameters[6:] - truth])
 
@@ -106,14 +109,14 @@ def test_recovers_the_rig_within_its_deviations(good) -> None:
 
 def test_the_rig_says_what_was_solved(good) -> None:
     joint, observations = good
-    rig = make_rig(session(), CAMERA, joint, observations)
+    rig = make_rig(session(), Kinematics(), joint, observations)
     assert rig.antenna.stiffness_Nm2 == pytest.approx(np.exp(joint.parameters[12]))
     assert (rig.moment_sensor.gain, rig.moment_sensor.offset_Nm) == joint.sensor_gain_offset
     # the points' own deviation comes back in pixels, whatever the lens does to it
     assert rig.image.noise_px == pytest.approx(0.04 * joint.noise_scale, rel=0.05)
     assert rig.image.bright
     dark = [replace(observation, bright=False) for observation in observations]
-    assert not make_rig(session(), CAMERA, joint, dark).image.bright
+    assert not make_rig(session(), Kinematics(), joint, dark).image.bright
 
 
 def test_deviations_that_claim_too_little_are_found_out() -> None:
@@ -143,14 +146,6 @@ def session() -> Session:
     return Session(Path("."), board, NOMINAL, None, Kinematics(), GRAVITY_WORLD, TRUE.sensor.std_Nm)
 
 
-def board_pose() -> BoardPose:
-    """A board that was seen well."""
-    fields = BoardPose.__dataclass_fields__
-    known = {"T_camera_board": Pose.identity(), "rms_px": 0.05, "covariance": 1e-10 * np.eye(6)}
-    known |= {"second_ratio": 50.0, "lens_sensitivity": np.zeros((6, 8))}
-    return BoardPose(**{name: known.get(name) for name in fields})
-
-
 def named(observations: list[Observation]) -> list[Observation]:
     """The same with pictures that have names."""
     return [
@@ -161,8 +156,9 @@ def named(observations: list[Observation]) -> list[Observation]:
 
 def found_doubts(observations: list[Observation], rng: np.random.Generator) -> list[str]:
     joint = solved(observations, rng)
-    rig = make_rig(session(), CAMERA, joint, observations)
-    return doubts(session(), rig, board_pose(), joint, [observation.still for observation in observations])
+    rig = make_rig(session(), Kinematics(), joint, observations)
+    checks, stills = check(joint), [observation.still for observation in observations]
+    return still_doubts(joint, stills) + antenna_doubts(NOMINAL, rig, checks) + sensor_doubts(session(), rig, checks)
 
 
 def test_a_good_calibration_raises_no_doubt(good) -> None:
@@ -209,13 +205,13 @@ def test_the_deviation_of_the_stiffness_is_what_sampling_shows() -> None:
     for _ in range(12):
         drawn = []
         for observation in exact:
-            root = np.linalg.inv(CAMERA.matrix[:2, :2])
-            noise = rng.normal(0.0, 0.04, observation.seen.points.shape) @ root.T
-            covariance = np.tile(0.04**2 * root @ root.T, (len(noise), 1, 1))
-            points = replace(observation.seen, points=observation.seen.points + noise, covariance=covariance)
+            noise = rng.normal(0.0, 0.04, observation.points_px.shape)
+            points, sigma = observation.points_px + noise, np.full(len(noise), 0.04)
             still = observation.still
             reading = still.moment_Nm + rng.normal(0.0, TRUE.sensor.std_Nm)
-            drawn.append(replace(observation, seen=points, still=replace(still, moment_Nm=reading)))
+            drawn.append(
+                replace(observation, points_px=points, sigma_px=sigma, still=replace(still, moment_Nm=reading))
+            )
         joint = solved(drawn, rng)
         mass = RIG_PARAMETERS.index("log_mass_per_length_kg_m")
         whole = errors(joint) @ np.linalg.solve(joint.covariance, errors(joint))
@@ -225,3 +221,63 @@ def test_the_deviation_of_the_stiffness_is_what_sampling_shows() -> None:
     # χ² of 12 draws: 0.3 to 2.2 at 1 %; the whole covariance has 16 times as many
     assert 0.3 < (stiffness**2).mean() < 2.2
     assert 0.7 < whole.mean() < 1.35
+
+
+def test_a_lens_that_is_off_is_put_right_by_what_the_antenna_shows() -> None:
+    """The lens' doubt takes part: a focal length 2 std off leaves the errors within what is predicted."""
+    std = np.array([0.5, 0.5, 0.3, 0.3, 1e-3, 3e-3, 5e-5, 5e-5])
+    rng = np.random.default_rng(8)
+    step = std * [2.0, 2.0, 0.5, -0.5, 0.3, -0.2, 0.4, 0.1]
+    matrix = MATRIX.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
+    wrong = Camera("opencv", (960, 720), matrix, BROWN + step[4:], np.diag(std**2))
+    observations = observed(TRUE, rng)
+    start = TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
+    before = prior(NOMINAL, wrong, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))])
+    joint = solve_joint(observations, before, LENGTH_M, TRUE.sensor.std_Nm)
+    lens = np.concatenate([joint.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], joint.camera.distortion])
+    truth = np.concatenate([MATRIX[[0, 1, 0, 1], [0, 1, 2, 2]], BROWN])
+    away = np.concatenate([errors(joint), lens - truth])
+    assert len(joint.covariance) == 24
+    unit = np.sqrt(np.diag(joint.covariance))
+    assert np.abs(away / unit).max() < 3.5
+    correlation = joint.covariance / np.outer(unit, unit)
+    assert 0.3 < (away / unit) @ np.linalg.solve(correlation, away / unit) / 24 < 2.0
+    # as if it were exact, the same lens throws the stiffness and the pose far off
+    exactly = replace(wrong, covariance=None)
+    poses = [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))]
+    stubborn = solve_joint(observations, prior(NOMINAL, exactly, poses), LENGTH_M, TRUE.sensor.std_Nm)
+    off = errors(stubborn)
+    whole = np.sqrt(np.diag(stubborn.covariance))
+    assert (off / whole) @ np.linalg.solve(stubborn.covariance / np.outer(whole, whole), off / whole) / 16 > 2.0
+
+
+def test_unequal_compliance_is_seen() -> None:
+    """Loads to z that bend 4 % more than those to y: the check says so, and by how much."""
+    rng = np.random.default_rng(9)
+    even, uneven = (check(solved(observed(TRUE, rng, softer_to_z=factor), rng)).anisotropy for factor in (1.0, 1.04))
+    assert even is not None
+    assert uneven is not None
+    assert abs(even.in_std) < 4.0
+    assert uneven.value == pytest.approx(np.log(1.04), abs=4 * uneven.std)
+    assert uneven.in_std > 5.0
+
+
+def test_a_drifting_sensor_is_seen() -> None:
+    rng = np.random.default_rng(10)
+    drifting = [
+        replace(one, still=replace(one.still, moment_Nm=one.still.moment_Nm + 2e-5 * row, time_s=60.0 * row))
+        for row, one in enumerate(observed(TRUE, rng))
+    ]
+    drift = check(solved(drifting, rng)).drift_Nm_per_s
+    assert drift is not None
+    assert drift.in_std > 4.0
+    assert drift.value == pytest.approx(2e-5 / 60.0, abs=4 * drift.std)
+
+
+def test_the_sag_tells_the_mass_where_nothing_else_does(good) -> None:
+    joint, _ = good
+    mass = check(joint).mass_per_length_kg_m
+    assert mass is not None
+    assert mass.value == pytest.approx(np.exp(TRUE.parameters[7]), abs=4 * mass.std)
+    assert mass.std < 0.02 * mass.value

@@ -10,11 +10,10 @@ from ..camera import Camera
 from ..console import progress
 from ..detect.antenna import corridor, find, free_curve
 from ..errors import InputError
-from ..geometry import Pose
+from ..geometry import Kinematics, Pose
 from ..images import read_gray
-from ..reprojection import see
-from ..session import Load, Session, Still
-from .joint import Observation
+from ..session import Load, Session, Still, gravity_antenna
+from .joint_problem import Observation
 
 LEAST_SEEN_FREE = 0.6
 """Nothing hides the free antenna: less than this fraction seen means that something is wrong."""
@@ -22,6 +21,7 @@ LEAST_SEEN_FREE = 0.6
 
 def observe(
     session: Session,
+    kinematics: Kinematics,
     stills: Sequence[Still],
     camera: Camera,
     T_antenna_camera: Pose,
@@ -33,7 +33,7 @@ def observe(
 
     Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
     """
-    gravity = session.gravity_antenna(stills)
+    gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, stills)
     T_camera_antenna = T_antenna_camera.inverse()
     observations: list[Observation] = []
     for still, pull in zip(progress(stills, what), gravity, strict=True):
@@ -51,7 +51,7 @@ def observe(
                 where=still.image,
                 remedy="shoot it again with the antenna lit, or take its row out of the CSV",
             )
-        observations.append(Observation(still, see(camera, line.points_px, line.sigma_px), pull, bright))
+        observations.append(Observation(still, line.points_px, line.sigma_px, pull, bright))
     return observations
 
 

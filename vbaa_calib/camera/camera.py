@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -142,14 +142,12 @@ class Camera:
 
         It carries pixel noise to normalized coordinates.
         """
-        work = working(pixels, 2, "pixels")
-        moved = self._derivatives(work.values)
-        Z = moved.rays[..., 2]
-        valid = moved.valid & (Z > 1e-12)
-        depth = work.xp.where(valid, Z, 1.0)[..., None, None]
-        ideal = moved.rays[..., :2, None] / depth
-        slope = (moved.by_pixel[..., :2, :] - ideal * moved.by_pixel[..., 2:, :]) / depth
-        return work.restore(masked(slope, valid))
+        return self._normalized_slopes(pixels, lambda moved: moved.by_pixel)
+
+    def lens_jacobian(self, pixels: ArrayT) -> ArrayT:
+        """d(X/Z, Y/Z)/d(parameters) of fixed pixels (..., 2), (..., 2, 4 + k) in `parameter_names` order; NaN where
+        not valid."""
+        return self._normalized_slopes(pixels, lambda moved: moved.by_parameter)
 
     def valid_region(self) -> ValidRegion:
         """Where this lens is one to one, and what share of the image that covers."""
@@ -160,6 +158,16 @@ class Camera:
         with np.errstate(all="ignore"):
             values, valid = function(self.intrinsics, work.values)
         return work.restore(masked(values, valid)), valid
+
+    def _normalized_slopes(self, pixels: ArrayT, by: Callable[[RayDerivatives], Array]) -> ArrayT:
+        work = working(pixels, 2, "pixels")
+        moved = self._derivatives(work.values)
+        Z = moved.rays[..., 2]
+        valid = moved.valid & (Z > 1e-12)
+        depth = work.xp.where(valid, Z, 1.0)[..., None, None]
+        ideal = moved.rays[..., :2, None] / depth
+        slope = (by(moved)[..., :2, :] - ideal * by(moved)[..., 2:, :]) / depth
+        return work.restore(masked(slope, valid))
 
     def _derivatives(self, pixels: Array) -> RayDerivatives:
         with np.errstate(all="ignore"), torch.no_grad():

@@ -68,6 +68,11 @@ class Pose:
         turn = Rotation.from_rotvec(tangent[:3]).as_matrix()
         return Pose(turn @ self.rotation, self.translation_m + tangent[3:])
 
+    def tangent_from(self, other: Pose) -> np.ndarray:
+        """(6,) the step of `retract` that leads here from another pose between the same frames."""
+        turn = Rotation.from_matrix(self.rotation @ other.rotation.T).as_rotvec()
+        return np.concatenate([turn, self.translation_m - other.translation_m])
+
     @overload
     def __matmul__(self, other: Pose) -> Pose: ...
     @overload

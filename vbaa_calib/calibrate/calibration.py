@@ -1,0 +1,61 @@
+"""A session to a rig, start to end: lens, plane C by every way at hand, then everything in one solve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..detect.corners import detect_folder
+from ..images import list_images, read_gray
+from ..rig import Rig
+from ..session import Session, Still, check_pictures, read_loads, read_noload
+from .intrinsics import LensSolution, solve_intrinsics
+from .joint import JointSolution
+from .joint_checks import Checks, check
+from .session_plane import PlaneC, find_plane, picture_folders, read_views
+from .session_rig import make_rig, prior, solve_antenna
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A rig and how it was found.
+
+    Attributes
+    ----------
+    stills : no-load frames and loads, in the order of the joint solve.
+    """
+
+    session: Session
+    rig: Rig
+    lens: LensSolution
+    plane: PlaneC
+    joint: JointSolution
+    checks: Checks
+    stills: Sequence[Still]
+
+
+def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
+    """A session to a rig. Everything that can be wrong with the inputs is checked before the long work.
+
+    Raises
+    ------
+    InputError : whatever is wrong with the session, and ways to plane C that contradict each other.
+    SolveError : a solver that did not arrive.
+    """
+    stills = [*read_noload(session), *read_loads(session)]
+    _require_one_size(session, stills)
+    # plane C first: one picture tells whether the board is the one described
+    views = read_views(session)
+    lens = solve_intrinsics(detect_folder(session.root / "intrinsics", session.board), session.board, lens_model)
+    plane = find_plane(session, lens.camera, lens.board_flex, views)
+    before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone)
+    joint, observations = solve_antenna(session, plane.kinematics, before)
+    rig = make_rig(session, plane.kinematics, joint, observations)
+    return Calibration(session, rig, lens, plane, joint, check(joint), stills)
+
+
+def _require_one_size(session: Session, stills: Sequence[Still]) -> None:
+    photos = [path for name in ("intrinsics", *picture_folders(session)) for path in list_images(session.root / name)]
+    height, width = read_gray(photos[0]).shape
+    pictures = [*photos, *(still.image for still in stills if still.image is not None)]
+    check_pictures(pictures, (width, height), f"{photos[0].name} is")

@@ -1,0 +1,180 @@
+"""What a person should know of a calibration: doubts in words, the result in a few lines, the evidence for rig.json."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..console import say
+from ..rig import Rig
+from ..session import Load, NominalAntenna, Session, Still
+from .calibration import Calibration
+from .intrinsics_cli import camera_document
+from .joint import JointSolution
+from .joint_checks import Checks
+from .session_plane import PlaneC
+from .session_rig import LOG_MASS_STD
+
+STIFFNESS_DOUBT = 0.15
+"""Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
+SIGNIFICANT = 3.0
+"""Standard deviations beyond which an assumption counts as broken."""
+FALSE_READING = 5.0
+"""Standard deviations beyond which a moment reading is worth a look."""
+ANISOTROPY_MATTERS = 0.01
+"""Part by which the compliances must differ at least: a wire drawn 0.25 % out of round."""
+
+
+def still_doubts(joint: JointSolution, stills: Sequence[Still]) -> list[str]:
+    """Stills whose rows look wrong."""
+    found = []
+    std = joint.problem.moment_std_Nm
+    for index, still in enumerate(stills):
+        rms, off = joint.point_rms[index], joint.moment_residuals_Nm[index] / std
+        name = still.image.name if still.image else "?"
+        kind = "load" if isinstance(still, Load) else "no-load frame"
+        if not joint.kept[index]:
+            found.append(f"{kind} {name}: left out, its shape lies {rms:.1f} std off the model; is its row right?")
+        elif abs(off) > FALSE_READING:
+            found.append(f"{kind} {name}: the moment reading is {off:+.1f} std off; is its row right?")
+    return found
+
+
+def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[str]:
+    """EI against E·πd⁴/64, equal compliance (assumption 4), and the density that the sag asks for."""
+    found = []
+    difference = rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2 - 1
+    if abs(difference) > max(STIFFNESS_DOUBT, SIGNIFICANT * rig.std("log_stiffness_Nm2")):
+        found.append(
+            f"EI is {100 * difference:+.0f} % off E·πd⁴/64 = {nominal.stiffness_Nm2:.4g} N·m²: check diameter, loads "
+            "and their unit"
+        )
+    uneven = checks.anisotropy
+    if uneven is not None and abs(uneven.value) > max(ANISOTROPY_MATTERS, SIGNIFICANT * uneven.std):
+        found.append(
+            f"the antenna is {100 * abs(uneven.value):.1f} ± {100 * uneven.std:.1f} % stiffer against bending to "
+            f"{'y' if uneven.value > 0 else 'z'}: it is not equally compliant (assumption 4), is it round?"
+        )
+    mass, known = checks.mass_per_length_kg_m, nominal.mass_per_length_kg_m
+    doubt = 0.0 if mass is None else SIGNIFICANT * float(np.hypot(mass.std, LOG_MASS_STD * known))
+    if mass is not None and abs(mass.value - known) > doubt:
+        area = nominal.mass_per_length_kg_m / nominal.density_kg_m3
+        found.append(
+            f"the sag asks for a density of {mass.value / area:.0f} ± {mass.std / area:.0f} kg/m³, the session says "
+            f"{nominal.density_kg_m3:.0f}: check diameter, density and the direction of gravity"
+        )
+    return found
+
+
+def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
+    """Sign, noise and drift of the moment sensor."""
+    found = []
+    if rig.moment_sensor.gain <= 0:
+        found.append("the moment sensor's gain is negative: its sign is turned round")
+    if checks.noise_interval_95_Nm[0] > session.moment_std_Nm:
+        found.append(
+            f"the moment sensor scatters by {1e3 * checks.noise_Nm:.3g} mN·m, the session says "
+            f"{1e3 * session.moment_std_Nm:.3g}: the former is used"
+        )
+    drift, per = checks.drift_Nm_per_s or checks.drift_Nm_per_row, "s" if checks.drift_Nm_per_s else "row"
+    if drift is not None and abs(drift.in_std) > SIGNIFICANT:
+        found.append(
+            f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}: let it warm "
+            "up, and zero it again before a recording"
+        )
+    return found
+
+
+def plane_doubts(plane: PlaneC) -> list[str]:
+    """Boards with two poses, and pictures and joints of the sweep that are not as the session says."""
+    found = [
+        f"the board of the way {way!r} has a second pose that fits nearly as well: take it from a steeper angle"
+        for way, board in plane.boards.items()
+        if board.is_ambiguous
+    ]
+    if plane.sweep is None:
+        return found
+    found += [f"sweep {view.name}: left out, {view.reason}" for view in plane.sweep.left_out]
+    if plane.sweep.axes_free:
+        skew, offset = 1e3 * plane.sweep.axis_skew_rad, 1e3 * plane.sweep.axis_offset_m
+        found.append(
+            f"the joints' axes miss the right angle by {skew:.2f} mrad and pass each other by {offset:.2f} mm: solved "
+            "with that"
+        )
+    return found
+
+
+def doubts(calibration: Calibration) -> list[str]:
+    """What a person should look at, in words."""
+    session, rig, plane = calibration.session, calibration.rig, calibration.plane
+    found = plane_doubts(plane)
+    found += still_doubts(calibration.joint, calibration.stills)
+    found += antenna_doubts(session.antenna, rig, calibration.checks)
+    return found + sensor_doubts(session, rig, calibration.checks)
+
+
+def report(calibration: Calibration, warnings: Sequence[str]) -> None:
+    """The result in a few lines of prose."""
+    rig, antenna = calibration.rig, calibration.rig.antenna
+    position = 1e3 * rig.T_antenna_camera.translation_m
+    off = 1e3 * np.sqrt(np.diag(rig.covariance)[:6])
+    std = [rig.std(name) for name in ("log_stiffness_Nm2", "moment_gain", "moment_offset_Nm")]
+    say(f"lens       {calibration.lens.model}: rms {calibration.lens.rms_px:.3f} px")
+    ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
+    say(
+        f"plane C    camera at ({position[0]:.1f}, {position[1]:.1f}, {position[2]:.1f}) mm in the antenna frame, "
+        f"± {off[3:].max():.2g} mm, ± {off[:3].max():.2g} mrad (by {ways})"
+    )
+    for difference in calibration.plane.differences:
+        say(f"           {difference}")
+    say(f"antenna    EI = {antenna.stiffness_Nm2:.5g} ± {antenna.stiffness_Nm2 * std[0]:.2g} N·m²")
+    sensor = rig.moment_sensor
+    say(f"sensor     gain {sensor.gain:.4f} ± {std[1]:.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m")
+    for line in warnings:
+        say(f"look at    {line}")
+
+
+def summary(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
+    """The numbers of the result at a glance, for `--json`."""
+    joint, jig = calibration.joint, calibration.plane.jig
+    return {
+        "lens_rms_px": float(calibration.lens.rms_px),
+        "plane_rms_px": None if jig is None else float(jig.rms_px),
+        "plane_second_solution_ratio": None if jig is None else jig.second_ratio,
+        "noise_scale": joint.noise_scale,
+        "worst_still_rms": float(joint.point_rms.max()),
+        "moment_residual_rms_Nm": float(np.sqrt((joint.moment_residuals_Nm**2).mean())),
+        "warnings": list(warnings),
+    }
+
+
+def evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
+    """What rig.json's quality section holds: the summary, and what it rests on, part by part."""
+    nominal, rig = calibration.session.antenna, calibration.rig
+    lens = camera_document(calibration.lens, calibration.session.board)
+    return summary(calibration, warnings) | {
+        "lens": {key: value for key, value in lens.items() if key not in calibration.lens.camera.to_dict()},
+        "plane": calibration.plane.to_dict(),
+        "stills": [_row(calibration, index, still) for index, still in enumerate(calibration.stills)],
+        "antenna": {
+            "nominal_stiffness_Nm2": nominal.stiffness_Nm2,
+            "stiffness_over_nominal": rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2,
+            "nominal_density_kg_m3": nominal.density_kg_m3,
+        },
+        "checks": calibration.checks.to_dict(),
+    }
+
+
+def _row(calibration: Calibration, index: int, still: Still) -> dict[str, Any]:
+    joint = calibration.joint
+    row: dict[str, Any] = {
+        "image": str(still.image.relative_to(calibration.session.root)) if still.image else None,
+        "point_rms": float(joint.point_rms[index]),
+        "moment_residual_Nm": float(joint.moment_residuals_Nm[index]),
+        "kept": bool(joint.kept[index]),
+    }
+    if isinstance(still, Load):
+        row |= {"distance_m": still.distance_m, "force_y_N": still.force_y_N, "force_z_N": still.force_z_N}
+    return row

@@ -1,0 +1,104 @@
+"""Whether what is seen over the board can be the antenna, and which of its ends is the clamped one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+
+from ..detect.over_board import BoardLine
+from ..detect.over_board_search import PlaneAbove
+from ..errors import InputError
+from ..geometry import Pose
+from .over_board_known import ClampMark, FreeAntenna
+
+_TOO_LONG = 1.15
+_AMBIGUOUS_SIDE = 0.6
+_ALONG = 0.5
+_MOVED = 0.6
+
+
+def refuse_touching(antenna: FreeAntenna, height_m: float, toward: float) -> None:
+    """Raises InputError when the free antenna would rest on the board; `toward` as in `OverProblem`."""
+    rise = toward * antenna.curves(antenna.parameters[None]).points_m[0, :, 2]
+    lowest = max(-float(rise.min()), 0.0)
+    if not height_m > 0.5 * antenna.diameter_m or lowest > height_m - 0.5 * antenna.diameter_m:
+        raise InputError(
+            f"the antenna's axis is {1e3 * height_m:.1f} mm above the board, and sags by {1e3 * lowest:.1f} mm",
+            remedy="hold it higher: an antenna that rests on the board is not free",
+        )
+
+
+def refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: BoardLine) -> None:
+    """Raises InputError for a picture that does not show the line where the typical one does."""
+    along = np.gradient(line.points_px, axis=0)
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    normal *= (line.width_px + 3.0) / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+
+    def height(image: np.ndarray) -> float:
+        grey = image.astype(np.float32)
+        at = [line.points_px + side * normal for side in (-1, 0, 1)]
+        left, middle, right = (
+            cv2.remap(grey, *p.astype(np.float32).T, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0]
+            for p in at
+        )
+        return float(np.median(middle - 0.5 * (left + right)))
+
+    usual = height(picture)
+    for name, image in images.items():
+        if height(image) / usual < _MOVED:
+            raise InputError(
+                "the antenna is not where the other pictures show it",
+                where=name,
+                remedy="let it come to rest and keep it still, or remove that picture",
+            )
+
+
+def outermost(line: BoardLine) -> np.ndarray:
+    """(2, 2) the two ends of what is seen of the line, px."""
+    first, last = line.ends
+    return np.stack(
+        [line.points_px[0] if first is None else first.point_px, line.points_px[-1] if last is None else last.point_px]
+    )
+
+
+def from_clamp(
+    line: BoardLine, plane: PlaneAbove, guess: Pose | None, clamp: ClampMark | None, where: str
+) -> BoardLine:
+    """The line with its clamped end first. Raises InputError where nothing tells which end that is."""
+    ends = outermost(line)
+    if clamp is not None:
+        near = np.linalg.norm(ends - clamp.point_px, axis=1)
+        if near.min() > _AMBIGUOUS_SIDE * near.max():
+            raise InputError("the clamp's mark is as near to one end of the antenna as to the other", where=where)
+        return line if near[0] < near[1] else line.reversed()
+    if guess is not None:
+        along = plane.T_camera_board.rotation @ np.append(np.diff(plane.to_plane(ends)[0], axis=0)[0], 0.0)
+        cosine = float(along @ guess.rotation.T[:, 0] / np.linalg.norm(along))
+        if abs(cosine) < _ALONG:
+            raise InputError(
+                f"the line found lies {np.degrees(np.arccos(abs(cosine))):.0f}° off the antenna's expected direction",
+                where=where,
+                remedy="is it the antenna? remove other thin things from the board",
+            )
+        return line if cosine > 0 else line.reversed()
+    if (line.ends[0] is None) == (line.ends[1] is None):
+        both = "leaves the picture at both ends" if line.ends[0] is None else "ends in the picture on both sides"
+        raise InputError(
+            f"the antenna {both}, which of them is the clamp does not show",
+            where=where,
+            remedy="mark the clamp, or give a rough pose of the camera",
+        )
+    return line if line.ends[0] is None else line.reversed()
+
+
+def refuse_too_long(line: BoardLine, plane: PlaneAbove, antenna: FreeAntenna, where: str) -> None:
+    """Raises InputError when the line is longer than the antenna."""
+    seen = float(np.linalg.norm(np.diff(plane.to_plane(line.points_px[[0, -1]])[0], axis=0)))
+    if seen > _TOO_LONG * antenna.length_m:
+        raise InputError(
+            f"the line found is {1e3 * seen:.0f} mm long, the antenna {1e3 * antenna.length_m:.0f} mm",
+            where=where,
+            remedy="is it the antenna? check its length and the board's square size",
+        )

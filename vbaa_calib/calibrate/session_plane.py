@@ -1,0 +1,182 @@
+"""Plane C from a session, by every way that it holds, and whether they agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from targets.board import BoardSpec
+
+from ..camera import Camera
+from ..detect.corners import BoardView, detect_files, detect_folder
+from ..errors import InputError
+from ..geometry import Kinematics
+from ..images import list_images, read_gray
+from ..session import OverBoard, Session, has_over, has_sweep, read_sweep
+from .board_flex import BoardFlex
+from .jig import jig_estimate
+from .over_board import OverBoardSolution, nominal_free_antenna, solve_over_board
+from .plane import BoardPose, solve_board_pose
+from .pose_estimate import PoseEstimate
+from .session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
+from .sweep import SweepSolution, solve_sweep
+from .ways import Difference, along, differences, fused, loosened, require_agreement
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneC:
+    """The camera's pose by every way that was measured.
+
+    Attributes
+    ----------
+    estimates : one per way. differences : of every pair.
+    jig, sweep, over : what each way found, None where the session has not that way.
+    kinematics : the session's, with what the sweep found of the joints.
+    """
+
+    estimates: tuple[PoseEstimate, ...]
+    differences: tuple[Difference, ...]
+    jig: BoardPose | None
+    sweep: SweepSolution | None
+    over: OverBoardSolution | None
+    kinematics: Kinematics
+
+    @property
+    def by_antenna_alone(self) -> bool:
+        """Whether nothing but the antenna itself says where its frame is."""
+        return [estimate.way for estimate in self.estimates] == ["over board"]
+
+    @property
+    def boards(self) -> dict[str, BoardPose]:
+        """The boards whose single pose carries a way: each may have a second one that fits nearly as well."""
+        found = {} if self.jig is None else {"jig": self.jig}
+        return found if self.over is None else found | {"over board": self.over.board}
+
+    def to_dict(self) -> dict[str, Any]:
+        """For rig.json."""
+        return {
+            "ways": [
+                {
+                    "way": estimate.way,
+                    "T_antenna_camera": estimate.T_antenna_camera.to_dict(),
+                    "std": np.sqrt(np.diag(estimate.covariance)).tolist(),
+                }
+                for estimate in self.estimates
+            ],
+            "differences": [difference.to_dict() for difference in self.differences],
+            "boards": {
+                way: {"rms_px": board.rms_px, "second_solution_ratio": board.second_ratio}
+                for way, board in self.boards.items()
+            },
+            "sweep": self.sweep and _sweep_document(self.sweep),
+        }
+
+
+def _sweep_document(sweep: SweepSolution) -> dict[str, Any]:
+    return {
+        "rms_px": sweep.rms_px,
+        "pictures": sweep.pictures,
+        "left_out": [{"name": view.name, "reason": view.reason} for view in sweep.left_out],
+        "angle_std_rad": sweep.angle_std_rad,
+        "axes_free": sweep.axes_free,
+        "axis_skew_rad": sweep.axis_skew_rad,
+        "axis_skew_std_rad": sweep.axis_skew_std_rad,
+        "axis_offset_m": sweep.axis_offset_m,
+        "axis_offset_std_m": sweep.axis_offset_std_m,
+        "T_world_board": sweep.T_world_board.to_dict(),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneViews:
+    """What shows plane C, way by way; None where the session has not the way."""
+
+    jig: Sequence[BoardView] | None
+    sweep: Sequence[BoardView] | None
+    over: Mapping[str, np.ndarray] | None
+
+
+def picture_folders(session: Session) -> list[str]:
+    """The folders of the session whose pictures show plane C. Raises InputError when it shows it in no way."""
+    has = {"plane": session.T_antenna_board is not None, "sweep": has_sweep(session), "over": has_over(session)}
+    folders = [name for name, there in has.items() if there]
+    if not folders:
+        raise InputError(
+            "nothing says where the camera is on the antenna's base: jig is missing",
+            where=session.root / "session.yaml",
+            remedy="give jig.T_antenna_board, the pose of the board in the jig, or take a sweep/ or over/ "
+            "(docs/formats.md)",
+        )
+    return folders
+
+
+def read_views(session: Session) -> PlaneViews:
+    """Find the boards. Raises InputError where a picture shows none, or not the one described."""
+    folders, sweep = picture_folders(session), None
+    jig = detect_folder(session.root / "plane", session.board) if "plane" in folders else None
+    if "sweep" in folders:
+        sweep = detect_files([picture.image for picture in read_sweep(session)], session.board)
+    over = None
+    if "over" in folders:
+        over = {str(path): read_gray(path) for path in list_images(session.root / "over")}
+    return PlaneViews(jig, sweep, over)
+
+
+def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneViews) -> PlaneC:
+    """Plane C by every way.
+
+    flex : the bend of the board, as the lens' views show it. Raises InputError when ways contradict each other.
+    """
+    jig = sweep = over = None
+    estimates: list[PoseEstimate] = []
+    if views.jig is not None and session.T_antenna_board is not None:
+        jig = solve_board_pose(views.jig, session.board, camera)
+        std = session.jig_translation_std_m, session.jig_rotation_std_rad
+        estimates.append(jig_estimate(jig, session.T_antenna_board, *std))
+    if views.sweep is not None:
+        sweep = solve_sweep(
+            views.sweep, read_sweep(session), session.board, camera, session.kinematics, session.tilt_zero_std_rad
+        )
+        estimates.append(sweep.estimate)
+    if views.over is not None and session.over is not None:
+        over = _over(session, session.over, camera, views.over, estimates)
+        doubt = clamp_doubt(over, session.over, session.board) if estimates else None
+        estimates.append(over.estimate if doubt is None else loosened(over.estimate, *doubt))
+    apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
+    require_agreement(apart, session.root)
+    return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
+
+
+def _over(
+    session: Session, over: OverBoard, camera: Camera, images: Mapping[str, np.ndarray], known: Sequence[PoseEstimate]
+) -> OverBoardSolution:
+    rotation = session.kinematics.T_world_antenna(over.pan_rad, over.tilt_rad).rotation
+    antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
+    guess = fused(known) if known else None
+    return solve_over_board(images, session.board, camera, antenna, over.height_m, over.height_std_m, guess=guess)
+
+
+def clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (K, 6) and deviations (K,) in which the antenna's own frame may differ from that of jig and joints.
+
+    The antenna is clamped to within what a careful builder can be trusted with, and the board lies parallel to plane C
+    as well as its height is known at both its ends.
+    """
+    camera_m = found.estimate.T_antenna_camera.translation_m
+    turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
+    across = np.array([[0.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
+    half_m = 0.5 * board.square_m * min(board.squares_x, board.squares_y)
+    tilt = over.height_std_m / half_m
+    return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M])
+
+
+def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
+    """The session's, with the axes that the sweep asks for and the tilt's zero that all ways together do."""
+    if sweep is None:
+        return session.kinematics
+    pose = fused(estimates)
+    zero, _ = along(sweep.estimate, sweep.tilt_zero_tangent, sweep.tilt_zero_std_rad, pose)
+    return replace(sweep.kinematics, tilt_zero_rad=sweep.kinematics.tilt_zero_rad + zero)

@@ -1,0 +1,203 @@
+"""Plane C by the actuator sweep: both joints move camera and antenna in front of a board that is fixed in the world.
+
+What the pictures tell. Each shows where the camera stands relative to the board, and all of them together how each
+joint moves the camera. Pan alone gives one line in the camera frame, the pan axis: the camera's turn about it and its
+place along it stay open, for the unknown board can follow both. Tilt alone leaves the same open for the tilt axis. Two
+lines that are not parallel leave nothing open: their common perpendicular is the actuator frame's x, its foot on the
+tilt axis the origin. The angle between the lines and their distance are two numbers more than a pose needs: the joints'
+skew and offset. The least motion is a cross: one picture, one with the pan moved, one with the tilt moved.
+
+What they cannot tell.
+- The zero of the pan: turning world and board together about the pan axis changes no picture. It is the world's
+  heading, and the camera's pose on the antenna does not depend on it.
+- The zero of the tilt: an encoder that reads zero elsewhere turns the camera on the actuator about the tilt axis, and
+  changes no picture either. The covariance holds `tilt_zero_std_rad` along `tilt_zero_tangent`; another way to plane C,
+  fused with this one, finds the zero.
+- The sense of a joint: with the sign of all its angles turned round, a camera that is half a turn away on the actuator
+  fits the pictures as well. Only the comparison with another way shows it.
+- Where on the attachment the antenna is: that is T_actuator_antenna, from the session, taken as exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from targets.board import BoardSpec
+
+from ..camera import Camera
+from ..detect.corners import BoardView
+from ..errors import InputError
+from ..geometry import Kinematics, Pose
+from ..session import SweepPicture
+from .pose_estimate import PoseEstimate
+from .sweep_model import AXES, CAMERA, SweepCorners
+from .sweep_pictures import left_out_reason, refuse_one_joint, usable_pictures, which_pictures
+from .sweep_solve import ALL_FREE, AXES_HELD, SweepFit, fit, inlying
+from .sweep_start import start
+from .view_screening import DroppedView
+
+AXIS_SKEW_STD_RAD = 5e-3
+AXIS_OFFSET_STD_M = 5e-4
+"""How near to the given skew and offset a careful workshop keeps the axes. To hold them exactly there is not honest:
+0.3 mrad and 0.02 mm, which a good sweep hardly sees, then move the camera seven of its standard deviations off."""
+
+_ASKED_FOR = 0.05
+_LOOSE_RAD = 0.02
+_LOOSE_SHARE = 0.05
+_LOOSE_ANGLES_RAD = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class SweepSolution:
+    """What a sweep says.
+
+    Attributes
+    ----------
+    estimate : the camera's pose in the antenna frame. Its covariance holds the doubt about the tilt's zero.
+    tilt_zero_tangent : (6,) how that pose moves (`Pose.retract`'s tangent, antenna frame) for each radian by which
+        `Kinematics.tilt_zero_rad` is larger than was assumed.
+    tilt_zero_std_rad : the doubt that the covariance holds along it.
+    kinematics : as given, and with the axes as solved where `axes_free`.
+    axes_free : whether the data asked for a skew and an offset other than those given.
+    axis_skew_rad, axis_offset_m : as measured, whether they were used or not, with their standard deviations.
+    T_world_board : pose of the board in the world.
+    rms_px : reprojection error over the corners used, angles put right.
+    corners, outliers : how many corners were used, and how many left out as wrong.
+    angle_std_rad : scatter of the joint angles' readings as the pictures show it; 0 where they count as exact.
+    pictures : how many were used. left_out : the others, each with its reason.
+    """
+
+    estimate: PoseEstimate
+    tilt_zero_tangent: np.ndarray
+    tilt_zero_std_rad: float
+    kinematics: Kinematics
+    axes_free: bool
+    axis_skew_rad: float
+    axis_skew_std_rad: float
+    axis_offset_m: float
+    axis_offset_std_m: float
+    T_world_board: Pose
+    rms_px: float
+    corners: int
+    outliers: int
+    angle_std_rad: float
+    pictures: int
+    left_out: tuple[DroppedView, ...]
+
+
+def solve_sweep(
+    views: Sequence[BoardView],
+    pictures: Sequence[SweepPicture],
+    spec: BoardSpec,
+    camera: Camera,
+    kinematics: Kinematics,
+    tilt_zero_std_rad: float,
+) -> SweepSolution:
+    """The camera's pose in the antenna frame from a sweep.
+
+    Parameters
+    ----------
+    views : the board as each picture shows it. pictures : the joints' readings, in the same order.
+    kinematics : how the antenna is mounted; its skew and offset are kept unless the data ask for others (5 % level).
+    tilt_zero_std_rad : how well the tilt encoder's zero is known.
+
+    Raises
+    ------
+    InputError : too few usable pictures, only one joint moved, both too little, angles that do not belong to the
+        pictures, or a picture size that is not the camera's.
+    SolveError : the corners of hardly a picture are those of the board.
+    """
+    seen, readings, dropped = usable_pictures(views, pictures, spec, camera)
+    refuse_one_joint(readings)
+    corners = SweepCorners.of(seen, readings, spec, kinematics)
+    state, kept, error_px = which_pictures(camera, start(camera, corners, kinematics), corners)
+    refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])
+    free, used = inlying(camera, state, corners, kept[corners.picture], ALL_FREE)
+    chosen = _with_axes(camera, corners, free, used, kinematics)
+    _refuse_loose(chosen)
+    left_out = [
+        DroppedView(seen[i].name, left_out_reason(camera, chosen.state, corners, i, float(error_px[i]), kinematics))
+        for i in np.flatnonzero(~kept)
+    ]
+    return _solution(chosen, free, kinematics, tilt_zero_std_rad, used, kept, (*dropped, *left_out), camera, corners)
+
+
+def _with_axes(
+    camera: Camera, corners: SweepCorners, free: SweepFit, used: np.ndarray, kinematics: Kinematics
+) -> SweepFit:
+    """The fit in which the axes are known to lie about where they were given, unless the data speak against it."""
+    given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
+    off = given - [free.state.axis_skew_rad, free.state.axis_offset_m]
+    spread = free.covariance[AXES, AXES] + np.diag(np.square([AXIS_SKEW_STD_RAD, AXIS_OFFSET_STD_M]))
+    if chi2.sf(off @ np.linalg.solve(spread, off), 2) < _ASKED_FOR:
+        return free
+    gain = free.covariance[:, AXES] @ np.linalg.inv(spread)
+    skew, offset = given - off + (gain @ off)[AXES]
+    held = fit(camera, replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), corners, used, AXES_HELD)
+    covariance = free.covariance - gain @ free.covariance[AXES]
+    return replace(held, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[AXES])
+
+
+def _refuse_loose(found: SweepFit) -> None:
+    """Raises InputError where the moves were too small, or the angles too far off, to tell the pose."""
+    if found.angle_std_rad > _LOOSE_ANGLES_RAD:
+        raise InputError(
+            f"the angles of sweep.csv scatter by {found.angle_std_rad:.2g} rad about what the pictures show",
+            remedy="take every picture with the joints at rest, the board fixed and the angles in radians",
+        )
+    of_camera = found.covariance[CAMERA, CAMERA]
+    turn = float(np.sqrt(np.linalg.eigvalsh(of_camera[:3, :3])[-1]))
+    place = float(np.sqrt(np.linalg.eigvalsh(of_camera[3:, 3:])[-1]))
+    reach = float(np.linalg.norm(found.state.T_actuator_camera.translation_m - found.state.T_foot_board.translation_m))
+    if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach:
+        raise InputError(
+            f"the sweep leaves the camera's pose open to {turn:.2g} rad and {1e3 * place:.2g} mm",
+            remedy="turn pan and tilt further, each by itself, with the board large in the pictures",
+        )
+
+
+def _solution(
+    chosen: SweepFit,
+    free: SweepFit,
+    kinematics: Kinematics,
+    tilt_zero_std_rad: float,
+    used: np.ndarray,
+    kept: np.ndarray,
+    left_out: tuple[DroppedView, ...],
+    camera: Camera,
+    corners: SweepCorners,
+) -> SweepSolution:
+    state, mount = chosen.state, kinematics.T_actuator_antenna
+    to_antenna = np.kron(np.eye(2), mount.rotation.T)
+    turn = np.array([0.0, 1.0, 0.0])
+    tangent = to_antenna @ np.concatenate([turn, np.cross(turn, state.T_actuator_camera.translation_m)])
+    covariance = to_antenna @ chosen.covariance[CAMERA, CAMERA] @ to_antenna.T
+    axes = {"axis_skew_rad": state.axis_skew_rad, "axis_offset_m": state.axis_offset_m}
+    skew_std, offset_std = np.sqrt(np.diag(free.covariance[AXES, AXES]))
+    return SweepSolution(
+        estimate=PoseEstimate(
+            "sweep",
+            mount.inverse() @ state.T_actuator_camera,
+            covariance + tilt_zero_std_rad**2 * np.outer(tangent, tangent),
+            to_antenna @ chosen.by_lens[CAMERA],
+        ),
+        tilt_zero_tangent=tangent,
+        tilt_zero_std_rad=tilt_zero_std_rad,
+        kinematics=replace(kinematics, **axes),
+        axes_free=chosen is free,
+        axis_skew_rad=free.state.axis_skew_rad,
+        axis_skew_std_rad=float(skew_std),
+        axis_offset_m=free.state.axis_offset_m,
+        axis_offset_std_m=float(offset_std),
+        T_world_board=Pose(np.eye(3), kinematics.position_world_m) @ state.T_foot_board,
+        rms_px=float(np.sqrt(np.mean(np.sum(chosen.residuals_px[used] ** 2, axis=1)))),
+        corners=int(used.sum()),
+        outliers=int((kept[corners.picture] & ~used).sum()),
+        angle_std_rad=chosen.angle_std_rad,
+        pictures=int(kept.sum()),
+        left_out=left_out,
+    )

@@ -1,0 +1,38 @@
+"""A session: one folder with everything that was measured on one rig. Read here, checked here, never written."""
+
+from .pictures import check_pictures
+from .rows import Frame, Load, Still, SweepPicture
+from .settings import (
+    SCHEMA,
+    NominalAntenna,
+    OverBoard,
+    Session,
+    gravity_antenna,
+    has_over,
+    has_sweep,
+    load_session,
+    read_pose,
+)
+from .tables import read_centrelines, read_loads, read_noload, read_recording, read_sweep
+
+__all__ = [
+    "SCHEMA",
+    "Frame",
+    "Load",
+    "NominalAntenna",
+    "OverBoard",
+    "Session",
+    "Still",
+    "SweepPicture",
+    "check_pictures",
+    "gravity_antenna",
+    "has_over",
+    "has_sweep",
+    "load_session",
+    "read_centrelines",
+    "read_loads",
+    "read_noload",
+    "read_pose",
+    "read_recording",
+    "read_sweep",
+]

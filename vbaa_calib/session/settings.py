@@ -1,0 +1,175 @@
+"""session.yaml: what is known of a rig before it is calibrated, and which ways to plane C the folder offers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec
+
+from .. import schemas
+from ..errors import InputError
+from ..files import read_yaml
+from ..geometry import Kinematics, Pose
+from .rows import Still
+
+SCHEMA = "vbaa.session/1"
+TILT_ZERO_STD_RAD = 0.01
+OVER_HEIGHT_STD_M = 1e-4
+
+
+@dataclass(frozen=True)
+class NominalAntenna:
+    """What the user says of the antenna; stiffness and no-load shape are solved for."""
+
+    length_m: float
+    diameter_m: float
+    youngs_modulus_Pa: float
+    density_kg_m3: float
+
+    @property
+    def stiffness_Nm2(self) -> float:
+        """E·πd⁴/64."""
+        return float(self.youngs_modulus_Pa * np.pi * self.diameter_m**4 / 64)
+
+    @property
+    def mass_per_length_kg_m(self) -> float:
+        """ρ·πd²/4."""
+        return float(self.density_kg_m3 * np.pi * self.diameter_m**2 / 4)
+
+
+@dataclass(frozen=True)
+class OverBoard:
+    """How the free antenna is held over a board that lies parallel to plane C, in the pictures of over/.
+
+    Attributes
+    ----------
+    height_m : of the antenna's axis over the printed face, towards the viewer. height_std_m : how well it is known.
+    pan_rad, tilt_rad : the joints' readings in these pictures.
+    """
+
+    height_m: float = 0.0
+    height_std_m: float = OVER_HEIGHT_STD_M
+    pan_rad: float = 0.0
+    tilt_rad: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """session.yaml, checked.
+
+    Attributes
+    ----------
+    T_antenna_board : pose of the board's printed face in the jig, or None without a jig.
+    gravity_world_m_s2 : (3,), zero when weightless.
+    moment_std_Nm : the moment sensor's noise.
+    jig_translation_std_m, jig_rotation_std_rad : how well the jig's place on the base is known, per axis; 0: exactly.
+    tilt_zero_std_rad : how well the tilt encoder's zero is known before calibration.
+    over : how the antenna is held over the board in over/, or None where session.yaml does not say.
+    """
+
+    root: Path
+    board: BoardSpec
+    antenna: NominalAntenna
+    T_antenna_board: Pose | None
+    kinematics: Kinematics
+    gravity_world_m_s2: np.ndarray
+    moment_std_Nm: float
+    jig_translation_std_m: float = 0.0
+    jig_rotation_std_rad: float = 0.0
+    tilt_zero_std_rad: float = TILT_ZERO_STD_RAD
+    over: OverBoard | None = None
+
+    def gravity_antenna(self, frames: Sequence[Still]) -> np.ndarray:
+        """(B, 3) gravity in the antenna frame at each frame's joint angles."""
+        return gravity_antenna(self.kinematics, self.gravity_world_m_s2, frames)
+
+
+def gravity_antenna(kinematics: Kinematics, gravity_world_m_s2: np.ndarray, frames: Sequence[Still]) -> np.ndarray:
+    """(B, 3) gravity in the antenna frame at each frame's joint angles."""
+    turns = [kinematics.T_world_antenna(frame.pan_rad, frame.tilt_rad).rotation for frame in frames]
+    return np.array([turn.T @ gravity_world_m_s2 for turn in turns]).reshape(-1, 3)
+
+
+def load_session(root: Path) -> Session:
+    """Read and check session.yaml. Raises InputError naming the key that is wrong."""
+    root = Path(root)
+    if not root.is_dir():
+        problem = "is not a folder" if root.exists() else "no such folder"
+        raise InputError(problem, where=root, remedy="name a session folder (docs/formats.md)")
+    path = root / "session.yaml"
+    data = read_yaml(path)
+    schemas.check(data, "session", path)
+    try:
+        board = BoardSpec.from_dict(data["board"])
+    except ValueError as error:
+        raise InputError(f"board: {error}", where=path, remedy="describe the board that was printed") from None
+    jig, kinematics, over = data.get("jig"), data.get("kinematics") or {}, data.get("over")
+    T_antenna_board = None
+    if jig:
+        # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.
+        face = Pose(np.eye(3), np.array([0.0, 0.0, -board.thickness_m]))
+        T_antenna_board = read_pose(jig["T_antenna_board"], path, "jig.T_antenna_board") @ face
+    return Session(
+        root=root,
+        board=board,
+        antenna=NominalAntenna(**_floats(data["antenna"])),
+        T_antenna_board=T_antenna_board,
+        kinematics=_kinematics(kinematics, path),
+        gravity_world_m_s2=np.asarray(data["gravity_world"] or (0.0, 0.0, 0.0), float),
+        moment_std_Nm=float(data["moment_sensor"]["std_Nm"]),
+        jig_translation_std_m=float((jig or {}).get("translation_std_m", 0.0)),
+        jig_rotation_std_rad=float((jig or {}).get("rotation_std_rad", 0.0)),
+        tilt_zero_std_rad=float(kinematics.get("tilt_zero_std_rad", TILT_ZERO_STD_RAD)),
+        over=None if over is None else OverBoard(**_floats(over)),
+    )
+
+
+def _floats(data: Mapping[str, Any]) -> dict[str, float]:
+    return {key: float(value) for key, value in data.items()}
+
+
+def _kinematics(data: Mapping[str, Any], where: object) -> Kinematics:
+    mount = data.get("T_actuator_antenna")
+    return Kinematics(
+        read_pose(mount, where, "kinematics.T_actuator_antenna") if mount else Pose.identity(),
+        np.asarray(data.get("position_world_m", (0.0, 0.0, 0.0)), float),
+        **{name: float(data.get(name, 0.0)) for name in ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")},
+    )
+
+
+def read_pose(data: Mapping[str, Any], where: object, key: str) -> Pose:
+    """A pose out of a checked file. Raises InputError when the quaternion is not one."""
+    length = math.hypot(*data["rotation_xyzw"])
+    if not 0.99 < length < 1.01:
+        raise InputError(
+            f"{key}.rotation_xyzw has length {length:.3g}", where=where, remedy="a unit quaternion x, y, z, w is needed"
+        )
+    return Pose(Rotation.from_quat(data["rotation_xyzw"]).as_matrix(), np.asarray(data["translation_m"], float))
+
+
+def has_sweep(session: Session) -> bool:
+    """Whether there is a folder sweep/ with pictures of a board fixed in the world."""
+    return (session.root / "sweep").is_dir()
+
+
+def has_over(session: Session) -> bool:
+    """Whether there is a folder over/ with pictures of the free antenna over a board.
+
+    Raises InputError when session.yaml says nothing of it: without the height the pictures are worth nothing.
+    """
+    if not (session.root / "over").is_dir():
+        return False
+    if session.over is None:
+        raise InputError(
+            "over is missing, but there is a folder over/",
+            where=session.root / "session.yaml",
+            remedy="give over.height_m, the height of the antenna's axis over the board's printed face",
+        )
+    return True

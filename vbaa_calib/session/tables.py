@@ -1,0 +1,79 @@
+"""A session's CSV tables: no row is taken on trust."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..files import number, read_csv, whole_number
+from .rows import Frame, Load, Still, SweepPicture, joints, picture, refuse_repeated_pictures, require, still, wrong
+from .settings import Session
+
+
+def read_sweep(session: Session) -> list[SweepPicture]:
+    """sweep/sweep.csv: a board fixed in the world, seen while the joints move, a picture a row."""
+    path = session.root / "sweep" / "sweep.csv"
+    require(path, "it gives the joint angles of every picture of the sweep")
+    rows = read_csv(path, ("image", "pan_rad", "tilt_rad"))
+    pictures = [SweepPicture(image=picture(row, path), **joints(row, path)) for row in rows]
+    refuse_repeated_pictures([seen.image for seen in pictures], rows, path)
+    return pictures
+
+
+def read_noload(session: Session) -> list[Still]:
+    """noload/noload.csv: the free antenna, a picture a row."""
+    path = session.root / "noload" / "noload.csv"
+    require(path, "calibration needs the free antenna")
+    rows = read_csv(path, ("image", "pan_rad", "tilt_rad", "moment_Nm"), ("time_s",))
+    stills = [Still(**still(row, path)) for row in rows]
+    refuse_repeated_pictures([seen.image for seen in stills], rows, path)
+    return stills
+
+
+def read_loads(session: Session) -> list[Load]:
+    """loads/loads.csv: known loads, each on the antenna, a picture a row."""
+    path = session.root / "loads" / "loads.csv"
+    require(path, "calibration needs known loads, for the stiffness")
+    names = ("distance_m", "force_y_N", "force_z_N")
+    rows = read_csv(path, ("image", "pan_rad", "tilt_rad", "moment_Nm", *names), ("time_s",))
+    loads = [Load(**(still(row, path) | {name: number(row, name, path) for name in names})) for row in rows]
+    length_m = session.antenna.length_m
+    for row, load in zip(rows, loads, strict=True):
+        if not 0 < load.distance_m <= length_m:
+            what = f"distance_m is {load.distance_m:g}, the antenna {length_m:g} m long"
+            raise wrong(row, path, what, "give metres from the clamp along the antenna")
+        if load.force_y_N == load.force_z_N == 0:
+            raise wrong(row, path, "the force is zero", "free frames belong into noload/")
+    refuse_repeated_pictures([load.image for load in loads], rows, path)
+    return loads
+
+
+def read_recording(session: Session) -> list[Frame]:
+    """recording/recording.csv. With recording/centrelines.csv instead of pictures it needs no image column."""
+    path = session.root / "recording" / "recording.csv"
+    require(path, "it names the frames of the recording")
+    with_images = not (path.parent / "centrelines.csv").exists()
+    rows = read_csv(path, ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad", "moment_Nm"))
+    frames: list[Frame] = []
+    seen: set[int] = set()
+    for row in rows:
+        frame = Frame(**still(row, path, with_images), frame=whole_number(row, "frame", path))
+        if frame.frame in seen:
+            raise wrong(row, path, f"frame {frame.frame} stands twice", "every frame needs its own number")
+        if frames and frame.time_s < frames[-1].time_s:
+            raise wrong(row, path, "the time runs backwards", "sort the rows by time_s")
+        seen.add(frame.frame)
+        frames.append(frame)
+    return frames
+
+
+def read_centrelines(session: Session) -> dict[int, np.ndarray]:
+    """recording/centrelines.csv: frame → (N, 3) of u_px, v_px, sigma_px (NaN where the column is missing)."""
+    path = session.root / "recording" / "centrelines.csv"
+    grouped: dict[int, list[tuple[float, float, float]]] = {}
+    for row in read_csv(path, ("frame", "u_px", "v_px"), ("sigma_px",)):
+        sigma = number(row, "sigma_px", path) if "sigma_px" in row else np.nan
+        if sigma <= 0:
+            raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
+        point = (number(row, "u_px", path), number(row, "v_px", path), sigma)
+        grouped.setdefault(whole_number(row, "frame", path), []).append(point)
+    return {frame: np.array(points) for frame, points in grouped.items()}
