@@ -25,6 +25,10 @@ from .session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from .sweep import SweepSolution, solve_sweep
 from .ways import Difference, along, differences, fused, loosened, require_agreement
 
+SIGHT_BIAS_PX = 0.02
+"""How far all corners may lie to one side of the antenna's centrelines: the board is measured on edges, the antenna on
+a line, and light and blur move them differently. On rendered pictures it is 0.015 px. It does not average out."""
+
 
 @dataclass(frozen=True, eq=False)
 class PlaneC:
@@ -145,6 +149,7 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
         over = _over(session, session.over, camera, views.over, estimates)
         doubt = clamp_doubt(over, session.over, session.board) if estimates else None
         estimates.append(over.estimate if doubt is None else loosened(over.estimate, *doubt))
+    estimates = [loosened(estimate, *sight_doubt(estimate, camera)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     require_agreement(apart, session.root)
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
@@ -171,6 +176,12 @@ def clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> 
     half_m = 0.5 * board.square_m * min(board.squares_x, board.squares_y)
     tilt = over.height_std_m / half_m
     return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M])
+
+
+def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
+    turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
+    return turns, SIGHT_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
