@@ -116,5 +116,5 @@ def along(estimate: PoseEstimate, direction: np.ndarray, std: float, pose: Pose)
     of `direction`, and its deviation for a pose that is exact.
     """
     gain = std**2 * direction @ np.linalg.inv(estimate.covariance)
-    away = estimate.T_antenna_camera.tangent_from(pose)
+    away = pose.tangent_from(estimate.T_antenna_camera)
     return float(gain @ away), float(std * np.sqrt(max(1.0 - gain @ direction, 0.0)))
