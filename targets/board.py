@@ -41,8 +41,10 @@ class BoardSpec:
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 10:
                 raise ValueError(f"{name} is {value!r}: a length in metres is needed")
         if not 0 < self.marker_m < self.square_m:
+            exchanged = f" (exchanged? square_m: {self.marker_m!r}, marker_m: {self.square_m!r} would do)"
             raise ValueError(
                 f"marker_m is {self.marker_m!r} and square_m {self.square_m!r}: 0 < marker_m < square_m is needed"
+                + (exchanged if self.marker_m > self.square_m > 0 else "")
             )
         if self.dictionary not in DICTIONARIES:
             raise ValueError(f"dictionary is {self.dictionary!r}: one of {', '.join(DICTIONARIES)} is needed")

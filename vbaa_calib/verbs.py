@@ -5,6 +5,7 @@ VERBS = {
     "calibrate": ("vbaa_calib.calibrate.calibrate_cli", "a session to rig.json: lens, plane C, antenna, sensors"),
     "stiffness": ("vbaa_calib.calibrate.stiffness_cli", "EI from a table of measured deflections, no camera needed"),
     "simulate": ("vbaa_calib.synth.simulate_cli", "a synthetic session from a scene file, with truth.json"),
+    "selftest": ("vbaa_calib.bench.selftest_cli", "draw your board with known corners: how far off is this OpenCV?"),
     "bench": ("vbaa_calib.bench.bench_cli", "speed against error, with the alternatives in the same run"),
     "schema": ("vbaa_calib.formats.schema_cli", "print the JSON Schema of session.yaml or rig.json"),
 }

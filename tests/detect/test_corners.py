@@ -8,10 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from targets.board import BoardSpec
 from targets.charuco import corner_points, opencv_board
-from vbaa_calib.detect.board_diagnosis import marker_cells
+from vbaa_calib.detect.board_layout import Markers, judge, marker_cells
 from vbaa_calib.detect.corners import detect_corners, detect_files, detect_folder
 from vbaa_calib.errors import InputError
 
@@ -74,21 +75,109 @@ def test_marker_cells_are_opencvs(legacy: bool, columns: int) -> None:
     np.testing.assert_allclose(marker_cells(columns, legacy, len(centres)) + 0.5, centres, atol=1e-5)
 
 
+def spec_in(message: str) -> BoardSpec:
+    """The board that an error offers, read as the user would paste it."""
+    return BoardSpec.from_dict(yaml.safe_load(message[message.index("{") : message.index("}") + 1]))
+
+
 @pytest.mark.parametrize(
-    ("change", "cause"),
+    ("change", "causes"),
     [
-        ({"dictionary": "DICT_5X5_100"}, "markers of DICT_4X4_50 are found"),
-        ({"squares_x": 8}, r"squares_x: 9 \(not 8\)"),
-        ({"squares_x": 10}, r"squares_x: 9 \(not 10\)"),
-        ({"squares_y": 5}, "squares_y is 6 or more"),
-        ({"squares_x": 6, "squares_y": 9}, r"squares_x: 9 \(not 6\)"),
-        ({"legacy_pattern": True}, "legacy_pattern: false"),
+        ({"dictionary": "DICT_5X5_100"}, ["dictionary: DICT_4X4_50 (not DICT_5X5_100)"]),
+        ({"squares_x": 8}, ["squares_x: 9 (not 8)"]),
+        ({"squares_x": 10}, ["squares_x: 9 (not 10)"]),
+        ({"squares_y": 5}, ["squares_y is 6 or more (not 5)"]),
+        ({"squares_x": 6, "squares_y": 9}, ["squares_x: 9 (not 6)", "are exchanged"]),
+        ({"legacy_pattern": True}, ["legacy_pattern: false"]),
+        ({"marker_m": 0.006}, ["marker_m: 0.009 (markers measure 0.75 of a square, not 0.50)"]),
+        ({"squares_x": 8, "squares_y": 6, "marker_m": 0.006}, ["squares_x: 9", "marker_m: 0.009"]),
+        ({"squares_x": 6, "squares_y": 9, "dictionary": "DICT_6X6_250"}, ["DICT_4X4_50", "squares_x: 9", "exchanged"]),
+        (
+            {"squares_x": 5, "squares_y": 4, "marker_m": 0.006, "dictionary": "DICT_7X7_50", "legacy_pattern": True},
+            ["DICT_4X4_50", "squares_x: 9", "squares_y is 6", "legacy_pattern: false", "marker_m: 0.009"],
+        ),
     ],
 )
-def test_a_wrong_spec_is_refused_with_its_cause(tmp_path: Path, change: dict, cause: str) -> None:
+def test_a_wrong_spec_is_refused_with_its_causes_and_the_spec_that_fits(
+    tmp_path: Path, change: dict, causes: list[str]
+) -> None:
     folder = write_pictures(tmp_path, SPEC)
-    with pytest.raises(InputError, match=f"does not fit the pictures: .*{cause}"):
+    with pytest.raises(InputError, match="does not fit the pictures") as caught:
         detect_folder(folder, dataclasses.replace(SPEC, **change))
+    for cause in causes:
+        assert cause in str(caught.value)
+    fitting = spec_in(str(caught.value))
+    # the pictures cannot tell a dictionary from a larger one of its family that begins with it
+    assert fitting == dataclasses.replace(SPEC, dictionary=fitting.dictionary)
+    assert fitting.dictionary in ("DICT_4X4_50", "DICT_4X4_100")
+    assert all(len(view.ids) == SPEC.corner_count for view in detect_folder(folder, fitting))
+
+
+@pytest.mark.parametrize("dictionary", ["DICT_4X4_50", "DICT_4X4_250", "DICT_4X4_1000"])
+def test_a_dictionary_that_holds_the_boards_ids_is_taken_in_silence(
+    tmp_path: Path, capsys: pytest.CaptureFixture, dictionary: str
+) -> None:
+    folder = write_pictures(tmp_path, SPEC, 2)
+    views = detect_folder(folder, dataclasses.replace(SPEC, dictionary=dictionary))
+    assert all(len(view.ids) == SPEC.corner_count for view in views)
+    assert capsys.readouterr().err == ""
+
+
+def test_rows_that_are_not_on_the_board_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    folder = tmp_path / "room"
+    folder.mkdir()
+    for seed in range(3):
+        picture, _ = drawn(SPEC, seed)
+        # room below the board for the rows that are missing
+        cv2.imwrite(str(folder / f"{seed}.png"), np.pad(picture, ((0, 400), (0, 0)), mode="edge"))
+    views = detect_folder(folder, dataclasses.replace(SPEC, squares_y=8))
+    assert all(len(view.ids) == SPEC.corner_count for view in views)
+    assert "last 2 rows and no marker there: is squares_y 6, not 8?" in capsys.readouterr().err
+
+
+def test_rows_beyond_the_picture_are_not_missed(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    for seed in range(3):
+        picture, truth = drawn(SPEC, seed)
+        cut = int(truth.reshape(SPEC.squares_y - 1, -1, 2)[3, :, 1].mean())
+        cv2.imwrite(str(tmp_path / f"{seed}.png"), picture[: min(cut, 500)][:400])
+    assert all(len(view.ids) > 6 for view in detect_folder(tmp_path, SPEC))
+    assert capsys.readouterr().err == ""
+
+
+def test_swapped_sizes_are_named_in_the_right_order() -> None:
+    with pytest.raises(ValueError, match=r"exchanged\? square_m: 0.012, marker_m: 0.009 would do"):
+        BoardSpec(9, 6, square_m=0.009, marker_m=0.012)
+    with pytest.raises(ValueError, match=r"0 < marker_m < square_m is needed$"):
+        BoardSpec(9, 6, square_m=0.012, marker_m=0.012)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.6, 0.85])
+def test_the_markers_share_of_a_square_is_measured(ratio: float) -> None:
+    spec = BoardSpec(9, 6, 0.02, 0.02 * ratio)
+    views = [detect_corners(drawn(spec, seed)[0], SPEC) for seed in range(2)]
+    markers = [Markers(view.marker_ids, view.marker_corners_px) for view in views]
+    assert judge(markers, 9, False, 27).ratio == pytest.approx(ratio, abs=0.02)
+
+
+def test_markers_of_another_maker_are_named(tmp_path: Path) -> None:
+    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    sheet = cv2.aruco.CharucoBoard((7, 5), 0.02, 0.015, tags).generateImage((700, 500), marginSize=30)
+    cv2.imwrite(str(tmp_path / "0.png"), sheet)
+    with pytest.raises(InputError, match="its markers are of DICT_APRILTAG_36h11; print a board"):
+        detect_folder(tmp_path, SPEC)
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (0, 9), (1, 1), (5, 5), (9, 700), (300, 400)])
+@pytest.mark.parametrize("kind", ["white", "black", "noise"])
+def test_hostile_pictures_give_empty_views(shape: tuple[int, int], kind: str) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
+    picture = noise if kind == "noise" else np.full(shape, 255 if kind == "white" else 0, np.uint8)
+    view = detect_corners(picture, SPEC)
+    assert (len(view.ids), view.corners_px.shape, view.image_size) == (0, (0, 2), shape[::-1])
+    assert view.covariance_px2 is not None
+    assert view.covariance_px2.shape == (0, 2, 2)
+    assert view.quality is not None
+    assert (view.quality.corners, view.quality.collinear) == (0, True)
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(9, 6), (8, 6)])
@@ -100,18 +189,20 @@ def test_the_legacy_pattern_is_told_from_the_present_one(tmp_path: Path, columns
         detect_folder(folder, dataclasses.replace(legacy, legacy_pattern=False))
 
 
-def test_mirrored_pictures_are_named_as_the_cause(tmp_path: Path) -> None:
-    for seed in range(3):
-        cv2.imwrite(str(tmp_path / f"{seed}.png"), cv2.flip(drawn(SPEC, seed)[0], 1))
-    with pytest.raises(InputError, match="mirrored"):
-        detect_folder(tmp_path, SPEC)
-
-
-def test_a_negative_board_is_named_as_the_cause(tmp_path: Path) -> None:
-    for seed in range(3):
-        cv2.imwrite(str(tmp_path / f"{seed}.png"), 255 - drawn(SPEC, seed)[0])
-    with pytest.raises(InputError, match="black and white exchanged"):
-        detect_folder(tmp_path, SPEC)
+@pytest.mark.parametrize("change", [{}, {"squares_x": 8}, {"dictionary": "DICT_5X5_100"}])
+@pytest.mark.parametrize(("mirrored", "negative"), [(True, False), (False, True), (True, True)])
+def test_turned_pictures_are_named_as_the_cause(tmp_path: Path, change: dict, mirrored: bool, negative: bool) -> None:
+    for seed in range(2):
+        picture = drawn(SPEC, seed)[0]
+        picture = cv2.flip(picture, 1) if mirrored else picture
+        cv2.imwrite(str(tmp_path / f"{seed}.png"), 255 - picture if negative else picture)
+    with pytest.raises(InputError, match="does not fit the pictures") as caught:
+        detect_folder(tmp_path, dataclasses.replace(SPEC, **change))
+    assert ("mirrored" in str(caught.value)) == mirrored
+    assert ("black and white exchanged" in str(caught.value)) == negative
+    fitting = spec_in(str(caught.value))
+    assert (fitting.squares_x, fitting.squares_y, fitting.marker_m) == (9, 6, 0.009)
+    assert fitting.dictionary.startswith("DICT_4X4_")
 
 
 def test_pictures_without_a_board_are_refused(tmp_path: Path) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vbaa_calib.detect.corridor import Corridor, trace
-from vbaa_calib.detect.profile import Centreline, measure
+from vbaa_calib.detect.centreline import Centreline
+from vbaa_calib.detect.corridor import Corridor
+from vbaa_calib.detect.finder import trace
+from vbaa_calib.detect.profile import measure
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
 

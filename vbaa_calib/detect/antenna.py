@@ -7,11 +7,13 @@ import numpy as np
 from ..antenna.shape import Curves, bend
 from ..camera import Camera
 from ..geometry import Pose
-from .corridor import Corridor, trace
-from .profile import Centreline, measure
+from .centreline import NOTHING, Centreline
+from .corridor import Corridor
+from .finder import AntennaFinder
+from .profile import measure
 
-REACH_PER_LENGTH = 0.6
-"""How far to the side the antenna may be, as a fraction of the distance from the clamp: 31°."""
+REACH_PER_LENGTH = 0.9
+"""How far to the side the antenna may be, as a fraction of the distance from the clamp: 42°."""
 CLAMP_REACH_PX = 8.0
 """How far off the clamp itself may be."""
 
@@ -42,12 +44,12 @@ def corridor(camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: f
 
 
 def find(image: np.ndarray, where: Corridor, bright: bool = True) -> Centreline:
-    """The centreline in an (H, W) picture: a rough path through the corridor, then measured across it."""
-    grey = np.asarray(image, np.float32)
-    guide = trace(grey, where, bright) if len(where.axis_px) >= 4 else where.axis_px
-    return measure(grey, guide, where.width_px, bright)
+    """The centreline in an (H, W) picture; for many pictures make one `AntennaFinder` and use it for all."""
+    if len(where.axis_px) < 4:
+        return NOTHING
+    return AntennaFinder.prepare(where, (image.shape[1], image.shape[0])).find(image, bright)
 
 
 def find_along(image: np.ndarray, guide_px: np.ndarray, width: float, bright: bool = True) -> Centreline:
     """The centreline measured across a predicted path (K, 2), which must be within about a width of the truth."""
-    return measure(np.asarray(image, np.float32), guide_px, width, bright)
+    return measure(image, guide_px, width, bright)

@@ -1,95 +1,89 @@
-"""Why a board spec does not fit the pictures: the cause in words, found by trying the alternatives."""
+"""Why a board spec does not fit the pictures: the causes in words and the spec that fits, found by trying."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
+import yaml
 
-from targets.board import DICTIONARIES, BoardSpec
+from targets.board import DICTIONARIES, DICTIONARY_SIZES, BoardSpec
 
-Markers = tuple[np.ndarray, np.ndarray]
-"""Marker ids (M,) and their outlines (M, 4, 2) px in one picture."""
+from .board_layout import Layout, Markers, best_layout, distinctive_pairs, judge, marker_cells, vacant_below
+from .board_search import Sighting, search
 
-_PICTURES_TRIED = 4
+PAIRS_NEEDED = 6
 _LAYOUT_PICTURES = 10
-_MARKERS_NEEDED = 4
-_PAIRS_NEEDED = 6
-_LARGEST_WIDTH = 60
-# the unit square's outline in OpenCV's marker corner order, about its centre
-_OUTLINE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-_APRILTAGS = ("DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11")
-# small dictionaries first: the large ones contain them
-_DICTIONARIES = (*DICTIONARIES, *_APRILTAGS, "DICT_ARUCO_ORIGINAL")
+_CONTRADICTED = 0.2
+_RATIO_OFF, _RATIO_OFF_PX = 0.08, 2.0
+"""How far the markers' share of a square may be off before it is called wrong. By 0.1 it costs up to half as much again
+in drawn corners (0.03 px to 0.05 px), by 0.25 up to ten times (0.04 px to 0.4 px)."""
 
 
-def marker_cells(squares_x: int, on_even_squares: bool, count: int) -> np.ndarray:
-    """(count, 2) column and row of each marker id: markers are numbered along the rows, on every other square.
+@dataclass(frozen=True)
+class Mismatch:
+    """Causes in words, and the spec that fits the pictures; None where no spec can say it."""
 
-    on_even_squares: the first square holds a marker (OpenCV's legacy layout with an even number of rows).
+    causes: tuple[str, ...]
+    fitting: BoardSpec | None
+
+    @property
+    def remedy(self) -> str:
+        """What to do, with the fitting spec as a line of YAML that can be pasted."""
+        if self.fitting is None:
+            return f"print a board whose markers are of one of {DICTIONARIES[0]} … {DICTIONARIES[-1]}"
+        return f"this board fits: {as_yaml(self.fitting)}"
+
+
+def as_yaml(spec: BoardSpec) -> str:
+    """The spec as one line of YAML, as board.yaml has it."""
+    return yaml.safe_dump(spec.to_dict(), default_flow_style=True, sort_keys=False, width=10_000).strip()
+
+
+def explain_mismatch(
+    read: Callable[[int], np.ndarray], markers: Sequence[Markers], spec: BoardSpec, found: bool
+) -> Mismatch | None:
+    """What is wrong with the spec, or None where nothing is or nothing can be told.
+
+    Parameters
+    ----------
+    read : picture of an index, (H, W) uint8.
+    markers : per picture, what was found with the spec's dictionary.
+    found : whether the board's corners are found in a fair share of the pictures.
     """
-    rows = 2 * count // squares_x + 2
-    row, column = np.mgrid[:rows, :squares_x]
-    holds_marker = (row + column) % 2 == (0 if on_even_squares else 1)
-    return np.stack([column[holds_marker], row[holds_marker]], axis=-1)[:count]
+    own = judge(markers, spec.squares_x, _on_even(spec), _marker_count(spec))
+    doubtful = own.total >= PAIRS_NEEDED and own.share_wrong > _CONTRADICTED
+    rich = sorted(markers, key=lambda picture: len(picture.ids))[-_LAYOUT_PICTURES:]
+    if found and not doubtful and not _legacy_is_wrong(markers, own, spec):
+        highest = max((int(picture.ids.max(initial=-1)) for picture in markers), default=-1)
+        layout = judge(markers, spec.squares_x, _on_even(spec), max(highest + 1, 1))
+        return _compared(Sighting(spec.dictionary, "", markers, layout), spec)
+    layout_seen = best_layout(rich, (spec.squares_x, _on_even(spec)), PAIRS_NEEDED)
+    if layout_seen is not None and _fits_in(layout_seen):
+        if _legacy_is_wrong(markers, own, spec):
+            count = len(layout_seen.fits)
+            layout_seen = judge(markers, spec.squares_x, not _on_even(spec), count)
+        return _compared(Sighting(spec.dictionary, "", markers, layout_seen), spec)
+    sighting = search(read, len(markers), spec, PAIRS_NEEDED)
+    return None if sighting is None else _compared(sighting, spec)
 
 
-def px_per_square(outlines: np.ndarray, marker_per_square: float) -> np.ndarray:
-    """(M, 2, 2) pixels per square along the board's x and y (columns) at each marker, outlines (M, 4, 2) px.
-
-    The least-squares affine map of its four corners.
-    """
-    return np.einsum("mcp,cb->mpb", outlines, _OUTLINE) / marker_per_square
+def _fits_in(layout: Layout) -> bool:
+    """Whether so many markers agree that they are no chance finds of a dictionary that is not on the board."""
+    return int((layout.fits > 0).sum()) >= PAIRS_NEEDED
 
 
-def _neighbours(found: Markers, cells: np.ndarray, marker_per_square: float) -> tuple[np.ndarray, np.ndarray]:
-    """(M, M) pairs of markers within two squares of each other in a layout, and which of them stand so in the picture.
-
-    Each marker's outline predicts where its neighbours stand; a pair fits when that misses by less than 0.6 squares.
-    Being local, this bears any lens.
-    """
-    ids, outlines = found
-    centres = outlines.mean(axis=1)
-    per_square = px_per_square(outlines, marker_per_square)
-    steps = cells[ids][None] - cells[ids][:, None]
-    distance = np.abs(steps).max(axis=-1)
-    near = (distance > 0) & (distance <= 2)
-    predicted = centres[:, None] + np.einsum("ipb,ijb->ijp", per_square, steps)
-    miss_px = np.linalg.norm(centres[None] - predicted, axis=-1)
-    square_px = np.sqrt(np.abs(np.linalg.det(per_square)))
-    return near, near & (miss_px < 0.6 * square_px[:, None])
+def _on_even(spec: BoardSpec) -> bool:
+    return spec.legacy_pattern and spec.squares_y % 2 == 0
 
 
-def _on_board(found: Markers, cells: np.ndarray) -> Markers:
-    ids, outlines = found
-    return ids[ids < len(cells)], outlines[ids < len(cells)]
+def _marker_count(spec: BoardSpec) -> int:
+    return spec.squares_x * spec.squares_y // 2
 
 
-def misplaced_pairs(markers: Sequence[Markers], cells: np.ndarray, marker_per_square: float) -> tuple[int, int]:
-    """How many pairs of neighbouring markers contradict a layout, and how many there are."""
-    wrong = total = 0
-    for found in markers:
-        near, fits = _neighbours(_on_board(found, cells), cells, marker_per_square)
-        wrong += int((near & ~fits).sum())
-        total += int(near.sum())
-    return wrong, total
-
-
-def distinctive_pairs(
-    markers: Sequence[Markers], cells: np.ndarray, rival_cells: np.ndarray, marker_per_square: float
-) -> int:
-    """How many pairs of neighbouring markers fit a layout and stand differently in the rival layout."""
-    votes = 0
-    for found in markers:
-        ids, outlines = _on_board(found, cells)
-        _, fits = _neighbours((ids, outlines), cells, marker_per_square)
-        steps, rival = (layout[ids][None] - layout[ids][:, None] for layout in (cells, rival_cells))
-        votes += int((fits & (steps != rival).any(axis=-1)).sum())
-    return votes
-
-
-def legacy_flag_is_wrong(markers: Sequence[Markers], spec: BoardSpec) -> bool:
+def _legacy_is_wrong(markers: Sequence[Markers], own: Layout, spec: BoardSpec) -> bool:
     """Whether the markers fit the board clearly better with the other legacy flag.
 
     With an odd number of columns and an even number of rows the two layouts differ by a shift of one square, so that
@@ -97,88 +91,102 @@ def legacy_flag_is_wrong(markers: Sequence[Markers], spec: BoardSpec) -> bool:
     """
     if spec.squares_y % 2:
         return False
-    ratio, count = spec.marker_m / spec.square_m, spec.squares_x * spec.squares_y // 2
-    layouts = [marker_cells(spec.squares_x, flag, count) for flag in (spec.legacy_pattern, not spec.legacy_pattern)]
-    here = distinctive_pairs(markers, layouts[0], layouts[1], ratio)
-    other = distinctive_pairs(markers, layouts[1], layouts[0], ratio)
-    return other >= _PAIRS_NEEDED and here < 0.2 * other
+    count = _marker_count(spec)
+    rival = judge(markers, spec.squares_x, not own.on_even_squares, count)
+    here = distinctive_pairs(markers, own, rival, count)
+    other = distinctive_pairs(markers, rival, own, count)
+    return other >= PAIRS_NEEDED and here < 0.2 * other
 
 
-def rows_beyond(markers: Sequence[Markers], spec: BoardSpec) -> int:
-    """Rows of squares that the pictures show beyond the board's last, judged by markers that continue its layout."""
-    ratio, count = spec.marker_m / spec.square_m, spec.squares_x * spec.squares_y // 2
-    highest = max((int(ids.max(initial=0)) for ids, _ in markers), default=0)
-    cells = marker_cells(spec.squares_x, spec.legacy_pattern and spec.squares_y % 2 == 0, highest + 1)
-    fitting = np.zeros(highest + 1, int)
-    for ids, outlines in markers:
-        _, fits = _neighbours((ids, outlines), cells, ratio)
-        np.add.at(fitting, ids, fits.sum(axis=1))
-    seen = np.flatnonzero(fitting[count:] >= _PAIRS_NEEDED) + count
-    return int(cells[seen, 1].max()) + 1 - spec.squares_y if len(seen) else 0
+def rows_seen(layout: Layout) -> int:
+    """Rows of squares up to the last whose markers stand as the layout has them."""
+    cells = marker_cells(layout.squares_x, layout.on_even_squares, len(layout.fits))
+    seen = np.flatnonzero(layout.fits >= PAIRS_NEEDED)
+    seen = seen if len(seen) else np.flatnonzero(layout.fits)
+    rows = int(cells[seen, 1].max()) + 1 if len(seen) else 0
+    # the first square holds a marker only on boards with an even number of rows
+    return rows + rows % 2 if layout.on_even_squares else rows
 
 
-def explain_mismatch(read: Callable[[int], np.ndarray], markers: Sequence[Markers], spec: BoardSpec) -> str | None:
-    """The likely cause in words, or None.
+def rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tuple[int, int]) -> int:
+    """Rows of the spec that are not on the board: their places lie well inside the pictures, and no marker is there.
 
-    Parameters
-    ----------
-    read : picture of an index, (H, W) uint8.
-    markers : per picture, what was found with the spec's dictionary.
+    Harmless to the corners, which keep their ids, and a sheet may be covered there: a note, not an error.
     """
-    chosen = np.unique(np.linspace(0, len(markers) - 1, _PICTURES_TRIED).astype(int))
-    tried = [markers[index] for index in chosen]
-    if sum(len(ids) for ids, _ in tried) < _MARKERS_NEEDED * len(tried):
-        pictures = [read(index) for index in chosen]
-        return _other_dictionary(pictures, tried, spec) or _turned_pictures(pictures, spec)
-    return _other_layout(markers, spec)
+    count = _marker_count(spec)
+    layout = judge(markers, spec.squares_x, _on_even(spec), count)
+    if not layout.fits.any():
+        return 0
+    last = int(marker_cells(spec.squares_x, _on_even(spec), count)[np.flatnonzero(layout.fits)[-1], 1])
+    vacant = [vacant_below(picture, layout, last, image_size) for picture in markers]
+    sure = sum(vacant) >= PAIRS_NEEDED and sum(one >= 2 for one in vacant) >= min(3, len(markers))
+    return spec.squares_y - 1 - last if sure else 0
 
 
-def _find(picture: np.ndarray, dictionary: str, inverted: bool = False) -> Markers:
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.detectInvertedMarker = inverted
-    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    outlines, ids, _ = cv2.aruco.ArucoDetector(known, parameters).detectMarkers(picture)
-    found = np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel()
-    return found, np.asarray(outlines, float).reshape(-1, 4, 2)
+def _compared(sighting: Sighting, spec: BoardSpec) -> Mismatch | None:
+    """The differences between what is seen and the spec."""
+    layout, causes = sighting.layout, []
+    if sighting.turned:
+        causes.append(sighting.turned)
+    fitting = fitting_spec(sighting, spec)
+    if fitting is None:
+        return Mismatch((*causes, f"its markers are of {sighting.dictionary}"), None)
+    if fitting.dictionary != spec.dictionary:
+        causes.append(f"dictionary: {fitting.dictionary} (not {spec.dictionary})")
+    if fitting.squares_x != spec.squares_x:
+        causes.append(f"squares_x: {fitting.squares_x} (not {spec.squares_x})")
+    if fitting.squares_y != spec.squares_y:
+        causes.append(f"squares_y is {fitting.squares_y} or more (not {spec.squares_y})")
+    if (spec.squares_x, spec.squares_y) == (fitting.squares_y, fitting.squares_x) != (spec.squares_y, spec.squares_x):
+        causes.append("squares_x and squares_y are exchanged")
+    if fitting.legacy_pattern != spec.legacy_pattern:
+        flag = str(fitting.legacy_pattern).lower()
+        causes.append(f"the markers stand as in legacy_pattern: {flag} (not {str(spec.legacy_pattern).lower()})")
+    if fitting.marker_m != spec.marker_m:
+        causes.append(
+            f"marker_m: {fitting.marker_m:g} (markers measure {layout.ratio:.2f} of a square, "
+            f"not {spec.marker_m / spec.square_m:.2f})"
+        )
+    return Mismatch(tuple(causes), fitting) if causes else None
 
 
-def _other_dictionary(pictures: Sequence[np.ndarray], found: Sequence[Markers], spec: BoardSpec) -> str | None:
-    counts = {name: sum(len(_find(picture, name)[0]) for picture in pictures) for name in _DICTIONARIES}
-    most = max(counts.values())
-    if most < max(_MARKERS_NEEDED, 2 * sum(len(ids) for ids, _ in found)):
+def fitting_spec(sighting: Sighting, spec: BoardSpec) -> BoardSpec | None:
+    """The spec that the pictures show: what they leave open is kept; None where its dictionary is none of ours."""
+    layout = sighting.layout
+    rows = max(rows_seen(layout), 2)
+    if layout.squares_x == spec.squares_x and rows <= spec.squares_y and layout.on_even_squares == _on_even(spec):
+        rows = spec.squares_y
+    legacy = layout.on_even_squares or (spec.legacy_pattern and rows % 2 == 1)
+    dictionary = _dictionary(sighting.dictionary, spec.dictionary, layout.squares_x * rows // 2)
+    if dictionary is None:
         return None
-    name = next(name for name, count in counts.items() if count >= 0.9 * most)
-    return f"{counts[name]} markers of {name} are found in {len(pictures)} of them, of {spec.dictionary} hardly any"
+    return dataclasses.replace(
+        spec,
+        squares_x=layout.squares_x,
+        squares_y=rows,
+        legacy_pattern=legacy,
+        dictionary=dictionary,
+        marker_m=_marker_m(sighting, spec),
+    )
 
 
-def _turned_pictures(pictures: Sequence[np.ndarray], spec: BoardSpec) -> str | None:
-    if sum(len(_find(cv2.flip(picture, 1), spec.dictionary)[0]) >= _MARKERS_NEEDED for picture in pictures):
-        return "the markers are found only in the mirror image (the pictures are mirrored)"
-    if sum(len(_find(picture, spec.dictionary, inverted=True)[0]) >= _MARKERS_NEEDED for picture in pictures):
-        return "the markers are found only with black and white exchanged (the board is a negative)"
-    return None
+def _dictionary(seen: str, named: str, markers: int) -> str | None:
+    """The spec's own dictionary where it is of the family seen and large enough, else the smallest that is.
 
-
-def _other_layout(markers: Sequence[Markers], spec: BoardSpec) -> str | None:
-    if legacy_flag_is_wrong(markers, spec):
-        return f"the markers stand as in legacy_pattern: {str(not spec.legacy_pattern).lower()}"
-    markers = sorted(markers, key=lambda found: len(found[0]))[-_LAYOUT_PICTURES:]
-    ratio, count = spec.marker_m / spec.square_m, 1 + max(int(ids.max(initial=0)) for ids, _ in markers)
-    best = None
-    for squares_x in range(2, _LARGEST_WIDTH + 1):
-        for on_even_squares in (False, True):
-            wrong, total = misplaced_pairs(markers, marker_cells(squares_x, on_even_squares, count), ratio)
-            if total >= _PAIRS_NEEDED and (best is None or wrong / total < best[0]):
-                best = (wrong / total, squares_x, on_even_squares)
-    if best is None or best[0] > 0.1:
+    The small ones of a family are the beginnings of the large ones.
+    """
+    if seen not in DICTIONARIES:
         return None
-    _, squares_x, on_even_squares = best
-    rows = 1 + int(marker_cells(squares_x, on_even_squares, count)[-1, 1])
-    differences = []
-    if squares_x != spec.squares_x:
-        differences.append(f"squares_x: {squares_x} (not {spec.squares_x})")
-    if rows > spec.squares_y:
-        differences.append(f"squares_y: {rows} or more (not {spec.squares_y})")
-    if on_even_squares and not spec.legacy_pattern:
-        differences.append("legacy_pattern: true with an even squares_y")
-    return f"the markers, with ids up to {count - 1}, stand as in {', '.join(differences)}" if differences else None
+    family = seen.rpartition("_")[0]
+    large_enough = [f"{family}_{size}" for size in DICTIONARY_SIZES if size >= markers]
+    return named if named in large_enough else next(iter(large_enough), None)
+
+
+def _marker_m(sighting: Sighting, spec: BoardSpec) -> float:
+    """The spec's marker side, or that which the pictures show where it is clearly another."""
+    ratio, named = sighting.layout.ratio, spec.marker_m / spec.square_m
+    sides = [np.sqrt(np.abs(np.linalg.det(picture.px_per_marker))) for picture in sighting.markers if len(picture.ids)]
+    side_px = float(np.median(np.concatenate(sides))) if sides else 0.0
+    tolerance = max(_RATIO_OFF, _RATIO_OFF_PX * ratio / max(side_px, 1.0))
+    sure = sighting.layout.total - sighting.layout.wrong >= PAIRS_NEEDED and 0.25 < ratio < 0.98
+    return float(f"{round(ratio, 2) * spec.square_m:.4g}") if sure and abs(ratio - named) > tolerance else spec.marker_m

@@ -6,7 +6,7 @@ guessed one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtr
@@ -38,6 +38,8 @@ _PRESENCE_STD = 0.15
 _WORST_SURPRISE = 9.0
 """A column says no more against a place of the end than three standard deviations do."""
 _BORDER_PX = 3.0
+_BESIDE, _STRETCHES, _LEAST_WHITE = 2.5, 6, 4
+_WHITE, _FLAT = 0.9, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,7 @@ class BoardLine:
     ends : where it ends beyond the first and the last point; None where it leaves the picture.
     bright : whether it is brighter than the black of the print, rather than darker than the white.
     width_px : its apparent width.
+    shadow : how much darker, in units of the print, a band beside it makes white print.
     """
 
     points_px: np.ndarray
@@ -66,10 +69,11 @@ class BoardLine:
     ends: tuple[LineEnd | None, LineEnd | None]
     bright: bool
     width_px: float
+    shadow: float
 
     def reversed(self) -> BoardLine:
         """The same line, from its other end."""
-        return BoardLine(self.points_px[::-1], self.sigma_px[::-1], self.ends[::-1], self.bright, self.width_px)
+        return replace(self, points_px=self.points_px[::-1], sigma_px=self.sigma_px[::-1], ends=self.ends[::-1])
 
     def distance_px(self, pixels: np.ndarray) -> np.ndarray:
         """(M,) distance of pixels (M, 2) from the polyline through points and ends."""
@@ -132,6 +136,11 @@ class _Tracker:
     width_px: float
     bright: bool
 
+    @property
+    def _core_px(self) -> float:
+        """How far the line reaches to either side, blur and all."""
+        return 0.5 * self.width_px + 2.0 * self.picture.blur_px + 0.5
+
     def measured(self) -> list[tuple[float, BoardLine]]:
         """The line with its cover; nothing where none is convincing."""
         rough = search(self.picture, self.plane, self.width_px, self.bright)
@@ -166,11 +175,11 @@ class _Tracker:
                 break
         return path
 
-    def _cut(self, path: PlanePath, beyond: float) -> Profiles:
+    def _cut(self, path: PlanePath, beyond: float, wider: float = 1.0) -> Profiles:
         more = beyond * (path.end - path.start)
         steps = np.linspace(path.start - more, path.end + more, 600)
         pixels, valid = self.plane.to_pixels(path.points(steps))
-        core = 0.5 * self.width_px + 2.0 * self.picture.blur_px + 0.5
+        core = wider * self._core_px
         picture = self.picture
         inside = valid & (pixels > -1).all(axis=1) & (pixels < np.array(picture.seen.shape[::-1])).all(axis=1)
         return profiles(picture, pixels[inside], core)
@@ -236,4 +245,22 @@ class _Tracker:
         order = np.flatnonzero(kept)[np.argsort(s[kept])]
         if len(order) < _LEAST_POINTS:
             return []
-        return [(paint.cover, BoardLine(points[order], sigma[order], ends, self.bright, self.width_px))]
+        found = BoardLine(points[order], sigma[order], ends, self.bright, self.width_px, self._shadow(path))
+        return [(paint.cover, found)]
+
+    def _shadow(self, path: PlanePath) -> float:
+        """How much darker white print is along the darkest band beside the line, in the middle one of a few stretches."""
+        cut = self._cut(path, 0.0, _BESIDE)
+        known = (
+            np.isfinite(cut.noise) & (cut.slope < _FLAT) & (cut.behind > _WHITE) & (np.abs(cut.across) > self._core_px)
+        )
+        column = np.round(cut.across).astype(int)
+        depths = []
+        for stretch in np.array_split(np.arange(len(cut.stretch)), _STRETCHES):
+            white = known[stretch]
+            place, dimmed = column[stretch][white], (cut.behind - cut.seen)[stretch][white]
+            if len(place):
+                count = np.bincount(place - place.min())
+                means = np.bincount(place - place.min(), dimmed)[count >= _LEAST_WHITE] / count[count >= _LEAST_WHITE]
+                depths.append(float(means.max(initial=0.0)))
+        return float(np.median(depths)) if depths else 0.0

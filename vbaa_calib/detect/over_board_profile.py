@@ -11,7 +11,7 @@ from .over_board_picture import BoardPicture
 
 _GAUSS_NEWTON = 5
 _CAPTURE_PX = 2.5
-_LEAST_FLANK = 3
+_LEAST_FLANK, _LEAST_GRAIN = 3, 0.01
 _BLACK = 0.08
 """What black print reflects, in units of the print: a shadow dims white, and black hardly."""
 _EDGE_DOUBT_PX, _EDGE_REACH = 0.5, 1.5
@@ -122,19 +122,20 @@ def _with_flanks(
     off_board = np.isnan(known)
     flank = inside & off_board & (np.abs(across) > core_px)
     weight = flank.astype(float)
-    total, left, right = weight.sum(axis=1), (flank & (across < 0)).sum(axis=1), (flank & (across > 0)).sum(axis=1)
-    enough = (left >= _LEAST_FLANK) & (right >= _LEAST_FLANK)
+    total = weight.sum(axis=1)
+    sides = [flank & (across < 0), flank & (across > 0)]
+    left, right = ((side * grey).sum(axis=1) / np.maximum(side.sum(axis=1), 1) for side in sides)
+    enough = np.min([side.sum(axis=1) for side in sides], axis=0) >= _LEAST_FLANK
     safe = np.maximum(total, 1.0)[:, None]
-    middle, mean = (
-        (weight * across).sum(axis=1, keepdims=True) / safe,
-        (weight * grey).sum(axis=1, keepdims=True) / safe,
-    )
+    middle, mean = ((weight * values).sum(axis=1, keepdims=True) / safe for values in (across, grey))
     spread = (weight * (across - middle) ** 2).sum(axis=1, keepdims=True)
     slope = (weight * (across - middle) * (grey - mean)).sum(axis=1, keepdims=True) / np.maximum(spread, 1.0)
     line = mean + slope * (across - middle)
     grain = np.sqrt((weight * (grey - line) ** 2).sum(axis=1, keepdims=True) / np.maximum(total - 2, 1.0)[:, None])
+    # an edge of the sheet between the flanks is no straight slope of light
+    doubt = np.hypot(grain + _LEAST_GRAIN, (left - right)[:, None])
     usable = off_board & enough[:, None]
-    return np.where(off_board, np.where(usable, line, np.nan), known), np.where(off_board, grain + 0.01, noise)
+    return np.where(off_board, np.where(usable, line, np.nan), known), np.where(off_board, doubt, noise)
 
 
 def fit(cut: Profiles, paint: Paint, start: np.ndarray, steps: int = _GAUSS_NEWTON, wary: bool = False) -> Fitted:

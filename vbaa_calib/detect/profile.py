@@ -1,26 +1,27 @@
-"""Measure the antenna to a fraction of a pixel: a line profile fitted to the raw pixels of every column it crosses.
+"""Measure the antenna to a fraction of a pixel: its cross-section, as the picture shows it, fitted to raw profiles.
 
-Where the antenna runs more upward than sideways, of every row. Raw pixels, because interpolated ones share their
-noise, and shift a thin line with its phase on the pixel grid.
+Raw pixels of every column that it crosses (of every row where it runs more upward than sideways), because interpolated
+ones share their noise, and shift a thin line with its phase on the pixel grid.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy.ndimage import binary_erosion, gaussian_filter1d
-from scipy.optimize import minimize_scalar
+from scipy.ndimage import binary_erosion, uniform_filter1d
 from scipy.stats import chi2
 
-from .corridor import normals, resample
+from . import smooth
+from .band import align
+from .centreline import NOTHING, Centreline
+from .crossings import Crossings, crossings
+from .line_shape import Binned, Fits, LineShape, between_flanks, binned, expected, fit, learn, nearest
+from .sight import described
 
-SEEN_RATIO = 6.0
-"""Least amplitude over its standard deviation for a profile to count as seen."""
-LEAST_SEEN = 0.2
-"""Least fraction of the guide that must be seen for there to be an antenna at all."""
-BROAD, LEAST_SEEN_BROAD = 1.8, 0.6
-"""So much broader than expected it may be an antenna out of focus, or a soft edge: then more must be seen of it."""
+SEEN_RATIO = 4.5
+"""Least height over its standard deviation for a profile to count as seen."""
 QUIET = 0.4
 """Quantile of the profiles' residuals taken for the picture's noise: more than half may lie beside an object."""
 DISTURBED = 1.8
@@ -29,143 +30,19 @@ LEAST_CLEAN = 0.3
 """With less than this fraction undisturbed, disturbed profiles are kept too, with the deviations that they deserve."""
 MARGIN_PX = 2
 """Columns dropped on either side of a gap: part of their profile shows what hides the antenna."""
-
-
-@dataclass(frozen=True, eq=False)
-class Centreline:
-    """The antenna's centreline in one picture, ordered from clamp to tip.
-
-    Attributes
-    ----------
-    points_px : (N, 2).
-    sigma_px : (N,) standard deviation across the antenna.
-    seen : fraction of the guide where the antenna was seen.
-    amplitude : median height of the line above its background, grey levels.
-    breadth : how broad the line is, over what its width and an ordinary lens make of it.
-    """
-
-    points_px: np.ndarray
-    sigma_px: np.ndarray
-    seen: float
-    amplitude: float
-    breadth: float
-
-    @property
-    def found(self) -> bool:
-        """Whether enough of the antenna was seen to speak of one."""
-        least = LEAST_SEEN if self.breadth < BROAD else LEAST_SEEN_BROAD
-        return self.seen >= least and len(self.points_px) >= 12
-
-
-@dataclass(frozen=True, eq=False)
-class _Crossings:
-    """Where a guide crosses the middles of columns (or rows): the raw profiles there.
-
-    Attributes
-    ----------
-    points : (N, 2) px.
-    axis : (N,) index of the coordinate along the profile: 1 (v) where the guide runs sideways, 0 (u) where upward.
-    stretch : (N,) length along the profile per length across the antenna, at most √2.
-    across : (N, T) distance along the profile from the guide, px.
-    profiles : (N, T) grey levels; NaN outside the picture.
-    """
-
-    points: np.ndarray
-    axis: np.ndarray
-    stretch: np.ndarray
-    across: np.ndarray
-    profiles: np.ndarray
-
-
-def _crossings(image: np.ndarray, guide: np.ndarray, half: int) -> _Crossings:
-    normal = normals(guide)
-    axis = (np.abs(normal[:, 1]) >= np.abs(normal[:, 0])).astype(int)
-    found = []
-    for along in (0, 1):
-        a, b = guide[:-1, along], guide[1:, along]
-        column = np.ceil(np.minimum(a, b))
-        hit = (axis[:-1] == 1 - along) & (column < np.maximum(a, b))
-        part = ((column - a) / np.where(a == b, 1.0, b - a))[:, None]
-        points = guide[:-1] + part * np.diff(guide, axis=0)
-        found.append((np.flatnonzero(hit), points[hit], np.full(hit.sum(), 1 - along)))
-    index, points, axis = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    order = np.argsort(index, kind="stable")
-    index, points, axis = index[order], points[order], axis[order]
-    rows = np.arange(len(points))
-    middle = np.round(points[rows, axis])
-    offsets = np.arange(-half, half + 1)
-    where = np.repeat(np.round(points).astype(int)[:, None], len(offsets), axis=1)
-    where[rows, :, axis] = (middle[:, None] + offsets).astype(int)
-    height, width = image.shape
-    inside = (where >= 0).all(axis=-1) & (where[..., 0] < width) & (where[..., 1] < height)
-    grey = image[np.clip(where[..., 1], 0, height - 1), np.clip(where[..., 0], 0, width - 1)]
-    return _Crossings(
-        points=points,
-        axis=axis,
-        stretch=1.0 / np.abs(normal[index][rows, axis]),
-        across=middle[:, None] + offsets - points[rows, axis][:, None],
-        profiles=np.where(inside, grey, np.nan).astype(float),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Lines:
-    """Lines fitted to N profiles of T pixels.
-
-    Attributes
-    ----------
-    centre, amplitude : (N,).
-    unit_centre, unit_amplitude : (N,) their standard deviations, were the noise of every pixel one.
-    own_centre : (N,) standard deviation of the centre by the profile's own residuals, pixel by pixel.
-    rms : (N,) root mean square of the residuals, freed of the four parameters.
-    """
-
-    centre: np.ndarray
-    amplitude: np.ndarray
-    unit_centre: np.ndarray
-    unit_amplitude: np.ndarray
-    own_centre: np.ndarray
-    rms: np.ndarray
-
-
-def _fit(profiles: np.ndarray, across: np.ndarray, scale: np.ndarray, centre: np.ndarray, steps: int = 5) -> _Lines:
-    """Gauss–Newton for a Gaussian line of known width (N,) on a sloping background, all profiles (N, T) at once."""
-    reach = np.abs(across).max()
-    for _ in range(steps):
-        t = (across - centre[:, None]) / scale[:, None]
-        line = np.exp(-0.5 * t**2)
-        basis = np.stack([np.ones_like(line), across / reach, line, line * t / scale[:, None]], axis=-1)
-        normal_matrix = np.swapaxes(basis, 1, 2) @ basis + 1e-9 * np.eye(4)
-        inverse = np.linalg.inv(normal_matrix)
-        coefficients = inverse @ (np.swapaxes(basis, 1, 2) @ profiles[..., None])
-        amplitude = coefficients[:, 2, 0]
-        safe = np.where(np.abs(amplitude) > 1e-6, amplitude, 1e-6)
-        centre = np.clip(centre + np.clip(coefficients[:, 3, 0] / safe, -1.0, 1.0), -reach, reach)
-    unit = np.sqrt(np.clip(np.diagonal(inverse, axis1=1, axis2=2), 0.0, None))
-    residuals = profiles - (basis @ coefficients)[..., 0]
-    squares = residuals**2
-    noise_squares = 0.5 * np.diff(residuals, axis=0, append=residuals[-2:-1]) ** 2
-    gain = inverse @ np.swapaxes(basis, 1, 2)
-    # What a pixel's residual lacks because the pixel itself drew the line towards it.
-    left = 1.0 - np.minimum((np.swapaxes(gain, 1, 2) * basis).sum(axis=-1), 0.9)
-    own = np.sqrt((gain[:, 3] ** 2 * noise_squares / left).sum(axis=1))
-    rms = np.sqrt(squares.sum(axis=1) / (squares.shape[1] - basis.shape[2]))
-    return _Lines(centre, amplitude, unit[:, 3] / np.abs(safe), unit[:, 2], own / np.abs(safe), rms)
-
-
-def _line_scale(found: _Crossings, guess: float, centre: np.ndarray) -> float:
-    """The Gaussian width across the antenna that fits this picture's profiles best."""
-    few = slice(None, None, max(1, len(found.points) // 80))
-
-    def misfit(scale: float) -> float:
-        fitted = _fit(found.profiles[few], found.across[few], scale * found.stretch[few], centre[few], steps=3)
-        return float(np.median(fitted.rms))
-
-    best = minimize_scalar(misfit, bounds=(0.5 * guess, 2.5 * guess), method="bounded", options={"xatol": 0.02})
-    return float(best.x)
-
-
-NOTHING = Centreline(np.empty((0, 2)), np.empty(0), 0.0, 0.0, 1.0)
+STRAY, STRAY_PX = 5.0, 0.12
+"""A point this many deviations, and at least so far, off a smooth curve through its neighbours is another thing's."""
+TAUGHT_BY = 160
+"""The cross-section is learned from about so many profiles."""
+ALIKE = 0.8
+"""Length of the mean phase on the pixel grid above which the profiles lie alike."""
+LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.04
+"""With its sides so different, as a part of its height, a line this broad is measured by its flanks; a highlight still
+pulls it by about this part of its width."""
+ORDINARY_BLUR_PX = 0.8
+"""Blur of a lens in focus, standard deviation."""
+BROADER = 1.5
+"""A line so much broader than expected is measured again with longer profiles."""
 
 
 def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool = True) -> Centreline:
@@ -173,68 +50,176 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
 
     Parameters
     ----------
-    image : (H, W) float32 grey levels.
+    image : (H, W) grey levels.
     guide_px : (K, 2) a path within about one antenna width of the truth, from clamp to tip.
     width_px : the antenna's width.
     bright : brighter than its background.
 
     Notes
     -----
-    A point is kept where the line's amplitude stands out from its noise and agrees with the rest of the antenna's, and
-    the profile leaves no more residual than noise does: an object's edge beside the antenna draws the line aside, and
-    alike for many neighbours.
+    A point is kept where the line's height stands out from its noise and agrees with its neighbours', the profile
+    leaves no more residual than noise does, and it lies on a smooth curve with the others: an object's edge beside the
+    antenna draws the line aside, and alike for many neighbours.
     """
-    guide = resample(guide_px, 0.5)[0] if len(guide_px) > 1 else guide_px
-    if len(guide) < 8:
+    if len(guide_px) < 2 or np.hypot(*np.diff(guide_px, axis=0).T).sum() < 8.0:
         return NOTHING
-    guide = gaussian_filter1d(guide, 8.0, axis=0, mode="nearest")
-    half = int(np.ceil(2.0 * width_px + 4.0))
-    found = _crossings(image if bright else -image, guide, half)
-    inside = np.isfinite(found.profiles).all(axis=1)
-    if inside.sum() < 4:
+    return measure_on(image, align(image, guide_px, width_px, width_px + 2.0, bright).path_px, width_px, bright)
+
+
+def measure_on(
+    image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool = True, blurred_px: float = 0.0
+) -> Centreline:
+    """As `measure`, along a path (K, 2) that lies on the antenna to a fraction of its width.
+
+    `blurred_px` : by how much broader than the antenna the line may be.
+    """
+    half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
+    line = _measured(image, path_px, width_px, half, bright)
+    if line.breadth > BROADER:
+        wider = _measured(image, path_px, width_px, int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0)), bright)
+        return wider if len(wider.points_px) >= len(line.points_px) else line
+    return line
+
+
+@lru_cache(maxsize=16)
+def _ordinary(width_px: float, half: int) -> LineShape:
+    return expected(width_px, ORDINARY_BLUR_PX, half + 2)
+
+
+def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool) -> Centreline:
+    found = crossings(image, path_px, half, bright)
+    if found.inside.sum() < 8:
         return NOTHING
-    profiles = np.where(inside[:, None], found.profiles, 0.0)
-    near = np.abs(found.across) <= max(2.5, width_px)
-    start = np.take_along_axis(found.across, np.where(near, profiles, -np.inf).argmax(axis=1)[:, None], axis=1)[:, 0]
-    expected = float(np.hypot(0.3 * width_px, 0.7))
-    scale = _line_scale(_only(found, inside), expected, start[inside])
-    lines = _fit(profiles, found.across, scale * found.stretch, start)
-    rms, noise = lines.rms, _noise(lines.rms[inside], found.across.shape[1] - 4)
-    seen = inside & (np.abs(lines.centre) < half - 2.0)
-    seen &= lines.amplitude > SEEN_RATIO * np.maximum(rms, noise) * lines.unit_amplitude
+    width_px = round(width_px, 2)
+    lines = _lines(found, width_px, half)
+    kept, clean = _kept(found, lines)
+    if not kept.any():
+        return NOTHING
+    sigma = _deviations(found, lines, clean if clean.sum() >= 8 else kept)
+    pulled = PULLED * width_px * float(np.clip((lines.lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
+    sigma = np.hypot(sigma, pulled)
+    kept, course = _without_strays(found, lines, sigma, kept)
+    kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
+    breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
+    return described(found, lines.centre, sigma, kept, course, lines.fits.height, breadth, lines.noise)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """The fitted lines: centre (N,) along the profiles from the path, last fit, its rms (N,), shape, a pixel's noise, how lopsided."""
+
+    centre: np.ndarray
+    fits: Fits
+    rms: np.ndarray
+    shape: LineShape
+    noise: float
+    lopsided: float
+
+
+def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
+    """Learn the cross-section from some of the profiles, then fit it to all.
+
+    At first an antenna in focus; then one at the blur that is seen; then whatever the profiles show. Where all of them
+    lie alike on the pixel grid, a free shape could not be told from a shift, and the second is kept.
+    """
+    some = found.every(max(1, len(found.along) // TAUGHT_BY))
+    length = max(float(found.along[-1]), 1e-6)
+    shape, curve, base = _ordinary(width_px, half), np.zeros(len(found.along)), np.zeros(len(some.along))
+    doubt = 0.0
+    for step in range(2):
+        fits = fit(shape, some, base)
+        chosen = _teachers(fits, some.inside, half)
+        if chosen.sum() < 4:
+            break
+        course = smooth.fit(some.along / length, base + fits.shift, chosen.astype(float), (1.0, 0.3), 12, 1e-3)
+        base, curve = course.values, course.at(found.along / length)
+        across = some.distances(base)[chosen]
+        seen = binned(across, shape.at(across)[0] + fits.residuals[chosen] / fits.height[chosen, None], half + 2)
+        phase = np.exp(2j * np.pi * some.across[chosen, 0])
+        free = step == 1 and abs(phase.mean()) < ALIKE
+        shape = learn(seen) if free else nearest(seen, width_px)
+        if free:
+            doubt = seen.lopsided(float(np.median(fits.rms[chosen] / fits.height[chosen])))
+            if width_px > FLANKED_PX and doubt > LOPSIDED:
+                shape, shift = _lopsided(seen, width_px)
+                curve = curve + shift * found.side * found.stretch
+    fits = fit(shape, found, curve)
+    return _Lines(curve + fits.shift, fits, fits.rms, shape, _noise(fits.rms[found.inside], half), doubt)
+
+
+def _lopsided(seen: Binned, width_px: float) -> tuple[LineShape, float]:
+    """A lopsided shape, about the middle between its flanks, and where this middle is, px."""
+    shape = learn(seen, even=False)
+    middle = between_flanks(shape, width_px)
+    return shape.about(middle), middle
+
+
+def _teachers(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:
+    """(N,) profiles that show a clear line, as high as most, and nothing else."""
+    rms = fits.rms
+    noise = _noise(rms[inside], half)
+    good = inside & (fits.height > SEEN_RATIO * noise * fits.unit_height) & (np.abs(fits.shift) < 1.5)
+    if not good.any():
+        return good
+    typical = float(np.median(fits.height[good]))
+    good &= (fits.height > 0.4 * typical) & (fits.height < 2.5 * typical)
+    calm = good & (rms < DISTURBED * noise + 0.02 * typical)
+    return calm if calm.sum() >= 0.3 * good.sum() else good
+
+
+def _kept(found: Crossings, lines: _Lines) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) which profiles show the antenna, and which show nothing else beside it."""
+    fits, rms, noise = lines.fits, lines.rms, lines.noise
+    half = 0.5 * (fits.gain.shape[1] - 1)
+    seen = found.inside & (np.abs(lines.centre) < half - 2.0)
+    seen &= fits.height > SEEN_RATIO * np.maximum(rms, noise) * fits.unit_height
     if not seen.any():
-        return NOTHING
-    typical = float(np.median(lines.amplitude[seen]))
-    seen &= (lines.amplitude > 0.3 * typical) & (lines.amplitude < 3.0 * typical)
+        return seen, seen
+    typical = float(np.median(fits.height[seen]))
+    seen &= (fits.height > 0.3 * typical) & (fits.height < 3.0 * typical)
     clean = seen & (rms < DISTURBED * noise)
-    seen = clean if clean.mean() >= LEAST_CLEAN else seen & (rms < 4.0 * noise + 0.1 * typical)
-    seen = binary_erosion(seen, iterations=MARGIN_PX, border_value=1)
-    points = found.points.copy()
-    points[np.arange(len(points)), found.axis] += lines.centre
-    sigma = np.where(rms > DISTURBED * noise, rms, noise) * lines.unit_centre * _uneven(lines, clean, noise)
-    sigma /= found.stretch
-    return Centreline(points[seen], sigma[seen], float(seen.mean()), typical, scale / expected)
+    kept = clean if clean.mean() >= LEAST_CLEAN else seen & (rms < 4.0 * noise + 0.1 * typical)
+    return kept, clean
 
 
-def _noise(rms: np.ndarray, freedom: int) -> float:
+def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarray:
+    """(N,) standard deviation across the antenna, from the residuals at each distance from the centre.
+
+    Where along the antenna there is more noise than elsewhere, the deviations are larger in proportion.
+    """
+    fits = lines.fits
+    distance = np.abs(found.across - lines.centre.astype(np.float32)[:, None]).astype(np.intp)
+    bins = int(distance.max()) + 1
+    squares = fits.residuals[clean] ** 2 / fits.freed[clean]
+    at = distance[clean].ravel()
+    number = np.bincount(at, minlength=bins)
+    variance = np.bincount(at, squares.ravel(), bins) / np.maximum(number, 1)
+    variance = np.where(number > 0, variance, lines.noise**2)
+    power = np.where(clean, lines.rms**2, 0.0)
+    near, overall = uniform_filter1d(power, 41, mode="constant"), power.sum() / max(int(clean.sum()), 1)
+    share = uniform_filter1d(clean.astype(float), 41, mode="constant")
+    local = np.where(share > 0.2, near / np.maximum(share, 1e-9), overall) / max(overall, 1e-12)
+    own = np.where(clean, local, np.maximum(local, lines.rms**2 / max(overall, 1e-12)))
+    return np.sqrt(np.einsum("nt,nt->n", fits.gain**2, variance.astype(np.float32)[distance]) * own) / found.stretch
+
+
+def _without_strays(
+    found: Crossings, lines: _Lines, sigma: np.ndarray, kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) the kept points that lie on one smooth curve, and that curve's course (N,) along the profiles."""
+    share = found.along / max(float(found.along[-1]), 1e-6)
+    weights = kept / np.maximum(sigma, 0.02) ** 2
+    spread = max(float(np.median(sigma[kept])), 0.02)
+    curve = smooth.fit(share, lines.centre, weights, (6.0 * spread, 4.0 * spread), 24, 1e-4)
+    off = np.abs(lines.centre - curve.values)
+    return kept & (off < np.maximum(STRAY * sigma * found.stretch, STRAY_PX)), curve.values
+
+
+def _noise(rms: np.ndarray, half: int) -> float:
     """The picture's noise from the profiles' residuals (N,), of which more than half may be disturbed."""
-    expected = np.sqrt(chi2.ppf(QUIET, freedom) / freedom)
-    return float(np.quantile(rms, QUIET) / expected) + 1e-6
+    return float(np.sort(rms)[int(QUIET * len(rms))] / _quiet_part(2 * half - 3)) + 1e-6 if len(rms) else 1e-6
 
 
-def _uneven(lines: _Lines, clean: np.ndarray, noise: float) -> float:
-    """How much more the centres scatter than noise that is alike everywhere would make them: light brings its own."""
-    if clean.sum() < 8:
-        return 1.0
-    even = noise * lines.unit_centre[clean]
-    return float(np.clip(np.sqrt((lines.own_centre[clean] ** 2).sum() / (even**2).sum()), 0.3, 3.0))
-
-
-def _only(found: _Crossings, chosen: np.ndarray) -> _Crossings:
-    return _Crossings(
-        found.points[chosen],
-        found.axis[chosen],
-        found.stretch[chosen],
-        found.across[chosen],
-        found.profiles[chosen],
-    )
+@lru_cache(maxsize=32)
+def _quiet_part(freedom: int) -> float:
+    return float(np.sqrt(chi2.ppf(QUIET, freedom) / freedom))

@@ -1,0 +1,160 @@
+"""The antenna over a board: the predicted print, the profile fit, and the line in drawn pictures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from targets.board import BoardSpec
+from targets.charuco import opencv_board
+from vbaa_calib.detect.over_board import BoardLine, find_over_board
+from vbaa_calib.detect.over_board_picture import board_picture, pattern_texture
+from vbaa_calib.detect.over_board_profile import Paint, Profiles, fit
+from vbaa_calib.detect.over_board_search import PlaneAbove
+
+from ..over_scenes import Shown, View, shown
+
+PLAIN = View()
+
+
+def found(scene: Shown, **changes: object) -> BoardLine | None:
+    options = {"height_m": scene.over.height_m, "diameter_m": scene.scene.antenna.diameter_m} | changes
+    return find_over_board(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board, **options)
+
+
+def aside(line: BoardLine, truth: np.ndarray) -> np.ndarray:
+    """(N,) distance of each point from the true centreline (M, 2), signed."""
+    _, nearest = cKDTree(truth).query(line.points_px)
+    along = np.gradient(truth, axis=0)[nearest]
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
+    return ((line.points_px - truth[nearest]) * normal).sum(axis=1)
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        BoardSpec(9, 6, 0.012, 0.009),
+        BoardSpec(5, 4, 0.03, 0.0225, "DICT_6X6_250", legacy_pattern=True),
+        BoardSpec(6, 7, 0.02, 0.012, "DICT_5X5_50"),
+    ],
+)
+def test_the_texture_is_the_board_that_opencv_prints(spec: BoardSpec) -> None:
+    ours = pattern_texture(spec, 96)
+    printed = opencv_board(spec).generateImage(ours.shape[::-1], marginSize=0, borderBits=1) / 255.0
+    assert ours.shape == (96 * spec.squares_y, 96 * spec.squares_x)
+    # they may differ where a marker's bits begin, by a texel
+    assert (np.abs(ours - printed) > 0.5).mean() < 0.03
+    inner = printed[1:-1, 1:-1]
+    flat = np.all([printed[1 + a : a - 1 or None, 1 + b : b - 1 or None] == inner for a in (-1, 1) for b in (-1, 1)], 0)
+    assert (np.abs(ours[1:-1, 1:-1] - inner) > 0.5)[flat].mean() < 0.005
+
+
+def test_pixels_and_plane_lead_to_one_another() -> None:
+    scene = shown(PLAIN)
+    plane = PlaneAbove(scene.camera, scene.T_camera_board, 0.012)
+    points = np.random.default_rng(0).uniform(0.0, 0.1, (50, 2))
+    pixels, valid = plane.to_pixels(points)
+    again, valid_again = plane.to_plane(pixels)
+    assert valid.all()
+    assert valid_again.all()
+    np.testing.assert_allclose(again, points, atol=1e-9)
+
+
+def test_the_bare_board_is_predicted_to_its_noise() -> None:
+    scene = shown(PLAIN, wires=0)
+    picture = board_picture(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board)
+    assert picture is not None
+    assert picture.blur_px == pytest.approx(0.7, abs=0.1)
+    inside = np.isfinite(picture.pattern)
+    ratio = ((picture.seen - picture.pattern) / picture.noise)[inside]
+    assert np.sqrt((ratio**2).mean()) == pytest.approx(1.0, abs=0.25)
+    assert np.abs((picture.seen - picture.pattern)[inside]).mean() < 0.03
+
+
+@pytest.mark.parametrize("brightness", [1.0, 0.0, 0.4])
+def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None:
+    rng, paint = np.random.default_rng(3), Paint(brightness, 0.7, 1.1)
+    count, across = 400, np.arange(-10.0, 11.0)
+    centre = rng.uniform(-0.5, 0.5, count)
+    behind = np.tile(np.where(np.abs(across) > 5, 0.5, 1.0 if brightness < 0.2 else 0.0), (count, 1))
+    line = np.exp(-0.5 * ((across - centre[:, None]) / 1.1) ** 2)
+    seen = behind + 0.7 * line * (brightness - behind) + 0.02 * rng.normal(size=behind.shape)
+    cut = Profiles(
+        np.column_stack([np.arange(count), np.zeros(count)]).astype(float),
+        1,
+        np.ones(count),
+        np.tile(across, (count, 1)),
+        seen,
+        behind,
+        np.zeros_like(behind),
+        np.full_like(behind, 0.02),
+    )
+    fitted = fit(cut, paint, np.zeros(count))
+    pull = (fitted.centre - centre) / fitted.centre_std
+    assert abs(pull.mean()) < 0.2
+    assert pull.std() == pytest.approx(1.0, abs=0.12)
+    assert fitted.amplitude.mean() == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("view", "most_rms_px"),
+    [
+        (PLAIN, 0.09),
+        (View(paint=0.05), 0.25),
+        (View(diameter=0.0022), 0.25),
+        pytest.param(View(diameter=0.00055, noise=3.0), 0.12, marks=pytest.mark.slow),
+        pytest.param(
+            View(inclination=50.0, azimuth=100.0, over=replace(PLAIN.over, turn_rad=1.4)), 0.12, marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_points_lie_on_the_centreline(view: View, most_rms_px: float) -> None:
+    scene = shown(view)
+    line = found(scene)
+    assert line is not None
+    assert line.bright == (view.paint > 0.5)
+    off = aside(line, scene.centreline_px())
+    assert len(off) > 150
+    assert np.sqrt((off**2).mean()) < most_rms_px
+    assert np.abs(off / line.sigma_px).mean() < 3.0
+    truth = scene.centreline_px()
+    tip = min((end for end in line.ends if end), key=lambda end: np.linalg.norm(end.point_px - truth[-1]))
+    assert np.linalg.norm(tip.point_px - truth[-1]) < 4.0 * tip.std_px < 6.0
+
+
+def test_over_white_there_are_no_points() -> None:
+    scene = shown(PLAIN)
+    line = found(scene)
+    picture = board_picture(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board)
+    assert line is not None
+    assert picture is not None
+    column, row = np.round(line.points_px).astype(int).T
+    behind = picture.pattern[row, column]
+    assert np.nanmax(behind) < 0.9
+    assert (behind < 0.2).sum() > 100
+
+
+def test_a_tip_over_white_is_doubtful_rather_than_wrong() -> None:
+    # the tip ends on the white margin: between the last black square and the sheet's edge
+    scene = shown(View(over=replace(PLAIN.over, center_m=(0.1575, 0.0), turn_rad=0.0)))
+    line, truth = found(scene), scene.centreline_px()
+    assert line is not None
+    tip = min((end for end in line.ends if end), key=lambda end: np.linalg.norm(end.point_px - truth[-1]))
+    assert tip.std_px > 1.0
+    assert np.linalg.norm(tip.point_px - truth[-1]) < 3.0 * tip.std_px
+
+
+def test_without_an_antenna_there_is_no_line() -> None:
+    assert found(shown(PLAIN, wires=0)) is None
+
+
+def test_distances_reach_to_the_ends() -> None:
+    scene = shown(PLAIN)
+    line = found(scene)
+    assert line is not None
+    truth = scene.centreline_px()
+    assert line.distance_px(truth[100:-100]).max() < 1.0
+    assert line.reversed().distance_px(truth[:1] + np.array([[0.0, 30.0]]))[0] > 25.0

@@ -1,0 +1,91 @@
+"""What was seen of the antenna in one picture: the result of `antenna.find`, with its verdict in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Literal
+
+import numpy as np
+
+Verdict = Literal["ok", "no_antenna", "too_little", "ambiguous"]
+EndKind = Literal["tip", "hidden", "border", "none"]
+
+
+class Sight(IntEnum):
+    """What became of one place along the guide."""
+
+    SEEN = 0
+    """The antenna was measured here."""
+    HIDDEN = 1
+    """Something stands in front, or disturbs the antenna too much to measure it."""
+    OUTSIDE = 2
+    """Outside the picture, or too near its border."""
+    BEYOND = 3
+    """Past the visible end: hidden or nothing there, and nothing seen after it."""
+
+
+def _no_points() -> np.ndarray:
+    return np.empty((0, 2))
+
+
+def _no_numbers() -> np.ndarray:
+    return np.empty(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Centreline:
+    """The antenna's centreline in one picture, ordered from clamp to tip.
+
+    Attributes
+    ----------
+    points_px : (N, 2).
+    sigma_px : (N,) standard deviation across the antenna.
+    seen : fraction of the guide where the antenna was seen.
+    amplitude : median height of the line above its background, grey levels.
+    breadth : how broad the line is, over what its width and an ordinary lens make of it.
+    verdict : "ok"; "no_antenna": nothing that looks like one; "too_little": something, but too short a part of it;
+        "ambiguous": two lines that could both be it.
+    reason : the verdict in words; empty when it is "ok".
+    guide_px : (K, 2) the path that was looked along, from the clamp to where a whole antenna ends; where the antenna
+        is hidden it is bridged.
+    sight : (K,) one `Sight` for each point of the guide.
+    end_px : (2,) the visible end; NaN where there is none.
+    end : what the visible end is: the antenna's "tip", "hidden" (the rest is, or the antenna is shorter than
+        expected), the picture's "border", or "none".
+    rival_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
+    noise : standard deviation of a pixel beside the line, grey levels.
+    """
+
+    points_px: np.ndarray
+    sigma_px: np.ndarray
+    seen: float
+    amplitude: float
+    breadth: float
+    verdict: Verdict = "no_antenna"
+    reason: str = "nothing in the picture looks like the antenna"
+    guide_px: np.ndarray = field(default_factory=_no_points)
+    sight: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint8))
+    end_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    end: EndKind = "none"
+    rival_px: np.ndarray = field(default_factory=_no_points)
+    noise: float = 0.0
+
+    @property
+    def found(self) -> bool:
+        """Whether the verdict is "ok"."""
+        return self.verdict == "ok"
+
+    def stretches(self, sight: Sight) -> list[np.ndarray]:
+        """The guide's pieces (M, 2), M ≥ 2, along which it has this sight: for drawing, and to say what is hidden."""
+        here = np.flatnonzero(np.asarray(self.sight) == sight)
+        pieces = np.split(here, np.flatnonzero(np.diff(here) > 1) + 1)
+        return [self.guide_px[piece] for piece in pieces if len(piece) >= 2]
+
+    def judged(self, verdict: Verdict, reason: str, rival_px: np.ndarray | None = None) -> Centreline:
+        """The same centreline with another verdict."""
+        return replace(self, verdict=verdict, reason=reason, rival_px=_no_points() if rival_px is None else rival_px)
+
+
+NOTHING = Centreline(_no_points(), _no_numbers(), 0.0, 0.0, 1.0)
+"""No guide to look along, or nothing along it."""

@@ -1,0 +1,126 @@
+"""The antenna in pictures of one rig: what can be worked out once is kept, what is left costs about a millisecond."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from .band import Aligned, align
+from .centreline import Centreline
+from .corridor import Corridor
+from .profile import measure_on
+from .ridge import reduced, responses
+from .sight import settled
+from .templates import Templates, templates
+
+RIVAL_SHARE = 0.75
+"""A second path counts as a rival when it scores this much of the best one's."""
+BLURRED_PX = 8.0
+"""Blur at which the antenna is looked for once more where it is not found in focus."""
+APART = 0.4
+"""Fraction of their length over which two paths must differ to be two."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The best path, and others that differ from it and score nearly as well, best first: each (K, 2), its score."""
+
+    paths_px: list[np.ndarray]
+    scores: list[float]
+
+
+@dataclass(frozen=True, eq=False)
+class AntennaFinder:
+    """Looks for the antenna in a corridor, in pictures of one size; make one per rig and use it for every frame.
+
+    Attributes
+    ----------
+    corridor : where the antenna may be. image_size : (width, height).
+    shapes : the paths it may take.
+    factor, pool, reach : how far the picture is reduced, its response pooled, and where the flanks are looked at.
+    index : (P, S) int32 place of every sample in the flat response.
+    weight : (P,) what a path's sum is divided by: how many of its samples are in the picture, but not too few.
+    """
+
+    corridor: Corridor
+    image_size: tuple[int, int]
+    shapes: Templates
+    factor: int
+    pool: int
+    reach: int
+    index: np.ndarray
+    weight: np.ndarray
+
+    @staticmethod
+    def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:
+        """Table the paths of a corridor."""
+        shapes = templates(corridor)
+        factor = int(np.clip(corridor.width_px / 2.5, 2, 12))
+        pool = int(np.clip(np.ceil(0.5 * shapes.spacing_px / factor), 1, 4))
+        reach = max(2, int(np.ceil((0.5 * corridor.width_px + 1.5) / factor)))
+        size = np.maximum(np.array(image_size) // factor, 1)
+        rows, columns = -(-size[1] // pool), -(-size[0] // pool)
+        at = np.rint(((shapes.paths_px + 0.5) / factor - 0.5) / pool)
+        there = ((at >= 0) & (at < [columns, rows])).all(axis=-1)
+        at = np.where(there[..., None], at, 0.0).astype(np.int64)
+        flat = (shapes.direction.astype(np.int64) * rows + at[..., 1]) * columns + at[..., 0]
+        index = np.where(there, flat, 4 * rows * columns).astype(np.intp)
+        weight = np.maximum(there.sum(axis=1), 0.3 * index.shape[1])
+        return AntennaFinder(corridor, image_size, shapes, factor, pool, reach, index, weight)
+
+    def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> Candidates:
+        """The paths (K, 2) that look most like the antenna in an (H, W) picture, blurred by about so many pixels."""
+        small = reduced(image, self.factor)
+        reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
+        flat = responses(small if bright else 255 - small, reach, self.pool)
+        # "wrap" only spares take the check of an index that is known to be good
+        total = cv2.reduce(flat.take(self.index, mode="wrap"), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel()
+        score = total / self.weight
+        best = int(score.argmax())
+        paths, scores = [self.shapes.paths_px[best]], [float(score[best])]
+        others = np.flatnonzero(score >= RIVAL_SHARE * score[best])
+        others = others[~self._alike(best, others)]
+        if len(others):
+            rival = int(others[score[others].argmax()])
+            paths.append(self.shapes.paths_px[rival])
+            scores.append(float(score[rival]))
+        return Candidates(paths, scores)
+
+    def find(self, image: np.ndarray, bright: bool = True) -> Centreline:
+        """The centreline in an (H, W) picture, with its verdict; where there is none in focus, one out of focus."""
+        line = self._look(image, bright, 0.0)
+        if line.found or line.verdict == "ambiguous":
+            return line
+        blurred = self._look(image, bright, BLURRED_PX)
+        return blurred if blurred.found and blurred.seen > line.seen else line
+
+    def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> Aligned:
+        """A rough path (K, 2) moved onto the antenna."""
+        reach = 1.2 * self.shapes.spacing_px + 0.5 * self.corridor.width_px + 4.0
+        return align(image, rough, self.corridor.width_px + blurred_px, reach, bright)
+
+    def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
+        width = self.corridor.width_px
+        lines = []
+        for rough in self.candidates(image, bright, blurred_px).paths_px:
+            path = self.path(image, rough, bright, blurred_px).path_px
+            lines.append(measure_on(image, path, width, bright, blurred_px))
+        return settled(lines, width)
+
+    def _alike(self, best: int, others: np.ndarray) -> np.ndarray:
+        """(Q,) whether those paths are much the same as that one."""
+        few = self.shapes.paths_px[others, ::8]
+        gap = np.abs(few - self.shapes.paths_px[best, ::8]).max(axis=-1)
+        apart = gap > 2.0 * self.shapes.spacing_px + self.corridor.width_px
+        return apart.mean(axis=1) < APART
+
+
+def trace(image: np.ndarray, corridor: Corridor, bright: bool = True) -> np.ndarray:
+    """(K, 2) rough path of the antenna from clamp to tip, pixels. There is always one; `profile.measure` judges it.
+
+    image (H, W). Hidden stretches are bridged by a smooth curve.
+    """
+    finder = AntennaFinder.prepare(corridor, (image.shape[1], image.shape[0]))
+    return finder.path(image, finder.candidates(image, bright).paths_px[0], bright).path_px

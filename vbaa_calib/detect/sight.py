@@ -1,0 +1,136 @@
+"""From fitted profiles to a centreline: what was seen and what is hidden, where it ends, and whether to believe it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+
+from .centreline import Centreline, EndKind, Sight, Verdict
+from .crossings import Crossings
+
+LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
+"""Least fraction of the guide, and of what of it is in the picture, that must be seen."""
+LEAST_ROOT, ROOT = 0.35, 0.33
+"""Least fraction that must be seen of the first part of the guide: the antenna starts at the clamp."""
+NARROW, BROAD, LEAST_SEEN_BROAD = 0.3, 1.8, 0.85
+"""Narrower than the first it is none. Broader than the second it may be out of focus, or a soft edge: more must be
+seen of it."""
+WANDER_PX, WANDER_SIGMA = 0.25, 1.35
+"""Root mean square distance of the points from a curve as smooth as an antenna's: pixels, and deviations, together."""
+WANDER_ORDER = 6
+"""Order of that curve."""
+SNAKING_RAD = 0.25
+"""Most that its direction turns back and forth beyond the turn from one end to the other: a cantilever bends one way."""
+LEAST_CONTRAST = 2.0
+"""Least height over the noise of a pixel."""
+RIVAL_SEEN = 0.7
+"""A second line of which this much is seen, of what is seen of the first, makes the picture ambiguous."""
+LEAST_POINTS = 12
+_SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
+TIP_SHARE, TIP_PX = 0.04, 4.0
+"""So near the guide's end, of its length and in pixels, the visible end is the tip."""
+
+
+def described(
+    found: Crossings,
+    centre: np.ndarray,
+    sigma_px: np.ndarray,
+    kept: np.ndarray,
+    course: np.ndarray,
+    height: np.ndarray,
+    breadth: float,
+    noise: float,
+) -> Centreline:
+    """The centreline of N profiles: `centre` and the smooth `course` (N,) along them, `kept` (N,) where it was seen."""
+    sight = np.where(kept, Sight.SEEN, np.where(found.inside, Sight.HIDDEN, Sight.OUTSIDE)).astype(np.uint8)
+    last = int(np.flatnonzero(kept)[-1]) if kept.any() else -1
+    after = np.arange(len(kept)) > last
+    sight[after & (sight == Sight.HIDDEN)] = Sight.BEYOND
+    everywhere = found.moved(centre)
+    points = everywhere[kept]
+    contrast = float(np.median(height[kept])) / max(noise, 1e-9) if kept.any() else 0.0
+    doubt = _doubt(found, everywhere, sigma_px, kept, breadth, contrast)
+    verdict, reason = doubt if doubt else ("ok", "")
+    return Centreline(
+        points_px=points,
+        sigma_px=sigma_px[kept],
+        seen=float(kept.mean()),
+        amplitude=float(np.median(height[kept])) if kept.any() else 0.0,
+        breadth=breadth,
+        verdict=verdict,
+        reason=reason,
+        guide_px=found.moved(course),
+        sight=sight,
+        end_px=points[-1] if len(points) else np.full(2, np.nan),
+        end=_end(found, sight, last),
+        noise=noise,
+    )
+
+
+def settled(lines: Sequence[Centreline], width_px: float) -> Centreline:
+    """One centreline out of those along the best path and along its rivals, best first."""
+    ranked = sorted(lines, key=lambda line: -line.seen)
+    best = ranked[0]
+    for rival in ranked[1:]:
+        if best.found and rival.found and rival.seen > RIVAL_SEEN * best.seen and _differ(best, rival, width_px):
+            why = (
+                f"two lines could be the antenna: {100 * best.seen:.0f} and {100 * rival.seen:.0f} % of its length seen"
+            )
+            return best.judged("ambiguous", why, rival.points_px)
+    return best
+
+
+def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:
+    """Whether two centrelines run apart over a good part of their length."""
+    few = other.points_px[:: max(1, len(other.points_px) // 50)]
+    gap = np.abs(few[:, None] - one.points_px[None, :: max(1, len(one.points_px) // 200)]).max(axis=-1).min(axis=1)
+    return bool((gap > 2.0 * width_px + 4.0).mean() > 0.3)
+
+
+def _end(found: Crossings, sight: np.ndarray, last: int) -> EndKind:
+    if last < 0:
+        return "none"
+    length = float(found.along[-1])
+    if length - found.along[last] <= max(TIP_PX, TIP_SHARE * length):
+        return "tip"
+    beyond = sight[last + 1 : last + 6]
+    return "border" if (beyond == Sight.OUTSIDE).any() else "hidden"
+
+
+def _doubt(
+    found: Crossings, points: np.ndarray, sigma_px: np.ndarray, kept: np.ndarray, breadth: float, contrast: float
+) -> tuple[Verdict, str] | None:
+    """Why these points (N, 2) are no antenna, or not enough of one; None where nothing speaks against it."""
+    seen, inside = float(kept.mean()), max(float(found.inside.mean()), 1e-9)
+    share = f"{100 * seen:.0f} % of its length seen"
+    if kept.sum() < LEAST_POINTS or seen < 0.05:
+        return "no_antenna", f"nothing in the picture looks like the antenna ({share})"
+    if breadth < NARROW:
+        return "no_antenna", f"what could be the antenna is {breadth:.1f} times as broad as it should be ({share})"
+    if contrast < LEAST_CONTRAST:
+        return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
+    wander, snaking = _wander(found.along, points, kept)
+    if wander > np.hypot(WANDER_PX, WANDER_SIGMA * np.median(sigma_px[kept])) or snaking > SNAKING_RAD:
+        return "no_antenna", f"what could be the antenna is no smooth line ({share})"
+    if seen < LEAST_SEEN or seen / inside < LEAST_SEEN_INSIDE:
+        return "too_little", f"too little of the antenna to be sure of it ({share})"
+    if kept[found.along < ROOT * found.along[-1]].mean() < LEAST_ROOT:
+        return "too_little", f"the part near the clamp is not seen ({share})"
+    if breadth >= BROAD and seen / inside < LEAST_SEEN_BROAD:
+        return "too_little", f"a line {breadth:.1f} times as broad as the antenna, and too little of it ({share})"
+    return None
+
+
+def _wander(along: np.ndarray, points: np.ndarray, kept: np.ndarray) -> tuple[float, float]:
+    """Root mean square distance (px) of the kept points from a curve of low order, and by how much it snakes (rad)."""
+    reach = along[kept]
+    middle, half = 0.5 * (reach[0] + reach[-1]), max(0.5 * float(reach[-1] - reach[0]), 1e-6)
+    powers = chebvander((reach - middle) / half, WANDER_ORDER)
+    normal_matrix = powers.T @ powers + 1e-9 * len(reach) * np.eye(WANDER_ORDER + 1)
+    coefficients = np.linalg.solve(normal_matrix, powers.T @ points[kept])
+    off = points[kept] - powers @ coefficients
+    steps = _SLOPES @ coefficients
+    turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    return float(np.sqrt((off**2).sum(axis=1).mean())), float(np.abs(turns).sum() - abs(turns.sum()))

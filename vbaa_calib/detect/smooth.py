@@ -1,0 +1,76 @@
+"""A smooth curve through points of which some are wrong: cubic B-splines, a penalty on bends, robust weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+TABLE = 1024
+"""Rows of the tabled basis; places are rounded to one of them."""
+
+
+@lru_cache(maxsize=8)
+def basis(pieces: int) -> np.ndarray:
+    """(TABLE, pieces + 3) uniform cubic B-splines over [0, 1]."""
+    at = np.linspace(0.0, pieces, TABLE)
+    first = np.minimum(at.astype(int), pieces - 1)
+    t = at - first
+    values = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3], axis=1) / 6
+    table = np.zeros((TABLE, pieces + 3))
+    np.put_along_axis(table, first[:, None] + np.arange(4), values, axis=1)
+    return table
+
+
+@lru_cache(maxsize=8)
+def _bending(pieces: int) -> np.ndarray:
+    """(pieces + 3, pieces + 3) sum of the squared second differences of the coefficients."""
+    second = np.diff(np.eye(pieces + 3), 2, axis=0)
+    return second.T @ second
+
+
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """A fitted curve: its values at the N places that were given, and its `coefficients`."""
+
+    values: np.ndarray
+    coefficients: np.ndarray
+
+    def at(self, share: np.ndarray) -> np.ndarray:
+        """Values at other places, given as fractions (M,) of the way."""
+        return basis(len(self.coefficients) - 3)[rows(share)] @ self.coefficients
+
+
+def rows(share: np.ndarray) -> np.ndarray:
+    """Rows of the tabled basis for places in [0, 1]."""
+    return np.clip(np.rint(share * (TABLE - 1)), 0, TABLE - 1).astype(np.intp)
+
+
+def fit(
+    share: np.ndarray,
+    values: np.ndarray,
+    weights: np.ndarray,
+    scales: tuple[float, ...],
+    pieces: int,
+    stiffness: float,
+) -> Smooth:
+    """Weighted fit with Cauchy weights whose scale shrinks from one round to the next.
+
+    Parameters
+    ----------
+    share : (N,) places as fractions of the way.
+    values, weights : (N,) what was measured there, and how far to trust it before any residual is seen.
+    scales : residual at which a point counts half, one round each, in the unit of `values`.
+    stiffness : of the penalty on bends, as a fraction of the mean weight of a coefficient.
+    """
+    table = basis(pieces).take(rows(share), axis=0)
+    penalty = stiffness * (weights.sum() / (pieces + 3) + 1e-12) * _bending(pieces) + 1e-9 * np.eye(pieces + 3)
+    trusted, curve = weights, np.zeros(len(share))
+    coefficients = np.zeros(pieces + 3)
+    for scale in scales:
+        weighted = table * trusted[:, None]
+        coefficients = np.linalg.solve(weighted.T @ table + penalty, weighted.T @ values)
+        curve = table @ coefficients
+        trusted = weights / (1.0 + ((values - curve) / scale) ** 2)
+    return Smooth(curve, coefficients)

@@ -1,0 +1,175 @@
+"""How good a picture of the board is: blur, saturation and contrast across the edges of its squares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec
+
+_MOST_EDGES = 40
+_MOVED = 1.4
+_ALONG = np.linspace(0.2, 0.8, 7)
+_STEP_PX = 0.5
+_INTO_BLACK, _MOST_STEPS = 0.35, 40
+_WHITEST, _BLACKEST = 253.5, 0.5
+_PIXEL_PX2 = 1.0 / 12.0
+# what bilinear sampling and the difference over one step add to the spread of an edge
+_ADDED_PX2 = 1.0 / 6.0 + _STEP_PX**2 / 12.0
+
+
+@dataclass(frozen=True)
+class ViewQuality:
+    """What can be said of one view of the board.
+
+    Attributes
+    ----------
+    corners : how many were found. collinear : whether they fix no homography, lying (all but one) on a line.
+    blur_px : standard deviation of the point spread, the pixel's own area included, along the board's x and y; NaN
+        where no two neighbouring corners are seen. Right to a tenth up to half of `gap_px`, too small beyond, and too
+        small where the camera sharpens.
+    direction_rad : where the larger blur points in the picture, from u towards v, in (−π/2, π/2]; NaN as above.
+    gap_px : room between the squares' edges and the markers.
+    contrast : white less black, grey levels.
+    saturated : share of the white pixels (or of the black ones, if that is more) beyond the camera's range.
+    edge_level : grey level right at the squares' edges, from black (0) to white (1): a half in a linear picture, up to
+        about 0.75 after a display's gamma, more where clipped or overflowing white has grown over the edges.
+    """
+
+    corners: int
+    collinear: bool
+    blur_px: tuple[float, float]
+    direction_rad: float
+    gap_px: float
+    contrast: float
+    saturated: float
+    edge_level: float
+
+    @property
+    def mean_blur_px(self) -> float:
+        """Root mean square of the two blurs, of one where the other is unknown; NaN where both are."""
+        known = [blur for blur in self.blur_px if np.isfinite(blur)]
+        return float(np.sqrt(np.mean(np.square(known)))) if known else float("nan")
+
+    @property
+    def motion(self) -> float:
+        """The larger blur over the smaller: 1 for a still camera, NaN where one is unknown."""
+        return float(max(self.blur_px) / min(self.blur_px)) if np.isfinite(self.blur_px).all() else float("nan")
+
+    @property
+    def blur_in_words(self) -> str:
+        """Where the blur goes, as far as the edges tell: they show two directions only."""
+        if self.motion > _MOVED:
+            return f"{self.motion:.1f} times more along {np.degrees(self.direction_rad):.0f}° than across: motion"
+        return "much alike along both sides of the squares"
+
+
+def measure_quality(image: np.ndarray, ids: np.ndarray, corners_px: np.ndarray, spec: BoardSpec) -> ViewQuality:
+    """The quality of a view: picture (H, W) uint8, corner ids (N,) and their pixels (N, 2)."""
+    columns = spec.squares_x - 1
+    cells = np.stack([ids % columns, ids // columns], axis=1)
+    edges = [_edges(ids, cells, step, columns, spec.corner_count) for step in ((0, 1), (1, 0))]
+    gap_px = _gap_px(corners_px, np.concatenate(edges), spec)
+    across = [_across(image, corners_px[pair], gap_px, spec) for pair in edges]
+    blur = (across[0].blur_px, across[1].blur_px)
+    wider = across[int(np.nan_to_num(blur[1]) > np.nan_to_num(blur[0]))]
+    seen = [one for one in across if np.isfinite(one.contrast)]
+    return ViewQuality(
+        corners=len(ids),
+        collinear=not fixes_homography(cells.astype(float)),
+        blur_px=blur,
+        direction_rad=wider.direction_rad,
+        gap_px=gap_px,
+        contrast=float(np.mean([one.contrast for one in seen])) if seen else float("nan"),
+        saturated=max((one.saturated for one in seen), default=0.0),
+        edge_level=float(np.mean([one.edge_level for one in seen])) if seen else float("nan"),
+    )
+
+
+@dataclass(frozen=True)
+class _Across:
+    """What profiles across the edges of one direction tell; the fields are those of `ViewQuality`."""
+
+    blur_px: float = float("nan")
+    direction_rad: float = float("nan")
+    contrast: float = float("nan")
+    saturated: float = 0.0
+    edge_level: float = float("nan")
+
+
+def _edges(ids: np.ndarray, cells: np.ndarray, step: tuple[int, int], columns: int, count: int) -> np.ndarray:
+    """(E, 2) indices of corners that are neighbours, one step (column, row) apart; at most so many, evenly chosen."""
+    index = np.full(count + columns + 1, -1)
+    index[ids] = np.arange(len(ids))
+    second = index[ids + step[0] + step[1] * columns]
+    found = np.flatnonzero((second >= 0) & (cells[:, 0] + step[0] < columns))
+    chosen = found[np.linspace(0, len(found) - 1, min(len(found), _MOST_EDGES)).astype(int)]
+    return np.stack([chosen, second[chosen]], axis=1)
+
+
+def _gap_px(corners_px: np.ndarray, edges: np.ndarray, spec: BoardSpec) -> float:
+    if not len(edges):
+        return float("nan")
+    lengths = np.linalg.norm(np.diff(corners_px[edges], axis=1)[:, 0], axis=1)
+    return float(np.percentile(lengths, 20.0)) * (1.0 - spec.marker_m / spec.square_m) / 2.0
+
+
+def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, spec: BoardSpec) -> _Across:
+    """Profiles across edges between corners (E, 2, 2) px, from inside the black square to amid the white one's rim.
+
+    The blur is read from the black half, where nothing but the edge is: a Gaussian edge of height 2a has the slopes'
+    energy a² / (√π σ) there.
+    """
+    if not len(ends):
+        return _Across()
+    square_px = 2.0 * gap_px / (1.0 - spec.marker_m / spec.square_m)
+    black_steps = int(np.clip(_INTO_BLACK * square_px / _STEP_PX, 4, _MOST_STEPS))
+    along = ends[:, 1] - ends[:, 0]
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
+    points = ends[:, :1] + _ALONG[:, None] * along[:, None]
+    sides = _sampled(image, points, normal, np.array([-0.5, 0.5]) * gap_px)
+    towards_white = np.where(sides[:, :, 1].sum(axis=1) > sides[:, :, 0].sum(axis=1), 1.0, -1.0)
+    offsets = np.append(_STEP_PX * np.arange(-black_steps, 1), 0.5 * gap_px)
+    samples = _sampled(image, points, towards_white[:, None] * normal, offsets)
+    profiles = samples.mean(axis=1)
+    black = profiles[:, :3].mean(axis=1)
+    rise = profiles[:, -2] - black
+    energy = (np.diff(profiles[:, :-1], axis=1) ** 2).sum(axis=1) / _STEP_PX
+    spread = float(np.median(rise**2 / (np.sqrt(np.pi) * np.maximum(energy, 1e-9))))
+    contrast = float(np.median(profiles[:, -1] - black))
+    doubled = 2.0 * np.arctan2(normal[:, 1], normal[:, 0])
+    return _Across(
+        blur_px=float(np.sqrt(max(spread**2 - _ADDED_PX2, _PIXEL_PX2))),
+        direction_rad=0.5 * float(np.arctan2(np.sin(doubled).mean(), np.cos(doubled).mean())),
+        contrast=contrast,
+        saturated=float(max((samples[..., 0] < _BLACKEST).mean(), (samples[..., -1] > _WHITEST).mean())),
+        edge_level=float(np.median(rise)) / max(contrast, 1.0),
+    )
+
+
+def _sampled(image: np.ndarray, points: np.ndarray, normal: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """(E, P, S) grey levels at offsets (S,) px along normals (E, 2) from points (E, P, 2)."""
+    where = points[:, :, None] + offsets[:, None] * normal[:, None, None]
+    flat = where.astype(np.float32).reshape(len(points), -1, 2)
+    grey = cv2.remap(image, flat, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return grey.reshape(where.shape[:-1]).astype(float)
+
+
+def fixes_homography(plane_points: np.ndarray) -> bool:
+    """Whether points (N, 2) of a plane determine its homography to a picture: not all but one on a line."""
+    if len(plane_points) < 4:
+        return False
+    centred = plane_points - plane_points.mean(axis=0)
+    centred = centred / max(float(np.abs(centred).max()), 1e-12)
+    homogeneous = np.column_stack([centred, np.ones(len(centred))])
+    zeros = np.zeros_like(homogeneous)
+    design = np.vstack(
+        [
+            np.hstack([homogeneous, zeros, -centred[:, :1] * homogeneous]),
+            np.hstack([zeros, homogeneous, -centred[:, 1:] * homogeneous]),
+        ]
+    )
+    values = np.linalg.svd(design, compute_uv=False)
+    return bool(values[7] > 1e-3 * values[0])
