@@ -1,8 +1,9 @@
-"""Small plots over frames as inline SVG: no plotting library, no resources outside the page."""
+"""Small plots as inline SVG: no plotting library, no resources outside the page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 
 import numpy as np
@@ -27,6 +28,73 @@ def runs(known: np.ndarray) -> list[np.ndarray]:
     return [run for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(run)]
 
 
+def span(values: np.ndarray, margin: float = 0.08) -> tuple[float, float]:
+    """Range of the finite ones of values (any shape), widened by a margin to both sides; never empty."""
+    finite = np.asarray(values, float)[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    wider = margin * (high - low) or 0.1 * abs(high) or 1.0
+    return low - wider, high + wider
+
+
+@dataclass(frozen=True)
+class Axes:
+    """A plot with two axes: what is drawn in it is placed by `across` and `down`.
+
+    Attributes
+    ----------
+    x, y : ranges. downward : y grows downward, as a picture's rows do.
+    width, height : of the whole drawing; left, right, top, bottom : its margins.
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    width: float = 520.0
+    height: float = 344.0
+    left: float = 76.0
+    right: float = 18.0
+    top: float = 54.0
+    bottom: float = 50.0
+    downward: bool = False
+
+    def across(self, values: np.ndarray | float) -> np.ndarray:
+        """Horizontal places of x values."""
+        inner = self.width - self.left - self.right
+        return self.left + (np.asarray(values, float) - self.x[0]) / (self.x[1] - self.x[0]) * inner
+
+    def down(self, values: np.ndarray | float) -> np.ndarray:
+        """Vertical places of y values."""
+        share = (np.asarray(values, float) - self.y[0]) / (self.y[1] - self.y[0])
+        return self.top + (share if self.downward else 1.0 - share) * (self.height - self.top - self.bottom)
+
+    def frame(self, title: str, x_label: str, y_label: str, x_ticks: int = 6, y_ticks: int = 5) -> list[str]:
+        """Grid, ticks, labels with their units, and the title."""
+        low, base = self.top, self.height - self.bottom
+        parts = [f'<text x="{self.left:.0f}" y="{self.top - 32:.0f}" class="title">{escape(title)}</text>']
+        for tick in ticks(*self.x, x_ticks) if x_ticks else ():
+            at = float(self.across(tick))
+            parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{low:.1f}" y2="{base:.1f}" class="grid"/>')
+            parts.append(f'<text x="{at:.1f}" y="{base + 17:.1f}" text-anchor="middle">{_tick(tick)}</text>')
+        for tick in ticks(*self.y, y_ticks) if y_ticks else ():
+            at = float(self.down(tick))
+            ends = f'x1="{self.left:.1f}" x2="{self.width - self.right:.1f}"'
+            parts.append(f'<line {ends} y1="{at:.1f}" y2="{at:.1f}" class="grid"/>')
+            parts.append(f'<text x="{self.left - 7:.1f}" y="{at + 4:.1f}" text-anchor="end">{_tick(tick)}</text>')
+        middle, height = 0.5 * (self.left + self.width - self.right), 0.5 * (low + base)
+        parts.append(f'<text x="{middle:.0f}" y="{base + 38:.0f}" text-anchor="middle">{escape(x_label)}</text>')
+        turned = f'transform="rotate(-90 15 {height:.0f})" text-anchor="middle"'
+        parts.append(f'<text x="15" y="{height:.0f}" {turned}>{escape(y_label)}</text>')
+        return parts
+
+    def drawing(self, parts: Sequence[str], title: str) -> str:
+        """The whole SVG."""
+        view = f"0 0 {self.width:.0f} {self.height:.0f}"
+        return f'<svg viewBox="{view}" role="img" aria-label="{escape(title)}">{"".join(parts)}</svg>'
+
+
+def _tick(value: float) -> str:
+    return f"{value:.6g}".replace("-", "−") if value else "0"
+
+
 def curve(
     title: str, unit: str, frame: np.ndarray, value: np.ndarray, std: np.ndarray, truth: np.ndarray | None = None
 ) -> str:
@@ -38,11 +106,7 @@ def curve(
     """
     band = 2 * np.nan_to_num(std)
     shown = [value - band, value + band, *([] if truth is None else [truth])]
-    finite = np.concatenate(shown)
-    finite = finite[np.isfinite(finite)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    margin = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
-    low, high = low - margin, high + margin
+    low, high = span(np.concatenate(shown))
 
     def x(numbers: np.ndarray) -> np.ndarray:
         return _place(frame, numbers)

@@ -1,6 +1,7 @@
 """The verbs of this package: name → (module with `configure` and `run`, one line of help)."""
 
 VERBS = {
+    "check": ("viz.check_cli", "is this rig still right? a report and a plain verdict"),
     "reconstruct": ("viz.reconstruct_cli", "contacts to the object's surface: .vtp or .ply"),
     "view": ("viz.view_cli", "the 3-D scene as a window, a PNG or a self-contained HTML page"),
 }

@@ -1,0 +1,144 @@
+"""A simulated rig, calibrated as its own truth with honest deviations, and what it looks like after a month."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vbaa_calib.camera import Camera
+from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
+from vbaa_calib.synth.picture import studio
+from vbaa_calib.synth.plan import plan, stream
+from vbaa_calib.synth.render import render_shot
+from vbaa_calib.synth.render_board import print_sheet
+from vbaa_calib.synth.scene import Scene, bundled_scene
+from vbaa_calib.synth.scene_file import load_scene
+from vbaa_calib.synth.write import session_yaml
+
+PARTS = ("intrinsics", "plane", "noload", "loads")
+LENS_STD = np.array([0.12, 0.12, 0.15, 0.13, 2e-4, 6e-4, 2e-5, 2e-5, 1e-3])
+RIG_STD = np.array([5e-5] * 3 + [5e-5] * 3 + [5e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [3e-4, 5e-3, 1.5e-3, 7e-6])
+QUALITY = {
+    "lens_rms_px": 0.05,
+    "plane_rms_px": 0.04,
+    "plane_second_solution_ratio": 4.0,
+    "warnings": [],
+    "lens": {
+        "verdict": "This lens can be trusted.",
+        "rms_inliers_px": 0.045,
+        "warnings": [],
+        "dropped": [{"name": "board_007.png", "reason": "its corners lie (nearly) on a line"}],
+        "model_comparison": [
+            {"model": "opencv5", "free_parameters": 9, "rms_px": 0.045, "held_out_rms_px": 0.047, "monotonic": True}
+        ],
+    },
+    "antenna": {"nominal_stiffness_Nm2": 3.88e-3},
+}
+
+
+def scene() -> Scene:
+    """The upright camera of the bundled scene, with few pictures."""
+    whole = load_scene(bundled_scene("upright_knife"))
+    loads = (whole.loads[0], whole.loads[8])
+    few = replace(whole.intrinsics, pictures=4)
+    stroke = replace(whole.recording.sweeps[0], frames=1, free_frames=0)
+    return replace(
+        whole,
+        seed=7,
+        jig_pictures=1,
+        noload=whole.noload[:1],
+        loads=loads,
+        intrinsics=few,
+        recording=replace(whole.recording, sweeps=(stroke,)),
+    )
+
+
+def rig_of(scene: Scene, seed: int = 3) -> Rig:
+    """The rig that a calibration of the scene could have found: its truth, off as its deviations say."""
+    rng, true = np.random.default_rng(seed), scene.true
+    off = RIG_STD * rng.normal(size=16)
+    lens = LENS_STD * rng.normal(size=9)
+    matrix = scene.lens.matrix.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += lens[:4]
+    covariance = np.zeros((25, 25))
+    covariance[:16, :16], covariance[16:, 16:] = np.diag(RIG_STD**2), np.diag(LENS_STD**2)
+    nominal = scene.antenna
+    parameters = np.concatenate(
+        [
+            true.clamp_offset_m[1:],
+            true.clamp_angle_rad,
+            true.natural_curvature_per_m,
+            [np.log(nominal.stiffness_Nm2 * true.stiffness_factor), np.log(nominal.mass_per_length_kg_m)],
+        ]
+    )
+    camera = Camera("opencv", scene.lens.image_size, matrix, scene.lens.distortion + lens[4:], np.diag(LENS_STD**2))
+    return Rig(
+        camera=camera,
+        T_antenna_camera=scene.T_antenna_camera.retract(off[:6]),
+        antenna=Antenna(nominal.length_m, nominal.diameter_m, parameters + off[6:14]),
+        moment_sensor=MomentSensor(scene.moment.gain + off[14], scene.moment.offset_Nm + off[15], scene.moment.std_Nm),
+        kinematics=scene.kinematics,
+        gravity_world_m_s2=scene.gravity_world_m_s2,
+        image=AntennaImage(0.05, 1.0, True),
+        covariance=covariance,
+    )
+
+
+def with_camera_moved(scene: Scene, step: np.ndarray) -> Scene:
+    """The camera a step (6,) away from where it was."""
+    return replace(scene, T_antenna_camera=scene.T_antenna_camera.retract(step))
+
+
+def with_lens(scene: Scene, factor: float) -> Scene:
+    """Refocused: another focal length."""
+    matrix = scene.lens.matrix.copy()
+    matrix[[0, 1], [0, 1]] *= factor
+    return replace(scene, lens=replace(scene.lens, matrix=matrix))
+
+
+def with_clamp_turned(scene: Scene, about_z_rad: float) -> Scene:
+    """The clamp slipped."""
+    angles = scene.true.clamp_angle_rad + np.array([0.0, about_z_rad])
+    return replace(scene, true=replace(scene.true, clamp_angle_rad=angles))
+
+
+def with_wire_bent(scene: Scene, about_z_per_m: float) -> Scene:
+    """The wire has another bow."""
+    bow = scene.true.natural_curvature_per_m + np.array([0.0, about_z_per_m])
+    return replace(scene, true=replace(scene.true, natural_curvature_per_m=bow))
+
+
+def with_stiffness(scene: Scene, factor: float) -> Scene:
+    """Another wire."""
+    return replace(scene, true=replace(scene.true, stiffness_factor=factor * scene.true.stiffness_factor))
+
+
+def with_sensor(scene: Scene, gain: float = 1.0, offset_Nm: float = 0.0) -> Scene:
+    """The moment sensor's gain by a factor and its offset by an amount."""
+    sensor = scene.moment
+    return replace(scene, moment=replace(sensor, gain=gain * sensor.gain, offset_Nm=sensor.offset_Nm + offset_Nm))
+
+
+def month_later(scene: Scene, folder: Path, parts: tuple[str, ...] = PARTS) -> Path:
+    """A session of the scene as it now is, with some of its parts."""
+    planned, place, sheet = plan(scene), studio(scene.lens, scene.picture, stream(scene, "bench")), None
+    folder.mkdir()
+    (folder / "session.yaml").write_text(session_yaml(scene))
+    for index, shot in enumerate(planned.shots):
+        part = shot.path.partition("/")[0]
+        if part in parts:
+            (folder / part).mkdir(exist_ok=True)
+            sheet = sheet or print_sheet(scene.board)
+            picture = render_shot(scene, place, sheet, shot, stream(scene, "pictures", index))
+            cv2.imwrite(str(folder / shot.path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    for name, rows in planned.tables.items():
+        if name.partition("/")[0] in parts:
+            with (folder / name).open("w", newline="") as table:
+                writer = csv.DictWriter(table, list(rows[0]))
+                writer.writeheader()
+                writer.writerows(rows)
+    return folder

@@ -1,0 +1,159 @@
+"""Pictures of the free and the loaded antenna held against what a rig predicts for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from ..antenna.shape import CONTACT, Curves, bend
+from ..reprojection import feet, image_curves, residuals_by_lens, see, whitened_residuals
+from ..rig import RIG_PARAMETERS, Rig
+from ..session import Load, Still
+from .recheck_change import Information
+
+if TYPE_CHECKING:
+    from .joint_problem import Observation
+
+POSE, ANTENNA = slice(0, 6), slice(6, 14)
+GAIN, OFFSET, LENS = 14, 15, 16
+_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4)
+"""Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
+_WINDOW, _FAR = 25, 5.0
+"""Points further than this many deviations from the median of their neighbours show something beside the antenna."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldStill:
+    """One picture of the antenna against its prediction.
+
+    Attributes
+    ----------
+    arclength_m : (N,) where each seen point lies along the predicted antenna.
+    residual_std : (N,) its distance along the normal, in deviations of a point of this rig. residual_mm : the same on
+        the antenna.
+    jacobian : (N, 16 + P) of the whitened residual (negative: of the prediction) by the rig's parameters.
+    moment_Nm : predicted, before gain and offset. moment_by_antenna : (8,).
+    deflection_m : predicted at the load, against the free antenna; 0 where there is none.
+    """
+
+    still: Still
+    arclength_m: np.ndarray
+    residual_std: np.ndarray
+    residual_mm: np.ndarray
+    jacobian: np.ndarray
+    moment_Nm: float
+    moment_by_antenna: np.ndarray
+    deflection_m: float
+
+    @property
+    def name(self) -> str:
+        """Of the picture."""
+        return self.still.image.name if self.still.image else "?"
+
+    @property
+    def rms_std(self) -> float:
+        """Root mean square of the residuals, in deviations."""
+        return float(np.sqrt((self.residual_std**2).mean()))
+
+    @property
+    def points(self) -> Information:
+        """What its points say of the rig's parameters."""
+        return Information.of(self.jacobian, self.residual_std)
+
+    def moment_residual_Nm(self, rig: Rig) -> float:
+        """The sensor's reading less what the rig predicts for it."""
+        sensor = rig.moment_sensor
+        return self.still.moment_Nm - sensor.gain * self.moment_Nm - sensor.offset_Nm
+
+    def reading(self, rig: Rig) -> Information:
+        """What the sensor's reading says of the rig's parameters."""
+        sensor = rig.moment_sensor
+        row = np.zeros((1, self.jacobian.shape[1]))
+        row[0, ANTENNA] = sensor.gain * self.moment_by_antenna
+        row[0, GAIN], row[0, OFFSET] = self.moment_Nm, 1.0
+        return Information.of(row / sensor.std_Nm, np.array([self.moment_residual_Nm(rig) / sensor.std_Nm]))
+
+
+def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
+    """Every still against the rig's prediction, and how that moves with the rig's parameters."""
+    count = ANTENNA.stop - ANTENNA.start
+    curves = _predicted(rig, observations, count)
+    free = _predicted(rig, observations, count, loaded=False)
+    poses = [rig.T_antenna_camera, *(rig.T_antenna_camera.retract(step) for step in np.diag(_STEPS[POSE]))]
+    inverse = [pose.inverse() for pose in poses]
+    order = np.array([0] * 7 + list(range(1, count + 1)))
+    views = [*inverse, *[inverse[0]] * count]
+    held = []
+    for index, observation in enumerate(observations):
+        first = (count + 1) * index
+        own = curves.picked(first + order)
+        projected = image_curves(own, views)
+        points = see(rig.camera, observation.points_px, observation.sigma_px)
+        whitened = whitened_residuals(points, projected) / rig.image.noise_scale
+        near = _undisturbed(whitened[:, 0])
+        seen = points.picked(near)
+        by_lens = np.zeros((len(seen), len(rig.camera.parameter_names)))
+        if seen.by_lens is not None:
+            by_lens = residuals_by_lens(seen, projected) / rig.image.noise_scale
+        by_rig = np.zeros((len(seen), LENS))
+        by_rig[:, : ANTENNA.stop] = (whitened[near, 1:] - whitened[near, :1]) / _STEPS
+        foot = feet(seen, projected)
+        depth = np.interp(foot, own.arclength_m[0], (inverse[0] @ own.points_m[0])[:, 2])
+        # the geometric mean over directions stands for the deviation along the normal: pixels are all but square
+        std = np.sqrt(np.sqrt(np.linalg.det(seen.covariance).clip(0.0))) * rig.image.noise_scale
+        moments = curves.moment_Nm[first : first + count + 1]
+        bent = np.linalg.norm(curves.points_m[first, CONTACT] - free.points_m[first, CONTACT])
+        held.append(
+            HeldStill(
+                observation.still,
+                foot,
+                whitened[near, 0],
+                1e3 * whitened[near, 0] * std * depth,
+                -np.hstack([by_rig, by_lens]),
+                float(moments[0]),
+                (moments[1:] - moments[0]) / _STEPS[ANTENNA],
+                float(bent) if isinstance(observation.still, Load) else 0.0,
+            )
+        )
+    return held
+
+
+def free_shape_moved_mm(rig: Rig, step: np.ndarray) -> float:
+    """How far the free antenna moves, at most along its length, with a step (8,) of its parameters; weightless."""
+    parameters = rig.antenna.parameters + np.stack([np.zeros(8), step])
+    curves = bend(parameters, rig.antenna.length_m, np.zeros((2, 3)), np.full(2, 0.1), np.zeros((2, 2)))
+    return 1e3 * float(np.linalg.norm(curves.points_m[1] - curves.points_m[0], axis=1).max())
+
+
+def _predicted(rig: Rig, observations: Sequence[Observation], count: int, loaded: bool = True) -> Curves:
+    """For each still the curve of the rig's antenna, then one with a step along each of its parameters."""
+    antenna = np.repeat(rig.antenna.parameters[None], count + 1, axis=0)
+    antenna[1:] += np.diag(_STEPS[ANTENNA])
+    length_m = rig.antenna.length_m
+    stills = [observation.still for observation in observations]
+    contact = [still.distance_m if isinstance(still, Load) else 0.5 * length_m for still in stills]
+    force = [
+        (still.force_y_N, still.force_z_N) if loaded and isinstance(still, Load) else (0.0, 0.0) for still in stills
+    ]
+    return bend(
+        np.tile(antenna, (len(stills), 1)),
+        length_m,
+        np.repeat([observation.gravity_m_s2 for observation in observations], count + 1, axis=0),
+        np.repeat(contact, count + 1),
+        np.repeat(np.array(force), count + 1, axis=0),
+        dead=True,
+        sweeps=4,
+    )
+
+
+def _undisturbed(residuals: np.ndarray) -> np.ndarray:
+    """(N,) points that lie where their neighbours do."""
+    off = residuals - median_filter(residuals, min(_WINDOW, len(residuals)), mode="nearest")
+    return np.abs(off) <= _FAR * max(1.4826 * float(np.median(np.abs(off))), 0.2)
+
+
+assert len(RIG_PARAMETERS) == LENS
