@@ -8,7 +8,13 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.geometry.independent_axes import independent_axes
-from vbaa_calib.reprojection import SeenPoints, image_curves, residuals_by_lens, whitened_residuals
+from vbaa_calib.reprojection import (
+    SeenPoints,
+    image_curves,
+    whitened_residuals,
+    whitened_with_lens,
+    with_slopes_on_curve,
+)
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
 POSES = len(POSE_PARAMETERS)
@@ -97,14 +103,15 @@ def by_rig(scene: Scene, unknowns: np.ndarray) -> np.ndarray:
     views = [pose.inverse() for pose in [*views, *[views[0]] * 8]]
     order = np.array([0] * (POSES + 1) + list(range(1, 9)))
     images = image_curves(curves.picked(order), views)
-    points = whitened_residuals(scene.seen, images)
+    seen = with_slopes_on_curve(scene.seen, rig.camera, images) if rig.with_lens else scene.seen
+    points, by_lens = whitened_with_lens(seen, images)
     moment = curves.moment_Nm
     table = np.zeros((len(points) + 1, len(rig.covariance)))
     table[:-1, : len(RIG_STEPS)] = (points[:, 1:] - points[:, :1]) / RIG_STEPS
     table[-1, POSES : len(RIG_STEPS)] = -sensor.gain * (moment[1:] - moment[0]) / RIG_STEPS[POSES:] / sensor.std_Nm
     table[-1, len(RIG_STEPS) : len(RIG_PARAMETERS)] = -moment[0] / sensor.std_Nm, -1.0 / sensor.std_Nm
     if rig.with_lens:
-        table[:-1, len(RIG_PARAMETERS) :] = residuals_by_lens(scene.seen, images)
+        table[:-1, len(RIG_PARAMETERS) :] = by_lens
     return table @ rig_axes(rig)
 
 

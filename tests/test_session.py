@@ -13,18 +13,23 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.errors import InputError
 from vbaa_calib.session import (
+    OverBoard,
     Still,
+    SweepPicture,
     check_pictures,
+    has_over,
+    has_sweep,
     load_session,
     read_centrelines,
     read_loads,
     read_noload,
     read_recording,
+    read_sweep,
 )
 
 
@@ -57,6 +62,7 @@ LOADS = (
     "a.png,0,0.1,1e-3,0.1,0.02,0\nb.png,0,0,0,0.24,0,-0.01\n"
 )
 RECORDING = "frame,time_s,image,pan_rad,tilt_rad,moment_Nm\n3,0.0,a.png,0.1,0.2,1e-3\n1,0.1,b.png,0,0,0\n"
+SWEEP = "image,pan_rad,tilt_rad\na.png,0.1,0.2\nb.png,0,-0.2\n"
 CENTRELINES = "frame,u_px,v_px,sigma_px\n1,10.5,20,0.1\n3,1,2,0.2\n1,11,21,0.3\n"
 
 
@@ -128,6 +134,33 @@ class TestSessionFile:
         kinematics = load_session(root).kinematics
         np.testing.assert_array_equal(kinematics.T_actuator_antenna.matrix, np.eye(4))
         np.testing.assert_array_equal(kinematics.position_world_m, np.zeros(3))
+
+    def test_what_has_a_default(self, root: Path) -> None:
+        session = load_session(root)
+        assert (session.jig_translation_std_m, session.jig_rotation_std_rad) == (0.0, 0.0)
+        assert session.tilt_zero_std_rad == 0.01
+        assert session.over is None
+        kinematics = session.kinematics
+        assert (kinematics.axis_skew_rad, kinematics.axis_offset_m, kinematics.tilt_zero_rad) == (0.0, 0.0, 0.0)
+        write(root, changed("over", to={}))
+        assert load_session(root).over == OverBoard(0.0, 1e-4, 0.0, 0.0)
+
+    def test_what_is_known_of_jig_joints_and_board(self, root: Path) -> None:
+        data = changed("over", to={"height_m": 0.002, "height_std_m": 2e-4, "pan_rad": 0.1, "tilt_rad": -1.5})
+        data["jig"] |= {"translation_std_m": 2e-4, "rotation_std_rad": 1e-3}
+        data["kinematics"] |= {
+            "axis_skew_rad": 0.01,
+            "axis_offset_m": -0.002,
+            "tilt_zero_rad": 0.03,
+            "tilt_zero_std_rad": 0,
+        }
+        write(root, data)
+        session = load_session(root)
+        assert (session.jig_translation_std_m, session.jig_rotation_std_rad) == (2e-4, 1e-3)
+        kinematics = session.kinematics
+        assert (kinematics.axis_skew_rad, kinematics.axis_offset_m, kinematics.tilt_zero_rad) == (0.01, -0.002, 0.03)
+        assert session.tilt_zero_std_rad == 0.0
+        assert session.over == OverBoard(0.002, 2e-4, 0.1, -1.5)
 
     def test_weightless(self, root: Path) -> None:
         write(root, changed("gravity_world"))
@@ -212,6 +245,19 @@ class TestSessionFile:
             (("jig", "T_antenna_board", "translation_m"), [0, 10**400, 0], "translation_m.1 is not a finite"),
             (("kinematics", "T_antenna_actuator"), pose(), "kinematics: unknown key T_antenna_actuator"),
             (("kinematics", "position_world_m"), [0, 0], "kinematics.position_world_m"),
+            (("jig", "translation_std_m"), -1e-4, "jig.translation_std_m: -0.0001 is less than the minimum"),
+            (("jig", "translation_std_m"), 0.5, "jig.translation_std_m: 0.5 is greater than the maximum"),
+            (("jig", "rotation_std_rad"), "1 deg", "jig.rotation_std_rad: '1 deg' is not a number"),
+            (("jig", "std_m"), 1e-4, "jig: unknown key std_m"),
+            (("kinematics", "axis_skew_rad"), 5, "kinematics.axis_skew_rad"),
+            (("kinematics", "axis_offset_m"), math.nan, "kinematics.axis_offset_m is not a finite number"),
+            (("kinematics", "tilt_zero_rad"), 90, "kinematics.tilt_zero_rad"),
+            (("kinematics", "tilt_zero_std_rad"), -0.01, "kinematics.tilt_zero_std_rad"),
+            (("over",), 0.002, "over: 0.002 is not a mapping or null"),
+            (("over",), {"height_mm": 2}, "over: unknown key height_mm, the keys are height_m, "),
+            (("over",), {"height_m": -0.002}, "over.height_m"),
+            (("over",), {"height_std_m": 0}, "over.height_std_m"),
+            (("over",), {"tilt_rad": -90}, "over.tilt_rad"),
             (("gravity_world",), -9.8, "gravity_world: -9.8 is not a list or null"),
             (("gravity_world",), [0, 0, -9806.65], "gravity_world.2"),
             (("gravity_world",), [0, 0], "gravity_world"),
@@ -314,6 +360,77 @@ class TestStills:
             path = root / name / f"{name}.csv"
             path.unlink()
             assert why in complaint(lambda read=read: read(load_session(root)), path)
+
+    @pytest.mark.parametrize(("name", "read"), [("noload", read_noload), ("loads", read_loads)])
+    def test_when_they_were_taken(self, root: Path, name: str, read: Callable[[Any], list[Still]]) -> None:
+        path = root / name / f"{name}.csv"
+        header, first, second = path.read_text().splitlines()
+        assert [still.time_s for still in read(load_session(root))] == [None, None]
+        path.write_text(f"{header},time_s\n{first},12.5\n{second},-3\n")
+        assert [still.time_s for still in read(load_session(root))] == [12.5, -3.0]
+        path.write_text(f"{header},time_s\n{first},12.5\n{second},\n")
+        assert "line 3: time_s is ''" in complaint(lambda: read(load_session(root)), path)
+
+
+@pytest.fixture
+def sweep(root: Path) -> Path:
+    """A sweep of two pictures."""
+    path = root / "sweep" / "sweep.csv"
+    path.parent.mkdir()
+    path.write_text(SWEEP)
+    for picture in ("a.png", "b.png"):
+        path.with_name(picture).touch()
+    return path
+
+
+class TestSweep:
+    def test_what_is_read(self, root: Path, sweep: Path) -> None:
+        session = load_session(root)
+        assert has_sweep(session)
+        first, second = read_sweep(session)
+        assert first == SweepPicture(sweep.with_name("a.png"), 0.1, 0.2)
+        assert (second.image, second.pan_rad, second.tilt_rad) == (sweep.with_name("b.png"), 0.0, -0.2)
+
+    def test_without(self, root: Path) -> None:
+        assert not has_sweep(load_session(root))
+
+    def test_pictures_without_their_angles(self, root: Path, sweep: Path) -> None:
+        sweep.unlink()
+        assert has_sweep(load_session(root))
+        assert "no such file; it gives the joint angles" in complaint(lambda: read_sweep(load_session(root)), sweep)
+
+    @pytest.mark.parametrize(
+        ("old", "new", "words"),
+        [
+            ("a.png", "c.png", "line 2: the picture c.png is not there; put it at"),
+            ("a.png", "", "line 2: image is empty"),
+            ("b.png", "a.png", "line 3: the picture a.png stands in line 2, too"),
+            ("0.1,0.2", "nan,0.2", "line 2: pan_rad is nan"),
+            ("0.1,0.2", "0.1,inf", "line 2: tilt_rad is inf"),
+            ("0.1,0.2", "0.1,", "line 2: tilt_rad is ''"),
+            ("0.1,0.2", "0.1,20", "line 2: tilt_rad is 20, more than a turn; give radians"),
+            ("0.1,0.2", "0.1", "line 2: has 2 cells, the header 3"),
+            ("pan_rad", "pan_deg", "column pan_rad is missing"),
+            (SWEEP, "image,pan_rad,tilt_rad\n", "no rows"),
+            (SWEEP, "", "is empty"),
+        ],
+    )
+    def test_every_wrong_row_is_named(self, root: Path, sweep: Path, old: str, new: str, words: str) -> None:
+        assert old in SWEEP
+        sweep.write_text(SWEEP.replace(old, new, 1))
+        assert words in complaint(lambda: read_sweep(load_session(root)), sweep)
+
+
+class TestOver:
+    def test_pictures_and_height_belong_together(self, root: Path) -> None:
+        assert not has_over(load_session(root))
+        (root / "over").mkdir()
+        text = complaint(lambda: has_over(load_session(root)), root / "session.yaml")
+        assert "over is missing, but there is a folder over/; give over.height_m" in text
+        write(root, changed("over", to={"height_m": 0.002}))
+        assert has_over(load_session(root))
+        (root / "over").rmdir()
+        assert not has_over(load_session(root))
 
 
 class TestRecording:
@@ -436,6 +553,7 @@ def attempt(action: Callable[[], Any]) -> tuple[Any, str]:
         return None, str(error)
 
 
+@settings(deadline=None)
 @given(st.sampled_from(nodes(GOOD)), ODD)
 def test_whatever_stands_in_a_session_it_is_read_or_refused(keys: tuple[str | int, ...], value: Any) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -445,6 +563,7 @@ def test_whatever_stands_in_a_session_it_is_read_or_refused(keys: tuple[str | in
         assert session is not None or said.startswith(str(path))
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=60), st.integers(0, len(LOADS)))
 def test_whatever_stands_in_a_table_it_is_read_or_refused(content: bytes, position: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -453,6 +572,7 @@ def test_whatever_stands_in_a_table_it_is_read_or_refused(content: bytes, positi
         for name, text, read in (
             ("noload/noload.csv", NOLOAD, read_noload),
             ("loads/loads.csv", LOADS, read_loads),
+            ("sweep/sweep.csv", SWEEP, read_sweep),
             ("recording/recording.csv", RECORDING, read_recording),
             ("recording/centrelines.csv", CENTRELINES, read_centrelines),
         ):

@@ -11,7 +11,7 @@ from ..antenna.shape import Curves, bend
 from ..camera import Camera
 from ..geometry import Pose
 from ..geometry.independent_axes import independent_axes
-from ..reprojection import ImageCurves, SeenPoints, image_curves, residuals_by_lens, see, whitened_residuals
+from ..reprojection import ImageCurves, SeenPoints, image_curves, see, whitened_with_lens, with_slopes_on_curve
 from ..rig import RIG_PARAMETERS
 from ..session import Load, Still
 from .pose_estimate import PoseEstimate
@@ -107,7 +107,13 @@ class Problem:
     def relinearised(self, parameters: np.ndarray) -> Problem:
         """The same with all points seen through the lens that the parameters ask for."""
         camera = self.camera(parameters)
-        seen = [see(camera, one.points_px, one.sigma_px) for one in self.observations]
+        curves, view = self.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse()
+        seen = [
+            with_slopes_on_curve(
+                see(camera, one.points_px, one.sigma_px), camera, image_curves(curves.picked(np.array([index])), view)
+            )
+            for index, one in enumerate(self.observations)
+        ]
         return replace(self, seen_at_lens=seen, lens_at=parameters[RIG:])
 
     def camera(self, parameters: np.ndarray) -> Camera:
@@ -168,9 +174,9 @@ class Problem:
         return blocks, curves.moment_Nm.reshape(len(self.observations), 9)
 
     def _with_slopes(self, points: SeenPoints, images: ImageCurves) -> np.ndarray:
-        distances = whitened_residuals(points, images)
+        distances, by_lens = whitened_with_lens(points, images)
         slopes = (distances[:, 1:] - distances[:, :1]) / STEPS
-        return np.hstack([distances[:, :1], slopes, residuals_by_lens(points, images) @ self.prior.lens_axes])
+        return np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes])
 
     def residuals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """All residuals (R,) and their Jacobian (R, 16 + P): points, moments, camera poses, then antenna to lens."""

@@ -20,7 +20,15 @@ from ..detect.over_board import BoardLine, find_over_board
 from ..detect.over_board_search import PlaneAbove
 from ..errors import InputError
 from ..geometry import Pose
-from .over_board_checks import from_clamp, outermost, refuse_moved, refuse_too_long, refuse_touching
+from .over_board_checks import (
+    from_clamp,
+    outermost,
+    refuse_moved,
+    refuse_scattered,
+    refuse_shadowed,
+    refuse_too_long,
+    refuse_touching,
+)
 from .over_board_fit import OverFit, OverProblem, solve_over
 from .over_board_known import ClampMark, FreeAntenna, Mark, nominal_free_antenna, see_with_lens
 from .plane import BoardPose, solve_board_pose
@@ -82,8 +90,8 @@ def solve_over_board(
 
     Raises
     ------
-    InputError : no board, no antenna, one that touches the board, one whose ends do not tell which is clamped or fix
-        its place, or pictures that do not agree.
+    InputError : no board, no antenna, one that touches the board or hides in its own shadow, one whose ends do not
+        tell which is clamped or do not fix its place, or pictures that do not agree.
     SolveError : the antenna could not be fitted.
     """
     if not images:
@@ -96,6 +104,7 @@ def solve_over_board(
     picture = _typical(list(images.values()))
     board, line, hidden = _board_and_line(picture, views, spec, camera, antenna, height_m, bright)
     refuse_moved(images, picture, line)
+    refuse_shadowed(line, _name(images))
     plane = PlaneAbove(camera, board.T_camera_board, height_m)
     line = from_clamp(line, plane, guess, clamp, _name(images))
     refuse_too_long(line, plane, antenna, _name(images))
@@ -103,6 +112,7 @@ def solve_over_board(
     seen = see_with_lens(camera, line.points_px, line.sigma_px)
     problem = OverProblem(seen, marks, board, height_m, height_std_m, antenna, toward)
     fit = solve_over(problem, _start(line, plane, antenna, clamp))
+    refuse_scattered(fit.noise_scale, _name(images))
     estimate = PoseEstimate(WAY, fit.T_antenna_camera, fit.covariance, fit.lens_sensitivity)
     return OverBoardSolution(estimate, board, line, fit, hidden)
 

@@ -17,6 +17,8 @@ _TOO_LONG = 1.15
 _AMBIGUOUS_SIDE = 0.6
 _ALONG = 0.5
 _MOVED = 0.6
+_HARD_SHADOW = 0.2
+_MOST_SCATTER = 5.0
 
 
 def refuse_touching(antenna: FreeAntenna, height_m: float, toward: float) -> None:
@@ -30,6 +32,26 @@ def refuse_touching(antenna: FreeAntenna, height_m: float, toward: float) -> Non
         )
 
 
+def refuse_shadowed(line: BoardLine, where: str) -> None:
+    """Raises InputError for a dark antenna beside its own hard shadow: the two are not told apart."""
+    if not line.bright and line.shadow > _HARD_SHADOW:
+        raise InputError(
+            f"a band {100 * line.shadow:.0f} % darker runs beside the dark antenna: its shadow",
+            where=where,
+            remedy="light it from several sides or through a sheet of paper, or paint the antenna white",
+        )
+
+
+def refuse_scattered(noise_scale: float, where: str) -> None:
+    """Raises InputError when the points of the line are not those of one antenna."""
+    if noise_scale > _MOST_SCATTER:
+        raise InputError(
+            f"the antenna's points scatter {noise_scale:.1f} times as far as the picture's noise explains",
+            where=where,
+            remedy="clear the board of other things, light it softly, and check the board's description",
+        )
+
+
 def refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: BoardLine) -> None:
     """Raises InputError for a picture that does not show the line where the typical one does."""
     along = np.gradient(line.points_px, axis=0)
@@ -38,11 +60,11 @@ def refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: Bo
 
     def height(image: np.ndarray) -> float:
         grey = image.astype(np.float32)
-        at = [line.points_px + side * normal for side in (-1, 0, 1)]
-        left, middle, right = (
-            cv2.remap(grey, *p.astype(np.float32).T, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0]
-            for p in at
-        )
+        levels = []
+        for side in (-1, 0, 1):
+            at = (line.points_px + side * normal).astype(np.float32)
+            levels.append(cv2.remap(grey, at[:, 0], at[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0])
+        left, middle, right = levels
         return float(np.median(middle - 0.5 * (left + right)))
 
     usual = height(picture)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from ..antenna.shape import CONTACT, Curves, bend
-from ..reprojection import feet, image_curves, residuals_by_lens, see, whitened_residuals
+from ..reprojection import feet, image_curves, residuals_by_lens, see, whitened_residuals, with_slopes_on_curve
 from ..rig import RIG_PARAMETERS, Rig
 from ..session import Load, Still
 from .recheck_change import Information
@@ -93,6 +93,7 @@ def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
         own = curves.picked(first + order)
         projected = image_curves(own, views)
         points = see(rig.camera, observation.points_px, observation.sigma_px)
+        points = with_slopes_on_curve(points, rig.camera, projected)
         whitened = whitened_residuals(points, projected) / rig.image.noise_scale
         near = _undisturbed(whitened[:, 0])
         seen = points.picked(near)

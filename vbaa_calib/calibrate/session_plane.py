@@ -137,7 +137,7 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
     jig = sweep = over = None
     estimates: list[PoseEstimate] = []
     if views.jig is not None and session.T_antenna_board is not None:
-        jig = solve_board_pose(views.jig, session.board, camera)
+        jig = solve_board_pose(views.jig, session.board, camera, flex.bend)
         std = session.jig_translation_std_m, session.jig_rotation_std_rad
         estimates.append(jig_estimate(jig, session.T_antenna_board, *std))
     if views.sweep is not None:

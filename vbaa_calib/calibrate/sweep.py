@@ -5,7 +5,7 @@ joint moves the camera. Pan alone gives one line in the camera frame, the pan ax
 place along it stay open, for the unknown board can follow both. Tilt alone leaves the same open for the tilt axis. Two
 lines that are not parallel leave nothing open: their common perpendicular is the actuator frame's x, its foot on the
 tilt axis the origin. The angle between the lines and their distance are two numbers more than a pose needs: the joints'
-skew and offset. The least motion is a cross: one picture, one with the pan moved, one with the tilt moved.
+skew and offset. The least motion is a cross, pan and tilt moved one after the other, to either side of the middle.
 
 What they cannot tell.
 - The zero of the pan: turning world and board together about the pan axis changes no picture. It is the world's
@@ -43,7 +43,7 @@ from .view_screening import DroppedView
 AXIS_SKEW_STD_RAD = 5e-3
 AXIS_OFFSET_STD_M = 5e-4
 """How near to the given skew and offset a careful workshop keeps the axes. To hold them exactly there is not honest:
-0.3 mrad and 0.02 mm, which a good sweep hardly sees, then move the camera seven of its standard deviations off."""
+0.3 mrad and 0.02 mm, which a good sweep hardly sees, then put the camera seven of its standard deviations off."""
 
 _ASKED_FOR = 0.05
 _LOOSE_RAD = 0.02
@@ -61,9 +61,9 @@ class SweepSolution:
     tilt_zero_tangent : (6,) how that pose moves (`Pose.retract`'s tangent, antenna frame) for each radian by which
         `Kinematics.tilt_zero_rad` is larger than was assumed.
     tilt_zero_std_rad : the doubt that the covariance holds along it.
-    kinematics : as given, and with the axes as solved where `axes_free`.
-    axes_free : whether the data asked for a skew and an offset other than those given.
-    axis_skew_rad, axis_offset_m : as measured, whether they were used or not, with their standard deviations.
+    kinematics : as given, with the axes as solved.
+    axes_free : whether the axes were solved without regard to where they were given, because the data contradict it.
+    axis_skew_rad, axis_offset_m : as the pictures alone show them, with their standard deviations.
     T_world_board : pose of the board in the world.
     rms_px : reprojection error over the corners used, angles put right.
     corners, outliers : how many corners were used, and how many left out as wrong.
@@ -102,7 +102,8 @@ def solve_sweep(
     Parameters
     ----------
     views : the board as each picture shows it. pictures : the joints' readings, in the same order.
-    kinematics : how the antenna is mounted; its skew and offset are kept unless the data ask for others (5 % level).
+    kinematics : how the antenna is mounted. Its skew and offset count as known to within AXIS_SKEW_STD_RAD and
+        AXIS_OFFSET_STD_M, and not at all where the pictures contradict that (5 % level).
     tilt_zero_std_rad : how well the tilt encoder's zero is known.
 
     Raises
@@ -120,10 +121,31 @@ def solve_sweep(
     chosen = _with_axes(camera, corners, free, used, kinematics)
     _refuse_loose(chosen)
     left_out = [
-        DroppedView(seen[i].name, left_out_reason(camera, chosen.state, corners, i, float(error_px[i]), kinematics))
-        for i in np.flatnonzero(~kept)
+        DroppedView(view.name, left_out_reason(camera, chosen.state, corners, index, error_px[index], kinematics))
+        for index, view in enumerate(seen)
+        if not kept[index]
     ]
-    return _solution(chosen, free, kinematics, tilt_zero_std_rad, used, kept, (*dropped, *left_out), camera, corners)
+    estimate, tangent = _estimate(chosen, kinematics.T_actuator_antenna, tilt_zero_std_rad)
+    state, measured = chosen.state, free.state
+    skew_std, offset_std = np.sqrt(np.diag(free.covariance[AXES, AXES]))
+    return SweepSolution(
+        estimate=estimate,
+        tilt_zero_tangent=tangent,
+        tilt_zero_std_rad=tilt_zero_std_rad,
+        kinematics=replace(kinematics, axis_skew_rad=state.axis_skew_rad, axis_offset_m=state.axis_offset_m),
+        axes_free=chosen is free,
+        axis_skew_rad=measured.axis_skew_rad,
+        axis_skew_std_rad=float(skew_std),
+        axis_offset_m=measured.axis_offset_m,
+        axis_offset_std_m=float(offset_std),
+        T_world_board=Pose(np.eye(3), kinematics.position_world_m) @ state.T_foot_board,
+        rms_px=float(np.sqrt(np.mean(np.sum(chosen.residuals_px[used] ** 2, axis=1)))),
+        corners=int(used.sum()),
+        outliers=int((kept[corners.picture] & ~used).sum()),
+        angle_std_rad=chosen.angle_std_rad,
+        pictures=int(kept.sum()),
+        left_out=(*dropped, *left_out),
+    )
 
 
 def _with_axes(
@@ -160,44 +182,17 @@ def _refuse_loose(found: SweepFit) -> None:
         )
 
 
-def _solution(
-    chosen: SweepFit,
-    free: SweepFit,
-    kinematics: Kinematics,
-    tilt_zero_std_rad: float,
-    used: np.ndarray,
-    kept: np.ndarray,
-    left_out: tuple[DroppedView, ...],
-    camera: Camera,
-    corners: SweepCorners,
-) -> SweepSolution:
-    state, mount = chosen.state, kinematics.T_actuator_antenna
-    to_antenna = np.kron(np.eye(2), mount.rotation.T)
-    turn = np.array([0.0, 1.0, 0.0])
-    tangent = to_antenna @ np.concatenate([turn, np.cross(turn, state.T_actuator_camera.translation_m)])
-    covariance = to_antenna @ chosen.covariance[CAMERA, CAMERA] @ to_antenna.T
-    axes = {"axis_skew_rad": state.axis_skew_rad, "axis_offset_m": state.axis_offset_m}
-    skew_std, offset_std = np.sqrt(np.diag(free.covariance[AXES, AXES]))
-    return SweepSolution(
-        estimate=PoseEstimate(
-            "sweep",
-            mount.inverse() @ state.T_actuator_camera,
-            covariance + tilt_zero_std_rad**2 * np.outer(tangent, tangent),
-            to_antenna @ chosen.by_lens[CAMERA],
-        ),
-        tilt_zero_tangent=tangent,
-        tilt_zero_std_rad=tilt_zero_std_rad,
-        kinematics=replace(kinematics, **axes),
-        axes_free=chosen is free,
-        axis_skew_rad=free.state.axis_skew_rad,
-        axis_skew_std_rad=float(skew_std),
-        axis_offset_m=free.state.axis_offset_m,
-        axis_offset_std_m=float(offset_std),
-        T_world_board=Pose(np.eye(3), kinematics.position_world_m) @ state.T_foot_board,
-        rms_px=float(np.sqrt(np.mean(np.sum(chosen.residuals_px[used] ** 2, axis=1)))),
-        corners=int(used.sum()),
-        outliers=int((kept[corners.picture] & ~used).sum()),
-        angle_std_rad=chosen.angle_std_rad,
-        pictures=int(kept.sum()),
-        left_out=left_out,
+def _estimate(found: SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float) -> tuple[PoseEstimate, np.ndarray]:
+    """The camera in the antenna frame, and how an error of the tilt's zero moves it: (6,) a radian."""
+    T_actuator_camera = found.state.T_actuator_camera
+    to_antenna = np.kron(np.eye(2), T_actuator_antenna.rotation.T)
+    tilt_axis = np.array([0.0, 1.0, 0.0])
+    tangent = to_antenna @ np.concatenate([tilt_axis, np.cross(tilt_axis, T_actuator_camera.translation_m)])
+    covariance = to_antenna @ found.covariance[CAMERA, CAMERA] @ to_antenna.T
+    estimate = PoseEstimate(
+        way="sweep",
+        T_antenna_camera=T_actuator_antenna.inverse() @ T_actuator_camera,
+        covariance=covariance + tilt_zero_std_rad**2 * np.outer(tangent, tangent),
+        lens_sensitivity=to_antenna @ found.by_lens[CAMERA],
     )
+    return estimate, tangent

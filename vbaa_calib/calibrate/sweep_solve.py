@@ -28,14 +28,11 @@ _SETTLED = 1e-2
 _STEPS = 100
 _RELATIVE_DECREASE = 1e-10
 _ROUNDING_PX = 1e-7
+_HOPELESS = 1e8
 _RATIO_POWERS = (-2.0, 12.0)
 _CORNER_ROUNDS = 6
 _CHANCE_SIGMAS = 6.4  # one good corner in 1e9 lies further off
 _LEAST_PX = 0.25
-_OWN_STEPS = 20
-_OWN_STEP_RAD = 0.2
-_OWN_FIT_PX = 5.0
-_RATIO_GAIN = 2.71  # 5 % of sweeps with exact angles are taken to have inexact ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +47,7 @@ class Normal:
 
 @dataclass(frozen=True, eq=False)
 class SweepFit:
-    """A minimum.
+    """A minimum, and what it is worth.
 
     Attributes
     ----------
@@ -123,18 +120,17 @@ def descend(
     for _ in range(steps):
         step = np.zeros(STATE)
         step[free] = _solved(system.A, system.b, damping)
+        if float(system.b @ step[free]) <= _RELATIVE_DECREASE * system.cost and damping < 1.0:
+            break
         new_state = state.moved(step)
         trial = linearise(camera, new_state, corners)
         new = normal_equations(_blocks(trial, corners, weights, free), angle_ratio)
         if np.isfinite(new.cost) and new.cost <= system.cost:
-            decrease = system.cost - new.cost
             state, moved, system = new_state, trial, new
             damping = max(0.1 * damping, 1e-15)
-            if decrease <= _RELATIVE_DECREASE * system.cost and damping < 1.0:
-                break
         else:
             damping = max(10.0 * damping, 1e-9)
-            if damping > 1e10:
+            if damping > _HOPELESS:
                 break
     return state, moved
 
@@ -164,15 +160,20 @@ def fit(camera: Camera, state: SweepState, corners: SweepCorners, used: np.ndarr
     weights, ratio = used.astype(float), 0.0
     for _ in range(3):
         state, moved = descend(camera, state, corners, weights, free, ratio)
-        before, ratio = ratio, angle_ratio(_blocks(moved, corners, weights, free), 2 * int(used.sum()))
+        before, ratio = ratio, angle_variance_ratio(_blocks(moved, corners, weights, free), 2 * int(used.sum()))
         if abs(ratio - before) <= 0.01 * before:
             break
     state, moved = descend(camera, state, corners, weights, free, ratio)
     return _worth(moved, state, corners, weights, free, ratio)
 
 
-def angle_ratio(blocks: np.ndarray, rows: int) -> float:
-    """Variance of the joint angles over that of a corner's coordinate, (rad/px)²; 0 unless the data ask for more."""
+def angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
+    """Variance of the joint angles over that of a corner's coordinate, (rad/px)², by restricted likelihood.
+
+    Parameters
+    ----------
+    blocks : (P, m, m) columns: free steps, residual, angles. rows : how many residuals there are.
+    """
     freedom = rows - (blocks.shape[-1] - 3)
     sight = float(np.mean(np.trace(blocks[:, -2:, -2:], axis1=1, axis2=2))) / 2
 
@@ -185,7 +186,7 @@ def angle_ratio(blocks: np.ndarray, rows: int) -> float:
     powers = np.arange(*_RATIO_POWERS)
     best = powers[np.argmin([badness(power) for power in powers])]
     found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-2})
-    return float(10**found.x / sight) if badness(-np.inf) - found.fun > _RATIO_GAIN else 0.0
+    return float(10**found.x / sight) if found.fun < badness(-np.inf) else 0.0
 
 
 def _log_determinant(matrix: np.ndarray) -> float:
@@ -208,21 +209,6 @@ def inlying(
         if np.array_equal(used, before):
             break
     return found, before
-
-
-def own_angles(camera: Camera, state: SweepState, corners: SweepCorners, picture: int) -> np.ndarray | None:
-    """(2,) pan and tilt at which one picture's corners would fit a state best; None where no angles near by do."""
-    mine = corners.picture == picture
-    angles = np.array([corners.pan_rad[picture], corners.tilt_rad[picture]])
-    for _ in range(_OWN_STEPS):
-        alone = SweepCorners(
-            corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[:1], angles[1:]
-        )
-        moved = linearise(camera, state, alone)
-        design, left = moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel()
-        angles = angles + np.clip(np.linalg.lstsq(design, left, rcond=None)[0], -_OWN_STEP_RAD, _OWN_STEP_RAD)
-    error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
-    return angles if error < _OWN_FIT_PX else None
 
 
 def _worth(

@@ -18,6 +18,7 @@ from ..geometry import Pose
 from .over_board_picture import BoardPicture, board_picture
 from .over_board_profile import Fitted, Paint, Profiles, fit, fit_paint, presence, profiles, rough_centres
 from .over_board_search import PlaneAbove, PlanePath, search
+from .over_board_shadow import BESIDE, darkest_beside
 
 _SEEN_RATIO = 6.0
 _AMPLITUDES = 0.5, 1.6
@@ -38,8 +39,6 @@ _PRESENCE_STD = 0.15
 _WORST_SURPRISE = 9.0
 """A column says no more against a place of the end than three standard deviations do."""
 _BORDER_PX = 3.0
-_BESIDE, _STRETCHES, _LEAST_WHITE = 2.5, 6, 4
-_WHITE, _FLAT = 0.9, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,10 +142,9 @@ class _Tracker:
 
     def measured(self) -> list[tuple[float, BoardLine]]:
         """The line with its cover; nothing where none is convincing."""
-        rough = search(self.picture, self.plane, self.width_px, self.bright)
-        if rough is None:
+        path = search(self.picture, self.plane, self.width_px, self.bright)
+        if path is None:
             return []
-        path = rough[0]
         scale = float(np.hypot(0.3 * self.width_px, self.picture.blur_px))
         paint = Paint(1.0 if self.bright else 0.0, min(1.0, 0.4 * self.width_px / scale), scale)
         for _ in range(2):
@@ -245,22 +243,6 @@ class _Tracker:
         order = np.flatnonzero(kept)[np.argsort(s[kept])]
         if len(order) < _LEAST_POINTS:
             return []
-        found = BoardLine(points[order], sigma[order], ends, self.bright, self.width_px, self._shadow(path))
+        shadow = darkest_beside(self._cut(path, 0.0, BESIDE), self._core_px)
+        found = BoardLine(points[order], sigma[order], ends, self.bright, self.width_px, shadow)
         return [(paint.cover, found)]
-
-    def _shadow(self, path: PlanePath) -> float:
-        """How much darker white print is along the darkest band beside the line, in the middle one of a few stretches."""
-        cut = self._cut(path, 0.0, _BESIDE)
-        known = (
-            np.isfinite(cut.noise) & (cut.slope < _FLAT) & (cut.behind > _WHITE) & (np.abs(cut.across) > self._core_px)
-        )
-        column = np.round(cut.across).astype(int)
-        depths = []
-        for stretch in np.array_split(np.arange(len(cut.stretch)), _STRETCHES):
-            white = known[stretch]
-            place, dimmed = column[stretch][white], (cut.behind - cut.seen)[stretch][white]
-            if len(place):
-                count = np.bincount(place - place.min())
-                means = np.bincount(place - place.min(), dimmed)[count >= _LEAST_WHITE] / count[count >= _LEAST_WHITE]
-                depths.append(float(means.max(initial=0.0)))
-        return float(np.median(depths)) if depths else 0.0

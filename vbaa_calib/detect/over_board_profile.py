@@ -42,16 +42,6 @@ class Profiles:
     slope: np.ndarray
     noise: np.ndarray
 
-    def picked(self, which: np.ndarray) -> Profiles:
-        """Some of the columns, by index or mask."""
-        return replace(
-            self,
-            **{
-                n: getattr(self, n)[which]
-                for n in ("crossing_px", "stretch", "across", "seen", "behind", "slope", "noise")
-            },
-        )
-
     def centred(self, centre: np.ndarray) -> np.ndarray:
         """(N, 2) pixels at distances (N,) along the profiles from the guide."""
         points = self.crossing_px.copy()

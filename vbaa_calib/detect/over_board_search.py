@@ -87,8 +87,8 @@ class PlanePath:
         return PlanePath(self.origin, self.direction, coefficients, float(s.min()), float(s.max()))
 
 
-def search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: bool) -> tuple[PlanePath, float] | None:
-    """The path of the antenna over the board and its score, the steps along it that show it; None without one.
+def search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: bool) -> PlanePath | None:
+    """The path of the antenna over the board; None without one.
 
     Works on the board alone, where the background is known, for a line brighter (or darker) than the print behind it.
     """
@@ -143,8 +143,8 @@ def _strongest_line(points: np.ndarray, strength: np.ndarray, width: float) -> P
 
 def _covered(
     picture: BoardPicture, plane: PlaneAbove, path: PlanePath, points: np.ndarray, step: float, bright: bool
-) -> tuple[PlanePath, float] | None:
-    """The path with its ends, and in how many steps it is seen; None where it shows too seldom."""
+) -> PlanePath | None:
+    """The path with its ends; None where it shows too seldom."""
     s = path.along(points)[0]
     steps = np.arange(path.start, path.end, step)
     if len(s) < _LEAST_STEPS or len(steps) < _LEAST_STEPS:
@@ -158,4 +158,4 @@ def _covered(
     seen = float((shows & hit).sum())
     if seen < _LEAST_STEPS or seen < _LEAST_COVER * shows.sum():
         return None
-    return PlanePath(path.origin, path.direction, path.coefficients, float(s.min()), float(s.max())), seen
+    return PlanePath(path.origin, path.direction, path.coefficients, float(s.min()), float(s.max()))

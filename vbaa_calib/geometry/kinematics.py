@@ -35,8 +35,8 @@ class Kinematics:
 
     T_world_actuator = Trans(position)·Rz(pan)·Trans(offset along x)·Rx(skew)·Ry(−(tilt + tilt zero)). The pan axis is
     the world's z through `position_world_m`. The panned x axis is the common perpendicular of the two axes; its
-    foot on the tilt axis is the actuator frame's origin, whose y runs along that axis. The paper's axes cross at a right
-    angle.
+    foot on the tilt axis is the actuator frame's origin, whose y runs along that axis. The paper's axes cross at right
+    angles.
 
     Attributes
     ----------

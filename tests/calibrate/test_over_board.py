@@ -1,0 +1,209 @@
+"""Plane C by the free antenna over a board: pictures drawn by the simulator, whose pose is exactly known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vbaa_calib.calibrate.over_board import ClampMark
+from vbaa_calib.camera import Camera
+from vbaa_calib.errors import InputError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.images import read_gray
+from vbaa_calib.synth.picture import studio
+from vbaa_calib.synth.render_board import print_sheet
+from vbaa_calib.synth.write_over import write_over
+
+from ..over_scenes import HEIGHT_STD_M, LENGTH_STD_M, Shown, View, drawn_view, shown, tangent
+
+PLAIN = View()
+VIEWS = {
+    "inclined": PLAIN,
+    "from above": View(inclination=4.0),
+    "oblique": View(inclination=52.0, azimuth=120.0),
+    "along, board askew": View(inclination=45.0, azimuth=180.0, over=replace(PLAIN.over, turn_rad=-2.3)),
+    "dark": View(paint=0.05),
+    "6 px": View(diameter=0.0022),
+    "1.5 px, noisy": View(diameter=0.00055, noise=4.0),
+    "blurred": View(blur=1.5),
+}
+
+
+def nees(scene: Shown, **changes: object) -> float:
+    """Squared error of the pose over its covariance: 6 on average."""
+    estimate = scene.solved(**changes).estimate
+    step = tangent(estimate.T_antenna_camera, scene.truth)
+    std = np.sqrt(np.diag(estimate.covariance))
+    return float((step / std) @ np.linalg.solve(estimate.covariance / np.outer(std, std), step / std))
+
+
+def draw(seed: int, paint: float) -> float:
+    rng, scene = np.random.default_rng([7, seed]), shown.__wrapped__(drawn_view(seed, paint), seed)
+    length_m = scene.antenna.length_m + LENGTH_STD_M * rng.normal()
+    height_m = scene.over.height_m + HEIGHT_STD_M * rng.normal()
+    return nees(scene, antenna=replace(scene.antenna, length_m=length_m), height_m=height_m)
+
+
+QUICK = ("oblique", "dark", "6 px")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in VIEWS])
+def test_the_pose_is_found_within_its_uncertainty(name: str) -> None:
+    scene = shown(VIEWS[name])
+    solution = scene.solved()
+    step = tangent(solution.estimate.T_antenna_camera, scene.truth)
+    assert np.abs(step / np.sqrt(np.diag(solution.estimate.covariance))).max() < 4.5
+    # the antenna is as it is said to be: what is left is the picture's
+    assert np.abs(step[:2]).max() < 1.2e-3
+    assert abs(step[2]) < 1.5e-3
+    assert np.linalg.norm(step[3:]) < 6e-4
+    assert solution.line.bright == (scene.scene.picture.antenna > 0.5)
+    assert solution.estimate.way == "over board"
+    assert solution.fit.reach_m[1] > 0.9 * scene.antenna.length_m
+
+
+def test_a_draw_is_within_its_uncertainty() -> None:
+    assert draw(1, 0.92) < 25.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("paint", [0.92, 0.05])
+def test_the_covariance_is_that_of_many_draws(paint: float) -> None:
+    values = [draw(seed, paint) for seed in range(24)]
+    # six degrees of freedom; the mean of 24 has a standard deviation of 0.7
+    assert np.mean(values) == pytest.approx(6.0, abs=2.1)
+    assert np.max(values) < 30.0
+
+
+def test_height_and_length_are_carried_into_the_covariance() -> None:
+    scene = shown(View(inclination=4.0))
+    sharp = scene.solved(height_std_m=1e-6, antenna=replace(scene.antenna, length_std_m=1e-6))
+    doubtful = scene.solved(height_std_m=1e-3, antenna=replace(scene.antenna, length_std_m=2e-3))
+    more = doubtful.estimate.covariance - sharp.estimate.covariance
+    # seen from above the height lifts the camera, the length moves it along x, and they tell of nothing else
+    np.testing.assert_allclose(np.sqrt([more[3, 3], more[5, 5]]), [2e-3, 1e-3], rtol=0.05)
+    assert doubtful.fit.in_plane_covariance[1, 1] == pytest.approx(4e-6, rel=0.15)
+
+
+def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_frame() -> None:
+    scene = shown(PLAIN)
+    change = np.array([1.0, 1.2, -0.5, 0.8, 1e-3, 0.0, 0.0, 0.0])
+    matrix = scene.camera.matrix.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += change[:4]
+    camera = Camera("opencv", scene.camera.image_size, matrix, scene.camera.distortion + change[4:])
+    before, after = scene.solved(), scene.solved(camera=camera)
+    step = tangent(after.estimate.T_antenna_camera, before.estimate.T_antenna_camera)
+    predicted = before.estimate.lens_sensitivity @ change
+    np.testing.assert_allclose(step[:3], predicted[:3], atol=0.1 * np.abs(predicted[:3]).max())
+    np.testing.assert_allclose(step[3:], predicted[3:], atol=0.1 * np.abs(predicted[3:]).max())
+
+
+def test_a_hidden_part_is_bridged() -> None:
+    scene = shown(PLAIN)
+    picture, line = scene.picture.copy(), scene.centreline_px()
+    cv2.circle(picture, np.round(line[2300]).astype(int).tolist(), 35, 90, -1)
+    assert nees(scene, images={"hidden.png": picture}) < 25.0
+
+
+def test_z_points_to_the_side_that_the_guess_says() -> None:
+    scene = shown(View(stiffness=1e4, over=replace(PLAIN.over, shadow=0.0)))
+    weightless = replace(scene.antenna, gravity_m_s2=np.zeros(3))
+    turned = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3)) @ scene.truth
+    found = scene.solved(antenna=weightless, guess=turned).estimate.T_antenna_camera
+    assert found.translation_m[2] < 0
+    assert np.abs(tangent(found, turned)).max() < 1.5e-3
+
+
+def test_a_clamp_that_leaves_the_picture_tells_which_end_it_is() -> None:
+    scene = shown(View(distance=0.3, look_at=(0.17, 0.0, 0.0)))
+    assert scene.centreline_px()[0, 0] < 0
+    assert nees(scene, guess=None) < 25.0
+
+
+def test_which_end_is_clamped_must_show() -> None:
+    scene = shown(PLAIN)
+    line = scene.centreline_px()
+    with pytest.raises(InputError, match="which of them is the clamp does not show"):
+        scene.solved(guess=None)
+    with pytest.raises(InputError, match="as near to one end"):
+        scene.solved(guess=None, clamp=ClampMark(line[2000], 1.0))
+    marked = scene.solved(guess=None, clamp=ClampMark(line[0] + [15.0, 10.0], 20.0))
+    assert np.linalg.norm(marked.line.ends[0].point_px - line[0]) < 5.0
+
+
+def test_a_marked_clamp_fixes_the_place_without_a_tip() -> None:
+    scene = shown(View(distance=0.3, look_at=(0.0, 0.0, 0.0), over=replace(PLAIN.over, center_m=(0.075, 0.005))))
+    line = scene.centreline_px()
+    assert line[-1, 0] > 960
+    with pytest.raises(InputError, match="tip is not in the picture"):
+        scene.solved()
+    assert nees(scene, clamp=ClampMark(line[0], 0.5)) < 25.0
+
+
+def test_no_antenna_and_no_board_are_refused() -> None:
+    empty = shown(PLAIN, wires=0)
+    with pytest.raises(InputError, match="no antenna is found over the board"):
+        empty.solved()
+    with pytest.raises(InputError, match="board is not found"):
+        empty.solved(images={"grey.png": np.full((720, 960), 90, np.uint8)})
+    with pytest.raises(InputError, match="no pictures"):
+        empty.solved(images={})
+    with pytest.raises(InputError, match="is 100x50"):
+        empty.solved(images={"small.png": np.zeros((50, 100), np.uint8)})
+
+
+def test_a_white_antenna_over_the_white_margin_is_refused() -> None:
+    beside = View(over=replace(PLAIN.over, center_m=(0.13, 0.0635), turn_rad=0.0))
+    with pytest.raises(InputError, match="no antenna is found over the board"):
+        shown(beside).solved()
+
+
+def test_a_line_across_the_expected_direction_is_refused() -> None:
+    scene = shown(PLAIN)
+    turned = Pose.from_rotvec(np.array([0.0, 0.0, np.pi / 2]), np.zeros(3)) @ scene.truth
+    with pytest.raises(InputError, match="off the antenna's expected direction"):
+        scene.solved(guess=turned)
+
+
+def test_an_antenna_that_rests_on_the_board_is_refused() -> None:
+    with pytest.raises(InputError, match="sags by 4"):
+        shown(PLAIN).solved(height_m=0.003)
+
+
+@pytest.mark.parametrize("paint", [0.92, 0.05])
+def test_a_hard_shadow_is_told_from_a_bright_antenna_only(paint: float) -> None:
+    scene = shown(View(paint=paint, diameter=0.0016, over=replace(PLAIN.over, shadow=0.5, penumbra_m=6e-4)))
+    if paint > 0.5:
+        assert nees(scene) < 25.0
+        return
+    with pytest.raises(InputError, match="darker runs beside the dark antenna"):
+        scene.solved()
+
+
+def test_a_picture_in_which_the_antenna_moved_is_named() -> None:
+    scene = shown(PLAIN)
+    moved = shown(View(bow=(0.0, 0.3)))
+    images = {"a.png": scene.picture, "b.png": scene.picture, "moved.png": moved.picture}
+    with pytest.raises(InputError, match=r"moved\.png: the antenna is not where"):
+        scene.solved(images=images)
+
+
+def test_a_wrong_length_is_refused() -> None:
+    scene = shown(PLAIN)
+    with pytest.raises(InputError, match="the line found is 2"):
+        scene.solved(antenna=replace(scene.antenna, length_m=0.18))
+
+
+def test_the_folder_holds_the_pictures_that_were_rendered(tmp_path: Path) -> None:
+    scene = shown(PLAIN)
+    base, place = scene.scene, studio(scene.scene.lens, scene.scene.picture, np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    truth = write_over(base, place, print_sheet(base.board), scene.over, tmp_path, rng)
+    assert [path.name for path in (tmp_path / "over").iterdir()] == ["over_000.png"]
+    assert (read_gray(tmp_path / "over" / "over_000.png") == scene.picture).all()
+    assert truth["height_m"] == scene.over.height_m
+    assert truth["tip_antenna_m"][2] < -0.003

@@ -1,0 +1,298 @@
+"""Plane C by the sweep: exact corners give the exact pose, noise what is predicted, wrong rows are found."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vbaa_calib.calibrate.sweep import SweepSolution, solve_sweep
+from vbaa_calib.calibrate.sweep_model import SweepCorners, SweepState, linearise
+from vbaa_calib.camera import Camera
+from vbaa_calib.detect.corners import BoardView, detect_files
+from vbaa_calib.errors import InputError
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.session import SweepPicture
+from vbaa_calib.synth.picture import studio
+from vbaa_calib.synth.plan import stream
+from vbaa_calib.synth.render_board import print_sheet
+from vbaa_calib.synth.scene import Scene, bundled_scene
+from vbaa_calib.synth.scene_file import load_scene
+from vbaa_calib.synth.write_sweep import plan_sweep, write_sweep
+
+from .sweeps import FEW, GRID, RIG, T_ANTENNA_CAMERA, Sweep, T_world_board, camera, misread, sweep
+from .synthetic_views import SPEC
+
+
+def solve(taken: Sweep, rig: Kinematics = RIG, lens: Camera | None = None, zero_std: float = 0.0) -> SweepSolution:
+    return solve_sweep(*taken, SPEC, lens or camera(), rig, zero_std)
+
+
+def error(solved: SweepSolution) -> np.ndarray:
+    """(6,) step from the true pose to the one found."""
+    return tangent(solved.estimate.T_antenna_camera, T_ANTENNA_CAMERA)
+
+
+def tangent(found: Pose, true: Pose) -> np.ndarray:
+    turn = Pose(found.rotation @ true.rotation.T, np.zeros(3)).rotvec_rad
+    return np.concatenate([turn, found.translation_m - true.translation_m])
+
+
+def squared(solved: SweepSolution) -> float:
+    """Normalised squared error; 6 on average."""
+    off = error(solved)
+    return float(off @ np.linalg.solve(solved.estimate.covariance, off))
+
+
+class TestExact:
+    @pytest.mark.parametrize("lens", ["opencv4", "rational", "fisheye"])
+    def test_exact_corners_give_the_exact_pose(self, lens: str) -> None:
+        rig = replace(RIG, axis_skew_rad=0.004, axis_offset_m=-0.002, tilt_zero_rad=0.05)
+        solved = solve(sweep(rig, sigma_px=0.0, lens=lens), replace(RIG, tilt_zero_rad=0.05), camera(lens))
+        assert np.abs(error(solved)).max() < 1e-8
+        assert np.abs(tangent(solved.T_world_board, T_world_board())).max() < 1e-8
+        assert solved.kinematics.axis_skew_rad == pytest.approx(0.004, abs=1e-8)
+        assert solved.kinematics.axis_offset_m == pytest.approx(-0.002, abs=1e-8)
+        assert solved.rms_px < 1e-6
+        assert solved.estimate.way == "sweep"
+        assert (solved.pictures, solved.left_out, solved.outliers) == (len(GRID), (), 0)
+
+    def test_a_cross_is_enough(self) -> None:
+        assert np.abs(error(solve(sweep(angles=FEW[:5], sigma_px=0.0)))).max() < 1e-8
+
+    def test_opencv_finds_the_same_from_the_poses_alone(self) -> None:
+        """The closed form of Robot-World/Hand-Eye calibration, from the boards' true poses."""
+        views = [(RIG.T_world_antenna(*at) @ T_ANTENNA_CAMERA).inverse() @ T_world_board() for at in GRID]
+        joints = [RIG.T_world_actuator(*at).inverse() for at in GRID]
+        arrays = [[pose.rotation for pose in views], [pose.translation_m for pose in views]]
+        arrays += [[pose.rotation for pose in joints], [pose.translation_m for pose in joints]]
+        _, _, turn, shift = cv2.calibrateRobotWorldHandEye(*arrays)
+        theirs = RIG.T_actuator_antenna.inverse() @ Pose(turn, shift.ravel()).inverse()
+        solved = solve(sweep(sigma_px=0.0))
+        assert np.abs(tangent(solved.estimate.T_antenna_camera, theirs)).max() < 1e-6
+
+    def test_the_derivatives_are_those_of_the_residuals(self) -> None:
+        views, pictures = sweep(angles=FEW)
+        corners, lens, tiny = SweepCorners.of(views, pictures, SPEC, RIG), camera(), 1e-6
+        board = Pose(T_world_board().rotation, T_world_board().translation_m - RIG.position_world_m)
+        state = SweepState(RIG.T_actuator_antenna @ T_ANTENNA_CAMERA, board, 0.03, 0.004)
+        here = linearise(lens, state, corners)
+        for column in range(14):
+            step = tiny * np.eye(14)[column]
+            ahead, behind = (linearise(lens, state.moved(s), corners).residuals_px for s in (step, -step))
+            np.testing.assert_allclose((behind - ahead) / (2 * tiny), here.by_state[..., column], atol=2e-3)
+        for column, name in enumerate(("pan_rad", "tilt_rad")):
+            ahead, behind = (
+                linearise(lens, state, replace(corners, **{name: getattr(corners, name) + s})).residuals_px
+                for s in (tiny, -tiny)
+            )
+            np.testing.assert_allclose((behind - ahead) / (2 * tiny), here.by_angles[..., column], atol=2e-3)
+
+
+def assert_as_predicted(solutions: list[SweepSolution]) -> None:
+    """Sampled against predicted, within three standard errors of the sample."""
+    errors = np.array([error(solved) for solved in solutions])
+    predicted = np.mean([np.diag(solved.estimate.covariance) for solved in solutions], axis=0)
+    allowed = 3.0 / np.sqrt(2.0 * len(solutions))
+    np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0) / predicted), 1.0, atol=allowed)
+    assert np.mean([squared(solved) for solved in solutions]) == pytest.approx(6.0, abs=3 * np.sqrt(12 / len(errors)))
+
+
+class TestUncertainty:
+    def test_the_covariance_is_that_of_repeated_noise_and_of_the_doubt_about_the_zero(self) -> None:
+        doubt, rng = 5e-4, np.random.default_rng(11)
+        rigs = [replace(RIG, tilt_zero_rad=doubt * rng.standard_normal()) for _ in range(100)]
+        taken = [sweep(rig, FEW, seed=100 + seed) for seed, rig in enumerate(rigs)]
+        assert_as_predicted([solve(one, zero_std=doubt) for one in taken])
+
+    @pytest.mark.parametrize("rounds", [40, pytest.param(300, marks=pytest.mark.slow)])
+    def test_angles_that_scatter_count_a_picture_once(self, rounds: int) -> None:
+        solutions = [solve(sweep(angle_std_rad=5e-4, seed=seed)) for seed in range(rounds)]
+        assert_as_predicted(solutions)
+        assert np.mean([solved.angle_std_rad for solved in solutions]) == pytest.approx(5e-4, rel=0.15)
+        assert sum(len(solved.left_out) for solved in solutions) <= rounds * len(GRID) / 1000
+
+    @pytest.mark.slow
+    def test_axes_that_are_a_little_off_do_not_spoil_it(self) -> None:
+        rig = replace(RIG, axis_skew_rad=3e-4, axis_offset_m=2e-5)
+        assert_as_predicted([solve(sweep(rig, seed=seed)) for seed in range(200)])
+
+    def test_an_error_of_the_tilts_zero_moves_the_camera_along_its_tangent(self) -> None:
+        taken, off = sweep(sigma_px=0.0), 1e-4
+        true, moved = solve(taken), solve(taken, replace(RIG, tilt_zero_rad=off))
+        step = tangent(moved.estimate.T_antenna_camera, true.estimate.T_antenna_camera)
+        np.testing.assert_allclose(step, off * true.tilt_zero_tangent, atol=2e-8)
+        assert moved.rms_px < 1e-6
+        doubtful = solve(sweep(), zero_std=0.01)
+        along = doubtful.tilt_zero_tangent
+        extra = doubtful.estimate.covariance - solve(sweep()).estimate.covariance
+        np.testing.assert_allclose(extra, 1e-4 * np.outer(along, along), atol=1e-12)
+
+    def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_camera(self) -> None:
+        taken = sweep()
+        change = 0.1 * np.array([0.3, -0.2, 0.4, 0.25, 1e-4, -1e-4, 1e-5, 2e-5])
+        true, moved = solve(taken), solve(taken, lens=camera(change=change))
+        step = tangent(moved.estimate.T_antenna_camera, true.estimate.T_antenna_camera)
+        expected = true.estimate.lens_sensitivity @ change
+        np.testing.assert_allclose(step, expected, atol=0.03 * np.abs(expected).max())
+
+
+class TestAxes:
+    @pytest.mark.parametrize(("skew", "offset"), [(0.003, 0.001), (-0.1, 0.02)])
+    def test_skew_and_offset_are_found(self, skew: float, offset: float) -> None:
+        solved = solve(sweep(replace(RIG, axis_skew_rad=skew, axis_offset_m=offset)))
+        assert abs(solved.axis_skew_rad - skew) < 4 * solved.axis_skew_std_rad < 0.002
+        assert abs(solved.axis_offset_m - offset) < 4 * solved.axis_offset_std_m < 2e-4
+        assert solved.axes_free == (abs(skew) > 0.05)
+        assert solved.kinematics.axis_offset_m == pytest.approx(offset, abs=2e-4)
+        assert squared(solved) < 25
+
+    def test_axes_that_were_given_are_kept(self) -> None:
+        rig = replace(RIG, axis_skew_rad=-0.1, axis_offset_m=0.02)
+        solved = solve(sweep(rig), rig)
+        assert not solved.axes_free
+        assert squared(solved) < 25
+
+    def test_with_the_sense_of_a_joint_turned_round_another_camera_fits_as_well(self) -> None:
+        """Nothing in the pictures tells: what the module's docstring warns of."""
+        views, pictures = sweep()
+        turned = [replace(picture, tilt_rad=-picture.tilt_rad) for picture in pictures]
+        right, wrong = solve((views, pictures)), solve((views, turned))
+        assert wrong.rms_px == pytest.approx(right.rms_px, rel=0.02)
+        half_turn = Pose(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+        expected = RIG.T_actuator_antenna.inverse() @ half_turn @ RIG.T_actuator_antenna @ T_ANTENNA_CAMERA
+        assert np.abs(tangent(wrong.estimate.T_antenna_camera, expected)).max() < 3e-3
+
+
+class TestWrongRows:
+    def test_a_wrong_row_is_found_and_what_it_should_say(self) -> None:
+        solved = solve(misread(sweep(), 4, pan_rad=0.05))
+        (left_out,) = solved.left_out
+        assert left_out.name == "4.png"
+        assert "it looks like pan 0.000, tilt 0.000, its row says 0.050, 0.000" in left_out.reason.replace(
+            "-0.0", "0.0"
+        )
+        assert squared(solved) < 25
+
+    def test_two_rows_that_changed_places(self) -> None:
+        views, pictures = sweep()
+        solved = solve((views, [pictures[1], pictures[0], *pictures[2:]]))
+        assert [view.name for view in solved.left_out] == ["0.png", "1.png"]
+        assert squared(solved) < 25
+
+    def test_among_few_pictures(self) -> None:
+        solved = solve(misread(sweep(angles=FEW), 1, pan_rad=0.05))
+        assert [view.name for view in solved.left_out] == ["1.png"]
+        assert squared(solved) < 25
+
+    def test_a_board_that_was_pushed(self) -> None:
+        views, pictures = sweep()
+        pushed = replace(views[6], corners_px=views[6].corners_px @ [[0.9, 0.02], [-0.02, 1.1]])
+        solved = solve(([*views[:6], pushed, *views[7:]], pictures))
+        assert [(view.name, "did the board" in view.reason) for view in solved.left_out] == [("6.png", True)]
+
+    def test_gross_corners(self) -> None:
+        views, pictures = sweep()
+        rng = np.random.default_rng(3)
+        wrong = [rng.random(len(view.ids)) < 0.05 for view in views]
+        spoilt = [
+            replace(view, corners_px=view.corners_px + which[:, None] * rng.uniform(5, 30, (len(which), 2)))
+            for view, which in zip(views, wrong, strict=True)
+        ]
+        solved = solve((spoilt, pictures))
+        assert solved.outliers == sum(which.sum() for which in wrong)
+        assert squared(solved) < 25
+
+    def test_pictures_without_a_usable_board(self) -> None:
+        views, pictures = sweep()
+        views[3] = BoardView("3.png", np.zeros(0, int), np.zeros((0, 2)), views[3].image_size)
+        views[5] = replace(views[5], ids=views[5].ids[:8], corners_px=views[5].corners_px[:8])
+        solved = solve((views, pictures))
+        assert [view.name for view in solved.left_out] == ["3.png", "5.png"]
+        assert solved.pictures == len(GRID) - 2
+        assert squared(solved) < 25
+
+
+class TestRefused:
+    @pytest.mark.parametrize(
+        ("angles", "words"),
+        [
+            (
+                [(a, 0.1) for a in (-0.2, -0.1, 0.0, 0.1, 0.3)],
+                "only the pan moved in the sweep: .* pan axis .*; add .* tilt",
+            ),
+            (
+                [(0.1, a) for a in (-0.2, -0.1, 0.0, 0.1, 0.3)],
+                "only the tilt moved in the sweep: .* tilt axis .*; add .* pan",
+            ),
+            ([(0.1, 0.1)] * 5, "neither joint moved"),
+            (FEW[:4], "4 pictures of the sweep show the board, at least 5 are needed"),
+            ([(a / 20, b / 20) for a, b in FEW], r"open to 0\.0\d+ rad .* turn pan and tilt further"),
+        ],
+    )
+    def test_moves_that_leave_the_pose_open(self, angles: list[tuple[float, float]], words: str) -> None:
+        with pytest.raises(InputError, match=words):
+            solve(sweep(angles=angles, sigma_px=0.3))
+
+    def test_one_joint_is_left_without_the_wrong_row(self) -> None:
+        angles = [(a, 0.0) for a in np.linspace(-0.25, 0.25, 9)]
+        with pytest.raises(InputError, match="only the pan moved"):
+            solve(misread(sweep(angles=angles), 2, tilt_rad=0.3))
+
+    def test_angles_of_other_pictures(self) -> None:
+        views, pictures = sweep()
+        order = np.random.default_rng(5).permutation(len(pictures))
+        with pytest.raises(InputError, match=r"the angles of sweep\.csv"):
+            solve((views, [pictures[index] for index in order]))
+
+    def test_one_wrong_row_of_five(self) -> None:
+        with pytest.raises(InputError, match=r"the angles of sweep\.csv explain 4 of 5 pictures"):
+            solve(misread(sweep(angles=FEW[:5]), 1, pan_rad=0.05))
+        with pytest.raises(InputError, match=r"one row of sweep\.csv is off .* nothing tells which"):
+            solve(misread(sweep(angles=FEW[:5], angle_std_rad=3e-4), 2, pan_rad=0.02))
+
+    def test_another_size(self) -> None:
+        views, pictures = sweep()
+        views[2] = replace(views[2], image_size=(640, 480))
+        with pytest.raises(InputError, match=r"2\.png: is 640x480 px, the lens was calibrated at 1280x960 px"):
+            solve((views, pictures))
+
+
+@pytest.fixture(scope="module")
+def small_scene() -> Scene:
+    """The demo's rig with small pictures."""
+    scene = load_scene(bundled_scene("demo"))
+    matrix = np.array([[669.4, 0.0, 317.0], [0.0, 667.4, 241.4], [0.0, 0.0, 1.0]])
+    return replace(scene, lens=replace(scene.lens, image_size=(640, 480), matrix=matrix))
+
+
+def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: Scene, tmp_path: Path) -> None:
+    scene = small_scene
+    place = studio(scene.lens, scene.picture, stream(scene, "bench"))
+    true_board = write_sweep(scene, place, print_sheet(scene.board), tmp_path)
+    with (tmp_path / "sweep" / "sweep.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    pictures = [
+        SweepPicture(tmp_path / "sweep" / row["image"], float(row["pan_rad"]), float(row["tilt_rad"])) for row in rows
+    ]
+    views = detect_files([picture.image for picture in pictures], scene.board)
+    lens = Camera(scene.lens.model, scene.lens.image_size, scene.lens.matrix, scene.lens.distortion)
+    solved = solve_sweep(views, pictures, scene.board, lens, scene.kinematics, 0.0)
+    off = tangent(solved.estimate.T_antenna_camera, scene.T_antenna_camera)
+    assert off @ np.linalg.solve(solved.estimate.covariance, off) < 25
+    assert np.linalg.norm(off[3:]) < 3e-4
+    assert np.linalg.norm(tangent(solved.T_world_board, true_board)[3:]) < 3e-4
+    assert solved.rms_px < 0.1
+    assert not solved.left_out
+
+
+def test_the_board_of_a_drawn_sweep_stays_in_view_or_is_refused(small_scene: Scene) -> None:
+    sheet = print_sheet(small_scene.board)
+    assert max(at.pan_rad for at in plan_sweep(small_scene, sheet)[1]) > 0.15
+    long_lens = replace(small_scene.lens, matrix=np.array([[9e4, 0.0, 317.0], [0.0, 9e4, 241.4], [0.0, 0.0, 1.0]]))
+    with pytest.raises(InputError, match="does not stay in view"):
+        plan_sweep(replace(small_scene, lens=long_lens), sheet)

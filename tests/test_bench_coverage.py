@@ -1,0 +1,228 @@
+"""The coverage benchmark: its rigs, its judge, and a seeded part of what it measures."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from vbaa_calib.bench import coverage
+from vbaa_calib.bench.coverage import JUDGED, Outcome, errors_of, outcome, outcomes, run
+from vbaa_calib.bench.coverage_draw import MOMENT_NM, draw, drawn_truth
+from vbaa_calib.bench.coverage_report import as_text, write_figure
+from vbaa_calib.bench.coverage_rigs import BOARD, GRID, T_ANTENNA_JIG, coverage_rigs
+from vbaa_calib.bench.coverage_solve import Solved
+from vbaa_calib.bench.coverage_statistics import Errors, Statistics, statistics
+from vbaa_calib.bench.rows import write_csv
+from vbaa_calib.camera import Camera
+from vbaa_calib.cli import main
+from vbaa_calib.errors import SolveError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.session import Load
+
+RIGS = coverage_rigs()
+COVARIANCE = np.array([[4.0, 1.9], [1.9, 1.0]])
+
+
+def sampled(predicted: np.ndarray, shift: float = 0.0, draws: int = 2000) -> Statistics:
+    """Of errors that scatter by `COVARIANCE`, three pairs a draw, while another covariance is predicted."""
+    rng = np.random.default_rng(0)
+    errors = rng.multivariate_normal(np.full(2, shift), COVARIANCE, (draws, 3))
+    return statistics([Errors(own, np.tile(predicted, (3, 1, 1))) for own in errors])
+
+
+def test_a_true_covariance_is_found_true() -> None:
+    found = sampled(COVARIANCE)
+    assert found.ratio == pytest.approx(1.0, abs=3 * found.ratio_error)
+    assert found.covered == pytest.approx(0.95, abs=3 * found.covered_error)
+    assert abs(found.bias) < 4 / np.sqrt(2000)
+    assert found.predicted_std == pytest.approx(np.sqrt(2.5))
+    assert 0.003 < found.ratio_error < 0.02
+
+
+@pytest.mark.parametrize(("factor", "covered"), [(0.5, 0.527), (2.0, 0.9999)])
+def test_a_wrong_size_is_found_out(factor: float, covered: float) -> None:
+    """χ² of 2 at 95 % is 5.99: with half the deviation 1 − exp(−5.99/8) of the regions hold the truth."""
+    found = sampled(factor**2 * COVARIANCE)
+    assert found.ratio == pytest.approx(1 / factor, rel=0.03)
+    assert found.covered == pytest.approx(covered, abs=0.025)
+
+
+def test_a_wrong_correlation_and_a_bias_are_found_out() -> None:
+    turned = sampled(COVARIANCE * [[1, -1], [-1, 1]])
+    assert turned.ratio == pytest.approx(1.0, abs=0.03)
+    assert turned.covered < 0.7
+    shifted = sampled(COVARIANCE, shift=1.0)
+    assert shifted.bias == pytest.approx(1.0, abs=0.1)
+    assert shifted.ratio == pytest.approx(1.0, abs=0.03)
+    assert shifted.covered < 0.94
+
+
+@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
+def test_a_rig_sees_what_it_needs(rig) -> None:
+    """The jig's board, the antenna's whole reach on C and enough corners, by a lens that the camera layer agrees on."""
+    assert len(rig.seen_corners(rig.T_antenna_camera.inverse() @ T_ANTENNA_JIG)[0]) == BOARD.corner_count
+    assert len(rig.points_on_c()[0]) == GRID[0] * GRID[1]
+    ids = [rig.seen_corners(pose)[0] for pose in rig.T_camera_board]
+    assert len(ids) == int(8 if "8 views" in rig.name else len(ids)) >= 8
+    assert min(map(len, ids)) >= 12
+    camera = true_camera(rig)
+    assert camera.valid_region().image_fraction == 1.0
+    points, pixels = rig.points_on_c()
+    seen, valid = camera.project(rig.T_antenna_camera.inverse() @ np.column_stack([points, np.zeros(len(points))]))
+    assert valid.all()
+    np.testing.assert_allclose(seen, pixels, atol=1e-8)
+
+
+def true_camera(rig) -> Camera:
+    """The true lens in the camera layer."""
+    return Camera(rig.lens.model, rig.lens.image_size, rig.lens.matrix, rig.lens.distortion)
+
+
+def test_draws_are_seeded_and_scatter_as_the_priors_say() -> None:
+    one, again, other = (draw(RIGS[4], seed) for seed in ((0, 4, 1), (0, 4, 1), (0, 4, 2)))
+    np.testing.assert_array_equal(one.stills[7].points_px, again.stills[7].points_px)
+    np.testing.assert_array_equal(one.views[3].corners_px, again.views[3].corners_px)
+    assert not np.array_equal(one.truth, other.truth)
+    assert one.stills[3].still.moment_Nm != other.stills[3].still.moment_Nm
+    rng = np.random.default_rng(0)
+    scatter = np.std([drawn_truth(rng) for _ in range(3000)], axis=0)
+    np.testing.assert_allclose(scatter[:6], [1.5e-3] * 2 + [0.035] * 2 + [0.3] * 2, rtol=0.05)
+    assert scatter[7] == pytest.approx(0.03, rel=0.05)
+
+
+def test_noise_and_outliers_are_what_they_say() -> None:
+    """The views of two draws differ by noise alone; a loaded antenna lies elsewhere than the free one."""
+    first, second = (draw(RIGS[0], (1, 0, number)) for number in (0, 1))
+    apart = np.concatenate([a.corners_px - b.corners_px for a, b in zip(first.views, second.views, strict=True)])
+    assert apart.std() == pytest.approx(np.sqrt(2) * 0.15, rel=0.05)
+    spoilt = draw(RIGS[5], (1, 5, 0))
+    ids, true = RIGS[5].seen_corners(RIGS[5].T_camera_board[0])
+    np.testing.assert_array_equal(spoilt.views[0].ids, ids)
+    off = [
+        np.linalg.norm(view.corners_px - RIGS[5].seen_corners(pose)[1], axis=1) > 1.0
+        for view, pose in zip(spoilt.views, RIGS[5].T_camera_board, strict=True)
+    ]
+    assert 0.03 < np.concatenate(off).mean() < 0.07
+    assert len(true) == len(ids)
+    tips = np.array([seen.points_px[-1] for seen in first.stills if isinstance(seen.still, Load)])
+    assert np.ptp(tips, axis=0).max() > 30
+    assert MOMENT_NM == 2e-5
+
+
+def test_the_judge_sees_a_moved_camera_at_its_size() -> None:
+    """A camera 1 mm too far along x and 2 mrad turned, everything else exact: these errors and no others."""
+    rig = RIGS[0]
+    given, camera = draw(rig, (0, 0, 0)), true_camera(rig)
+    count = len(camera.parameter_names)
+    exact = Solved(
+        camera=camera,
+        T_antenna_camera=rig.T_antenna_camera,
+        parameters=given.truth,
+        covariance=np.eye(16),
+        plane_covariance=np.diag([0.0] * (count + 3) + [1.0] * 3),
+        noise_scale=1.0,
+        seconds=(0.0,) * 3,
+    )
+    for name, errors in errors_of(given, exact).items():
+        assert np.abs(errors.errors).max() < 1e-9, name
+    step = np.array([0.0, 2e-3, 0.0, 1e-3, 0.0, 0.0])
+    moved = errors_of(given, replace(exact, T_antenna_camera=rig.T_antenna_camera.retract(step)))
+    np.testing.assert_allclose(moved["camera pose"].errors, step[None], atol=1e-9)
+    shifted = errors_of(given, replace(exact, T_antenna_camera=rig.T_antenna_camera.retract(step * (step == 1e-3))))
+    np.testing.assert_allclose(shifted["points on C"].errors, np.tile([1e-3, 0.0], (45, 1)), atol=1e-9)
+    # a camera that shifts by unit deviations along x and y shifts the points by as much; along z it moves them too
+    variance = np.diagonal(moved["points on C"].covariances, axis1=1, axis2=2)
+    assert (variance >= 1.0 - 1e-9).all()
+    stiff = errors_of(given, replace(exact, parameters=given.truth + 0.01 * (np.arange(10) == 6)))
+    assert stiff["EI"].errors == pytest.approx(0.01)
+    assert stiff["mass"].errors == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("number", range(len(RIGS)), ids=lambda number: RIGS[number].name)
+def test_a_few_calibrations_err_as_much_as_they_say(number: int) -> None:
+    """Pose, antenna and sensor of two draws together, 32 numbers: χ² within what one run in 5,000 exceeds."""
+    found = [outcome((20, number, one)) for one in range(2)]
+    squares = np.array([one.errors["pose, antenna, sensor"].squares[0] for one in found])
+    assert chi2.ppf(1e-4, 16 * len(found)) < squares.sum() < chi2.isf(1e-4, 16 * len(found)), squares
+    points = np.array([one.errors["points on C"].squares.mean() for one in found]) / 2
+    assert 0.02 < points.mean() < 4.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(RIGS)), ids=lambda number: RIGS[number].name)
+def test_deviations_and_regions_hold_over_many_draws(number: int) -> None:
+    rows, _ = run(draws=60, seed=30, chosen=[number])
+    for row in rows:
+        if row.quantity in JUDGED:
+            assert abs(row.ratio - 1.0) < 0.15 + 2 * row.ratio_error, row
+            assert abs(row.covered - 0.95) < 0.02 + 2.5 * row.covered_error, row
+
+
+@pytest.mark.slow
+def test_the_number_of_processes_changes_nothing() -> None:
+    tasks = [(0, 4, number) for number in range(3)]
+    for alone, beside in zip(outcomes(tasks, 1), outcomes(tasks, 2), strict=True):
+        for name, errors in alone.errors.items():
+            np.testing.assert_allclose(errors.errors, beside.errors[name].errors, rtol=1e-6, atol=1e-12)
+
+
+def test_a_draw_that_cannot_be_solved_is_counted_and_named(monkeypatch) -> None:
+    def solve(given: object) -> Solved:
+        raise SolveError("no way")
+
+    monkeypatch.setattr(coverage, "solve", solve)
+    rows, (rig,) = run(draws=2, seed=0, chosen=[4])
+    assert rows == []
+    assert (rig.draws, rig.failed, rig.failures) == (0, 2, ("no way",))
+    assert "2 of 2 failed: no way" in as_text(rows, [rig], 2)
+
+
+def made_up(task: tuple[int, int, int]) -> Outcome:
+    """An outcome without a calibration: errors as predicted, one draw in five failed."""
+    rng = np.random.default_rng(task)
+    if task[2] % 5 == 4:
+        return Outcome({}, failure="made up")
+    sizes = {"points on C": (45, 2), "camera pose": (1, 6), "EI": (1, 1), "pose, antenna, sensor": (1, 16)}
+    errors = {
+        name: Errors(rng.normal(size=size), np.tile(np.eye(size[1]), (size[0], 1, 1))) for name, size in sizes.items()
+    }
+    return Outcome(errors, (1.0, 2.0, 3.0), 1.0)
+
+
+def test_table_csv_and_figure_hold_every_row(monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(coverage, "outcome", made_up)
+    rows, rigs = run(draws=400, seed=0)
+    assert {row.rig for row in rows} == {rig.name for rig in RIGS}
+    assert {(row.draws, row.failed) for row in rows} == {(320, 80)}
+    assert sum(row.judged for row in rows) == 3 * len(RIGS)
+    assert all(abs(row.ratio - 1) < 0.15 for row in rows)
+    text = as_text(rows, rigs, 400)
+    assert text.count("\n") == 2 + len(rows) + len(rigs)
+    assert "80 of 400 failed: made up" in text
+    write_csv(tmp_path / "coverage.csv", rows, force=False)
+    with (tmp_path / "coverage.csv").open() as stream:
+        assert len(list(csv.DictReader(stream))) == len(rows)
+    write_figure(tmp_path / "coverage.png", rows, 400, force=False)
+    assert (tmp_path / "coverage.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [["coverage", "--draws", "1"], ["coverage", "--jobs", "0"], ["metric", "--draws", "5"], ["metric", "--jobs", "2"]],
+)
+def test_numbers_that_make_no_sense_are_refused(wrong: list[str], capsys) -> None:
+    assert main(["bench", *wrong]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert f"{wrong[1]} {wrong[2]} for {wrong[0]}" in captured.err
+
+
+def test_the_jig_is_not_in_plane_c() -> None:
+    """A board that lay exactly in C, unturned, would hide a mistaken frame."""
+    assert np.linalg.norm(T_ANTENNA_JIG.rotvec_rad - np.array([np.pi, 0, 0])) > 0.05
+    assert isinstance(T_ANTENNA_JIG, Pose)
+    assert T_ANTENNA_JIG.translation_m[2] != 0

@@ -1,0 +1,63 @@
+"""The two joints: the paper's at right angles, and real axes that lean and pass each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
+
+MOUNT = Pose.from_rotvec(np.array([0.2, -0.4, 0.9]), np.array([0.012, -0.003, 0.006]))
+FOOT = np.array([0.1, -0.2, 0.15])
+ANGLES = [(0.0, 0.0), (0.4, -0.7), (-2.9, 1.3), (6.1, -3.0)]
+
+
+def matrix(rotvec: list[float], shift: list[float]) -> np.ndarray:
+    """(4, 4), by SciPy alone."""
+    whole = np.eye(4)
+    whole[:3, :3], whole[:3, 3] = Rotation.from_rotvec(rotvec).as_matrix(), shift
+    return whole
+
+
+@pytest.mark.parametrize(("pan", "tilt"), ANGLES)
+def test_perfect_axes_are_the_papers_to_the_last_bit(pan: float, tilt: float) -> None:
+    pose = Kinematics(MOUNT, FOOT).T_world_antenna(pan, tilt)
+    paper = Pose(rotation_world_antenna(pan, tilt), FOOT) @ MOUNT
+    np.testing.assert_array_equal(pose.matrix, paper.matrix)
+    expected = (Rotation.from_euler("z", pan) * Rotation.from_euler("y", -tilt)).as_matrix()
+    np.testing.assert_allclose(rotation_world_antenna(pan, tilt), expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(("pan", "tilt"), ANGLES)
+def test_the_chain_is_the_one_in_the_docstring(pan: float, tilt: float) -> None:
+    kinematics = Kinematics(MOUNT, FOOT, axis_skew_rad=0.3, axis_offset_m=-0.02, tilt_zero_rad=0.1)
+    chain = [
+        matrix([0, 0, 0], FOOT.tolist()),
+        matrix([0, 0, pan], [0, 0, 0]),
+        matrix([0.3, 0, 0], [-0.02, 0, 0]),
+        matrix([0, -(tilt + 0.1), 0], [0, 0, 0]),
+        MOUNT.matrix,
+    ]
+    np.testing.assert_allclose(
+        kinematics.T_world_antenna(pan, tilt).matrix, np.linalg.multi_dot(chain), rtol=0, atol=1e-15
+    )
+
+
+def test_skew_and_offset_are_the_angle_and_the_distance_of_the_axes() -> None:
+    skew, offset = 0.25, 0.03
+    kinematics = Kinematics(MOUNT, FOOT, axis_skew_rad=skew, axis_offset_m=offset)
+    here, tilted = kinematics.T_world_actuator(0.7, 0.0), kinematics.T_world_actuator(0.7, 0.5)
+    # the tilt axis: y of the attachment through its origin, which tilting leaves alone
+    np.testing.assert_allclose(tilted.translation_m, here.translation_m, atol=1e-16)
+    np.testing.assert_allclose(tilted.rotation[:, 1], here.rotation[:, 1], atol=1e-15)
+    axis, up = here.rotation[:, 1], np.array([0.0, 0.0, 1.0])
+    assert np.arcsin(axis @ up) == pytest.approx(skew)
+    common = np.cross(axis, up) / np.linalg.norm(np.cross(axis, up))
+    assert (here.translation_m - FOOT) @ common == pytest.approx(offset)
+    assert here.translation_m[2] == FOOT[2]
+
+
+def test_the_tilts_zero_is_added_to_the_reading() -> None:
+    off, plain = Kinematics(MOUNT, FOOT, tilt_zero_rad=0.2), Kinematics(MOUNT, FOOT)
+    np.testing.assert_array_equal(off.T_world_antenna(0.3, 0.1).matrix, plain.T_world_antenna(0.3, 0.1 + 0.2).matrix)

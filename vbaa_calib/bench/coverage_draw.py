@@ -1,0 +1,149 @@
+"""One draw of a rig: an antenna out of the priors, and everything that is measured of it, with fresh noise.
+
+A calibration with priors is right about its uncertainty only over truths that scatter as the priors say. So the clamp,
+the bow and the mass are drawn each time. Stiffness, gain and offset are drawn narrower than their priors, which are so
+wide beside what the loads tell that they do not count. The shapes are the static rod's, which shares no code with the
+model that is fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from ..calibrate.session_rig import (
+    BOW_STD_PER_M,
+    CLAMP_ANGLE_STD_RAD,
+    CLAMP_OFFSET_STD_M,
+    LOG_MASS_STD,
+    nominal_parameters,
+)
+from ..detect.corners import BoardView
+from ..geometry import Kinematics, Pose
+from ..session import Load, Still, gravity_antenna
+from .coverage_rigs import GRAVITY_WORLD_M_S2, JIG_PICTURES, NOMINAL, T_ANTENNA_JIG, CoverageRig
+
+CORNER_PX, CENTRELINE_PX, MOMENT_NM = 0.15, 0.1, 2e-5
+"""Standard deviations of a corner and of a centreline point, per axis, and of a moment reading."""
+LOG_STIFFNESS_SPREAD, GAIN_SPREAD, OFFSET_SPREAD_NM = 0.05, 0.05, 5e-4
+"""Of the true values, where they are narrower than the priors."""
+TILTS_RAD = (0.0, 0.5, -0.4, 0.9, -0.8)
+HANGING = [
+    (0.12, 0.0, 0.09), (0.15, 0.5, -0.07), (0.18, -0.4, 0.05), (0.21, 0.9, -0.04), (0.235, -0.8, 0.03),
+]  # fmt: skip
+"""Known loads: distance from the clamp m, tilt rad, force N; each hung once along y and once along z."""
+_BEGIN = 0.01
+_OUTLIER_PX = (2.0, 20.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One still: the antenna's centreline (N, 2) px, and gravity (3,) in the antenna frame."""
+
+    still: Still
+    points_px: np.ndarray
+    gravity_m_s2: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """What a calibration is given, and the truth.
+
+    Attributes
+    ----------
+    views, jig_views : of the board by hand and in the jig. stills : of the free and the loaded antenna.
+    truth : (10,) antenna parameters, gain, offset: `RIG_PARAMETERS` after the pose.
+    """
+
+    rig: CoverageRig
+    views: list[BoardView]
+    jig_views: list[BoardView]
+    stills: list[Seen]
+    truth: np.ndarray
+
+
+def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
+    """One draw; the same seed gives the same."""
+    rng = np.random.default_rng(seed)
+    truth = drawn_truth(rng)
+    T_camera_jig = rig.T_antenna_camera.inverse() @ T_ANTENNA_JIG
+    return Draw(
+        rig=rig,
+        views=[_view(rig, f"{index:02d}.png", pose, rng) for index, pose in enumerate(rig.T_camera_board)],
+        jig_views=[_view(rig, f"jig_{index}.png", T_camera_jig, rng) for index in range(JIG_PICTURES)],
+        stills=_stills(rig, truth, rng),
+        truth=truth,
+    )
+
+
+def true_rod(truth: np.ndarray) -> Rod:
+    """The antenna of parameters (10,), a wire with ν = 0.3."""
+    y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass = truth[:8]
+    stiffness = np.exp(log_stiffness)
+    clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
+    return Rod(NOMINAL.length_m, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array([bow_y, bow_z]))
+
+
+def drawn_truth(rng: np.random.Generator) -> np.ndarray:
+    """(10,) antenna parameters, gain and offset."""
+    std = [CLAMP_OFFSET_STD_M] * 2 + [CLAMP_ANGLE_STD_RAD] * 2 + [BOW_STD_PER_M] * 2
+    spread = np.array([*std, LOG_STIFFNESS_SPREAD, LOG_MASS_STD, GAIN_SPREAD, OFFSET_SPREAD_NM])
+    return np.concatenate([nominal_parameters(NOMINAL), [1.0, 0.0]]) + spread * rng.normal(size=10)
+
+
+def _view(rig: CoverageRig, name: str, T_camera_board: Pose, rng: np.random.Generator) -> BoardView:
+    ids, pixels = rig.seen_corners(T_camera_board)
+    noisy = pixels + CORNER_PX * rng.normal(size=pixels.shape)
+    wrong = rng.random(len(ids)) < rig.outliers
+    angle, length = rng.uniform(0, 2 * np.pi, len(ids)), rng.uniform(*_OUTLIER_PX, len(ids))
+    noisy[wrong] += (length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))[wrong]
+    return BoardView(name, ids, noisy, rig.lens.image_size, np.arange(40))
+
+
+def planned_stills() -> list[Still]:
+    """The free antenna at every tilt, then every load along y and along z; nothing read yet."""
+    free = [Still(image=None, pan_rad=0.0, tilt_rad=tilt, moment_Nm=0.0) for tilt in TILTS_RAD]
+    hung = [
+        Load(
+            image=None,
+            pan_rad=0.0,
+            tilt_rad=tilt,
+            moment_Nm=0.0,
+            distance_m=distance,
+            force_y_N=force * along_y,
+            force_z_N=force * (1.0 - along_y),
+        )
+        for distance, tilt, force in HANGING
+        for along_y in (1.0, 0.0)
+    ]
+    return [*free, *hung]
+
+
+def _stills(rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator) -> list[Seen]:
+    stills = planned_stills()
+    gravity = gravity_antenna(Kinematics(), GRAVITY_WORLD_M_S2, stills)
+    loads = [(s.distance_m, 0.0, s.force_y_N, s.force_z_N) if isinstance(s, Load) else (0.1, 0, 0, 0) for s in stills]
+    hung = np.array(loads, float)
+    shape = solve_rod(true_rod(truth), gravity, hung[:, 0], hung[:, 1:])
+    gain, offset = truth[8:]
+    readings = offset - gain * shape.clamp_moment_Nm[:, 1] + MOMENT_NM * rng.normal(size=len(stills))
+    seen = []
+    for index, still in enumerate(stills):
+        pixels = _centreline(rig, shape, index)
+        pixels = pixels + CENTRELINE_PX * rng.normal(size=pixels.shape)
+        seen.append(Seen(replace(still, moment_Nm=float(readings[index])), pixels, gravity[index]))
+    return seen
+
+
+def _centreline(rig: CoverageRig, shape: RodShape, index: int) -> np.ndarray:
+    """(N, 2) true pixels of one antenna's centreline, about one pixel apart, as far as the picture shows it."""
+    one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
+    coarse = np.linspace(_BEGIN, 1.0, 60)[None] * NOMINAL.length_m
+    way = np.linalg.norm(np.diff(rig.antenna_pixels(sample_shape(one, coarse)[0][0]), axis=0), axis=1)
+    count = int(np.nansum(way)) + 1
+    even = np.linspace(_BEGIN, 1.0, count)[None] * NOMINAL.length_m
+    pixels = rig.antenna_pixels(sample_shape(one, even)[0][0])
+    return pixels[rig.inside(pixels)]
