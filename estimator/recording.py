@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from vbaa_calib.detect.antenna import corridor, find, find_along, free_curve, pixels, width_px
-from vbaa_calib.detect.profile import Centreline
+from vbaa_calib.detect.antenna import corridor, find_along, finder, free_curve, pixels, width_px
+from vbaa_calib.detect.centreline import NOTHING, Centreline
+from vbaa_calib.detect.finder import AntennaFinder
 from vbaa_calib.errors import InputError
 from vbaa_calib.images import read_gray
 from vbaa_calib.rig import Rig
@@ -17,16 +19,27 @@ from vbaa_calib.session import Frame, Session, read_centrelines
 from .contact import Contact, Measured
 from .estimate import ContactEstimator
 
+GRAVITY_STEP_M_S2 = 0.5
+"""A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
 SECOND_LOOK = 0.8
 """The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameContact:
-    """A frame and what was estimated from it."""
+    """A frame and what was estimated from it.
+
+    Attributes
+    ----------
+    line : what was seen in its picture; None where ready centrelines took the place of pictures.
+    measured, start : what the contact was fitted to, and from where; None where nothing was fitted, or no start known.
+    """
 
     frame: Frame
     contact: Contact
+    line: Centreline | None = None
+    measured: Measured | None = None
+    start: np.ndarray | None = None
 
 
 def gravity(rig: Rig, frame: Frame) -> np.ndarray:
@@ -42,9 +55,16 @@ def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
 
 def look(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
     """The antenna in one picture, wherever the corridor lets it be."""
-    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity(rig, frame))
-    where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
-    return find(image, where, rig.image.bright)
+    pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
+    prepared = _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
+    return NOTHING if prepared is None else prepared.find(image, rig.image.bright)
+
+
+@lru_cache(maxsize=64)
+def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | None:
+    """What looks for the antenna under this gravity (antenna frame); None where the lens cannot show the antenna."""
+    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
+    return finder(corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m), rig.camera)
 
 
 def look_again(
@@ -64,10 +84,10 @@ def look_again(
     return (again if better else first), rough.unknowns
 
 
-def estimate_picture(estimator: ContactEstimator, frame: Frame) -> Contact:
+def estimate_picture(estimator: ContactEstimator, frame: Frame) -> FrameContact:
     """One frame from its picture. Raises InputError when the picture cannot be read or has another size."""
     assert frame.image is not None
-    image = read_gray(frame.image).astype(np.float32)
+    image = read_gray(frame.image)
     if image.shape[::-1] != tuple(estimator.rig.camera.image_size):
         size = "x".join(map(str, image.shape[::-1]))
         calibrated = "x".join(map(str, estimator.rig.camera.image_size))
@@ -78,17 +98,18 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame) -> Contact:
         )
     line = look(estimator.rig, frame, image)
     if not line.found:
-        why = f"no antenna in the picture: {100 * line.seen:.0f} % of its length seen"
-        return Contact("no_antenna", why, estimator.model, False)
+        return FrameContact(frame, Contact("no_antenna", line.reason, estimator.model, False), line)
     line, start = look_again(estimator, frame, image, line)
-    return estimator.measure(measured(estimator.rig, frame, line), start)
+    seen = measured(estimator.rig, frame, line)
+    return FrameContact(frame, estimator.measure(seen, start), line, seen, start)
 
 
-def estimate_centreline(estimator: ContactEstimator, frame: Frame, lines: Mapping[int, np.ndarray]) -> Contact:
+def estimate_centreline(estimator: ContactEstimator, frame: Frame, lines: Mapping[int, np.ndarray]) -> FrameContact:
     """One frame from extracted pixels (N, 3): u_px, v_px, sigma_px."""
     points = lines.get(frame.frame, np.empty((0, 3)))
     sigma = np.where(np.isfinite(points[:, 2]), points[:, 2], estimator.rig.image.noise_px)
-    return estimator.measure(Measured(points[:, :2], sigma, frame.moment_Nm, frame.pan_rad, frame.tilt_rad))
+    seen = Measured(points[:, :2], sigma, frame.moment_Nm, frame.pan_rad, frame.tilt_rad)
+    return FrameContact(frame, estimator.measure(seen), measured=seen)
 
 
 def estimate_recording(
@@ -96,7 +117,7 @@ def estimate_recording(
 ) -> Iterator[FrameContact]:
     """Every frame of a session's recording, in order; none is dropped."""
     if frames[0].image is not None:
-        return (FrameContact(frame, estimate_picture(estimator, frame)) for frame in frames)
+        return (estimate_picture(estimator, frame) for frame in frames)
     lines = read_centrelines(session)
     unknown = set(lines) - {frame.frame for frame in frames}
     if unknown:
@@ -105,4 +126,4 @@ def estimate_recording(
             where=session.root / "recording" / "centrelines.csv",
             remedy="give every frame its row in recording.csv",
         )
-    return (FrameContact(frame, estimate_centreline(estimator, frame, lines)) for frame in frames)
+    return (estimate_centreline(estimator, frame, lines) for frame in frames)

@@ -18,7 +18,7 @@ from vbaa_calib.reprojection import (
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
 POSES = len(POSE_PARAMETERS)
-RIG_STEPS = np.array([1e-5] * POSES + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4)
+RIG_STEPS = np.array([1e-5] * POSES + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
 """Finite-difference steps of the camera pose and the antenna's parameters."""
 STEPS = np.array([1e-4, 1e-4, 1e-4])
 """Finite-difference steps of a contact's unknowns."""
@@ -61,7 +61,7 @@ class Scene:
         return replace(self, seen=self.seen.picked(chosen), rig_table=None)
 
     def curves(self, unknowns: np.ndarray, parameters: np.ndarray | None = None) -> Curves:
-        """Antenna shapes for contacts (B, 3), with the rig's antenna or others (B, 8)."""
+        """Antenna shapes for contacts (B, 3), with the rig's antenna or others (B, 9)."""
         antenna = self.rig.antenna
         if parameters is None:
             parameters = np.repeat(antenna.parameters[None], len(unknowns), axis=0)
@@ -96,12 +96,13 @@ def by_rig(scene: Scene, unknowns: np.ndarray) -> np.ndarray:
     The points' scatter is left at 1.
     """
     rig, sensor = scene.rig, scene.rig.moment_sensor
-    antenna = np.repeat(rig.antenna.parameters[None], 9, axis=0)
+    count = len(rig.antenna.parameters)
+    antenna = np.repeat(rig.antenna.parameters[None], count + 1, axis=0)
     antenna[1:] += np.diag(RIG_STEPS[POSES:])
-    curves = scene.curves(np.tile(unknowns, (9, 1)), antenna)
+    curves = scene.curves(np.tile(unknowns, (count + 1, 1)), antenna)
     views = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
-    views = [pose.inverse() for pose in [*views, *[views[0]] * 8]]
-    order = np.array([0] * (POSES + 1) + list(range(1, 9)))
+    views = [pose.inverse() for pose in [*views, *[views[0]] * count]]
+    order = np.array([0] * (POSES + 1) + list(range(1, count + 1)))
     images = image_curves(curves.picked(order), views)
     seen = with_slopes_on_curve(scene.seen, rig.camera, images) if rig.with_lens else scene.seen
     points, by_lens = whitened_with_lens(seen, images)

@@ -106,7 +106,7 @@ def _too_little(result: Fit, distance_std: float) -> tuple[str, str]:
 
 
 def _quantities(scene: Scene, unknowns: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """(B, 9) contact point, force and deflection, antenna frame, for unknowns (B, 3) and antennas (B, 8)."""
+    """(B, 9) contact point, force and deflection, antenna frame, for unknowns (B, 3) and antennas (B, 9)."""
     curves = scene.curves(unknowns, parameters)
     free = scene.curves(unknowns * [1.0, 0.0, 0.0], parameters)
     return np.hstack([curves.contact_m, curves.force_N, curves.contact_m - free.contact_m])
@@ -118,18 +118,19 @@ def _estimates(result: Fit, spread: Spread) -> tuple[np.ndarray, np.ndarray]:
     First order, and the second order in the unknowns: a point known badly along a bent antenna, or around it, is known
     within a bow, which a thin straight ellipsoid would leave.
     """
-    scene, antenna = result.scene, slice(POSES, POSES + 8)
+    scene, count = result.scene, len(result.scene.rig.antenna.parameters)
+    antenna = slice(POSES, POSES + count)
     rig_axis = rig_axes(scene.rig)[antenna]
     steps = STEPS * np.where(result.unknowns + STEPS > TIP, [-1, 1, 1], 1)
     sizes, axes = np.linalg.eigh(spread.covariance)
     axes = np.sqrt(np.clip(sizes, 0.0, None))[:, None] * axes.T
-    unknowns = result.unknowns + np.vstack([np.zeros(3), np.diag(steps), axes, -axes, np.zeros((8, 3))])
+    unknowns = result.unknowns + np.vstack([np.zeros(3), np.diag(steps), axes, -axes, np.zeros((count, 3))])
     unknowns[:, 0] = np.clip(unknowns[:, 0], NEAREST, TIP)
     parameters = np.tile(scene.rig.antenna.parameters + rig_axis @ result.rig_steps, (len(unknowns), 1))
-    parameters[-8:] += RIG_STEP * np.eye(8)
+    parameters[-count:] += RIG_STEP * np.eye(count)
     values = _quantities(scene, unknowns, parameters)
     by_unknowns = ((values[1:4] - values[0]) / steps[:, None]).T
-    by_rig = ((values[-8:] - values[0]) / RIG_STEP).T @ rig_axis
+    by_rig = ((values[-count:] - values[0]) / RIG_STEP).T @ rig_axis
     first = np.hstack([by_unknowns, by_rig])
     bows = values[4:7] + values[7:10] - 2.0 * values[0]
     return values[0], first @ spread.joint @ first.T + 0.75 * bows.T @ bows  # the mean square of z²/2 is 3/4

@@ -15,7 +15,7 @@ tilted = Pose.from_rotvec(np.array([np.pi + 0.5, 0.0, 0.0]), np.array([0.12, 0.2
 rig = Rig(
     camera=Camera("opencv", (960, 720), np.array([[1000.0, 0, 480], [0, 1000.0, 360], [0, 0, 1]]), np.zeros(0)),
     T_antenna_camera=tilted,
-    antenna=Antenna(length_m, 0.0008, np.array([0, 0, 0, 0, 0, 0, np.log(stiffness_Nm2), np.log(mass_kg_m)])),
+    antenna=Antenna(length_m, 0.0008, np.array([0, 0, 0, 0, 0, 0, np.log(stiffness_Nm2), np.log(mass_kg_m), 0.0])),
     moment_sensor=MomentSensor(gain=1.0, offset_Nm=0.0, std_Nm=2e-5),
     kinematics=Kinematics(),
     gravity_world_m_s2=gravity,

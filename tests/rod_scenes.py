@@ -21,7 +21,7 @@ BROWN = np.array([-0.182, 0.061, 0.0007, -0.0005])
 SIGMA_PX = 0.03
 
 RIG_STD = np.array(
-    [2e-4] * 3 + [5e-5] * 3 + [2e-5] * 2 + [2e-4] * 2 + [2e-3] * 2 + [1e-3, 1e-2] + [2e-3, 5e-6],
+    [2e-4] * 3 + [5e-5] * 3 + [2e-5] * 2 + [2e-4] * 2 + [2e-3] * 2 + [1e-3, 1e-2, 1e-5] + [2e-3, 5e-6],
 )
 """Standard deviations of `RIG_PARAMETERS` after an ordinary calibration."""
 
@@ -33,7 +33,7 @@ class World:
     T_antenna_camera: Pose
     parameters: np.ndarray = field(
         default_factory=lambda: np.array(
-            [3e-4, -2e-4, 0.009, -0.012, 0.05, 0.12, np.log(STIFFNESS_NM2), np.log(MASS_KG_M)]
+            [3e-4, -2e-4, 0.009, -0.012, 0.05, 0.12, np.log(STIFFNESS_NM2), np.log(MASS_KG_M), 0.0]
         )
     )
     sensor: MomentSensor = field(default_factory=lambda: MomentSensor(1.04, 1.5e-4, 2e-5))
@@ -41,18 +41,18 @@ class World:
     @property
     def rod(self) -> Rod:
         """The true antenna, of a wire with ν = 0.3."""
-        y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass = self.parameters
+        y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass, _ = self.parameters
         stiffness = np.exp(log_stiffness)
         clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
         return Rod(LENGTH_M, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array([bow_y, bow_z]))
 
     def moved(self, step: np.ndarray) -> World:
-        """Another world, `RIG_PARAMETERS` away by (16,)."""
+        """Another world, `RIG_PARAMETERS` away by (17,)."""
         sensor = self.sensor
         return World(
             self.T_antenna_camera.retract(step[:6]),
-            self.parameters + step[6:14],
-            MomentSensor(sensor.gain + step[14], sensor.offset_Nm + step[15], sensor.std_Nm),
+            self.parameters + step[6:15],
+            MomentSensor(sensor.gain + step[15], sensor.offset_Nm + step[16], sensor.std_Nm),
         )
 
     def rig(self, std: np.ndarray = RIG_STD, gravity_world: np.ndarray = GRAVITY_WORLD) -> Rig:

@@ -43,7 +43,7 @@ def make_rig(seed: int = 0) -> Rig:
         antenna=Antenna(
             0.24,
             0.0008,
-            np.array([*rng.normal(size=6) * 0.01, math.log(3.9e-3 * rng.uniform(0.9, 1.1)), math.log(3.97e-3)]),
+            np.array([*rng.normal(size=6) * 0.01, math.log(3.9e-3 * rng.uniform(0.9, 1.1)), math.log(3.97e-3), 1e-4]),
         ),
         moment_sensor=MomentSensor(1.0 + rng.normal() * 0.05, rng.normal() * 1e-4, 2e-5),
         kinematics=Kinematics(

@@ -36,7 +36,7 @@ JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
-    """The antenna as calibrated: `parameters` (8,) in the order of `antenna.shape.PARAMETERS`."""
+    """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`."""
 
     length_m: float
     diameter_m: float
@@ -86,8 +86,8 @@ class Rig:
     ----------
     T_antenna_camera : pose of the camera in the antenna frame.
     gravity_world_m_s2 : (3,).
-    covariance : (16 + P, 16 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
-        `parameter_names` order; (16, 16) where the lens counts as exact.
+    covariance : (17 + P, 17 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
+        `parameter_names` order; (17, 17) where the lens counts as exact.
     """
 
     camera: Camera
@@ -150,6 +150,7 @@ class Rig:
             *noload["bow_yz_per_m"],
             np.log(antenna["stiffness_Nm2"]),
             np.log(antenna["mass_per_length_kg_m"]),
+            noload.get("clamp_give_m", 0.0),
         ]
         image, camera = data["image"], _camera(data["camera"], where)
         covariance = _joint_covariance(data["joint"], camera.parameter_names, where)
@@ -185,6 +186,7 @@ class Rig:
                     "clamp_offset_yz_m": antenna.parameters[0:2].tolist(),
                     "clamp_rotation_yz_rad": antenna.parameters[2:4].tolist(),
                     "bow_yz_per_m": antenna.parameters[4:6].tolist(),
+                    "clamp_give_m": float(antenna.parameters[8]),
                 },
             },
             "moment_sensor": {

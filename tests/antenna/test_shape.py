@@ -12,7 +12,7 @@ from vbaa_calib.antenna.shape import CONTACT, Curves, aligned_arclength, bend
 from vbaa_calib.geometry import Pose
 
 LENGTH, EI, MASS = 0.24, 3.9e-3, 3.97e-3
-STRAIGHT = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.log(EI), np.log(MASS)])
+STRAIGHT = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.log(EI), np.log(MASS), 0.0])
 WEIGHTLESS = np.zeros((1, 3))
 
 
@@ -36,7 +36,7 @@ def cases(count: int, slope_deg: float, seed: int, nearest_m: float = 0.2 * LENG
 def rods(case: dict[str, np.ndarray], force_N: np.ndarray) -> list[RodShape]:
     """The same antennas as static rods with forces (B, 3)."""
     shapes = []
-    for index, (y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass) in enumerate(case["parameters"]):
+    for index, (y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass, _) in enumerate(case["parameters"]):
         stiffness = np.exp(log_stiffness)
         clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
         rod = Rod(LENGTH, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array([bow_y, bow_z]))
@@ -178,3 +178,21 @@ def test_nodes_meet_at_the_contact() -> None:
     np.testing.assert_allclose(s[:, CONTACT], [0.05, 0.2])
     np.testing.assert_allclose(s[:, [0, -1]], [[0.0, LENGTH]] * 2)
     assert (np.diff(s, axis=1) > 0).all()
+
+
+def test_a_clamp_that_gives_is_one_turned_by_the_moment_it_holds() -> None:
+    """0.8 mm of give: the rod in a clamp that was turned by hand, by EI's worth of the moment, is the same shape."""
+    case = cases(12, 15.0, seed=5)
+    case["parameters"][:, 8] = 8e-4
+    given = bend(**case, length_m=LENGTH, dead=True, sweeps=4)
+    hard = case["parameters"].copy()
+    hard[:, 8] = 0.0
+    by_weight = np.exp(hard[:, 7:8]) * case["gravity_m_s2"][:, 1:]
+    held = case["contact_m"][:, None] * case["force_N"] + 0.5 * LENGTH**2 * by_weight
+    hard[:, 2:4] += 8e-4 / np.exp(hard[:, 6:7]) * np.stack([-held[:, 1], held[:, 0]], axis=1)
+    force = np.hstack([np.zeros((12, 1)), case["force_N"]])
+    errors = worst_error_m(given, rods(case | {"parameters": hard}, force))
+    assert errors.max() < 2e-5
+    stiff = bend(**case | {"parameters": case["parameters"] * np.r_[np.ones(8), 0.0]}, length_m=LENGTH, dead=True)
+    moved = np.linalg.norm(given.points_m - stiff.points_m, axis=-1).max(axis=1)
+    assert moved.min() > 5 * errors.max()

@@ -21,7 +21,7 @@ from vbaa_calib.synth.write import session_yaml
 
 PARTS = ("intrinsics", "plane", "noload", "loads")
 LENS_STD = np.array([0.12, 0.12, 0.15, 0.13, 2e-4, 6e-4, 2e-5, 2e-5, 1e-3])
-RIG_STD = np.array([5e-5] * 3 + [5e-5] * 3 + [5e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [3e-4, 5e-3, 1.5e-3, 7e-6])
+RIG_STD = np.array([5e-5] * 3 + [5e-5] * 3 + [5e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [3e-4, 5e-3, 5e-5, 1.5e-3, 7e-6])
 QUALITY = {
     "lens_rms_px": 0.05,
     "plane_rms_px": 0.04,
@@ -60,27 +60,27 @@ def scene() -> Scene:
 def rig_of(scene: Scene, seed: int = 3) -> Rig:
     """The rig that a calibration of the scene could have found: its truth, off as its deviations say."""
     rng, true = np.random.default_rng(seed), scene.true
-    off = RIG_STD * rng.normal(size=16)
+    off = RIG_STD * rng.normal(size=17)
     lens = LENS_STD * rng.normal(size=9)
     matrix = scene.lens.matrix.copy()
     matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += lens[:4]
-    covariance = np.zeros((25, 25))
-    covariance[:16, :16], covariance[16:, 16:] = np.diag(RIG_STD**2), np.diag(LENS_STD**2)
+    covariance = np.zeros((26, 26))
+    covariance[:17, :17], covariance[17:, 17:] = np.diag(RIG_STD**2), np.diag(LENS_STD**2)
     nominal = scene.antenna
     parameters = np.concatenate(
         [
             true.clamp_offset_m[1:],
             true.clamp_angle_rad,
             true.natural_curvature_per_m,
-            [np.log(nominal.stiffness_Nm2 * true.stiffness_factor), np.log(nominal.mass_per_length_kg_m)],
+            [np.log(nominal.stiffness_Nm2 * true.stiffness_factor), np.log(nominal.mass_per_length_kg_m), 0.0],
         ]
     )
     camera = Camera("opencv", scene.lens.image_size, matrix, scene.lens.distortion + lens[4:], np.diag(LENS_STD**2))
     return Rig(
         camera=camera,
         T_antenna_camera=scene.T_antenna_camera.retract(off[:6]),
-        antenna=Antenna(nominal.length_m, nominal.diameter_m, parameters + off[6:14]),
-        moment_sensor=MomentSensor(scene.moment.gain + off[14], scene.moment.offset_Nm + off[15], scene.moment.std_Nm),
+        antenna=Antenna(nominal.length_m, nominal.diameter_m, parameters + off[6:15]),
+        moment_sensor=MomentSensor(scene.moment.gain + off[15], scene.moment.offset_Nm + off[16], scene.moment.std_Nm),
         kinematics=scene.kinematics,
         gravity_world_m_s2=scene.gravity_world_m_s2,
         image=AntennaImage(0.05, 1.0, True),

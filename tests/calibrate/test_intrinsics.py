@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from targets.charuco import corner_points
-from vbaa_calib.calibrate.bundle import free_directions, lens_covariance, refine
+from vbaa_calib.calibrate.bundle import free_directions, refine
 from vbaa_calib.calibrate.corner_stack import Observation
 from vbaa_calib.calibrate.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.intrinsics_cli import MODELS
+from vbaa_calib.calibrate.lens_information import lens_covariance
 from vbaa_calib.calibrate.lens_models import LENS_MODELS, is_monotonic
 from vbaa_calib.calibrate.view_screening import fixes_homography
 from vbaa_calib.detect.corners import BoardView

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from targets.board import BoardSpec
+from vbaa_calib.calibrate.lens_models import LENS_MODELS
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.detect.board_file import load_board
@@ -34,8 +35,10 @@ def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pyt
     document = json.loads(output.read_text())
     assert result == {"output": str(output), **document}
     assert document["schema"] == "vbaa.camera/1"
-    assert document["parameters"] == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]
-    assert np.shape(document["covariance"]) == (8, 8)
+    chosen = LENS_MODELS[document["lens_model"]]
+    assert document["parameters"] == list(chosen.parameter_names)
+    assert document["model"] == chosen.camera_model
+    assert np.shape(document["covariance"]) == (len(chosen.parameter_names),) * 2
     assert len(document["views"]) == 28
     assert document["dropped"] == []
     assert {row["model"] for row in document["model_comparison"]} >= {"none", "radial", "opencv5", "fisheye"}

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from targets.charuco import corner_points
 from vbaa_calib.calibrate.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.detect.corners import detect_corners, detect_folder
+from vbaa_calib.errors import InputError
+from vbaa_calib.images import list_images, read_gray
 
-from .photo_sets import detected
+from .photo_sets import detected, photo_set
 
 # set, smallest number of corners in a view, RMS, fx, fy as its NOTES.txt gives them
 REFERENCES = [
@@ -69,6 +74,22 @@ def test_small_views_are_screened_instead_of_crashing_the_solve() -> None:
     solution = solve_intrinsics(views, spec, "opencv5")
     assert any("line" in view.reason for view in solution.dropped)
     assert solution.camera.matrix[0, 0] == pytest.approx(833.51, rel=0.005)
+
+
+@pytest.mark.slow
+def test_the_wrong_legacy_flag_is_caught_although_its_rms_looks_fine() -> None:
+    views, spec = detected("ucl_right")
+    wrong = replace(spec, legacy_pattern=False)
+    paths = list_images(photo_set("ucl_right").folder)
+    right, turned = (
+        solve_intrinsics(seen, own, "opencv5")
+        for seen, own in ((views, spec), ([detect_corners(read_gray(p), wrong, p.name) for p in paths], wrong))
+    )
+    assert turned.rms_inliers_px < 1.02 * right.rms_inliers_px
+    assert turned.camera.matrix[0, 0] == pytest.approx(right.camera.matrix[0, 0], rel=2e-3)
+    assert sum(view.corners for view in turned.views) < 0.95 * sum(view.corners for view in right.views)
+    with pytest.raises(InputError, match="legacy_pattern: true"):
+        detect_folder(photo_set("ucl_right").folder, wrong)
 
 
 def test_opencv_ends_in_the_same_minimum() -> None:

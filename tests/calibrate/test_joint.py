@@ -78,7 +78,7 @@ def solved(observations: list[Observation], rng: np.random.Generator) -> JointSo
 
 
 def errors(joint: JointSolution) -> np.ndarray:
-    """(16,) solved less true; the pose as a step from the true one."""
+    """(17,) solved less true; the pose as a step from the true one."""
     pose = joint.T_antenna_camera.tangent_from(TRUE.T_antenna_camera)
     truth = np.concatenate([TRUE.parameters, [TRUE.sensor.gain, TRUE.sensor.offset_Nm]])
     return np.concatenate([pose, joint.parameters[6:] - truth])
@@ -100,7 +100,7 @@ def test_recovers_the_rig_within_its_deviations(good) -> None:
     assert std[RIG_PARAMETERS.index("log_stiffness_Nm2")] < 2e-3
     correlation = joint.covariance / np.outer(std, std)
     assert np.linalg.eigvalsh(correlation).min() > 0
-    whole = errors(joint) @ np.linalg.solve(joint.covariance, errors(joint)) / 16
+    whole = errors(joint) @ np.linalg.solve(joint.covariance, errors(joint)) / 17
     assert 0.3 < whole < 2.2
     assert joint.noise_scale == pytest.approx(1.0, abs=0.12)
     np.testing.assert_allclose(joint.point_rms, 1.0, atol=0.25)
@@ -215,10 +215,10 @@ def test_the_deviation_of_the_stiffness_is_what_sampling_shows() -> None:
         joint = solved(drawn, rng)
         mass = RIG_PARAMETERS.index("log_mass_per_length_kg_m")
         whole = errors(joint) @ np.linalg.solve(joint.covariance, errors(joint))
-        z.append([errors(joint)[12] / np.sqrt(joint.covariance[12, 12]), whole / 16])
+        z.append([errors(joint)[12] / np.sqrt(joint.covariance[12, 12]), whole / 17])
         assert joint.covariance[mass, mass] < 0.03**2
     stiffness, whole = np.array(z).T
-    # χ² of 12 draws: 0.3 to 2.2 at 1 %; the whole covariance has 16 times as many
+    # χ² of 12 draws: 0.3 to 2.2 at 1 %; the whole covariance has 17 times as many
     assert 0.3 < (stiffness**2).mean() < 2.2
     assert 0.7 < whole.mean() < 1.35
 
@@ -249,7 +249,7 @@ def test_a_lens_that_is_off_is_put_right_by_what_the_antenna_shows() -> None:
     stubborn = solve_joint(observations, prior(NOMINAL, exactly, poses), LENGTH_M, TRUE.sensor.std_Nm)
     off = errors(stubborn)
     whole = np.sqrt(np.diag(stubborn.covariance))
-    assert (off / whole) @ np.linalg.solve(stubborn.covariance / np.outer(whole, whole), off / whole) / 16 > 2.0
+    assert (off / whole) @ np.linalg.solve(stubborn.covariance / np.outer(whole, whole), off / whole) / 17 > 2.0
 
 
 def test_unequal_compliance_is_seen() -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from targets.charuco import corner_points
+from vbaa_calib.calibrate.board_flex import Bend
 from vbaa_calib.calibrate.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens_models import LENS_MODELS
 from vbaa_calib.calibrate.plane import solve_board_pose
@@ -138,6 +140,44 @@ def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_board() -> None:
     moved = solve_board_pose(views, SPEC, camera_of("rational", WIDE + change))
     step = tangent(moved.T_camera_board, solved.T_camera_board)
     np.testing.assert_allclose(step, solved.lens_sensitivity @ change, atol=0.02 * np.abs(step).max())
+
+
+def bent_picture(true: Pose, sagittas_m: np.ndarray, rng: np.random.Generator, sigma_px: float) -> BoardView:
+    """A board that is a parabola along x and along y about its mean plane, seen by `WIDE`; straight from OpenCV."""
+    points = corner_points(SPEC)
+    x, y = (points[:, :2] - CENTRE[:2]).T / (CENTRE[:2] - points[0, :2])[:, None]
+    points = points + np.outer(sagittas_m[0] * (x**2 - 1 / 3) + sagittas_m[1] * (y**2 - 1 / 3), [0, 0, 1])
+    matrix = camera_of("rational", WIDE).matrix
+    pixels, _ = cv2.projectPoints(points, true.rotvec_rad, true.translation_m, matrix, WIDE[4:])
+    return board_view("bent.png", pixels.reshape(-1, 2), SIZE, rng, sigma_px)
+
+
+def test_a_bent_board_is_predicted_bent() -> None:
+    rng, camera, true = np.random.default_rng(11), camera_of("rational", WIDE), facing([0.5, 0.2, 0.1])
+    sagittas = np.array([8e-4, -3e-4])
+    view = bent_picture(true, sagittas, rng, 0.0)
+    solved = solve_board_pose([view], SPEC, camera, Bend(sagittas, np.zeros((2, 2))))
+    assert np.abs(tangent(solved.T_camera_board, true)).max() < 1e-8
+    flat = solve_board_pose([view], SPEC, camera)
+    assert np.linalg.norm(tangent(flat.T_camera_board, true)[3:]) > 1e-4
+    assert flat.rms_px > 0.3
+
+
+def test_the_covariance_carries_how_well_the_bend_is_known() -> None:
+    """What it gains is what the pose moves by when the bend is told wrong."""
+    rng, camera, true = np.random.default_rng(12), camera_of("rational", WIDE), facing([0.5, 0.2, 0.1], 0.15)
+    sagittas, spread = np.array([8e-4, -3e-4]), np.array([[4.0, 1.0], [1.0, 9.0]]) * 1e-10
+    view = bent_picture(true, sagittas, rng, 0.02)
+    known, exact = (solve_board_pose([view], SPEC, camera, Bend(sagittas, share * spread)) for share in (1.0, 0.0))
+    moved = [
+        solve_board_pose([view], SPEC, camera, Bend(sagittas + step, spread))
+        for step in np.array([[1, 0], [0, 1]]) * 1e-6
+    ]
+    by_sagitta = np.stack([tangent(other.T_camera_board, known.T_camera_board) / 1e-6 for other in moved], axis=1)
+    gained = known.covariance - exact.covariance
+    expected = by_sagitta @ spread @ by_sagitta.T
+    np.testing.assert_allclose(gained, expected, atol=0.02 * np.abs(expected).max())
+    assert np.trace(gained[3:, 3:]) > np.trace(exact.covariance[3:, 3:]), "here the bend is most of it"
 
 
 def test_no_board_a_line_and_another_picture_size_are_refused() -> None:

@@ -298,13 +298,13 @@ def test_maps_say_where_there_is_no_answer() -> None:
     assert np.isnan(plane_map(away).std).all()
     assert np.isnan(along_antenna(away).std_m).all()
     assert plane_map(away).to_dict()["largest"] is None
-    unknown = replace(rig, camera=replace(rig.camera, covariance=None), covariance=rig.covariance[:16, :16])
+    unknown = replace(rig, camera=replace(rig.camera, covariance=None), covariance=rig.covariance[:17, :17])
     assert projection_map(unknown) is None
 
 
 def test_a_rig_that_takes_its_lens_as_exact_is_checked_all_the_same(made: SimpleNamespace, tmp_path: Path) -> None:
     whole = rig_of(scene())
-    exact = replace(whole, camera=replace(whole.camera, covariance=None), covariance=whole.covariance[:16, :16])
+    exact = replace(whole, camera=replace(whole.camera, covariance=None), covariance=whole.covariance[:17, :17])
     (tmp_path / "rig.json").write_text(json.dumps(exact.to_dict()))
     found = assess(tmp_path / "rig.json", only(made.session, tmp_path / "month", MONTH))
     document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
@@ -318,7 +318,7 @@ def test_a_fisheye_rig_says_what_it_knows(tmp_path: Path) -> None:
     whole, matrix = rig_of(scene()), np.array([[400.0, 0, 480], [0, 400, 360], [0, 0, 1]])
     std = np.array([0.1] * 4 + [1e-3] * 4)
     camera = Camera("fisheye", (960, 720), matrix, np.array([0.01, -0.002, 0.0, 0.0]), np.diag(std**2))
-    joint = np.diag(np.concatenate([np.diag(whole.covariance)[:16], std**2]))
+    joint = np.diag(np.concatenate([np.diag(whole.covariance)[:17], std**2]))
     rig = replace(whole, camera=camera, covariance=joint)
     (tmp_path / "rig.json").write_text(json.dumps(rig.to_dict()))
     document = assess(tmp_path / "rig.json").to_dict()

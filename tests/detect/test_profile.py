@@ -60,9 +60,9 @@ def test_bias_and_spread_over_many_lines() -> None:
     assert np.sqrt((np.concatenate(claims) ** 2).mean()) < 0.06
 
 
-@pytest.mark.parametrize(("width_px", "least"), [(1.2, 0.7), (4.0, 0.5), (8.0, 0.3)])
-def test_thin_and_thick_lines(width_px: float, least: float) -> None:
-    """A thick tube is no Gaussian: its deviations are claimed too large, never too small."""
+@pytest.mark.parametrize("width_px", [1.2, 4.0, 8.0, 16.0])
+def test_thin_and_thick_lines(width_px: float) -> None:
+    """A thick tube is no Gaussian: its cross-section is learned, and the deviations are right within 20 %."""
     rng = np.random.default_rng(2)
     path = bent((40.0, 60.0), 5.0, 30.0)
     line = measure(exposed(background(rng, 1.0) + tube(path, width_px, 110.0), rng), dense(path) + 0.5, width_px)
@@ -70,7 +70,7 @@ def test_thin_and_thick_lines(width_px: float, least: float) -> None:
     assert line.breadth == pytest.approx(1.1, abs=0.2)
     error = aside(path, line.points_px)
     assert abs(error.mean()) < 0.02
-    assert least < np.std(error) / line.sigma_px.mean() < 1.3
+    assert 0.8 < np.std(error) / line.sigma_px.mean() < 1.2
 
 
 def test_a_dark_line_on_a_bright_ground() -> None:
@@ -127,3 +127,23 @@ def test_noise_and_clutter_are_no_antenna() -> None:
         if line.found:
             found.append((seed, line.seen))
     assert not found
+
+
+def test_a_bent_thick_line_is_not_drawn_to_the_inside_of_its_bend() -> None:
+    """Profiles that run slantwise across a bend see its two flanks at different distances."""
+    rng = np.random.default_rng(8)
+    for turn_deg in (-70.0, 70.0):
+        path = bent((30.0, 120.0 - turn_deg), turn_deg / 2.0, turn_deg)
+        line = measure(exposed(background(rng, 1.0) + tube(path, 14.0, 110.0), rng), dense(path), 14.0)
+        assert line.seen > 0.8
+        assert abs(aside(path, line.points_px).mean()) < 0.008
+
+
+def test_one_phase_on_the_pixel_grid_does_not_shift_the_line() -> None:
+    """Every profile alike: a free shape could explain any shift."""
+    rng = np.random.default_rng(9)
+    for offset in (0.0, 0.2, 0.4, 0.6, 0.8):
+        path = straight(0.0, middle=(158.0, 119.0 + offset))
+        picture = background(rng, 0.0) + tube(path, WIDTH_PX, 110.0, blur_px=1.2)
+        line = measure(exposed(picture, rng), dense(path) + np.array([0.0, 0.4]), WIDTH_PX)
+        assert abs(aside(path, line.points_px).mean()) < 0.02

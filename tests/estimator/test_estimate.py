@@ -49,7 +49,7 @@ def mixed(rng: np.random.Generator, worlds: int, each: int) -> list[tuple[Rig, F
     result = []
     for _ in range(worlds):
         believed = World(camera_pose(np.radians(rng.uniform(0, 60)), rng.uniform(-np.pi, np.pi)))
-        true = believed.moved(RIG_STD * rng.normal(size=16))
+        true = believed.moved(RIG_STD * rng.normal(size=17))
         contact, roll = rng.uniform(0.3, 0.95, each) * LENGTH_M, rng.uniform(-np.pi, np.pi, each)
         lateral = [
             pushing(turn, tip, at) for turn, tip, at in zip(roll, rng.uniform(0.006, 0.04, each), contact, strict=True)
@@ -133,7 +133,7 @@ def test_a_lower_rung_predicts_its_own_bias() -> None:
 
 
 def test_a_weightless_rig() -> None:
-    straight = np.array([0, 0, 0, 0, 0, 0, np.log(STIFFNESS_NM2), -50.0])
+    straight = np.array([0, 0, 0, 0, 0, 0, np.log(STIFFNESS_NM2), -50.0, 0.0])
     world = World(camera_pose(0.6, 1.0), straight)
     rig = world.rig(0.25 * RIG_STD, gravity_world=np.zeros(3))
     seen = frame(world=world, gravity_world=np.zeros(3))
@@ -146,7 +146,7 @@ def test_a_weightless_rig() -> None:
 def test_a_rig_that_is_known_exactly() -> None:
     """A covariance of zeros is a legal one."""
     seen = frame()
-    contact = estimated(seen, WORLD.rig(np.zeros(16)))
+    contact = estimated(seen, WORLD.rig(np.zeros(17)))
     assert contact.status == "ok"
     assert np.abs(deviations(contact, seen)).max() < 3.5
     assert contact.distance_std_m < estimated(seen).distance_std_m
@@ -227,7 +227,7 @@ def test_rows_with_nan_are_left_out() -> None:
 
 def test_larger_deviations_are_believed() -> None:
     seen = frame()
-    exact = WORLD.rig(np.zeros(16))
+    exact = WORLD.rig(np.zeros(17))
     small, large = (estimated(seen, exact, sigma_px=sigma) for sigma in (SIGMA_PX, 5 * SIGMA_PX))
     assert large.distance_std_m > 3.5 * small.distance_std_m
     np.testing.assert_array_equal(

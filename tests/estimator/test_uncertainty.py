@@ -61,7 +61,7 @@ def test_the_rigs_part_is_what_other_rigs_show() -> None:
     believed = WORLD.rig(std)
     answers, said = [], []
     for _ in range(40):
-        other = WORLD.moved(std * rng.normal(size=16))
+        other = WORLD.moved(std * rng.normal(size=17))
         rig = replace(
             believed,
             T_antenna_camera=other.T_antenna_camera,
@@ -84,7 +84,7 @@ def test_the_rigs_table_is_its_derivative() -> None:
     table, axes = by_rig(scene, one.fit.unknowns), rig_axes(rig)
     np.testing.assert_allclose(axes @ axes.T, rig.covariance, atol=1e-12 * rig.covariance.max())
     at = evaluated(scene, one.fit.unknowns).residuals
-    for column in range(16):
+    for column in range(17):
         step = 0.02 * axes[:, column]
         other = WORLD.moved(step)
         moved = replace(
@@ -114,7 +114,7 @@ def test_evidence_without_contact_follows_its_law() -> None:
     rng, found = np.random.default_rng(3), []
     for _ in range(50):
         believed = World(camera_pose(rng.uniform(0.0, 1.0), rng.uniform(-np.pi, np.pi)))
-        true = believed.moved(RIG_STD * rng.normal(size=16))
+        true = believed.moved(RIG_STD * rng.normal(size=17))
         seen = frames(true, [0.1], np.zeros((1, 2)), [rng.uniform(0, 1)], rng, points=150)[0]
         found.append(evidence(solved(seen, believed.rig()).reference))
     assert 1.0 < np.mean(found) < 2.2
@@ -132,7 +132,7 @@ def test_evidence_grows_with_the_square_of_the_deflection() -> None:
 
 def test_a_clamp_that_is_known_badly_weakens_the_evidence() -> None:
     seen = quiet(0.6, 0.6, 5e-4)
-    loose = RIG_STD * np.where(np.arange(16) < 14, 20.0, 1.0)
+    loose = RIG_STD * np.where(np.arange(17) < 14, 20.0, 1.0)
     assert evidence(solved(seen, WORLD.rig(loose)).reference) < 0.5 * evidence(solved(seen, WORLD.rig()).reference)
 
 

@@ -16,7 +16,7 @@ from ..rod_scenes import seen as pictured
 
 STD = 0.25 * RIG_STD
 INCLINED, UPRIGHT = World(camera_pose(0.9, 0.4)), World(camera_pose(0.0))
-STRAIGHT = World(camera_pose(0.6, 1.0), np.array([0, 0, 0, 0, 0, 0, np.log(STIFFNESS_NM2), -50.0]))
+STRAIGHT = World(camera_pose(0.6, 1.0), np.array([0, 0, 0, 0, 0, 0, np.log(STIFFNESS_NM2), -50.0, 0.0]))
 
 
 def frame(contact: float, roll: float, tip_m: float, world: World = INCLINED, seed: int = 0) -> Frame:
@@ -149,7 +149,7 @@ def test_two_contacts_close_together_are_told_of() -> None:
 
 def test_a_camera_that_was_knocked_is_said() -> None:
     seen = frame(0.6, 0.4, 0.02)
-    knocked = np.zeros(16)
+    knocked = np.zeros(17)
     knocked[3:6] = 1e-3
     contact = judged(seen, INCLINED.moved(knocked).rig(STD))
     assert contact.status == "failed" or "check the rig" in contact.reason
@@ -159,7 +159,7 @@ def test_a_camera_that_was_knocked_is_said() -> None:
 
 def test_a_wrong_stiffness_scales_the_force_and_shows_without_contact() -> None:
     """Stated as a limit: in one touched frame EI off by 2 hides behind the force. The free antenna gives it away."""
-    wrong = INCLINED.parameters + np.log(2.0) * np.eye(8)[6]
+    wrong = INCLINED.parameters + np.log(2.0) * np.eye(9)[6]
     stiff = replace(INCLINED, parameters=wrong).rig(STD)
     seen = frame(0.6, 0.4, 0.02)
     contact = judged(seen, stiff)

@@ -34,7 +34,7 @@ def rig(kinematics: Kinematics) -> Rig:
     return Rig(
         camera=camera,
         T_antenna_camera=Pose(turn.as_matrix(), np.array([0.12, 0.0, 0.35])),
-        antenna=Antenna(0.24, 0.0008, np.array([0, 0, 0.01, 0, 0.05, 0.0, np.log(3.9e-3), np.log(3.97e-3)])),
+        antenna=Antenna(0.24, 0.0008, np.array([0, 0, 0.01, 0, 0.05, 0.0, np.log(3.9e-3), np.log(3.97e-3), 0.0])),
         moment_sensor=MomentSensor(1.0, 0.0, 2e-5),
         kinematics=kinematics,
         gravity_world_m_s2=np.array([0.0, 0.0, -9.80665]),

@@ -22,8 +22,12 @@ PARAMETERS = (
     "bow_about_z_per_m",
     "log_stiffness_Nm2",
     "log_mass_per_length_kg_m",
+    "clamp_give_m",
 )
-"""Order of an antenna's parameter vector. Logarithms keep stiffness and mass positive, their errors relative."""
+"""Order of an antenna's parameter vector. Logarithms keep stiffness and mass positive, their errors relative.
+
+No clamp is rigid: it turns with the moment that it holds, as if a short piece of the antenna, `clamp_give_m` long, bent
+inside it."""
 
 NODES_TO_CONTACT, NODES_BEYOND = 40, 17
 CONTACT = NODES_TO_CONTACT - 1
@@ -87,7 +91,7 @@ def bend(
 
     Parameters
     ----------
-    parameters : (B, 8), see `PARAMETERS`.
+    parameters : (B, 9), see `PARAMETERS`.
     gravity_m_s2 : (B, 3) antenna frame.
     contact_m : (B,) arc length of the force from the clamp.
     force_N : (B, 2). By default the components (y, z), in the clamp's frame, of a force along the antenna's normal at
@@ -101,8 +105,10 @@ def bend(
     """
     # A force at the very tip leaves nothing beyond it; a micrometre in a metre keeps the nodes apart.
     contact_m = np.minimum(contact_m, (1 - 1e-6) * length_m)
-    turn = Rotation.from_rotvec(_with_x(parameters[:, 2:4])).as_matrix()
-    weight = np.exp(parameters[:, 7:]) * np.einsum("bji,bj->bi", turn, gravity_m_s2)
+    by_weight = np.exp(parameters[:, 7:8]) * gravity_m_s2
+    held = contact_m[:, None] * force_N + 0.5 * length_m**2 * by_weight[:, 1:]
+    turn = Rotation.from_rotvec(_with_x(parameters[:, 2:4] + _given(parameters, held))).as_matrix()
+    weight = np.einsum("bji,bj->bi", turn, by_weight)
     applied = np.einsum("bji,bj->bi", turn[:, 1:], force_N) if dead else _with_x(force_N)
     in_clamp = _equilibrium(
         _Loads(
@@ -118,11 +124,19 @@ def bend(
     )
     points = np.einsum("bij,jbn->bni", turn, in_clamp.points) + _with_x(parameters[:, :2])[:, None]
     force = np.einsum("bij,jb->bi", turn, in_clamp.force)
-    by_weight = np.exp(parameters[:, 7:]) * gravity_m_s2
     centre = _integrate(np.moveaxis(points, -1, 0), in_clamp.step)[..., -1].T
     moment = np.cross(points[:, CONTACT], force)[:, 1] + np.cross(centre, by_weight)[:, 1]
     tangents = np.einsum("bij,jbn->bni", turn, in_clamp.tangents)
     return Curves(in_clamp.arclength, points, tangents, force, -moment)
+
+
+def _given(parameters: np.ndarray, held_Nm: np.ndarray) -> np.ndarray:
+    """(B, 2) turn of the clamp about y and z under levers times forces (B, 2) to y and z.
+
+    The levers are those of the straight antenna: what deflection makes of them is a tenth of an effect that is itself
+    a hundredth.
+    """
+    return parameters[:, 8:] / np.exp(parameters[:, 6:7]) * np.stack([-held_Nm[:, 1], held_Nm[:, 0]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

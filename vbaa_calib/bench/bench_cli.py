@@ -11,12 +11,19 @@ from ..console import say
 from ..errors import InputError
 from ..files import refuse_overwrite
 
-SUBJECTS = ("metric", "calibration")
+SUBJECTS = ("metric", "calibration", "coverage", "vision")
 POINTS, QUICK_POINTS = 1_000_000, 100_000
-DRAWS, QUICK_DRAWS = 10, 3
+DRAWS = {"calibration": (10, 3), "coverage": (500, 20), "vision": (40, 4)}
+"""Subject → noise draws (vision: pictures of each hardship), and with --quick."""
+LEAST_DRAWS = {"calibration": 1, "coverage": 2, "vision": 1}
+FIGURES = ("metric", "coverage", "vision")
+HOSTILE_PER_DRAW = 25
+"""Pictures with and without an antenna, at random, for each of vision's draws."""
 PACKAGES = {
     "metric": ("numpy", "opencv-contrib-python-headless", "torch", "kornia"),
     "calibration": ("numpy", "scipy", "opencv-contrib-python-headless"),
+    "coverage": ("numpy", "scipy", "opencv-contrib-python-headless", "torch"),
+    "vision": ("numpy", "scipy", "opencv-contrib-python-headless"),
 }
 
 
@@ -26,38 +33,62 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "subject",
         choices=SUBJECTS,
         help="metric: undistortion by OpenCV, kornia and the metric layer; calibration: lens solves by OpenCV "
-        "and ours, in mm on plane C",
+        "and ours, in mm on plane C; coverage: whether the deviations that whole "
+        "calibrations predict are those that sampling shows; vision: the antenna in hard pictures, beside "
+        "other methods",
     )
     parser.add_argument(
-        "--out", type=Path, help="folder for the table (and the figure of metric): SUBJECT.csv (default: print only)"
+        "--out",
+        type=Path,
+        help="folder for the table and (not of calibration) the figure: SUBJECT.csv, SUBJECT.png (default: print only)",
     )
     parser.add_argument(
         "--quick",
         action="store_true",
-        help=f"{QUICK_POINTS} points in place of {POINTS}, {QUICK_DRAWS} draws in place of {DRAWS}",
+        help=f"{QUICK_POINTS} points in place of {POINTS}; fewer draws",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the random pixels and views (default: 0)")
+    usual = ", ".join(f"{subject}: {most}, quick {few}" for subject, (most, few) in DRAWS.items())
+    parser.add_argument("--draws", type=int, help=f"noise draws a rig (default: {usual})")
+    parser.add_argument("--jobs", type=int, default=1, help="processes, coverage alone; the numbers stay (default: 1)")
+    parser.add_argument("--seed", type=int, default=0, help="of the random pixels, views and noise (default: 0)")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run one benchmark; print its table, write its files."""
     from .timing import machine
 
-    suffixes = ("csv", "png") if args.subject == "metric" else ("csv",)
+    _check_numbers(args)
+    suffixes = ("csv", "png") if args.subject in FIGURES else ("csv",)
     files = [args.out / f"{args.subject}.{suffix}" for suffix in suffixes] if args.out else []
     if args.out and not args.out.is_dir():
         raise InputError("no such folder", where=args.out, remedy="create it first")
     for path in files:
         refuse_overwrite(path, args.force)
     named = machine(PACKAGES[args.subject])
-    subject = _metric if args.subject == "metric" else _calibration
-    table, result = subject(args, files)
+    measure = {"metric": _metric, "calibration": _calibration, "coverage": _coverage, "vision": _vision}[args.subject]
+    table, result = measure(args, files)
     table = f"{named}, seed {args.seed}\n{table}"
     if args.json:
         say(table)
     else:
         print(table)
     return {"machine": named, "seed": args.seed, **result}
+
+
+def _check_numbers(args: argparse.Namespace) -> None:
+    least = LEAST_DRAWS.get(args.subject)
+    if args.draws is not None and (least is None or args.draws < least):
+        remedy = "leave it out" if least is None else f"at least {least}"
+        raise InputError(f"--draws {args.draws} for {args.subject}", remedy=remedy)
+    if args.jobs < 1 or (args.jobs > 1 and args.subject != "coverage"):
+        raise InputError(f"--jobs {args.jobs} for {args.subject}", remedy="1, or more for coverage")
+    if args.seed < 0:
+        raise InputError(f"--seed {args.seed}", remedy="a number from 0 on")
+
+
+def _draws(args: argparse.Namespace) -> int:
+    usual, quick = DRAWS[args.subject]
+    return int(args.draws or (quick if args.quick else usual))
 
 
 def _metric(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
@@ -78,8 +109,44 @@ def _calibration(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict
     from .calibration_report import as_text
     from .rows import write_csv
 
-    draws = QUICK_DRAWS if args.quick else DRAWS
+    draws = _draws(args)
     rows = measure(draws, args.seed)
     if files:
         write_csv(files[0], rows, args.force)
     return as_text(rows, draws), {"draws": draws, "rows": [asdict(row) for row in rows]}
+
+
+def _coverage(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
+    from .coverage import run as measure
+    from .coverage_report import as_text, write_figure
+    from .rows import write_csv
+
+    draws = _draws(args)
+    rows, rigs = measure(draws, args.seed, args.jobs)
+    if files and rows:
+        write_csv(files[0], rows, args.force)
+        write_figure(files[1], rows, draws, args.force)
+    result = {"draws": draws, "rows": [asdict(row) for row in rows], "rigs": [asdict(rig) for rig in rigs]}
+    return as_text(rows, rigs, draws), result
+
+
+def _vision(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
+    from .rows import write_csv
+    from .vision import hardships, hostile, methods
+    from .vision_report import as_text, write_figure
+
+    draws = _draws(args)
+    beside = files[0].with_name("vision_methods.csv") if files else None
+    if beside:
+        refuse_overwrite(beside, args.force)
+    compared = methods(max(draws // 4, 2), args.seed, repeats=5 if args.quick else 15)
+    hard, mixed = hardships(draws, args.seed), hostile(HOSTILE_PER_DRAW * draws, args.seed)
+    if files and beside:
+        write_csv(files[0], hard, args.force)
+        write_csv(beside, compared, args.force)
+        write_figure(files[1], compared, hard, args.force)
+    return as_text(compared, hard, mixed), {
+        "methods": [asdict(row) for row in compared],
+        "hardships": [asdict(row) for row in hard],
+        "hostile": [asdict(row) for row in mixed],
+    }

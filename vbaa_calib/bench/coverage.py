@@ -30,9 +30,10 @@ _PARAMETERS = {
     "mass": slice(13, 14),
     "clamp": slice(6, 10),
     "bow": slice(10, 12),
-    "gain": slice(14, 15),
-    "offset": slice(15, 16),
-    "pose, antenna, sensor": slice(0, 16),
+    "clamp give": slice(14, 15),
+    "gain": slice(15, 16),
+    "offset": slice(16, 17),
+    "pose, antenna, sensor": slice(0, 17),
 }
 """Quantity → its rows among `RIG_PARAMETERS`."""
 UNITS = {

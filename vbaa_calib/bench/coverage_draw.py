@@ -17,6 +17,7 @@ from ..antenna.rod import Rod, RodShape, sample_shape, solve_rod
 from ..calibrate.session_rig import (
     BOW_STD_PER_M,
     CLAMP_ANGLE_STD_RAD,
+    CLAMP_GIVE_STD_M,
     CLAMP_OFFSET_STD_M,
     LOG_MASS_STD,
     nominal_parameters,
@@ -55,7 +56,7 @@ class Draw:
     Attributes
     ----------
     views, jig_views : of the board by hand and in the jig. stills : of the free and the loaded antenna.
-    truth : (10,) antenna parameters, gain, offset: `RIG_PARAMETERS` after the pose.
+    truth : (11,) antenna parameters, gain, offset: `RIG_PARAMETERS` after the pose.
     """
 
     rig: CoverageRig
@@ -80,7 +81,7 @@ def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
 
 
 def true_rod(truth: np.ndarray) -> Rod:
-    """The antenna of parameters (10,), a wire with ν = 0.3."""
+    """The antenna of parameters (11,), a wire with ν = 0.3."""
     y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass = truth[:8]
     stiffness = np.exp(log_stiffness)
     clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
@@ -88,10 +89,10 @@ def true_rod(truth: np.ndarray) -> Rod:
 
 
 def drawn_truth(rng: np.random.Generator) -> np.ndarray:
-    """(10,) antenna parameters, gain and offset."""
+    """(11,) antenna parameters, gain and offset."""
     std = [CLAMP_OFFSET_STD_M] * 2 + [CLAMP_ANGLE_STD_RAD] * 2 + [BOW_STD_PER_M] * 2
-    spread = np.array([*std, LOG_STIFFNESS_SPREAD, LOG_MASS_STD, GAIN_SPREAD, OFFSET_SPREAD_NM])
-    return np.concatenate([nominal_parameters(NOMINAL), [1.0, 0.0]]) + spread * rng.normal(size=10)
+    spread = np.array([*std, LOG_STIFFNESS_SPREAD, LOG_MASS_STD, CLAMP_GIVE_STD_M, GAIN_SPREAD, OFFSET_SPREAD_NM])
+    return np.concatenate([nominal_parameters(NOMINAL), [1.0, 0.0]]) + spread * rng.normal(size=11)
 
 
 def _view(rig: CoverageRig, name: str, T_camera_board: Pose, rng: np.random.Generator) -> BoardView:
@@ -127,23 +128,36 @@ def _stills(rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator) -> li
     gravity = gravity_antenna(Kinematics(), GRAVITY_WORLD_M_S2, stills)
     loads = [(s.distance_m, 0.0, s.force_y_N, s.force_z_N) if isinstance(s, Load) else (0.1, 0, 0, 0) for s in stills]
     hung = np.array(loads, float)
-    shape = solve_rod(true_rod(truth), gravity, hung[:, 0], hung[:, 1:])
-    gain, offset = truth[8:]
-    readings = offset - gain * shape.clamp_moment_Nm[:, 1] + MOMENT_NM * rng.normal(size=len(stills))
+    held, rod = _clamp_turns(truth, gravity, hung), true_rod(truth)
+    # the clamp turns: the same as if weight and load turned the other way, and then all that is seen with the clamp
+    shape = solve_rod(rod, held.inv().apply(gravity), hung[:, 0], held.inv().apply(hung[:, 1:]))
+    gain, offset = truth[9:]
+    readings = offset - gain * held.apply(shape.clamp_moment_Nm)[:, 1] + MOMENT_NM * rng.normal(size=len(stills))
     seen = []
     for index, still in enumerate(stills):
-        pixels = _centreline(rig, shape, index)
+        pixels = _centreline(rig, shape, index, held[index], truth[:2])
         pixels = pixels + CENTRELINE_PX * rng.normal(size=pixels.shape)
         seen.append(Seen(replace(still, moment_Nm=float(readings[index])), pixels, gravity[index]))
     return seen
 
 
-def _centreline(rig: CoverageRig, shape: RodShape, index: int) -> np.ndarray:
+def _clamp_turns(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Rotation:
+    """(F,) how far the clamp gives way to the moment that it holds in each still."""
+    moment = solve_rod(true_rod(truth), gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
+    return Rotation.from_rotvec(truth[8] / np.exp(truth[6]) * moment * [0.0, 1.0, 1.0])
+
+
+def _centreline(rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray) -> np.ndarray:
     """(N, 2) true pixels of one antenna's centreline, about one pixel apart, as far as the picture shows it."""
     one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
     coarse = np.linspace(_BEGIN, 1.0, 60)[None] * NOMINAL.length_m
-    way = np.linalg.norm(np.diff(rig.antenna_pixels(sample_shape(one, coarse)[0][0]), axis=0), axis=1)
+    clamp = np.append(0.0, clamp_yz_m)
+
+    def pixels_at(arclength_m: np.ndarray) -> np.ndarray:
+        return rig.antenna_pixels(clamp + held.apply(sample_shape(one, arclength_m)[0][0] - clamp))
+
+    way = np.linalg.norm(np.diff(pixels_at(coarse), axis=0), axis=1)
     count = int(np.nansum(way)) + 1
     even = np.linspace(_BEGIN, 1.0, count)[None] * NOMINAL.length_m
-    pixels = rig.antenna_pixels(sample_shape(one, even)[0][0])
+    pixels = pixels_at(even)
     return pixels[rig.inside(pixels)]

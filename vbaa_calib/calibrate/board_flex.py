@@ -12,14 +12,23 @@ from targets.board import BoardSpec
 from targets.charuco import corner_points
 
 from ..detect.corners import BoardView
-from .bundle import Bundle, free_directions, refine, shared_covariance
+from .bundle import Bundle, free_directions, refine
 from .corner_stack import FLEX, Observation
 from .held_out import excess_in_errors, held_out_squares, rms_over
+from .lens_information import information
 from .lens_models import LensModel
 
 _SIGNIFICANCE = 1e-3
 _GAIN = 3.0
 _LARGEST_PER_EXTENT = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Bend:
+    """A board's shape as a solve found it: sagittas (2,) m along x and y (`BoardFlex`), their covariance (2, 2) m²."""
+
+    sagittas_m: np.ndarray
+    covariance_m2: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +39,7 @@ class BoardFlex:
     ----------
     sagittas_m : (2,) along the board's x and y: how far the outer corners lie behind the middle (+z, away from the
         viewer). Reported also when they were not used.
-    std_m : (2,) their standard deviations; None where the views leave them open.
+    covariance_m2 : (2, 2) of them; None where the views leave them open.
     p_value : chance of sagittas this large on a flat board.
     flat_held_out_rms_px, bent_held_out_rms_px : error on views that only had their poses
         fitted; None where the sagittas are not significant.
@@ -38,12 +47,22 @@ class BoardFlex:
     """
 
     sagittas_m: np.ndarray
-    std_m: np.ndarray | None
+    covariance_m2: np.ndarray | None
     p_value: float
     flat_held_out_rms_px: float | None
     bent_held_out_rms_px: float | None
     used: bool
     reason: str
+
+    @property
+    def std_m(self) -> np.ndarray | None:
+        """(2,) standard deviations of the sagittas; None where the views leave them open."""
+        return None if self.covariance_m2 is None else np.sqrt(np.diag(self.covariance_m2))
+
+    @property
+    def bend(self) -> Bend | None:
+        """The shape that the lens was solved with; None where that was a flat board."""
+        return Bend(self.sagittas_m, self.covariance_m2) if self.used and self.covariance_m2 is not None else None
 
     @property
     def sagitta_mm(self) -> float:
@@ -81,31 +100,33 @@ def judge_flex(
     """
     bent = _fit(model, bundle, observations, square_pixels, flex=True)
     sagittas = bent.sagittas_m
-    covariance = shared_covariance(model, bent, observations, free_directions(model, square_pixels, True))
-    if covariance is None:
+    known = information(model, bent, observations, free_directions(model, square_pixels, True))
+    if known is None:
         return BoardFlex(sagittas, None, 1.0, None, None, False, "the views do not tell a bent board from a flat one")
-    own = covariance[-FLEX:, -FLEX:]
-    std, p_value = np.sqrt(np.diag(own)), float(chi2.sf(sagittas @ np.linalg.solve(own, sagittas), FLEX))
+    spread = known.covariance[-FLEX:, -FLEX:]
+    p_value = float(chi2.sf(sagittas @ np.linalg.solve(spread, sagittas), FLEX))
     if p_value > _SIGNIFICANCE:
         reason = f"a flat board explains the corners (chance of this much by noise: {p_value:.2g})"
-        return BoardFlex(sagittas, std, p_value, None, None, False, reason)
+        return BoardFlex(sagittas, spread, p_value, None, None, False, reason)
     flat = _fit(model, bundle, observations, square_pixels, flex=False)
+    without = information(model, flat, observations, free_directions(model, square_pixels, False))
+    assert without is not None, "a flat board leaves open no more than a bent one"
     squares = [
-        held_out_squares(model, fit, observations, free_directions(model, square_pixels, flex))
-        for fit, flex in ((flat, False), (bent, True))
+        held_out_squares(model, fit, observations, free_directions(model, square_pixels, flex), own)
+        for fit, flex, own in ((flat, False, without), (bent, True, known))
     ]
-    flat_rms, bent_rms = (rms_over(own, observations) for own in squares)
+    flat_rms, bent_rms = (rms_over(errors, observations) for errors in squares)
     gain = excess_in_errors(*squares)
     errors = f"{bent_rms:.3f} px on held-out views against {flat_rms:.3f} px flat, {gain:.1f} standard errors"
     extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
     if np.abs(sagittas).max() > _LARGEST_PER_EXTENT * extent:
         most = 1e3 * np.abs(sagittas).max()
         reason = f"{most:.1f} mm is more than a board bends: another error looks like it"
-        return BoardFlex(sagittas, std, p_value, flat_rms, bent_rms, False, reason)
+        return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, False, reason)
     if gain <= _GAIN:
         reason = f"a bent board does not predict views clearly better ({errors})"
-        return BoardFlex(sagittas, std, p_value, flat_rms, bent_rms, False, reason)
-    return BoardFlex(sagittas, std, p_value, flat_rms, bent_rms, True, f"it predicts views better ({errors})")
+        return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, False, reason)
+    return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, True, f"it predicts views better ({errors})")
 
 
 def _fit(
@@ -118,5 +139,5 @@ def _fit(
         observations,
         free_directions(model, square_pixels, flex),
         sagittas_m=bundle.sagittas_m if flex else np.zeros(FLEX),
-        shrink_px2=bundle.shrink_px2,
+        unfolding=bundle.unfolding,
     )

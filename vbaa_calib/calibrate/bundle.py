@@ -8,14 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .corner_stack import FLEX, Observation, Stack, State, rows
+from .lens_fold import Unfolding
 from .lens_models import LensModel
 
-_RELATIVE_DECREASE = 1e-10
-_OPEN = 1e-10
+_RELATIVE_DECREASE = 1e-8
+_ROUGHLY = 1e-4
 _CAUCHY_PER_SIGMA = 2.385  # 95 % efficiency on normal noise
 _REWEIGHTINGS = 12
-_STEPS_PER_WEIGHTING = 3
-_SETTLED = 1e-3
+_STEPS_PER_WEIGHTING = 2
+_SETTLED = 1e-2
 _MEDIAN_LENGTH = 1.1774  # of a plane normal vector, in standard deviations per axis
 
 
@@ -29,14 +30,14 @@ class Bundle:
     poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
     residuals_px : per view (N, 2), observed minus projected.
     sagittas_m : (2,) of the board along its x and y.
-    shrink_px2 : pull of the distortion coefficients towards zero that it was solved with (`refine`).
+    unfolding : what held the lens from folding, where that was needed.
     """
 
     intrinsics: np.ndarray
     poses: np.ndarray
     residuals_px: tuple[np.ndarray, ...]
     sagittas_m: np.ndarray = field(default_factory=lambda: np.zeros(FLEX))
-    shrink_px2: float = 0.0
+    unfolding: Unfolding | None = None
 
     @property
     def rms_px(self) -> float:
@@ -81,7 +82,8 @@ def refine(
     robust: bool = False,
     iterations: int = 300,
     sagittas_m: Sequence[float] | np.ndarray = (0.0, 0.0),
-    shrink_px2: float = 0.0,
+    unfolding: Unfolding | None = None,
+    tolerance: float = _RELATIVE_DECREASE,
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error from a start.
 
@@ -91,16 +93,17 @@ def refine(
     directions : (4 + k + 2, p) from `free_directions`; p = 0 solves the poses alone.
     robust : weigh corners down by Cauchy's rule, so that gross errors do not pull.
     iterations : at most; a few are enough to tell good starts from bad ones.
-    shrink_px2 : added to the cost for each distortion coefficient of 1, squared. It holds what the corners leave open.
+    unfolding : what to add to the cost so that the lens does not fold.
+    tolerance : the descent ends when a step takes off less than this share of the cost.
     """
     stack = Stack.of(observations)
     state = State(np.concatenate([np.asarray(intrinsics, float), sagittas_m]), np.array(poses, float))
     weights = np.ones(len(stack.pixels))
     if robust:
-        weights, state = _reweighted(model, state, stack, directions, shrink_px2)
-    state, system = _descend(model, state, stack, weights, directions, iterations, shrink_px2)
+        weights, state = _reweighted(model, state, stack, directions, unfolding)
+    state, system = _descend(model, state, stack, weights, directions, iterations, unfolding, tolerance)
     residuals = tuple(np.split(system.residuals_px, stack.bounds[1:-1]))
-    return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:], shrink_px2)
+    return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:], unfolding)
 
 
 def residuals_px(model: LensModel, bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:
@@ -129,7 +132,7 @@ def _linearise(
     stack: Stack,
     weights: np.ndarray,
     directions: np.ndarray,
-    shrink_px2: float,
+    unfolding: Unfolding | None,
 ) -> _System:
     residuals, by_shared, by_pose = rows(model, state, stack)
     scaled = np.concatenate([by_shared @ directions, by_pose, residuals[..., None]], axis=-1)
@@ -141,12 +144,15 @@ def _linearise(
         ]
     )
     p = directions.shape[1]
-    distortion, moved = state.shared[4:-FLEX], directions[4:-FLEX]
+    lacking, held = np.zeros(0), np.zeros((0, p))
+    if unfolding is not None:
+        lacking, by_lens = unfolding.rows(model, state.shared[:-FLEX])
+        held = by_lens @ directions[:-FLEX]
     return _System(
         residuals_px=residuals,
-        cost=float(blocks[:, -1, -1].sum() + shrink_px2 * (distortion @ distortion)),
-        shared=blocks[:, :p, :p].sum(axis=0) + shrink_px2 * (moved.T @ moved),
-        shared_gradient=blocks[:, :p, -1].sum(axis=0) - shrink_px2 * (moved.T @ distortion),
+        cost=float(blocks[:, -1, -1].sum() + lacking @ lacking),
+        shared=blocks[:, :p, :p].sum(axis=0) + held.T @ held,
+        shared_gradient=blocks[:, :p, -1].sum(axis=0) + held.T @ lacking,
         pose=blocks[:, p:-1, p:-1],
         pose_gradient=blocks[:, p:-1, -1],
         coupling=blocks[:, :p, p:-1],
@@ -166,6 +172,11 @@ def _step(system: _System, damping: float) -> tuple[np.ndarray, np.ndarray]:
     return shared_step, own - through @ shared_step
 
 
+def _promise(system: _System, shared_step: np.ndarray, pose_step: np.ndarray) -> float:
+    """What a step takes off the cost if the problem is linear, or less."""
+    return float(system.shared_gradient @ shared_step + np.sum(system.pose_gradient * pose_step))
+
+
 def _solve_scaled(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     # coefficients differ by many orders of magnitude from focal lengths
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
@@ -179,9 +190,10 @@ def _descend(
     weights: np.ndarray,
     directions: np.ndarray,
     iterations: int,
-    shrink_px2: float,
+    unfolding: Unfolding | None,
+    tolerance: float,
 ) -> tuple[State, _System]:
-    system = _linearise(model, state, stack, weights, directions, shrink_px2)
+    system = _linearise(model, state, stack, weights, directions, unfolding)
     damping = 1e-3
     for _ in range(iterations):
         try:
@@ -189,14 +201,17 @@ def _descend(
         except np.linalg.LinAlgError:
             damping *= 10.0
             continue
+        # a step that promises nothing need not be taken to know it
+        if _promise(system, shared_step, pose_step) <= tolerance * system.cost and damping < 1.0:
+            break
         new_state = state.moved(directions @ shared_step, pose_step)
-        trial = _linearise(model, new_state, stack, weights, directions, shrink_px2)
+        trial = _linearise(model, new_state, stack, weights, directions, unfolding)
         if np.isfinite(trial.cost) and trial.cost <= system.cost:
             decrease = system.cost - trial.cost
             state, system = new_state, trial
             damping = max(0.1 * damping, 1e-15)
             # under heavy damping a step is small wherever it is taken
-            if decrease <= _RELATIVE_DECREASE * system.cost and damping < 1.0:
+            if decrease <= tolerance * system.cost and damping < 1.0:
                 break
         else:
             damping *= 8.0
@@ -206,12 +221,12 @@ def _descend(
 
 
 def _reweighted(
-    model: LensModel, state: State, stack: Stack, directions: np.ndarray, shrink_px2: float
+    model: LensModel, state: State, stack: Stack, directions: np.ndarray, unfolding: Unfolding | None
 ) -> tuple[np.ndarray, State]:
     """Cauchy weights (N,) that have settled, and the state that they lead to."""
     weights = _cauchy_weights(rows(model, state, stack)[0])
     for _ in range(_REWEIGHTINGS):
-        state, system = _descend(model, state, stack, weights, directions, _STEPS_PER_WEIGHTING, shrink_px2)
+        state, system = _descend(model, state, stack, weights, directions, _STEPS_PER_WEIGHTING, unfolding, _ROUGHLY)
         before, weights = weights, _cauchy_weights(system.residuals_px)
         if np.abs(weights - before).max() < _SETTLED:
             break
@@ -222,39 +237,3 @@ def _cauchy_weights(residuals: np.ndarray) -> np.ndarray:
     distances = np.linalg.norm(residuals, axis=1)
     sigma = max(robust_sigma(distances), 1e-9)
     return 1.0 / (1.0 + (distances / (_CAUCHY_PER_SIGMA * sigma)) ** 2)
-
-
-def lens_covariance(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
-) -> np.ndarray | None:
-    """(4 + k, 4 + k) covariance of the intrinsics: `shared_covariance` without the board."""
-    covariance = shared_covariance(model, bundle, observations, directions)
-    return None if covariance is None else covariance[:-FLEX, :-FLEX]
-
-
-def shared_covariance(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
-) -> np.ndarray | None:
-    """(4 + k + 2, 4 + k + 2) covariance of intrinsics and sagittas, poses marginalised.
-
-    Scaled by the residual variance. Zero for what is held fixed; None where the views leave a free parameter open.
-    """
-    freedom = sum(view.pixels.size for view in observations) - directions.shape[1] - 6 * len(observations)
-    stack = Stack.of(observations)
-    state = State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
-    residuals, by_shared, by_pose = rows(model, state, stack)
-    by_shared, blocks = by_shared @ directions, []
-    for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True):
-        # what the view's own pose cannot explain; by QR, for normal equations would lose half the digits
-        basis, _ = np.linalg.qr(by_pose[first:last].reshape(-1, 6))
-        flat = by_shared[first:last].reshape(2 * (last - first), -1)
-        blocks.append(flat - basis @ (basis.T @ flat))
-    jacobian = np.vstack(blocks)
-    norms = np.linalg.norm(jacobian, axis=0)
-    if freedom <= 0 or not np.all(np.isfinite(norms)) or not np.all(norms > 0.0):
-        return None
-    _, values, basis = np.linalg.svd(np.linalg.qr(jacobian / norms, mode="r"), full_matrices=False)
-    if values[-1] < _OPEN * values[0]:
-        return None
-    half = directions @ ((basis.T / values) / norms[:, None])
-    return float(np.sum(residuals**2)) / freedom * half @ half.T

@@ -76,7 +76,8 @@ def rows(model: LensModel, state: State, stack: Stack) -> tuple[np.ndarray, np.n
     pixels, by_intrinsics, by_pose = PROJECTIONS[model.camera_model](points, np.zeros(6), intrinsics)
     by_point = by_pose[:, 3:].reshape(-1, 2, 3)
     # gᵀ(ω × q) = ωᵀ(q × g)
-    by_turn = np.cross(turned[:, None, :], by_point)
+    (x, y, z), (a, b, c) = turned.T[:, :, None], np.moveaxis(by_point, -1, 0)
+    by_turn = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
     by_sagitta = (by_point @ rotations[:, :, 2:]) * stack.bend[:, None, :]
     by_shared = np.concatenate([by_intrinsics.reshape(len(points), 2, -1), by_sagitta], axis=-1)
     return stack.pixels - pixels, by_shared, np.concatenate([by_turn, by_point], axis=-1)

@@ -2,62 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
-from .bundle import Bundle, lens_covariance, refine
-from .corner_stack import Observation
+from .corner_stack import FLEX
+from .lens_information import Information
 from .lens_models import LensModel, camera_of
 from .lens_uncertainty import compensate, pixel_grid, projection_jacobian
 
-AGREE = 2.5
-"""Halves of good data differ by more than this many predicted deviations about once in a thousand."""
+AGREE = 1e-4
+"""Halves of good data differ by so much that chance explains it with less than this about once in ten thousand."""
 
-_ITERATIONS = 30
 _LEAST_VIEWS = 6
+_GRID = (9, 7)
 
 
-def disagreement_of_halves(
-    model: LensModel,
-    bundle: Bundle,
-    observations: Sequence[Observation],
-    directions: np.ndarray,
-    image_size: tuple[int, int],
-) -> float | None:
-    """The halves' difference over its predicted deviation, rms over the picture; about 1 when all is well.
+@dataclass(frozen=True)
+class Halves:
+    """How far the lenses of two halves of the views differ.
 
-    The views are dealt out in turn. What a turn of the camera explains is left out of both. None with under 6 views, or
-    when a half leaves the lens open.
+    Attributes
+    ----------
+    deviations : the difference over its predicted deviation, rms over the picture; about 1 when all is well.
+    p_value : chance of this much. One weak direction of the lens may make up all of the difference, so that 2.5
+        deviations are sometimes much and sometimes little.
     """
-    if len(observations) < _LEAST_VIEWS:
+
+    deviations: float
+    p_value: float
+
+
+def compare_halves(
+    model: LensModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
+) -> Halves | None:
+    """The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all views.
+
+    intrinsics : (4 + k,) of all views. What a turn of the camera explains is left out, and so is what holds
+    the lens from folding. None with under 6 views, or when
+    a half leaves the lens open.
+    """
+    if len(known.squares) < _LEAST_VIEWS:
         return None
-    lenses, covariances = [], []
-    for first in (0, 1):
-        views = observations[first::2]
-        half = refine(
-            model,
-            bundle.intrinsics,
-            bundle.poses[first::2],
-            views,
-            directions,
-            iterations=_ITERATIONS,
-            sagittas_m=bundle.sagittas_m,
-            shrink_px2=bundle.shrink_px2,
-        )
-        own = lens_covariance(model, half, views, directions)
-        if own is None:
+    difference, covariance = np.zeros(known.half.shape[1]), np.zeros_like(known.prior)
+    for first, sign in ((0, 1.0), (1, -1.0)):
+        own, pull = known.blocks[first::2].sum(axis=0), known.gradients[first::2].sum(axis=0)
+        freedom = known.counts[first::2].sum() - len(own) - 6 * len(known.counts[first::2])
+        if freedom <= 0 or np.linalg.cond(own) > 1e12:
             return None
-        lenses.append(camera_of(model, half.intrinsics, image_size))
-        covariances.append(own)
-    camera = camera_of(model, bundle.intrinsics, image_size)
-    pixels = pixel_grid(image_size)
-    rays, _ = camera.unproject(pixels)
-    shift = lenses[0].project(rays)[0] - lenses[1].project(rays)[0]
-    difference = compensate(camera, pixels, shift[..., None])[..., 0]
-    jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels))
-    covariance = covariances[0] + covariances[1]
+        inverse = np.linalg.inv(own)
+        step = inverse @ pull
+        variance = (known.squares[first::2].sum() - pull @ step) / freedom
+        difference += sign * step
+        covariance += variance * inverse
+    camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, _GRID)
+    jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-FLEX]
+    jacobian = jacobian[np.isfinite(jacobian).all(axis=(-1, -2))]
+    if not len(jacobian):
+        return None
     predicted = np.trace(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2), axis1=-2, axis2=-1)
-    squares = np.sum(difference**2, axis=-1) / predicted
-    known = np.isfinite(squares)
-    return float(np.sqrt(np.mean(squares[known]))) if known.any() else None
+    seen = jacobian / np.sqrt(predicted * len(jacobian))[:, None, None]
+    form = np.einsum("nki,nkj->ij", seen, seen)
+    square = float(difference @ form @ difference)
+    # a sum of squares of unequal share, by the chi-squared law with its mean, which is 1, and its variance
+    freedom = 1.0 / float(np.sum((form @ covariance) * (form @ covariance).T))
+    return Halves(float(np.sqrt(square)), float(chi2.sf(square * freedom, freedom)))

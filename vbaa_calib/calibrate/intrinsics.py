@@ -14,7 +14,7 @@ from ..detect.corners import BoardView
 from ..errors import InputError
 from ..geometry import Pose
 from .board_flex import BoardFlex, observations_of
-from .bundle import residuals_px, shared_covariance
+from .bundle import residuals_px
 from .corner_stack import FLEX, Observation
 from .lens_choice import Candidate
 from .lens_models import LENS_MODELS, camera_matrix, is_monotonic
@@ -111,8 +111,7 @@ def solve_intrinsics(
     dropped += _contradicting(usable, fit.inliers.views)
     good = fit.inliers.of(observations)
     _require_enough(good, dropped, model)
-    covariance = shared_covariance(fit.lens, fit.bundle, good, fit.directions)
-    if covariance is None:
+    if fit.information is None:
         raise InputError(
             f"the pictures leave the {fit.lens.name} lens open",
             remedy="add views of the board tilted in different directions, or choose a simpler --model",
@@ -120,7 +119,7 @@ def solve_intrinsics(
     whole = [observations[index] for index in fit.inliers.views.tolist()]
     distances = np.concatenate([np.linalg.norm(r, axis=1) for r in residuals_px(fit.lens, fit.bundle, whole)])
     rms_px = float(np.sqrt((distances**2).mean()))
-    return _solution(fit, covariance[:-FLEX, :-FLEX], usable, good, dropped, rms_px)
+    return _solution(fit, fit.information.covariance[:-FLEX, :-FLEX], usable, good, dropped, rms_px)
 
 
 def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[DroppedView]:

@@ -74,6 +74,7 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "board_flex": {
             "sagittas_m": flex.sagittas_m.tolist(),
             "std_m": None if flex.std_m is None else flex.std_m.tolist(),
+            "covariance_m2": None if flex.covariance_m2 is None else flex.covariance_m2.tolist(),
             "sagitta_mm": flex.sagitta_mm,
             "used": flex.used,
             "reason": flex.reason,
@@ -102,6 +103,7 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
                 "held_out_rms_px": candidate.held_out_rms_px,
                 "monotonic": candidate.monotonic,
                 "halves": candidate.halves,
+                "halves_p_value": candidate.halves_p_value,
             }
             for candidate in solution.comparison
         ],

@@ -32,7 +32,7 @@ STANDSTILL = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Parameters (16 + P,), residuals (R,), their Jacobian (R, 16 + P), and whether the solver came to a standstill."""
+    """Parameters (17 + P,), residuals (R,), their Jacobian (R, 17 + P), and whether the solver came to a standstill."""
 
     parameters: np.ndarray
     residuals: np.ndarray
@@ -48,7 +48,7 @@ class Linearised:
         return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
 
     def covariance(self) -> np.ndarray:
-        """(16 + P, 16 + P) inverse of the information."""
+        """(17 + P, 17 + P) inverse of the information."""
         information, _, scale = self.normal_equations()
         inverse = np.linalg.inv(information) / np.outer(scale, scale)
         return 0.5 * (inverse + inverse.T)
@@ -61,9 +61,9 @@ class JointSolution:
     Attributes
     ----------
     problem, solution : what was solved, and the linearised end of it.
-    parameters : (16,) `RIG_PARAMETERS`; the pose's six are steps from the prior's start.
+    parameters : (17,) `RIG_PARAMETERS`; the pose's six are steps from the prior's start.
     camera : the lens as all pictures together have it, with its covariance.
-    covariance : (16 + P, 16 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
+    covariance : (17 + P, 17 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,) reading less prediction.
     """

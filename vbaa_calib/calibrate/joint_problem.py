@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..antenna.shape import Curves, bend
+from ..antenna.shape import PARAMETERS, Curves, bend
 from ..camera import Camera
 from ..geometry import Pose
 from ..geometry.independent_axes import independent_axes
@@ -16,10 +16,12 @@ from ..rig import RIG_PARAMETERS
 from ..session import Load, Still
 from .pose_estimate import PoseEstimate
 
-POSE, ANTENNA = slice(0, 6), slice(6, 14)
-GAIN, OFFSET = 14, 15
+POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
+GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
+BENT = 1 + len(PARAMETERS)
+"""Curves in each still: the antenna, and one a step further along each of its parameters."""
 RIG = len(RIG_PARAMETERS)
-STEPS = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [1e-3] * 2)
+STEPS = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [1e-3] * 2 + [1e-4])
 """Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
 SWEEPS = 4
 """Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
@@ -57,7 +59,7 @@ class Prior:
     poses : the camera's pose by one or several ways.
     start : camera pose from which the solution's steps are counted.
     camera : the lens; one without a covariance counts as exact.
-    mean, std : (10,) of the antenna's parameters, gain and offset.
+    mean, std : (11,) of the antenna's parameters, gain and offset.
     """
 
     poses: Sequence[PoseEstimate]
@@ -74,7 +76,7 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The residuals of everything, for parameters (16 + P,): `RIG_PARAMETERS`, then steps along `lens_axes`.
+    """The residuals of everything, for parameters (17 + P,): `RIG_PARAMETERS`, then steps along `lens_axes`.
 
     Attributes
     ----------
@@ -101,7 +103,7 @@ class Problem:
 
     @property
     def begin(self) -> np.ndarray:
-        """(16 + P,) parameters before anything was seen."""
+        """(17 + P,) parameters before anything was seen."""
         return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(len(self.prior.lens_axes))])
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
@@ -135,7 +137,7 @@ class Problem:
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
     def curves(self, antennas: np.ndarray, compliance: np.ndarray | None = None) -> Curves:
-        """Shapes of A antennas (A, 8) in each of F stills, still by still.
+        """Shapes of A antennas (A, 9) in each of F stills, still by still.
 
         compliance : (A, 2) factors on what bends each antenna to y and to z; 1 where not given.
         """
@@ -157,21 +159,21 @@ class Problem:
         )
 
     def evaluate(self, parameters: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """Per observation (N, 15 + P): whitened distances, then their slopes by pose, antenna and lens; (F, 9) moments.
+        """Per observation (N, 16 + P): whitened distances, their slopes by pose, antenna and lens; (F, 10) moments.
 
         The moments are those of the antenna and of one a step further along each of its parameters.
         """
-        antennas = np.repeat(parameters[None, ANTENNA], 9, axis=0)
+        antennas = np.repeat(parameters[None, ANTENNA], BENT, axis=0)
         antennas[1:] += np.diag(STEPS[6:])
         pose = self.pose(parameters)
         views = [each.inverse() for each in [pose, *map(pose.retract, np.diag(STEPS[:6]))]]
         curves = self.curves(antennas)
-        order = np.array([0] * 7 + list(range(1, 9)))
+        order = np.array([0] * 7 + list(range(1, BENT)))
         blocks = []
         for index, points in enumerate(self.seen(parameters)):
-            images = image_curves(curves.picked(9 * index + order), [*views, *[views[0]] * 8])
+            images = image_curves(curves.picked(BENT * index + order), [*views, *[views[0]] * (BENT - 1)])
             blocks.append(self._with_slopes(points, images))
-        return blocks, curves.moment_Nm.reshape(len(self.observations), 9)
+        return blocks, curves.moment_Nm.reshape(len(self.observations), BENT)
 
     def _with_slopes(self, points: SeenPoints, images: ImageCurves) -> np.ndarray:
         distances, by_lens = whitened_with_lens(points, images)
@@ -179,7 +181,7 @@ class Problem:
         return np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes])
 
     def residuals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 16 + P): points, moments, camera poses, then antenna to lens."""
+        """All residuals (R,) and their Jacobian (R, 17 + P): points, moments, camera poses, then antenna to lens."""
         distances, moments = self.evaluate(parameters)
         parts = [self._points(distances), self._moments(parameters, moments)]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
@@ -191,7 +193,7 @@ class Problem:
 
     def _points(self, distances: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         whole = np.vstack([block for block, kept in zip(distances, self.kept, strict=True) if kept]) / self.noise_scale
-        return whole[:, 0], np.hstack([whole[:, 1:15], np.zeros((len(whole), 2)), whole[:, 15:]])
+        return whole[:, 0], np.hstack([whole[:, 1 : 1 + GAIN], np.zeros((len(whole), 2)), whole[:, 1 + GAIN :]])
 
     def _moments(self, parameters: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rows = np.zeros((len(moments), len(parameters)))

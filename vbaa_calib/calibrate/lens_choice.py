@@ -7,20 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bundle import Bundle, free_directions, lens_covariance
+from .bundle import Bundle, free_directions
 from .corner_stack import Observation
-from .halves import AGREE, disagreement_of_halves
+from .halves import AGREE, Halves, compare_halves
 from .held_out import excess_in_errors, held_out_squares, rms_over
+from .lens_information import Information, information
 from .lens_models import LENS_MODELS, LensModel, is_monotonic
-from .lens_start import fit_lens
+from .lens_start import fit_lens, unfolded
 
 CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
 """What `auto` compares, from simple to rich. Thin-prism and tilted lenses must be asked for by name."""
 
 _CENTRED, _DECENTRED = ("none", "radial"), "opencv4"
 _EXCESS, _SMALL_EXCESS = 1.0, 2.0
-_NEGLIGIBLE, _SMALL = 1.002, 1.01
-_AGREEMENT_MAY_COST = 1.02
+_NEGLIGIBLE, _SMALL = 1.002, 1.05
+_AGREEMENT_MAY_COST = 1.005
+_CLEARLY = 1.01
 _MONOTONIC_MAY_COST = 1.1
 
 
@@ -33,8 +35,8 @@ class Candidate:
     model : its name. free_parameters : of the lens, focal lengths and principal point included.
     rms_px : over the corners it was fitted to. held_out_rms_px : over views that only had their poses fitted.
     monotonic : whether it maps the whole picture without folding.
-    halves : how far the lenses of two halves of the views differ, in predicted deviations (`disagreement_of_halves`);
-        None where they cannot be compared.
+    halves : how far the lenses of two halves of the views differ (`Halves.deviations`), and halves_p_value the chance
+        of that; None where they cannot be compared.
     """
 
     model: str
@@ -43,11 +45,12 @@ class Candidate:
     held_out_rms_px: float
     monotonic: bool
     halves: float | None = None
+    halves_p_value: float | None = None
 
     @property
     def halves_agree(self) -> bool:
         """Whether the halves differ no more than predicted, or cannot be compared."""
-        return self.halves is None or self.halves <= AGREE
+        return self.halves_p_value is None or self.halves_p_value >= AGREE
 
 
 def assess(
@@ -56,16 +59,19 @@ def assess(
     observations: Sequence[Observation],
     image_size: tuple[int, int],
     directions: np.ndarray,
+    known: Information,
 ) -> tuple[Candidate, np.ndarray]:
     """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
-    squares = held_out_squares(model, bundle, observations, directions)
+    squares = held_out_squares(model, bundle, observations, directions, known)
+    halves: Halves | None = compare_halves(model, bundle.intrinsics, known, image_size)
     candidate = Candidate(
         model=model.name,
         free_parameters=directions.shape[1] - int(np.any(directions[-2:] != 0.0, axis=0).sum()),
         rms_px=bundle.rms_px,
         held_out_rms_px=rms_over(squares, observations),
         monotonic=is_monotonic(model, bundle.intrinsics, image_size),
-        halves=disagreement_of_halves(model, bundle, observations, directions, image_size),
+        halves=None if halves is None else halves.deviations,
+        halves_p_value=None if halves is None else halves.p_value,
     )
     return candidate, squares
 
@@ -81,35 +87,35 @@ def choose_lens(
 
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. Taken is
     the first in order of complexity whose held-out error is within one standard error (over views) of the best, two
-    where that is under 1 %, or within 0.2 %. A lens without decentring must also beat the one with it. A model that
-    folds inside the picture is passed over unless every other is 10 % worse, one whose halves disagree unless every
-    other is 2 % worse; one that the views leave open is left out.
+    where that is under 5 %, or within 0.2 %. A lens without decentring must also beat the one with it, by over 1 %.
+    Models that fold inside the picture are passed over unless every other is 10 % worse, those whose halves disagree
+    unless every other is 0.5 % worse; one that the views leave open is left out.
 
     warm : solutions by model name for nearly the same corners, to start from.
     """
-    known: dict[str, Bundle] = {}
+    fits: dict[str, Bundle] = {}
     errors, candidates = {}, []
     for name in CANDIDATES:
         model, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex)
-        bundle = fit_lens(model, observations, image_size, square_pixels, known, flex, warm)
-        if lens_covariance(model, bundle, observations, directions) is None:
+        bundle = fit_lens(model, observations, image_size, square_pixels, flex, {**fits, **(warm or {})})
+        fits[name] = bundle = unfolded(model, bundle, observations, directions, image_size)
+        known = information(model, bundle, observations, directions)
+        if known is None:
             continue
-        candidate, errors[name] = assess(model, bundle, observations, image_size, directions)
+        candidate, errors[name] = assess(model, bundle, observations, image_size, directions, known)
         candidates.append(candidate)
     chosen = _simplest_good(candidates, errors) if candidates else CANDIDATES[0]
-    return LENS_MODELS[chosen], known[chosen], tuple(candidates)
+    return LENS_MODELS[chosen], fits[chosen], tuple(candidates)
 
 
 def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:
     allowed = _unless_too_dear(candidates, [c for c in candidates if c.monotonic], _MONOTONIC_MAY_COST)
     allowed = _unless_too_dear(allowed, [c for c in allowed if c.halves_agree], _AGREEMENT_MAY_COST)
-    names = [candidate.model for candidate in allowed]
+    rows = {candidate.model: candidate for candidate in allowed}
     best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
     for candidate in allowed:
         own = errors[candidate.model]
-        # every lens is a little off its axis: to deny that takes evidence, not just a lack of it
-        rivalled = candidate.model in _CENTRED and _DECENTRED in names
-        if rivalled and excess_in_errors(errors[_DECENTRED], own) <= _EXCESS:
+        if candidate.model in _CENTRED and _DECENTRED in rows and not _may_be_centred(candidate, rows, errors):
             continue
         loss = candidate.held_out_rms_px / best.held_out_rms_px
         tolerated = _SMALL_EXCESS if loss <= _SMALL else _EXCESS
@@ -118,8 +124,14 @@ def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray
     return best.model
 
 
+def _may_be_centred(candidate: Candidate, rows: Mapping[str, Candidate], errors: Mapping[str, np.ndarray]) -> bool:
+    """Every lens is a little off its axis: to deny that takes evidence, and more than chance gives."""
+    worse = rows[_DECENTRED].held_out_rms_px > _CLEARLY * candidate.held_out_rms_px
+    return worse and excess_in_errors(errors[_DECENTRED], errors[candidate.model]) > _EXCESS
+
+
 def _unless_too_dear(
     every: Sequence[Candidate], preferred: Sequence[Candidate], may_cost: float
 ) -> Sequence[Candidate]:
     least = min(candidate.held_out_rms_px for candidate in every)
-    return [candidate for candidate in preferred if candidate.held_out_rms_px <= may_cost * least] or every
+    return preferred if any(candidate.held_out_rms_px <= may_cost * least for candidate in preferred) else every

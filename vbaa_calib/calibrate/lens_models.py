@@ -48,10 +48,11 @@ LENS_MODELS = {
         LensModel("opencv4", "opencv", 4, (0, 1, 2, 3), "radial"),
         # from the solution without k3: a free k3 from a cold start ends far from the minimum on long lenses
         LensModel("opencv5", "opencv", 5, (0, 1, 2, 3, 4), "opencv4"),
-        LensModel("rational", "opencv", 8, tuple(range(8)), "opencv4"),
+        # from the fisheye, whose curve is smooth: from polynomials it often ends with a pole inside the picture
+        LensModel("rational", "opencv", 8, tuple(range(8)), "fisheye"),
         LensModel("thin", "opencv", 12, tuple(range(12)), "rational"),
         LensModel("tilted", "opencv", 14, tuple(range(14)), "thin"),
-        LensModel("fisheye", "fisheye", 4, (0, 1, 2, 3), "none"),
+        LensModel("fisheye", "fisheye", 4, (0, 1, 2, 3), None),
     )
 }
 """By name, from simple to rich."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from .board_flex import BoardFlex, judge_flex
 from .bundle import Bundle, free_directions
-from .corner_stack import FLEX, Observation
+from .corner_stack import Observation
 from .lens_choice import Candidate, assess, choose_lens
+from .lens_information import Information, information
 from .lens_models import LENS_MODELS, LensModel
-from .lens_start import fit_lens
+from .lens_start import fit_lens, rough_lens, unfolded
 from .outliers import Inliers, fit_without_outliers, refined_robustly
 
 SCREENING = ("opencv5", "fisheye", "rational")
@@ -28,7 +27,7 @@ class LensFit:
     Attributes
     ----------
     inliers : the good corners among all observations. bundle : the solution over them, one pose for each good view.
-    directions : (4 + k + 2, p) what was solved for.
+    information : of the corners at that solution; None where they leave the lens open.
     comparison : the lens models that were assessed.
     """
 
@@ -37,7 +36,7 @@ class LensFit:
     inliers: Inliers
     flex: BoardFlex
     comparison: tuple[Candidate, ...]
-    directions: np.ndarray
+    information: Information | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +62,11 @@ def screen(
     """
     known: dict[str, Bundle] = {}
     robust = {}
-    for name in SCREENING if model == "auto" else (model,):
+    for name in ("opencv4", *SCREENING) if model == "auto" else (model,):
         lens, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex=True)
-        start = fit_lens(lens, observations, image_size, square_pixels, known, flex=True)
-        robust[name] = refined_robustly(lens, start, observations, directions)
+        known[name] = rough_lens(lens, observations, image_size, square_pixels, known)
+        if name in SCREENING or name == model:
+            robust[name] = refined_robustly(lens, known[name], observations, directions)
     best = min(robust, key=lambda name: robust[name].sigma_px)
     lens, directions = LENS_MODELS[best], free_directions(LENS_MODELS[best], square_pixels, flex=True)
     inliers, bundle = fit_without_outliers(lens, robust[best], observations, directions, min_corners)
@@ -85,22 +85,28 @@ def decide(
     """Bend of the board, lens model, and once more the outliers under them, until neither decision changes."""
     lens, inliers, bundle, warm = start.lens, start.inliers, start.bundle, start.warm
     comparison: tuple[Candidate, ...] = ()
-    decided = None
+    decided, judged = None, None
     for _ in range(_ROUNDS):
         good = inliers.of(observations)
-        flex = judge_flex(lens, bundle, good, square_pixels)
+        corners = sum(len(view.pixels) for view in good)
+        if judged != (lens.name, corners):
+            flex = judge_flex(lens, bundle, good, square_pixels)
+            judged = (lens.name, corners)
         if decided == (lens.name, flex.used):
             break
         if model == "auto":
             lens, bundle, comparison = choose_lens(good, image_size, square_pixels, flex.used, warm)
+        else:
+            bundle = fit_lens(lens, good, image_size, square_pixels, flex.used, {lens.name: bundle})
         decided = (lens.name, flex.used)
         directions = free_directions(lens, square_pixels, flex.used)
         whole = [observations[index] for index in inliers.views]
-        if not flex.used:
-            bundle = replace(bundle, sagittas_m=np.zeros(FLEX))
-        within, bundle = fit_without_outliers(lens, bundle, whole, directions, min_corners)
+        within, bundle = fit_without_outliers(lens, bundle, whole, directions, min_corners, inliers.masks)
         inliers = Inliers(inliers.views[within.views], within.masks)
         warm = {name: replace(fit, poses=fit.poses[within.views]) for name, fit in warm.items()}
-    if model != "auto":
-        comparison = (assess(lens, bundle, inliers.of(observations), image_size, directions)[0],)
-    return LensFit(lens, bundle, inliers, flex, comparison, directions)
+    good = inliers.of(observations)
+    bundle = unfolded(lens, bundle, good, directions, image_size)
+    known = information(lens, bundle, good, directions)
+    if model != "auto" and known is not None:
+        comparison = (assess(lens, bundle, good, image_size, directions, known)[0],)
+    return LensFit(lens, bundle, inliers, flex, comparison, known)

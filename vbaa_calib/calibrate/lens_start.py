@@ -9,14 +9,20 @@ import numpy as np
 
 from .bundle import Bundle, free_directions, refine
 from .corner_stack import FLEX, Observation
+from .lens_fold import Unfolding, rational_like
 from .lens_models import LENS_MODELS, LensModel, camera_matrix, is_monotonic
 
 _FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)
 _TRIAL_ITERATIONS = 15
-_PULLS = 10.0 ** np.arange(-4, 5)
-_UNFOLDING_MAY_COST = 1.005
-_UNFOLDING_ITERATIONS = 40
-_FROM_FOCALS = ("none", "radial", "fisheye")
+_STEP_ITERATIONS = 6
+_ROUGHLY = 1e-3
+_PLAUSIBLE_PER_WIDTH = 1e-3
+_LEAST_SLOPES = (0.1, 0.2, 0.35)
+_CLOSELY = 1e-5
+_STIFF = 1e4
+_UNFOLDING_MAY_COST = 0.01
+_UNFOLDING_DEVIATIONS = 20.0
+_UNFOLDING_ITERATIONS = 15
 
 
 def fit_lens(
@@ -24,47 +30,78 @@ def fit_lens(
     observations: Sequence[Observation],
     image_size: tuple[int, int],
     square_pixels: bool = False,
-    known: dict[str, Bundle] | None = None,
     flex: bool = False,
     warm: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
-    """The best solution of one lens model over all starts.
+    """The best solution of one lens model, from the start that needs the least luck first.
 
-    known : solutions by model name; used as starts, and filled with those found on the way.
     flex : solve for the board's sagittas too.
     warm : solutions by model name for nearly the same corners; where there is one it is the only start.
     """
-    known = {} if known is None else known
-    if model.name in known:
-        return known[model.name]
     directions = free_directions(model, square_pixels, flex)
-    if warm and model.name in warm:
-        near = warm[model.name]
-        sagittas = near.sagittas_m if flex else np.zeros(FLEX)
-        found = [refine(model, near.intrinsics, near.poses, observations, directions, sagittas_m=sagittas)]
-        known[model.name] = unfolded(model, found[0], observations, directions, image_size)
-        return known[model.name]
-    starts = []
-    if model.simpler is not None:
-        simpler = fit_lens(LENS_MODELS[model.simpler], observations, image_size, square_pixels, known, flex, warm)
-        starts.append((_widened(simpler.intrinsics, model), simpler.poses))
-    if model.name in _FROM_FOCALS:
-        for focal in _focal_starts(observations, image_size):
-            intrinsics = np.zeros(4 + model.distortion_count)
-            intrinsics[:4] = focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2
-            starts.append((intrinsics, start_poses(intrinsics, observations)))
-    tried = [refine(model, *start, observations, directions, iterations=_TRIAL_ITERATIONS) for start in starts]
-    # a mirrored solution (board behind the camera, negative focal length) can fit as well
-    tried = [bundle for bundle in tried if _is_physical(bundle)] or tried
-    # by the median corner: half of them may be wrong
-    tried.sort(key=lambda bundle: np.nan_to_num(bundle.sigma_px, nan=np.inf))
-    found = [
-        refine(model, start.intrinsics, start.poses, observations, directions, sagittas_m=start.sagittas_m)
-        for start in tried[:2]
-    ]
-    best = min(found, key=lambda bundle: np.nan_to_num(bundle.rms_px, nan=np.inf))
-    known[model.name] = unfolded(model, best, observations, directions, image_size)
-    return known[model.name]
+    near = (warm or {}).get(model.name)
+    if near is None:
+        near = rough_lens(model, observations, image_size, square_pixels, warm)
+    sagittas = near.sagittas_m if flex else np.zeros(FLEX)
+    return refine(model, near.intrinsics, near.poses, observations, directions, sagittas_m=sagittas)
+
+
+def rough_lens(
+    model: LensModel,
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    square_pixels: bool = False,
+    known: Mapping[str, Bundle] | None = None,
+) -> Bundle:
+    """A solution of a flat board that needs only a few more steps, outliers and all.
+
+    The focal length in closed form comes first. Where the median corner is left over a thousandth of the picture's
+    width off, focal lengths from wide to long are tried as well, and the best by the median corner, for half of the
+    corners may be wrong, is taken.
+
+    known : solutions of simpler lenses, by name, to start from.
+    """
+    simpler = (known or {}).get(model.simpler or "")
+    if simpler is not None:
+        directions, start = free_directions(model, square_pixels), widened(simpler.intrinsics, model, image_size)
+        return refine(
+            model, start, simpler.poses, observations, directions, iterations=_TRIAL_ITERATIONS, tolerance=_ROUGHLY
+        )
+    tried: list[Bundle] = []
+    for focal in _focal_starts(observations, image_size):
+        bundle = _climbed(model, focal, observations, image_size, square_pixels)
+        # a mirrored solution (board behind the camera, negative focal length) can fit as well
+        if _is_physical(bundle) and bundle.sigma_px < _PLAUSIBLE_PER_WIDTH * max(image_size):
+            return bundle
+        tried.append(bundle)
+    physical = [bundle for bundle in tried if _is_physical(bundle)] or tried
+    return min(physical, key=lambda bundle: np.nan_to_num(bundle.sigma_px, nan=np.inf))
+
+
+def _climbed(
+    model: LensModel,
+    focal_px: float,
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    square_pixels: bool,
+) -> Bundle:
+    """From one focal length through the simpler lenses: a rich lens from a cold start ends far from the minimum."""
+    intrinsics = np.array([focal_px, focal_px, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
+    bundle = Bundle(intrinsics, start_poses(intrinsics, observations), ())
+    for rung in reversed(_ladder(model)):
+        start = widened(bundle.intrinsics, rung, image_size)
+        iterations = _TRIAL_ITERATIONS if rung is model else _STEP_ITERATIONS
+        directions = free_directions(rung, square_pixels)
+        bundle = refine(rung, start, bundle.poses, observations, directions, iterations=iterations, tolerance=_ROUGHLY)
+    return bundle
+
+
+def _ladder(model: LensModel) -> list[LensModel]:
+    """The model and those that lead to it, the simplest last."""
+    ladder = [model]
+    while (below := ladder[-1].simpler) is not None:
+        ladder.append(LENS_MODELS[below])
+    return ladder
 
 
 def unfolded(
@@ -76,29 +113,46 @@ def unfolded(
 ) -> Bundle:
     """A solution that does not fold inside the picture, where the corners leave room for one; the given one otherwise.
 
-    Beyond the corners a rich lens is held by nothing, and often folds there. A pull of its coefficients towards zero,
-    as weak as will do, holds what the corners leave open and moves the rest by less than they can tell: at most 0.5 %
-    of the residual is paid for it.
+    Beyond the corners a rich lens is held by nothing, and often folds there. Keeping up the slope of its radial curve
+    as far as the picture's corner takes that away and leaves the rest to the corners. At most 1 % of the squared
+    residuals is paid for it, or what 20 parameters would explain by chance: a lens that must pay more is wrong.
     """
     if not np.isfinite(bundle.rms_px) or is_monotonic(model, bundle.intrinsics, image_size):
         return bundle
-    at_most = _UNFOLDING_MAY_COST * bundle.rms_px
-    for pull in _PULLS:
-        trial = refine(
-            model,
-            bundle.intrinsics,
-            bundle.poses,
-            observations,
-            directions,
-            iterations=_UNFOLDING_ITERATIONS,
-            sagittas_m=bundle.sagittas_m,
-            shrink_px2=pull * bundle.rms_px**2,
-        )
-        if trial.rms_px > at_most:
-            break
-        if is_monotonic(model, trial.intrinsics, image_size):
-            return trial
+    count = sum(len(view.pixels) for view in observations)
+    share = max(_UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS / (2 * count))
+    at_most = np.sqrt(1.0 + share) * bundle.rms_px
+    starts = [(bundle.intrinsics, bundle.poses)]
+    if len(_ladder(model)) > 1 and _ladder(model)[-1].camera_model != model.camera_model:
+        # a pole inside the picture is not left by small steps
+        smooth = rough_lens(_ladder(model)[-1], observations, image_size)
+        starts.insert(0, (widened(smooth.intrinsics, model, image_size), smooth.poses))
+    for slope in _LEAST_SLOPES:
+        for start in starts:
+            trial = refine(
+                model,
+                *start,
+                observations,
+                directions,
+                iterations=_UNFOLDING_ITERATIONS,
+                sagittas_m=bundle.sagittas_m,
+                unfolding=Unfolding(slope, _STIFF * bundle.sigma_px**2, image_size),
+                tolerance=_CLOSELY,
+            )
+            if trial.rms_px <= at_most and is_monotonic(model, trial.intrinsics, image_size):
+                return trial
     return bundle
+
+
+def widened(intrinsics: np.ndarray, model: LensModel, image_size: tuple[int, int]) -> np.ndarray:
+    """(4 + k,) start of a lens model from the solution of the next simpler one."""
+    wide = np.zeros(4 + model.distortion_count)
+    before = LENS_MODELS.get(model.simpler or "")
+    if before is not None and before.camera_model != model.camera_model:
+        alike = rational_like(before, intrinsics, image_size)
+        intrinsics = intrinsics[:4] if alike is None else alike
+    wide[: len(intrinsics)] = intrinsics
+    return wide
 
 
 def start_poses(intrinsics: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
@@ -108,13 +162,6 @@ def start_poses(intrinsics: np.ndarray, observations: Sequence[Observation]) -> 
         _, rotvec, translation = cv2.solvePnP(view.points_m, view.pixels, matrix, None)
         poses.append(np.concatenate([rotvec.ravel(), translation.ravel()]))
     return np.array(poses)
-
-
-def _widened(intrinsics: np.ndarray, model: LensModel) -> np.ndarray:
-    wide = np.zeros(4 + model.distortion_count)
-    shared = 4 if model.camera_model == "fisheye" else len(intrinsics)
-    wide[:shared] = intrinsics[:shared]
-    return wide
 
 
 def _focal_starts(observations: Sequence[Observation], image_size: tuple[int, int]) -> list[float]:

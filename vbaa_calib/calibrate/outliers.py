@@ -16,6 +16,7 @@ _CHANCE = 1e-9
 _LEAST_PX = 0.25
 _ROUNDS = 8
 _BLURRED = 5.0
+_STEPS, _ROUGHLY = 5, 1e-4  # a robust fit only tells good corners from bad
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,21 +69,28 @@ def refined_robustly(
         directions,
         robust=True,
         sagittas_m=start.sagittas_m,
-        shrink_px2=start.shrink_px2,
+        unfolding=start.unfolding,
+        iterations=_STEPS,
+        tolerance=_ROUGHLY,
     )
 
 
 def fit_without_outliers(
-    model: LensModel, start: Bundle, observations: Sequence[Observation], directions: np.ndarray, min_corners: int
+    model: LensModel,
+    start: Bundle,
+    observations: Sequence[Observation],
+    directions: np.ndarray,
+    min_corners: int,
+    masks: tuple[np.ndarray, ...] | None = None,
 ) -> tuple[Inliers, Bundle]:
     """Which views and corners are good, and the solution over the good ones alone.
 
-    A robust fit (Cauchy) comes first; then least squares over the corners within the limit, and all corners of the
-    remaining views are judged anew by it, until none changes sides.
+    Least squares over the corners within the limit of the start, and all corners of the remaining views are judged anew
+    by it, until none changes sides.
+
+    start : a robust fit (`refined_robustly`), or the solution over the corners of masks, per view (N,).
     """
-    bundle = refined_robustly(model, start, observations, directions)
-    views = np.arange(len(observations))
-    masks: list[np.ndarray] | None = None
+    bundle, views = start, np.arange(len(observations))
     for _ in range(_ROUNDS):
         whole = [observations[index] for index in views.tolist()]
         residuals = residuals_px(model, bundle, whole)
@@ -90,16 +98,16 @@ def fit_without_outliers(
         keep = good_views(residuals, good, whole, min_corners)
         if masks is not None and keep.all() and all(map(np.array_equal, good, masks)):
             break
-        views, masks = views[keep], [mask for mask, kept in zip(good, keep, strict=True) if kept]
+        views, masks = views[keep], tuple(mask for mask, kept in zip(good, keep, strict=True) if kept)
         if not masks:
             break
         bundle = refine(
             model,
             bundle.intrinsics,
             bundle.poses[keep],
-            Inliers(views, tuple(masks)).of(observations),
+            Inliers(views, masks).of(observations),
             directions,
             sagittas_m=bundle.sagittas_m,
-            shrink_px2=bundle.shrink_px2,
+            unfolding=bundle.unfolding,
         )
-    return Inliers(views, tuple(masks or ())), bundle
+    return Inliers(views, masks or ()), bundle

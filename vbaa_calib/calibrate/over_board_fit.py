@@ -29,7 +29,7 @@ from .joint import noise_scale
 from .over_board_known import FreeAntenna, Mark
 from .plane import BoardPose
 
-IN_PLANE, BOARD, HEIGHT, SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 18)
+IN_PLANE, BOARD, HEIGHT, SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len(PARAMETERS))
 """Angle (rad) and clamp (x, y; m) in the board frame; then, whitened: board's tangent, height, antenna's parameters."""
 UNKNOWNS = 10 + len(PARAMETERS)
 _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (UNKNOWNS - 3)])

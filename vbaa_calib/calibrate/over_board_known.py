@@ -15,6 +15,7 @@ LENGTH_STD_M = 3e-4
 CLAMP_OUT_OF_PLANE_STD_RAD = 0.01
 BOW_STD_PER_M = 0.3
 LOG_STIFFNESS_STD, LOG_MASS_STD = 0.15, 0.03
+CLAMP_GIVE_STD_M = 5e-4
 """What a nominal antenna is trusted with: its length to a ruler's reading, its clamp's tangent to be as parallel to the
 board as a gauge makes it, its bow, and its stiffness to four per cent of the diameter."""
 
@@ -27,9 +28,9 @@ class FreeAntenna:
     ----------
     length_m, length_std_m : from the clamp to the tip.
     diameter_m : of the wire.
-    parameters : (8,) `antenna.shape.PARAMETERS` in the frame that is looked for. With clamp offsets and angles of zero
+    parameters : (9,) `antenna.shape.PARAMETERS` in the frame that is looked for. With clamp offsets and angles of zero
         that frame is the clamp's own.
-    covariance : (8, 8) of the parameters.
+    covariance : (9, 9) of the parameters.
     gravity_m_s2 : (3,) antenna frame, at the joints' angles of the pictures.
     """
 
@@ -41,7 +42,7 @@ class FreeAntenna:
     gravity_m_s2: np.ndarray
 
     def curves(self, parameters: np.ndarray) -> Curves:
-        """The free antenna with each of K parameter vectors (K, 8)."""
+        """The free antenna with each of K parameter vectors (K, 9)."""
         count = len(parameters)
         gravity = np.repeat(self.gravity_m_s2[None], count, axis=0)
         half = np.full(count, 0.5 * self.length_m)
@@ -83,12 +84,13 @@ def nominal_free_antenna(
     gravity_m_s2 : (3,) antenna frame.
     """
     logs = [np.log(antenna.stiffness_Nm2), np.log(antenna.mass_per_length_kg_m)]
-    std = [0.0, 0.0, CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, BOW_STD_PER_M, BOW_STD_PER_M, LOG_STIFFNESS_STD, LOG_MASS_STD]
+    shape = [BOW_STD_PER_M, BOW_STD_PER_M, LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
+    std = [0.0, 0.0, CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
     return FreeAntenna(
         antenna.length_m,
         length_std_m,
         antenna.diameter_m,
-        np.array([0.0] * 6 + logs),
+        np.array([0.0] * 6 + logs + [0.0]),
         np.diag(np.square(std)),
         np.asarray(gravity_m_s2, float),
     )

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
 from targets.charuco import corner_points
@@ -17,14 +15,15 @@ from ..camera import Camera
 from ..detect.corners import BoardView
 from ..errors import InputError, SolveError
 from ..geometry import Pose
+from .board_flex import Bend, bend
 from .lens_models import PROJECTIONS
+from .plane_starts import mirrored, start_poses, turn_between
 from .view_screening import fixes_homography
 
 _MOVED_PX = 2.0
 _GROSS_CORNER = 20.0
 _GROSS_LEAST_PX = 0.5
 _SAME_RAD = 1e-3
-_SAME_START_RAD = 0.02
 _AMBIGUOUS = 1.2
 _OUT_OF_SIGHT_PX = 1e3
 
@@ -45,7 +44,7 @@ class BoardPose:
     ----------
     T_camera_board : pose of the board.
     covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the camera frame, the lens
-        held fixed, scaled by the residual variance.
+        held fixed, scaled by the residual variance; the uncertainty of the board's bend is in it where one was given.
     lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
         lens' covariance C the whole covariance is `covariance + S C Sᵀ`, and `S C` its covariance with the lens.
     rms_px : reprojection error over the corners used.
@@ -72,11 +71,16 @@ class BoardPose:
         return self.second_ratio is not None and self.second_ratio < _AMBIGUOUS
 
 
-def solve_board_pose(views: Sequence[BoardView], spec: BoardSpec, camera: Camera) -> BoardPose:
+def solve_board_pose(
+    views: Sequence[BoardView], spec: BoardSpec, camera: Camera, bent: Bend | None = None
+) -> BoardPose:
     """Pose of the board from one or many pictures in which it stands still relative to the camera.
 
     Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
     and only so does the residual variance tell of it.
+
+    bent : the board's shape, where the lens solve found it bent (`BoardFlex.bend`). The pose is that of its mean plane.
+        How its uncertainty goes with the lens' is left out.
 
     Raises
     ------
@@ -85,16 +89,17 @@ def solve_board_pose(views: Sequence[BoardView], spec: BoardSpec, camera: Camera
     """
     _refuse_other_sizes(views, camera)
     ids, pixels = _mean_corners(views)
-    points = corner_points(spec)[ids]
+    flat, rise = corner_points(spec)[ids], bend(spec)[ids]
+    points = flat if bent is None else flat + np.outer(rise @ bent.sagittas_m, [0.0, 0.0, 1.0])
     normalized, seen = _ideal_points(camera, pixels)
     if not fixes_homography(points[seen, :2]):
         raise InputError(
             f"{int(seen.sum())} corners of the board are seen in the pictures of the jig, which do not fix its pose",
             remedy="take the picture again with the board sharp, lit and wholly in view",
         )
-    starts = _starts(points[seen], normalized[seen])
+    starts = start_poses(flat[seen], normalized[seen])
     found = [_refined(pose, camera, points, pixels, "soft_l1") for pose in starts]
-    found += [_refined(_mirrored(pose, points), camera, points, pixels, "soft_l1") for pose in found[:1]]
+    found += [_refined(mirrored(pose, points), camera, points, pixels, "soft_l1") for pose in found[:1]]
     first, *others = sorted(found, key=lambda pose: _robust_cost(pose, camera, points, pixels))
     inliers = _inliers(first, camera, points, pixels)
     points, pixels = points[inliers], pixels[inliers]
@@ -104,9 +109,15 @@ def solve_board_pose(views: Sequence[BoardView], spec: BoardSpec, camera: Camera
     by_pose, by_lens = _derivatives(first, camera, points)
     normal_inverse = np.linalg.inv(by_pose.T @ by_pose)
     residual = _residual(first, camera, points, pixels)
+    covariance = normal_inverse * float(residual @ residual) / max(residual.size - 6, 1)
+    if bent is not None:
+        # a sagitta moves each corner along the board's normal
+        by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation[:, 2]
+        by_sagitta = normal_inverse @ by_pose.T @ (by_point[..., None] * rise[inliers][:, None]).reshape(-1, 2)
+        covariance = covariance + by_sagitta @ bent.covariance_m2 @ by_sagitta.T
     return BoardPose(
         first,
-        normal_inverse * float(residual @ residual) / max(residual.size - 6, 1),
+        covariance,
         -normal_inverse @ by_pose.T @ by_lens,
         _rms(residual),
         len(points),
@@ -159,40 +170,6 @@ def _ideal_points(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], 0.0), seen
 
 
-def _starts(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
-    """Poses by every closed form at hand: IPPE alone can be far off or NaN, and says nothing of it."""
-    starts: list[Pose] = []
-    for method in (cv2.SOLVEPNP_ITERATIVE, cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_IPPE):
-        try:
-            _, rotvecs, translations, _ = cv2.solvePnPGeneric(points, normalized, np.eye(3), None, flags=method)
-        except cv2.error:
-            continue
-        for rotvec, translation in zip(rotvecs, translations, strict=True):
-            if np.all(np.isfinite(rotvec)) and np.all(np.isfinite(translation)) and translation[2] > 0.0:
-                start = Pose.from_rotvec(rotvec.ravel(), translation)
-                if all(_turn_between(start, other) > _SAME_START_RAD for other in starts):
-                    starts.append(start)
-    if not starts:
-        raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
-    return starts
-
-
-def _turn_between(one: Pose, other: Pose) -> float:
-    return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
-
-
-def _mirrored(pose: Pose, points: np.ndarray) -> Pose:
-    """The board turned about its centre so that its normal lies on the other side of the line of sight."""
-    centre_board = points.mean(axis=0)
-    centre = pose @ centre_board
-    sight, normal = centre / np.linalg.norm(centre), pose.rotation[:, 2]
-    axis = np.cross(normal, sight)
-    angle = 2.0 * np.arctan2(np.linalg.norm(axis), normal @ sight)
-    turn = Rotation.from_rotvec(angle * axis / max(float(np.linalg.norm(axis)), 1e-12)).as_matrix()
-    rotation = turn @ pose.rotation
-    return Pose(rotation, centre - rotation @ centre_board)
-
-
 def _residual(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     projected, valid = camera.project(pose @ points)
     return np.where(valid[:, None], projected - pixels, _OUT_OF_SIGHT_PX).ravel()
@@ -238,7 +215,7 @@ def _second(
 ) -> PoseCandidate | None:
     for start in others:
         pose = _refined(start, camera, points, pixels, "linear")
-        if _turn_between(pose, first) > _SAME_RAD and bool(camera.project(pose @ points)[1].all()):
+        if turn_between(pose, first) > _SAME_RAD and bool(camera.project(pose @ points)[1].all()):
             return PoseCandidate(pose, _rms(_residual(pose, camera, points, pixels)))
     return None
 

@@ -18,9 +18,9 @@ from .recheck_change import Information
 if TYPE_CHECKING:
     from .joint_problem import Observation
 
-POSE, ANTENNA = slice(0, 6), slice(6, 14)
-GAIN, OFFSET, LENS = 14, 15, 16
-_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4)
+POSE, ANTENNA = slice(0, 6), slice(6, 15)
+GAIN, OFFSET, LENS = 15, 16, 17
+_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
 """Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
 _WINDOW, _FAR = 25, 5.0
 """Points further than this many deviations from the median of their neighbours show something beside the antenna."""
@@ -35,8 +35,8 @@ class HeldStill:
     arclength_m : (N,) where each seen point lies along the predicted antenna.
     residual_std : (N,) its distance along the normal, in deviations of a point of this rig. residual_mm : the same on
         the antenna.
-    jacobian : (N, 16 + P) of the whitened residual (negative: of the prediction) by the rig's parameters.
-    moment_Nm : predicted, before gain and offset. moment_by_antenna : (8,).
+    jacobian : (N, 17 + P) of the whitened residual (negative: of the prediction) by the rig's parameters.
+    moment_Nm : predicted, before gain and offset. moment_by_antenna : (9,).
     deflection_m : predicted at the load, against the free antenna; 0 where there is none.
     """
 
@@ -124,8 +124,8 @@ def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
 
 
 def free_shape_moved_mm(rig: Rig, step: np.ndarray) -> float:
-    """How far the free antenna moves, at most along its length, with a step (8,) of its parameters; weightless."""
-    parameters = rig.antenna.parameters + np.stack([np.zeros(8), step])
+    """How far the free antenna moves, at most along its length, with a step (9,) of its parameters; weightless."""
+    parameters = rig.antenna.parameters + np.stack([np.zeros(len(step)), step])
     curves = bend(parameters, rig.antenna.length_m, np.zeros((2, 3)), np.full(2, 0.1), np.zeros((2, 2)))
     return 1e3 * float(np.linalg.norm(curves.points_m[1] - curves.points_m[0], axis=1).max())
 

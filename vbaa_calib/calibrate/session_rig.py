@@ -12,7 +12,7 @@ from ..rig import Antenna, AntennaImage, MomentSensor, Rig
 from ..session import NominalAntenna, Session, read_loads, read_noload
 from .joint import JointSolution, solve_joint
 from .joint_checks import check
-from .joint_problem import Observation, Prior
+from .joint_problem import ANTENNA, Observation, Prior
 from .pose_estimate import PoseEstimate
 from .stills import observe
 from .ways import fused
@@ -20,6 +20,7 @@ from .ways import fused
 CLAMP_OFFSET_STD_M = 1.5e-3
 CLAMP_ANGLE_STD_RAD = 0.035
 BOW_STD_PER_M = 0.3
+CLAMP_GIVE_STD_M = 5e-4
 LOG_STIFFNESS_STD = 0.5
 LOG_MASS_STD = 0.03
 GAIN_STD = 0.5
@@ -31,8 +32,8 @@ DEFINED = 1e-3
 
 
 def nominal_parameters(antenna: NominalAntenna) -> np.ndarray:
-    """(8,) antenna parameters before anything was seen: straight, clamped true, nominal stiffness and mass."""
-    return np.array([0.0] * 6 + [np.log(antenna.stiffness_Nm2), np.log(antenna.mass_per_length_kg_m)])
+    """(9,) antenna parameters before anything was seen: straight, clamped hard and true, nominal stiffness and mass."""
+    return np.array([0.0] * 6 + [np.log(antenna.stiffness_Nm2), np.log(antenna.mass_per_length_kg_m), 0.0])
 
 
 def prior(antenna: NominalAntenna, camera: Camera, poses: Sequence[PoseEstimate], own_frame: bool = False) -> Prior:
@@ -43,7 +44,7 @@ def prior(antenna: NominalAntenna, camera: Camera, poses: Sequence[PoseEstimate]
     """
     in_plane = DEFINED if own_frame else 1.0
     clamp = [CLAMP_OFFSET_STD_M * in_plane, CLAMP_OFFSET_STD_M, CLAMP_ANGLE_STD_RAD, CLAMP_ANGLE_STD_RAD * in_plane]
-    rest = [BOW_STD_PER_M] * 2 + [LOG_STIFFNESS_STD, LOG_MASS_STD, GAIN_STD, OFFSET_STD_NM]
+    rest = [BOW_STD_PER_M] * 2 + [LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, GAIN_STD, OFFSET_STD_NM]
     return Prior(
         poses=tuple(poses),
         start=fused(poses),
@@ -79,7 +80,7 @@ def make_rig(
     return Rig(
         camera=joint.camera,
         T_antenna_camera=joint.T_antenna_camera,
-        antenna=Antenna(session.antenna.length_m, session.antenna.diameter_m, joint.parameters[6:14]),
+        antenna=Antenna(session.antenna.length_m, session.antenna.diameter_m, joint.parameters[ANTENNA]),
         moment_sensor=MomentSensor(gain, offset, joint.problem.moment_std_Nm),
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,

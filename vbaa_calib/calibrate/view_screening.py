@@ -71,7 +71,7 @@ def good_views(
     """(V,) which views are worth keeping, from their residuals (N, 2) px and masks of good corners (N,).
 
     A view goes that is wrong as a whole: over half its corners are outliers, the rest has over 5 times the median
-    view's error, or it no longer fixes a pose.
+    view's error, or it no longer fixes a pose. All its corners are taken to fix one.
     """
     rms = np.array([_rms(residual[mask]) for residual, mask in zip(residuals, good, strict=True)])
     limit = max(_GROSS_VIEW * float(np.median(rms)), _GROSS_LEAST_PX)
@@ -80,7 +80,7 @@ def good_views(
             error <= limit
             and mask.mean() > 0.5
             and mask.sum() >= max(min_corners, LEAST_CORNERS)
-            and fixes_homography(view.points_m[mask, :2])
+            and (mask.all() or fixes_homography(view.points_m[mask, :2]))
             for error, mask, view in zip(rms, good, observations, strict=True)
         ],
         bool,

@@ -1,0 +1,185 @@
+"""Writes the tables of docs/real_sets.md: `python benchmarks/real_sets.py DATA docs/real_sets.md`.
+
+DATA is the folder that holds the sets. What stands between the page's marks is replaced; the rest is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from targets.board import BoardSpec
+from vbaa_calib.calibrate.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.lens_uncertainty import projection_uncertainty, ray_covariance
+from vbaa_calib.detect.corners import BoardView, detect_corners, detect_folder
+from vbaa_calib.errors import InputError
+from vbaa_calib.files import write_text
+from vbaa_calib.images import list_images, read_gray
+
+BEGIN, END = "<!-- begin: benchmarks/real_sets.py -->", "<!-- end: benchmarks/real_sets.py -->"
+_ENDOSCOPE = BoardSpec(19, 26, 0.005, 0.004, "DICT_4X4_250", legacy_pattern=True)
+
+
+@dataclass(frozen=True)
+class PhotoSet:
+    """A set's title, its folder in DATA, its board, and the lens model and RMS of the result that came with it."""
+
+    title: str
+    folder: str
+    spec: BoardSpec
+    reference_model: str
+    reference_rms_px: float
+
+
+SETS = (
+    PhotoSet(
+        "RealSense",
+        "realsense_doosan_charuco/intrinsics_images",
+        BoardSpec(7, 5, 0.03, 0.022, "DICT_4X4_50"),
+        "opencv5",
+        0.624,
+    ),
+    PhotoSet("GoPro", "pycalib_gopro_charuco", BoardSpec(18, 9, 0.02, 0.015, "DICT_4X4_250"), "rational", 0.301),
+    PhotoSet("endoscope, left", "ucl_axis_tests_charuco/ExtractedFrames_L", _ENDOSCOPE, "opencv5", 0.571),
+    PhotoSet("endoscope, right", "ucl_axis_tests_charuco/ExtractedFrames_R", _ENDOSCOPE, "opencv5", 0.538),
+)
+
+
+def main() -> None:
+    """Measure, and replace the tables of the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("page", type=Path)
+    args = parser.parse_args()
+    before, _, rest = args.page.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    write_text(args.page, f"{before}{BEGIN}\n{tables(args.data)}\n{END}{after}", force=True)
+
+
+def tables(data: Path) -> str:
+    """All tables of the page, in Markdown."""
+    views = {one.title: detect_folder(data / one.folder, one.spec) for one in SETS}
+    solved = {one.title: solve_intrinsics(views[one.title], one.spec) for one in SETS}
+    wrong = {one.title: wrong_flag(one, data, views[one.title]) for one in SETS if one.spec is _ENDOSCOPE}
+    parts = [
+        "### The lenses",
+        table(
+            ("set", "model", "rms px", "held out px", "fx px", "fy px", "cx px", "cy px", "halves", "as published"),
+            [lens_row(one, solved[one.title]) for one in SETS],
+        ),
+        "### How well each lens is known",
+        "Standard deviation of a projected point in its worst direction, once with the camera held, once with what a "
+        "turn of the camera explains left out; and of a ray at the board's distance.",
+        table(
+            ("set", "middle px", "worst px", "middle px, turning", "worst px, turning", "board at m", "middle mm"),
+            [uncertainty_row(one, solved[one.title]) for one in SETS],
+        ),
+        "### The models compared",
+        table(
+            ("set", "model", "rms px", "held out px", "halves differ by", "p", "folds"),
+            [row for one in SETS for row in candidate_rows(one, solved[one.title])],
+        ),
+        "### What was used and what was not",
+        table(
+            ("set", "photos", "used", "corners", "outliers", "photos dropped, and why", "board"),
+            [used_row(one, solved[one.title], len(views[one.title])) for one in SETS],
+        ),
+        "### The endoscope's board with the wrong legacy flag",
+        table(("set", "flag", "rms px", "corners", "fx px", "what `vbaa intrinsics` says"), list(wrong_rows(wrong))),
+    ]
+    return "\n\n".join(parts)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def lens_row(one: PhotoSet, solution: LensSolution) -> list[str]:
+    """One set's row of the first table."""
+    matrix, covariance = solution.camera.matrix, solution.camera.covariance
+    assert covariance is not None
+    std = np.sqrt(np.diag(covariance)[:4])
+    values = [f"{value:.2f} ± {own:.2f}" for value, own in zip(matrix[[0, 1, 0, 1], [0, 1, 2, 2]], std, strict=True)]
+    chosen = next(candidate for candidate in solution.comparison if candidate.model == solution.model)
+    agree = "agree" if chosen.halves_agree else "**differ**"
+    rms = f"{solution.rms_inliers_px:.3f}"
+    published = f"{one.reference_model}, rms {one.reference_rms_px:.3f}"
+    return [one.title, solution.model, rms, f"{chosen.held_out_rms_px:.3f}", *values, agree, published]
+
+
+def uncertainty_row(one: PhotoSet, solution: LensSolution) -> list[str]:
+    """One set's row of the second table."""
+    fixed, turning = (projection_uncertainty(solution.camera, compensated).std_px for compensated in (False, True))
+    row, column = (size // 2 for size in fixed.shape)
+    middle = np.array(solution.camera.image_size) / 2.0 - 0.5
+    distance = float(np.median([view.T_camera_board.translation_m[2] for view in solution.views]))
+    ray = float(np.sqrt(np.linalg.eigvalsh(ray_covariance(solution.camera, middle))[-1]))
+    cells = [fixed[row, column], np.nanmax(fixed), turning[row, column], np.nanmax(turning)]
+    return [one.title, *(f"{cell:.3f}" for cell in cells), f"{distance:.2f}", f"{1e3 * distance * ray:.3f}"]
+
+
+def candidate_rows(one: PhotoSet, solution: LensSolution) -> list[list[str]]:
+    """One set's rows of the comparison; the chosen model is in bold."""
+    rows = []
+    for candidate in solution.comparison:
+        name = f"**{candidate.model}**" if candidate.model == solution.model else candidate.model
+        halves = "–" if candidate.halves is None else f"{candidate.halves:.1f} σ"
+        p_value = "–" if candidate.halves_p_value is None else f"{candidate.halves_p_value:.1g}"
+        numbers = [f"{candidate.rms_px:.4f}", f"{candidate.held_out_rms_px:.4f}", halves, p_value]
+        rows.append([one.title, name, *numbers, "no" if candidate.monotonic else "yes"])
+    return rows
+
+
+def used_row(one: PhotoSet, solution: LensSolution, photos: int) -> list[str]:
+    """One set's row of what was used."""
+    reasons = Counter(view.reason for view in solution.dropped)
+    dropped = "; ".join(f"{count} × {reason}" for reason, count in reasons.most_common()) or "none"
+    corners, outliers = (sum(getattr(view, name) for view in solution.views) for name in ("corners", "left_out"))
+    flex = solution.board_flex
+    bend = f"{'bent' if flex.used else 'flat'}: {flex.reason}"
+    return [one.title, str(photos), str(len(solution.views)), str(corners), str(outliers), dropped, bend]
+
+
+@dataclass(frozen=True)
+class Flagged:
+    """Solves for OpenCV's five coefficients with the right flag and the wrong one, and what is said of the wrong."""
+
+    right: LensSolution
+    wrong: LensSolution
+    refusal: str
+
+
+def wrong_flag(one: PhotoSet, data: Path, right: Sequence[BoardView]) -> Flagged:
+    """The set with its legacy flag turned round, past the check that refuses it."""
+    spec = replace(one.spec, legacy_pattern=not one.spec.legacy_pattern)
+    paths = list_images(data / one.folder)
+    views = [detect_corners(read_gray(path), spec, path.name) for path in paths]
+    try:
+        detect_folder(data / one.folder, spec)
+        refusal = "nothing: it is not caught"
+    except InputError as error:
+        refusal = str(error).split(": ", 1)[-1]
+    solved = (solve_intrinsics(list(seen), own, "opencv5") for seen, own in ((right, one.spec), (views, spec)))
+    return Flagged(*solved, refusal)
+
+
+def wrong_rows(flagged: dict[str, Flagged]) -> list[list[str]]:
+    """Two rows for each set: the right flag, then the wrong one."""
+    rows = []
+    for title, found in flagged.items():
+        for flag, solution, words in (("right", found.right, "–"), ("wrong", found.wrong, found.refusal)):
+            corners = sum(view.corners for view in solution.views)
+            focal = f"{solution.camera.matrix[0, 0]:.1f}"
+            rows.append([title, flag, f"{solution.rms_inliers_px:.3f}", str(corners), focal, words])
+    return rows
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""Dark, coloured, deep and cluttered pictures, and what the finder refuses: drawn here, judged by the drawn path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vbaa_calib.detect.antenna import find, find_along
+from vbaa_calib.detect.centreline import Sight
+from vbaa_calib.detect.corridor import Corridor
+from vbaa_calib.detect.finder import AntennaFinder
+from vbaa_calib.detect.ground import Ground
+from vbaa_calib.detect.paint import Paint, learn
+from vbaa_calib.errors import InputError
+
+from .drawn_lines import SIZE, aside, background, bent, exposed, tube
+
+WIDTH_PX = 3.0
+
+
+@pytest.fixture(scope="module")
+def finder() -> AntennaFinder:
+    along = np.linspace(0.0, 225.0, 60)
+    axis = np.array([40.0, 120.0]) + along[:, None] * np.array([1.0, 0.0])
+    return AntennaFinder.prepare(Corridor(axis, 8.0 + 0.9 * along, WIDTH_PX), (SIZE[1], SIZE[0]))
+
+
+def picture(rng: np.random.Generator, turn_deg: float, height: float = 90.0) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) float grey levels and the drawn path."""
+    path = bent((40.0, 120.4), 0.0, turn_deg)
+    return background(rng, 2.0) + tube(path, WIDTH_PX, height), path
+
+
+def test_bright_and_dark_are_told_by_themselves(finder: AntennaFinder) -> None:
+    rng = np.random.default_rng(0)
+    bright, _ = picture(rng, 3.0)
+    assert learn(finder, [exposed(bright, rng).astype(np.uint8)]) == Paint(True)
+    assert learn(finder, [exposed(230.0 - bright, rng).astype(np.uint8)]) == Paint(False)
+
+
+def test_a_colour_is_found_where_the_grey_level_shows_nothing(finder: AntennaFinder) -> None:
+    """The antenna is redder and less green than the ground, and exactly as grey."""
+    rng = np.random.default_rng(1)
+    path = bent((40.0, 120.4), 0.0, 20.0)
+    line, ground = tube(path, WIDTH_PX, 60.0), background(rng, 2.0)
+    planes = [exposed(ground + share * line, rng) for share in (0.0, -0.299 / 0.587, 1.0)]
+    colour = np.stack(planes, axis=-1).astype(np.uint8)
+    assert not Paint().find(finder, colour).found
+    paint = learn(finder, [colour])
+    assert paint.weights is not None
+    found = paint.find(finder, colour)
+    assert found.found
+    error = aside(path, found.points_px)
+    assert abs(error.mean()) < 0.02
+    assert 0.8 < error.std() / np.sqrt((found.sigma_px**2).mean()) < 1.2
+
+
+def test_sixteen_bits_give_what_eight_bits_give(finder: AntennaFinder) -> None:
+    rng = np.random.default_rng(2)
+    light, path = picture(rng, -25.0)
+    noisy = light + rng.normal(0.0, 1.5, light.shape)
+    deep = finder.find(np.clip(np.rint(noisy * 200.0), 0, 65535).astype(np.uint16))
+    shallow = finder.find(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    assert deep.found
+    assert shallow.found
+    assert aside(path, deep.points_px).std() < 1.02 * aside(path, shallow.points_px).std()
+    assert deep.amplitude == pytest.approx(200.0 * shallow.amplitude, rel=0.03)
+
+
+def test_the_known_ground_is_taken_off(finder: AntennaFinder) -> None:
+    """A bright bar from beside the clamp would be taken for the antenna; and the light has changed."""
+    rng = np.random.default_rng(3)
+    ground = background(rng, 2.0) + tube(np.array([[56.0, 116.0], [262.0, 60.0]]), WIDTH_PX, 110.0)
+    free, path = bent((40.0, 120.4), 0.0, 2.0), bent((40.0, 120.4), 0.0, 30.0)
+    still = exposed(ground + tube(free, WIDTH_PX, 70.0), rng)
+    line = finder.find(exposed(background(rng, 2.0) + tube(free, WIDTH_PX, 70.0), rng))
+    empty = Ground.learn([still], [line], WIDTH_PX)
+    image = exposed(1.2 * (ground + tube(path, WIDTH_PX, 30.0)), rng)
+    confused = finder.find(image)
+    assert not confused.found or np.abs(aside(path, confused.points_px)).max() > 5.0
+    seen = finder.find(empty.taken_off(image))
+    assert seen.found
+    assert np.median(np.abs(aside(path, seen.points_px))) < 0.1
+
+
+def test_what_is_hidden_and_where_the_visible_end_is(finder: AntennaFinder) -> None:
+    rng = np.random.default_rng(4)
+    light, path = picture(rng, 25.0)
+    light[:, 120:150] = 30.0
+    light[:, 215:] = 30.0
+    line = finder.find(exposed(light, rng))
+    assert line.found
+    assert line.end == "hidden"
+    assert 208.0 < line.end_px[0] <= 216.0
+    gap = np.concatenate(line.stretches(Sight.HIDDEN))
+    assert 110.0 < gap[:, 0].min() < 122.0
+    assert 148.0 < gap[:, 0].max() < 160.0
+    assert np.abs(aside(path, gap)).max() < 1.5, "the bridge over what is hidden"
+    assert np.concatenate(line.stretches(Sight.BEYOND))[:, 0].min() > 205.0
+    whole = finder.find(exposed(picture(rng, 25.0)[0], rng))
+    assert whole.end == "tip"
+
+
+def test_hostile_pictures(finder: AntennaFinder) -> None:
+    """Blank, saturated, full of NaN or infinity: no antenna, and nothing breaks."""
+    blank = np.zeros(SIZE, np.uint8)
+    strange = np.full(SIZE, np.nan)
+    strange[::2] = np.inf
+    rng = np.random.default_rng(5)
+    for image in (blank, blank + np.uint8(255), strange, rng.integers(0, 65536, SIZE, dtype=np.uint16)):
+        for bright in (True, False):
+            line = finder.find(image, bright)
+            assert line.verdict == "no_antenna"
+            assert line.reason
+            assert np.isfinite(line.points_px).all()
+    with pytest.raises(InputError, match="320x240"):
+        finder.find(np.zeros((100, 100), np.uint8))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seed", range(40))
+def test_any_corridor_in_any_picture(seed: int) -> None:
+    """Short, outside, ragged, end on, in tiny pictures: an answer with a reason, nothing that is not a number."""
+    rng = np.random.default_rng([99, seed])
+    height, width = rng.integers(4, 200, 2)
+    noise = rng.integers(0, 256, (height, width)).astype(np.uint8)
+    image = [noise, np.full_like(noise, 77), rng.normal(size=noise.shape), noise.astype(np.uint16) * 257][seed % 4]
+    ends = rng.uniform(-1, 2, (2, 2)) * [width, height]
+    ends[1] = ends[0] + rng.normal(0, 3, 2) if seed % 5 == 0 else ends[1]
+    count = int(rng.integers(0, 40))
+    axis = ends[0] + np.linspace(0, 1, count)[:, None] * (ends[1] - ends[0])
+    axis += rng.normal(0, 1, axis.shape) * (seed % 3 == 0)
+    along = np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), count)
+    where = Corridor(axis, 8.0 + 0.9 * along, float(rng.uniform(0.3, 40.0)))
+    for bright in (True, False):
+        for line in (find(image, where, bright), find_along(image, axis, where.width_px, bright)):
+            assert np.isfinite(line.points_px).all()
+            assert np.isfinite(line.sigma_px).all()
+            assert not line.found
+            assert line.reason
+            assert len(line.sight) == len(line.guide_px)

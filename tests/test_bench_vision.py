@@ -1,0 +1,122 @@
+"""The vision benchmark: its own truth holds, and the finder's promises on a seeded few of its pictures."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vbaa_calib.bench.rows import write_csv
+from vbaa_calib.bench.vision import hardships, hostile, methods
+from vbaa_calib.bench.vision_hard import HARDSHIPS, good, mixed
+from vbaa_calib.bench.vision_judge import bound_px, score
+from vbaa_calib.bench.vision_paths import Bend, aside_px, path_px
+from vbaa_calib.bench.vision_report import as_text, write_figure
+from vbaa_calib.bench.vision_scenes import Block, Shot, light, truth
+from vbaa_calib.detect.centreline import Centreline
+
+SIZE = (400, 300)
+
+
+def test_a_path_is_as_long_and_turns_as_much_as_told() -> None:
+    path = path_px(Bend((40.0, 100.0), 0.2, 300.0, turn_rad=0.8, contact=0.6))
+    steps = np.diff(path, axis=0)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    assert np.linalg.norm(steps, axis=1).sum() == pytest.approx(300.0, rel=1e-3)
+    assert heading[0] == pytest.approx(0.2, abs=0.01)
+    assert heading[-1] - heading[0] == pytest.approx(0.8, abs=0.01)
+    assert np.ptp(heading[int(0.62 * len(heading)) :]) < 1e-9, "straight beyond the contact"
+
+
+def test_the_drawn_line_lies_on_the_true_path() -> None:
+    """The centroid across a level line, read straight off the drawn light."""
+    shot = Shot(SIZE, Bend((30.0, 150.3), 0.0, 300.0), 4.0)
+    drawn = light(shot) - light(shot, antenna=False)
+    rows = (np.arange(SIZE[1])[:, None] * drawn).sum(axis=0)[40:320] / drawn.sum(axis=0)[40:320]
+    np.testing.assert_allclose(rows, 150.3, atol=0.01)
+
+
+def test_the_bound_of_a_line_that_can_be_worked_out() -> None:
+    """No blur but the pixels', level line: σ over the root of the summed squared slopes, background and height free."""
+    shot = good(np.random.default_rng(0), SIZE)
+    shot = replace(shot, bend=Bend((30.0, 150.0), 0.0, 300.0), width_px=4.0)
+    points = np.stack([np.arange(100.0, 104.0), np.full(4, 150.0)], axis=1)
+    bound = bound_px(shot, points)
+    profile = (light(shot) - light(shot, antenna=False))[130:171, 100]
+    sigma = np.sqrt(light(shot)[130:171, 100] / 40.0 + 1.2**2 + 1.0 / 12.0)
+    slopes_alone = 1.0 / np.sqrt(((np.gradient(profile) / sigma) ** 2).sum())
+    assert np.ptp(bound) < 0.02 * bound[0]
+    assert 0.9 * slopes_alone < bound[0] < 1.4 * slopes_alone
+
+
+def test_the_judge_sees_false_and_missing_points() -> None:
+    shot = Shot(SIZE, Bend((30.0, 150.0), 0.0, 300.0), 3.0, blocks=(Block((200.0, 150.0), (30.0, 30.0), 0.0, 0.5),))
+    u = np.arange(30.0, 180.0)
+    points = np.stack([u, np.full(len(u), 150.0)], axis=1)
+    points[10, 1] += 3.0
+    judged = score(Centreline(points, np.full(len(u), 0.05), 1.0, 1.0, 1.0), truth(shot))
+    assert np.flatnonzero(judged.false).tolist() == [10, *range(141 + 1, 150)]
+    assert 0.5 < judged.kept < 0.65
+    assert aside_px(truth(shot).path_px, np.array([[100.0, 152.0]]))[0] == pytest.approx(2.0)
+
+
+def test_good_pictures_reach_the_goals() -> None:
+    """Bias, spread against the bound, predicted deviations, false points."""
+    (row,) = hardships(6, 3, ("none",))
+    assert row.found == 1.0
+    assert abs(row.bias_px) < 0.01
+    assert row.of_bound < 1.2
+    assert 0.85 < row.of_sigma < 1.15
+    assert row.false == 0.0
+    assert row.kept > 0.97
+
+
+@pytest.mark.parametrize("name", [name for name in HARDSHIPS if name not in ("highlights", "sensor noise")])
+def test_deviations_stay_honest_under_a_hardship(name: str) -> None:
+    (row,) = hardships(3, 5, (name,))
+    assert row.found == 1.0
+    assert abs(row.bias_px) < 0.03
+    # a reflection within the profiles draws all of them aside alike, which none of them can know
+    assert 0.7 < row.of_sigma < (2.0 if name == "shadow or reflection" else 1.35)
+    assert row.false <= 0.005
+    assert row.kept > 0.9
+
+
+def test_a_seeded_few_hard_pictures() -> None:
+    """No exception, no NaN, and nothing confident where there is no antenna."""
+    hard, empty = hostile(40, 7)
+    assert hard.ok > 0.8
+    assert hard.confident_false <= 0.025
+    assert empty.confident_false == 0.0
+
+
+@pytest.mark.slow
+def test_many_hard_pictures() -> None:
+    hard, empty = hostile(2000, 8)
+    assert hard.ok > 0.85
+    assert hard.confident_false <= 0.005
+    assert empty.confident_false <= 0.001
+
+
+def test_an_empty_picture_has_no_antenna_in_it() -> None:
+    shot = mixed(np.random.default_rng(1), SIZE, empty=True)
+    assert shot.bend is None
+    assert len(truth(shot).path_px) == 0
+    np.testing.assert_array_equal(light(shot), light(shot, antenna=False))
+
+
+def test_outputs(tmp_path) -> None:
+    """Tables, CSV and figure hold every row; ours is the most accurate."""
+    compared, hard = methods(1, 0, 2), hardships(1, 0, ("none", "clutter"))
+    ours = [row for row in compared if row.method == "this finder"]
+    for row in compared:
+        assert row in ours or row.rms_px > 1.5 * ours[0].rms_px
+    text = as_text(compared, hard, hostile(1, 0))
+    assert all(name in text for name in ("RidgeDetectionFilter", "clutter", "no antenna"))
+    write_csv(tmp_path / "vision.csv", hard, force=False)
+    with (tmp_path / "vision.csv").open() as stream:
+        assert len(list(csv.DictReader(stream))) == len(hard)
+    write_figure(tmp_path / "vision.png", compared, hard, force=False)
+    assert (tmp_path / "vision.png").stat().st_size > 10_000

@@ -1,0 +1,115 @@
+"""A lens held from folding: the slope of its radial curve is kept up as far as the picture's corner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from .lens_models import LensModel
+
+_NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}
+_DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
+_SAMPLES = 160
+_FURTHEST_PER_CORNER = 4.0
+_BEYOND_CORNER = 1.02
+_WIDEST_RAD = 1.5
+_POLE = 1e-3
+
+
+@dataclass(frozen=True)
+class Unfolding:
+    """What is added to a cost so that the lens does not fold inside the picture.
+
+    Attributes
+    ----------
+    least_slope : of the distorted radius by the ideal one (by the angle, for a fisheye), wherever the picture reaches.
+    weight_px2 : cost of a slope of nil at one of the radii looked at.
+    image_size : (width, height) px.
+    """
+
+    least_slope: float
+    weight_px2: float
+    image_size: tuple[int, int]
+
+    def rows(self, model: LensModel, intrinsics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (m,) px of the radii where the slope is too small, their negative derivatives (m, 4 + k)."""
+        reach = corner_radius(intrinsics, self.image_size)
+        furthest = _FURTHEST_PER_CORNER * reach
+        radii = np.linspace(0.0, min(furthest, np.pi) if model.camera_model == "fisheye" else furthest, _SAMPLES)
+        curve, slope, by_distortion = radial_curve(model, intrinsics[4:], radii)
+        # what lies beyond the picture may do as it likes
+        within = np.concatenate([[True], np.maximum.accumulate(curve)[:-1] < reach])
+        short = within & (slope < self.least_slope)
+        scale = np.sqrt(self.weight_px2) / self.least_slope
+        by_lens = np.zeros((int(short.sum()), len(intrinsics)))
+        by_lens[:, 4:] = scale * by_distortion[short]
+        return scale * (self.least_slope - slope[short]), by_lens
+
+
+def radial_curve(
+    model: LensModel, distortion: np.ndarray, radii: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distorted radius (m,) at ideal radii (m,), its slope (m,), and the slope's derivatives (m, k)."""
+    top = [index for index in _NUMERATOR[model.camera_model] if index < len(distortion)]
+    bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(distortion)]
+    numerator, by_numerator = _even_polynomial(distortion[top], radii)
+    denominator, by_denominator = _even_polynomial(distortion[bottom], radii)
+    denominator = np.where(np.abs(denominator) < _POLE, _POLE, denominator)
+    ratio = numerator / denominator
+    turning = (by_numerator - ratio * by_denominator) / denominator
+    by_distortion = np.zeros((len(radii), len(distortion)))
+    for power, index in enumerate(top, start=1):
+        term = radii ** (2 * power)
+        by_distortion[:, index] = ((2 * power + 1) - radii * by_denominator / denominator) * term / denominator
+    for power, index in enumerate(bottom, start=1):
+        term = radii ** (2 * power)
+        own = (2 * power + 1) * ratio + radii * (turning - ratio * by_denominator / denominator)
+        by_distortion[:, index] = -own * term / denominator
+    return radii * ratio, ratio + radii * turning, by_distortion
+
+
+def _even_polynomial(coefficients: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """1 + c₁r² + c₂r⁴ + … and its derivative by r, (m,) each."""
+    value, slope = np.ones_like(radii), np.zeros_like(radii)
+    for power, coefficient in enumerate(coefficients, start=1):
+        value = value + coefficient * radii ** (2 * power)
+        slope = slope + 2 * power * coefficient * radii ** (2 * power - 1)
+    return value, slope
+
+
+def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
+    """Distorted radius of the corner of a (width, height) picture that is furthest from the axis, and 2 % more.
+
+    intrinsics : (4 + k,); decentring, which moves the corner a little, is left out.
+    """
+    fx, fy, cx, cy = intrinsics[:4]
+    x = np.array([-0.5, image_size[0] - 0.5]) - cx
+    y = np.array([-0.5, image_size[1] - 0.5]) - cy
+    return _BEYOND_CORNER * float(np.hypot(np.abs(x).max() / fx, np.abs(y).max() / fy))
+
+
+def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
+    """(12,) intrinsics of a rational lens that follows a fisheye's curve over the picture, without a pole.
+
+    A rational lens that is solved from another start often has a pole beside a nil, just beyond the corners seen. None
+    where the fisheye sees more than 86° off its axis or folds.
+    """
+    reach = corner_radius(intrinsics, image_size)
+    angles = np.linspace(0.0, _WIDEST_RAD, _SAMPLES)
+    curve, slope, _ = radial_curve(fisheye, intrinsics[4:], angles)
+    seen = angles < angles[np.argmax(curve >= reach)]
+    if not seen.any() or np.any(slope[seen] <= 0.0):
+        return None
+    radii = np.tan(angles[seen][1:])
+    ratio, square = curve[seen][1:] / radii, radii**2
+    powers = square[:, None] ** np.arange(1, 4)
+    # near the axis all is well anyhow; far out the powers would rule
+    weight = 1.0 / (1.0 + square)
+    design = np.hstack([powers, -ratio[:, None] * powers]) * weight[:, None]
+    lowest = np.array([-np.inf] * 3 + [0.0] * 3)
+    found = lsq_linear(design, (ratio - 1.0) * weight, bounds=(lowest, np.inf)).x
+    distortion = np.zeros(8)
+    distortion[[*_NUMERATOR["opencv"], *_DENOMINATOR["opencv"]]] = found
+    return np.concatenate([intrinsics[:4], distortion])
