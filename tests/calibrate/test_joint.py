@@ -238,11 +238,11 @@ def test_a_lens_that_is_off_is_put_right_by_what_the_antenna_shows() -> None:
     lens = np.concatenate([joint.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], joint.camera.distortion])
     truth = np.concatenate([MATRIX[[0, 1, 0, 1], [0, 1, 2, 2]], BROWN])
     away = np.concatenate([errors(joint), lens - truth])
-    assert len(joint.covariance) == 24
+    assert len(joint.covariance) == 25
     unit = np.sqrt(np.diag(joint.covariance))
     assert np.abs(away / unit).max() < 3.5
     correlation = joint.covariance / np.outer(unit, unit)
-    assert 0.3 < (away / unit) @ np.linalg.solve(correlation, away / unit) / 24 < 2.0
+    assert 0.3 < (away / unit) @ np.linalg.solve(correlation, away / unit) / 25 < 2.0
     # as if it were exact, the same lens throws the stiffness and the pose far off
     exactly = replace(wrong, covariance=None)
     poses = [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))]

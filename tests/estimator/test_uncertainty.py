@@ -149,5 +149,5 @@ def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
 
 def test_an_unknown_that_nothing_holds_is_infinite() -> None:
     one = solved(quiet(0.6, 0.6, 0.02), WORLD.rig())
-    blind = replace(one.fit, jacobian=one.fit.jacobian * ([0.0] + [1.0] * 18))
+    blind = replace(one.fit, jacobian=one.fit.jacobian * ([0.0] + [1.0] * 19))
     assert np.isinf(spread(blind).covariance).all()

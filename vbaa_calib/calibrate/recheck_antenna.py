@@ -18,7 +18,7 @@ CLAMP, BOW, STIFFNESS = np.arange(6, 10), np.arange(10, 12), 12
 FREE_SHAPE = np.concatenate([CLAMP, BOW])
 FREE_FLOOR_MM = 0.1
 STIFFNESS_FLOOR_PERCENT, GAIN_FLOOR_PERCENT = 0.5, 0.5
-_SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 0.05])
+_SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 1e-3, 0.05])
 """Changes worth knowing of, for pose, antenna and gain; the offset's is ten times the sensor's noise."""
 WRONG_ROW_STD = 5.0
 
@@ -129,7 +129,7 @@ def free_table(rig: Rig, found: AntennaEvidence) -> list[dict[str, Any]]:
 
 
 def _shape_evidence(rig: Rig, change: Change) -> Evidence:
-    moved = free_shape_moved_mm(rig, np.concatenate([change.sure, [0.0, 0.0]]))
+    moved = free_shape_moved_mm(rig, np.concatenate([change.sure, [0.0, 0.0, 0.0]]))
     return Evidence(change.distance_std, max(change.freedom, 1), moved, FREE_FLOOR_MM, "mm along the antenna")
 
 

@@ -125,7 +125,7 @@ def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
 
 def free_shape_moved_mm(rig: Rig, step: np.ndarray) -> float:
     """How far the free antenna moves, at most along its length, with a step (9,) of its parameters; weightless."""
-    parameters = rig.antenna.parameters + np.stack([np.zeros(len(step)), step])
+    parameters = rig.antenna.parameters + np.stack([np.zeros_like(step), step])
     curves = bend(parameters, rig.antenna.length_m, np.zeros((2, 3)), np.full(2, 0.1), np.zeros((2, 2)))
     return 1e3 * float(np.linalg.norm(curves.points_m[1] - curves.points_m[0], axis=1).max())
 
