@@ -61,22 +61,15 @@ def write_figure(path: Path, methods: Sequence[MethodRow], hard: Sequence[HardRo
     for row in methods:
         colour, mark = MARKS[row.method]
         big = row.size.startswith("1280")
-        speed.loglog(row.pictures_per_s, row.rms_px, mark, color=colour, fillstyle="none" if big else "full")
-        speed.annotate(
-            row.method if not big else "1280x720",
-            (row.pictures_per_s, row.rms_px),
-            xytext=(5, 4),
-            textcoords="offset points",
-            fontsize=7,
-            color=colour,
-        )
+        style = {"fillstyle": "none" if big else "full", "label": "_" if big else row.method}
+        speed.loglog(row.pictures_per_s, row.rms_px, mark, color=colour, ls="", **style)
+    speed.legend(fontsize=8, title="hollow: 1280x720, full: 512x512", title_fontsize=8)
     speed.set_xlabel("pictures per second, one thread")
     speed.set_ylabel("rms error across the antenna, px")
     speed.grid(alpha=0.3)
     names = [item.hardship for item in hard]
     errors.barh(names, [item.rms_px for item in hard], color="#0f766e")
     errors.invert_yaxis()
-    errors.set_xscale("log")
     errors.set_xlabel("rms error, px")
     errors.tick_params(labelsize=7)
     errors.grid(alpha=0.3, axis="x")

@@ -8,12 +8,14 @@ from ..antenna.shape import Curves, bend
 from ..camera import Camera
 from ..geometry import Pose
 from .centreline import NOTHING, Centreline
-from .corridor import Corridor
+from .corridor import Corridor, length_px
 from .finder import AntennaFinder
 from .profile import measure
 
 REACH_PER_LENGTH = 0.9
 """How far to the side the antenna may be, as a fraction of the distance from the clamp: 42°."""
+LEAST_AXIS, LEAST_LENGTH_PX = 4, 10.0
+"""Least number of the free antenna's points that the lens must show, and least length: end on, there is no line."""
 CLAMP_REACH_PX = 8.0
 """How far off the clamp itself may be."""
 
@@ -43,9 +45,18 @@ def corridor(camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: f
     return Corridor(axis, CLAMP_REACH_PX + REACH_PER_LENGTH * along, width)
 
 
+def finder(where: Corridor, camera: Camera) -> AntennaFinder | None:
+    """What looks for the antenna in a corridor of this camera's pictures; None where too little of it can be shown."""
+    return AntennaFinder.prepare(where, camera.image_size) if _shows(where) else None
+
+
+def _shows(where: Corridor) -> bool:
+    return len(where.axis_px) >= LEAST_AXIS and length_px(where.axis_px) >= LEAST_LENGTH_PX
+
+
 def find(image: np.ndarray, where: Corridor, bright: bool = True) -> Centreline:
     """The centreline in an (H, W) picture; for many pictures make one `AntennaFinder` and use it for all."""
-    if len(where.axis_px) < 4:
+    if not _shows(where):
         return NOTHING
     return AntennaFinder.prepare(where, (image.shape[1], image.shape[0])).find(image, bright)
 

@@ -10,7 +10,7 @@ import numpy as np
 from . import smooth
 from .corridor import length_px, normals, resample
 
-COLUMN_PX, COLUMNS = 2.0, 160
+COLUMN_PX, COLUMNS = 2.0, 120
 """Spacing of the columns across the path, or wider where it takes more columns than these."""
 
 
@@ -41,14 +41,14 @@ def align(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: flo
     ridge = _ridge(image, columns, normal, rows, width_px, bright)
     share = along / max(along[-1], 1e-6)
     worth = _worth(ridge)
-    stiff, scale = _followed(worth, rows, share, (reach_px, 0.5 * reach_px, 3.0, 2.0), 6)
+    stiff, scale = _followed(worth, rows, share, (0.7 * reach_px, 3.0, 2.0), 6)
     near = np.abs(rows[:, None] - stiff[None]) <= max(0.6 * width_px, 3.0)
-    supple, _ = _followed(worth * near, rows, share, (2.0, 1.0, 0.7), 16)
+    supple, _ = _followed(worth * near, rows, share, (1.5, 0.7), 16)
     shift = np.clip(supple, rows[0], rows[-1])
     at = np.clip(np.rint(shift - rows[0]).astype(int), 0, len(rows) - 1)
     height = ridge[at, np.arange(len(shift))]
     there = worth[at, np.arange(len(shift))] > 0.5 * scale
-    strength = float(np.median(height[there])) if there.any() else 0.0
+    strength = smooth.median(height[there]) if there.any() else 0.0
     return Aligned(columns + shift[:, None] * normal, float(there.mean()), strength)
 
 
@@ -64,14 +64,14 @@ def _ridge(
     u = middle[:, 0] + wide[:, None] * across[:, 0]
     v = middle[:, 1] + wide[:, None] * across[:, 1]
     strip = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
-    strip = cv2.blur(strip if bright else -strip, (3, core), borderType=cv2.BORDER_REPLICATE)
-    inner = strip[flank:-flank]
-    return inner - np.maximum(strip[: len(inner)], strip[2 * flank :])
+    mean = np.asarray(cv2.blur(strip if bright else -strip, (3, core), borderType=cv2.BORDER_REPLICATE))
+    inner = mean[flank:-flank]
+    return inner - np.maximum(mean[: len(inner)], mean[2 * flank :])
 
 
 def _worth(ridge: np.ndarray) -> np.ndarray:
     """(R, K) how convincing each place is: levels off at a few times what the band shows everywhere."""
-    rest = float(np.median(np.abs(ridge))) * 2.0 + 1e-6
+    rest = smooth.median(np.abs(ridge)) * 2.0 + 1e-6
     over = np.maximum(ridge, 0.0)
     return over / (over + 3.0 * rest)
 
@@ -87,7 +87,7 @@ def _followed(
     left, middle, right = (worth[inner + k, at] for k in (-1, 0, 1))
     bend = left - 2.0 * middle + right
     part = np.where((best == inner) & (bend < -1e-6), 0.5 * (left - right) / np.minimum(bend, -1e-6), 0.0)
-    scale = float(np.quantile(peak, 0.75))
+    scale = smooth.quantile(peak, 0.75)
     weights = np.where((best > 0) & (best < len(rows) - 1), peak**2, 0.0) + 1e-6
     curve = smooth.fit(share, rows[best] + np.clip(part, -0.5, 0.5), weights, scales, pieces, 0.3)
     return curve.values, scale

@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from .corridor import normals, resample
 
-SPACING_PX = 0.7
+SPACING_PX = 0.95
 """Spacing of the path's points: below a pixel, so that no step passes two columns."""
 
 
@@ -45,7 +45,7 @@ class Crossings:
         return Crossings(*(getattr(self, part.name)[::step] for part in fields(self)))
 
     def distances(self, centre: np.ndarray) -> np.ndarray:
-        """(N, T) float32 distance of every pixel from a line through the centres (N,), px; positive along the normal."""
+        """(N, T) float32 distance of every pixel from a line through centres (N,), px; positive along the normal."""
         along = self.across - centre.astype(np.float32)[:, None]
         steady, growing = (self.side / self.stretch).astype(np.float32), (self.side * self.bow).astype(np.float32)
         return along * (steady[:, None] + growing[:, None] * along)
@@ -65,7 +65,8 @@ def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool = 
     start, end = path[:-1], path[1:]
     first = np.ceil(np.minimum(start, end))
     hit = (first < np.maximum(start, end)) & np.stack([~upward[:-1], upward[:-1]], axis=1)
-    index, crossed = np.nonzero(hit)
+    at = np.argwhere(hit)
+    index, crossed = at[:, 0], at[:, 1]
     axis = 1 - crossed
     part = (first[index, crossed] - start[index, crossed]) / (end - start)[index, crossed]
     points = start[index] + part[:, None] * (end - start)[index]
@@ -83,7 +84,7 @@ def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool = 
         along=along[index] + SPACING_PX * part,
         stretch=1.0 / np.maximum(np.abs(normal[index, axis]), 0.5),
         side=side,
-        bow=-0.5 * side * uniform_filter1d(turning, 31, mode="nearest")[index] * leaning**2,
+        bow=-0.5 * side * uniform_filter1d(turning, 23, mode="nearest")[index] * leaning**2,
         across=offsets - (points[np.arange(len(index)), axis] - middle).astype(np.float32)[:, None],
         profiles=profiles if bright else -profiles,
         inside=inside,
@@ -96,7 +97,8 @@ def _raw(
     """(N, 2·half + 1) float32 pixels about `middle` in the column or row `line`, and whether all are in the picture."""
     height, width = image.shape
     sideways = axis == 1
-    length, count = np.where(sideways, height, width), np.where(sideways, width, height)
+    # of the column or row, and how many of them there are
+    length, count = width + (height - width) * axis, height + (width - height) * axis
     inside = (line >= 0) & (line < count) & (middle >= half) & (middle < length - half)
     step = np.where(sideways, width, 1)
     first = np.where(sideways, line, line * width) + (middle - half) * step

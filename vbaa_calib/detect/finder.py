@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
+from ..errors import InputError
 from .band import Aligned, align
 from .centreline import Centreline
 from .corridor import Corridor
 from .profile import measure_on
 from .ridge import reduced, responses
-from .sight import settled
+from .sight import not_faint, settled
 from .templates import Templates, templates
 
 RIVAL_SHARE = 0.75
@@ -40,8 +41,9 @@ class AntennaFinder:
     corridor : where the antenna may be. image_size : (width, height).
     shapes : the paths it may take.
     factor, pool, reach : how far the picture is reduced, its response pooled, and where the flanks are looked at.
-    index : (P, S) int32 place of every sample in the flat response.
+    index : (P, S) place of every sample in the flat response.
     weight : (P,) what a path's sum is divided by: how many of its samples are in the picture, but not too few.
+    usual_height : of the antenna's line over its background in this rig's pictures, grey levels; 0 where not known.
     """
 
     corridor: Corridor
@@ -52,6 +54,7 @@ class AntennaFinder:
     reach: int
     index: np.ndarray
     weight: np.ndarray
+    usual_height: float = 0.0
 
     @staticmethod
     def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:
@@ -63,12 +66,19 @@ class AntennaFinder:
         size = np.maximum(np.array(image_size) // factor, 1)
         rows, columns = -(-size[1] // pool), -(-size[0] // pool)
         at = np.rint(((shapes.paths_px + 0.5) / factor - 0.5) / pool)
-        there = ((at >= 0) & (at < [columns, rows])).all(axis=-1)
+        there: np.ndarray = np.all((at >= 0) & (at < [columns, rows]), axis=-1)
         at = np.where(there[..., None], at, 0.0).astype(np.int64)
         flat = (shapes.direction.astype(np.int64) * rows + at[..., 1]) * columns + at[..., 0]
         index = np.where(there, flat, 4 * rows * columns).astype(np.intp)
         weight = np.maximum(there.sum(axis=1), 0.3 * index.shape[1])
         return AntennaFinder(corridor, image_size, shapes, factor, pool, reach, index, weight)
+
+    def expecting(self, usual_height: float) -> AntennaFinder:
+        """The same finder, told how high the line is: the `amplitude` of the free antenna's pictures.
+
+        A bar or edge that looks like an antenna mostly is fainter.
+        """
+        return replace(self, usual_height=usual_height)
 
     def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> Candidates:
         """The paths (K, 2) that look most like the antenna in an (H, W) picture, blurred by about so many pixels."""
@@ -89,7 +99,16 @@ class AntennaFinder:
         return Candidates(paths, scores)
 
     def find(self, image: np.ndarray, bright: bool = True) -> Centreline:
-        """The centreline in an (H, W) picture, with its verdict; where there is none in focus, one out of focus."""
+        """The centreline in a picture, with its verdict; where there is none in focus, one out of focus.
+
+        image (H, W) uint8, uint16 or float; a colour picture goes through `paint.Paint`. Raises InputError when it is
+        not of the size that the finder was made for.
+        """
+        if image.shape != (self.image_size[1], self.image_size[0]):
+            seen, meant = ("x".join(map(str, size)) for size in (image.shape[::-1], self.image_size))
+            raise InputError(f"the picture is {seen}, the finder was made for {meant}", remedy="one picture size a rig")
+        if image.dtype not in (np.uint8, np.uint16):
+            image = np.nan_to_num(image.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
         line = self._look(image, bright, 0.0)
         if line.found or line.verdict == "ambiguous":
             return line
@@ -107,7 +126,7 @@ class AntennaFinder:
         for rough in self.candidates(image, bright, blurred_px).paths_px:
             path = self.path(image, rough, bright, blurred_px).path_px
             lines.append(measure_on(image, path, width, bright, blurred_px))
-        return settled(lines, width)
+        return not_faint(settled(lines, width), self.usual_height)
 
     def _alike(self, best: int, others: np.ndarray) -> np.ndarray:
         """(Q,) whether those paths are much the same as that one."""

@@ -92,7 +92,7 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
         return NOTHING
     width_px = round(width_px, 2)
     lines = _lines(found, width_px, half)
-    kept, clean = _kept(found, lines)
+    kept, clean, there = _kept(found, lines)
     if not kept.any():
         return NOTHING
     sigma = _deviations(found, lines, clean if clean.sum() >= 8 else kept)
@@ -101,12 +101,19 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     kept, course = _without_strays(found, lines, sigma, kept)
     kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
     breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
-    return described(found, lines.centre, sigma, kept, course, lines.fits.height, breadth, lines.noise)
+    return described(found, lines.centre, sigma, kept, there, course, lines.fits.height, breadth, lines.noise)
 
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """The fitted lines: centre (N,) along the profiles from the path, last fit, its rms (N,), shape, a pixel's noise, how lopsided."""
+    """The fitted lines.
+
+    Attributes
+    ----------
+    centre : (N,) along the profiles from the path, px.
+    fits, rms : the last fit and its residuals' rms (N,).
+    shape : the cross-section. noise : of a pixel, grey levels. lopsided : how the shape's sides differ, of its height.
+    """
 
     centre: np.ndarray
     fits: Fits
@@ -131,15 +138,16 @@ def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
         chosen = _teachers(fits, some.inside, half)
         if chosen.sum() < 4:
             break
-        course = smooth.fit(some.along / length, base + fits.shift, chosen.astype(float), (1.0, 0.3), 12, 1e-3)
-        base, curve = course.values, course.at(found.along / length)
+        if step:
+            # not at first: the path is good enough to tell the blur by
+            course = smooth.fit(some.along / length, fits.shift, chosen.astype(float), (1.0, 0.3), 12, 1e-3)
+            base, curve = course.values, course.at(found.along / length)
         across = some.distances(base)[chosen]
         seen = binned(across, shape.at(across)[0] + fits.residuals[chosen] / fits.height[chosen, None], half + 2)
-        phase = np.exp(2j * np.pi * some.across[chosen, 0])
-        free = step == 1 and abs(phase.mean()) < ALIKE
+        free = step == 1 and abs(np.exp(2j * np.pi * some.across[chosen, 0]).mean()) < ALIKE
         shape = learn(seen) if free else nearest(seen, width_px)
         if free:
-            doubt = seen.lopsided(float(np.median(fits.rms[chosen] / fits.height[chosen])))
+            doubt = seen.lopsided(smooth.median(fits.rms[chosen] / fits.height[chosen]))
             if width_px > FLANKED_PX and doubt > LOPSIDED:
                 shape, shift = _lopsided(seen, width_px)
                 curve = curve + shift * found.side * found.stretch
@@ -161,25 +169,25 @@ def _teachers(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:
     good = inside & (fits.height > SEEN_RATIO * noise * fits.unit_height) & (np.abs(fits.shift) < 1.5)
     if not good.any():
         return good
-    typical = float(np.median(fits.height[good]))
+    typical = smooth.median(fits.height[good])
     good &= (fits.height > 0.4 * typical) & (fits.height < 2.5 * typical)
     calm = good & (rms < DISTURBED * noise + 0.02 * typical)
     return calm if calm.sum() >= 0.3 * good.sum() else good
 
 
-def _kept(found: Crossings, lines: _Lines) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) which profiles show the antenna, and which show nothing else beside it."""
+def _kept(found: Crossings, lines: _Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,) which profiles show the antenna well enough, which show nothing else beside it, which show it at all."""
     fits, rms, noise = lines.fits, lines.rms, lines.noise
     half = 0.5 * (fits.gain.shape[1] - 1)
     seen = found.inside & (np.abs(lines.centre) < half - 2.0)
     seen &= fits.height > SEEN_RATIO * np.maximum(rms, noise) * fits.unit_height
     if not seen.any():
-        return seen, seen
-    typical = float(np.median(fits.height[seen]))
+        return seen, seen, seen
+    typical = smooth.median(fits.height[seen])
     seen &= (fits.height > 0.3 * typical) & (fits.height < 3.0 * typical)
     clean = seen & (rms < DISTURBED * noise)
     kept = clean if clean.mean() >= LEAST_CLEAN else seen & (rms < 4.0 * noise + 0.1 * typical)
-    return kept, clean
+    return kept, clean, seen
 
 
 def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarray:
@@ -209,7 +217,7 @@ def _without_strays(
     """(N,) the kept points that lie on one smooth curve, and that curve's course (N,) along the profiles."""
     share = found.along / max(float(found.along[-1]), 1e-6)
     weights = kept / np.maximum(sigma, 0.02) ** 2
-    spread = max(float(np.median(sigma[kept])), 0.02)
+    spread = max(smooth.median(sigma[kept]), 0.02)
     curve = smooth.fit(share, lines.centre, weights, (6.0 * spread, 4.0 * spread), 24, 1e-4)
     off = np.abs(lines.centre - curve.values)
     return kept & (off < np.maximum(STRAY * sigma * found.stretch, STRAY_PX)), curve.values
@@ -217,7 +225,7 @@ def _without_strays(
 
 def _noise(rms: np.ndarray, half: int) -> float:
     """The picture's noise from the profiles' residuals (N,), of which more than half may be disturbed."""
-    return float(np.sort(rms)[int(QUIET * len(rms))] / _quiet_part(2 * half - 3)) + 1e-6 if len(rms) else 1e-6
+    return smooth.quantile(rms, QUIET) / _quiet_part(2 * half - 3) + 1e-6 if len(rms) else 1e-6
 
 
 @lru_cache(maxsize=32)

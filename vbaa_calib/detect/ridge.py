@@ -49,7 +49,7 @@ def responses(small: np.ndarray, reach: int, pool: int) -> np.ndarray:
 
 
 def _saturation(flat: np.ndarray) -> np.ndarray:
-    """(256,) the response's worth: none for what the surroundings show everywhere, levelling off at a few times that."""
+    """(256,) the response's worth: none for what the surroundings show everywhere, and level at a few times that."""
     counts = np.bincount(flat[:: 1 + len(flat) // 20_000], minlength=256).cumsum()
     ordinary = float(np.searchsorted(counts, ORDINARY * counts[-1])) + 1.0
     over = np.maximum(np.arange(256.0) - ordinary, 0.0)

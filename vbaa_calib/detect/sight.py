@@ -7,11 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
+from . import smooth
 from .centreline import Centreline, EndKind, Sight, Verdict
 from .crossings import Crossings
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
 """Least fraction of the guide, and of what of it is in the picture, that must be seen."""
+LEAST_THERE = 0.7
+"""So much of it showing is enough too, where an object beside it keeps it from being measured."""
 LEAST_ROOT, ROOT = 0.35, 0.33
 """Least fraction that must be seen of the first part of the guide: the antenna starts at the clamp."""
 NARROW, BROAD, LEAST_SEEN_BROAD = 0.3, 1.8, 0.85
@@ -22,9 +25,11 @@ WANDER_PX, WANDER_SIGMA = 0.25, 1.35
 WANDER_ORDER = 6
 """Order of that curve."""
 SNAKING_RAD = 0.25
-"""Most that its direction turns back and forth beyond the turn from one end to the other: a cantilever bends one way."""
-LEAST_CONTRAST = 2.0
-"""Least height over the noise of a pixel."""
+"""Most that its direction turns to and fro beyond the turn from end to end: a cantilever bends one way."""
+LEAST_CONTRAST, CLEAR_CONTRAST = 2.0, 8.0
+"""Least height over the noise of a pixel; and of an antenna that is clear."""
+FAINT = 0.4
+"""A line fainter than this part of the usual height is another thing's."""
 RIVAL_SEEN = 0.7
 """A second line of which this much is seen, of what is seen of the first, makes the picture ambiguous."""
 LEAST_POINTS = 12
@@ -38,26 +43,31 @@ def described(
     centre: np.ndarray,
     sigma_px: np.ndarray,
     kept: np.ndarray,
+    there: np.ndarray,
     course: np.ndarray,
     height: np.ndarray,
     breadth: float,
     noise: float,
 ) -> Centreline:
-    """The centreline of N profiles: `centre` and the smooth `course` (N,) along them, `kept` (N,) where it was seen."""
+    """The centreline of N profiles: `centre` and the smooth `course` (N,) along them.
+
+    `kept` (N,) is where it was measured, `there` (N,) where it shows, though perhaps beside something that draws it
+    aside.
+    """
     sight = np.where(kept, Sight.SEEN, np.where(found.inside, Sight.HIDDEN, Sight.OUTSIDE)).astype(np.uint8)
     last = int(np.flatnonzero(kept)[-1]) if kept.any() else -1
     after = np.arange(len(kept)) > last
     sight[after & (sight == Sight.HIDDEN)] = Sight.BEYOND
     everywhere = found.moved(centre)
     points = everywhere[kept]
-    contrast = float(np.median(height[kept])) / max(noise, 1e-9) if kept.any() else 0.0
-    doubt = _doubt(found, everywhere, sigma_px, kept, breadth, contrast)
+    contrast = smooth.median(height[kept]) / max(noise, 1e-9) if kept.any() else 0.0
+    doubt = _doubt(found, everywhere, sigma_px, kept, float(there.mean()), breadth, contrast)
     verdict, reason = doubt if doubt else ("ok", "")
     return Centreline(
         points_px=points,
         sigma_px=sigma_px[kept],
         seen=float(kept.mean()),
-        amplitude=float(np.median(height[kept])) if kept.any() else 0.0,
+        amplitude=smooth.median(height[kept]) if kept.any() else 0.0,
         breadth=breadth,
         verdict=verdict,
         reason=reason,
@@ -82,6 +92,14 @@ def settled(lines: Sequence[Centreline], width_px: float) -> Centreline:
     return best
 
 
+def not_faint(line: Centreline, usual_height: float) -> Centreline:
+    """The centreline, with another verdict where it is too faint: blur lowers a line and broadens it alike."""
+    if line.found and line.amplitude * max(line.breadth, 1.0) < FAINT * usual_height:
+        share = 100.0 * line.amplitude / usual_height
+        return line.judged("no_antenna", f"what could be the antenna is too faint ({share:.0f} % of its usual height)")
+    return line
+
+
 def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:
     """Whether two centrelines run apart over a good part of their length."""
     few = other.points_px[:: max(1, len(other.points_px) // 50)]
@@ -100,7 +118,13 @@ def _end(found: Crossings, sight: np.ndarray, last: int) -> EndKind:
 
 
 def _doubt(
-    found: Crossings, points: np.ndarray, sigma_px: np.ndarray, kept: np.ndarray, breadth: float, contrast: float
+    found: Crossings,
+    points: np.ndarray,
+    sigma_px: np.ndarray,
+    kept: np.ndarray,
+    there: float,
+    breadth: float,
+    contrast: float,
 ) -> tuple[Verdict, str] | None:
     """Why these points (N, 2) are no antenna, or not enough of one; None where nothing speaks against it."""
     seen, inside = float(kept.mean()), max(float(found.inside.mean()), 1e-9)
@@ -112,9 +136,10 @@ def _doubt(
     if contrast < LEAST_CONTRAST:
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
     wander, snaking = _wander(found.along, points, kept)
-    if wander > np.hypot(WANDER_PX, WANDER_SIGMA * np.median(sigma_px[kept])) or snaking > SNAKING_RAD:
+    if wander > np.hypot(WANDER_PX, WANDER_SIGMA * smooth.median(sigma_px[kept])) or snaking > SNAKING_RAD:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
-    if seen < LEAST_SEEN or seen / inside < LEAST_SEEN_INSIDE:
+    enough = seen / inside >= LEAST_SEEN_INSIDE or (there / inside >= LEAST_THERE and contrast > CLEAR_CONTRAST)
+    if seen < LEAST_SEEN or not enough:
         return "too_little", f"too little of the antenna to be sure of it ({share})"
     if kept[found.along < ROOT * found.along[-1]].mean() < LEAST_ROOT:
         return "too_little", f"the part near the clamp is not seen ({share})"

@@ -7,8 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-TABLE = 1024
-"""Rows of the tabled basis; places are rounded to one of them."""
+TABLE = 256
+"""Rows of the tabled basis; places are rounded to one of them. So small that no matrix product is worth a thread of
+the linear algebra library, which would cost more than the product."""
 
 
 @lru_cache(maxsize=8)
@@ -39,7 +40,7 @@ class Smooth:
 
     def at(self, share: np.ndarray) -> np.ndarray:
         """Values at other places, given as fractions (M,) of the way."""
-        return basis(len(self.coefficients) - 3)[rows(share)] @ self.coefficients
+        return (basis(len(self.coefficients) - 3) @ self.coefficients).take(rows(share))
 
 
 def rows(share: np.ndarray) -> np.ndarray:
@@ -64,13 +65,25 @@ def fit(
     scales : residual at which a point counts half, one round each, in the unit of `values`.
     stiffness : of the penalty on bends, as a fraction of the mean weight of a coefficient.
     """
-    table = basis(pieces).take(rows(share), axis=0)
+    table, place = basis(pieces), rows(share)
     penalty = stiffness * (weights.sum() / (pieces + 3) + 1e-12) * _bending(pieces) + 1e-9 * np.eye(pieces + 3)
     trusted, curve = weights, np.zeros(len(share))
     coefficients = np.zeros(pieces + 3)
     for scale in scales:
-        weighted = table * trusted[:, None]
-        coefficients = np.linalg.solve(weighted.T @ table + penalty, weighted.T @ values)
-        curve = table @ coefficients
+        total = np.bincount(place, trusted, TABLE)
+        summed = np.bincount(place, trusted * values, TABLE)
+        coefficients = np.linalg.solve((table * total[:, None]).T @ table + penalty, summed @ table)
+        curve = (table @ coefficients).take(place)
         trusted = weights / (1.0 + ((values - curve) / scale) ** 2)
     return Smooth(curve, coefficients)
+
+
+def quantile(values: np.ndarray, share: float) -> float:
+    """The number below which a share lies of at least one; NumPy's care for axes and NaN costs more than sorting."""
+    place = min(int(share * values.size), values.size - 1)
+    return float(np.partition(values, place, axis=None)[place])
+
+
+def median(values: np.ndarray) -> float:
+    """The upper median of at least one number."""
+    return quantile(values, 0.5)

@@ -1,0 +1,133 @@
+"""The debug picture of what was seen in one picture, whatever the verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vbaa_calib.detect.antenna import find
+from vbaa_calib.detect.canvas import ascii_text, text_size, wrapped
+from vbaa_calib.detect.centreline import NOTHING, Centreline, EndKind, Sight, Verdict
+from vbaa_calib.detect.corridor import Corridor
+from vbaa_calib.detect.overlay import (
+    HIDDEN,
+    OUTSIDE,
+    RIVAL,
+    VERDICT_COLOURS,
+    background,
+    corridor_mask,
+    described,
+    sight_picture,
+    sigma_colours,
+)
+
+from .drawn_lines import SIZE, exposed, straight, tube
+from .drawn_lines import background as scene
+
+AXIS = np.stack([np.linspace(40.0, 280.0, 25), np.full(25, 120.0)], axis=1)
+WHERE = Corridor(AXIS, 8.0 + 0.9 * (AXIS[:, 0] - 40.0), 4.0)
+
+
+def line_of(verdict: Verdict = "ok", end: EndKind = "tip", sight: Sight = Sight.HIDDEN) -> Centreline:
+    """A centreline of which the second third has that sight."""
+    guide = np.stack([np.linspace(40.0, 280.0, 241), np.linspace(120.0, 90.0, 241)], axis=1)
+    seen = np.full(241, Sight.SEEN, np.uint8)
+    seen[80:160] = sight
+    kept = seen == Sight.SEEN
+    return Centreline(
+        points_px=guide[kept],
+        sigma_px=np.full(int(kept.sum()), 0.05),
+        seen=float(kept.mean()),
+        amplitude=80.0,
+        breadth=1.5,
+        verdict=verdict,
+        reason="" if verdict == "ok" else f"words about {verdict}",
+        guide_px=guide,
+        sight=seen,
+        end_px=guide[-1],
+        end=end,
+        rival_px=guide + np.array([0.0, 60.0]) if verdict == "ambiguous" else np.empty((0, 2)),
+        noise=2.0,
+    )
+
+
+def has(image: np.ndarray, colour: tuple[int, int, int]) -> bool:
+    """Whether a drawn picture has this colour above its legend."""
+    return bool((np.abs(image[: 3 * SIZE[0]].astype(int) - np.array(colour)).max(axis=-1) < 25).any())
+
+
+@pytest.mark.parametrize("verdict", VERDICT_COLOURS)
+def test_every_verdict_is_drawn(verdict: Verdict) -> None:
+    drawn = sight_picture(np.full(SIZE, 60, np.uint8), line_of(verdict), WHERE, "a picture", "a note")
+    assert drawn.shape[1] == 3 * SIZE[1]
+    assert has(drawn, HIDDEN)
+    assert has(drawn, RIVAL) == (verdict == "ambiguous")
+    badge = np.abs(drawn[3 * SIZE[0] :].astype(int) - np.array(VERDICT_COLOURS[verdict])).max(axis=-1) < 3
+    assert badge.sum() > 300
+
+
+@pytest.mark.parametrize(("sight", "colour"), [(Sight.BEYOND, HIDDEN), (Sight.OUTSIDE, OUTSIDE)])
+def test_what_is_not_seen_is_dashed(sight: Sight, colour: tuple[int, int, int]) -> None:
+    drawn = sight_picture(np.full(SIZE, 60, np.uint8), line_of(sight=sight), WHERE, "", "")
+    assert has(drawn, colour)
+
+
+def test_nothing_found_and_no_corridor() -> None:
+    drawn = sight_picture(np.zeros(SIZE, np.uint8), NOTHING, None, "", "")
+    assert drawn.shape[1] == 3 * SIZE[1]
+    assert described(NOTHING) == "no point of the antenna was measured"
+
+
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [("tip", "visible end: tip"), ("hidden", "hidden from here"), ("border", "leaves the picture"), ("none", "noise")],
+)
+def test_numbers_in_words(end: EndKind, words: str) -> None:
+    said = described(line_of(end=end))
+    assert words in said
+    assert ("visible end" in said) == (end != "none")
+    assert "67 % of its length seen, 161 points; std across it 0.050 px" in said
+    assert "33 % hidden between seen parts" in said
+    assert "1.5 times as broad as in focus" in said
+
+
+def test_a_real_picture_is_marked_along_the_antenna() -> None:
+    rng = np.random.default_rng(3)
+    ends = straight(0.0, 240.0, (160.0, 120.0))
+    image = exposed(scene(rng) + tube(ends, 4.0, 80.0), rng)
+    line = find(image, WHERE)
+    assert line.found
+    drawn = sight_picture(image, line, WHERE, "", "").astype(int)
+    row = drawn[3 * 120 + 1, 3 * 60 : 3 * 260]
+    assert (row[:, 0] - row[:, 2] > 150).mean() > 0.95
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_background_is_dark_and_darker_outside_the_corridor(kind: type) -> None:
+    image = (np.random.default_rng(0).uniform(0.2, 1.0, SIZE) * 200).astype(kind)
+    grey, inside = background(image, WHERE), corridor_mask(WHERE, (SIZE[1], SIZE[0])) > 0
+    assert grey.dtype == np.uint8
+    assert grey.max() <= 150
+    assert grey[inside].mean() > 1.8 * grey[~inside].mean()
+    assert inside[120, 45:275].all()
+    assert not inside[:, :39].any()
+
+
+def test_background_of_a_picture_without_contrast_is_not_all_noise() -> None:
+    flat = np.random.default_rng(0).normal(90.0, 1.0, SIZE).astype(np.float32)
+    flat[5, 5] = np.nan
+    assert background(flat, None).std() < 15.0
+
+
+def test_colours_of_deviations_go_one_way() -> None:
+    colours = sigma_colours(np.array([0.0, 0.02, 0.05, 0.1, 0.5, 9.0, np.nan])).astype(int)
+    assert (np.diff(colours[:, 1]) <= 0).all()
+    assert colours[0].tolist() == [255, 255, 0]
+    assert colours[-1].tolist() == [255, 0, 255]
+
+
+def test_words_are_wrapped_and_in_letters_that_can_be_drawn() -> None:
+    lines = wrapped("a reason of many words, 0.3° ± 0.1° or so, and avery" + "long" * 40, 200, 0.5)
+    assert len(lines) > 2
+    assert all(text_size(line, 0.5)[0] <= 200 for line in lines)
+    assert ascii_text("1 µN·m ± 2 %, 😀") == "1 uN.m +- 2 %, ?"
