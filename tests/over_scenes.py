@@ -21,7 +21,7 @@ from vbaa_calib.synth.picture import studio
 from vbaa_calib.synth.render_board import print_sheet
 from vbaa_calib.synth.scene import Joints, Scene, bundled_scene, camera_pose
 from vbaa_calib.synth.scene_file import load_scene
-from vbaa_calib.synth.write_over import OverSpec, over_wires, render_over
+from vbaa_calib.synth.write_over import over_wires, render_over
 
 CLAMP_ABOUT_Y_STD, BOW_Y_STD, BOW_Z_STD, LOG_STIFFNESS_STD = 0.002, 0.02, 0.3, 0.05
 LENGTH_STD_M, HEIGHT_STD_M = 3e-4, 1e-4

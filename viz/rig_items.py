@@ -29,12 +29,16 @@ def joint_angles(kinematics: Kinematics, point_antenna_m: np.ndarray, point_worl
     """
     p = kinematics.T_actuator_antenna @ point_antenna_m
     q = point_world_m - kinematics.position_world_m
-    if abs(np.linalg.norm(p) - np.linalg.norm(q)) > FOREIGN_M:
+    sin, cos = np.sin(kinematics.axis_skew_rad), np.cos(kinematics.axis_skew_rad)
+    # sin(tilt)·p_x + cos(tilt)·p_z is what the tilt makes of p_z, before the axis' lean mixes it with p_y
+    up = (q[2] - sin * p[1]) / cos
+    tilt = np.arcsin(np.clip(up / np.hypot(p[0], p[2]), -1.0, 1.0)) - np.arctan2(p[2], p[0])
+    forward = kinematics.axis_offset_m + np.cos(tilt) * p[0] - np.sin(tilt) * p[2]
+    aside = cos * p[1] - sin * up
+    if abs(np.hypot(forward, aside) - np.hypot(q[0], q[1])) > FOREIGN_M:
         raise InputError("the contacts do not fit the rig's kinematics", remedy="give the rig.json they were made with")
-    # sin(tilt)·p_x + cos(tilt)·p_z = q_z, the third row of the rotation
-    tilt = np.arcsin(np.clip(q[2] / np.hypot(p[0], p[2]), -1.0, 1.0)) - np.arctan2(p[2], p[0])
-    forward = np.cos(tilt) * p[0] - np.sin(tilt) * p[2]
-    return float(np.arctan2(q[1], q[0]) - np.arctan2(p[1], forward)), float(tilt)
+    pan = float(np.arctan2(q[1], q[0]) - np.arctan2(aside, forward))
+    return pan, float(tilt) - kinematics.tilt_zero_rad
 
 
 def rig_items(rig: Rig, table: ContactTable) -> RigItems:

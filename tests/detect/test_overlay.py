@@ -80,7 +80,12 @@ def test_nothing_found_and_no_corridor() -> None:
 
 @pytest.mark.parametrize(
     ("end", "words"),
-    [("tip", "visible end: tip"), ("hidden", "hidden from here"), ("border", "leaves the picture"), ("none", "noise")],
+    [
+        ("tip", "visible end at (280.0, 90.0) px: tip"),
+        ("hidden", "hidden from here"),
+        ("border", "leaves the picture"),
+        ("none", "noise"),
+    ],
 )
 def test_numbers_in_words(end: EndKind, words: str) -> None:
     said = described(line_of(end=end))

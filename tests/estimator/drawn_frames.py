@@ -23,7 +23,9 @@ CONTACT_M, FORCE_N = 0.15, np.array([0.06, -0.03])
 def rig_of(size: tuple[int, int]) -> Rig:
     """A camera of (width, height) px that looks down on the antenna, which fills two thirds of its picture."""
     focal = 0.95 * size[0]
-    camera = Camera("opencv", size, np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]]), np.zeros(0))
+    camera = Camera(
+        "opencv", size, np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]]), np.zeros(0)
+    )
     turn = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0])).as_matrix()
     parameters = np.array([0, 0, 0, 0, 0.05, 0.0, np.log(3.9e-3), np.log(3.97e-3), 0.0])
     return Rig(
@@ -69,7 +71,7 @@ def picture(
         image = image + 110.0 * cv2.GaussianBlur(line, (0, 0), 0.8) / 255.0
         if hidden is not None:
             piece = path[int(hidden[0] * len(path)) : int(hidden[1] * len(path))]
-            low, high = piece.min(axis=0) - [0, 30], piece.max(axis=0) + [0, 60]
+            low, high = piece.min(axis=0) - np.array([0, 30]), piece.max(axis=0) + np.array([0, 60])
             cv2.rectangle(image, np.rint(low).astype(int).tolist(), np.rint(high).astype(int).tolist(), 95.0, -1)
     return np.clip(image + rng.normal(0.0, noise, image.shape), 0, 255).astype(np.uint8)
 

@@ -110,7 +110,7 @@ def from_clamp(
         raise InputError(
             f"the antenna {both}, which of them is the clamp does not show",
             where=where,
-            remedy="mark the clamp, or give a rough pose of the camera",
+            remedy="give over.clamp_px in session.yaml: where the clamp's edge shows",
         )
     return line if line.ends[0] is None else line.reversed()
 

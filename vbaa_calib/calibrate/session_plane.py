@@ -18,7 +18,8 @@ from ..images import list_images, read_gray
 from ..session import OverBoard, Session, has_over, has_sweep, read_sweep
 from .board_flex import BoardFlex
 from .jig import jig_estimate
-from .over_board import OverBoardSolution, nominal_free_antenna, solve_over_board
+from .over_board import OverBoardSolution, solve_over_board
+from .over_board_known import ClampMark, nominal_free_antenna
 from .plane import BoardPose, solve_board_pose
 from .pose_estimate import PoseEstimate
 from .session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
@@ -161,7 +162,9 @@ def _over(
     rotation = session.kinematics.T_world_antenna(over.pan_rad, over.tilt_rad).rotation
     antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
     guess = fused(known) if known else None
-    return solve_over_board(images, session.board, camera, antenna, over.height_m, over.height_std_m, guess=guess)
+    mark = None if over.clamp_px is None else ClampMark(np.array(over.clamp_px), over.clamp_std_px)
+    height = over.height_m, over.height_std_m
+    return solve_over_board(images, session.board, camera, antenna, *height, guess=guess, clamp=mark)
 
 
 def clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:

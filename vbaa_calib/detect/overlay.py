@@ -124,7 +124,9 @@ def keys(line: Centreline | None, where: Corridor | None) -> list[Key]:
     """The legend of what these functions draw, without what is not there."""
     low, high = SIGMA_RANGE_PX
     scale = sigma_colours(np.geomspace(low, high, 64))
-    found = [Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale)]
+    found: list[Key] = []
+    if line is None or len(line.points_px):
+        found.append(Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale))
     if line is not None and (np.isin(line.sight, (Sight.HIDDEN, Sight.BEYOND))).any():
         found.append(Key("hidden, or not measured", HIDDEN, "dashes"))
     if line is not None and (np.asarray(line.sight) == Sight.OUTSIDE).any():
@@ -150,7 +152,7 @@ def described(line: Centreline) -> str:
         parts.append(f"{100 * hidden:.0f} % hidden between seen parts")
     if line.end != "none":
         u, v = line.end_px
-        parts.append(f"visible end: {END_WORDS[line.end]} at ({u:.1f}, {v:.1f}) px")
+        parts.append(f"visible end at ({u:.1f}, {v:.1f}) px: {END_WORDS[line.end]}")
     if line.amplitude and line.noise:
         parts.append(f"{line.amplitude:.0f} grey levels over its surroundings, noise {line.noise:.1f}")
     if line.breadth and abs(line.breadth - 1.0) > 0.2:

@@ -22,6 +22,7 @@ from .rows import Still
 SCHEMA = "vbaa.session/1"
 TILT_ZERO_STD_RAD = 0.01
 OVER_HEIGHT_STD_M = 1e-4
+CLAMP_STD_PX = 20.0
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,15 @@ class OverBoard:
     ----------
     height_m : of the antenna's axis over the printed face, towards the viewer. height_std_m : how well it is known.
     pan_rad, tilt_rad : the joints' readings in these pictures.
+    clamp_px, clamp_std_px : where the clamp's edge shows, and how well that is known; roughly will do to tell the ends.
     """
 
     height_m: float = 0.0
     height_std_m: float = OVER_HEIGHT_STD_M
     pan_rad: float = 0.0
     tilt_rad: float = 0.0
+    clamp_px: tuple[float, float] | None = None
+    clamp_std_px: float = CLAMP_STD_PX
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +123,7 @@ def load_session(root: Path) -> Session:
     return Session(
         root=root,
         board=board,
-        antenna=NominalAntenna(**_floats(data["antenna"])),
+        antenna=NominalAntenna(**{key: float(value) for key, value in data["antenna"].items()}),
         T_antenna_board=T_antenna_board,
         kinematics=_kinematics(kinematics, path),
         gravity_world_m_s2=np.asarray(data["gravity_world"] or (0.0, 0.0, 0.0), float),
@@ -127,12 +131,14 @@ def load_session(root: Path) -> Session:
         jig_translation_std_m=float((jig or {}).get("translation_std_m", 0.0)),
         jig_rotation_std_rad=float((jig or {}).get("rotation_std_rad", 0.0)),
         tilt_zero_std_rad=float(kinematics.get("tilt_zero_std_rad", TILT_ZERO_STD_RAD)),
-        over=None if over is None else OverBoard(**_floats(over)),
+        over=None if over is None else _over(over),
     )
 
 
-def _floats(data: Mapping[str, Any]) -> dict[str, float]:
-    return {key: float(value) for key, value in data.items()}
+def _over(data: Mapping[str, Any]) -> OverBoard:
+    numbers = {key: float(value) for key, value in data.items() if key != "clamp_px"}
+    mark = data.get("clamp_px")
+    return OverBoard(**numbers, clamp_px=None if mark is None else (float(mark[0]), float(mark[1])))
 
 
 def _kinematics(data: Mapping[str, Any], where: object) -> Kinematics:

@@ -79,6 +79,13 @@ class Section:
             raise self.wrong(key, f"is {value!r}", f"a whole number from {low} to {high} is needed")
         return value
 
+    def flag(self, key: str, default: bool) -> bool:
+        """True or false."""
+        value = self.get(key, default)
+        if not isinstance(value, bool):
+            raise self.wrong(key, f"is {value!r}", "true or false is needed")
+        return value
+
     def choice(self, key: str, choices: Sequence[str], default: str | None = None) -> str:
         """One of a few words."""
         value = self.get(key, default)

@@ -17,7 +17,7 @@ from .scene import Joints, KnownLoad, Scene, true_rod
 from .touch import Touch, touch
 from .truth import frame_truth, rig_truth
 
-STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4}
+STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
 """One independent stream of random numbers for each purpose, so that more of one does not change another."""
 
 

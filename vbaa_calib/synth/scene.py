@@ -137,6 +137,36 @@ class Recording:
     sweeps: tuple[Sweep, ...]
 
 
+@dataclass(frozen=True)
+class OverSpec:
+    """How the board lies under the antenna.
+
+    Attributes
+    ----------
+    height_m : plane C above the printed face.
+    center_m : the board's middle in plane C, antenna frame (x, y).
+    turn_rad : of the board's x axis from the antenna's, seen by the viewer, clockwise.
+    pictures : how many.
+    joints : the joints' angles.
+    shadow : how much of the light the antenna's shadow takes, 0 for none. penumbra_m : its softness on the board.
+    """
+
+    height_m: float
+    center_m: tuple[float, float]
+    turn_rad: float
+    pictures: int
+    joints: Joints
+    shadow: float = 0.35
+    penumbra_m: float = 1.5e-3
+
+    def T_antenna_board(self, spec: BoardSpec) -> Pose:
+        """Pose of the printed face: its z is the antenna frame's, turned round."""
+        half = 0.5 * spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0])
+        cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        rotation = np.array([[cos, -sin, 0.0], [-sin, -cos, 0.0], [0.0, 0.0, -1.0]])
+        return Pose(rotation, np.array([*self.center_m, -self.height_m]) - rotation @ half)
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A whole scene file.
@@ -145,6 +175,8 @@ class Scene:
     ----------
     T_antenna_board : pose of the jig's board, back face, in the antenna frame.
     gravity_world_m_s2 : (3,).
+    sweep : whether the joints are swept in front of a board that is fixed in the world. over : how the free antenna is
+        shown over a board, None where it is not.
     """
 
     name: str
@@ -165,6 +197,8 @@ class Scene:
     noload: tuple[Joints, ...]
     loads: tuple[KnownLoad, ...]
     recording: Recording
+    sweep: bool = False
+    over: OverSpec | None = None
 
     @property
     def T_antenna_face(self) -> Pose:

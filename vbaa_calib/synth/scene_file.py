@@ -19,6 +19,7 @@ from .scene import (
     Joints,
     KnownLoad,
     MomentSensor,
+    OverSpec,
     PictureSpec,
     Recording,
     Scene,
@@ -38,7 +39,7 @@ def load_scene(path: Path) -> Scene:
     top.choice("schema", (SCHEMA,))
     top.only(
         *("schema", "name", "seed", "camera", "board", "jig", "antenna", "moment_sensor", "kinematics"),
-        *("gravity_world", "object", "picture", "intrinsics", "noload", "loads", "recording"),
+        *("gravity_world", "object", "picture", "intrinsics", "noload", "loads", "recording", "sweep", "over"),
     )
     antenna = top.section("antenna")
     nominal, true = _antenna(antenna)
@@ -63,6 +64,8 @@ def load_scene(path: Path) -> Scene:
         noload=tuple(_joints(entry.only("pan_deg", "tilt_deg")) for entry in top.sections("noload")),
         loads=tuple(_load(entry, nominal.length_m) for entry in top.sections("loads")),
         recording=_recording(top.section("recording")),
+        sweep=top.flag("sweep", False),
+        over=_over(top.section("over")) if top.has("over") else None,
     )
 
 
@@ -151,9 +154,27 @@ def _moment(section: Section) -> MomentSensor:
 
 
 def _kinematics(section: Section) -> Kinematics:
-    section.only("T_actuator_antenna", "position_world_m")
+    section.only("T_actuator_antenna", "position_world_m", "axis_skew_deg", "axis_offset_m", "tilt_zero_deg")
     mount = section.pose("T_actuator_antenna") if section.has("T_actuator_antenna") else Pose.identity()
-    return Kinematics(mount, section.array("position_world_m", (3,), [0.0, 0.0, 0.0]))
+    return Kinematics(
+        mount,
+        section.array("position_world_m", (3,), [0.0, 0.0, 0.0]),
+        _angle(section, "axis_skew_deg", -20.0, 20.0, 0.0),
+        section.number("axis_offset_m", -0.5, 0.5, 0.0),
+        _angle(section, "tilt_zero_deg", -20.0, 20.0, 0.0),
+    )
+
+
+def _over(section: Section) -> OverSpec:
+    section.only("height_m", "center_m", "turn_deg", "pictures", "pan_deg", "tilt_deg")
+    x, y = section.array("center_m", (2,))
+    return OverSpec(
+        section.number("height_m", 0.0, 0.5),
+        (float(x), float(y)),
+        _angle(section, "turn_deg", -360.0, 360.0, 0.0),
+        section.whole("pictures", 1, 100),
+        Joints(_angle(section, "pan_deg", -180.0, 180.0, 0.0), _angle(section, "tilt_deg", -90.0, 90.0, 0.0)),
+    )
 
 
 def _object(section: Section) -> TouchObject:

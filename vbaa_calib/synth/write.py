@@ -24,7 +24,9 @@ from .picture import Studio, studio
 from .plan import AntennaShot, Plan, plan, stream
 from .render import render_shot, seen_centreline
 from .render_board import Sheet, print_sheet
-from .scene import Scene
+from .scene import OverSpec, Scene
+from .write_over import write_over
+from .write_sweep import write_sweep
 
 CENTRELINE_STD_PX = 0.1
 
@@ -89,7 +91,13 @@ def write_session(scene: Scene, folder: Path, *, force: bool = False, recording_
         for name in ("intrinsics", "plane", "noload", "loads", "recording"):
             (root / name).mkdir()
         (root / "session.yaml").write_text(session_yaml(scene), encoding="utf-8")
-        write_json(root / "truth.json", planned.truth)
+        truth = dict(planned.truth)
+        sheet = print_sheet(scene.board)
+        if scene.sweep:
+            truth["sweep"] = {"T_world_board": write_sweep(scene, place, sheet, root).to_dict()}
+        if scene.over is not None:
+            truth["over"] = write_over(scene, place, sheet, scene.over, root, stream(scene, "over"))
+        write_json(root / "truth.json", truth)
         for name, rows in planned.tables.items():
             drop = () if recording_pictures or name != "recording/recording.csv" else ("image",)
             _write_csv(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
@@ -149,6 +157,13 @@ def _floats(values: np.ndarray | Iterable[float]) -> list[float]:
     return [float(value) for value in values]
 
 
+def _over_key(scene: Scene) -> dict[str, Any]:
+    over: OverSpec | None = scene.over
+    if over is None:
+        return {}
+    return {"over": {"height_m": over.height_m, "pan_rad": over.joints.pan_rad, "tilt_rad": over.joints.tilt_rad}}
+
+
 def session_yaml(scene: Scene) -> str:
     """session.yaml: what the user of such a rig would know, not what is true of it."""
     antenna = scene.antenna
@@ -161,6 +176,7 @@ def session_yaml(scene: Scene) -> str:
             "T_actuator_antenna": scene.kinematics.T_actuator_antenna.to_dict(),
             "position_world_m": _floats(scene.kinematics.position_world_m),
         },
+        **_over_key(scene),
         "gravity_world": _floats(scene.gravity_world_m_s2) if scene.gravity_world_m_s2.any() else None,
         "moment_sensor": {"std_Nm": scene.moment.std_Nm},
     }

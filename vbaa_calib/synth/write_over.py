@@ -9,45 +9,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec
-
 from ..antenna.rod import Rod, solve_rod
 from ..geometry import Pose
 from .picture import LAMP_WORLD, Patch, Studio, digitise, expose, surroundings
 from .render import HOLDER_PAINT
 from .render_antenna import tube, tube_patch
 from .render_board import Sheet, board_patch
-from .scene import Joints, Scene, true_rod
-
-
-@dataclass(frozen=True)
-class OverSpec:
-    """How the board lies under the antenna.
-
-    Attributes
-    ----------
-    height_m : plane C above the printed face.
-    center_m : the board's middle in plane C, antenna frame (x, y).
-    turn_rad : of the board's x axis from the antenna's, seen by the viewer, clockwise.
-    pictures : how many.
-    joints : the joints' angles.
-    shadow : how much of the light the antenna's shadow takes, 0 for none. penumbra_m : its softness on the board.
-    """
-
-    height_m: float
-    center_m: tuple[float, float]
-    turn_rad: float
-    pictures: int
-    joints: Joints
-    shadow: float = 0.35
-    penumbra_m: float = 1.5e-3
-
-    def T_antenna_board(self, spec: BoardSpec) -> Pose:
-        """Pose of the printed face: its z is the antenna frame's, turned round."""
-        half = 0.5 * spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0])
-        cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
-        rotation = np.array([[cos, -sin, 0.0], [-sin, -cos, 0.0], [0.0, 0.0, -1.0]])
-        return Pose(rotation, np.array([*self.center_m, -self.height_m]) - rotation @ half)
+from .scene import Joints, OverSpec, Scene, true_rod
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,211 @@
+"""`vbaa estimate --overlay` and `vbaa look`: pictures for every frame, whole or not at all, and a verdict in words."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator import overlay_folder
+
+from .conftest import Call
+from .test_bad_input import PICTURES, grey, noise, refused, repaint, smaller, truncate
+
+
+def left(folder: Path) -> set[str]:
+    """What is in a folder, hidden files too."""
+    return {path.name for path in folder.iterdir()}
+
+
+def test_every_frame_has_its_picture_and_its_place_on_the_page(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path
+) -> None:
+    repaint(PICTURES["recording"], noise)(session)
+    target, contacts = tmp_path / "seen", tmp_path / "contacts.csv"
+    said = vbaa("estimate", session, "--rig", rig, "-o", contacts, "--overlay", target, "--json")
+    assert said.code == 0, said.err
+    assert said.result["overlay"] == str(target)
+    with contacts.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    expected = [f"frame_{int(row['frame']):06d}_{row['status']}.jpg" for row in rows]
+    assert {row["status"] for row in rows} >= {"ok", "no_antenna"}
+    assert left(target) == {*expected, "thumbnails", "index.html"}
+    assert left(target / "thumbnails") == set(expected)
+    assert all(cv2.imread(str(target / name)).shape[1] == 960 for name in expected)
+    page = (target / "index.html").read_text()
+    assert re.findall(r'href="([^"]+)"', page) == expected
+    assert set(re.findall(r'(?:src|href)="([^"]+)"', page)) == {*expected, *(f"thumbnails/{name}" for name in expected)}
+    assert not re.search(r"<script|https?:|url\(|@import", page)
+    for status in {row["status"] for row in rows}:
+        assert f"#only-{status}:checked ~ .frames a:not(.{status})" in page
+        assert f'<input type="radio" name="status" id="only-{status}"' in page
+
+
+def test_contacts_are_the_same_with_and_without_pictures(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    plain, drawn = tmp_path / "plain.csv", tmp_path / "drawn.csv"
+    assert vbaa("estimate", session, "--rig", rig, "-o", plain).code == 0
+    assert vbaa("estimate", session, "--rig", rig, "-o", drawn, "--overlay", tmp_path / "seen").code == 0
+    assert plain.read_bytes() == drawn.read_bytes()
+
+
+def test_a_folder_in_the_way_is_refused_and_only_ours_is_replaced(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path
+) -> None:
+    call = ("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv", "--overlay")
+    assert vbaa(*call, tmp_path / "seen").code == 0
+    (tmp_path / "seen" / "old.jpg").write_bytes(b"x")
+    (tmp_path / "contacts.csv").unlink()
+    refused(vbaa(*call, tmp_path / "seen"), "seen: exists already", "--force")
+    assert "old.jpg" in left(tmp_path / "seen")
+    assert vbaa(*call, tmp_path / "seen", "--force").code == 0
+    assert "old.jpg" not in left(tmp_path / "seen")
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "index.html").write_text("<p>my own page</p>")
+    refused(vbaa(*call, mine, "--force"), "mine: holds other things")
+    refused(vbaa(*call, rig, "--force"), "is not a folder")
+    refused(vbaa(*call, tmp_path / "nowhere" / "seen", "--force"), "its folder does not exist")
+    (tmp_path / "link").symlink_to(tmp_path / "seen")
+    refused(vbaa(*call, tmp_path / "link", "--force"), "is not a folder")
+    assert left(mine) == {"index.html"}
+
+
+def test_an_empty_folder_needs_force_too(tmp_path: Path) -> None:
+    (tmp_path / "seen").mkdir()
+    with pytest.raises(overlay_folder.InputError, match="exists already"):
+        overlay_folder.refuse_folder(tmp_path / "seen", force=False)
+    overlay_folder.refuse_folder(tmp_path / "seen", force=True)
+
+
+@pytest.mark.parametrize("when", ["before the work", "in its middle"])
+def test_nothing_is_left_behind(
+    when: str, vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if when == "before the work":
+        truncate(PICTURES["recording"])(session)
+    else:
+        written: list[str] = []
+
+        def full(image: np.ndarray, image_size: tuple[int, int], folder: Path, name: str) -> None:
+            written.append(name)
+            if len(written) == 3:
+                raise OSError(28, "No space left on device", str(folder / name))
+            write(image, image_size, folder, name)
+
+        write = overlay_folder._write
+        monkeypatch.setattr(overlay_folder, "_write", full)
+    before = left(tmp_path)
+    said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv", "--overlay", tmp_path / "seen")
+    assert said.code == (2 if when == "before the work" else 1)
+    assert said.err.count("\n") == 1
+    assert left(tmp_path) == before
+
+
+def test_recording_without_pictures_is_drawn_too(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    u = np.linspace(150.0, 300.0, 200)
+    lines = [f"0,{x:.3f},{181.0 + 1e-4 * (x - 150) ** 2:.3f},0.05" for x in u]
+    (session / "recording" / "centrelines.csv").write_text("\n".join(["frame,u_px,v_px,sigma_px", *lines]) + "\n")
+    said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv", "--overlay", tmp_path / "seen")
+    assert said.code == 0, said.err
+    assert len(left(tmp_path / "seen")) == 2 + len((tmp_path / "contacts.csv").read_text().splitlines()) - 1
+
+
+def test_look_says_what_is_seen(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    image = session / PICTURES["noload"]
+    said = vbaa("look", image, "--rig", rig, "-o", tmp_path / "look.png", "--json")
+    assert said.code == 0, said.err
+    result = said.result
+    assert (result["verdict"], result["end"], result["bright"]) == ("ok", "tip", True)
+    assert result["seen"] > 0.8
+    assert 0.005 < result["sigma_median_px"] < 0.2
+    assert "verdict  ok" in said.err
+    assert "of its length seen" in said.err
+    assert "brighter than its surroundings" in said.err
+    drawn = cv2.imread(str(tmp_path / "look.png"))
+    end = np.rint(2 * np.array(result["end_px"])).astype(int)
+    ring = drawn[end[1] - 8 : end[1] + 9, end[0] - 8 : end[0] + 9]
+    assert (ring.min(axis=-1) > 200).sum() > 20
+
+
+@pytest.mark.parametrize("change", [grey, noise])
+def test_look_exits_0_whatever_the_verdict(change: object, vbaa: Call, session: Path, rig: Path) -> None:
+    assert callable(change)
+    repaint(PICTURES["noload"], change)(session)
+    said = vbaa("look", session / PICTURES["noload"], "--rig", rig, "--json")
+    assert said.code == 0
+    assert said.result["verdict"] == "no_antenna"
+    assert said.result["end_px"] is None or len(said.result["end_px"]) == 2
+    assert "verdict  no_antenna: " in said.err
+
+
+def test_look_tells_a_dark_antenna_from_none(vbaa: Call, session: Path, rig: Path) -> None:
+    repaint(PICTURES["noload"], lambda picture: 255 - picture)(session)
+    said = vbaa("look", session / PICTURES["noload"], "--rig", rig, "--json")
+    assert said.result["verdict"] != "ok"
+    assert said.result["found_the_other_way"]
+    assert "taken for darker it is found" in said.err
+
+
+@pytest.mark.parametrize("kind", ["16 bit", "colour"])
+def test_look_takes_every_kind_of_picture(kind: str, vbaa: Call, session: Path, rig: Path) -> None:
+    plain = vbaa("look", session / PICTURES["noload"], "--rig", rig, "--json").result
+    change = (lambda p: p.astype(np.uint16) * 257) if kind == "16 bit" else (lambda p: np.dstack([p] * 3))
+    repaint(PICTURES["noload"], change)(session)
+    other = vbaa("look", session / PICTURES["noload"], "--rig", rig, "--json").result
+    assert other["verdict"] == "ok"
+    assert other["end_px"] == pytest.approx(plain["end_px"], abs=1e-3)
+    assert other["seen"] == pytest.approx(plain["seen"], abs=1e-6)
+
+
+def test_look_with_the_empty_scene_taken_off(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    image, clutter = session / PICTURES["noload"], tmp_path / "clutter.png"
+    picture = cv2.imread(str(image), cv2.IMREAD_GRAYSCALE)
+    stripes = np.zeros(picture.shape, np.int32)
+    for row in range(4, len(stripes), 14):  # bars all along the antenna
+        cv2.line(stripes, (0, row), (picture.shape[1], row + 6), 70, 2)
+    cv2.imwrite(str(clutter), np.clip(stripes + 60, 0, 255).astype(np.uint8))
+    cv2.imwrite(str(image), np.clip(stripes + picture, 0, 255).astype(np.uint8))
+    bare = vbaa("look", image, "--rig", rig, "--json").result
+    helped = vbaa("look", image, "--rig", rig, "--background", clutter, "--json").result
+    assert helped["verdict"] == "ok"
+    assert helped["seen"] > bare["seen"] + 0.1
+
+
+LOOK: dict[str, tuple[tuple[str, ...], str]] = {
+    "no picture": (("missing.png",), "missing.png: no such picture"),
+    "a folder": ((".",), "is a folder"),
+    "a text": (("notes.txt",), "is not a picture that can be read"),
+    "another size": (("small.png",), "small.png: is 240x180 px"),
+    "a background of another size": (("picture.png", "--background", "small.png"), "small.png: is 240x180 px"),
+    "degrees": (("picture.png", "--pan", "45"), "--pan is 45"),
+    "no number": (("picture.png", "--tilt", "nan"), "--tilt is nan"),
+    "no angle": (("picture.png", "--tilt", "much"), "invalid float value"),
+    "another suffix": (("picture.png", "-o", "look.svg"), "look.svg: is not a .png"),
+    "a file in the way": (("picture.png", "-o", "small.png"), "small.png: exists already"),
+    "itself": (("picture.png", "-o", "picture.png", "--force"), "is a picture that is looked at"),
+    "no folder": (("picture.png", "-o", "there/look.png"), "its folder does not exist"),
+    "another rig": (("picture.png", "--rig", "notes.txt"), "notes.txt"),
+}
+
+
+@pytest.mark.parametrize("case", LOOK)
+def test_look_refuses_what_is_wrong(
+    case: str, vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "here"
+    folder.mkdir()
+    shutil.copy(session / PICTURES["noload"], folder / "picture.png")
+    shutil.copy(session / PICTURES["noload"], folder / "small.png")
+    repaint("small.png", smaller)(folder)
+    (folder / "notes.txt").write_text("no picture")
+    before = (folder / "picture.png").read_bytes()
+    monkeypatch.chdir(folder)
+    arguments, word = LOOK[case]
+    refused(vbaa("look", "--rig", rig, *arguments, "--json"), word)
+    assert left(folder) == {"picture.png", "small.png", "notes.txt"}
+    assert (folder / "picture.png").read_bytes() == before

@@ -1,0 +1,167 @@
+"""The debug picture of a frame shows what was seen and estimated, where it is, whatever the status."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from estimator.estimate import ContactEstimator
+from estimator.overlay import CONTACT, FrameContact, ellipse, frame_picture, marks
+from estimator.overlay_words import MEANINGS, STATUS_COLOURS, numbers, status_colour
+from estimator.recording import estimate_picture
+from estimator.table import LOCATED, STATUSES
+from vbaa_calib.antenna.shape import Curves
+from vbaa_calib.detect.canvas import Canvas
+from vbaa_calib.detect.overlay import HIDDEN
+from vbaa_calib.geometry import Kinematics, Pose
+
+from .drawn_frames import contact_of, frame_of, path_px, picture, rig_of, shape
+
+SIZE = (512, 384)
+SCALE = 2
+HIDING = (0.45, 0.7)
+
+
+@pytest.fixture(scope="module")
+def estimator() -> ContactEstimator:
+    return ContactEstimator(rig_of(SIZE), "elastica")
+
+
+@pytest.fixture(scope="module")
+def curves(estimator: ContactEstimator) -> Curves:
+    return shape(estimator.rig)
+
+
+@pytest.fixture(scope="module")
+def item(estimator: ContactEstimator, curves: Curves, tmp_path_factory: pytest.TempPathFactory) -> FrameContact:
+    image = picture(estimator.rig, curves, HIDING)
+    frame = frame_of(tmp_path_factory.mktemp("frame"), image, float(curves.moment_Nm[0]))
+    return estimate_picture(estimator, frame)
+
+
+def coloured(image: np.ndarray, colour: tuple[int, int, int], slack: int = 40) -> np.ndarray:
+    """(H, W) where a picture has about this colour."""
+    return np.asarray(np.abs(image.astype(int) - np.array(colour)).max(axis=-1) <= slack)
+
+
+def around(image: np.ndarray, points_px: np.ndarray, reach: int = 4) -> np.ndarray:
+    """(N, 2·reach + 1, 2·reach + 1, 3) the drawn picture around points of the camera's picture (N, 2)."""
+    at = np.rint((points_px + 0.5) * SCALE - 0.5).astype(int)
+    return np.stack([image[v - reach : v + reach + 1, u - reach : u + reach + 1] for u, v in at])
+
+
+@pytest.mark.parametrize("status", STATUSES)
+def test_every_status_is_drawn(status: str, estimator: ContactEstimator, curves: Curves, item: FrameContact) -> None:
+    drawn = frame_picture(estimator, replace(item, contact=contact_of(status, curves)))
+    rows = SCALE * SIZE[1]
+    assert drawn.dtype == np.uint8
+    assert drawn.shape[0] > rows
+    assert drawn.shape[1] == SCALE * SIZE[0]
+    assert coloured(drawn[rows:], status_colour(status), 2).sum() > 500
+    assert coloured(drawn[:rows], CONTACT).any() == (status in LOCATED)
+
+
+def test_statuses_have_words_and_colours_of_their_own() -> None:
+    assert set(STATUSES) == set(MEANINGS) == set(STATUS_COLOURS)
+    assert len(set(STATUS_COLOURS.values())) == len(set(MEANINGS.values())) == len(STATUSES)
+
+
+def test_seen_and_hidden_parts_are_marked_where_they_are(
+    estimator: ContactEstimator, curves: Curves, item: FrameContact
+) -> None:
+    assert item.contact.status == "ok"
+    drawn, path = frame_picture(estimator, item), path_px(estimator.rig, curves)
+    seen = path[[int(share * len(path)) for share in (0.15, 0.3, 0.8, 0.9)]]
+    hidden = path[int(0.5 * len(path)) : int(0.6 * len(path)) : 8]
+    bright = around(drawn, seen).astype(int)
+    assert (bright[..., 0] - bright[..., 2] > 150).any(axis=(1, 2)).all()  # cyan to violet: blue, little red
+    assert coloured(around(drawn, hidden), HIDDEN).any(axis=(1, 2)).mean() > 0.4  # dashed
+    assert not coloured(around(drawn, seen[:2]), HIDDEN).any()
+
+
+def test_contact_and_fitted_shape_lie_on_the_true_antenna(
+    estimator: ContactEstimator, curves: Curves, item: FrameContact
+) -> None:
+    found, rig = marks(estimator, item), estimator.rig
+    true = rig.camera.project(rig.T_antenna_camera.inverse() @ curves.points_m[0])[0]
+    gap = np.linalg.norm(path_px(rig, curves)[None, ::4] - found.shape[:, None], axis=-1).min(axis=1)
+    assert gap.max() < 0.7
+    assert np.linalg.norm(found.contact - true[39]) < 3.0
+    ahead = curves.contact_m[0] + 0.02 * curves.force_N[0] / np.linalg.norm(curves.force_N[0])
+    way = rig.camera.project((rig.T_antenna_camera.inverse() @ ahead)[None])[0][0] - true[39]
+    drawn = found.force - found.contact
+    assert drawn @ way / np.linalg.norm(drawn) / np.linalg.norm(way) > 0.99
+
+
+def test_ellipse_holds_95_percent_of_contacts_drawn_by_lot(curves: Curves) -> None:
+    kinematics = Kinematics(Pose.from_rotvec(np.array([0.1, -0.2, 0.05]), np.zeros(3)), np.array([0.0, 0.1, 0.2]))
+    rig = replace(rig_of(SIZE), kinematics=kinematics)
+    T_world_antenna = kinematics.T_world_antenna(0.6, -0.3)
+    skew = np.array([[6e-4, 0, 0], [3e-4, 2e-4, 0], [-2e-4, 1e-4, 8e-4]])
+    point = T_world_antenna @ curves.contact_m[0]
+    contact = replace(contact_of("ok", curves), point_world_m=point, covariance_world_m2=skew @ skew.T)
+    lot = point + np.random.default_rng(0).normal(size=(20000, 3)) @ skew.T
+    seen = rig.camera.project(rig.T_antenna_camera.inverse() @ (T_world_antenna.inverse() @ lot))[0]
+    edge = ellipse(rig, contact, T_world_antenna.rotation)
+    middle = 0.5 * (edge[:-1][:24] + edge[:-1][24:]).mean(axis=0)
+    half = np.stack([edge[0] - middle, edge[12] - middle], axis=1)  # conjugate radii
+    inside = (np.linalg.solve(half, (seen - middle).T) ** 2).sum(axis=0) <= 1.0
+    assert abs(inside.mean() - chi2.cdf(2.448**2, 2)) < 0.006
+
+
+@pytest.mark.parametrize("kind", ["16 bit", "colour", "16 bit colour"])
+def test_other_pictures_look_the_same(
+    kind: str, estimator: ContactEstimator, curves: Curves, item: FrameContact, tmp_path: Path
+) -> None:
+    image = picture(estimator.rig, curves, HIDING)
+    if "16 bit" in kind:
+        image = image.astype(np.uint16) * 257
+    if "colour" in kind:
+        image = np.dstack([image] * 3)
+    other = estimate_picture(estimator, frame_of(tmp_path, image, float(curves.moment_Nm[0])))
+    assert other.contact.status == "ok"
+    one, two = (frame_picture(estimator, each).astype(int) for each in (item, other))
+    assert one.shape == two.shape
+    assert (np.abs(one - two).max(axis=-1) > 60).mean() < 0.002
+
+
+def test_frame_without_antenna_and_frame_without_picture(
+    estimator: ContactEstimator, item: FrameContact, tmp_path: Path
+) -> None:
+    nothing = estimate_picture(estimator, frame_of(tmp_path, picture(estimator.rig, None), 0.0))
+    assert nothing.contact.status == "no_antenna"
+    drawn = frame_picture(estimator, nothing)
+    assert not coloured(drawn[: SCALE * SIZE[1]], CONTACT).any()
+    blind = replace(item, frame=replace(item.frame, image=None), line=None)
+    points = frame_picture(estimator, blind)[: SCALE * SIZE[1]].astype(int)
+    assert (points[..., 0] - points[..., 2] > 150).sum() > 300
+
+
+@pytest.mark.parametrize("size", [(8, 6), (97, 31), (320, 240), (1920, 1080), (5000, 40)])
+def test_canvas_keeps_places_at_every_size(size: tuple[int, int]) -> None:
+    canvas = Canvas.over(np.zeros(size[::-1], np.uint8))
+    assert 640 <= canvas.image.shape[1] <= 1920
+    point = np.array([[0.6 * size[0], 0.5 * size[1]]])
+    canvas.ring(point[0], 2.0, (0, 255, 0))
+    v, u = np.nonzero(canvas.image[..., 1] > 128)
+    assert np.abs(canvas.at(point)[0] - [u.mean(), v.mean()]).max() < 0.6
+
+
+def test_marks_that_are_not_numbers_or_far_away_are_no_trouble() -> None:
+    canvas = Canvas.over(np.zeros((120, 160), np.uint8))
+    wild = np.array([[np.nan, 3.0], [1e12, -1e12], [-np.inf, 0.0], [50.0, 60.0], [5e5, 60.0]])
+    canvas.line(wild, (255, 255, 255))
+    canvas.dashes(wild, (255, 255, 255))
+    canvas.graded(wild, np.full((5, 3), 200))
+    canvas.arrow(wild[3], wild[2], (255, 255, 255))
+    canvas.words("µ ° ± ☃", wild[1], (255, 255, 255))
+    assert canvas.image.any()
+
+
+def test_numbers_in_words(curves: Curves) -> None:
+    assert "contact 150.00 ± 0.50 mm" in numbers(contact_of("ok", curves))
+    assert numbers(contact_of("failed", curves)) == "moment residual 1.0 µN·m"
