@@ -21,10 +21,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=MODELS,
         help="mechanical model (default: the lowest that suffices)",
     )
+    parser.add_argument(
+        "--overlay",
+        type=Path,
+        metavar="DIR",
+        help="folder to write with a picture of every frame that shows what was seen, and index.html to leaf through",
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording and write contacts.csv."""
+    from contextlib import ExitStack
+
     import numpy as np
 
     from vbaa_calib.console import progress, say
@@ -34,12 +42,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.session import check_pictures, load_session, read_recording
 
     from .estimate import ContactEstimator
+    from .overlay_folder import overlaid, refuse_folder
     from .recording import estimate_recording
     from .table import ContactRow, write_contacts
 
     refuse_overwrite(args.output, args.force)
     if args.output.suffix != ".csv":
         raise InputError("is not a .csv", where=args.output, remedy="the suffix chooses the format")
+    if args.overlay is not None:
+        refuse_folder(args.overlay, args.force)
     session = load_session(args.session)
     rig = Rig.load(args.rig)
     frames = read_recording(session)
@@ -47,7 +58,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     estimator = ContactEstimator(rig, args.model)
     found = progress(estimate_recording(estimator, session, frames), "contacts", len(frames))
-    rows = [ContactRow.of(item.frame.frame, item.frame.time_s, item.contact) for item in found]
+    with ExitStack() as stack:
+        if args.overlay is not None:
+            found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
+        rows = [ContactRow.of(item.frame.frame, item.frame.time_s, item.contact) for item in found]
     write_contacts(args.output, rows, args.force)
     counts = Counter(row.status for row in rows)
     say(f"{len(rows)} frames: " + ", ".join(f"{count} {status}" for status, count in counts.most_common()))
@@ -55,8 +69,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if located:
         say(f"contact distance known to {1e3 * float(np.median(located)):.2f} mm (median standard deviation)")
     say(f"wrote {args.output}")
+    if args.overlay is not None:
+        say(f"wrote {args.overlay}: open {args.overlay / 'index.html'} to see what was seen in each frame")
     return {
         "contacts": str(args.output),
+        "overlay": None if args.overlay is None else str(args.overlay),
         "frames": len(rows),
         "status": dict(counts),
         "models": dict(Counter(row.model for row in rows)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from vbaa_calib.camera import Camera
@@ -39,7 +40,10 @@ FORCE_SHARE = 0.15
 """Length of the force's arrow, of the antenna's."""
 CLOSE_UP, CLOSE_UP_PX = 0.3, (8.0, 80.0)
 """The close-up's side, of the picture's shorter side, and how far it shows the contact's surroundings, px."""
+CLOSE_UP_LIGHT = 1.2
+"""Factor on its grey levels."""
 SLOPE_STEP = 1e-5
+"""Of the finite differences by a point, of its distance from the camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,13 +91,14 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     if where is not None:
         draw_clamp(canvas, where)
     if found.located:
-        canvas.words("contact", found.contact, CONTACT, (14.0, 4.0))
+        below = found.force[1] < found.contact[1]
+        canvas.words("contact", found.contact, CONTACT, (9.0, 26.0 if below else -14.0))
         _close_up(canvas, grey, item, found)
     legend = strip(
         canvas.image.shape[1],
         canvas.unit,
         (contact.status, status_colour(contact.status)),
-        f"{MEANINGS.get(contact.status, '')}     frame {frame.frame}, {frame.time_s:.2f} s",
+        (MEANINGS[contact.status], f"frame {frame.frame}, {frame.time_s:.2f} s"),
         [numbers(contact), contact.reason, seen(item)],
         [*keys(item.line, where), *_keys(found)],
     )
@@ -173,12 +178,11 @@ def _close_up(canvas: Canvas, grey: np.ndarray, item: FrameContact, found: Marks
     size = int(CLOSE_UP * min(rows, columns))
     reach = float(np.abs(found.ellipse - found.contact).max()) if len(found.ellipse) else 0.0
     radius = float(np.clip(max(2.0 * reach, 3.0 * found.width), *CLOSE_UP_PX))
-    part = brightened(canvas.cut(grey, found.contact, radius, size), 1.5)
+    part = brightened(canvas.cut(grey, found.contact, radius, size), CLOSE_UP_LIGHT)
     draw(part, item, found, close=True)
-    part.words(f"{part.scale / canvas.scale:.0f} x", found.contact + [-radius, radius], WHITE, (6.0, -6.0))
-    edge = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * radius
-    for on, around in ((canvas, 1.0), (part, 0.985)):
-        on.line(found.contact + around * edge, CONTACT)
+    corner = found.contact + np.array([-radius, radius])
+    part.words(f"contact, {part.scale / canvas.scale:.0f} times larger", corner, CONTACT, (6.0, -6.0))
+    cv2.rectangle(part.image, (0, 0), (size - 1, size - 1), CONTACT, 2)
     top, left = _free_corner(canvas, found, size)
     canvas.image[top : top + size, left : left + size] = part.image
 

@@ -49,8 +49,16 @@ def numbers(contact: Contact) -> str:
             f"force {np.linalg.norm(force):.2f} mN (y {force[1]:.2f} ± {std[1]:.2f}, z {force[2]:.2f} ± {std[2]:.2f})",
         ]
     if np.isfinite(contact.moment_residual_Nm):
-        parts.append(f"moment residual {1e6 * contact.moment_residual_Nm:.0f} µN·m")
+        parts.append(f"moment residual {1e6 * contact.moment_residual_Nm:.1f} µN·m")
     return "; ".join(parts)
+
+
+def in_brief(contact: Contact) -> str:
+    """Where and how hard, or why that is not known."""
+    if contact.status not in LOCATED:
+        return contact.reason
+    distance, std = 1e3 * contact.distance_m, 1e3 * contact.distance_std_m
+    return f"{distance:.2f} ± {std:.2f} mm from the clamp, {1e3 * np.linalg.norm(contact.force_N):.1f} mN"
 
 
 def seen(item: FrameContact) -> str:

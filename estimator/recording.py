@@ -11,8 +11,9 @@ import numpy as np
 from vbaa_calib.detect.antenna import corridor, find_along, finder, free_curve, pixels, width_px
 from vbaa_calib.detect.centreline import NOTHING, Centreline
 from vbaa_calib.detect.finder import AntennaFinder
+from vbaa_calib.detect.paint import Paint
 from vbaa_calib.errors import InputError
-from vbaa_calib.images import read_gray
+from vbaa_calib.images import read_picture
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Session, read_centrelines
 
@@ -53,8 +54,13 @@ def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
     return Measured(line.points_px, sigma, frame.moment_Nm, frame.pan_rad, frame.tilt_rad)
 
 
+def paint(rig: Rig) -> Paint:
+    """What tells the antenna from its background in this rig's pictures."""
+    return Paint(rig.image.bright, rig.image.weights)
+
+
 def look(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
-    """The antenna in one picture, wherever the corridor lets it be."""
+    """The antenna on one picture's plane of paint, (H, W), wherever the corridor lets it be."""
     pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
     prepared = _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
     return NOTHING if prepared is None else prepared.find(image, rig.image.bright)
@@ -64,7 +70,8 @@ def look(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
 def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | None:
     """What looks for the antenna under this gravity (antenna frame); None where the lens cannot show the antenna."""
     free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
-    return finder(corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m), rig.camera)
+    found = finder(corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m), rig.camera)
+    return found if found is None or rig.image.height is None else found.expecting(rig.image.height)
 
 
 def look_again(
@@ -87,15 +94,16 @@ def look_again(
 def estimate_picture(estimator: ContactEstimator, frame: Frame) -> FrameContact:
     """One frame from its picture. Raises InputError when the picture cannot be read or has another size."""
     assert frame.image is not None
-    image = read_gray(frame.image)
-    if image.shape[::-1] != tuple(estimator.rig.camera.image_size):
-        size = "x".join(map(str, image.shape[::-1]))
+    image = read_picture(frame.image)
+    if image.shape[1::-1] != tuple(estimator.rig.camera.image_size):
+        size = "x".join(map(str, image.shape[1::-1]))
         calibrated = "x".join(map(str, estimator.rig.camera.image_size))
         raise InputError(
             f"is {size}, the rig's camera {calibrated}",
             where=frame.image,
             remedy="use the resolution of the calibration",
         )
+    image = paint(estimator.rig).plane(image)
     line = look(estimator.rig, frame, image)
     if not line.found:
         return FrameContact(frame, Contact("no_antenna", line.reason, estimator.model, False), line)

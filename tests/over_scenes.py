@@ -19,7 +19,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.synth.lens import project
 from vbaa_calib.synth.picture import studio
 from vbaa_calib.synth.render_board import print_sheet
-from vbaa_calib.synth.scene import Joints, Scene, bundled_scene, camera_pose
+from vbaa_calib.synth.scene import Joints, OverSpec, Scene, bundled_scene, camera_pose
 from vbaa_calib.synth.scene_file import load_scene
 from vbaa_calib.synth.write_over import over_wires, render_over
 

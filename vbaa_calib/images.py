@@ -44,17 +44,31 @@ def read_gray(path: Path) -> np.ndarray:
     Colour is turned to gray. A 16-bit picture is scaled by the smallest usual sensor depth (10, 12, 14, 16 bit) that
     holds its brightest pixel. Raises InputError naming the file when it is missing, empty, truncated or damaged.
     """
-    path = Path(path)
+    pixels = _read(Path(path), cv2.IMREAD_GRAYSCALE)
+    return pixels if pixels.dtype == np.uint8 else _to_8_bit(pixels)
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """One picture as it is: (H, W) grey or (H, W, 3) blue, green, red, uint8 or uint16, in the sensor's orientation.
+
+    Transparency is left out. Raises InputError as `read_gray` does.
+    """
+    return _read(Path(path), cv2.IMREAD_UNCHANGED)
+
+
+def _read(path: Path, colours: int) -> np.ndarray:
     data = _read_bytes(path)
     _refuse_truncated(data, path)
-    pixels = _decode(data)
-    if pixels is None or pixels.ndim != 2 or pixels.size == 0:
+    pixels = _decode(data, colours)
+    if pixels is not None and pixels.ndim == 3:
+        pixels = pixels[..., :3] if pixels.shape[2] > 2 else pixels[..., 0]
+    if pixels is None or pixels.ndim not in (2, 3) or pixels.size == 0:
         raise InputError("is not a picture that can be read", where=path, remedy=_AGAIN)
-    if pixels.dtype == np.uint8:
-        return pixels
-    if pixels.dtype == np.uint16:
-        return _to_8_bit(pixels)
-    raise InputError(f"holds pixels of type {pixels.dtype}", where=path, remedy="save it with 8 or 16 bits per channel")
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise InputError(
+            f"holds pixels of type {pixels.dtype}", where=path, remedy="save it with 8 or 16 bits per channel"
+        )
+    return pixels
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -71,8 +85,10 @@ def _read_bytes(path: Path) -> bytes:
     return data
 
 
-def _decode(data: bytes) -> np.ndarray | None:
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+def _decode(data: bytes, colours: int) -> np.ndarray | None:
+    # "unchanged" is all bits set, and keeps depth and orientation by itself
+    kept = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = colours if colours == cv2.IMREAD_UNCHANGED else colours | kept
     # the level is global to the process, so two threads must not restore each other's
     with _log_level:
         level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

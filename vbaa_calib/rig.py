@@ -71,11 +71,15 @@ class AntennaImage:
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
     bright : brighter than the background.
+    weights : (b, g, r) that make the plane of a colour picture on which it stands out; None for the grey level.
+    height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
     """
 
     noise_px: float
     noise_scale: float
     bright: bool
+    weights: tuple[float, float, float] | None = None
+    height: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +168,7 @@ class Rig:
             moment_sensor=MomentSensor(float(sensor["gain"]), float(sensor["offset_Nm"]), float(sensor["std_Nm"])),
             kinematics=_kinematics(data["kinematics"], where),
             gravity_world_m_s2=np.asarray(data["gravity_world"], float),
-            image=AntennaImage(float(image["noise_px"]), float(image["noise_scale"]), bool(image["bright"])),
+            image=_image(image),
             covariance=covariance,
         )
 
@@ -206,6 +210,8 @@ class Rig:
                 "noise_px": self.image.noise_px,
                 "noise_scale": self.image.noise_scale,
                 "bright": self.image.bright,
+                "weights_bgr": None if self.image.weights is None else list(self.image.weights),
+                "height": self.image.height,
             },
             "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }
@@ -217,6 +223,17 @@ def _kinematics(data: Mapping[str, Any], where: object) -> Kinematics:
         Pose.identity() if mount is None else read_pose(mount, where, "kinematics.T_actuator_antenna"),
         np.asarray(data.get("position_world_m", (0.0, 0.0, 0.0)), float),
         *(float(data.get(name, 0.0)) for name in JOINT_AXES),
+    )
+
+
+def _image(data: Mapping[str, Any]) -> AntennaImage:
+    weights, height = data.get("weights_bgr"), data.get("height")
+    return AntennaImage(
+        float(data["noise_px"]),
+        float(data["noise_scale"]),
+        bool(data["bright"]),
+        None if weights is None else (float(weights[0]), float(weights[1]), float(weights[2])),
+        None if height is None else float(height),
     )
 
 

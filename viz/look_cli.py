@@ -33,10 +33,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     _check(args)
 
-    from estimator.recording import look
+    from estimator.recording import look, paint
     from vbaa_calib.console import say
     from vbaa_calib.detect.overlay import described
-    from vbaa_calib.images import read_gray
+    from vbaa_calib.images import read_gray, read_picture
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame, check_pictures
 
@@ -44,18 +44,20 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     given = [args.image] + ([] if args.background is None else [args.background])
     check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=args.pan, tilt_rad=args.tilt, moment_Nm=0.0, frame=0, time_s=0.0)
-    picture = read_gray(args.image)
-    image = picture if args.background is None else _taken_off(picture, read_gray(args.background))
+    plane = paint(rig).plane
+    picture = plane(read_picture(args.image))
+    image = picture if args.background is None else _taken_off(picture, plane(read_picture(args.background)))
     line = look(rig, frame, image)
     other_way = not line.found and look(_other_way(rig), frame, image).found
     taken, other = ("brighter", "darker") if rig.image.bright else ("darker", "brighter")
+    taken += "" if rig.image.weights is None else " in its colour"
     hint = f"; taken for {other} it is found: is this the rig's picture?" if other_way else ""
-    paint = f"looked for as {taken} than its surroundings, as the rig says{hint}"
+    words = f"looked for as {taken} than its surroundings, as the rig says{hint}"
     say(f"verdict  {line.verdict}" + (f": {line.reason}" if line.reason else ""))
     say(f"antenna  {described(line)}")
-    say(f"paint    {paint}")
+    say(f"paint    {words}")
     if args.output is not None:
-        _write(_drawn(rig, frame, picture, line, paint), args.output, args.force)
+        _write(_drawn(rig, frame, read_gray(args.image), line, words), args.output, args.force)
         say(f"wrote {args.output}")
     return _numbers(line, rig.image.bright, other_way) | {
         "image": str(args.image),

@@ -17,6 +17,7 @@ from vbaa_calib.calibrate.joint_problem import Observation
 from vbaa_calib.calibrate.pose_estimate import PoseEstimate
 from vbaa_calib.calibrate.session_rig import make_rig, prior
 from vbaa_calib.camera import Camera
+from vbaa_calib.detect.paint import Paint
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import RIG_PARAMETERS, MomentSensor
 from vbaa_calib.session import Load, NominalAntenna, Session, Still
@@ -115,7 +116,7 @@ def test_the_rig_says_what_was_solved(good) -> None:
     # the points' own deviation comes back in pixels, whatever the lens does to it
     assert rig.image.noise_px == pytest.approx(0.04 * joint.noise_scale, rel=0.05)
     assert rig.image.bright
-    dark = [replace(observation, bright=False) for observation in observations]
+    dark = [replace(observation, paint=Paint(bright=False)) for observation in observations]
     assert not make_rig(session(), Kinematics(), joint, dark).image.bright
 
 

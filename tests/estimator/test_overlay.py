@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from estimator.estimate import ContactEstimator
 from estimator.overlay import CONTACT, FrameContact, ellipse, frame_picture, marks
-from estimator.overlay_words import MEANINGS, STATUS_COLOURS, numbers, status_colour
+from estimator.overlay_words import MEANINGS, STATUS_COLOURS, in_brief, numbers, status_colour
 from estimator.recording import estimate_picture
 from estimator.table import LOCATED, STATUSES
 from vbaa_calib.antenna.shape import Curves
@@ -164,4 +164,6 @@ def test_marks_that_are_not_numbers_or_far_away_are_no_trouble() -> None:
 
 def test_numbers_in_words(curves: Curves) -> None:
     assert "contact 150.00 ± 0.50 mm" in numbers(contact_of("ok", curves))
+    assert in_brief(contact_of("ok", curves)) == "150.00 ± 0.50 mm from the clamp, 67.1 mN"
+    assert in_brief(contact_of("failed", curves)) == "the reason for failed"
     assert numbers(contact_of("failed", curves)) == "moment residual 1.0 µN·m"

@@ -13,7 +13,7 @@ from ..files import refuse_overwrite
 
 SUBJECTS = ("metric", "calibration", "coverage", "vision")
 POINTS, QUICK_POINTS = 1_000_000, 100_000
-DRAWS = {"calibration": (10, 3), "coverage": (500, 20), "vision": (40, 4)}
+DRAWS = {"calibration": (20, 3), "coverage": (500, 20), "vision": (40, 4)}
 """Subject → noise draws (vision: pictures of each hardship), and with --quick."""
 LEAST_DRAWS = {"calibration": 1, "coverage": 2, "vision": 1}
 FIGURES = ("metric", "coverage", "vision")
@@ -32,10 +32,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "subject",
         choices=SUBJECTS,
-        help="metric: undistortion by OpenCV, kornia and the metric layer; calibration: lens solves by OpenCV "
-        "and ours, in mm on plane C; coverage: whether the deviations that whole "
-        "calibrations predict are those that sampling shows; vision: the antenna in hard pictures, beside "
-        "other methods",
+        help="metric: undistortion by OpenCV, kornia and the metric layer; calibration: lens solves by OpenCV, "
+        "lensboy and mrcal (where an interpreter has them: VBAA_PEER_PYTHON) and ours, in mm on plane C; coverage: "
+        "whether the deviations that whole calibrations predict are those that sampling shows; vision: the antenna in "
+        "hard pictures, beside other methods",
     )
     parser.add_argument(
         "--out",

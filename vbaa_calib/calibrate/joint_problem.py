@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..antenna.shape import PARAMETERS, Curves, bend
 from ..camera import Camera
+from ..detect.paint import Paint
 from ..geometry import Pose
 from ..geometry.independent_axes import independent_axes
 from ..reprojection import ImageCurves, SeenPoints, image_curves, see, whitened_with_lens, with_slopes_on_curve
@@ -35,14 +36,15 @@ class Observation:
     ----------
     points_px : (N, 2) on the centreline. sigma_px : (N,) their standard deviations across it.
     gravity_m_s2 : (3,) antenna frame.
-    bright : whether the antenna is brighter than its background.
+    paint : what tells the antenna from its background. height : of its line above that, grey levels.
     """
 
     still: Still
     points_px: np.ndarray
     sigma_px: np.ndarray
     gravity_m_s2: np.ndarray
-    bright: bool = True
+    paint: Paint = field(default_factory=Paint)
+    height: float = 0.0
 
     @property
     def load_N(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from ..camera import Camera
 from ..detect.corners import BoardView, detect_corners
 from ..detect.over_board import BoardLine, find_over_board
 from ..detect.over_board_search import PlaneAbove
+from ..detect.view_quality import fixes_homography
 from ..errors import InputError
 from ..geometry import Pose
 from .over_board_checks import (
@@ -34,7 +35,6 @@ from .over_board_known import ClampMark, FreeAntenna, Mark, nominal_free_antenna
 from .plane import BoardPose, solve_board_pose
 from .pose_estimate import PoseEstimate
 from .stills import check_size
-from .view_screening import fixes_homography
 
 __all__ = ["ClampMark", "FreeAntenna", "OverBoardSolution", "nominal_free_antenna", "solve_over_board"]
 

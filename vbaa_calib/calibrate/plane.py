@@ -13,12 +13,12 @@ from targets.charuco import corner_points
 
 from ..camera import Camera
 from ..detect.corners import BoardView
+from ..detect.view_quality import fixes_homography
 from ..errors import InputError, SolveError
 from ..geometry import Pose
 from .board_flex import Bend, bend
 from .lens_models import PROJECTIONS
 from .plane_starts import mirrored, start_poses, turn_between
-from .view_screening import fixes_homography
 
 _MOVED_PX = 2.0
 _GROSS_CORNER = 20.0

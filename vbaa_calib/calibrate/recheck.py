@@ -11,14 +11,16 @@ import numpy as np
 
 from ..console import progress
 from ..detect.corners import BoardView, detect_folder
+from ..detect.paint import Paint
 from ..errors import InputError
 from ..files import read_json
 from ..images import list_images
 from ..rig import Rig
 from ..session import Load, Session, Still, check_pictures, load_session, read_loads, read_noload
+from .board_flex import Bend
 from .recheck_antenna import AntennaEvidence, antenna_findings, check_antenna, free_table, loads_table
 from .recheck_finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding, not_given, worst
-from .recheck_lens import LensEvidence, board_points, check_lens, lens_findings
+from .recheck_lens import LensEvidence, check_lens, lens_findings, recorded_bend
 from .recheck_maps import along_antenna, plane_map, projection_map
 from .recheck_pose import PoseEvidence, check_pose, pose_finding, rig_now
 from .recheck_rig import number_at, rig_findings, rig_numbers
@@ -156,12 +158,12 @@ def check_session(rig: Rig, quality: Mapping[str, Any], session: Session) -> Ses
         for view in detect_folder(session.root / part, session.board)
     ]
     recorded = number_at(quality, "lens", "rms_inliers_px") or number_at(quality, "lens_rms_px")
-    points = board_points(session.board, quality)
-    lens = check_lens(rig.camera, boards, session.board, points, recorded) if boards else None
+    bent = recorded_bend(quality)
+    lens = check_lens(rig.camera, boards, session.board, bent, recorded) if boards else None
     why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
     findings = lens_findings(lens, rig.camera, why)
     lens_holds = all(finding.level in (HOLDS, NOT_GIVEN) for finding in findings)
-    pose, pose_answer = _pose(rig, session, [view for part, view in boards if part == "plane"], lens_holds)
+    pose, pose_answer = _pose(rig, session, [view for part, view in boards if part == "plane"], bent, lens_holds)
     now = rig_now(rig, pose, pose_answer)
     free, loaded = _held(now, session, stills)
     antenna = check_antenna(now, free, loaded)
@@ -170,14 +172,14 @@ def check_session(rig: Rig, quality: Mapping[str, Any], session: Session) -> Ses
 
 
 def _pose(
-    rig: Rig, session: Session, views: Sequence[BoardView], lens_holds: bool
+    rig: Rig, session: Session, views: Sequence[BoardView], bent: Bend | None, lens_holds: bool
 ) -> tuple[PoseEvidence | None, Finding]:
     name, question = "camera_pose", "Is the camera where it was?"
     if not views:
         return None, not_given(name, question, "no picture of the board in the jig (plane/)")
     if session.T_antenna_board is None:
         return None, not_given(name, question, "session.yaml does not say where the jig is (jig.T_antenna_board)")
-    found = check_pose(rig, views, session.board, session.T_antenna_board)
+    found = check_pose(rig, views, session.board, session.T_antenna_board, bent)
     return found, pose_finding(found, lens_holds)
 
 
@@ -198,7 +200,7 @@ def _held(rig: Rig, session: Session, stills: Sequence[Still]) -> tuple[list[Hel
         rig.T_antenna_camera,
         rig.antenna.parameters,
         "antenna",
-        rig.image.bright,
+        Paint(rig.image.bright, rig.image.weights),
     )
     held = hold(rig, seen)
     free = [one for one in held if not isinstance(one.still, Load)]

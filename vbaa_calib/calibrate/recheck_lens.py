@@ -15,7 +15,7 @@ from ..camera import Camera
 from ..detect.corners import BoardView
 from ..errors import InputError, SolveError
 from ..geometry import Pose
-from .board_flex import bend
+from .board_flex import Bend, bend
 from .lens_models import PROJECTIONS
 from .lens_uncertainty import compensate, pixel_grid, projection_jacobian
 from .outliers import inlier_masks
@@ -94,15 +94,20 @@ class LensEvidence:
     change_px: float
 
 
-def board_points(spec: BoardSpec, quality: Mapping[str, Any]) -> np.ndarray:
-    """(corner_count, 3) of the board, bent as the calibration found it where it was solved with a bent board."""
-    points = corner_points(spec)
+def recorded_bend(quality: Mapping[str, Any]) -> Bend | None:
+    """The board's shape as the calibration found it; None where it was solved with a flat one."""
     flex = quality.get("lens", {}).get("board_flex") if isinstance(quality.get("lens"), Mapping) else None
     if not isinstance(flex, Mapping) or flex.get("used") is not True:
-        return points
+        return None
     sagittas = np.array([number_at({"x": value}, "x") or 0.0 for value in flex.get("sagittas_m") or ()])
-    if sagittas.shape == (2,):
-        points[:, 2] += bend(spec) @ sagittas
+    return Bend(sagittas, np.zeros((2, 2))) if sagittas.shape == (2,) else None
+
+
+def board_points(spec: BoardSpec, bent: Bend | None) -> np.ndarray:
+    """(corner_count, 3) of the board, bent as the calibration found it."""
+    points = corner_points(spec)
+    if bent is not None:
+        points[:, 2] += bend(spec) @ bent.sagittas_m
     return points
 
 
@@ -110,14 +115,15 @@ def check_lens(
     camera: Camera,
     boards: Sequence[tuple[str, BoardView]],
     spec: BoardSpec,
-    points_m: np.ndarray,
+    bent: Bend | None,
     recorded_rms_px: float | None,
 ) -> LensEvidence | None:
     """The lens against pictures of the board, each given with its folder's name; None where no picture can be used.
 
-    points_m : (corner_count, 3) as `board_points` gives them.
+    bent : the board's shape, as `recorded_bend` has it.
     """
-    views, dropped = _posed(camera, boards, spec, points_m)
+    points_m = board_points(spec, bent)
+    views, dropped = _posed(camera, boards, spec, points_m, bent)
     if not views:
         return None
     blocks = [_without_pose(camera, view, points_m[ids]) for view, ids in views]
@@ -188,14 +194,14 @@ def _change_in_words(found: LensEvidence, camera: Camera) -> str:
 
 
 def _posed(
-    camera: Camera, boards: Sequence[tuple[str, BoardView]], spec: BoardSpec, points: np.ndarray
+    camera: Camera, boards: Sequence[tuple[str, BoardView]], spec: BoardSpec, points: np.ndarray, bent: Bend | None
 ) -> tuple[list[tuple[CheckedView, np.ndarray]], list[DroppedView]]:
     """Views with their poses and corner ids, and those that have none."""
     usable, dropped = usable_views([view for _, view in boards], spec, MIN_CORNERS)
     found = []
     for folder, view in ((folder, view) for folder, view in boards if any(view is one for one in usable)):
         try:
-            pose = solve_board_pose([view], spec, camera).T_camera_board
+            pose = solve_board_pose([view], spec, camera, bent).T_camera_board
         except (InputError, SolveError) as error:
             if view.image_size != tuple(camera.image_size):
                 raise

@@ -14,6 +14,7 @@ from targets.charuco import corner_points
 from ..detect.corners import BoardView
 from ..geometry import Pose
 from ..rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
+from .board_flex import Bend
 from .jig import jig_estimate
 from .plane import solve_board_pose
 from .recheck_change import joint_covariance
@@ -70,12 +71,14 @@ class PoseEvidence:
         }
 
 
-def check_pose(rig: Rig, views: Sequence[BoardView], spec: BoardSpec, T_antenna_board: Pose) -> PoseEvidence:
+def check_pose(
+    rig: Rig, views: Sequence[BoardView], spec: BoardSpec, T_antenna_board: Pose, bent: Bend | None = None
+) -> PoseEvidence:
     """The camera's pose from the board in the jig against the rig's.
 
     Raises InputError for pictures of another size or without a usable board, SolveError where no pose explains it.
     """
-    board = solve_board_pose(views, spec, rig.camera)
+    board = solve_board_pose(views, spec, rig.camera, bent)
     now = jig_estimate(board, T_antenna_board)
     pose, by_lens = now.T_antenna_camera, now.lens_sensitivity
     joint, pick, lens = joint_covariance(rig), slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)

@@ -9,7 +9,7 @@ import numpy as np
 from ..camera import Camera
 from ..geometry import Kinematics
 from ..rig import Antenna, AntennaImage, MomentSensor, Rig
-from ..session import NominalAntenna, Session, read_loads, read_noload
+from ..session import Load, NominalAntenna, Session, read_loads, read_noload
 from .joint import JointSolution, solve_joint
 from .joint_checks import check
 from .joint_problem import ANTENNA, Observation, Prior
@@ -62,7 +62,7 @@ def solve_antenna(session: Session, kinematics: Kinematics, before: Prior) -> tu
     noload, loads = read_noload(session), read_loads(session)
     nominal = nominal_parameters(session.antenna)
     free = observe(session, kinematics, noload, before.camera, before.start, nominal, "free antenna")
-    loaded = observe(session, kinematics, loads, before.camera, before.start, nominal, "known loads", free[0].bright)
+    loaded = observe(session, kinematics, loads, before.camera, before.start, nominal, "known loads", free[0].paint)
     observations = [*free, *loaded]
     joint = solve_joint(observations, before, session.antenna.length_m, session.moment_std_Nm)
     sensor = check(joint)
@@ -76,6 +76,7 @@ def make_rig(
 ) -> Rig:
     """The rig out of a joint solution."""
     gain, offset = joint.sensor_gain_offset
+    paint = observations[0].paint
     sigma_px = float(np.median(np.concatenate([observation.sigma_px for observation in observations])))
     return Rig(
         camera=joint.camera,
@@ -84,6 +85,13 @@ def make_rig(
         moment_sensor=MomentSensor(gain, offset, joint.problem.moment_std_Nm),
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,
-        image=AntennaImage(sigma_px * joint.noise_scale, joint.noise_scale, observations[0].bright),
+        image=AntennaImage(
+            sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, _height(observations)
+        ),
         covariance=joint.covariance,
     )
+
+
+def _height(observations: Sequence[Observation]) -> float | None:
+    heights = [one.height for one in observations if not isinstance(one.still, Load) and one.height > 0]
+    return float(np.median(heights)) if heights else None

@@ -8,10 +8,11 @@ import numpy as np
 
 from ..camera import Camera
 from ..console import progress
-from ..detect.antenna import corridor, find, free_curve
+from ..detect.antenna import corridor, finder, free_curve
+from ..detect.paint import Paint, learn
 from ..errors import InputError
 from ..geometry import Kinematics, Pose
-from ..images import read_gray
+from ..images import read_picture
 from ..session import Load, Session, Still, gravity_antenna
 from .joint_problem import Observation
 
@@ -27,9 +28,9 @@ def observe(
     T_antenna_camera: Pose,
     parameters: np.ndarray,
     what: str,
-    bright: bool | None = None,
+    paint: Paint | None = None,
 ) -> list[Observation]:
-    """The antenna's seen points in every still, brighter or darker than its background; None: as the first one shows.
+    """The antenna's seen points in every still; what tells it from its background is learnt from the first ones.
 
     Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
     """
@@ -37,22 +38,34 @@ def observe(
     T_camera_antenna = T_antenna_camera.inverse()
     observations: list[Observation] = []
     for still, pull in zip(progress(stills, what), gravity, strict=True):
-        assert still.image is not None
-        image = read_gray(still.image)
-        check_size(image, camera, still.image)
+        image = _picture(still, camera)
         free = free_curve(parameters, session.antenna.length_m, pull)
-        where = corridor(camera, T_camera_antenna, free, session.antenna.diameter_m)
-        if bright is None:
-            bright = find(image, where, bright=True).seen >= find(image, where, bright=False).seen
-        line = find(image, where, bright)
-        if not line.found or (not isinstance(still, Load) and line.seen < LEAST_SEEN_FREE):
+        looking = finder(corridor(camera, T_camera_antenna, free, session.antenna.diameter_m), camera)
+        if looking is None:
             raise InputError(
-                f"no antenna found in it ({100 * line.seen:.0f} % of its length seen)",
+                "the camera's pose leaves the antenna out of the picture",
+                where=still.image,
+                remedy="check the jig (or sweep, or over) in session.yaml",
+            )
+        if paint is None:
+            paint = learn(looking, [image])
+        line = paint.find(looking, image)
+        if not line.found or (not isinstance(still, Load) and line.seen < LEAST_SEEN_FREE):
+            why = f": {line.reason}" if line.reason else ""
+            raise InputError(
+                f"no antenna found in it ({100 * line.seen:.0f} % of its length seen{why})",
                 where=still.image,
                 remedy="shoot it again with the antenna lit, or take its row out of the CSV",
             )
-        observations.append(Observation(still, line.points_px, line.sigma_px, pull, bright))
+        observations.append(Observation(still, line.points_px, line.sigma_px, pull, paint, line.amplitude))
     return observations
+
+
+def _picture(still: Still, camera: Camera) -> np.ndarray:
+    assert still.image is not None
+    image = read_picture(still.image)
+    check_size(image, camera, still.image)
+    return image
 
 
 def check_size(image: np.ndarray, camera: Camera, where: object) -> None:

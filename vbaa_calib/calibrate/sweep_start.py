@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 
 from ..camera import Camera
+from ..detect.view_quality import fixes_homography
 from ..errors import SolveError
 from ..geometry import Kinematics, Pose
 from .plane_starts import mirrored
 from .sweep_model import SweepCorners, SweepState, T_camera_foot, turns_actuator_foot
-from .view_screening import fixes_homography
 
 T = TypeVar("T")
 

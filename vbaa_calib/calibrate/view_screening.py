@@ -11,6 +11,8 @@ from targets.board import BoardSpec
 from targets.charuco import corner_points
 
 from ..detect.corners import BoardView
+from ..detect.view_quality import fixes_homography
+from ..detect.view_quality_screen import screen_views
 from .corner_stack import Observation
 
 LEAST_CORNERS = 4
@@ -46,23 +48,8 @@ def usable_views(
             usable.append(view)
             continue
         dropped.append(DroppedView(view.name, reason))
-    return usable, dropped
-
-
-def fixes_homography(plane_points: np.ndarray) -> bool:
-    """Whether points (N, 2) of a plane determine its homography to a picture: not all but one on a line."""
-    centred = plane_points - plane_points.mean(axis=0)
-    centred = centred / max(float(np.abs(centred).max()), 1e-12)
-    homogeneous = np.column_stack([centred, np.ones(len(centred))])
-    zeros = np.zeros_like(homogeneous)
-    design = np.vstack(
-        [
-            np.hstack([homogeneous, zeros, -centred[:, :1] * homogeneous]),
-            np.hstack([zeros, homogeneous, -centred[:, 1:] * homogeneous]),
-        ]
-    )
-    values = np.linalg.svd(design, compute_uv=False)
-    return len(plane_points) >= LEAST_CORNERS and bool(values[7] > 1e-3 * values[0])
+    kept, poor = screen_views(usable, least)
+    return kept, dropped + [DroppedView(view.name, reason) for view, reason in poor]
 
 
 def good_views(
