@@ -106,7 +106,7 @@ def shown(view: View, seed: int = 0, wires: int = 2) -> Shown:
     picture = render_over(scene, place, print_sheet(scene.board), view.over, drawn, np.random.default_rng(seed))
     lens = scene.lens
     nominal = nominal_free_antenna(scene.antenna, scene.gravity_world_m_s2, LENGTH_STD_M)
-    std = [0.0, 0.0, CLAMP_ABOUT_Y_STD, 0.0, BOW_Y_STD, BOW_Z_STD, LOG_STIFFNESS_STD, 0.0]
+    std = [0.0, 0.0, CLAMP_ABOUT_Y_STD, 0.0, BOW_Y_STD, BOW_Z_STD, LOG_STIFFNESS_STD, 0.0, 0.0]
     antenna = replace(nominal, covariance=np.diag(np.square(std)))
     return Shown(scene, view.over, picture, Camera(lens.model, lens.image_size, lens.matrix, lens.distortion), antenna)
 

@@ -49,11 +49,13 @@ def read_gray(path: Path) -> np.ndarray:
 
 
 def read_picture(path: Path) -> np.ndarray:
-    """One picture as it is: (H, W) grey or (H, W, 3) blue, green, red, uint8 or uint16, in the sensor's orientation.
+    """One picture in all its depth and colour: (H, W) grey or (H, W, 3) blue, green, red, in the sensor's orientation.
 
-    Transparency is left out. Raises InputError as `read_gray` does.
+    uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
+    Raises InputError as `read_gray` does.
     """
-    return _read(Path(path), cv2.IMREAD_UNCHANGED)
+    pixels = _read(Path(path), cv2.IMREAD_UNCHANGED)
+    return pixels if pixels.dtype == np.uint8 else (pixels * _to_255(pixels)).astype(np.float32)
 
 
 def _read(path: Path, colours: int) -> np.ndarray:
@@ -101,9 +103,14 @@ def _decode(data: bytes, colours: int) -> np.ndarray | None:
 
 
 def _to_8_bit(pixels: np.ndarray) -> np.ndarray:
+    return np.rint(pixels * _to_255(pixels)).astype(np.uint8)
+
+
+def _to_255(pixels: np.ndarray) -> float:
+    """Factor to the range of 8 bits from the sensor's own depth."""
     brightest = int(pixels.max())
     bits = next(bits for bits in _SENSOR_BITS if brightest < 1 << bits)
-    return np.rint(pixels * (255.0 / ((1 << bits) - 1))).astype(np.uint8)
+    return 255.0 / ((1 << bits) - 1)
 
 
 def _refuse_truncated(data: bytes, path: Path) -> None:

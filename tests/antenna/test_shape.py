@@ -109,7 +109,7 @@ def test_moment_is_plus_lever_times_force_z() -> None:
     assert touched.moment_Nm[0] == pytest.approx(1e-5, rel=1e-4)
     sagging = bend(STRAIGHT[None], LENGTH, np.array([[0.0, 0.0, -9.80665]]), np.array([0.1]), np.zeros((1, 2)))
     assert sagging.moment_Nm[0] == pytest.approx(-linear.weight_clamp_moment(LENGTH, MASS * 9.80665), rel=1e-3)
-    raised = STRAIGHT + np.array([0.0, 0.01, 0, 0, 0, 0, 0, 0])
+    raised = STRAIGHT + np.array([0.0, 0.01, 0, 0, 0, 0, 0, 0, 0])
     lifted = bend(raised[None], LENGTH, WEIGHTLESS, np.array([0.1]), np.array([[0.0, 1e-4]]))
     assert lifted.moment_Nm[0] == pytest.approx(touched.moment_Nm[0], rel=1e-3)
 

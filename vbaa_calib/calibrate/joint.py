@@ -17,11 +17,15 @@ from ..camera import Camera
 from ..errors import SolveError
 from ..geometry import Pose
 from ..reprojection import robust_cost, robust_weights
-from .joint_problem import GAIN, OFFSET, RIG, Observation, Prior, Problem
+from .joint_problem import GAIN, OFFSET, RIG, LensLost, Observation, Prior, Problem
 
 RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
 ITERATIONS, PASSES = 40, 10
+HOLDS = (1.0, 0.3, 0.1, 0.01)
+"""Parts of the lens' deviations that it is given in turn, where more of them make it fold."""
+SEES_LESS = 1e-3
+"""Part of the picture that a moved lens may see less of."""
 SETTLED = 0.02
 """The passes end when the points' scatter changes by less than this part."""
 FALSE_STILL = 3.0
@@ -101,8 +105,34 @@ def solve_joint(
     Solved in passes: each weighs the points by how much they scattered about the model of the one before, so that at
     first, far off, nothing counts as false, and leaves out the stills that lie much further off than the others do. A
     load noted wrong bends its whole shape: no weight on single points keeps it from drawing the others along.
+
+    The lens moves within its covariance. Where that leads to one that folds inside the picture, which a covariance does
+    not know of, it is held closer to where the board's pictures had it.
     Raises SolveError when the solver does not converge.
     """
+    for share in HOLDS:
+        held = prior if share == 1.0 else _held(prior, share)
+        try:
+            found = _solved(observations, held, length_m, moment_std_Nm)
+        except LensLost:
+            continue
+        if _sees(found.camera) >= _sees(prior.camera) - SEES_LESS:
+            return found
+    raise SolveError("the lens folds inside the picture wherever the stills move it: calibrate it from more views")
+
+
+def _held(prior: Prior, share: float) -> Prior:
+    camera = prior.camera
+    if camera.covariance is None:
+        return prior
+    return replace(prior, camera=replace(camera, covariance=share**2 * camera.covariance))
+
+
+def _sees(camera: Camera) -> float:
+    return float(camera.valid_region().image_fraction)
+
+
+def _solved(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> JointSolution:
     problem = Problem.of(observations, prior, length_m, moment_std_Nm)
     parameters = problem.begin
     distances, moments = problem.evaluate(parameters)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..antenna.shape import PARAMETERS, Curves, bend
 from ..camera import Camera
 from ..detect.paint import Paint
+from ..errors import SolveError
 from ..geometry import Pose
 from ..geometry.independent_axes import independent_axes
 from ..reprojection import ImageCurves, SeenPoints, image_curves, see, whitened_with_lens, with_slopes_on_curve
@@ -70,10 +72,14 @@ class Prior:
     mean: np.ndarray
     std: np.ndarray
 
-    @property
+    @cached_property
     def lens_axes(self) -> np.ndarray:
         """(P, P): along its columns the lens varies independently, by unit deviations; (0, 0) for an exact one."""
         return np.zeros((0, 0)) if self.camera.covariance is None else independent_axes(self.camera.covariance)
+
+
+class LensLost(SolveError):
+    """A step of the lens within its covariance led to one that is none: its covariance is not to be trusted so far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +115,10 @@ class Problem:
         return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(len(self.prior.lens_axes))])
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
-        """The same with all points seen through the lens that the parameters ask for."""
+        """The same with all points seen through the lens that the parameters ask for.
+
+        Raises LensLost where that lens folds before points that the prior's lens sees.
+        """
         camera = self.camera(parameters)
         curves, view = self.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse()
         seen = [
@@ -118,6 +127,8 @@ class Problem:
             )
             for index, one in enumerate(self.observations)
         ]
+        if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
+            raise LensLost("the lens that the stills ask for folds inside the picture")
         return replace(self, seen_at_lens=seen, lens_at=parameters[RIG:])
 
     def camera(self, parameters: np.ndarray) -> Camera:

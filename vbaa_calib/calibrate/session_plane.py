@@ -110,7 +110,7 @@ def picture_folders(session: Session) -> list[str]:
     folders = [name for name, there in has.items() if there]
     if not folders:
         raise InputError(
-            "nothing says where the camera is on the antenna's base: jig is missing",
+            "jig is missing, and nothing else says where the camera is on the antenna's base",
             where=session.root / "session.yaml",
             remedy="give jig.T_antenna_board, the pose of the board in the jig, or take a sweep/ or over/ "
             "(docs/formats.md)",
