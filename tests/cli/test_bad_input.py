@@ -386,6 +386,29 @@ def test_pictures_of_any_depth_and_colour_mean_the_same(vbaa: Call, made: Path, 
             assert abs(off) < 0.2 * float(other_row["distance_std_m"])
 
 
+def greened(picture: np.ndarray) -> np.ndarray:
+    """What is bright turns green, and as light as the rest: its grey level tells it no more."""
+    share = np.clip((picture.astype(float) - 60.0) / 150.0, 0.0, 1.0)[..., None]
+    colours = np.array([120.0, 110.0, 115.0]) * (1.0 - share) + np.array([60.0, 130.0, 80.0]) * share
+    noise = np.random.default_rng(0).normal(0.0, 2.0, colours.shape)
+    return np.clip(np.rint(colours + noise), 0, 255).astype(np.uint8)
+
+
+def test_an_antenna_that_differs_in_colour_alone_is_learnt_from_the_noload_frames(
+    vbaa: Call, made: Path, session: Path, tmp_path: Path
+) -> None:
+    for name in ("noload", "loads", "recording"):
+        repaint(f"{name}/*.png", greened)(session)
+    rig = tmp_path / "rig.json"
+    assert vbaa("calibrate", session, "-o", rig).code == 0
+    assert Rig.load(rig).image.weights is not None
+    one, other = Rig.load(rig).antenna, Rig.load(made / "rig.json").antenna
+    assert one.stiffness_Nm2 == pytest.approx(other.stiffness_Nm2, rel=5e-3)
+    assert vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv").code == 0
+    rows = list(csv.DictReader((tmp_path / "contacts.csv").read_text().splitlines()))
+    assert [row["status"] for row in rows] == ["no_contact", "ok", "ok", "no_contact"]
+
+
 def test_a_frame_without_an_antenna_stays_in_the_table(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
     repaint("recording/frame_0001.png", grey)(session)
     repaint("recording/frame_0002.png", noise)(session)
