@@ -106,8 +106,10 @@ def bend(
     # A force at the very tip leaves nothing beyond it; a micrometre in a metre keeps the nodes apart.
     contact_m = np.minimum(contact_m, (1 - 1e-6) * length_m)
     by_weight = np.exp(parameters[:, 7:8]) * gravity_m_s2
-    held = contact_m[:, None] * force_N + 0.5 * length_m**2 * by_weight[:, 1:]
-    turn = Rotation.from_rotvec(_with_x(parameters[:, 2:4] + _given(parameters, held))).as_matrix()
+    # by the levers of the straight antenna: near enough for the direction in which weight and load act
+    lever = contact_m[:, None] * force_N + 0.5 * length_m**2 * by_weight[:, 1:]
+    straight = np.stack([-lever[:, 1], lever[:, 0]], axis=1)
+    turn = Rotation.from_rotvec(_with_x(parameters[:, 2:4] + _given(parameters, straight))).as_matrix()
     weight = np.einsum("bji,bj->bi", turn, by_weight)
     applied = np.einsum("bji,bj->bi", turn[:, 1:], force_N) if dead else _with_x(force_N)
     in_clamp = _equilibrium(
@@ -122,6 +124,9 @@ def bend(
         ),
         sweeps,
     )
+    turn = Rotation.from_rotvec(
+        _with_x(parameters[:, 2:4] + _given(parameters, _held(in_clamp, weight, turn)))
+    ).as_matrix()
     points = np.einsum("bij,jbn->bni", turn, in_clamp.points) + _with_x(parameters[:, :2])[:, None]
     force = np.einsum("bij,jb->bi", turn, in_clamp.force)
     centre = _integrate(np.moveaxis(points, -1, 0), in_clamp.step)[..., -1].T
@@ -131,12 +136,15 @@ def bend(
 
 
 def _given(parameters: np.ndarray, held_Nm: np.ndarray) -> np.ndarray:
-    """(B, 2) turn of the clamp about y and z under levers times forces (B, 2) to y and z.
+    """(B, 2) turn of the clamp about y and z under the moments (B, 2) about them that it holds."""
+    return parameters[:, 8:] / np.exp(parameters[:, 6:7]) * held_Nm
 
-    The levers are those of the straight antenna: what deflection makes of them is a tenth of an effect that is itself
-    a hundredth.
-    """
-    return parameters[:, 8:] / np.exp(parameters[:, 6:7]) * np.stack([-held_Nm[:, 1], held_Nm[:, 0]], axis=1)
+
+def _held(shape: _ClampShape, weight_N_m: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(B, 2) moments about y and z of force and weight (B, 3, clamp's frame) about the clamp, antenna frame."""
+    centre = _integrate(shape.points, shape.step)[..., -1]
+    moment = _cross(shape.points[..., CONTACT], shape.force) + _cross(centre, weight_N_m.T)
+    return np.einsum("bij,jb->bi", turn, moment)[:, 1:]
 
 
 @dataclass(frozen=True, eq=False)

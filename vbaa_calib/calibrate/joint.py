@@ -111,9 +111,8 @@ def solve_joint(
     Raises SolveError when the solver does not converge.
     """
     for share in HOLDS:
-        held = prior if share == 1.0 else _held(prior, share)
         try:
-            found = _solved(observations, held, length_m, moment_std_Nm)
+            found = _solved(observations, _held(prior, share), length_m, moment_std_Nm, share)
         except LensLost:
             continue
         if _sees(found.camera) >= _sees(prior.camera) - SEES_LESS:
@@ -123,7 +122,7 @@ def solve_joint(
 
 def _held(prior: Prior, share: float) -> Prior:
     camera = prior.camera
-    if camera.covariance is None:
+    if camera.covariance is None or share == 1.0:
         return prior
     return replace(prior, camera=replace(camera, covariance=share**2 * camera.covariance))
 
@@ -132,7 +131,9 @@ def _sees(camera: Camera) -> float:
     return float(camera.valid_region().image_fraction)
 
 
-def _solved(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> JointSolution:
+def _solved(
+    observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float, share: float
+) -> JointSolution:
     problem = Problem.of(observations, prior, length_m, moment_std_Nm)
     parameters = problem.begin
     distances, moments = problem.evaluate(parameters)
@@ -151,7 +152,10 @@ def _solved(observations: Sequence[Observation], prior: Prior, length_m: float, 
             break
     if not solution.converged:
         raise SolveError("the joint solve of camera pose, antenna and sensor did not converge")
-    covariance = _in_own_units(solution.covariance(), prior.lens_axes)
+    inverse = solution.covariance()
+    # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
+    inverse = inverse + (share**-2 - 1.0) * inverse[:, RIG:] @ inverse[RIG:, :]
+    covariance = _in_own_units(inverse, prior.lens_axes)
     camera = problem.camera(parameters)
     return JointSolution(
         problem=problem,
