@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
+from ..antenna.shape import PARAMETERS
 from ..console import say
 from ..rig import Rig
 from ..session import Load, NominalAntenna, Session, Still
 from .calibration import Calibration
 from .intrinsics_cli import camera_document
 from .joint import JointSolution
-from .joint_checks import Checks
+from .joint_checks import FALSE_READING, Checks
 from .session_plane import PlaneC
 from .session_rig import LOG_MASS_STD
+from .ways import CONTRADICTION
 
 STIFFNESS_DOUBT = 0.15
 """Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
 SIGNIFICANT = 3.0
 """Standard deviations beyond which an assumption counts as broken."""
-FALSE_READING = 5.0
-"""Standard deviations beyond which a moment reading is worth a look."""
+SCATTERED = 5.0
+"""Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
 ANISOTROPY_MATTERS = 0.01
 """Part by which the compliances must differ at least: a wire drawn 0.25 % out of round."""
 
@@ -39,6 +43,32 @@ def still_doubts(joint: JointSolution, stills: Sequence[Still]) -> list[str]:
             found.append(f"{kind} {name}: left out, its shape lies {rms:.1f} std off the model; is its row right?")
         elif abs(off) > FALSE_READING:
             found.append(f"{kind} {name}: the moment reading is {off:+.1f} std off; is its row right?")
+    return found
+
+
+def prior_doubts(joint: JointSolution) -> list[str]:
+    """What the antenna's pictures say against what was known before them: the ways to plane C, the clamp, the loads."""
+    problem, found = joint.problem, []
+    first = len(joint.solution.residuals) - problem.certain
+    for index, estimate in enumerate(problem.prior.poses):
+        own = joint.solution.residuals[first + 6 * index : first + 6 * index + 6]
+        if chi2.sf(float(own @ own), 6) < CONTRADICTION:
+            found.append(
+                f"the antenna's pictures contradict the {estimate.way} by {np.sqrt(own @ own / 6):.0f} std: is the "
+                "camera where it was, and is session.yaml right about it?"
+            )
+    known = problem.prior.mean[:6], problem.prior.std[:6]
+    for name, value, mean, std in zip(PARAMETERS[:6], joint.parameters[6:12], *known, strict=True):
+        if abs(value - mean) > SIGNIFICANT * std:
+            found.append(
+                f"{name} is {value:.3g}, {abs(value - mean) / std:.1f} times what a careful builder misses it by: is "
+                "plane C right, and the antenna straight in its clamp?"
+            )
+    if joint.noise_scale > SCATTERED:
+        found.append(
+            f"the shapes scatter {joint.noise_scale:.0f} times more about the model than their pictures explain: check "
+            "the unit and the sign of forces and distances, and gravity"
+        )
     return found
 
 
@@ -110,6 +140,7 @@ def doubts(calibration: Calibration) -> list[str]:
     """What a person should look at, in words."""
     session, rig, plane = calibration.session, calibration.rig, calibration.plane
     found = plane_doubts(plane)
+    found += prior_doubts(calibration.joint)
     found += still_doubts(calibration.joint, calibration.stills)
     found += antenna_doubts(session.antenna, rig, calibration.checks)
     return found + sensor_doubts(session, rig, calibration.checks)
@@ -170,7 +201,7 @@ def evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any
 def _row(calibration: Calibration, index: int, still: Still) -> dict[str, Any]:
     joint = calibration.joint
     row: dict[str, Any] = {
-        "image": str(still.image.relative_to(calibration.session.root)) if still.image else None,
+        "image": os.path.relpath(still.image, calibration.session.root) if still.image else None,
         "point_rms": float(joint.point_rms[index]),
         "moment_residual_Nm": float(joint.moment_residuals_Nm[index]),
         "kept": bool(joint.kept[index]),

@@ -36,16 +36,40 @@ STANDSTILL = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Parameters (17 + P,), residuals (R,), their Jacobian (R, 17 + P), and whether the solver came to a standstill."""
+    """Where a solve is.
+
+    Attributes
+    ----------
+    parameters : (17 + P,). residuals : (R,). jacobian : (R, 17 + P) of them.
+    certain : how many of the residuals, the last ones, are priors'.
+    converged : whether the solver came to a standstill.
+    """
 
     parameters: np.ndarray
     residuals: np.ndarray
     jacobian: np.ndarray
+    certain: int
     converged: bool = False
+
+    @staticmethod
+    def of(problem: Problem, parameters: np.ndarray) -> Linearised:
+        """A problem at its parameters."""
+        return Linearised(parameters, *problem.residuals(parameters), problem.certain)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(R,) factors on residuals and Jacobian that make least squares of the robust cost."""
+        return np.concatenate([robust_weights(self.residuals[: -self.certain]), np.ones(self.certain)])
+
+    @property
+    def cost(self) -> float:
+        """What is minimised: robust in what was measured, plain squares in what was known before."""
+        prior = self.residuals[-self.certain :]
+        return robust_cost(self.residuals[: -self.certain]) + 0.5 * float(prior @ prior)
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reweighted information and slope, and the scale that was taken out of both: units differ greatly."""
-        weights = robust_weights(self.residuals)
+        weights = self.weights
         weighted = self.jacobian * weights[:, None]
         scale = np.linalg.norm(weighted, axis=0)
         weighted /= scale
@@ -188,14 +212,14 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
 
 def _descend(problem: Problem, start: np.ndarray) -> Linearised:
     """Parameters of least robust cost, by Levenberg and Marquardt's steps."""
-    now, damping = Linearised(start, *problem.residuals(start)), 0.0
+    now, damping = Linearised.of(problem, start), 0.0
     for _ in range(ITERATIONS):
         information, slope, scale = now.normal_equations()
         step = -np.linalg.solve(information + damping * np.eye(len(slope)), slope)
         promise = -float(slope @ step + 0.5 * step @ information @ step)
         moved = now.parameters + step / scale
-        trial = Linearised(moved, *problem.residuals(moved))
-        better = robust_cost(trial.residuals) <= robust_cost(now.residuals)
+        trial = Linearised.of(problem, moved)
+        better = trial.cost <= now.cost
         now = trial if better else now
         if promise < STANDSTILL:
             return replace(now, converged=True)

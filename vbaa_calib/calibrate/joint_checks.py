@@ -12,12 +12,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..antenna.shape import PARAMETERS
-from ..reprojection import image_curves, robust_weights, whitened_residuals
+from ..reprojection import image_curves, whitened_residuals
 from .joint import JointSolution
 from .joint_problem import ANTENNA
 
 ANISOTROPY_STEP = 1e-2
 MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")
+FALSE_READING = 5.0
+"""Standard deviations beyond which a moment reading is taken for a wrong one."""
 LEAST_GAIN = 1e-3
 """The weight is said to be seen when the pictures narrow its variance by more than this part."""
 
@@ -92,7 +94,7 @@ def check(joint: JointSolution) -> Checks:
 def one_more(joint: JointSolution, column: np.ndarray) -> Estimate | None:
     """What a further parameter would be whose change moves the residuals along column (R,)."""
     solution = joint.solution
-    weights = robust_weights(solution.residuals)
+    weights = solution.weights
     own = column * weights
     information, _, scale = solution.normal_equations()
     others = (solution.jacobian * weights[:, None]).T @ own / scale
@@ -146,20 +148,21 @@ def _drift(joint: JointSolution, when: np.ndarray) -> Estimate | None:
 
 def _rest(joint: JointSolution) -> int:
     """How many residuals come after the points'."""
-    prior = joint.problem.prior
-    return int(joint.kept.sum()) + 6 * len(prior.poses) + len(prior.mean) + len(prior.lens_axes)
+    return int(joint.kept.sum()) + joint.problem.certain
 
 
 def _moment_noise(joint: JointSolution) -> tuple[float, tuple[float, float]]:
     """Noise of one reading and its interval, the degrees of freedom that the fit took from the readings left out."""
-    solution = joint.solution
-    count = int(joint.kept.sum())
+    problem, solution = joint.problem, joint.solution
+    residuals = joint.moment_residuals_Nm[joint.kept]
+    # a reading that is wrong is not noise: it is named instead
+    usual = max(1.4826 * float(np.median(np.abs(residuals))), problem.moment_std_Nm)
+    good = np.abs(residuals) <= FALSE_READING * usual
     first = len(solution.residuals) - _rest(joint)
-    weights = robust_weights(solution.residuals)
-    rows = (solution.jacobian * weights[:, None])[first : first + count]
+    rows = (solution.jacobian * solution.weights[:, None])[first : first + len(residuals)][good]
     information, _, scale = solution.normal_equations()
     taken = float(np.trace((rows / scale) @ np.linalg.solve(information, (rows / scale).T)))
-    freedom = max(count - taken, 1.0)
-    squares = float((joint.moment_residuals_Nm[joint.kept] ** 2).sum())
+    freedom = max(float(good.sum()) - taken, 1.0)
+    squares = float((residuals[good] ** 2).sum())
     low, high = (float(np.sqrt(squares / chi2.ppf(q, freedom))) for q in (0.975, 0.025))
     return float(np.sqrt(squares / freedom)), (low, high)

@@ -140,6 +140,11 @@ class Problem:
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
         return replace(camera, matrix=matrix, distortion=camera.distortion + step[4:])
 
+    @property
+    def certain(self) -> int:
+        """How many residuals, the last ones, are the priors': they are what they say, and are never weighed down."""
+        return 6 * len(self.prior.poses) + len(self.prior.mean) + len(self.prior.lens_axes)
+
     def pose(self, parameters: np.ndarray) -> Pose:
         """Camera pose in the antenna frame."""
         return self.prior.start.retract(parameters[POSE])

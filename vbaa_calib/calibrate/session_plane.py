@@ -175,10 +175,12 @@ def clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> 
     """
     camera_m = found.estimate.T_antenna_camera.translation_m
     turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
-    across = np.array([[0.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
+    across = np.hstack([np.zeros((2, 4)), np.eye(2)])
     half_m = 0.5 * board.square_m * min(board.squares_x, board.squares_y)
     tilt = over.height_std_m / half_m
-    return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M])
+    return np.vstack([turns, across]), np.array(
+        [tilt, tilt, CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M, CLAMP_OFFSET_STD_M]
+    )
 
 
 def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

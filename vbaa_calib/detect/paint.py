@@ -77,9 +77,11 @@ def _parting(paint: Paint, finder: AntennaFinder, images: Sequence[np.ndarray]) 
             beside += [_sampled(image, line.points_px, side * 1.5 * finder.corridor.width_px) for side in (-1, 1)]
     antenna, ground = np.concatenate(on), np.concatenate(beside)
     scatter = np.cov(ground.T) + np.cov(antenna.T)
-    weights = np.linalg.solve(
-        scatter + 1e-3 * np.trace(scatter) * np.eye(3), antenna.mean(axis=0) - ground.mean(axis=0)
-    )
+    # a drawn or clipped picture may have no noise at all
+    ridge = max(1e-3 * float(np.trace(scatter)), 1e-6)
+    weights = np.linalg.solve(scatter + ridge * np.eye(3), antenna.mean(axis=0) - ground.mean(axis=0))
+    if not weights.any():
+        return paint
     weights /= np.abs(weights).sum()
     return Paint(True, (float(weights[0]), float(weights[1]), float(weights[2])))
 
