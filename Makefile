@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test lint install gl clean
+.PHONY: demo test test-slow lint install gl clean
 .DEFAULT_GOAL := test
 
 install: $(INSTALLED)
@@ -27,6 +27,10 @@ demo: $(INSTALLED) gl
 	$(BIN)/vbaa demo --out demo --force
 
 test: $(INSTALLED) gl
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+
+# the long Monte-Carlo runs too, of which the other tests hold seeded subsets: an hour
+test-slow: $(INSTALLED) gl
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(INSTALLED)

@@ -13,7 +13,7 @@ import numpy as np
 from .errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-_SENSOR_BITS = (8, 10, 12, 14, 16)
+_SENSOR_BITS = (10, 12, 14, 16)
 _AGAIN = "copy or export the picture again, or remove it"
 _log_level = threading.Lock()
 

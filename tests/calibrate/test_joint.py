@@ -10,7 +10,7 @@ import pytest
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.calibrate.calibration_report import antenna_doubts, sensor_doubts, still_doubts
+from vbaa_calib.calibrate.calibration_report import antenna_doubts, prior_doubts, sensor_doubts, still_doubts
 from vbaa_calib.calibrate.joint import JointSolution, noise_scale, solve_joint
 from vbaa_calib.calibrate.joint_checks import check
 from vbaa_calib.calibrate.joint_problem import Observation
@@ -18,6 +18,7 @@ from vbaa_calib.calibrate.pose_estimate import PoseEstimate
 from vbaa_calib.calibrate.session_rig import make_rig, prior
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.paint import Paint
+from vbaa_calib.errors import SolveError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import RIG_PARAMETERS, MomentSensor
 from vbaa_calib.session import Load, NominalAntenna, Session, Still
@@ -159,7 +160,12 @@ def found_doubts(observations: list[Observation], rng: np.random.Generator) -> l
     joint = solved(observations, rng)
     rig = make_rig(session(), Kinematics(), joint, observations)
     checks, stills = check(joint), [observation.still for observation in observations]
-    return still_doubts(joint, stills) + antenna_doubts(NOMINAL, rig, checks) + sensor_doubts(session(), rig, checks)
+    return (
+        prior_doubts(joint)
+        + still_doubts(joint, stills)
+        + antenna_doubts(NOMINAL, rig, checks)
+        + sensor_doubts(session(), rig, checks)
+    )
 
 
 def test_a_good_calibration_raises_no_doubt(good) -> None:
@@ -282,3 +288,43 @@ def test_the_sag_tells_the_mass_where_nothing_else_does(good) -> None:
     assert mass is not None
     assert mass.value == pytest.approx(np.exp(TRUE.parameters[7]), abs=4 * mass.std)
     assert mass.std < 0.02 * mass.value
+
+
+def test_gravity_the_wrong_way_round_is_said() -> None:
+    """The sag points up: the prior of the mass must not be forgotten over it, and the density check says so."""
+    rng = np.random.default_rng(11)
+    upside_down = [replace(one, gravity_m_s2=-one.gravity_m_s2) for one in observed(TRUE, rng)]
+    assert any("direction of gravity" in line for line in found_doubts(upside_down, rng))
+
+
+def test_one_wrong_reading_is_no_noise(good) -> None:
+    joint, observations = good
+    wrong = list(observations)
+    wrong[7] = replace(wrong[7], still=replace(wrong[7].still, moment_Nm=wrong[7].still.moment_Nm + 1e-2))
+    found = check(solved(wrong, np.random.default_rng(12)))
+    assert found.noise_Nm == pytest.approx(check(joint).noise_Nm, rel=0.5)
+    assert found.noise_interval_95_Nm[0] < TRUE.sensor.std_Nm
+
+
+def test_a_jig_that_the_antenna_contradicts_is_said(good) -> None:
+    _, observations = good
+    moved = TRUE.T_antenna_camera.retract(np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0]))
+    wrong = prior(NOMINAL, CAMERA, [PoseEstimate("jig", moved, POSE_COVARIANCE, np.zeros((6, 8)))])
+    lines = prior_doubts(solve_joint(observations, wrong, LENGTH_M, TRUE.sensor.std_Nm))
+    assert any("contradict the jig" in line for line in lines)
+    assert prior_doubts(solved(observations, np.random.default_rng(13))) == []
+
+
+def test_forces_in_the_wrong_unit_are_said(good) -> None:
+    _, observations = good
+    grams = [
+        replace(one, still=replace(one.still, force_y_N=100 * one.still.force_y_N, force_z_N=100 * one.still.force_z_N))
+        if isinstance(one.still, Load)
+        else one
+        for one in observations
+    ]
+    try:
+        lines = found_doubts(grams, np.random.default_rng(14))
+    except SolveError as error:
+        lines = [str(error)]
+    assert any("unit" in line for line in lines)

@@ -23,7 +23,6 @@ def demo(request, tmp_path_factory) -> Path:
     return out
 
 
-@pytest.mark.slow
 def test_reaches_the_goals(demo: Path) -> None:
     """Contact point, distance, force, direction, stiffness and focal length, and no frame dropped or misjudged."""
     summary = json.loads((demo / "summary.json").read_text())
@@ -37,20 +36,17 @@ def test_reaches_the_goals(demo: Path) -> None:
     assert all(np.isfinite(value) for value in summary.values() if isinstance(value, float))
 
 
-@pytest.mark.slow
 def test_predicted_uncertainty_is_honest(demo: Path) -> None:
     """The mean squared error over its predicted variance, per degree of freedom, is neither blind nor timid."""
     assert 0.1 < json.loads((demo / "summary.json").read_text())["nees"] < 2.5
 
 
-@pytest.mark.slow
 def test_leaves_its_files(demo: Path) -> None:
     """All of them, and no temporary one."""
     wanted = {*FILES, "session", *(("scene.png",) if can_render() else ())}
     assert {path.name for path in demo.iterdir()} == wanted
 
 
-@pytest.mark.slow
 def test_a_second_run_needs_force(demo: Path, capsys) -> None:
     """A finished demo is not overwritten without being asked to."""
     before = (demo / "rig.json").read_bytes()

@@ -175,7 +175,10 @@ def _solved(
         if settled and (problem.kept == kept).all():
             break
     if not solution.converged:
-        raise SolveError("the joint solve of camera pose, antenna and sensor did not converge")
+        raise SolveError(
+            "the joint solve of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
+            "distances, and gravity"
+        )
     inverse = solution.covariance()
     # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
     inverse = inverse + (share**-2 - 1.0) * inverse[:, RIG:] @ inverse[RIG:, :]

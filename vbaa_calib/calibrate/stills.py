@@ -30,7 +30,7 @@ def observe(
     what: str,
     paint: Paint | None = None,
 ) -> list[Observation]:
-    """The antenna's seen points in every still; what tells it from its background is learnt from the first ones.
+    """The antenna's seen points in every still; what tells it from its background is learnt from the first one.
 
     Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
     """

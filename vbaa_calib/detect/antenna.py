@@ -21,7 +21,7 @@ CLAMP_REACH_PX = 8.0
 
 
 def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray) -> Curves:
-    """The free antenna under its weight: parameters (8,), gravity (3,) antenna frame; a batch of one."""
+    """The free antenna under its weight: parameters (9,), gravity (3,) antenna frame; a batch of one."""
     return bend(parameters[None], length_m, gravity_m_s2[None], np.array([0.5 * length_m]), np.zeros((1, 2)))
 
 
