@@ -22,6 +22,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="mechanical model (default: the lowest that suffices)",
     )
     parser.add_argument(
+        "--background",
+        type=Path,
+        metavar="IMAGE",
+        help="the same view without the antenna, taken off every picture: where camera and surroundings stand still",
+    )
+    parser.add_argument(
         "--overlay",
         type=Path,
         metavar="DIR",
@@ -43,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from .estimate import ContactEstimator
     from .overlay_folder import overlaid, refuse_folder
-    from .recording import estimate_recording
+    from .recording import estimate_recording, read_ground
     from .table import ContactRow, write_contacts
 
     refuse_overwrite(args.output, args.force)
@@ -57,7 +63,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     estimator = ContactEstimator(rig, args.model)
-    found = progress(estimate_recording(estimator, session, frames), "contacts", len(frames))
+    ground = None if args.background is None else read_ground(rig, args.background)
+    found = progress(estimate_recording(estimator, session, frames, ground), "contacts", len(frames))
     with ExitStack() as stack:
         if args.overlay is not None:
             found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 from vbaa_calib.detect.antenna import corridor, find_along, finder, free_curve, pixels, width_px
 from vbaa_calib.detect.centreline import NOTHING, Centreline
 from vbaa_calib.detect.finder import AntennaFinder
+from vbaa_calib.detect.ground import Ground
 from vbaa_calib.detect.paint import Paint
 from vbaa_calib.errors import InputError
 from vbaa_calib.images import read_picture
@@ -91,19 +93,32 @@ def look_again(
     return (again if better else first), rough.unknowns
 
 
-def estimate_picture(estimator: ContactEstimator, frame: Frame) -> FrameContact:
-    """One frame from its picture. Raises InputError when the picture cannot be read or has another size."""
-    assert frame.image is not None
-    image = read_picture(frame.image)
-    if image.shape[1::-1] != tuple(estimator.rig.camera.image_size):
+def read_plane(rig: Rig, path: Path) -> np.ndarray:
+    """A picture (H, W) on the rig's plane of paint. Raises InputError when it cannot be read or has another size."""
+    image = read_picture(path)
+    if image.shape[1::-1] != tuple(rig.camera.image_size):
         size = "x".join(map(str, image.shape[1::-1]))
-        calibrated = "x".join(map(str, estimator.rig.camera.image_size))
+        calibrated = "x".join(map(str, rig.camera.image_size))
         raise InputError(
-            f"is {size}, the rig's camera {calibrated}",
-            where=frame.image,
-            remedy="use the resolution of the calibration",
+            f"is {size}, the rig's camera {calibrated}", where=path, remedy="use the resolution of the calibration"
         )
-    image = paint(estimator.rig).plane(image)
+    return paint(rig).plane(image)
+
+
+def read_ground(rig: Rig, path: Path) -> Ground:
+    """The surroundings from a picture of the same view without the antenna. Raises InputError as `read_plane` does."""
+    return Ground(read_plane(rig, path).astype(np.float32))
+
+
+def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
+    """One frame from its picture, less the ground if that is known.
+
+    Raises InputError when the picture cannot be read or has another size.
+    """
+    assert frame.image is not None
+    image = read_plane(estimator.rig, frame.image)
+    if ground is not None:
+        image = ground.taken_off(image)
     line = look(estimator.rig, frame, image)
     if not line.found:
         return FrameContact(frame, Contact("no_antenna", line.reason, estimator.model, False), line)
@@ -121,11 +136,11 @@ def estimate_centreline(estimator: ContactEstimator, frame: Frame, lines: Mappin
 
 
 def estimate_recording(
-    estimator: ContactEstimator, session: Session, frames: Sequence[Frame]
+    estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame of a session's recording, in order; none is dropped."""
+    """Every frame of a session's recording, in order; none is dropped. The ground is taken off every picture."""
     if frames[0].image is not None:
-        return (estimate_picture(estimator, frame) for frame in frames)
+        return (estimate_picture(estimator, frame, ground) for frame in frames)
     lines = read_centrelines(session)
     unknown = set(lines) - {frame.frame for frame in frames}
     if unknown:

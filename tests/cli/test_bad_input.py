@@ -409,6 +409,25 @@ def test_an_antenna_that_differs_in_colour_alone_is_learnt_from_the_noload_frame
     assert [row["status"] for row in rows] == ["no_contact", "ok", "ok", "no_contact"]
 
 
+def test_a_background_is_taken_off_every_picture(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    """Bars lie across the antenna; the picture without it shows them too."""
+    usual = cv2.imread(str(next((session / "recording").glob("*.png"))), cv2.IMREAD_GRAYSCALE)
+    bars = np.zeros_like(usual)
+    for row in range(20, len(usual), 37):
+        cv2.line(bars, (0, row), (usual.shape[1], row + 15), 40, 3)
+    repaint("recording/*.png", lambda picture: cv2.add(picture, bars))(session)
+    cv2.imwrite(str(tmp_path / "empty.png"), bars + np.uint8(np.median(usual)))
+    contacts = tmp_path / "contacts.csv"
+    call = ("estimate", session, "--rig", rig, "-o", contacts, "--force", "--background")
+    assert vbaa(*call, tmp_path / "empty.png").code == 0
+    statuses = [row["status"] for row in csv.DictReader(contacts.read_text().splitlines())]
+    assert statuses == ["no_contact", "ok", "ok", "no_contact"]
+    cv2.imwrite(str(tmp_path / "small.png"), bars[::2, ::2])
+    said = vbaa(*call, tmp_path / "small.png")
+    assert said.code == 2
+    assert "use the resolution of the calibration" in said.err
+
+
 def test_a_frame_without_an_antenna_stays_in_the_table(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
     repaint("recording/frame_0001.png", grey)(session)
     repaint("recording/frame_0002.png", noise)(session)
