@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -16,6 +14,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.errors import InputError
+from vbaa_calib.folders import replacing_folder
 
 from .estimate import ContactEstimator
 from .overlay import frame_picture
@@ -85,7 +84,8 @@ def overlaid(
     found: Iterable[FrameContact], estimator: ContactEstimator, path: Path, force: bool
 ) -> Iterator[Iterator[FrameContact]]:
     """The same frames, each drawn into the folder as it passes; the folder is there once all went well."""
-    with _replacing(path, force) as folder:
+    refuse_folder(path, force)
+    with replacing_folder(path) as folder:
         (folder / THUMBNAILS).mkdir()
         entries: list[Entry] = []
         yield _drawn(found, estimator, folder, entries)
@@ -146,30 +146,3 @@ def _card(entry: Entry) -> str:
         f"<p><b>{entry.status}</b>frame {entry.frame}"
         f"<small>{entry.time_s:.2f} s: {escape(entry.words)}</small></p></a>\n"
     )
-
-
-@contextmanager
-def _replacing(path: Path, force: bool) -> Iterator[Path]:
-    """A temporary folder beside `path` that takes its place only when the block ends well."""
-    refuse_folder(path, force)
-    parent = path.resolve().parent
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
-    try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o777 & ~umask)
-        if path.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
-            path.rename(old / "pictures")
-            try:
-                temporary.rename(path)
-            except OSError:
-                (old / "pictures").rename(path)
-                raise
-            finally:
-                shutil.rmtree(old)
-        else:
-            temporary.rename(path)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)

@@ -16,6 +16,7 @@ FLOORS = {
     "vbaa_calib.console": 0,
     "vbaa_calib.files": 0,
     "vbaa_calib.schemas": 0,
+    "vbaa_calib.folders": 0,
     "vbaa_calib.verbs": 0,
     "estimator.verbs": 0,
     "viz.verbs": 0,

@@ -158,8 +158,8 @@ def test_look_takes_every_kind_of_picture(kind: str, vbaa: Call, session: Path, 
     repaint(PICTURES["noload"], change)(session)
     other = vbaa("look", session / PICTURES["noload"], "--rig", rig, "--json").result
     assert other["verdict"] == "ok"
-    assert other["end_px"] == pytest.approx(plain["end_px"], abs=1e-3)
-    assert other["seen"] == pytest.approx(plain["seen"], abs=1e-6)
+    assert other["end_px"] == pytest.approx(plain["end_px"], abs=0.02)  # 16 bits are not cut to 8: rounding differs
+    assert other["seen"] == pytest.approx(plain["seen"], abs=0.01)
 
 
 def test_look_with_the_empty_scene_taken_off(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:

@@ -17,13 +17,14 @@ import yaml
 
 from vbaa_calib import session as session_files
 from vbaa_calib.errors import InputError
+from vbaa_calib.folders import replacing_folder
 from vbaa_calib.geometry import Pose
 from vbaa_calib.synth import simulate_cli
 from vbaa_calib.synth.lens import project
 from vbaa_calib.synth.plan import AntennaShot, Plan, plan
 from vbaa_calib.synth.scene import Scene, bundled_names, bundled_scene, true_rod
 from vbaa_calib.synth.scene_file import load_scene
-from vbaa_calib.synth.write import refuse_target, replacing_folder, write_session
+from vbaa_calib.synth.write import refuse_target, write_session
 
 
 @functools.cache
@@ -271,7 +272,7 @@ def test_only_a_session_is_ever_replaced(tmp_path: Path) -> None:
     old = tmp_path / "old"
     old.mkdir()
     (old / "session.yaml").write_text("schema: old")
-    with replacing_folder(old, force=True) as fresh:
+    with replacing_folder(old) as fresh:
         (fresh / "session.yaml").write_text("schema: new")
     assert (old / "session.yaml").read_text() == "schema: new"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "old", "photos"]

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import csv
 import os
-import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +16,7 @@ import yaml
 from ..console import progress
 from ..errors import InputError
 from ..files import write_json
+from ..folders import replacing_folder
 from ..session import SCHEMA
 from .picture import Studio, studio
 from .plan import AntennaShot, Plan, plan, stream
@@ -44,33 +42,6 @@ def refuse_target(path: Path, force: bool) -> None:
         raise InputError("is not a session, it is not replaced", where=path, remedy="take another name")
 
 
-@contextmanager
-def replacing_folder(path: Path, force: bool) -> Iterator[Path]:
-    """A temporary folder beside `path` that takes its place only when the block ends well."""
-    refuse_target(path, force)
-    parent = path.resolve().parent
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
-    try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o777 & ~umask)
-        if path.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
-            path.rename(old / "session")
-            try:
-                temporary.rename(path)
-            except OSError:
-                (old / "session").rename(path)
-                raise
-            finally:
-                shutil.rmtree(old)
-        else:
-            temporary.rename(path)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
 def write_session(scene: Scene, folder: Path, *, force: bool = False, recording_pictures: bool = True) -> Plan:
     """Simulate a scene and write it as a session.
 
@@ -87,7 +58,7 @@ def write_session(scene: Scene, folder: Path, *, force: bool = False, recording_
     refuse_target(folder, force)
     planned = plan(scene)
     place = studio(scene.lens, scene.picture, stream(scene, "bench"))
-    with replacing_folder(folder, force) as root:
+    with replacing_folder(folder) as root:
         for name in ("intrinsics", "plane", "noload", "loads", "recording"):
             (root / name).mkdir()
         (root / "session.yaml").write_text(session_yaml(scene), encoding="utf-8")
