@@ -15,11 +15,9 @@ from vbaa_calib.reprojection import (
     whitened_with_lens,
     with_slopes_on_curve,
 )
-from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
+from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Rig
 
 POSES = len(POSE_PARAMETERS)
-RIG_STEPS = np.array([1e-5] * POSES + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
-"""Finite-difference steps of the camera pose and the antenna's parameters."""
 STEPS = np.array([1e-4, 1e-4, 1e-4])
 """Finite-difference steps of a contact's unknowns."""
 TIP = 1.0

@@ -30,6 +30,8 @@ POSE_PARAMETERS = (
 SENSOR_PARAMETERS = ("moment_gain", "moment_offset_Nm")
 RIG_PARAMETERS = POSE_PARAMETERS + ANTENNA_PARAMETERS + SENSOR_PARAMETERS
 """Order of the joint covariance, before the lens. The pose's six are the tangent of `T_antenna_camera.retract`."""
+RIG_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
+"""Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
 JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 """What a sweep finds of the joints, in the order of `Kinematics`."""
 

@@ -15,7 +15,7 @@ from ..errors import SolveError
 from ..geometry import Pose
 from ..geometry.independent_axes import independent_axes
 from ..reprojection import ImageCurves, SeenPoints, image_curves, see, whitened_with_lens, with_slopes_on_curve
-from ..rig import RIG_PARAMETERS
+from ..rig import RIG_PARAMETERS, RIG_STEPS
 from ..session import Load, Still
 from .pose_estimate import PoseEstimate
 
@@ -24,8 +24,6 @@ GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
 BENT = 1 + len(PARAMETERS)
 """Curves in each still: the antenna, and one a step further along each of its parameters."""
 RIG = len(RIG_PARAMETERS)
-STEPS = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [1e-3] * 2 + [1e-4])
-"""Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
 SWEEPS = 4
 """Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
 
@@ -182,9 +180,9 @@ class Problem:
         The moments are those of the antenna and of one a step further along each of its parameters.
         """
         antennas = np.repeat(parameters[None, ANTENNA], BENT, axis=0)
-        antennas[1:] += np.diag(STEPS[6:])
+        antennas[1:] += np.diag(RIG_STEPS[6:])
         pose = self.pose(parameters)
-        views = [each.inverse() for each in [pose, *map(pose.retract, np.diag(STEPS[:6]))]]
+        views = [each.inverse() for each in [pose, *map(pose.retract, np.diag(RIG_STEPS[:6]))]]
         curves = self.curves(antennas)
         order = np.array([0] * 7 + list(range(1, BENT)))
         blocks = []
@@ -195,7 +193,7 @@ class Problem:
 
     def _with_slopes(self, points: SeenPoints, images: ImageCurves) -> np.ndarray:
         distances, by_lens = whitened_with_lens(points, images)
-        slopes = (distances[:, 1:] - distances[:, :1]) / STEPS
+        slopes = (distances[:, 1:] - distances[:, :1]) / RIG_STEPS
         return np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes])
 
     def residuals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,7 +213,7 @@ class Problem:
 
     def _moments(self, parameters: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rows = np.zeros((len(moments), len(parameters)))
-        rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:] - moments[:, :1]) / STEPS[6:]
+        rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:] - moments[:, :1]) / RIG_STEPS[6:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
         misfit = -self.moment_residuals_Nm(parameters, moments)
         return misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm

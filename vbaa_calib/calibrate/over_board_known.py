@@ -10,14 +10,14 @@ from ..antenna.shape import Curves, bend
 from ..camera import Camera
 from ..reprojection import SeenPoints, see
 from ..session import NominalAntenna
+from .session_rig import BOW_STD_PER_M, CLAMP_GIVE_STD_M, LOG_MASS_STD, nominal_parameters
 
 LENGTH_STD_M = 3e-4
 CLAMP_OUT_OF_PLANE_STD_RAD = 0.01
-BOW_STD_PER_M = 0.3
-LOG_STIFFNESS_STD, LOG_MASS_STD = 0.15, 0.03
-CLAMP_GIVE_STD_M = 5e-4
-"""What a nominal antenna is trusted with: its length to a ruler's reading, its clamp's tangent to be as parallel to the
-board as a gauge makes it, its bow, and its stiffness to four per cent of the diameter."""
+LOG_STIFFNESS_STD = 0.15
+"""What a nominal antenna is trusted with besides what the joint solve trusts it with: its length to a ruler's reading,
+its clamp's tangent to be as parallel to the board as a gauge makes it, and its stiffness to four per cent of the
+diameter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,14 +83,13 @@ def nominal_free_antenna(
 
     gravity_m_s2 : (3,) antenna frame.
     """
-    logs = [np.log(antenna.stiffness_Nm2), np.log(antenna.mass_per_length_kg_m)]
     shape = [BOW_STD_PER_M, BOW_STD_PER_M, LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
     std = [0.0, 0.0, CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
     return FreeAntenna(
         antenna.length_m,
         length_std_m,
         antenna.diameter_m,
-        np.array([0.0] * 6 + logs + [0.0]),
+        nominal_parameters(antenna),
         np.diag(np.square(std)),
         np.asarray(gravity_m_s2, float),
     )

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from ..antenna.shape import CONTACT, Curves, bend
-from ..reprojection import feet, image_curves, residuals_by_lens, see, whitened_residuals, with_slopes_on_curve
-from ..rig import RIG_PARAMETERS, Rig
+from ..reprojection import feet, image_curves, see, whitened_with_lens, with_slopes_on_curve
+from ..rig import RIG_STEPS, Rig
 from ..session import Load, Still
+from .joint_problem import ANTENNA, GAIN, OFFSET, POSE, SWEEPS, Observation
+from .joint_problem import RIG as LENS
 from .recheck_change import Information
 
-if TYPE_CHECKING:
-    from .joint_problem import Observation
-
-POSE, ANTENNA = slice(0, 6), slice(6, 15)
-GAIN, OFFSET, LENS = 15, 16, 17
-_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
-"""Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
 _WINDOW, _FAR = 25, 5.0
 """Points further than this many deviations from the median of their neighbours show something beside the antenna."""
 
@@ -83,7 +77,7 @@ def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
     count = ANTENNA.stop - ANTENNA.start
     curves = _predicted(rig, observations, count)
     free = _predicted(rig, observations, count, loaded=False)
-    poses = [rig.T_antenna_camera, *(rig.T_antenna_camera.retract(step) for step in np.diag(_STEPS[POSE]))]
+    poses = [rig.T_antenna_camera, *(rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[POSE]))]
     inverse = [pose.inverse() for pose in poses]
     order = np.array([0] * 7 + list(range(1, count + 1)))
     views = [*inverse, *[inverse[0]] * count]
@@ -94,14 +88,15 @@ def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
         projected = image_curves(own, views)
         points = see(rig.camera, observation.points_px, observation.sigma_px)
         points = with_slopes_on_curve(points, rig.camera, projected)
-        whitened = whitened_residuals(points, projected) / rig.image.noise_scale
+        whitened, slopes = whitened_with_lens(points, projected)
+        whitened = whitened / rig.image.noise_scale
         near = _undisturbed(whitened[:, 0])
         seen = points.picked(near)
         by_lens = np.zeros((len(seen), len(rig.camera.parameter_names)))
         if seen.by_lens is not None:
-            by_lens = residuals_by_lens(seen, projected) / rig.image.noise_scale
+            by_lens = slopes[near] / rig.image.noise_scale
         by_rig = np.zeros((len(seen), LENS))
-        by_rig[:, : ANTENNA.stop] = (whitened[near, 1:] - whitened[near, :1]) / _STEPS
+        by_rig[:, : ANTENNA.stop] = (whitened[near, 1:] - whitened[near, :1]) / RIG_STEPS
         foot = feet(seen, projected)
         depth = np.interp(foot, own.arclength_m[0], (inverse[0] @ own.points_m[0])[:, 2])
         # the geometric mean over directions stands for the deviation along the normal: pixels are all but square
@@ -116,7 +111,7 @@ def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
                 1e3 * whitened[near, 0] * std * depth,
                 -np.hstack([by_rig, by_lens]),
                 float(moments[0]),
-                (moments[1:] - moments[0]) / _STEPS[ANTENNA],
+                (moments[1:] - moments[0]) / RIG_STEPS[ANTENNA],
                 float(bent) if isinstance(observation.still, Load) else 0.0,
             )
         )
@@ -133,7 +128,7 @@ def free_shape_moved_mm(rig: Rig, step: np.ndarray) -> float:
 def _predicted(rig: Rig, observations: Sequence[Observation], count: int, loaded: bool = True) -> Curves:
     """For each still the curve of the rig's antenna, then one with a step along each of its parameters."""
     antenna = np.repeat(rig.antenna.parameters[None], count + 1, axis=0)
-    antenna[1:] += np.diag(_STEPS[ANTENNA])
+    antenna[1:] += np.diag(RIG_STEPS[ANTENNA])
     length_m = rig.antenna.length_m
     stills = [observation.still for observation in observations]
     contact = [still.distance_m if isinstance(still, Load) else 0.5 * length_m for still in stills]
@@ -147,7 +142,7 @@ def _predicted(rig: Rig, observations: Sequence[Observation], count: int, loaded
         np.repeat(contact, count + 1),
         np.repeat(np.array(force), count + 1, axis=0),
         dead=True,
-        sweeps=4,
+        sweeps=SWEEPS,
     )
 
 
@@ -155,6 +150,3 @@ def _undisturbed(residuals: np.ndarray) -> np.ndarray:
     """(N,) points that lie where their neighbours do."""
     off = residuals - median_filter(residuals, min(_WINDOW, len(residuals)), mode="nearest")
     return np.abs(off) <= _FAR * max(1.4826 * float(np.median(np.abs(off))), 0.2)
-
-
-assert len(RIG_PARAMETERS) == LENS
