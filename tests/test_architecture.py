@@ -21,6 +21,7 @@ FLOORS = {
     "estimator.verbs": 0,
     "viz.verbs": 0,
     "targets": 1,
+    "vbaa_calib.arrays": 1,
     "vbaa_calib.images": 1,
     "vbaa_calib.geometry": 1,
     "vbaa_calib.session": 2,

@@ -12,7 +12,7 @@ import torch
 
 from ..errors import InputError
 from ..files import read_json
-from .arrays import Array, ArrayT, masked, working
+from ..arrays import Array, ArrayT, masked, working
 from .checks import checked_covariance, checked_distortion, checked_image_size, checked_matrix, checked_model
 from .projection import (
     Intrinsics,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
 
-from .arrays import Array, matrix
+from ..arrays import Array, matrix
 
 _SMALL_ANGLE_SQUARED = 1e-6
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from .arrays import Array
+from ..arrays import Array
 from .inverse import solve
 from .lens import Lens, each_lens, lens_of
 from .models import LensModel

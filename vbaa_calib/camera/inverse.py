@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from .arrays import Array, namespace
+from ..arrays import Array, namespace
 from .lens import Lens
 from .radial import invert_radial, tolerance
 from .sectors import Sectors, definite

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from .arrays import Array
+from ..arrays import Array
 from .models import MODELS, LensModel
 from .models.model import Coefficients, Path
 from .radial import RadialTable, radial_table

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import numpy as np
 
-from .arrays import Array, as_index
+from ..arrays import Array, as_index
 from .models import LensModel
 
 FARTHEST = 1e3

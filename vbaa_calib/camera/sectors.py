@@ -15,7 +15,7 @@ from types import ModuleType
 
 import numpy as np
 
-from .arrays import Array, as_index
+from ..arrays import Array, as_index
 from .models import LensModel
 
 _DIRECTIONS = 90

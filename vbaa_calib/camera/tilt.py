@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 import torch
 
-from .arrays import Array, matrix, namespace
+from ..arrays import Array, matrix, namespace
 
 Angles = tuple[Array, Array]
 

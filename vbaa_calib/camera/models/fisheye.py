@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ..arrays import Array
+from ...arrays import Array
 from ..charts import EQUIDISTANT
 from .model import Coefficients, LensModel, Path, absent
 from .polynomial import smallest_positive_root

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ..arrays import Array
+from ...arrays import Array
 from ..charts import Chart
 
 Coefficients = Sequence[Array]

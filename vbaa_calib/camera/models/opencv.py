@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from numpy.polynomial import polynomial
 
-from ..arrays import Array
+from ...arrays import Array
 from ..charts import PERSPECTIVE
 from .model import Coefficients, LensModel, Path, absent
 from .polynomial import smallest_positive_root

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 import torch
 
-from ..errors import InputError
+from .errors import InputError
 
 Array: TypeAlias = Any
 """np.ndarray or torch.Tensor, inside formulas that use only what the two spell alike."""
