@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..arrays import Array, ArrayT, masked, working
 from ..errors import InputError
 from ..files import read_json
-from ..arrays import Array, ArrayT, masked, working
 from .checks import checked_covariance, checked_distortion, checked_image_size, checked_matrix, checked_model
 from .projection import (
     Intrinsics,

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
+from ..arrays import ArrayT, as_tensor, like, masked, working
 from ..errors import InputError
 from ..geometry import PLANE_C, Plane, Pose
-from ..arrays import ArrayT, as_tensor, like, masked, working
 from .camera import Camera
 from .intersection import Crossing, cross, in_plane_axes
 from .models import MODELS
