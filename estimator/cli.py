@@ -4,23 +4,46 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-MODELS = ("auto", "elastica", "rod")
+if TYPE_CHECKING:
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import Frame, Session
+
+    from .contact_row import ContactRow
+    from .estimate import ContactEstimator
+
+MODELS = ("auto", "paper", "linear", "elastica", "rod")
+"""auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
+FRICTION_STD_RAD = 0.2
+WIDEST_FRICTION_RAD = 1.5
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa estimate`."""
     parser.add_argument("session", type=Path, help="the session folder with recording/ in it")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet (needs pyarrow)"
+    )
     parser.add_argument(
         "--model",
         default="auto",
         choices=MODELS,
         help="mechanical model (default: the lowest that suffices)",
     )
+    parser.add_argument(
+        "--friction",
+        type=float,
+        default=FRICTION_STD_RAD,
+        metavar="RAD",
+        help="how far friction may turn the force from the antenna's normal, as a standard deviation "
+        f"(default: {FRICTION_STD_RAD}); 0: no friction",
+    )
+    parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
+    parser.add_argument("--device", default="cpu", help="torch device for the fits, as cpu or cuda:0 (default: cpu)")
     parser.add_argument(
         "--background",
         type=Path,
@@ -37,50 +60,116 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording and write contacts.csv."""
-    from contextlib import ExitStack
-
-    import numpy as np
-
-    from vbaa_calib.console import progress, say
-    from vbaa_calib.errors import InputError
-    from vbaa_calib.files import refuse_overwrite
+    from vbaa_calib.console import say
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import check_pictures, load_session, read_recording
+    from vbaa_calib.session import check_pictures, load_session
 
     from .estimate import ContactEstimator
-    from .overlay_folder import overlaid, refuse_folder
-    from .recording import estimate_recording, read_ground
-    from .table import ContactRow, write_contacts
+    from .table import write_contacts
 
-    refuse_overwrite(args.output, args.force)
-    if args.output.suffix != ".csv":
-        raise InputError("is not a .csv", where=args.output, remedy="the suffix chooses the format")
-    if args.overlay is not None:
-        refuse_folder(args.overlay, args.force)
-    session = load_session(args.session)
-    rig = Rig.load(args.rig)
-    frames = read_recording(session)
+    _check_call(args)
+    session, rig = load_session(args.session), Rig.load(args.rig)
+    frames = _frames(session, rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    estimator = ContactEstimator(rig, args.model)
-    ground = None if args.background is None else read_ground(rig, args.background)
-    found = progress(estimate_recording(estimator, session, frames, ground), "contacts", len(frames))
-    with ExitStack() as stack:
-        if args.overlay is not None:
-            found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
-        rows = [ContactRow.of(item.frame.frame, item.frame.time_s, item.contact) for item in found]
+    estimator = ContactEstimator(rig, args.model, friction=args.friction, device=args.device)
+    rows = list(_rows(args, estimator, session, frames))
     write_contacts(args.output, rows, args.force)
-    counts = Counter(row.status for row in rows)
-    say(f"{len(rows)} frames: " + ", ".join(f"{count} {status}" for status, count in counts.most_common()))
-    located = [row.distance_std_m for row in rows if np.isfinite(row.distance_std_m)]
-    if located:
-        say(f"contact distance known to {1e3 * float(np.median(located)):.2f} mm (median standard deviation)")
+    result = _summary(rows)
     say(f"wrote {args.output}")
     if args.overlay is not None:
         say(f"wrote {args.overlay}: open {args.overlay / 'index.html'} to see what was seen in each frame")
     return {
         "contacts": str(args.output),
         "overlay": None if args.overlay is None else str(args.overlay),
+        **result,
+    }
+
+
+def _check_call(args: argparse.Namespace) -> None:
+    """Raises InputError for what is wrong with the call itself, before any work."""
+    from vbaa_calib.errors import InputError
+    from vbaa_calib.files import refuse_overwrite
+
+    from .overlay_folder import refuse_folder
+    from .table import check_format
+
+    refuse_overwrite(args.output, args.force)
+    check_format(args.output)
+    if args.overlay is not None:
+        refuse_folder(args.overlay, args.force)
+    if not 0.0 <= args.friction <= WIDEST_FRICTION_RAD:
+        remedy = f"give radians from 0 to {WIDEST_FRICTION_RAD}"
+        raise InputError(f"--friction is {args.friction:g}", where="vbaa estimate", remedy=remedy)
+    _check_device(args.device)
+
+
+def _check_device(name: str) -> None:
+    """Raises InputError for a torch device that is not there, or cannot do double precision."""
+    import torch
+
+    from vbaa_calib.errors import InputError
+
+    try:
+        torch.ones(1, dtype=torch.float64, device=name).item()
+    except (RuntimeError, AssertionError, TypeError):
+        remedy = "name a torch device with double precision, as cpu or cuda:0"
+        raise InputError(f"--device {name} cannot be used here", where="vbaa estimate", remedy=remedy) from None
+
+
+def _frames(session: Session, rig: Rig, no_moment: bool) -> list[Frame]:
+    """The frames of the recording, without their moments where these are not to be used, and a word about that."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from vbaa_calib.console import say
+    from vbaa_calib.session import read_recording
+
+    frames = read_recording(session)
+    if no_moment:
+        return [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
+    silent = sum(np.isnan(frame.moment_Nm) for frame in frames)
+    if silent:
+        say(f"{silent} of {len(frames)} frames have no moment reading: vision alone there")
+    if rig.second_moment_sensor is None and not all(np.isnan(frame.moment_z_Nm) for frame in frames):
+        say("moment_z_Nm is left aside: rig.json has no second_moment_sensor")
+    return frames
+
+
+def _rows(
+    args: argparse.Namespace, estimator: ContactEstimator, session: Session, frames: Sequence[Frame]
+) -> Iterator[ContactRow]:
+    """A row for every frame, each drawn into the overlay folder on its way where one is asked for."""
+    from contextlib import ExitStack
+
+    from vbaa_calib.console import progress
+
+    from .contact_row import ContactRow
+    from .overlay_folder import overlaid
+    from .recording import estimate_recording, read_ground
+
+    ground = None if args.background is None else read_ground(estimator.rig, args.background)
+    found = progress(estimate_recording(estimator, session, frames, ground), "contacts", len(frames))
+    with ExitStack() as stack:
+        if args.overlay is not None:
+            found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
+        for item in found:
+            yield ContactRow.of(item.frame.frame, item.frame.time_s, item.contact)
+
+
+def _summary(rows: Sequence[ContactRow]) -> dict[str, Any]:
+    """What became of the frames, said and returned."""
+    import numpy as np
+
+    from vbaa_calib.console import say
+
+    counts = Counter(row.status for row in rows)
+    say(f"{len(rows)} frames: " + ", ".join(f"{count} {status}" for status, count in counts.most_common()))
+    located = [row.distance_std_m for row in rows if np.isfinite(row.distance_std_m)]
+    if located:
+        say(f"contact distance known to {1e3 * float(np.median(located)):.2f} mm (median standard deviation)")
+    return {
         "frames": len(rows),
         "status": dict(counts),
         "models": dict(Counter(row.model for row in rows)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,13 +24,18 @@ class Contact:
     ----------
     status : ok, no_contact, tip_contact, unobservable, low_signal, not_quasistatic, no_antenna or failed.
     reason : the same in words; also says why this model was taken.
+    model : the rung of the ladder, `antenna.rungs.RUNGS`.
     distance_m, distance_std_m : arc length from the clamp to the contact.
     force_N, force_std_N : (3,) the object's force on the antenna, antenna frame.
     deflection_m : (3,) contact point less the same point of the free antenna, antenna frame.
     point_antenna_m, point_world_m : (3,) contact point on the centreline.
     covariance_world_m2 : (3, 3) of the world point.
     force_world_N : (3,).
-    moment_residual_Nm : reading less what the fitted contact predicts, in true N·m.
+    moment_residual_Nm : reading less what the fitted contact predicts, in true N·m; NaN without a reading.
+    friction_angle_rad, friction_angle_std_rad : the force's angle from the antenna's normal at the contact, positive
+        towards the clamp. Where the data say nothing of it, what was thought possible beforehand.
+    condition : condition number of what the data say of distance, force and friction, each scaled to unit deviation.
+    bias : predicted bias of the rungs that were weighed, in standard deviations of distance or force.
     """
 
     status: str
@@ -46,14 +52,33 @@ class Contact:
     covariance_world_m2: np.ndarray = field(default_factory=_unknown_matrix)
     force_world_N: np.ndarray = field(default_factory=_unknown_vector)
     moment_residual_Nm: float = np.nan
+    friction_angle_rad: float = np.nan
+    friction_angle_std_rad: float = np.nan
+    condition: float = np.nan
+    bias: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def predicted_bias_std(self) -> float:
+        """Predicted bias of the model that was taken, in standard deviations; NaN where it was not weighed."""
+        return float(self.bias.get(self.model, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What one frame offers: points (N, 2) px with deviations (N,) px across the antenna, moment and joint angles."""
+    """What one frame offers.
+
+    Attributes
+    ----------
+    points_px, sigma_px : (N, 2) on the centreline, and their deviations (N,) across the antenna.
+    moment_Nm : about y, NaN without a sensor. moment_z_Nm : about z, NaN without a second one.
+    pan_rad, tilt_rad : joint angles.
+    time_s : NaN where not known; a recording's frames are then taken as static.
+    """
 
     points_px: np.ndarray
     sigma_px: np.ndarray
     moment_Nm: float
     pan_rad: float
     tilt_rad: float
+    moment_z_Nm: float = np.nan
+    time_s: float = np.nan

@@ -1,28 +1,37 @@
-"""The estimator's door for users: centreline, moment and joint angles in, one contact out, with what it is worth."""
+"""The estimator's door for users: centrelines, moments and joint angles in, contacts out, with what they are worth."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
+import torch
 
+from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.arrays import like
 from vbaa_calib.errors import InputError
-from vbaa_calib.reprojection import robust_weights, see
 from vbaa_calib.rig import Rig
 
 from .contact import Contact, Measured
-from .fit import COARSE_POINTS, Fit, evaluated, fit
-from .scene import Scene
-from .uncertainty import Spread, spread
-from .verdict import Solved, judge
+from .contacts import Contacts, judge
+from .quantities import none_of, numbers, placed, plain
+from .solve.frames import Frames, frames_from_pixels
+from .solve.known import Known
+from .solve.ladder import EXPLORER, explore, solve
+from .solve.view import look
+from .verdict import FEWEST_POINTS
 
-MODELS = {"elastica": 1, "rod": 3}
-"""Rungs of the ladder, lowest first, with their sweeps over the equilibrium of moments (`antenna.shape.bend`)."""
-HIGHEST = "rod"
-SMALL = 1 / 3
-"""A model's predicted bias is small when it is below this fraction of the standard deviation."""
-FEWEST_POINTS = 5
+FRICTION_RAD = 0.2
+"""Deviation of the friction angle that is thought possible where nothing else is said: most contacts of steel have
+friction coefficients below 0.4."""
+CHUNK = 256
+"""Frames that are solved at once: their arrays stay in the processor's cache."""
+STREAM = 64
+"""Frames of a recording that are solved at once, each chunk from where the one before ended."""
+SINGLE = 4
+"""Batches up to this size are worked on in NumPy, which has the shorter calls."""
 
 
 class ContactEstimator:
@@ -31,32 +40,50 @@ class ContactEstimator:
     Parameters
     ----------
     rig : the calibrated rig.
-    model : "elastica", "rod", or "auto" for the lowest rung whose predicted bias is small against the noise.
+    model : a rung of the ladder, `antenna.rungs.RUNGS`, or "auto" for the lowest whose predicted bias is small against
+        the noise.
+    friction : rad, standard deviation of the angle by which friction may tilt the force from the antenna's normal;
+        0 for contacts that are known to be slippery.
+    device : the torch device that batches are solved on. Single frames stay in NumPy.
+
+    Raises
+    ------
+    InputError : an unknown model, a friction that is none, a device that is not there.
     """
 
-    def __init__(self, rig: Rig, model: str = "auto") -> None:
-        if model != "auto" and model not in MODELS:
-            raise InputError(f"model is {model!r}", remedy=f"one of auto, {', '.join(MODELS)} is needed")
+    def __init__(self, rig: Rig, model: str = "auto", *, friction: float = FRICTION_RAD, device: str = "cpu") -> None:
+        if model != "auto" and model not in RUNGS:
+            raise InputError(f"model is {model!r}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
+        if not 0.0 <= friction <= 1.0:
+            raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
         self.rig = rig
         self.model = model
+        self.friction_rad = float(friction)
+        self.device = _device(device)
+        self._known = Known.of(rig, self.friction_rad, np.empty(0))
+        self._known_on_device = Known.of(
+            rig, self.friction_rad, torch.empty(0, dtype=torch.float64, device=self.device)
+        )
 
     def estimate(
         self,
         centreline_px: np.ndarray,
         *,
-        moment: float,
+        moment: float | None,
         pan: float,
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
+        moment_z: float | None = None,
     ) -> Contact:
         """One frame.
 
         Parameters
         ----------
         centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are left out.
-        moment : the sensor's reading, N·m.
+        moment : the sensor's reading, N·m; None for vision alone.
         pan, tilt : joint angles, rad.
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
+        moment_z : reading of a second sensor about z, if the rig has one.
 
         Raises
         ------
@@ -65,89 +92,185 @@ class ContactEstimator:
         points = np.asarray(centreline_px, float)
         if points.ndim != 2 or points.shape[1] != 2:
             raise InputError(f"centreline_px has shape {points.shape}", remedy="give (N, 2) pixels")
-        if not np.isfinite([moment, pan, tilt]).all():
-            raise InputError("moment, pan or tilt is not a finite number", remedy="give N·m and radians")
-        sigma = np.asarray(self.rig.image.noise_px if sigma_px is None else sigma_px, float)
-        if sigma.shape not in ((), points.shape[:1]):
+        sigma = None if sigma_px is None else np.asarray(sigma_px, float)
+        if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
-        good = np.isfinite(points).all(axis=1)
-        sigma = np.broadcast_to(sigma, points.shape[:1])[good]
-        if not ((sigma > 0) & np.isfinite(sigma)).all():
-            raise InputError("sigma_px is not everywhere positive and finite", remedy="give standard deviations in px")
-        return self.measure(Measured(points[good], sigma, float(moment), float(pan), float(tilt)))
+        sigma = sigma if sigma is None or sigma.ndim == 0 else sigma[None]
+        return self.estimate_batch(points[None], [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z])[0]
 
     def estimate_batch(
         self,
-        centrelines_px: Sequence[np.ndarray],
-        moments: Sequence[float],
-        pans: Sequence[float],
-        tilts: Sequence[float],
-    ) -> list[Contact]:
-        """B frames: centrelines (B, N, 2), or B arrays of their own lengths; moments, pans and tilts (B,).
+        centrelines_px: np.ndarray | Sequence[np.ndarray],
+        moments: Sequence[float | None] | np.ndarray | None,
+        pans: Sequence[float] | np.ndarray,
+        tilts: Sequence[float] | np.ndarray,
+        *,
+        sigma_px: np.ndarray | float | None = None,
+        moments_z: Sequence[float | None] | np.ndarray | None = None,
+    ) -> Contacts:
+        """B frames at once: a sequence of `Contact`, and its columns as arrays.
 
-        Raises InputError as `estimate` does, or when the four do not have one length.
+        Parameters
+        ----------
+        centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are left out.
+        moments, moments_z : (B,) N·m, None or an entry None for vision alone. pans, tilts : (B,) rad.
+        sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
+
+        Raises
+        ------
+        InputError : as `estimate`, or when not everything is there for every frame.
         """
-        lengths = [len(values) for values in (centrelines_px, moments, pans, tilts)]
-        if len(set(lengths)) > 1:
-            raise InputError(
-                "centrelines, moments, pans and tilts number " + ", ".join(map(str, lengths)),
-                remedy="give one of each for every frame",
-            )
-        return [
-            self.estimate(points, moment=moment, pan=pan, tilt=tilt)
-            for points, moment, pan, tilt in zip(centrelines_px, moments, pans, tilts, strict=True)
-        ]
+        points = padded(centrelines_px)
+        count = len(points)
+        given = {"moments": moments, "moments_z": moments_z, "pans": pans, "tilts": tilts}
+        columns = {name: _column(name, values, count) for name, values in given.items()}
+        if not np.isfinite([columns["pans"], columns["tilts"]]).all():
+            raise InputError("a pan or tilt is not a finite number", remedy="give radians")
+        for name in ("moments", "moments_z"):
+            if np.isinf(columns[name]).any():
+                raise InputError(f"one of {name} is infinite", remedy="give N·m, or None where there is no reading")
+        sigma = self._sigma(points, sigma_px)
+        readings = np.stack([columns["moments"], columns["moments_z"]], axis=-1)
+        return self._judged(points, sigma, readings, columns["pans"], columns["tilts"], None)
 
-    def run(self, recording: Iterable[Measured]) -> Iterator[Contact]:
-        """A recording frame by frame, in constant memory."""
-        return map(self.measure, recording)
+    def run(self, recording: Iterable[Measured], chunk: int = STREAM) -> Iterator[Contact]:
+        """A recording frame by frame, in constant memory.
+
+        Frames are taken `chunk` at a time, and looked for first where the last chunk's last contact was. With a chunk
+        of 1 each frame is answered as it comes.
+        """
+        frames, warm = iter(recording), None
+        while several := list(islice(frames, chunk)):
+            found = self._measured(several, warm)
+            located = np.flatnonzero(np.isfinite(found.distance_m))
+            warm = found.numbers.unknowns[located[-1]] if len(located) else None
+            yield from found
 
     def measure(self, measured: Measured, start: np.ndarray | None = None) -> Contact:
-        """One frame that was checked already. `start` (3,): unknowns of a fit near the truth (`Fit.unknowns`)."""
-        solved = self.solve(measured, start)
-        if solved is None:
-            why = f"only {len(measured.points_px)} usable centreline points"
-            return Contact("no_antenna", why, self.model, False)
-        return judge(solved, self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad))
+        """One frame that was checked already. `start` (4,): unknowns near the truth, as `rough` gives them."""
+        return self._measured([measured], start)[0]
 
-    def rough(self, measured: Measured) -> Fit | None:
-        """The lowest rung's fit to a part of the points. None with too few of them."""
-        scene = self._scene(measured).thinned(COARSE_POINTS)
-        return fit(scene) if len(scene.seen) >= FEWEST_POINTS else None
-
-    def solve(self, measured: Measured, start: np.ndarray | None = None) -> Solved | None:
-        """The fit behind a contact, on the rung that was asked for or chosen. None with too few points."""
-        scene = self._scene(measured)
-        if len(scene.seen) < FEWEST_POINTS:
+    def rough(self, measured: Measured) -> Rough | None:
+        """A quick fit on a low rung. None with too few points."""
+        frames = self._frames(self._known, *_stacked([measured]))
+        if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
-        result = fit(scene, start)
-        worth = spread(result)
-        reference = evaluated(replace(result.scene, sweeps=MODELS[HIGHEST]), result.unknowns, result.rig_steps)
-        if self.model != "auto":
-            return Solved(result, reference, worth, self.model, f"{self.model} was asked for")
-        bias = predicted_bias(result, reference, worth)
-        if bias <= SMALL:
-            return Solved(result, reference, worth, self._lowest, f"{self._lowest}: its bias is {bias:.2f} std")
-        result = fit(reference.scene, result.unknowns)
-        why = f"{HIGHEST}: {self._lowest} would be {bias:.1f} std off"
-        return Solved(result, result, spread(result), HIGHEST, why)
+        unknowns = explore(frames)[0][:, 0]
+        return Rough(unknowns[0], look(frames, EXPLORER, unknowns).points_m[0])
 
-    @property
-    def _lowest(self) -> str:
-        return next(iter(MODELS)) if self.model == "auto" else self.model
+    def shape(self, measured: Measured, start: np.ndarray | None = None) -> np.ndarray | None:
+        """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
+        frames = self._frames(self._known, *_stacked([measured]))
+        if int(frames.usable.sum()) < FEWEST_POINTS:
+            return None
+        part = solve(frames, self.model, None if start is None else start[None])[0]
+        return np.asarray(part.fits.view.points_m[0])
 
-    def _scene(self, measured: Measured) -> Scene:
-        rotation = self.rig.kinematics.T_world_antenna(measured.pan_rad, measured.tilt_rad).rotation
-        seen = see(self.rig.camera, measured.points_px, measured.sigma_px)
-        gravity = rotation.T @ self.rig.gravity_world_m_s2
-        return Scene(self.rig, seen, measured.moment_Nm, gravity, MODELS[self._lowest])
+    def _measured(self, several: Sequence[Measured], warm: np.ndarray | None) -> Contacts:
+        return self._judged(*_stacked(several), None if warm is None else np.tile(warm, (len(several), 1)))
+
+    def _judged(
+        self,
+        points_px: np.ndarray,
+        sigma_px: np.ndarray,
+        readings_Nm: np.ndarray,
+        pan_rad: np.ndarray,
+        tilt_rad: np.ndarray,
+        warm: np.ndarray | None,
+    ) -> Contacts:
+        count = len(points_px)
+        found = none_of(count)
+        known = self._known if count <= SINGLE else self._known_on_device
+        for begin in range(0, count, CHUNK):
+            part = slice(begin, min(begin + CHUNK, count))
+            frames = self._frames(
+                known, points_px[part], sigma_px[part], readings_Nm[part], pan_rad[part], tilt_rad[part]
+            )
+            usable = frames.usable.sum(-1)
+            enough = usable >= FEWEST_POINTS
+            found.points[part] = plain(usable)
+            if not bool(enough.any()):
+                continue
+            rows = np.flatnonzero(plain(enough)) + begin
+            start = None if warm is None else like(frames.points, warm[rows])
+            placed(found, rows, numbers(solve(frames.picked(enough), self.model, start)))
+        return judge(found, self.rig, self.friction_rad, pan_rad, tilt_rad, self.model)
+
+    def _frames(
+        self,
+        known: Known,
+        points_px: np.ndarray,
+        sigma_px: np.ndarray,
+        readings_Nm: np.ndarray,
+        pan_rad: np.ndarray,
+        tilt_rad: np.ndarray,
+    ) -> Frames:
+        rotation, _ = self.rig.kinematics.world_antenna(pan_rad, tilt_rad)
+        gravity = np.einsum("bji,j->bi", rotation, self.rig.gravity_world_m_s2)
+        given = (np.require(values, float, "CW") for values in (points_px, sigma_px, readings_Nm, gravity))
+        return frames_from_pixels(known, *(like(known.prior, values) for values in given))
+
+    def _sigma(self, points_px: np.ndarray, sigma_px: np.ndarray | float | None) -> np.ndarray:
+        """(B, N) deviations, checked where there is a point."""
+        sigma = np.asarray(self.rig.image.noise_px if sigma_px is None else sigma_px, float)
+        try:
+            sigma = np.broadcast_to(sigma, points_px.shape[:2])
+        except ValueError:
+            raise InputError(
+                f"sigma_px has shape {sigma.shape}", remedy="give one number or one for each point"
+            ) from None
+        if not ((sigma > 0) & np.isfinite(sigma))[np.isfinite(points_px).all(axis=-1)].all():
+            raise InputError("sigma_px is not everywhere positive and finite", remedy="give standard deviations in px")
+        return sigma
 
 
-def predicted_bias(result: Fit, reference: Fit, worth: Spread) -> float:
-    """How far, in standard deviations, a fit would move if its model were the reference's; infinite where unknown."""
-    if not np.isfinite(worth.covariance).all():
-        return np.inf
-    weights = robust_weights(result.residuals)
-    change = (reference.residuals - result.residuals) * weights
-    move = -worth.joint[:3] @ ((result.jacobian * weights[:, None]).T @ change)
-    return float(np.max(np.abs(move) / np.sqrt(np.diag(worth.covariance))))
+@dataclass(frozen=True, eq=False)
+class Rough:
+    """A quick fit: unknowns (4,), `solve.known.UNKNOWNS`, and the antenna's nodes (M, 3), antenna frame."""
+
+    unknowns: np.ndarray
+    points_m: np.ndarray
+
+
+def padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
+    """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
+    if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
+        return centrelines_px.astype(float, copy=False)
+    lines = [np.asarray(line, float) for line in centrelines_px]
+    for line in lines:
+        if line.ndim != 2 or line.shape[1] != 2:
+            raise InputError(f"a centreline has shape {line.shape}", remedy="give (N, 2) pixels for every frame")
+    points = np.full((len(lines), max((len(line) for line in lines), default=0), 2), np.nan)
+    for row, line in zip(points, lines, strict=True):
+        row[: len(line)] = line
+    return points
+
+
+def _stacked(several: Sequence[Measured]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, deviations, readings, pans and tilts of frames, points padded to one length."""
+    points = padded([each.points_px for each in several])
+    sigma = np.ones(points.shape[:2])
+    for row, each in zip(sigma, several, strict=True):
+        row[: len(each.sigma_px)] = each.sigma_px
+    numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
+    return points, sigma, numbers[:, :2], numbers[:, 2], numbers[:, 3]
+
+
+def _column(name: str, values: Sequence[float | None] | np.ndarray | None, count: int) -> np.ndarray:
+    """(count,) floats, NaN for what is missing. Raises InputError."""
+    if values is None:
+        return np.full(count, np.nan)
+    column = np.array([np.nan if value is None else value for value in values], float)
+    if column.shape != (count,):
+        raise InputError(f"{name} number {len(column)}, centrelines {count}", remedy="give one for every frame")
+    return column
+
+
+def _device(name: str) -> torch.device:
+    """The torch device. Raises InputError when it cannot be used."""
+    try:
+        torch.empty(1, dtype=torch.float64, device=name)
+    except (RuntimeError, TypeError, AssertionError) as error:
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"device {name!r}: {what}", remedy="cpu is always there") from None
+    return torch.device(name)

@@ -1,10 +1,11 @@
-"""From a recording on disk to contacts: pictures or ready centrelines, one frame at a time."""
+"""From a recording on disk to contacts: pictures one at a time, or ready centrelines in a stream."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import tee
 from pathlib import Path
 
 import numpy as np
@@ -52,8 +53,20 @@ def gravity(rig: Rig, frame: Frame) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
     """A centreline with the deviations that this rig's pictures really have."""
-    sigma = line.sigma_px * rig.image.noise_scale
-    return Measured(line.points_px, sigma, frame.moment_Nm, frame.pan_rad, frame.tilt_rad)
+    return _felt(frame, line.points_px, line.sigma_px * rig.image.noise_scale)
+
+
+def _felt(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Measured:
+    """Points (N, 2) with deviations (N,) and the frame's readings."""
+    return Measured(
+        points_px,
+        sigma_px,
+        frame.moment_Nm,
+        frame.pan_rad,
+        frame.tilt_rad,
+        moment_z_Nm=frame.moment_z_Nm,
+        time_s=frame.time_s,
+    )
 
 
 def paint(rig: Rig) -> Paint:
@@ -127,12 +140,20 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground |
     return FrameContact(frame, estimator.measure(seen, start), line, seen, start)
 
 
-def estimate_centreline(estimator: ContactEstimator, frame: Frame, lines: Mapping[int, np.ndarray]) -> FrameContact:
-    """One frame from extracted pixels (N, 3): u_px, v_px, sigma_px."""
+def measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
+    """What a frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN."""
     points = lines.get(frame.frame, np.empty((0, 3)))
-    sigma = np.where(np.isfinite(points[:, 2]), points[:, 2], estimator.rig.image.noise_px)
-    seen = Measured(points[:, :2], sigma, frame.moment_Nm, frame.pan_rad, frame.tilt_rad)
-    return FrameContact(frame, estimator.measure(seen), measured=seen)
+    return _felt(frame, points[:, :2], np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px))
+
+
+def estimate_centrelines(
+    estimator: ContactEstimator, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]
+) -> Iterator[FrameContact]:
+    """Every frame from extracted pixels (see `measured_points`), in order, as many at a time as the estimator takes."""
+    # a tee holds no more than what the estimator has taken in and not yet given back
+    given, kept = tee(measured_points(estimator.rig, frame, lines) for frame in frames)
+    for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
+        yield FrameContact(frame, contact, measured=seen)
 
 
 def estimate_recording(
@@ -149,4 +170,4 @@ def estimate_recording(
             where=session.root / "recording" / "centrelines.csv",
             remedy="give every frame its row in recording.csv",
         )
-    return (estimate_centreline(estimator, frame, lines) for frame in frames)
+    return estimate_centrelines(estimator, frames, lines)

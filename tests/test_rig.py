@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from estimator import Contact, ContactEstimator
+from estimator.table import LOCATED, STATUSES
+from tests.estimator.drawn_frames import path_px, rig_of, shape
 from vbaa_calib import schemas
 from vbaa_calib.camera import Camera
 from vbaa_calib.errors import InputError
@@ -106,6 +110,31 @@ def test_the_file_itself(good: dict[str, Any], tmp_path: Path) -> None:
         Rig.load(tmp_path / "none.json")
 
 
+@pytest.mark.parametrize("second", [None, MomentSensor(-0.97, 1e-4, 3e-5)])
+def test_a_second_moment_axis_is_optional(second: MomentSensor | None) -> None:
+    data = replace(make_rig(), second_moment_sensor=second).to_dict()
+    assert ("second_moment_sensor" in data) == (second is not None)
+    schemas.check(data, "rig", "rig")
+    assert Rig.from_dict(json.loads(json.dumps(data))).second_moment_sensor == second
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("gain", 0, "second_moment_sensor.gain: 0 is not between -1e+09 and 1e+09 and at least 1e-09 from 0"),
+        ("std_Nm", 0, "second_moment_sensor.std_Nm: 0 is not between 1e-12 and 1e+06"),
+        ("std_Nm", -1e-5, "second_moment_sensor.std_Nm"),
+        ("offset_Nm", "none", "second_moment_sensor.offset_Nm: 'none' is not a number"),
+        ("offset_Nm", None, "second_moment_sensor.offset_Nm: None is not a number"),
+    ],
+)
+def test_a_wrong_second_axis_is_named(good: dict[str, Any], key: str, value: Any, words: str) -> None:
+    good["second_moment_sensor"] = {"gain": 1.0, "offset_Nm": 0.0, "std_Nm": 2e-5} | {key: value}
+    refused(good, words)
+    del good["second_moment_sensor"][key]
+    refused(good, f"second_moment_sensor: {key} is missing")
+
+
 def test_what_is_written_fits_what_is_published(good: dict[str, Any]) -> None:
     schemas.check(good, "rig", "rig")
     assert set(good) <= set(schemas.schema("rig")["properties"])
@@ -160,7 +189,8 @@ def test_every_missing_key_is_named(good: dict[str, Any], path: tuple[str, ...])
         (("camera", "image_size"), [640.0, 480.0], "camera: image_size"),
         (("camera", "distortion"), [0.1], "camera: distortion has the shape (1,)"),
         (("camera", "distortion"), [0.1, 0.1, 0.0, math.nan], "camera.distortion.3 is not a finite number"),
-        (("camera", "matrix"), [[0, 0, 1], [0, 1, 1], [0, 0, 1]], "camera: the camera matrix is singular"),
+        (("camera", "matrix"), [[0, 0, 1], [0, 1, 1], [0, 0, 1]], "camera.matrix.0.0: 0 is not between 1 and 1e+07"),
+        (("camera", "matrix"), [[9, 1, 1], [0, 9, 1], [0, 0, 1]], "camera: the camera matrix has skew"),
         (("camera", "matrix"), [[1, 0, 0], [0, 1, 0]], "camera.matrix"),
         (("camera", "covariance"), [[1.0]], "camera: the covariance has the shape (1, 1)"),
         (("T_antenna_camera", "rotation_xyzw"), [0, 0, 0, 2.0], "T_antenna_camera.rotation_xyzw has length 2"),
@@ -178,6 +208,31 @@ def test_every_missing_key_is_named(good: dict[str, Any], path: tuple[str, ...])
         (("joint", "parameters"), ["a"], "joint must give the covariance of camera_about_x_rad"),
         (("joint", "covariance"), [[1.0]], "joint must give the covariance of"),
         (("joint", "covariance"), "none", "joint.covariance: 'none' is not a list"),
+        (("joint", "covariance", 3, 3), 1e300, "joint.covariance.3.3: 1e+300 is not between -1e+12 and 1e+12"),
+        (("camera", "matrix", 0, 0), 1e-12, "camera.matrix.0.0: 1e-12 is not between 1 and 1e+07"),
+        (("camera", "matrix", 1, 1), -1e3, "camera.matrix.1.1: -1000.0 is not between 1 and 1e+07"),
+        (("camera", "matrix", 0, 2), 1e9, "camera.matrix.0.2: 1000000000.0 is not between -1e+06 and 1e+06"),
+        (("camera", "distortion", 0), 1e300, "camera.distortion.0: 1e+300 is not between"),
+        (("camera", "image_size", 0), 10**9, "camera.image_size.0: 1000000000 is not between 1 and 100000"),
+        (("antenna", "length_m"), -0.24, "antenna.length_m: -0.24 is not between 0.001 and 10"),
+        (("antenna", "length_m"), 2400.0, "antenna.length_m: 2400.0 is not between 0.001 and 10"),
+        (("antenna", "diameter_m"), 0.8, "antenna.diameter_m: 0.8 is not between 1e-06 and 0.1"),
+        (("antenna", "stiffness_Nm2"), 1e300, "antenna.stiffness_Nm2: 1e+300 is not between 1e-09 and 10000"),
+        (("antenna", "mass_per_length_kg_m"), 0, "antenna.mass_per_length_kg_m: 0 is not between 1e-09 and 100"),
+        (("antenna", "noload", "bow_yz_per_m", 1), 1e9, "antenna.noload.bow_yz_per_m.1: 1000000000.0 is not between"),
+        (("antenna", "noload", "clamp_rotation_yz_rad", 0), 90, "clamp_rotation_yz_rad.0: 90 is not between -1.5 and"),
+        (("antenna", "noload", "clamp_offset_yz_m", 0), 12, "clamp_offset_yz_m.0: 12 is not between -1 and 1"),
+        (("moment_sensor", "gain"), 0, "moment_sensor.gain: 0 is not between -1e+09 and 1e+09 and at least 1e-09 from"),
+        (("moment_sensor", "gain"), -1e-300, "moment_sensor.gain: -1e-300 is not between"),
+        (("moment_sensor", "gain"), 1e300, "moment_sensor.gain: 1e+300 is not between"),
+        (("moment_sensor", "offset_Nm"), -1e300, "moment_sensor.offset_Nm: -1e+300 is not between"),
+        (("T_antenna_camera", "translation_m", 2), 1e6, "T_antenna_camera.translation_m.2: 1000000.0 is not between"),
+        (("T_antenna_camera", "translation_m"), [0.12, 0.0, -1.0], "T_antenna_camera: the antenna is nowhere 1 mm"),
+        (("kinematics", "position_world_m", 0), 1e300, "kinematics.position_world_m.0: 1e+300 is not between"),
+        (("kinematics", "axis_skew_rad"), 1, "kinematics.axis_skew_rad: 1 is not between -0.5 and 0.5"),
+        (("gravity_world", 2), -9806.65, "gravity_world.2: -9806.65 is not between -1000 and 1000"),
+        (("image", "noise_px"), 0, "image.noise_px: 0 is not between 1e-06 and 1000"),
+        (("image", "height"), -1, "image.height: -1 is not between 1e-06 and 1e+06"),
     ],
 )
 def test_every_wrong_value_is_named(good: dict[str, Any], path: tuple[str, ...], value: Any, words: str) -> None:
@@ -229,6 +284,53 @@ def test_whatever_stands_in_a_rig_it_is_read_or_refused(path: tuple[str | int, .
     else:
         assert np.isfinite([*rig.antenna.parameters, *map(rig.std, RIG_PARAMETERS)]).all()
         json.dumps(rig.to_dict(), allow_nan=False)
+
+
+def leaves(data: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Paths to everything in a rig that holds nothing itself; rows of the joint covariance count as one."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    within = [found for key, value in items for found in leaves(value, (*path, key))]
+    return within if within and path[:2] != ("joint", "covariance") else [path]
+
+
+def mutant(value: Any, rng: np.random.Generator) -> Any:
+    """Something else in its place: for a number one that is off by anything from a little to out of this world."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return (None, "x", [], {}, 7, [1.0])[rng.integers(6)]
+    scaled = (value or 1.0) * 10.0 ** rng.uniform(-12, 12)
+    slightly = (value or 1.0) * 10.0 ** rng.uniform(-1, 1)
+    return (scaled, slightly, slightly, -value, 0, 1e300, -1e-300)[rng.integers(7)]
+
+
+def fate(path: Path, pixels: np.ndarray) -> Contact | None:
+    """What one frame becomes with the rig in a file; None where the rig is refused."""
+    try:
+        return ContactEstimator(Rig.load(path)).estimate(pixels, moment=-2e-3, pan=0.0, tilt=0.0)
+    except InputError:
+        return None
+
+
+def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(tmp_path: Path) -> None:
+    """300 rigs with one to three values changed: an InputError or a status, never a traceback or a NaN in a contact."""
+    rig = replace(rig_of((320, 240)), second_moment_sensor=MomentSensor(1.0, 0.0, 2e-5))
+    pixels, data, rng = path_px(rig, shape(rig))[::20], rig.to_dict(), np.random.default_rng(6)
+    places = np.array(leaves(data), object)
+    path, refusals = tmp_path / "rig.json", 0
+    for _ in range(300):
+        changed = copy.deepcopy(data)
+        for place in rng.choice(places, rng.integers(1, 4), replace=False):
+            at(changed, place[:-1])[place[-1]] = mutant(at(data, place), rng)
+        path.write_text(json.dumps(changed))
+        contact = fate(path, pixels)
+        refusals += contact is None
+        if contact is None:
+            continue
+        assert contact.status in STATUSES
+        if contact.status in LOCATED:
+            numbers = [contact.distance_m, contact.distance_std_m, *contact.force_N, *contact.point_world_m]
+            assert np.isfinite([*numbers, *contact.covariance_world_m2.flat]).all()
+            assert contact.distance_m > 0
+    assert 100 < refusals < 270
 
 
 def test_a_known_parameter_has_no_variance(good: dict[str, Any]) -> None:

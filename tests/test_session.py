@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from vbaa_calib.errors import InputError
 from vbaa_calib.session import (
+    MomentSensor,
     OverBoard,
     Still,
     SweepPicture,
@@ -56,6 +57,7 @@ GOOD: dict[str, Any] = {
     "gravity_world": [0.0, 0.0, -9.80665],
     "moment_sensor": {"std_Nm": 2.0e-5},
 }
+SECOND = {"gain": -0.97, "offset_Nm": 1e-4, "std_Nm": 3e-5}
 NOLOAD = "image,pan_rad,tilt_rad,moment_Nm\na.png,0.1,0.2,1e-3\nb.png,0,-0.2,0\n"
 LOADS = (
     "image,pan_rad,tilt_rad,moment_Nm,distance_m,force_y_N,force_z_N\n"
@@ -125,6 +127,13 @@ class TestSessionFile:
         normal = session.T_antenna_board.rotation[:, 2]
         np.testing.assert_allclose(normal, [2 * 0.6 * 0.8, 0, 0.8**2 - 0.6**2], atol=1e-15)
         np.testing.assert_allclose(session.T_antenna_board.translation_m, [0.1, 0.2, 0.3] - 0.002 * normal)
+
+    def test_a_second_moment_sensor(self, root: Path) -> None:
+        assert load_session(root).second_moment_sensor is None
+        write(root, changed("second_moment_sensor", to=SECOND))
+        assert load_session(root).second_moment_sensor == MomentSensor(-0.97, 1e-4, 3e-5)
+        write(root, changed("second_moment_sensor", to=None))
+        assert load_session(root).second_moment_sensor is None
 
     @pytest.mark.parametrize("drop", [True, False])
     def test_what_may_be_missing_or_null(self, root: Path, drop: bool) -> None:
@@ -227,11 +236,11 @@ class TestSessionFile:
             (("antenna", "length_m"), "0.24 m", "antenna.length_m: '0.24 m' is not a number"),
             (("antenna", "length_m"), -0.24, "antenna.length_m"),
             (("antenna", "length_m"), 0, "antenna.length_m"),
-            (("antenna", "length_m"), 240, "antenna.length_m: 240 is greater than the maximum of 10"),
+            (("antenna", "length_m"), 240, "antenna.length_m: 240 is not between 0.001 and 10"),
             (("antenna", "length_m"), math.nan, "antenna.length_m is not a finite number"),
             (("antenna", "diameter_m"), math.inf, "antenna.diameter_m"),
             (("antenna", "diameter_m"), 0.8, "antenna.diameter_m"),
-            (("antenna", "youngs_modulus_Pa"), 193, "antenna.youngs_modulus_Pa: 193 is less than the minimum"),
+            (("antenna", "youngs_modulus_Pa"), 193, "antenna.youngs_modulus_Pa: 193 is not between 100000 and 2e+12"),
             (("antenna", "youngs_modulus_Pa"), None, "antenna.youngs_modulus_Pa: None is not a number"),
             (("antenna", "density_kg_m3"), 7.9, "antenna.density_kg_m3"),
             (("antenna", "length_mm"), 240, "antenna: unknown key length_mm, the keys are length_m, "),
@@ -245,8 +254,8 @@ class TestSessionFile:
             (("jig", "T_antenna_board", "translation_m"), [0, 10**400, 0], "translation_m.1 is not a finite"),
             (("kinematics", "T_antenna_actuator"), pose(), "kinematics: unknown key T_antenna_actuator"),
             (("kinematics", "position_world_m"), [0, 0], "kinematics.position_world_m"),
-            (("jig", "translation_std_m"), -1e-4, "jig.translation_std_m: -0.0001 is less than the minimum"),
-            (("jig", "translation_std_m"), 0.5, "jig.translation_std_m: 0.5 is greater than the maximum"),
+            (("jig", "translation_std_m"), -1e-4, "jig.translation_std_m: -0.0001 is not between 0 and 0.1"),
+            (("jig", "translation_std_m"), 0.5, "jig.translation_std_m: 0.5 is not between 0 and 0.1"),
             (("jig", "rotation_std_rad"), "1 deg", "jig.rotation_std_rad: '1 deg' is not a number"),
             (("jig", "std_m"), 1e-4, "jig: unknown key std_m"),
             (("kinematics", "axis_skew_rad"), 5, "kinematics.axis_skew_rad"),
@@ -263,6 +272,10 @@ class TestSessionFile:
             (("gravity_world",), [0, 0], "gravity_world"),
             (("moment_sensor", "std_Nm"), 0, "moment_sensor.std_Nm"),
             (("moment_sensor", "std"), 1e-5, "moment_sensor: unknown key std"),
+            (("second_moment_sensor",), {"std_Nm": 1e-5}, "second_moment_sensor: gain is missing"),
+            (("second_moment_sensor",), SECOND | {"gain": 0}, "second_moment_sensor.gain: 0 is not between"),
+            (("second_moment_sensor",), SECOND | {"std_Nm": 0}, "second_moment_sensor.std_Nm: 0 is not between"),
+            (("second_moment_sensor",), SECOND | {"zero": 0}, "second_moment_sensor: unknown key zero"),
         ],
     )
     def test_every_wrong_value_is_named(self, root: Path, keys: tuple[str, ...], value: Any, words: str) -> None:
@@ -440,6 +453,39 @@ class TestRecording:
         assert (first.pan_rad, first.tilt_rad, first.moment_Nm) == (0.1, 0.2, 1e-3)
         assert (second.frame, second.time_s) == (1, 0.1)
 
+    @pytest.mark.parametrize("cell", ["", "  "])
+    def test_a_frame_without_its_moment_is_seen_but_not_felt(self, root: Path, cell: str) -> None:
+        (root / "recording" / "recording.csv").write_text(RECORDING.replace("1e-3", cell))
+        first, second = read_recording(load_session(root))
+        assert math.isnan(first.moment_Nm)
+        assert second.moment_Nm == 0.0
+
+    def test_a_recording_without_moments(self, root: Path) -> None:
+        lines = [line.rpartition(",")[0] for line in RECORDING.splitlines()]
+        (root / "recording" / "recording.csv").write_text("\n".join(lines))
+        assert all(math.isnan(frame.moment_Nm) for frame in read_recording(load_session(root)))
+
+    def test_a_second_moment_axis(self, root: Path) -> None:
+        path = root / "recording" / "recording.csv"
+        assert all(math.isnan(frame.moment_z_Nm) for frame in read_recording(load_session(root)))
+        path.write_text("frame,time_s,image,pan_rad,tilt_rad,moment_z_Nm\n3,0,a.png,0,0,2e-3\n4,1,b.png,0,0,\n")
+        first, second = read_recording(load_session(root))
+        assert first.moment_z_Nm == 2e-3
+        assert math.isnan(first.moment_Nm)
+        assert math.isnan(second.moment_z_Nm)
+
+    @pytest.mark.parametrize("name", ["moment", "moment_mNm", "Moment_Nm", "moment_Nmm"])
+    def test_a_moment_under_another_name_is_not_left_out_in_silence(self, root: Path, name: str) -> None:
+        path = root / "recording" / "recording.csv"
+        path.write_text(RECORDING.replace("moment_Nm", name))
+        text = complaint(lambda: read_recording(load_session(root)), path)
+        assert f"column moment_Nm is missing, but there is {name}; name it moment_Nm, in SI units" in text
+
+    def test_further_columns_are_nobodys_business(self, root: Path) -> None:
+        path = root / "recording" / "recording.csv"
+        path.write_text(RECORDING.replace("\n", ",7\n").replace("moment_Nm,7", "moment_Nm,moment_raw_Nm"))
+        assert [frame.moment_Nm for frame in read_recording(load_session(root))] == [1e-3, 0.0]
+
     def test_a_camera_slower_than_the_sensor(self, root: Path) -> None:
         path = root / "recording" / "recording.csv"
         path.write_text(RECORDING.replace("b.png", "a.png").replace("1,0.1", "1,0.0"))
@@ -463,6 +509,8 @@ class TestRecording:
             ("0.1,b.png", "nan,b.png", "line 3: time_s is nan"),
             ("0.2,1e-3", "20,1e-3", "line 2: tilt_rad is 20, more than a turn"),
             ("0.2,1e-3", "0.2,inf", "line 2: moment_Nm is inf"),
+            ("0.2,1e-3", "0.2,nan", "line 2: moment_Nm is nan"),
+            ("0.2,1e-3", "0.2,1e-3 Nm", "line 2: moment_Nm is '1e-3 Nm'"),
             ("time_s", "time", "column time_s is missing"),
             ("image", "picture", "column image is missing"),
         ],

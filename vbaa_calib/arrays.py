@@ -83,6 +83,18 @@ def like(reference: Array, values: Array) -> Array:
     return np.asarray(values, dtype=reference.dtype)
 
 
+def detached(values: Array) -> Array:
+    """The same memory without gradients."""
+    return values.detach() if isinstance(values, torch.Tensor) else values
+
+
+def empty(reference: Array, shape: tuple[int, ...], boolean: bool = False) -> Array:
+    """Room for results, row by row, in the kind, dtype (or boolean) and device of the reference."""
+    if isinstance(reference, torch.Tensor):
+        return reference.new_empty(shape, dtype=torch.bool if boolean else None)
+    return np.empty(shape, bool if boolean else reference.dtype)
+
+
 def masked(values: Array, valid: Array) -> Array:
     """NaN where not valid; valid has the leading dimensions of values.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -276,6 +277,26 @@ ESTIMATE: dict[str, tuple[Damage, str, str]] = {
     "a rig that is a picture": (copied(PICTURES["plane"], "../rig.json"), "rig.json: is not UTF-8 text", ""),
     "a rig that is the truth": (copied("truth.json", "../rig.json"), "rig.json: schema is 'vbaa.truth/1'", ""),
     "a rig cut short": (truncate("../rig.json"), "rig.json line", "is not valid JSON"),
+    "a moment that is no number": (
+        cell("recording/recording.csv", 3, "moment_Nm", "1 mNm"),
+        "recording.csv line 3: moment_Nm is '1 mNm'; a number in SI units is needed",
+        "",
+    ),
+    "a moment under another name": (
+        replace("recording/recording.csv", "moment_Nm", "moment_mNm"),
+        "recording.csv: column moment_Nm is missing, but there is moment_mNm",
+        "",
+    ),
+    "a rig of kilometres": (
+        replace("../rig.json", '"length_m": ', '"length_m": 1e3, "old": '),
+        "rig.json: antenna.length_m: 1000.0 is not between 0.001 and 10",
+        "",
+    ),
+    "a rig without a gain": (
+        replace("../rig.json", '"gain": ', '"gain": 0, "old": '),
+        "rig.json: moment_sensor.gain: 0 is not between",
+        "",
+    ),
     "a rig with a NaN": (replace("../rig.json", '"gain": ', '"gain": NaN, "old": '), "moment_sensor.gain", ""),
 }
 
@@ -328,10 +349,70 @@ def test_outputs_that_cannot_be(vbaa: Call, session: Path, rig: Path, tmp_path: 
     assert tree(tmp_path) == before
 
 
-def test_contacts_are_a_csv(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
-    for name in ("contacts.xlsx", "contacts"):
-        refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / name), f"{name}: is not a .csv")
+def test_contacts_are_a_csv_or_parquet(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    words = {
+        "contacts.xlsx": "is neither .csv nor .parquet",
+        "contacts": "is neither .csv nor .parquet",
+        "contacts.parquet": "Parquet needs the package pyarrow; pip install vbaa-calib[parquet]",
+    }
+    for name, said in words.items():
+        refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / name), f"{name}: {said}")
         assert not (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--friction", "-0.1", "vbaa estimate: --friction is -0.1; give radians from 0 to 1.5"),
+        ("--friction", "12", "vbaa estimate: --friction is 12; give radians"),
+        ("--friction", "nan", "vbaa estimate: --friction is nan; give radians"),
+        ("--friction", "much", "argument --friction: invalid float value: 'much'"),
+        ("--model", "beam", "argument --model: invalid choice: 'beam'"),
+        ("--device", "abacus", "vbaa estimate: --device abacus cannot be used here; name a torch device"),
+        ("--device", "meta", "vbaa estimate: --device meta cannot be used here"),
+        ("--device", "", "cannot be used here"),
+    ],
+)
+def test_options_that_mean_nothing(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path, option: str, value: str, words: str
+) -> None:
+    before = tree(tmp_path)
+    refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv", f"{option}={value}"), words)
+    assert tree(tmp_path) == before
+
+
+def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    """Without the moments, by the option or in the table, the contacts are the same, and others than with them."""
+    tables = {}
+    for name, options in (("with", []), ("told", ["--no-moment"])):
+        said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / f"{name}.csv", *options)
+        assert said.code == 0
+        assert "moment reading" not in said.err
+        tables[name] = (tmp_path / f"{name}.csv").read_text()
+    path = session / "recording" / "recording.csv"
+    path.write_text("".join(line.rpartition(",")[0] + "\n" for line in path.read_text().splitlines()))
+    said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "silent.csv")
+    assert said.code == 0
+    assert "4 of 4 frames have no moment reading: vision alone there" in said.err
+    tables["silent"] = (tmp_path / "silent.csv").read_text()
+    assert tables["told"] == tables["silent"] != tables["with"]
+    rows = list(csv.DictReader(tables["told"].splitlines()))
+    assert len(rows) == 4
+    assert not any(row["moment_residual_Nm"] for row in rows)
+
+
+def test_a_second_moment_that_the_rig_does_not_know_is_left_aside(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path
+) -> None:
+    path = session / "recording" / "recording.csv"
+    first, *rest = path.read_text().splitlines()
+    path.write_text("\n".join([f"{first},moment_z_Nm", *(f"{line},0.001" for line in rest)]))
+    said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv")
+    assert said.code == 0
+    assert "moment_z_Nm is left aside: rig.json has no second_moment_sensor" in said.err
 
 
 @pytest.mark.parametrize(

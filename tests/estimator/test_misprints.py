@@ -200,21 +200,66 @@ class TestInclined:
         )
         assert sp.degree(quintic, kappa) == 5
 
-    def test_the_codes_polynomials(self) -> None:
-        """The quintic and the sextic of the code, in units of |x_p2|, y2 and 2EI, vanish at M = l·f_y."""
-        torque = sp.Rational(3, 10)
-        for second, polynomial in ((curved, inclined._curved_quintic), (straight, inclined._mixed_sextic)):
-            y = [part(at, force=1).subs(EI, sp.Rational(1, 2)) for part, at in ((curved, x1), (second, x2))]
-            unit_y = y[1]
-            p = [at + torque * value / ell for at, value in zip((x1, x2), y, strict=True)]
-            contact = sp.Rational(9, 10) if second is curved else sp.Rational(1, 2)
-            numbers = {x1: sp.Rational(3, 10), x2: sp.Rational(8, 10), ell: contact}
-            p1, p2, e1, m_true = (np.array([[float(v.subs(numbers))]]) for v in (p[0], p[1], y[0] / y[1], ell / unit_y))
-            # p is not rescaled here: lengths stay in their own unit, y2 = 1 is reached by M → M/y2
-            rising = polynomial(p1, p2, e1, np.array([[float(torque)]]))[0]
-            value = np.polynomial.polynomial.polyval(m_true[0, 0], rising)
-            scale = np.abs(rising * m_true[0, 0] ** np.arange(rising.size)).max()
-            assert abs(value) < 1e-13 * scale
+    def test_the_code_solves_the_quintic(self) -> None:
+        """What the code finds for two curved points, at κ = τ·tanφ/(l·f_y), is a root of it."""
+        rng = np.random.default_rng(1)
+        contact, at = rng.uniform(0.15, 0.24, 50), np.sort(rng.uniform(0.02, 0.14, (50, 2)))
+        force = 0.02 * rng.normal(size=(2, 50, 1))
+        y, z = (linear.deflection(at, contact[:, None], part, 3.9e-3) for part in force)
+        image = inclined.project(np.stack([at, y, z], -1), 0.6)
+        moment = contact * force[1, :, 0]
+        found = inclined.inclined_two_point_contact(image[..., 0], y, moment, 3.9e-3, 0.6)
+        shift = moment * np.tan(0.6) / (found.contact_m * found.force_y_N)
+        (first, y1), (second, y2) = ((image[:, k, 0] - shift * y[:, k], y[:, k]) for k in (0, 1))
+        left = 2 * 3.9e-3 * shift * (second**3 * y1 - first**3 * y2)
+        right = moment * np.tan(0.6) * first**2 * second**2 * (second - first)
+        np.testing.assert_allclose(left, right, rtol=1e-9)
+
+
+class TestOneUnknownOfTheInclinedCamera:
+    """`estimator.inclined_roots`: with x2 = r·x1 − d the left side (P − v)·g(v) crosses a moment once, folded twice."""
+
+    a, b, r, far = sp.symbols("a b r L", positive=True)
+
+    def case(self, part: str):
+        """x2 and l written in positive symbols, y2/y1, and ∂ln y/∂ln l at both points; in units of d everything."""
+        contact = {"curved": x2 + self.b, "mixed": x1 + self.a}[part]
+        second = {"curved": x1 + self.a, "mixed": contact + self.b}[part]
+        y1, y2 = curved(x1), (curved if part == "curved" else straight)(x2)
+        e1, e2 = (sp.simplify(ell * sp.diff(y, ell) / y) for y in (y1, y2))
+        return {x2: second}, contact, y2 / y1, e1, e2
+
+    def growth(self, e1, e2):
+        """d ln g/dx2 and dl/dx2 while x1 = (x2 + d)/r follows; s = 3 − e is ∂ln y/∂ln x."""
+        longer = ((3 - e1) / (self.r * x1) - (3 - e2) / x2) / (e2 - e1)
+        return (1 - e2) * longer - (3 - e2) / x2, ell * longer
+
+    def sign(self, expression, where, contact, ratio) -> set[int]:
+        """Signs of all coefficients in positive symbols: one sign is one sign of the expression."""
+        value = expression.subs(self.r, ratio).subs(ell, contact).subs(where)
+        numerator, denominator = sp.fraction(sp.cancel(sp.together(value)))
+        top, bottom = ({int(sp.sign(c)) for c in sp.Poly(sp.expand(p)).coeffs()} for p in (numerator, denominator))
+        return {x * y for x in top for y in bottom}
+
+    @pytest.mark.parametrize("part", ["curved", "mixed"])
+    def test_g_falls_so_one_root_where_the_moment_pushes_on(self, part: str) -> None:
+        where, contact, ratio, e1, e2 = self.case(part)
+        assert self.sign(self.growth(e1, e2)[0], where, contact, ratio) == {-1}
+
+    @pytest.mark.parametrize("part", ["curved", "mixed"])
+    def test_one_root_where_the_picture_is_not_folded(self, part: str) -> None:
+        """x_p2 > x_p1 bounds 1/(v − P) from below by (r − 1)/(r·(x2 − x1)): more than g falls."""
+        where, contact, ratio, e1, e2 = self.case(part)
+        bound = (self.r - 1) / (self.r * (x2 - x1))
+        assert self.sign(self.growth(e1, e2)[0] + bound, where, contact, ratio) == {1}
+
+    @pytest.mark.parametrize("part", ["curved", "mixed"])
+    def test_at_most_two_roots_in_a_folded_picture(self, part: str) -> None:
+        """(v − P)·g turns where v + 1/(ln g)′ = P, and that grows with v."""
+        where, contact, ratio, e1, e2 = self.case(part)
+        g, longer = self.growth(e1, e2)
+        change = sp.diff(g, x2) + sp.diff(g, x1) / self.r + sp.diff(g, ell) * longer
+        assert self.sign(1 - change / g**2, where, contact, ratio) == {1}
 
 
 def test_the_code_of_14_is_the_mended_one() -> None:

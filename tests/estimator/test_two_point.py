@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from estimator import two_point
 from estimator.two_point import Part, two_point_contact
@@ -34,19 +35,64 @@ def test_random_scenes_to_a_billionth() -> None:
     assert np.abs(found.force_y_N / force - 1.0)[away].max() < 1e-9
 
 
-def test_near_the_singular_sets_the_error_is_what_conditioning_predicts() -> None:
-    """Near-coincident points, contacts near the clamp or far beyond the points: within 100 roundings × condition."""
-    rng = np.random.default_rng(2)
-    x1 = rng.uniform(0.02, 0.2, 50_000)
-    x = np.stack([x1, x1 * (1.0 + 10.0 ** rng.uniform(-6, -1, x1.size))], axis=-1)
-    contact = 10.0 ** rng.uniform(-3, 1, x1.size)
-    y = linear.deflection(x, contact[:, None], 0.3, EI)
-    found = two_point_contact(x, y, EI)
+@pytest.mark.parametrize(
+    "border", ["l → x1", "l → x2", "l → 0", "l → ∞", "l = L", "coincident", "coincident, l between", "x1 → 0"]
+)
+def test_near_the_singular_sets_the_error_is_what_conditioning_predicts(border: str) -> None:
+    """Points drawn from a tenth to 1e-15 (relative) off a border: within 100 roundings × condition."""
+    count, rng = 50_000, np.random.default_rng(2)
+    near, side = 10.0 ** rng.uniform(-15, -1, count), rng.choice([-1.0, 1.0], count)
+    x = np.sort(rng.uniform(0.02, 1.0, (count, 2)), axis=1) * LENGTH
+    if border.startswith("coincident"):
+        x[:, 1] = x[:, 0] * (1.0 + near)
+    elif border == "x1 → 0":
+        x[:, 0] = x[:, 1] * near
+    contact = {
+        "l → x1": x[:, 0] * (1.0 + side * near),
+        "l → x2": x[:, 1] * (1.0 + side * near),
+        "l → 0": x[:, 0] * near,
+        "l → ∞": x[:, 1] / near,
+        "l = L": np.full(count, LENGTH),
+        "coincident": 10.0 ** rng.uniform(-3, 1, count),
+        "coincident, l between": x[:, 0] + rng.uniform(0, 1, count) * (x[:, 1] - x[:, 0]),
+        "x1 → 0": x[:, 1] * 10.0 ** rng.uniform(-15, 1, count),
+    }[border]
+    force = rng.normal(size=count)
+    y = linear.deflection(x, contact[:, None], force[:, None], EI)
+    found = two_point_contact(x, y, EI, LENGTH if border == "l = L" else np.inf)
     limit = 100.0 * np.finfo(float).eps
-    trusted = limit * found.condition_contact < 1e-2
-    assert trusted.mean() > 0.7
-    error = np.abs(found.contact_m / contact - 1.0)[trusted]
-    assert (error <= limit * found.condition_contact[trusted]).all()
+    with np.errstate(divide="ignore"):
+        true_condition = two_point.conditions(*(two_point.elasticity(x[:, k], contact) for k in (0, 1)))[0]
+    trusted = limit * true_condition < 1e-2
+    assert trusted.mean() > 0.6
+    assert (found.part[trusted] != Part.NONE).all()
+    np.testing.assert_allclose(found.condition_contact[trusted], true_condition[trusted], rtol=1e-2)
+    error, force_error = np.abs(found.contact_m / contact - 1.0), np.abs(found.force_y_N / force - 1.0)
+    assert (error <= limit * (1.0 + found.condition_contact))[trusted].all()
+    assert (force_error <= limit * (1.0 + found.condition_force))[trusted].all()
+
+
+def test_torch_agrees_with_numpy_whatever_the_pieces() -> None:
+    x, y, *_ = scenes(200_000, 8)
+    expected = two_point_contact(x, y, EI, LENGTH)
+    found = two_point_contact(torch.from_numpy(x), torch.from_numpy(y), EI, torch.tensor(LENGTH))
+    assert isinstance(found.contact_m, torch.Tensor)
+    np.testing.assert_array_equal(found.part.numpy(), expected.part)
+    good = expected.condition_contact < 1e4
+    for name in ("contact_m", "force_y_N", "condition_contact", "condition_force"):
+        np.testing.assert_allclose(getattr(found, name).numpy()[good], getattr(expected, name)[good], rtol=1e-10)
+    one_by_one = [two_point_contact(*pair, EI, LENGTH).contact_m for pair in zip(x[:50], y[:50], strict=True)]
+    np.testing.assert_array_equal(one_by_one, expected.contact_m[:50])
+    assert two_point_contact(x[:0], y[:0], EI).contact_m.shape == (0,)
+
+
+def test_stiffness_and_length_for_each_frame() -> None:
+    x, y, contact, force, _ = scenes(300, 9)
+    stiffness = np.linspace(1e-3, 5e-3, 300)
+    found = two_point_contact(x, y, stiffness, np.where(np.arange(300) % 2, LENGTH, 1e-3))
+    assert np.isnan(found.contact_m[::2]).all()
+    np.testing.assert_allclose(found.contact_m[1::2], contact[1::2], rtol=1e-9)
+    np.testing.assert_allclose(found.force_y_N[1::2], (force * stiffness / EI)[1::2], rtol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,7 @@ def make_rig(
             sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, _height(observations)
         ),
         covariance=joint.covariance,
+        second_moment_sensor=session.second_moment_sensor,
     )
 
 

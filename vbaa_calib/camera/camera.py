@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
-from ..arrays import Array, ArrayT, masked, working
+from ..arrays import ArrayT, masked, working
 from ..errors import InputError
 from ..files import read_json
 from .checks import checked_covariance, checked_distortion, checked_image_size, checked_matrix, checked_model
-from .projection import (
-    Intrinsics,
-    RayDerivatives,
-    pixel_to_normalized,
-    pixel_to_ray,
-    point_to_pixel,
-    ray_derivatives,
-)
+from .projection import Intrinsics, pixel_to_normalized, pixel_to_ray, point_to_pixel
 from .region import ValidRegion, valid_region
+from .slopes import normalized_by_lens, pixel_to_normalized_with_slopes
 
 SCHEMA = "vbaa.camera/1"
 _MATRIX_NAMES = ("fx", "fy", "cx", "cy")
@@ -142,12 +135,29 @@ class Camera:
 
         It carries pixel noise to normalized coordinates.
         """
-        return self._normalized_slopes(pixels, lambda moved: moved.by_pixel)
+        return self.normalized_with_slopes(pixels)[1]
+
+    def normalized_with_slopes(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT, ArrayT]:
+        """`unproject_normalized` and `jacobian` for the price of one: points (..., 2), slopes (..., 2, 2), valid (...).
+
+        Both are NaN where not valid. Tensors come back without gradients.
+        """
+        work = working(pixels, 2, "pixels")
+        points, slopes, valid = pixel_to_normalized_with_slopes(self.intrinsics, work.values)
+        return work.restore(points), work.restore(slopes), valid
 
     def lens_jacobian(self, pixels: ArrayT) -> ArrayT:
         """d(X/Z, Y/Z)/d(parameters) of fixed pixels (..., 2), (..., 2, 4 + k) in `parameter_names` order; NaN where
         not valid."""
-        return self._normalized_slopes(pixels, lambda moved: moved.by_parameter)
+        return self.lens_slopes_at(self.normalized_with_slopes(pixels)[0])
+
+    def lens_slopes_at(self, points: ArrayT) -> ArrayT:
+        """`lens_jacobian` at the pixels of ideal normalized points (..., 2), which need not be found: (..., 2, 4 + k).
+
+        NaN where the lens does not see the point one to one. Tensors come back without gradients.
+        """
+        work = working(points, 2, "points")
+        return work.restore(normalized_by_lens(self.intrinsics, work.values))
 
     def valid_region(self) -> ValidRegion:
         """Where this lens is one to one, and what share of the image that covers."""
@@ -158,17 +168,3 @@ class Camera:
         with np.errstate(all="ignore"):
             values, valid = function(self.intrinsics, work.values)
         return work.restore(masked(values, valid)), valid
-
-    def _normalized_slopes(self, pixels: ArrayT, by: Callable[[RayDerivatives], Array]) -> ArrayT:
-        work = working(pixels, 2, "pixels")
-        moved = self._derivatives(work.values)
-        Z = moved.rays[..., 2]
-        valid = moved.valid & (Z > 1e-12)
-        depth = work.xp.where(valid, Z, 1.0)[..., None, None]
-        ideal = moved.rays[..., :2, None] / depth
-        slope = (by(moved)[..., :2, :] - ideal * by(moved)[..., 2:, :]) / depth
-        return work.restore(masked(slope, valid))
-
-    def _derivatives(self, pixels: Array) -> RayDerivatives:
-        with np.errstate(all="ignore"), torch.no_grad():
-            return ray_derivatives(self.intrinsics, pixels)

@@ -15,6 +15,8 @@ from types import ModuleType
 from ..arrays import Array, matrix
 
 _SMALL_ANGLE_SQUARED = 1e-6
+_LEAST_DEPTH = 1e-12
+"""Z of a unit vector from which on X/Z counts as a number."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class Chart:
     radius_limit : no direction lies farther out in the chart.
     half_angle : radius in the chart → angle from the axis, rad.
     is_normalized : whether the chart's coordinates are X/Z, Y/Z.
+    normalized : (xp, x, y) → X/Z, Y/Z, their derivatives by x and y (xx, xy, yx, yy), and whether Z > 0.
     """
 
     to_plane: Callable[[ModuleType, Array, Array, Array], tuple[Array, Array, Array]]
@@ -37,6 +40,7 @@ class Chart:
     radius_limit: float
     half_angle: Callable[[float], float]
     is_normalized: bool
+    normalized: Callable[[ModuleType, Array, Array], tuple[Array, Array, tuple[Array, Array, Array, Array], Array]]
 
 
 def _perspective_to_plane(xp: ModuleType, X: Array, Y: Array, Z: Array) -> tuple[Array, Array, Array]:
@@ -54,6 +58,12 @@ def _perspective_ray_jacobian(xp: ModuleType, x: Array, y: Array) -> Array:
     z2 = 1.0 / (1.0 + x * x + y * y)
     z3 = z2 * xp.sqrt(z2)
     return matrix(xp, [[(1.0 + y * y) * z3, -x * y * z3], [-x * y * z3, (1.0 + x * x) * z3], [-x * z3, -y * z3]])
+
+
+def _perspective_normalized(
+    xp: ModuleType, x: Array, y: Array
+) -> tuple[Array, Array, tuple[Array, Array, Array, Array], Array]:
+    return x, y, (1.0, 0.0, 0.0, 1.0), xp.isfinite(x) & xp.isfinite(y)
 
 
 def _equidistant_to_plane(xp: ModuleType, X: Array, Y: Array, Z: Array) -> tuple[Array, Array, Array]:
@@ -96,6 +106,20 @@ def _equidistant_ray_jacobian(xp: ModuleType, x: Array, y: Array) -> Array:
     )
 
 
+def _equidistant_normalized(
+    xp: ModuleType, x: Array, y: Array
+) -> tuple[Array, Array, tuple[Array, Array, Array, Array], Array]:
+    sine_ratio, cosine, bend = _sine_ratio_and_cosine(xp, x * x + y * y)
+    ahead = cosine > _LEAST_DEPTH
+    inverse = 1.0 / xp.where(ahead, cosine, 1.0)
+    tangent_ratio = sine_ratio * inverse
+    # d(tan θ/θ)/d(θ²), twice
+    growth = bend * inverse + tangent_ratio * tangent_ratio
+    shear = growth * x * y
+    jacobian = (tangent_ratio + growth * x * x, shear, shear, tangent_ratio + growth * y * y)
+    return x * tangent_ratio, y * tangent_ratio, jacobian, ahead
+
+
 PERSPECTIVE = Chart(
     to_plane=_perspective_to_plane,
     to_ray=_perspective_to_ray,
@@ -103,6 +127,7 @@ PERSPECTIVE = Chart(
     radius_limit=math.inf,
     half_angle=math.atan,
     is_normalized=True,
+    normalized=_perspective_normalized,
 )
 
 EQUIDISTANT = Chart(
@@ -112,4 +137,5 @@ EQUIDISTANT = Chart(
     radius_limit=math.pi,
     half_angle=float,
     is_normalized=False,
+    normalized=_equidistant_normalized,
 )

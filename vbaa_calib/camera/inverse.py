@@ -2,101 +2,145 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, namespace
+from ..arrays import Array, empty, namespace
 from .lens import Lens
-from .radial import invert_radial, tolerance
+from .pieces import in_pieces
+from .radial import RadialTable, invert_radial, tolerance
 from .sectors import Sectors, definite
 
-_CHUNK = 16384
-"""Points worked on at once in NumPy: the temporaries of one piece stay in the processor's cache."""
-
+_SURE_STEPS = 2
 _PLAIN_STEPS = 3
 _DAMPED_STEPS = 16
 _SHORTEST = 1e-3
+_NO_RADIUS = 1e-15
+"""Keeps a start on the axis from being 0/0, also in single precision."""
+
+
+class Inverted(NamedTuple):
+    """Points undistorted, and the lens's Jacobian there.
+
+    Attributes
+    ----------
+    x, y : ideal point (...) in the model's chart; anything where not valid.
+    valid : inside the region that hangs together with the axis, residual at the rounding, finite.
+    jacobian : d(distorted)/d(ideal): (xx, xy, yx, yy), arrays (...) or numbers where it is the same everywhere.
+    put_off : which of those that are not valid might still be found by more effort.
+    """
+
+    x: Array
+    y: Array
+    valid: Array
+    jacobian: tuple[Array, Array, Array, Array]
+    put_off: Array
 
 
 def solve(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid.
 
-    Valid means: inside the region that hangs together with the axis, residual at the rounding, finite. The others
-    are (0, 0).
+    The others are (0, 0).
     """
-    if lens.path == "none":
-        return _bounded(lens, x, y)
     xp = namespace(x)
     shape = tuple(x.shape)
     x, y = x.reshape(-1), y.reshape(-1)
+    ideal_x, ideal_y, valid = (empty(x, x.shape, boolean) for boolean in (False, False, True))
     with np.errstate(all="ignore"):
-        in_pieces = xp is np and x.size > _CHUNK
-        ideal_x, ideal_y, valid = _in_pieces(lens, x, y) if in_pieces else _solve_flat(xp, lens, x, y)
+        in_pieces(partial(_solve_piece, xp, lens), x, y, (ideal_x, ideal_y, valid))
     return ideal_x.reshape(shape), ideal_y.reshape(shape), valid.reshape(shape)
 
 
-def _bounded(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    xp = namespace(x)
-    valid = xp.isfinite(x) & xp.isfinite(y)
-    if lens.ideal_limit < np.inf:
-        valid = valid & (x * x + y * y < lens.ideal_limit**2)
-    return xp.where(valid, x, 0.0), xp.where(valid, y, 0.0), valid
+def _solve_piece(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool) -> tuple[Array, Array, Array, Array]:
+    found = invert_distortion(xp, lens, x, y, thorough)
+    valid = found.valid
+    return xp.where(valid, found.x, 0.0), xp.where(valid, found.y, 0.0), valid, found.put_off
 
 
-def _in_pieces(lens: Lens, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    ideal_x, ideal_y, valid = np.empty_like(x), np.empty_like(y), np.empty(x.shape, bool)
-    for start in range(0, x.size, _CHUNK):
-        piece = slice(start, start + _CHUNK)
-        ideal_x[piece], ideal_y[piece], valid[piece] = _solve_flat(np, lens, x[piece], y[piece])
-    return ideal_x, ideal_y, valid
+def invert_distortion(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool) -> Inverted:
+    """Distorted points (...) undistorted; points that are no numbers are not valid.
 
-
-def _solve_flat(xp: ModuleType, lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    assert lens.table is not None
+    Not thorough: only what a few Newton steps solve, which is nearly all; the others are put off.
+    """
+    if lens.table is None:
+        valid = xp.isfinite(x) & xp.isfinite(y) & (x * x + y * y < lens.ideal_limit**2)
+        return Inverted(x, y, valid, (1.0, 0.0, 0.0, 1.0), False)
     if lens.sectors is None:
-        return invert_radial(xp, lens.model, lens.coefficients, lens.table, x, y)
-    return _newton(xp, lens, lens.sectors, x, y)
+        return _along_radius(xp, lens, lens.table, x, y, thorough)
+    return _newton(xp, lens, lens.sectors, x, y, thorough)
 
 
-def _newton(xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Newton in two unknowns from the radial start; what has not arrived after a few steps goes on damped."""
+def _along_radius(xp: ModuleType, lens: Lens, table: RadialTable, x: Array, y: Array, thorough: bool) -> Inverted:
     distorted = xp.sqrt(x * x + y * y)
+    reachable = distorted < table.distorted_limit
+    distorted = xp.where(reachable, distorted, 0.0)
+    _, solved, gain, d_gain = invert_radial(xp, lens.model, lens.coefficients, table, distorted, thorough)
+    valid = reachable & solved
+    inverse = 1.0 / gain
+    x, y = x * inverse, y * inverse
+    bend_x, bend_y = (2.0 * d_gain) * x, (2.0 * d_gain) * y
+    shear = bend_x * y
+    return Inverted(x, y, valid, (gain + bend_x * x, shear, shear, gain + bend_y * y), reachable & ~solved)
+
+
+def _newton(xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, thorough: bool) -> Inverted:
+    """Newton in two unknowns from the radial start; what has not arrived after a few steps goes on damped."""
     reachable = region.reach.encloses(xp, x, y)
-    x, y, distorted = (xp.where(reachable, values, 0.0) for values in (x, y, distorted))
+    if not bool(reachable.all()):
+        x, y = xp.where(reachable, x, 0.0), xp.where(reachable, y, 0.0)
+    distorted = xp.sqrt(x * x + y * y)
     allowed = tolerance(xp, distorted)
-    ideal_x, ideal_y = _start(xp, lens, x, y, distorted)
+    ideal_x, ideal_y = _mended_start(xp, lens, x, y, distorted)
     for step in range(_PLAIN_STEPS + 1):
         xd, yd, xx, xy, yx, yy = lens.model.linearize(ideal_x, ideal_y, lens.coefficients)
         rx, ry = x - xd, y - yd
-        solved = xp.maximum(xp.abs(rx), xp.abs(ry)) <= allowed
-        if step == _PLAIN_STEPS or bool(solved.all()):
-            break
+        if step >= _SURE_STEPS:
+            solved = xp.maximum(xp.abs(rx), xp.abs(ry)) <= allowed
+            if step == _PLAIN_STEPS or bool(solved.all()):
+                break
         inverse = 1.0 / (xx * yy - xy * yx)
         ideal_x, ideal_y = ideal_x + (yy * rx - xy * ry) * inverse, ideal_y + (xx * ry - yx * rx) * inverse
     inside = definite(xx, xy, yx, yy) & region.ideal.encloses(xp, ideal_x, ideal_y)
     valid = solved & inside & reachable
-    if not bool(valid.all()):
-        rest = ~valid & reachable
-        ideal_x[rest], ideal_y[rest], valid[rest] = _damped(
-            xp, lens, region, x[rest], y[rest], ideal_x[rest], ideal_y[rest], inside[rest]
-        )
-        ideal_x, ideal_y = xp.where(valid, ideal_x, 0.0), xp.where(valid, ideal_y, 0.0)
-    return ideal_x, ideal_y, valid
+    rest = reachable & ~valid
+    found = Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), rest)
+    if not thorough or not bool(rest.any()):
+        return found
+    damped = _damped(xp, lens, region, x[rest], y[rest], ideal_x[rest], ideal_y[rest], inside[rest])
+    for whole, part in zip((*found[:3], *found.jacobian), (*damped[:3], *damped.jacobian), strict=True):
+        whole[rest] = part
+    return found
 
 
 def _start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Array) -> tuple[Array, Array]:
     """The radial terms undone, roughly; what they cannot reach starts from the rim."""
     assert lens.table is not None
-    within = xp.clip(distorted, 0.0, lens.table.distorted_limit)
-    radius, _, _ = lens.table.bracket(xp, within)
-    ratio = radius / (distorted + 1e-300)
+    within = distorted.clip(0.0, lens.table.distorted_limit)
+    ratio = lens.table.start(xp, within)[0] / (distorted + _NO_RADIUS)
     return x * ratio, y * ratio
+
+
+def _mended_start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Array) -> tuple[Array, Array]:
+    """`_start`, and one Newton step in which only the radial terms count as slopes: half a full step's price."""
+    table = lens.table
+    assert table is not None
+    radius, step = table.start(xp, distorted.clip(0.0, table.distorted_limit))
+    distorted = distorted + _NO_RADIUS
+    ratio = radius / distorted
+    ideal_x, ideal_y = x * ratio, y * ratio
+    dx, dy = lens.model.beside(ideal_x, ideal_y, lens.coefficients)
+    # the table's own slope along the radius, r/ρ across it
+    past = 1.0 + distorted
+    along = (step * table.nodes_per_unit / (past * past) - ratio) * (x * dx + y * dy) / (distorted * distorted)
+    return ideal_x - (ratio * dx + along * x), ideal_y - (ratio * dy + along * y)
 
 
 def _damped(
     xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, guess_x: Array, guess_y: Array, usable: Array
-) -> tuple[Array, Array, Array]:
+) -> Inverted:
     """Newton with each step shortened until it stays inside the region and the residual falls.
 
     It starts from the guess where that is usable, else from deep inside the region.
@@ -125,4 +169,4 @@ def _damped(
         length = xp.where(taken, xp.clip(2.0 * length, 0.0, 1.0), 0.5 * length)
     solved = xp.maximum(xp.abs(x - xd), xp.abs(y - yd)) <= allowed
     valid = solved & definite(xx, xy, yx, yy) & region.ideal.encloses(xp, ideal_x, ideal_y)
-    return ideal_x, ideal_y, valid
+    return Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), False)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,50 +41,66 @@ class RadialTable:
 
     def bracket(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array, Array]:
         """Table's radius for distorted radii in [0, distorted_limit], and a bracket around the true one."""
+        low, step, fraction = self._place(xp, distorted)
+        return low + fraction * step, low - step, low + 2.0 * step
+
+    def start(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array]:
+        """Table's radius for distorted radii in [0, distorted_limit], and how far it is to the next node's."""
+        low, step, fraction = self._place(xp, distorted)
+        return low + fraction * step, step
+
+    def _place(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array, Array]:
         nodes, steps = self.nodes, self.steps
         if xp is not np:
             nodes, steps = (xp.as_tensor(a, dtype=distorted.dtype, device=distorted.device) for a in (nodes, steps))
         place = self.nodes_per_unit * (distorted / (1.0 + distorted))
         index = as_index(place)
-        low, step = nodes[index], steps[index]
-        return low + (place - index) * step, low - step, low + 2.0 * step
+        return nodes[index], steps[index], place - index
+
+
+class RadialSolution(NamedTuple):
+    """Radii (...) of distorted radii, whether each is on the branch and solved, and the gain and its slope by r²."""
+
+    radius: Array
+    valid: Array
+    gain: Array
+    d_gain: Array
 
 
 def tolerance(xp: ModuleType, distorted: Array) -> Array:
     """Residual that counts as none, (...): some tens of roundings of the largest term."""
-    return (5e-14 if str(distorted.dtype).endswith("float64") else 3e-6) * distorted + 1e-300
+    return (5e-14 if distorted.dtype == xp.float64 else 3e-6) * distorted + 1e-300
 
 
 def invert_radial(
-    xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, x: Array, y: Array
-) -> tuple[Array, Array, Array]:
-    """Ideal points of distorted ones, and which are on the branch and solved; (0, 0) where not."""
-    distorted = xp.sqrt(x * x + y * y)
-    reachable = distorted < table.distorted_limit
-    distorted = xp.where(reachable, distorted, 0.0)
-    radius, low, high = table.bracket(xp, distorted)
+    xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, distorted: Array, thorough: bool
+) -> RadialSolution:
+    """Ideal radii of distorted ones (...) in [0, distorted_limit).
+
+    Not thorough: where a few Newton steps do not arrive the radius is not valid.
+    """
+    radius, _ = table.start(xp, distorted)
     for _ in range(_FAST_STEPS):
         s = radius * radius
         gain, d_gain = model.radial(s, c)
         radius = radius - (radius * gain - distorted) / (gain + 2.0 * s * d_gain)
-    solved, gain = _check(xp, model, c, table, radius, distorted)
-    if not bool(solved.all()):
-        rest = ~solved
-        radius[rest] = bracketed(xp, model, c, distorted[rest], low[rest], high[rest])
-        solved[rest], gain[rest] = _check(xp, model, c, table, radius[rest], distorted[rest])
-    valid = reachable & solved
-    inverse = valid / xp.where(valid, gain, 1.0)
-    return xp.where(valid, x, 0.0) * inverse, xp.where(valid, y, 0.0) * inverse, valid
+    found = _checked(xp, model, c, table, radius, distorted)
+    if not thorough or bool(found.valid.all()):
+        return found
+    rest = ~found.valid
+    _, low, high = table.bracket(xp, distorted[rest])
+    radius[rest] = bracketed(xp, model, c, distorted[rest], low, high)
+    return _checked(xp, model, c, table, radius, distorted)
 
 
-def _check(
+def _checked(
     xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, radius: Array, distorted: Array
-) -> tuple[Array, Array]:
-    """Which radii are solved: the residual is at the rounding and ρ still grows there. And the gain."""
+) -> RadialSolution:
+    """Valid are radii at which the residual is at the rounding and ρ still grows."""
     s = radius * radius
     gain, d_gain = model.radial(s, c)
     solved = (xp.abs(radius * gain - distorted) <= tolerance(xp, distorted)) & (gain + 2.0 * s * d_gain > 0)
-    return solved & (radius >= 0) & (radius <= table.ideal_limit), gain
+    return RadialSolution(radius, solved & (radius >= 0) & (radius <= table.ideal_limit), gain, d_gain)
 
 
 def bracketed(

@@ -45,8 +45,8 @@ class Rim:
 
     def encloses(self, xp: ModuleType, x: Array, y: Array) -> Array:
         """Whether points (...) lie inside."""
-        radius = xp.sqrt(x * x + y * y)
-        inside = radius < self.inner
+        radius2 = x * x + y * y
+        inside = radius2 < self.inner * self.inner
         if bool(inside.all()):
             return inside
         radii, steps = self.radii, self.steps
@@ -54,7 +54,7 @@ class Rim:
             radii, steps = (xp.as_tensor(a, dtype=x.dtype, device=x.device) for a in (radii, steps))
         place = (xp.arctan2(y, x) + math.pi) * (_DIRECTIONS / (2.0 * math.pi))
         index = as_index(xp.where(xp.isfinite(place), place, 0.0))
-        return radius < radii[index] + (place - index) * steps[index]
+        return xp.sqrt(radius2) < radii[index] + (place - index) * steps[index]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,28 +5,34 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from .pose import Pose
 
 
-def rotation_world_antenna(pan_rad: float, tilt_rad: float, axis_skew_rad: float = 0.0) -> np.ndarray:
-    """R_world_antenna = Rz(pan)·Rx(skew)·Ry(−tilt), (3, 3). Without skew Eq. (22) with its third column mended.
+def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_rad: float = 0.0) -> np.ndarray:
+    """R_world_antenna = Rz(pan)·Rx(skew)·Ry(−tilt), (..., 3, 3) for angles (...). Without skew Eq. (22) with its third
+    column mended.
 
     As printed that column is (−sinθ, 0, cosθ), which is a rotation only for pan = 0.
     """
-    sin_p, cos_p, sin_t, cos_t = np.sin(pan_rad), np.cos(pan_rad), np.sin(tilt_rad), np.cos(tilt_rad)
-    turn = np.array(
-        [
-            [cos_t * cos_p, -sin_p, -sin_t * cos_p],
-            [cos_t * sin_p, cos_p, -sin_t * sin_p],
-            [sin_t, 0.0, cos_t],
-        ]
-    )
+    pan, tilt = np.broadcast_arrays(np.asarray(pan_rad, float), np.asarray(tilt_rad, float))
+    sin_p, cos_p, sin_t, cos_t = np.sin(pan), np.cos(pan), np.sin(tilt), np.cos(tilt)
+    rows = [
+        [cos_t * cos_p, -sin_p, -sin_t * cos_p],
+        [cos_t * sin_p, cos_p, -sin_t * sin_p],
+        [sin_t, np.zeros_like(sin_t), cos_t],
+    ]
+    turn = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
     if axis_skew_rad == 0.0:
         return turn
     # Rz·Rx·Rz⁻¹ turns about the panned x axis, then comes what two perpendicular axes do
-    panned_x = np.array([cos_p, sin_p, 0.0])
-    return Pose.from_rotvec(axis_skew_rad * panned_x, np.zeros(3)).rotation @ turn
+    return Rotation.from_rotvec(axis_skew_rad * _panned_x(pan)).as_matrix() @ turn
+
+
+def _panned_x(pan_rad: np.ndarray) -> np.ndarray:
+    return np.stack([np.cos(pan_rad), np.sin(pan_rad), np.zeros_like(pan_rad)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +63,15 @@ class Kinematics:
     def T_world_actuator(self, pan_rad: float, tilt_rad: float) -> Pose:
         """Pose of the moving attachment in the world at the encoders' readings."""
         turn = rotation_world_antenna(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
-        panned_x = np.array([np.cos(pan_rad), np.sin(pan_rad), 0.0])
-        return Pose(turn, self.position_world_m + self.axis_offset_m * panned_x)
+        return Pose(turn, self.position_world_m + self.axis_offset_m * _panned_x(np.asarray(pan_rad, float)))
 
     def T_world_antenna(self, pan_rad: float, tilt_rad: float) -> Pose:
         """Pose of the antenna frame in the world; `T_world_antenna @ p_antenna` is Eq. (19)."""
         return self.T_world_actuator(pan_rad, tilt_rad) @ self.T_actuator_antenna
+
+    def world_antenna(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations (B, 3, 3) and translations (B, 3) of `T_world_antenna` at many readings (B,)."""
+        turn = rotation_world_antenna(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
+        origin = self.position_world_m + self.axis_offset_m * _panned_x(np.asarray(pan_rad, float))
+        mount = self.T_actuator_antenna
+        return turn @ mount.rotation, turn @ mount.translation_m + origin

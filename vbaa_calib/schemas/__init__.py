@@ -35,13 +35,13 @@ def check(data: Mapping[str, Any], name: str, where: object) -> None:
         raise InputError(f"schema is {data.get('schema')!r}", where=where, remedy=f"{expected} is needed here")
     for key, meant in _misspelt(data, published["properties"]):
         raise InputError(f"unknown key {key}", where=where, remedy=f"is {meant} meant?")
+    bad = _not_finite(data)
+    if bad:
+        raise InputError(f"{bad} is not a finite number", where=where, remedy="give a number in SI units")
     first = min(jsonschema.Draft202012Validator(published).iter_errors(data), key=_importance, default=None)
     if first is not None:
         key = ".".join(map(str, first.absolute_path))
         raise InputError(f"{key}: {_in_words(first)}" if key else _in_words(first), where=where, remedy=remedy)
-    bad = _not_finite(data)
-    if bad:
-        raise InputError(f"{bad} is not a finite number", where=where, remedy="give a number in SI units")
 
 
 def _misspelt(data: Mapping[str, Any], known: Iterable[str]) -> Iterator[tuple[str, str]]:
@@ -84,8 +84,23 @@ def _in_words(error: Any) -> str:
             types = error.validator_value
             wanted = [types] if isinstance(types, str) else types
             return f"{shown} is not {' or '.join(_WORDS[name] for name in wanted)}"
+        case "minimum" | "maximum" | "exclusiveMinimum" | "exclusiveMaximum" | "not":
+            return f"{shown} is not {_allowed(error.schema)}"
         case _:
             return error.message if len(error.message) < 160 else f"{shown} does not fit"
+
+
+def _allowed(bounds: Mapping[str, Any]) -> str:
+    """The numbers that a schema lets through, in words."""
+    low = max((bounds[key] for key in ("minimum", "exclusiveMinimum") if key in bounds), default=None)
+    high = min((bounds[key] for key in ("maximum", "exclusiveMaximum") if key in bounds), default=None)
+    gap = bounds.get("not", {}).get("exclusiveMaximum")
+    away = "" if gap is None else f" and at least {gap:g} from 0"
+    if low is None:
+        return f"{high:g} or less{away}"
+    if high is None:
+        return (f"{low:g} or more" if "minimum" in bounds else f"above {low:g}") + away
+    return f"between {low:g} and {high:g}{away}"
 
 
 def _not_finite(data: Any, path: str = "") -> str | None:

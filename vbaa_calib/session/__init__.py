@@ -2,6 +2,7 @@
 
 from .pictures import check_pictures
 from .rows import Frame, Load, Still, SweepPicture
+from .sensor import MomentSensor
 from .settings import (
     SCHEMA,
     NominalAntenna,
@@ -19,6 +20,7 @@ __all__ = [
     "SCHEMA",
     "Frame",
     "Load",
+    "MomentSensor",
     "NominalAntenna",
     "OverBoard",
     "Session",

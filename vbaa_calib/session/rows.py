@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import difflib
+import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files import number
+from ..files import number, read_text
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,11 @@ class Load(Still):
 
 @dataclass(frozen=True)
 class Frame(Still):
-    """One frame of a recording."""
+    """One frame of a recording. `moment_Nm`, and `moment_z_Nm` of a second axis, are NaN where nothing was read."""
 
     frame: int
     time_s: float = field(kw_only=True)
+    moment_z_Nm: float = field(default=np.nan, kw_only=True)
 
 
 def wrong(row: Mapping[str, str], path: Path, what: str, remedy: str) -> InputError:
@@ -68,11 +72,20 @@ def joints(row: Mapping[str, str], path: Path) -> dict[str, float]:
     return angles
 
 
-def still(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:
-    """What every picture of the antenna has; `time_s` where the table has that column."""
-    image = picture(row, path) if with_image else None
-    reading = {"image": image, **joints(row, path), "moment_Nm": number(row, "moment_Nm", path)}
-    return reading | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
+def still(row: Mapping[str, str], path: Path) -> dict[str, Any]:
+    """What every still of the antenna has, with its moment; `time_s` where the table has that column."""
+    return view(row, path) | {"moment_Nm": number(row, "moment_Nm", path)}
+
+
+def view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:
+    """Picture and joints; `time_s` where the table has that column."""
+    seen = {"image": picture(row, path) if with_image else None, **joints(row, path)}
+    return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
+
+
+def reading(row: Mapping[str, str], column: str, path: Path) -> float:
+    """A sensor's reading; NaN where the cell is empty or the table has no such column: nothing was read."""
+    return number(row, column, path) if row.get(column) else np.nan
 
 
 def picture(row: Mapping[str, str], path: Path) -> Path:
@@ -93,6 +106,20 @@ def refuse_repeated_pictures(pictures: Sequence[Path | None], rows: Sequence[Map
             what = f"the picture {row['image']} stands in line {lines[image]}, too"
             raise wrong(row, path, what, "every row needs its own picture")
         lines[image] = row["line"]
+
+
+def refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
+    """Raises InputError for a table without the optional column `wanted`, but with one that can only be meant for it.
+
+    Left out in silence, such a slip would cost all its readings.
+    """
+    lines = ([cell.strip() for cell in cells] for cells in csv.reader(io.StringIO(read_text(path))))
+    header = next(cells for cells in lines if any(cells))
+    strange = {name.lower(): name for name in header if name not in known}
+    close = difflib.get_close_matches(wanted.lower(), strange, n=1, cutoff=0.75)
+    if close and wanted not in header:
+        what = f"column {wanted} is missing, but there is {strange[close[0]]}"
+        raise InputError(what, where=path, remedy=f"name it {wanted}, in SI units, or give it another name")
 
 
 def require(path: Path, why: str) -> None:

@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..files import read_yaml
 from ..geometry import Kinematics, Pose
 from .rows import Still
+from .sensor import MomentSensor
 
 SCHEMA = "vbaa.session/1"
 TILT_ZERO_STD_RAD = 0.01
@@ -76,6 +77,7 @@ class Session:
     jig_translation_std_m, jig_rotation_std_rad : how well the jig's place on the base is known, per axis; 0: exactly.
     tilt_zero_std_rad : how well the tilt encoder's zero is known before calibration.
     over : how the antenna is held over the board in over/, or None where session.yaml does not say.
+    second_moment_sensor : about z, calibrated elsewhere; None where there is none.
     """
 
     root: Path
@@ -89,6 +91,7 @@ class Session:
     jig_rotation_std_rad: float = 0.0
     tilt_zero_std_rad: float = TILT_ZERO_STD_RAD
     over: OverBoard | None = None
+    second_moment_sensor: MomentSensor | None = None
 
     def gravity_antenna(self, frames: Sequence[Still]) -> np.ndarray:
         """(B, 3) gravity in the antenna frame at each frame's joint angles."""
@@ -115,6 +118,7 @@ def load_session(root: Path) -> Session:
     except ValueError as error:
         raise InputError(f"board: {error}", where=path, remedy="describe the board that was printed") from None
     jig, kinematics, over = data.get("jig"), data.get("kinematics") or {}, data.get("over")
+    second = data.get("second_moment_sensor")
     T_antenna_board = None
     if jig:
         # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.
@@ -132,6 +136,7 @@ def load_session(root: Path) -> Session:
         jig_rotation_std_rad=float((jig or {}).get("rotation_std_rad", 0.0)),
         tilt_zero_std_rad=float(kinematics.get("tilt_zero_std_rad", TILT_ZERO_STD_RAD)),
         over=None if over is None else _over(over),
+        second_moment_sensor=None if second is None else MomentSensor.from_dict(second),
     )
 
 

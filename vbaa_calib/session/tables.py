@@ -2,11 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..files import number, read_csv, whole_number
-from .rows import Frame, Load, Still, SweepPicture, joints, picture, refuse_repeated_pictures, require, still, wrong
+from .rows import (
+    Frame,
+    Load,
+    Still,
+    SweepPicture,
+    joints,
+    picture,
+    reading,
+    refuse_misspelt,
+    refuse_repeated_pictures,
+    require,
+    still,
+    view,
+    wrong,
+)
 from .settings import Session
+
+MOMENTS = ("moment_Nm", "moment_z_Nm")
+"""Columns of a recording that may be missing."""
 
 
 def read_sweep(session: Session) -> list[SweepPicture]:
@@ -48,15 +67,21 @@ def read_loads(session: Session) -> list[Load]:
 
 
 def read_recording(session: Session) -> list[Frame]:
-    """recording/recording.csv. With recording/centrelines.csv instead of pictures it needs no image column."""
+    """recording/recording.csv. With recording/centrelines.csv instead of pictures it needs no image column.
+
+    Moments may be missing, in a cell or as a column: the frame is then seen but not felt.
+    """
     path = session.root / "recording" / "recording.csv"
     require(path, "it names the frames of the recording")
     with_images = not (path.parent / "centrelines.csv").exists()
-    rows = read_csv(path, ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad", "moment_Nm"))
+    columns = ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad")
+    rows = read_csv(path, columns, MOMENTS)
+    refuse_misspelt(path, MOMENTS[0], (*columns, *MOMENTS))
     frames: list[Frame] = []
     seen: set[int] = set()
     for row in rows:
-        frame = Frame(**still(row, path, with_images), frame=whole_number(row, "frame", path))
+        moments: dict[str, Any] = {name: reading(row, name, path) for name in MOMENTS}
+        frame = Frame(**view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
         if frame.frame in seen:
             raise wrong(row, path, f"frame {frame.frame} stands twice", "every frame needs its own number")
         if frames and frame.time_s < frames[-1].time_s:

@@ -25,6 +25,10 @@ def _distort(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array]:
     return x * gain, y * gain
 
 
+def _beside(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array]:
+    return 0.0 * x, 0.0 * y
+
+
 def _linearize(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array, Array, Array, Array, Array]:
     x2, y2 = x * x, y * y
     gain, d_gain = _radial(x2 + y2, c)
@@ -59,6 +63,7 @@ FISHEYE = LensModel(
     radial=_radial,
     path=_path,
     distort=_distort,
+    beside=_beside,
     linearize=_linearize,
     by_coefficient=_by_coefficient,
     tilt=_tilt,

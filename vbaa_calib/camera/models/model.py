@@ -31,6 +31,7 @@ class LensModel:
     radial : (s = x² + y², c) → (g, dg/ds); a purely radial lens maps (x, y) to g·(x, y).
     path : c → the cheapest exact way through the map, the tilt aside: "none" (it changes nothing), "radial", "full".
     distort : (x, y, c) → distorted point before the sensor's tilt.
+    beside : (x, y, c) → what of that is not radial: (xd, yd) − g·(x, y).
     linearize : (x, y, c) → that point and its derivatives: (xd, yd, dxd/dx, dxd/dy, dyd/dx, dyd/dy).
     by_coefficient : (x, y, c) → [(dxd/dc_i, dyd/dc_i), …] for the coefficients before the tilt.
     tilt : c → the sensor's two tilt angles, rad, or None.
@@ -44,6 +45,7 @@ class LensModel:
     radial: Callable[[Array, Coefficients], tuple[Array, Array]]
     path: Callable[[Coefficients], Path]
     distort: Callable[[Array, Array, Coefficients], tuple[Array, Array]]
+    beside: Callable[[Array, Array, Coefficients], tuple[Array, Array]]
     linearize: Callable[[Array, Array, Coefficients], tuple[Array, Array, Array, Array, Array, Array]]
     by_coefficient: Callable[[Array, Array, Coefficients], list[tuple[Array, Array]]]
     tilt: Callable[[Coefficients], tuple[Array, Array] | None]
@@ -55,4 +57,4 @@ def absent(*coefficients: Array) -> bool:
 
     A tensor never counts as absent: its term has a derivative even where it is zero.
     """
-    return all(type(value) is float and value == 0.0 for value in coefficients)
+    return set(map(type, coefficients)) <= {float} and not any(coefficients)

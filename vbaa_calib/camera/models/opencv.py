@@ -23,7 +23,7 @@ from .model import Coefficients, LensModel, Path, absent
 from .polynomial import smallest_positive_root
 
 _NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-_BEFORE_TILT = 12
+_POLYNOMIAL, _RATIONAL, _BEFORE_TILT = 5, 8, 12
 _BEYOND = 1e6
 """Folds farther out than 1000 focal lengths (s = 1e6) are of no concern."""
 
@@ -34,15 +34,22 @@ def _padded(c: Coefficients) -> Coefficients:
 
 def _radial(s: Array, c: Coefficients) -> tuple[Array, Array]:
     k1, k2, _, _, k3, k4, k5, k6, *_ = _padded(c)
-    if absent(k2, k3):
-        numerator, d_numerator = 1.0 + s * k1, k1
-    else:
-        numerator, d_numerator = 1.0 + s * (k1 + s * (k2 + s * k3)), k1 + s * (2.0 * k2 + s * (3.0 * k3))
-    if absent(k4, k5, k6):
+    numerator, d_numerator = _series(s, k1, k2, k3)
+    if len(c) <= _POLYNOMIAL or absent(k4, k5, k6):
         return numerator, d_numerator
-    inverse = 1.0 / (1.0 + s * (k4 + s * (k5 + s * k6)))
+    denominator, d_denominator = _series(s, k4, k5, k6)
+    inverse = 1.0 / denominator
     gain = numerator * inverse
-    return gain, (d_numerator - gain * (k4 + s * (2.0 * k5 + s * (3.0 * k6)))) * inverse
+    return gain, (d_numerator - gain * d_denominator) * inverse
+
+
+def _series(s: Array, a: Array, b: Array, c: Array) -> tuple[Array, Array]:
+    """1 + a s + b s² + c s³ and its derivative by s; powers that are absent at the end cost nothing."""
+    if not absent(c):
+        return 1.0 + s * (a + s * (b + s * c)), a + s * (2.0 * b + s * (3.0 * c))
+    if not absent(b):
+        return 1.0 + s * (a + s * b), a + s * (2.0 * b)
+    return 1.0 + s * a, a
 
 
 def _path(c: Coefficients) -> Path:
@@ -55,17 +62,21 @@ def _path(c: Coefficients) -> Path:
 def _distort(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array]:
     if isinstance(x, torch.Tensor) and len(c):
         return _distort_by_kornia(x, y, c)
+    gain, _ = _radial(x * x + y * y, c)
+    if _path(c) != "full":
+        return x * gain, y * gain
+    dx, dy = _beside(x, y, c)
+    return x * gain + dx, y * gain + dy
+
+
+def _beside(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array]:
     _, _, p1, p2, _, _, _, _, s1, s2, s3, s4, *_ = _padded(c)
-    x2, y2 = x * x, y * y
-    s = x2 + y2
-    gain, _ = _radial(s, c)
-    xd, yd = x * gain, y * gain
-    if not absent(p1, p2):
-        xy2 = 2.0 * x * y
-        xd, yd = xd + p1 * xy2 + p2 * (s + 2.0 * x2), yd + p1 * (s + 2.0 * y2) + p2 * xy2
+    s = x * x + y * y
+    twist = (2.0 * p1) * y + (2.0 * p2) * x
+    dx, dy = x * twist + p2 * s, y * twist + p1 * s
     if not absent(s1, s2, s3, s4):
-        xd, yd = xd + s * (s1 + s2 * s), yd + s * (s3 + s4 * s)
-    return xd, yd
+        dx, dy = dx + s * (s1 + s2 * s), dy + s * (s3 + s4 * s)
+    return dx, dy
 
 
 def _distort_by_kornia(x: torch.Tensor, y: torch.Tensor, c: Coefficients) -> tuple[torch.Tensor, torch.Tensor]:
@@ -86,20 +97,21 @@ def _distort_by_kornia(x: torch.Tensor, y: torch.Tensor, c: Coefficients) -> tup
 
 def _linearize(x: Array, y: Array, c: Coefficients) -> tuple[Array, Array, Array, Array, Array, Array]:
     _, _, p1, p2, _, _, _, _, s1, s2, s3, s4, *_ = _padded(c)
-    x2, y2 = x * x, y * y
-    s = x2 + y2
+    s = x * x + y * y
     gain, d_gain = _radial(s, c)
-    xd, yd = x * gain, y * gain
     twice = 2.0 * d_gain
-    xx, xy, yy = gain + twice * x2, twice * x * y, gain + twice * y2
+    along_x, along_y = twice * x, twice * y
+    if absent(p1, p2):
+        xd, yd = x * gain, y * gain
+        xx, xy, yy = gain + x * along_x, x * along_y, gain + y * along_y
+    else:
+        # decentring is a gain of 2 (p1 y + p2 x) and (p2 s, p1 s)
+        gain = gain + (2.0 * p1) * y + (2.0 * p2) * x
+        xd, yd = x * gain + p2 * s, y * gain + p1 * s
+        xx, yy = gain + x * (along_x + 4.0 * p2), gain + y * (along_y + 4.0 * p1)
+        xy = x * (along_y + 2.0 * p1) + (2.0 * p2) * y
     yx = xy
-    if not absent(p1, p2):
-        xy2 = 2.0 * x * y
-        xd, yd = xd + p1 * xy2 + p2 * (s + 2.0 * x2), yd + p1 * (s + 2.0 * y2) + p2 * xy2
-        p1x, p1y, p2x, p2y = (2.0 * p1) * x, (2.0 * p1) * y, (2.0 * p2) * x, (2.0 * p2) * y
-        shear = p1x + p2y
-        xx, xy, yx, yy = xx + p1y + 3.0 * p2x, xy + shear, yx + shear, yy + 3.0 * p1y + p2x
-    if not absent(s1, s2, s3, s4):
+    if len(c) > _RATIONAL and not absent(s1, s2, s3, s4):
         xd, yd = xd + s * (s1 + s2 * s), yd + s * (s3 + s4 * s)
         slope_x, slope_y = 2.0 * s1 + 4.0 * s2 * s, 2.0 * s3 + 4.0 * s4 * s
         xx, xy, yx, yy = xx + x * slope_x, xy + y * slope_x, yx + x * slope_y, yy + y * slope_y
@@ -110,15 +122,22 @@ def _by_coefficient(x: Array, y: Array, c: Coefficients) -> list[tuple[Array, Ar
     _, _, _, _, _, k4, k5, k6, *_ = _padded(c)
     x2, y2 = x * x, y * y
     s = x2 + y2
-    gain, _ = _radial(s, c)
-    inverse = 1.0 / (1.0 + s * (k4 + s * (k5 + s * k6)))
-    up, down, zero = s * inverse, -s * gain * inverse, 0.0 * s
-    powers = (up, s * up, s * s * up, down, s * down, s * s * down)
-    k1, k2, k3, k4_, k5_, k6_ = ((x * power, y * power) for power in powers)
+    inverse = 1.0 if absent(k4, k5, k6) else 1.0 / _series(s, k4, k5, k6)[0]
     xy2 = 2.0 * x * y
-    columns = [k1, k2, (xy2, s + 2.0 * y2), (s + 2.0 * x2, xy2), k3, k4_, k5_, k6_]
-    columns += [(s, zero), (s * s, zero), (zero, s), (zero, s * s)]
+    columns = _along(x, y, s, s * inverse)
+    columns[2:2] = [(xy2, s + 2.0 * y2), (s + 2.0 * x2, xy2)]
+    if len(c) > _POLYNOMIAL:
+        columns += _along(x, y, s, -s * _radial(s, c)[0] * inverse)
+    if len(c) > _RATIONAL:
+        s2, zero = s * s, 0.0 * s
+        columns += [(s, zero), (s2, zero), (zero, s), (zero, s2)]
     return columns[: len(c)]
+
+
+def _along(x: Array, y: Array, s: Array, first: Array) -> list[tuple[Array, Array]]:
+    """(x, y) times the first power's factor, and that times s and s²."""
+    powers = first, s * first, s * s * first
+    return [(x * power, y * power) for power in powers]
 
 
 def _tilt(c: Coefficients) -> tuple[Array, Array] | None:
@@ -146,6 +165,7 @@ OPENCV = LensModel(
     radial=_radial,
     path=_path,
     distort=_distort,
+    beside=_beside,
     linearize=_linearize,
     by_coefficient=_by_coefficient,
     tilt=_tilt,

@@ -1,0 +1,147 @@
+"""What is known of one frame, and of many by columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .contact import Contact
+
+STATUSES = (
+    "ok",
+    "no_contact",
+    "tip_contact",
+    "unobservable",
+    "low_signal",
+    "not_quasistatic",
+    "no_antenna",
+    "failed",
+)
+LOCATED = ("ok", "tip_contact")
+"""The statuses whose contact point may be used."""
+
+
+def _unknown(*shape: int) -> np.ndarray:
+    return np.full(shape, np.nan)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ContactRow:
+    """What is known of one frame. A number that does not exist is NaN here and an empty cell in the file.
+
+    Attributes
+    ----------
+    status : one of `STATUSES`; `reason` says in words why it is not "ok".
+    in_contact : False also where it is not known.
+    model : name of the mechanical model that was fitted.
+    distance_m, distance_std_m : arc length from the clamp to the contact.
+    force_y_N, force_z_N : the object's force on the antenna, antenna frame, each with its standard deviation.
+    deflection_y_m, deflection_z_m : contact point less the same point of the free antenna, antenna frame.
+    point_antenna_m, point_world_m : (3,) the contact on the antenna's centreline.
+    covariance_world_m2 : (3, 3) of the world point.
+    force_world_N : (3,) the object's force on the antenna, world frame.
+    moment_residual_Nm : reading less what the fitted contact predicts.
+    friction_angle_rad, friction_angle_std_rad : of the force from the antenna's normal at the contact, positive towards
+        the clamp.
+    bias_std : the model's predicted bias in standard deviations of what it moves most.
+    condition : condition number of what the data say of distance, force and friction.
+    """
+
+    frame: int
+    time_s: float
+    status: str
+    in_contact: bool = False
+    model: str = ""
+    distance_m: float = np.nan
+    distance_std_m: float = np.nan
+    force_y_N: float = np.nan
+    force_y_std_N: float = np.nan
+    force_z_N: float = np.nan
+    force_z_std_N: float = np.nan
+    deflection_y_m: float = np.nan
+    deflection_z_m: float = np.nan
+    point_antenna_m: np.ndarray = field(default_factory=lambda: _unknown(3))
+    point_world_m: np.ndarray = field(default_factory=lambda: _unknown(3))
+    covariance_world_m2: np.ndarray = field(default_factory=lambda: _unknown(3, 3))
+    force_world_N: np.ndarray = field(default_factory=lambda: _unknown(3))
+    moment_residual_Nm: float = np.nan
+    friction_angle_rad: float = np.nan
+    friction_angle_std_rad: float = np.nan
+    bias_std: float = np.nan
+    condition: float = np.nan
+    reason: str = ""
+
+    @staticmethod
+    def of(frame: int, time_s: float, contact: Contact) -> ContactRow:
+        """The row of one estimated frame."""
+        return ContactRow(
+            frame=frame,
+            time_s=time_s,
+            status=contact.status,
+            in_contact=contact.in_contact,
+            model=contact.model,
+            distance_m=contact.distance_m,
+            distance_std_m=contact.distance_std_m,
+            force_y_N=contact.force_N[1],
+            force_y_std_N=contact.force_std_N[1],
+            force_z_N=contact.force_N[2],
+            force_z_std_N=contact.force_std_N[2],
+            deflection_y_m=contact.deflection_m[1],
+            deflection_z_m=contact.deflection_m[2],
+            point_antenna_m=contact.point_antenna_m,
+            point_world_m=contact.point_world_m,
+            covariance_world_m2=contact.covariance_world_m2,
+            force_world_N=contact.force_world_N,
+            moment_residual_Nm=contact.moment_residual_Nm,
+            friction_angle_rad=contact.friction_angle_rad,
+            friction_angle_std_rad=contact.friction_angle_std_rad,
+            bias_std=contact.predicted_bias_std,
+            condition=contact.condition,
+            reason=contact.reason,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTable:
+    """`ContactRow` by columns for B frames: (B,), (B, 3) or (B, 3, 3); NaN where a number does not exist."""
+
+    frame: np.ndarray
+    time_s: np.ndarray
+    status: np.ndarray
+    in_contact: np.ndarray
+    model: np.ndarray
+    distance_m: np.ndarray
+    distance_std_m: np.ndarray
+    force_y_N: np.ndarray
+    force_y_std_N: np.ndarray
+    force_z_N: np.ndarray
+    force_z_std_N: np.ndarray
+    deflection_y_m: np.ndarray
+    deflection_z_m: np.ndarray
+    point_antenna_m: np.ndarray
+    point_world_m: np.ndarray
+    covariance_world_m2: np.ndarray
+    force_world_N: np.ndarray
+    moment_residual_Nm: np.ndarray
+    friction_angle_rad: np.ndarray
+    friction_angle_std_rad: np.ndarray
+    bias_std: np.ndarray
+    condition: np.ndarray
+    reason: np.ndarray
+
+    @staticmethod
+    def from_rows(rows: Sequence[ContactRow]) -> ContactTable:
+        """The same rows, at least one, as columns."""
+        return ContactTable(**{f.name: np.array([getattr(row, f.name) for row in rows]) for f in fields(ContactTable)})
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def located(self) -> np.ndarray:
+        """(B,) bool: the contact point of this frame may be used."""
+        return np.isin(self.status, LOCATED)

@@ -1,0 +1,188 @@
+"""From settled frames to plain numbers: contact points, forces and their covariances, as NumPy arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.arrays import Array, namespace
+from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import Rig
+
+from .hinge import camera_angle
+from .solve.known import Known
+from .solve.ladder import Solved
+from .solve.second import second_force
+from .solve.starts import free_points
+
+FLOATS = {
+    **dict.fromkeys(("unknowns", "std"), (4,)),
+    **dict.fromkeys(("point_m", "force_N", "deflection_m"), (3,)),
+    "covariance": (6, 6),
+    **dict.fromkeys(("residual", "residual_std"), (2,)),
+    **dict.fromkeys(("strange", "evidence", "scatter", "condition", "rival", "rival_distance"), ()),
+    **dict.fromkeys(("second", "second_place", "edge_on_rad"), ()),
+    "bias": (len(RUNGS),),
+}
+"""The shape of a frame's entry in each array of floats."""
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """B frames' numbers, whatever they are worth; arrays of B rows.
+
+    Attributes
+    ----------
+    points : (B,) how many could be used.
+    rung : index in `antenna.rungs.RUNGS`.
+    unknowns, std : (B, 4), see `solve.known.UNKNOWNS`.
+    point_m, force_N, deflection_m : (B, 3) antenna frame.
+    covariance : (B, 6, 6) of point and force.
+    residual, residual_std : (B, 2) readings' misfits, whitened, and the deviations these should have.
+    felt : (B, 2) bool, whether there was a reading.
+    strange : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
+    rival, rival_distance, second, second_place : see `solve.ladder.Solved`, `solve.second.second_force`.
+    edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
+    bias : (B, len(RUNGS)), NaN where not weighed.
+    """
+
+    points: np.ndarray
+    rung: np.ndarray
+    unknowns: np.ndarray
+    std: np.ndarray
+    point_m: np.ndarray
+    force_N: np.ndarray
+    deflection_m: np.ndarray
+    covariance: np.ndarray
+    residual: np.ndarray
+    residual_std: np.ndarray
+    felt: np.ndarray
+    strange: np.ndarray
+    rig_axes: np.ndarray
+    evidence: np.ndarray
+    converged: np.ndarray
+    at_tip: np.ndarray
+    scatter: np.ndarray
+    condition: np.ndarray
+    finite: np.ndarray
+    rival: np.ndarray
+    rival_distance: np.ndarray
+    second: np.ndarray
+    second_place: np.ndarray
+    edge_on_rad: np.ndarray
+    bias: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.rung)
+
+
+def none_of(count: int) -> Numbers:
+    """Numbers of frames that nothing is known of."""
+    floats = {name: np.full((count, *shape), np.nan) for name, shape in FLOATS.items()}
+    return Numbers(
+        points=np.zeros(count, int),
+        rung=np.zeros(count, int),
+        rig_axes=np.zeros(count, int),
+        felt=np.zeros((count, 2), bool),
+        **{name: np.zeros(count, bool) for name in ("converged", "at_tip", "finite")},
+        **floats,
+    )
+
+
+def placed(whole: Numbers, rows: np.ndarray, part: Numbers) -> None:
+    """Write the numbers of some frames into their rows."""
+    for f in fields(Numbers):
+        getattr(whole, f.name)[rows] = getattr(part, f.name)
+
+
+def numbers(parts: list[Solved]) -> Numbers:
+    """The numbers of all frames, in the order of their rows."""
+    order = np.concatenate([plain(part.rows) for part in parts])
+    whole = none_of(len(order))
+    for part in parts:
+        placed(whole, plain(part.rows), _numbers(part))
+    return whole
+
+
+def _numbers(part: Solved) -> Numbers:
+    fits, worth, known = part.fits, part.worth, part.fits.frames.known
+    state, view, table = fits.state, fits.view, fits.table
+    xp = namespace(state.scatter)
+    touch = view.touch + (table.touch @ state.steps[..., None])[..., 0]
+    covariance = worth.of(view.by_touch, table.touch)
+    bows = _bows(known, state.unknowns, worth.covariance, state.at_tip)
+    covariance[:, :3, :3] += bows
+    free = free_points(part.free, state.unknowns[:, 0] * known.length_m)
+    second, place = second_force(fits)
+    unknowns = plain(state.unknowns)
+    bias = np.full((len(unknowns), len(RUNGS)), np.nan)
+    for rung, values in part.bias.items():
+        bias[:, RUNGS.index(rung)] = plain(values)
+    finite = xp.isfinite(fits.equations.cost) & xp.isfinite(state.unknowns).all(-1)
+    touch, misfit = plain(touch), plain(fits.problem.misfit)
+    return Numbers(
+        points=plain(fits.frames.usable.sum(-1)),
+        rung=np.full(len(unknowns), RUNGS.index(fits.rung)),
+        unknowns=unknowns,
+        std=plain(worth.std),
+        point_m=touch[:, :3],
+        force_N=touch[:, 3:],
+        deflection_m=touch[:, :3] - plain(free),
+        covariance=plain(covariance),
+        residual=misfit,
+        residual_std=plain(worth.moment_std),
+        felt=plain(fits.frames.felt) > 0.0,
+        strange=plain((state.steps**2).sum(-1)),
+        rig_axes=np.full(len(unknowns), state.steps.shape[1]),
+        evidence=plain(part.evidence),
+        converged=plain(state.converged),
+        at_tip=plain(state.at_tip),
+        scatter=plain(state.scatter),
+        condition=plain(worth.condition),
+        finite=plain(finite),
+        rival=plain(part.rival),
+        rival_distance=plain(part.rival_distance),
+        second=plain(second),
+        second_place=plain(place),
+        edge_on_rad=edge_on(known.rig, unknowns),
+        bias=bias,
+    )
+
+
+def edge_on(rig: Rig, unknowns: np.ndarray) -> np.ndarray:
+    """(B,) angle between the deformation plane 𝒟 and the ray from the camera's centre to the contact, rad."""
+    y_m, z_m, about_y, about_z = rig.antenna.parameters[:4]
+    T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
+    center_m = T_antenna_clamp.inverse() @ rig.T_antenna_camera.translation_m
+    line = center_m - unknowns[:, :1] * np.array([rig.antenna.length_m, 0.0, 0.0])
+    return camera_angle(line, np.arctan2(unknowns[:, 2], unknowns[:, 1]))
+
+
+def _bows(known: Known, unknowns: Array, covariance: Array, at_tip: Array) -> Array:
+    """(B, 3, 3) second order of the contact point in the unknowns, by the linear beam and its foreshortening.
+
+    A point known badly along a bent antenna is known within a bow, which a thin straight ellipsoid would leave.
+    """
+    xp = namespace(unknowns)
+    sound = xp.isfinite(covariance).all(-1).all(-1) & ~at_tip
+    part = xp.where(sound[:, None, None], covariance, xp.zeros_like(covariance))[:, :3, :3]
+    sizes, axes = xp.linalg.eigh(part)
+    steps = (axes * xp.sqrt(xp.clip(sizes, 0.0, None))[:, None]).mT
+    middle = unknowns[:, None, :3]
+
+    def point(at: Array) -> Array:
+        distance = at[..., :1] * known.length_m
+        shift = at[..., 1:] * (known.force_unit_N / 3.0) * distance**3 / xp.exp(known.parameters[6])
+        shorter = 0.6 * (shift * shift).sum(-1)[..., None] / xp.clip(distance, 1e-9, None)
+        return xp.concat([distance - shorter, shift], -1)
+
+    bows = point(middle + steps) + point(middle - steps) - 2.0 * point(middle)
+    return 0.75 * bows.mT @ bows  # the mean square of z²/2 is 3/4
+
+
+def plain(values: Any) -> np.ndarray:
+    """NumPy's array of either kind's."""
+    return values if isinstance(values, np.ndarray) else values.detach().cpu().numpy()

@@ -1,0 +1,95 @@
+"""Why a frame has its status, and its model, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from vbaa_calib.antenna.rungs import RUNGS
+
+from .quantities import Numbers
+from .verdict import (
+    DISAGREEMENT,
+    EDGE_ON_RAD,
+    FAILED,
+    LOW,
+    NO_ANTENNA,
+    NO_CONTACT,
+    SECOND_CONTACT,
+    STRANGE_RIG,
+    TIP,
+    UNOBSERVABLE,
+    WRONG_SHAPE,
+    contradiction,
+    loose,
+)
+
+
+def reason(numbers: Numbers, index: int, status: str, length_m: float, asked: str) -> str:
+    """One frame's: why it is not ok, which model was taken and why, and what else was noticed."""
+    if status == NO_ANTENNA:
+        return f"only {numbers.points[index]} usable centreline points"
+    if status == NO_CONTACT:
+        return "the antenna has its free shape within its uncertainty"
+    if status == FAILED:
+        return _failed(numbers, index, length_m)
+    if status == UNOBSERVABLE:
+        return _unobservable(numbers, index, length_m)
+    if status == LOW:
+        return f"the contact distance is known only to {1e3 * numbers.std[index, 0] * length_m:.1f} mm"
+    reasons = [_model(numbers, index, asked)]
+    if status == TIP:
+        reasons.insert(0, "the contact cannot be told from the tip: its distance is the antenna's length")
+    return "; ".join(reasons + _noticed(numbers, index))
+
+
+def _failed(numbers: Numbers, index: int, length_m: float) -> str:
+    if not numbers.finite[index]:
+        return "the fit left the domain of the model"
+    if not numbers.converged[index]:
+        return "the fit did not converge"
+    second = numbers.second[index] > SECOND_CONTACT
+    if numbers.scatter[index] > WRONG_SHAPE or second:
+        off = f"points lie {numbers.scatter[index]:.0f} std off"
+        if second:
+            places = sorted((numbers.unknowns[index, 0], numbers.second_place[index]))
+            off = "two contacts explain it better, near {:.0f} and {:.0f} mm".format(
+                *(1e3 * length_m * p for p in places)
+            )
+        return f"the shape is not that of one contact: {off}"
+    return f"picture and moment contradict each other by {contradiction(numbers)[index]:.0f} std: check the sensor"
+
+
+def _unobservable(numbers: Numbers, index: int, length_m: float) -> str:
+    if numbers.edge_on_rad[index] < EDGE_ON_RAD:
+        return f"the camera sees the deformation plane edge-on, {np.degrees(numbers.edge_on_rad[index]):.1f}° off"
+    if not np.isfinite(numbers.std[index, 0]):
+        return "nothing in picture and moment holds the contact distance"
+    if loose(numbers)[index]:
+        return "nothing in picture and moment holds the force in one direction across the antenna"
+    places = sorted((numbers.unknowns[index, 0], numbers.rival_distance[index]))
+    near, far = (1e3 * length_m * place for place in places)
+    return f"contacts at {near:.0f} mm and at {far:.0f} mm explain it about equally well"
+
+
+def _model(numbers: Numbers, index: int, asked: str) -> str:
+    """Which rung was taken, and why."""
+    rung, bias = int(numbers.rung[index]), numbers.bias[index]
+    name = RUNGS[rung]
+    if asked != "auto":
+        return f"{name} was asked for"
+    if rung == 0 or not np.isfinite(bias[rung - 1]):
+        return f"{name}: its bias is {bias[rung]:.2f} std"
+    return f"{name}: {RUNGS[rung - 1]} would be {bias[rung - 1]:.1f} std off"
+
+
+def _noticed(numbers: Numbers, index: int) -> list[str]:
+    noticed = []
+    if numbers.scatter[index] > 1.0:
+        noticed.append(f"the points scatter {numbers.scatter[index]:.1f} times more than they should")
+    strange = float(numbers.strange[index])
+    if chi2.sf(strange, max(int(numbers.rig_axes[index]), 1)) < STRANGE_RIG:
+        noticed.append(f"the rig's parameters had to move by {np.sqrt(strange):.0f} std to fit: check the rig")
+    if contradiction(numbers)[index] > DISAGREEMENT:
+        noticed.append(f"picture and moment disagree by {contradiction(numbers)[index]:.0f} std")
+    return noticed

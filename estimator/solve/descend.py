@@ -1,0 +1,165 @@
+"""Down to the floor of a valley: Levenberg and Marquardt's steps, for many frames at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from vbaa_calib.arrays import Array, namespace
+
+from .batch import chosen, picked, written
+from .frames import Frames
+from .known import UNKNOWNS, Known
+from .match import match, nearest_feet
+from .normal import Equations, Problem, equations, problem, solved
+from .view import TIP, RigTable, View, look
+
+ITERATIONS, COARSE_ITERATIONS = 40, 8
+NEAREST = 0.03
+"""Least contact distance that is looked for, in antenna lengths."""
+STANDSTILL, COARSE_STANDSTILL = 1e-4, 1e-2
+"""A step that promises less than this much of the cost is the last: a hundredth of a standard deviation, or a tenth."""
+STEEPEST = 6.0
+"""Friction angles beyond so many of its deviations are not looked for."""
+SHRINK = 0.9
+"""The batch is packed anew when no more than this part of it is still on its way."""
+DAMPING = 1e-3
+"""The least that is tried, on a unit diagonal."""
+AHEAD = 1e-3
+"""Part of a step over which the lever's slope is taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where B fits stand.
+
+    Attributes
+    ----------
+    unknowns : (B, 4), see `known.UNKNOWNS`.
+    steps : (B, R) how far the rig went along its independent axes, in deviations.
+    foot_m : (B, N) feet of the points on the curves.
+    at_tip : (B,) bool, the distance is held at the tip.
+    scatter : (B,) factor on the points' deviations.
+    converged : (B,) bool.
+    """
+
+    unknowns: Array
+    steps: Array
+    foot_m: Array
+    at_tip: Array
+    scatter: Array
+    converged: Array
+
+    @property
+    def values(self) -> Array:
+        """(B, 4 + R) unknowns and rig steps."""
+        return namespace(self.unknowns).concat([self.unknowns, self.steps], -1)
+
+
+def begin(frames: Frames, view: View, unknowns: Array) -> State:
+    """States at unknowns (B, 4) and their view, with the rig as calibrated."""
+    xp = namespace(unknowns)
+    feet = nearest_feet(frames, view)
+    no = unknowns[:, 0] < 0.0
+    return State(unknowns, frames.known.still(len(frames)), feet, no, xp.ones_like(unknowns[:, 0]), no)
+
+
+def linearised(frames: Frames, rung: str, table: RigTable, state: State, view: View | None = None) -> Problem:
+    """The problem about a state, the rig's steps in its residuals."""
+    xp = namespace(state.unknowns)
+    view = look(frames, rung, state.unknowns) if view is None else view
+    found = match(frames, view, state.foot_m)
+    about = problem(view, table, found, frames.known.prior, state.scatter)
+    if state.steps.shape[1] == 0:
+        return about
+    distance, misfit = about.residuals(xp.concat([xp.zeros_like(state.unknowns), state.steps], -1))
+    return replace(about, found=replace(found, distance=distance), misfit=misfit)
+
+
+def descend(
+    frames: Frames,
+    rung: str,
+    table: RigTable,
+    state: State,
+    standstill: float = STANDSTILL,
+    iterations: int = ITERATIONS,
+) -> State:
+    """The floors below B states, each `converged` or not."""
+    xp = namespace(state.unknowns)
+    result, todo = state, xp.arange(len(frames))
+    now, damping = state, xp.zeros_like(state.scatter)
+    about = linearised(frames, rung, table, now)
+    here = equations(about, now.values)
+    for _ in range(iterations):
+        step, promise = _step(here, now, damping)
+        trial = _moved(frames.known, now, step)
+        about = linearised(frames, rung, table, trial)
+        there = equations(about, trial.values)
+        better, done = there.cost <= here.cost, promise < standstill
+        kept = (here.cost - there.cost) / xp.clip(promise, 1e-300, None)
+        trial = replace(trial, foot_m=about.found.foot_m)
+        if bool(better.all()):
+            now, here = trial, there
+        else:
+            now, here = chosen(better, trial, now), chosen(better, there, here)
+        damping = _damping(damping, better, kept)
+        now = replace(now, converged=done)
+        going = ~done
+        left = int(going.sum())
+        if left == 0:
+            break
+        if left <= SHRINK * len(done):
+            result = written(result, todo, now)
+            frames, table = frames.picked(going), picked(table, going)
+            todo, now, here, damping = todo[going], picked(now, going), picked(here, going), damping[going]
+    return written(result, todo, now)
+
+
+def moved_unknowns(known: Known, unknowns: Array, step: Array) -> Array:
+    """Unknowns (B, 4) after a step (B, 4), taken straight in the clamp's moment: in the force its valley is bent."""
+    xp = namespace(unknowns)
+    old, distance = unknowns[:, :1], unknowns[:, :1] + step[:, :1]
+    distance = xp.minimum(xp.maximum(distance, xp.clip(0.5 * old, NEAREST, None)), xp.ones_like(old) * TIP)
+    friction = xp.clip(unknowns[:, 3:] + step[:, 3:], -STEEPEST, STEEPEST)
+    lever, ahead = _lever(known, unknowns), _lever(known, unknowns + AHEAD * step)
+    force = unknowns[:, 1:3]
+    moment = lever * (force + step[:, 1:3]) + (ahead - lever) / AHEAD * force
+    for _ in range(2):
+        force = moment / _lever(known, xp.concat([distance, force, friction], -1))
+    return xp.concat([distance, force, friction], -1)
+
+
+def _lever(known: Known, unknowns: Array) -> Array:
+    """(B, 1) the clamp's moment per force, in antenna lengths: that of friction is the load a = F·l²/EI over 6."""
+    xp = namespace(unknowns)
+    distance, force, friction = unknowns[:, :1], unknowns[:, 1:3], unknowns[:, 3:]
+    load = known.load * xp.hypot(force[:, :1], force[:, 1:]) * distance * distance
+    return distance * xp.clip(1.0 - xp.tan(known.friction_rad * friction) * load / 6.0, 0.2, 5.0)
+
+
+def _moved(known: Known, now: State, step: Array) -> State:
+    unknowns = moved_unknowns(known, now.unknowns, step[:, :UNKNOWNS])
+    return replace(now, unknowns=unknowns, steps=now.steps + step[:, UNKNOWNS:])
+
+
+def _damping(damping: Array, better: Array, kept: Array) -> Array:
+    """The next step's, by how much of what a step promised it kept."""
+    xp = namespace(damping)
+    after = xp.where(kept > 0.75, 0.1 * damping, damping)
+    after = xp.where(kept < 0.25, xp.clip(4.0 * damping, DAMPING, None), after)
+    return xp.where(better, after, xp.clip(10.0 * damping, DAMPING, None))
+
+
+def _step(here: Equations, now: State, damping: Array) -> tuple[Array, Array]:
+    """Levenberg–Marquardt steps (B, K), and how much of the cost each promises to take (B,)."""
+    xp = namespace(damping)
+    step = solved(here.information, here.pull, damping)
+    distance = now.unknowns[:, 0]
+    held = now.at_tip | ((distance <= NEAREST) & (step[:, 0] < 0.0)) | ((distance >= TIP) & (step[:, 0] > 0.0))
+    if bool(held.any()):
+        free = xp.ones_like(step)
+        free[:, 0] = xp.where(held, xp.zeros_like(distance), free[:, 0])
+        information = here.information * (free[:, :, None] * free[:, None])
+        information[:, 0, 0] += 1.0 - free[:, 0]
+        step = solved(information, here.pull * free, damping) * free
+    bent = (here.information @ step[..., None])[..., 0]
+    return step, ((here.pull - 0.5 * bent) * step).sum(-1)

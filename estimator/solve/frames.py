@@ -1,0 +1,75 @@
+"""Many frames' data, padded to one length, in ideal image coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from vbaa_calib.arrays import Array, namespace
+
+from .known import Known
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """B frames of N points at most.
+
+    Attributes
+    ----------
+    points : (B, N, 2) in ideal normalized coordinates (the plane one unit before the camera).
+    covariance : (B, N, 3) of each point: xx, xy, yy.
+    usable : (B, N) bool; the others are finite but mean nothing.
+    reading_Nm : (B, 2) of the moment sensors about y and z.
+    felt : (B, 2) 1 where there is a reading, else 0.
+    gravity_m_s2 : (B, 3) antenna frame.
+    """
+
+    known: Known
+    points: Array
+    covariance: Array
+    usable: Array
+    reading_Nm: Array
+    felt: Array
+    gravity_m_s2: Array
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def picked(self, which: Array) -> Frames:
+        """Some of the frames, by index; they may repeat."""
+        return replace(
+            self,
+            points=self.points[which],
+            covariance=self.covariance[which],
+            usable=self.usable[which],
+            reading_Nm=self.reading_Nm[which],
+            felt=self.felt[which],
+            gravity_m_s2=self.gravity_m_s2[which],
+        )
+
+
+def frames_from_pixels(
+    known: Known, points_px: Array, sigma_px: Array, reading_Nm: Array, gravity_m_s2: Array
+) -> Frames:
+    """Frames of pixels (B, N, 2) with deviations (B, N) across the antenna; what is not finite counts as missing.
+
+    `reading_Nm` (B, 2): NaN where there is none. `gravity_m_s2` (B, 3) in the antenna frame.
+    """
+    xp = namespace(points_px)
+    present = xp.isfinite(points_px).all(-1) & xp.isfinite(sigma_px)
+    pixels = xp.where(present[..., None], points_px, xp.zeros_like(points_px))
+    points, slopes, valid = known.rig.camera.normalized_with_slopes(pixels)
+    usable = present & valid
+    variance = xp.where(usable, sigma_px, xp.ones_like(sigma_px)) ** 2
+    ux, uy, vx, vy = (slopes[..., row, column] for row in (0, 1) for column in (0, 1))
+    covariance = variance[..., None] * xp.stack([ux * ux + uy * uy, ux * vx + uy * vy, vx * vx + vy * vy], -1)
+    anything = xp.ones_like(covariance) * xp.asarray([1.0, 0.0, 1.0], dtype=covariance.dtype, device=covariance.device)
+    felt = xp.isfinite(reading_Nm) & (known.gain != 0.0)
+    return Frames(
+        known,
+        xp.where(usable[..., None], points, xp.zeros_like(points)),
+        xp.where(usable[..., None], covariance, anything),
+        usable,
+        xp.where(felt, reading_Nm, xp.zeros_like(reading_Nm)),
+        xp.where(felt, xp.ones_like(reading_Nm), xp.zeros_like(reading_Nm)),
+        gravity_m_s2,
+    )

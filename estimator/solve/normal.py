@@ -1,0 +1,121 @@
+"""Robust least squares over points, readings and priors, for a batch of frames on the nodes of their curves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vbaa_calib.arrays import Array, namespace
+from vbaa_calib.reprojection import ROBUST
+
+from .match import Match, sums
+from .view import RigTable, View
+
+EASE = 1e-12
+"""Added to the diagonal of scaled normal equations: what nothing holds stays where it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """B frames linearised about a view: residuals as they move with K = 4 + R unknowns and rig steps.
+
+    Attributes
+    ----------
+    found : the points on the view's curves.
+    columns : (B, M, K) displacement of the curves along their normals.
+    felt : (B, 2, K) of the predicted readings, in deviations.
+    misfit : (B, 2) of the readings, in deviations.
+    prior : (B, K) weight of the unknowns' own squares: nothing is known of distance and force beforehand.
+    scatter : (B,) factor on the points' deviations.
+    """
+
+    found: Match
+    columns: Array
+    felt: Array
+    misfit: Array
+    prior: Array
+    scatter: Array
+
+    def residuals(self, moved: Array) -> tuple[Array, Array]:
+        """Points' distances (B, N) and readings' misfits (B, 2) after a small move (B, K)."""
+        shift = self.found.between((self.columns @ moved[..., None])[..., 0])
+        return self.found.distance - shift, self.misfit - (self.felt @ moved[..., None])[..., 0]
+
+    def whitened(self, distance: Array) -> Array:
+        """Distances (B, N) over their deviations; 0 for a missing point."""
+        return distance * namespace(distance).sqrt(self.found.precision) / self.scatter[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Normal equations of B frames: information (B, K, K), pull (B, K) = information · step, and the cost (B,)."""
+
+    information: Array
+    pull: Array
+    cost: Array
+
+
+def problem(view: View, table: RigTable, found: Match, prior: Array, scatter: Array) -> Problem:
+    """Join what belongs to the contact and what to the rig."""
+    xp = namespace(prior)
+    prior = xp.broadcast_to(prior, (len(scatter), len(prior)))
+    columns = xp.concat([view.columns, table.nodes], -1)
+    felt = xp.concat([view.by_moment, table.readings], -1)
+    return Problem(found, columns, felt, view.misfit, prior, scatter)
+
+
+def huber(residuals: Array) -> Array:
+    """Half the Huber squares of whitened residuals."""
+    xp = namespace(residuals)
+    size = xp.abs(residuals)
+    inner = xp.clip(size, None, ROBUST)
+    return inner * (size - 0.5 * inner)
+
+
+def huber_weights(residuals: Array) -> Array:
+    """Weights on squares that make least squares of Huber's cost."""
+    xp = namespace(residuals)
+    return ROBUST / xp.clip(xp.abs(residuals), ROBUST, None)
+
+
+def cost(this: Problem, at: Array, moved: Array | None = None) -> Array:
+    """(B,) robust cost with the priors of values `at` (B, K), after a small move (B, K) towards them."""
+    distance, misfit = (this.found.distance, this.misfit) if moved is None else this.residuals(moved)
+    points = huber(this.whitened(distance)).sum(-1)
+    return points + huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
+
+
+def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations:
+    """Normal equations, reweighted at the residuals after a small move (B, K), for a further step from values `at`."""
+    distance, misfit = (this.found.distance, this.misfit) if moved is None else this.residuals(moved)
+    whitened = this.whitened(distance)
+    weights = huber_weights(whitened) * this.found.precision / this.scatter[:, None] ** 2
+    count = this.columns.shape[1]
+    summed = sums(this.found, weights, distance, count)
+    felt = huber_weights(misfit)[..., None] * this.felt
+    information = this.columns.mT @ summed.times(this.columns) + this.felt.mT @ felt
+    pull = (this.columns.mT @ summed.load[..., None] + felt.mT @ misfit[..., None])[..., 0]
+    diagonal = namespace(at).arange(this.columns.shape[-1])
+    information[:, diagonal, diagonal] += this.prior
+    total = huber(whitened).sum(-1) + huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
+    return Equations(information, pull - this.prior * at, total)
+
+
+def solved(information: Array, pull: Array, damping: Array | float = 0.0) -> Array:
+    """Steps (B, K) of normal equations, scaled to a unit diagonal, to which damping (B,) is added."""
+    xp = namespace(pull)
+    diagonal = xp.arange(pull.shape[-1])
+    scale = xp.sqrt(information[:, diagonal, diagonal])
+    scale = xp.where(scale > 0.0, scale, xp.ones_like(scale))
+    unit = information / (scale[:, :, None] * scale[:, None])
+    unit[:, diagonal, diagonal] += damping[:, None] + EASE if hasattr(damping, "shape") else damping + EASE
+    return xp.linalg.solve(unit, (pull / scale)[..., None])[..., 0] / scale
+
+
+def least_cost(this: Problem, at: Array, rounds: int) -> tuple[Array, Array]:
+    """The small move (B, K) of least cost with everything taken as linear, and that cost (B,); `at` (B, K) is where
+    the priors stand before it."""
+    moved = namespace(at).zeros_like(at)
+    for _ in range(rounds):
+        now = equations(this, at + moved, moved)
+        moved = moved + solved(now.information, now.pull)
+    return moved, cost(this, at + moved, moved)

@@ -1,0 +1,133 @@
+"""Frames settled on one rung: polished, weighed by what their points scatter, held at the tip if need be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from vbaa_calib.arrays import Array, namespace
+
+from .batch import picked, written
+from .descend import COARSE_ITERATIONS, COARSE_STANDSTILL, State, begin, descend, linearised
+from .frames import Frames
+from .known import UNKNOWNS
+from .normal import Equations, Problem, cost, equations
+from .view import TIP, RigTable, View, look, rig_table
+
+NEAR_TIP, TIP_OBJECTION = 0.03, 2.0
+"""A distance this near to the tip is held there if that costs no more than this: if it lies within two deviations."""
+SCATTERED = 3.5
+"""N points whose median misfit exceeds its expectation by this over √N scatter more than noise: three deviations."""
+HOPELESS, HOPELESS_FACTOR = 50.0, 4.0
+"""A valley whose floor lies higher than so many times the lowest one's, and by so much, is left."""
+SAME = 1e-2
+"""Distances closer than this, in antenna lengths, are taken for the same valley."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """B fitted frames on one rung.
+
+    Attributes
+    ----------
+    state : where they stand.
+    view, table : the prediction there, and the rig's influence as it was used.
+    problem, equations : linearised there, the rig's steps in the residuals.
+    """
+
+    frames: Frames
+    rung: str
+    state: State
+    view: View
+    table: RigTable
+    problem: Problem
+    equations: Equations
+
+    @property
+    def plain_cost(self) -> Array:
+        """(B,) the cost with the deviations that the points came with: only these compare between fits."""
+        plain = replace(self.problem, scatter=namespace(self.state.scatter).ones_like(self.state.scatter))
+        return cost(plain, self.state.values)
+
+
+def settle(frames: Frames, rung: str, unknowns: Array) -> Settled:
+    """The floors of the valleys that unknowns (B, 4) lie in.
+
+    What neither noise nor rig explains — a second contact, a kink — must not be fitted as if it were exact, nor must
+    most points count as outliers for it: such frames are fitted again with what their points scatter.
+    """
+    view = look(frames, rung, unknowns)
+    table = rig_table(frames, rung, unknowns, view)
+    state = descend(frames, rung, table, begin(frames, view, unknowns))
+    spread = scatter(linearised(frames, rung, table, state))
+    state = replace(state, scatter=spread)
+    state = _again(frames, rung, table, state, spread > 1.0)
+    state = _held_at_tip(frames, rung, table, state)
+    return evaluated(frames, rung, table, state)
+
+
+def evaluated(frames: Frames, rung: str, table: RigTable, state: State) -> Settled:
+    """What fits look like where they stand; nothing is searched for."""
+    view = look(frames, rung, state.unknowns)
+    about = linearised(frames, rung, table, state, view)
+    return Settled(frames, rung, state, view, table, about, equations(about, state.values))
+
+
+def explored(frames: Frames, rung: str, starts: Array, costs: Array) -> tuple[Array, Array]:
+    """Rough floors (B, S, 4) below starts (B, S, 4), lowest first, and their costs (B, S).
+
+    Starts of infinite cost, floors that another one reached too, and hopeless ones come out with infinite cost.
+    """
+    xp = namespace(starts)
+    count, width = starts.shape[:2]
+    worth = xp.isfinite(costs).reshape(-1)
+    index = xp.arange(count * width)[worth]
+    several = frames.picked(index // width)
+    unknowns = starts.reshape(-1, UNKNOWNS)[worth]
+    view = look(several, rung, unknowns)
+    table = rig_table(several, rung, unknowns, view)
+    state = descend(several, rung, table, begin(several, view, unknowns), COARSE_STANDSTILL, COARSE_ITERATIONS)
+    floors, total = starts.reshape(-1, UNKNOWNS) + 0.0, xp.full_like(costs.reshape(-1), xp.inf)
+    floors[worth] = state.unknowns
+    total[worth] = equations(linearised(several, rung, table, state), state.values).cost
+    floors, total = floors.reshape(count, width, UNKNOWNS), total.reshape(count, width)
+    order = xp.argsort(total, -1)
+    every = xp.arange(count)[:, None]
+    floors, total = floors[every, order], total[every, order]
+    far = xp.abs(floors[:, 1:, 0] - floors[:, :1, 0]) > SAME
+    keep = far & (total[:, 1:] < HOPELESS_FACTOR * total[:, :1] + HOPELESS)
+    total[:, 1:] = xp.where(keep, total[:, 1:], xp.full_like(total[:, 1:], xp.inf))
+    return floors, total
+
+
+def scatter(about: Problem) -> Array:
+    """(B,) median misfit of the points over its expectation, 1 unless it is too much."""
+    xp = namespace(about.scatter)
+    size = xp.where(about.found.precision > 0.0, xp.abs(about.whitened(about.found.distance)), xp.inf)
+    count = (about.found.precision > 0.0).sum(-1)
+    every, middle = xp.arange(len(size)), count // 2
+    median = 1.4826 * size[every, xp.argsort(size, -1)[every, middle]] * about.scatter
+    return xp.where(median > 1.0 + SCATTERED / xp.sqrt(count + 0.0), median, xp.ones_like(median))
+
+
+def _again(frames: Frames, rung: str, table: RigTable, state: State, which: Array) -> State:
+    """Some of the states descended once more."""
+    if not bool(which.any()):
+        return state
+    rows = namespace(which).arange(len(which))[which]
+    part = descend(frames.picked(rows), rung, picked(table, rows), picked(state, rows))
+    return written(state, rows, part)
+
+
+def _held_at_tip(frames: Frames, rung: str, table: RigTable, state: State) -> State:
+    """Distances that the data cannot tell from the tip are held there."""
+    xp = namespace(state.scatter)
+    near = state.unknowns[:, 0] > TIP - NEAR_TIP
+    if not bool(near.any()):
+        return state
+    rows = xp.arange(len(near))[near]
+    frames, table, free = frames.picked(rows), picked(table, rows), picked(state, rows)
+    unknowns = xp.concat([xp.ones_like(free.unknowns[:, :1]) * TIP, free.unknowns[:, 1:]], -1)
+    held = descend(frames, rung, table, replace(free, unknowns=unknowns, at_tip=~free.at_tip | True))
+    costs = [equations(linearised(frames, rung, table, each), each.values).cost for each in (free, held)]
+    better = costs[1] <= costs[0] + TIP_OBJECTION
+    return written(state, rows[better], picked(held, better))

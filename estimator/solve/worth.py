@@ -1,0 +1,166 @@
+"""What settled frames are worth: noise and rig together, the evidence for a contact, and what each rung would cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from vbaa_calib.antenna.rungs import RUNGS
+
+from vbaa_calib.arrays import Array, namespace
+
+from .known import UNKNOWNS
+from .match import match, sums
+from .normal import Problem, huber_weights, least_cost, solved
+from .settle import Settled
+from .starts import Free
+from .view import LEANING, View, displaced
+
+REFERENCE = RUNGS[-1]
+"""The rung that the others are held against."""
+ROUNDS = 4
+CLOSE_ROUNDS = 2
+"""Reweightings when all is taken as linear: far from the solution, and beside it."""
+LEAST_REDUNDANCY = 0.005
+"""A moment whose misfit may be only this part of its own deviation was fitted, not tested: it contradicts nothing."""
+SINGULAR = 1e14
+"""Condition number of the scaled information beyond which nothing is said to be known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Worth:
+    """First-order uncertainty of B fits.
+
+    Attributes
+    ----------
+    covariance : (B, 4, 4) of the unknowns, from noise and rig together; infinite where the data do not hold one.
+    rig_follows : (B, R, 4) how the rig's likeliest steps go with the unknowns.
+    rig_covariance : (B, R, R) of the rig's steps for a contact that is known.
+    condition : (B,) condition number of the contact's own information, scaled to a unit diagonal.
+    moment_std : (B, 2) deviation of each reading's whitened misfit, below one as far as the reading was fitted.
+    """
+
+    covariance: Array
+    rig_follows: Array
+    rig_covariance: Array
+    condition: Array
+    moment_std: Array
+
+    @property
+    def std(self) -> Array:
+        """(B, 4) standard deviations of the unknowns."""
+        xp = namespace(self.covariance)
+        index = xp.arange(UNKNOWNS)
+        return xp.sqrt(self.covariance[:, index, index])
+
+    def of(self, by_unknowns: Array, by_rig: Array) -> Array:
+        """Covariance (B, Q, Q) of quantities with slopes (B, Q, 4) and (B, Q, R)."""
+        seen = by_unknowns + by_rig @ self.rig_follows
+        return seen @ self.covariance @ seen.mT + by_rig @ self.rig_covariance @ by_rig.mT
+
+
+def worth(fits: Settled) -> Worth:
+    """Invert the fits' information, the rig's part first: its prior keeps it regular.
+
+    A distance held at the tip gets the deviation that it would have if it were free: the data allow it that far inside.
+    """
+    whole = fits.equations.information
+    xp = namespace(whole)
+    rig_covariance = xp.linalg.inv(whole[:, UNKNOWNS:, UNKNOWNS:])
+    follows = -(rig_covariance @ whole[:, UNKNOWNS:, :UNKNOWNS])
+    information = whole[:, :UNKNOWNS, :UNKNOWNS] + whole[:, :UNKNOWNS, UNKNOWNS:] @ follows
+    index = xp.arange(UNKNOWNS)
+    diagonal = information[:, index, index]
+    known = (diagonal > 0.0).all(-1) & xp.isfinite(information).all(-1).all(-1)
+    scale = xp.sqrt(xp.where(known[:, None], diagonal, xp.ones_like(diagonal)))
+    unit = information / (scale[:, :, None] * scale[:, None])
+    values, vectors = xp.linalg.eigh(xp.where(known[:, None, None], unit, fits.frames.known.trials[1:]))
+    known = known & (values[:, 0] > values[:, -1] / SINGULAR)
+    values = xp.clip(values, 1e-300, None)
+    covariance = (vectors / values[:, None]) @ vectors.mT / (scale[:, :, None] * scale[:, None])
+    felt = fits.problem.felt * xp.sqrt(huber_weights(fits.problem.misfit))[..., None]
+    own = felt[..., :UNKNOWNS] + felt[..., UNKNOWNS:] @ follows
+    fitted = ((own @ covariance) * own).sum(-1)
+    fitted = fitted + ((felt[..., UNKNOWNS:] @ rig_covariance) * felt[..., UNKNOWNS:]).sum(-1)
+    redundant = xp.clip(1.0 - fitted, LEAST_REDUNDANCY**2, None)
+    return Worth(
+        xp.where(known[:, None, None], covariance, xp.inf),
+        follows,
+        rig_covariance,
+        xp.where(known, values[:, -1] / values[:, 0], xp.inf),
+        xp.where(known[:, None], xp.sqrt(redundant), 1.0),
+    )
+
+
+def moves(fits: Settled, displacement: Array, felt: Array) -> Array:
+    """How far values (B, K) would move, to first order, if the curves really were displaced so far.
+
+    `displacement` (B, M) along the view's normals, `felt` (B, 2) in the readings' deviations.
+    """
+    about = fits.problem
+    weights = huber_weights(about.whitened(about.found.distance)) * about.found.precision / about.scatter[:, None] ** 2
+    summed = sums(about.found, weights, about.found.distance, displacement.shape[1])
+    pull = (about.columns.mT @ summed.times(displacement[..., None]))[..., 0]
+    pull = pull + (about.felt.mT @ (huber_weights(about.misfit) * felt)[..., None])[..., 0]
+    return solved(fits.equations.information, pull)
+
+
+def predicted_bias(fits: Settled, known: Worth, rungs: tuple[str, ...] = RUNGS) -> dict[str, Array]:
+    """Each rung's bias (B,) at the fitted contacts: the largest of distance and force, in standard deviations.
+
+    How far a fit on it would move if the antenna were the highest rung's; on rungs without friction, also what the
+    friction that is thought possible would do. Infinite where the deviations are not known.
+    """
+    xp = namespace(known.covariance)
+    frames, unknowns, view = fits.frames, fits.state.unknowns, fits.view
+    std = known.std[:, :3]
+    sound = xp.isfinite(std).all(-1)
+
+    def in_std(displacement: Array, felt: Array) -> Array:
+        moved = moves(fits, displacement, felt)[:, :3] / xp.where(sound[:, None], std, xp.ones_like(std))
+        return xp.where(sound[:, None], xp.abs(moved), xp.full_like(moved, xp.inf))
+
+    truth = displaced(frames, REFERENCE, unknowns, view)
+    friction = 0.0
+    if frames.known.friction_rad > 0.0 and not set(rungs) <= set(LEANING):
+        leant = displaced(frames, REFERENCE, unknowns + frames.known.trials[UNKNOWNS], view)
+        friction = in_std(leant[0] - truth[0], leant[1] - truth[1])
+    found = {}
+    for rung in rungs:
+        if rung == REFERENCE:
+            found[rung] = xp.where(sound, xp.zeros_like(std[:, 0]), xp.full_like(std[:, 0], xp.inf))
+            continue
+        own = (0.0, 0.0) if rung == fits.rung else displaced(frames, rung, unknowns, view)
+        shape = in_std(truth[0] - own[0], truth[1] - own[1])
+        both = shape if rung in LEANING else xp.sqrt(shape**2 + friction**2)
+        found[rung] = xp.where(sound, xp.amax(both, -1), xp.inf)
+    return found
+
+
+def evidence(fits: Settled, free: Free, reference: View | None) -> Array:
+    """(B,) how much better a contact explains the frames than the free antenna: half the difference of squared misfits.
+
+    Both may bend the rig's parameters within their joint covariance first, so that a clamp angle that is known badly is
+    not taken for a contact. Without contact it is 1.5 to 2 (three unknowns fitted to noise). Both are held against
+    the highest rung, `reference` its view where the fits are not on it: what a lower one leaves out of the weight must
+    not pass for a force.
+    """
+    xp = namespace(fits.state.scatter)
+    frames, about, values = fits.frames, fits.problem, fits.state.values
+    if reference is not None:
+        rig = xp.concat([xp.zeros_like(fits.state.unknowns), fits.state.steps], -1)
+        found = match(frames, reference, fits.state.foot_m)
+        about = replace(about, found=found, misfit=reference.misfit)
+        distance, misfit = about.residuals(rig)
+        about = replace(about, found=replace(found, distance=distance), misfit=misfit)
+    _, touching = least_cost(about, values, CLOSE_ROUNDS)
+    found = match(frames, free.view, free.feet_m)
+    alone = Problem(
+        found,
+        free.table.nodes,
+        free.table.readings,
+        free.view.misfit,
+        about.prior[:, UNKNOWNS:],
+        fits.state.scatter,
+    )
+    _, without = least_cost(alone, 0.0 * fits.state.steps, ROUNDS if alone.columns.shape[-1] else 0)
+    return without - touching

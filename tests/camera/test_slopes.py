@@ -1,0 +1,182 @@
+"""Slopes of normalized points by pixel and by lens: against the rays' derivatives, difference quotients, tensors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from vbaa_calib.camera import Camera
+from vbaa_calib.camera.lens import lens_of
+from vbaa_calib.camera.projection import ray_derivatives
+from vbaa_calib.camera.slopes import by_lens_of_points, by_pixel_of_points
+from vbaa_calib.errors import InputError
+
+from .lenses import LENSES, border_and_grid
+
+EACH_KIND = ["pinhole", "tele", "gopro five", "barrel", "gopro rational", "rational radial", "prism", "tilted"]
+EACH_KIND += ["only tilted", "fisheye equidistant", "fisheye 200"]
+
+
+def by_rays(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes by pixel and by parameter, the long way: X/Z by the derivatives of the rays. NaN where not valid."""
+    with np.errstate(all="ignore"):
+        moved = ray_derivatives(camera.intrinsics, pixels)
+        depth = moved.rays[..., 2, None, None]
+        ideal = moved.rays[..., :2, None] / depth
+        valid = (moved.valid & (moved.rays[..., 2] > 1e-12))[..., None, None]
+        return tuple(
+            np.where(valid, (by[..., :2, :] - ideal * by[..., 2:, :]) / depth, np.nan)
+            for by in (moved.by_pixel, moved.by_parameter)
+        )
+
+
+def close(found: np.ndarray, expected: np.ndarray, relative: float) -> None:
+    """Column by column, relative to each matrix's largest entry in that column."""
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    scale = np.nanmax(np.abs(expected), axis=-2, keepdims=True, initial=1e-300)
+    assert np.nanmax(np.abs(found - expected) / scale, initial=0.0) < relative
+
+
+def ordinary(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Those pixels at which the inverse is not about to end: there slopes have no digits left."""
+    slopes, _ = by_rays(camera, pixels)
+    sizes = np.linalg.norm(slopes, axis=(-1, -2))
+    return pixels[sizes < 30.0 * np.nanmin(sizes)]
+
+
+def test_each_kind_is_there():
+    counts = {(LENSES[name].model, LENSES[name].distortion.size) for name in EACH_KIND}
+    assert counts == {("opencv", count) for count in (0, 4, 5, 8, 12, 14)} | {("fisheye", 4)}
+
+
+@pytest.mark.parametrize("name", sorted(LENSES))
+def test_one_inversion_says_what_two_said(name):
+    camera = LENSES[name]
+    pixels = np.concatenate([border_and_grid(camera), [[np.nan, 1.0], [np.inf, 1.0], [1e300, 1e300]]])
+    points, slopes, valid = camera.normalized_with_slopes(pixels)
+    expected, known = camera.unproject_normalized(pixels)
+    np.testing.assert_array_equal(valid, known)
+    np.testing.assert_allclose(points, expected, rtol=1e-13, atol=1e-15)
+    np.testing.assert_array_equal(np.isnan(slopes), np.broadcast_to(~valid[:, None, None], slopes.shape))
+    inner = ordinary(camera, pixels)
+    close(camera.normalized_with_slopes(inner)[1], by_rays(camera, inner)[0], 1e-10)
+
+
+@pytest.mark.parametrize("name", sorted(LENSES))
+def test_lens_slopes_need_no_pixel(name):
+    camera = LENSES[name]
+    pixels = ordinary(camera, border_and_grid(camera))
+    points, _ = camera.unproject_normalized(pixels)
+    slopes = camera.lens_slopes_at(points)
+    assert slopes.shape == (len(pixels), 2, len(camera.parameter_names))
+    close(slopes, by_rays(camera, pixels)[1], 1e-10)
+    projected, seen = camera.project(np.c_[points, np.ones(len(points))])
+    assert seen.all()
+    close(slopes, camera.lens_jacobian(projected), 1e-10)
+
+
+@pytest.mark.parametrize("name", EACH_KIND)
+def test_slopes_are_difference_quotients(name):
+    camera = LENSES[name]
+    width, height = camera.image_size
+    pixels = np.random.default_rng(0).uniform([0.25 * width, 0.25 * height], [0.75 * width, 0.75 * height], (40, 2))
+    points, by_pixel, valid = camera.normalized_with_slopes(pixels)
+    assert valid.all()
+
+    def quotient(ends: list[np.ndarray], step: float) -> np.ndarray:
+        return (ends[0] - ends[1]) / (2.0 * step)
+
+    for axis, direction in enumerate(np.eye(2) * 1e-3):
+        ends = [camera.unproject_normalized(pixels + sign * direction)[0] for sign in (1, -1)]
+        np.testing.assert_allclose(by_pixel[..., axis], quotient(ends, 1e-3), rtol=1e-6, atol=1e-10)
+    by_lens = camera.lens_slopes_at(points)
+    for index in range(len(camera.parameter_names)):
+        step = 1e-3 if index < 4 else 1e-6
+        ends = []
+        for sign in (1, -1):
+            matrix, distortion = camera.matrix.copy(), camera.distortion.copy()
+            if index < 4:
+                matrix[(0, 1, 0, 1)[index], (0, 1, 2, 2)[index]] += sign * step
+            else:
+                distortion[index - 4] += sign * step
+            ends.append(Camera(camera.model, camera.image_size, matrix, distortion).unproject_normalized(pixels)[0])
+        np.testing.assert_allclose(by_lens[..., index], quotient(ends, step), rtol=1e-6, atol=3e-9)
+
+
+def test_where_the_lens_is_not_one_to_one_there_is_no_slope():
+    # r (1 − 0.35 r²) ends at r² = 1/1.05
+    fold = 1.0 / math.sqrt(1.05)
+    points = np.array([[0.999 * fold, 0.0], [1.001 * fold, 0.0], [0.0, -2.0], [np.nan, 0.0], [0.0, np.inf]])
+    known = np.isfinite(LENSES["barrel folding"].lens_slopes_at(points)).all(axis=(-1, -2))
+    assert known.tolist() == [True, False, False, False, False]
+    for name, camera in LENSES.items():
+        radius = np.linspace(0.0, 4.0, 60)[:, None]
+        points = radius * [math.cos(0.6), math.sin(0.6)]
+        _, seen = camera.project(np.c_[points, np.ones(len(points))])
+        known = np.isfinite(camera.lens_slopes_at(points)).all(axis=(-1, -2))
+        np.testing.assert_array_equal(known, seen, err_msg=name)
+
+
+@pytest.mark.parametrize("shape", [(), (7,), (0,), (2, 0), (2, 1, 3)])
+@pytest.mark.parametrize("name", ["pinhole", "barrel", "decentred", "tilted", "fisheye 200"])
+def test_kinds_shapes_and_precision_are_kept(name, shape):
+    camera = LENSES[name]
+    pixels = np.random.default_rng(0).uniform(300, 500, (*shape, 2))
+    expected = camera.normalized_with_slopes(pixels)
+    by_lens = camera.lens_slopes_at(expected[0])
+    tensor = torch.tensor(pixels, requires_grad=True)
+    for given in (pixels, pixels.astype(np.float32), np.asfortranarray(pixels), tensor, tensor.float()):
+        points, slopes, valid = camera.normalized_with_slopes(given)
+        lens_slopes = camera.lens_slopes_at(points)
+        assert type(points) is type(slopes) is type(valid) is type(lens_slopes) is type(given)
+        assert points.dtype == slopes.dtype == lens_slopes.dtype == given.dtype
+        assert tuple(valid.shape) == shape
+        assert tuple(lens_slopes.shape) == (*shape, 2, len(camera.parameter_names))
+        single = str(given.dtype).endswith("32")
+        for found, wanted in zip((points, slopes, lens_slopes), (*expected[:2], by_lens), strict=True):
+            np.testing.assert_allclose(np.asarray(found), wanted, rtol=1e-4 if single else 0, atol=1e-6 * single)
+    with pytest.raises(InputError, match="int64"):
+        camera.lens_slopes_at(np.zeros((3, 2), int))
+
+
+@pytest.mark.parametrize("name", ["gopro five", "gopro rational", "barrel folding", "tilted", "fisheye 170"])
+def test_many_points_in_pieces_are_the_same(name):
+    camera = LENSES[name]
+    few = border_and_grid(camera)
+    many = np.tile(few, (25, 1))
+    assert len(many) > 40_000
+    for found, expected in zip(camera.normalized_with_slopes(many), camera.normalized_with_slopes(few), strict=True):
+        np.testing.assert_allclose(found.reshape(25, *expected.shape)[17], expected, rtol=1e-9, atol=1e-13)
+    points = camera.unproject_normalized(few)[0]
+    found = camera.lens_slopes_at(torch.tensor(np.tile(points, (25, 1)))).numpy()
+    np.testing.assert_allclose(found.reshape(25, *found[: len(few)].shape)[17], camera.lens_slopes_at(points))
+
+
+@pytest.mark.parametrize("name", [*EACH_KIND, "barrel folding", "realsense author"])
+def test_the_formulas_for_tensors_are_those_for_arrays(name):
+    # on other devices the formulas run on tensors; here the same code runs on tensors of the processor
+    camera = LENSES[name]
+    lens = lens_of(camera.intrinsics.model, camera.intrinsics.coefficients)
+    pixels = border_and_grid(camera, 15)
+    points = camera.unproject_normalized(pixels)[0]
+    for function, given in ((by_pixel_of_points, pixels), (by_lens_of_points, points)):
+        with np.errstate(all="ignore"):
+            *expected, valid, _ = function(np, camera.intrinsics, lens, given[:, 0], given[:, 1], True)
+        tensor = torch.tensor(given)
+        *found, known, _ = function(torch, camera.intrinsics, lens, tensor[:, 0], tensor[:, 1], True)
+        np.testing.assert_array_equal(known.numpy(), valid)
+        for ours, theirs in zip(found, expected, strict=True):
+            ours, theirs = (np.broadcast_to(np.asarray(values), valid.shape)[valid] for values in (ours, theirs))
+            np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["pinhole", "fisheye equidistant"])
+def test_results_stay_on_the_device(name):
+    camera, pixels = LENSES[name], torch.empty(4, 3, 2, dtype=torch.float64, device="meta")
+    points, slopes, valid = camera.normalized_with_slopes(pixels)
+    by_lens = camera.lens_slopes_at(points)
+    assert {values.device.type for values in (points, slopes, valid, by_lens)} == {"meta"}
+    assert by_lens.shape == (4, 3, 2, len(camera.parameter_names))

@@ -1,0 +1,244 @@
+"""A swinging antenna bends under its own inertia: how much of it is told, and that rest is not taken for motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from estimator.motion import PIECES, Beam, Inertia, Motion, Shapes, deflection_by_load, inertia, moment_by_load
+from estimator.parabola import MOST
+from vbaa_calib.antenna.linear import deflection, weight_deflection
+
+from .vibrations import DENSITY, EI, LENGTH, frequency_rad_s, mode_shape, modes, shaken
+
+BEAM = Beam(LENGTH, EI, DENSITY)
+S = np.linspace(0.02, 1.0, 80) * LENGTH
+STD_M = 4e-6
+
+
+def swinging(time_s: np.ndarray, across_m: np.ndarray, contact: float = np.nan, std_m: float = STD_M) -> Shapes:
+    """Frames of a straight antenna along x with a deflection (B, G) along z."""
+    points = np.zeros((len(time_s), PIECES, 3))
+    points[..., 0] = BEAM.pieces_m
+    points[..., 2] = across_m
+    return Shapes(time_s, points, np.full((len(time_s), 1), std_m), np.full(len(time_s), contact))
+
+
+def times(rate_hz: float, count: int, rng: np.random.Generator, jitter: float = 0.0) -> np.ndarray:
+    return (np.arange(count) + jitter * rng.uniform(-0.5, 0.5, count)) / rate_hz
+
+
+def same(one: Inertia, other: Inertia, atol: float = 0.0) -> None:
+    for name, value in vars(one).items():
+        np.testing.assert_allclose(np.asarray(getattr(other, name)), np.asarray(value), rtol=1e-9, atol=atol)
+
+
+@pytest.mark.parametrize("contact", [0.0, 0.03, 0.1, 0.4, 0.78, 0.93, 1.0])
+def test_first_mode(contact: float) -> None:
+    wave = modes(contact, 1)[0][0]
+    assert BEAM.first_mode_rad_s(np.array(contact)) == pytest.approx(frequency_rad_s(wave), rel=2e-3)
+    assert BEAM.first_mode_rad_s(np.array(np.nan)) == pytest.approx(2 * np.pi * 9.628, rel=1e-3)
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 60.0, 240.0, 1000.0])
+def test_a_free_antenna_rings(rate_hz: float) -> None:
+    """In its first mode inertia is all that bends it: the predicted deflection is the one seen, times the response."""
+    (wave,), (coefficients,) = modes(0.0, 1)
+    time = times(rate_hz, int(0.6 * rate_hz) + 5, np.random.default_rng(1), 0.1)
+    swing = 2e-3 * np.cos(frequency_rad_s(wave) * time + 0.4)
+    verdict = inertia(swinging(time, swing[:, None] * mode_shape(BEAM.pieces_m, 0.0, wave, coefficients)), BEAM)
+    bent = deflection_by_load(verdict.load_N_m, S, BEAM)
+    true = swing[:, None] * mode_shape(S, 0.0, wave, coefficients)
+    whole = slice(int(0.03 * rate_hz) + 1, -int(0.03 * rate_hz) - 1)
+    told = bent[whole, :, 2] / verdict.response[whole, None]
+    assert np.abs(told - true[whole]).max() < {30.0: 0.12, 60.0: 0.06}.get(rate_hz, 0.04) * 2e-3
+    assert np.abs(bent[whole, :, :2]).max() < 1e-15
+    assert verdict.significant[whole][np.abs(swing[whole]) > 1e-4].all()
+    expected = {30.0: 0.70, 60.0: 0.92}.get(rate_hz, 0.84)
+    assert verdict.response[whole].mean() == pytest.approx(expected, abs=0.02)
+
+
+def contact_fit(across_m: np.ndarray, contact_m: float, force_N: float) -> np.ndarray:
+    """(2,) distance and force of the least-squares static beam through a shape (N,), from a start nearby."""
+    unknowns = np.array([contact_m, force_N])
+    for _ in range(30):
+        slopes = by_contact(unknowns[0], unknowns[1])
+        misfit = across_m - deflection(S, unknowns[0], unknowns[1], EI)
+        unknowns = unknowns + np.linalg.lstsq(slopes, misfit, rcond=None)[0]
+    return unknowns
+
+
+def by_contact(contact_m: float, force_N: float) -> np.ndarray:
+    """(N, 2) change of the static beam's shape with distance and force."""
+    step = 1e-6
+    by_distance = deflection(S, contact_m + step, force_N, EI) - deflection(S, contact_m - step, force_N, EI)
+    return np.stack([by_distance / (2 * step), deflection(S, contact_m, 1.0, EI)], axis=1)
+
+
+@pytest.mark.parametrize("contact", [0.3, 0.5, 0.7, 0.85])
+@pytest.mark.parametrize("rate_hz", [240.0, 1000.0])
+def test_ringing_on_a_contact_moves_it_as_predicted(contact: float, rate_hz: float) -> None:
+    force = 0.01 * 3 * EI / (contact * LENGTH) ** 3
+    (wave,), (coefficients,) = modes(contact, 1)
+    time = times(rate_hz, int(0.3 * rate_hz), np.random.default_rng(2), 0.1)
+    swing = 4e-5 * np.cos(frequency_rad_s(wave) * time)
+
+    def shape(s_m: np.ndarray) -> np.ndarray:
+        static = deflection(s_m, contact * LENGTH, force, EI)
+        return static + swing[:, None] * mode_shape(s_m, contact, wave, coefficients)
+
+    verdict = inertia(swinging(time, shape(BEAM.pieces_m), contact), BEAM)
+    bent = deflection_by_load(verdict.load_N_m, S, BEAM)[..., 2]
+    predicted = np.linalg.lstsq(by_contact(contact * LENGTH, force), bent.T, rcond=None)[0][0] / verdict.response
+    made = np.array([contact_fit(frame, contact * LENGTH, force)[0] for frame in shape(S)]) - contact * LENGTH
+    judged = np.isfinite(predicted)
+    judged[: int(0.02 * rate_hz) + 1] = judged[-int(0.02 * rate_hz) - 1 :] = False
+    assert judged.sum() > 0.2 * rate_hz
+    assert np.abs(made).max() > 1e-4
+    assert np.abs(predicted - made)[judged].max() < 0.06 * np.abs(made).max()
+
+
+def test_a_shaken_base_bends_the_antenna() -> None:
+    omega = 2 * np.pi * 4.0
+    time = np.arange(120) / 240.0
+    swing = 0.01 * np.sin(omega * time)
+    verdict = inertia(swinging(time, swing[:, None] * (1.0 + shaken(BEAM.pieces_m, omega))), BEAM)
+    bent = deflection_by_load(verdict.load_N_m, S, BEAM)[..., 2]
+    true = swing[:, None] * shaken(S, omega)
+    middle = slice(10, -10)
+    assert np.abs(true[middle]).max() > 1e-3
+    assert np.abs(bent - true)[middle].max() < 0.05 * np.abs(true).max()
+
+
+def test_a_turning_base_throws_the_antenna_outwards() -> None:
+    rate, time = 3.0, np.arange(40) / 60.0
+    points = BEAM.pieces_m[:, None] * np.stack([np.cos(rate * time), np.sin(rate * time), 0 * time], -1)[:, None]
+    shapes = Shapes(time, points, np.full((40, 1), STD_M), np.full(40, np.nan))
+    verdict = inertia(shapes, BEAM)
+    np.testing.assert_allclose(verdict.load_N_m[1:-1], DENSITY * rate**2 * points[1:-1], atol=2e-3 * DENSITY)
+    assert verdict.significant[1:-1].all()
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 60.0, 240.0, 1000.0])
+def test_rest_is_not_taken_for_motion(rate_hz: float) -> None:
+    """Noise in distance, force and direction bends the whole shape; it hardly ever looks like inertia."""
+    rng, count = np.random.default_rng(3), 40_000
+    slopes = by_contact_at(BEAM.pieces_m)
+    slopes /= np.linalg.norm(slopes, axis=1).max()
+    time = times(rate_hz, count, rng, 0.2)
+    shapes = swinging(time, 0.3 * time[:, None] + STD_M * rng.normal(size=(count, 2)) @ slopes.T)
+    shapes.points_m[..., 1] += STD_M * rng.normal(size=(count, 1)) * slopes[:, 1]
+    verdict = inertia(shapes, BEAM)
+    assert np.isfinite(verdict.load_N_m[1:-1]).all()
+    assert verdict.significant.sum() <= 1e-4 * count
+    tip = verdict.load_N_m[1:-1, -1, 2] / verdict.load_std_N_m[1:-1, -1, 2]
+    assert tip.std() == pytest.approx(1.0, abs=0.1)
+
+
+def by_contact_at(s_m: np.ndarray) -> np.ndarray:
+    """(G, 2) what two uncertain unknowns do to the shape: its slope, and its curvature near the clamp."""
+    return np.stack([s_m / LENGTH, (s_m / LENGTH) ** 2], axis=1)
+
+
+def test_coarse_joint_angles_are_no_motion() -> None:
+    """Steps of the encoder beyond the stated deviation raise it, where there are frames enough to see them."""
+    time = np.arange(20_000) / 1000.0
+    angle = np.round(0.05 * time / 2e-4) * 2e-4
+    shapes = swinging(time, angle[:, None] * BEAM.pieces_m)
+    assert inertia(shapes, BEAM).significant.mean() < 1e-3
+
+
+def test_what_cannot_be_told_is_not_told() -> None:
+    (wave,), (coefficients,) = modes(0.0, 1)
+
+    def verdict(time: np.ndarray) -> Inertia:
+        swing = 5e-3 * np.cos(frequency_rad_s(wave) * time)
+        return inertia(swinging(time, swing[:, None] * mode_shape(BEAM.pieces_m, 0.0, wave, coefficients)), BEAM)
+
+    for time in ([0.0], [0.0, 0.03], [0.0, 0.06, 0.12], [0.0, 0.0, 0.0, 0.0], [0.2, 0.1, 0.0], [np.nan] * 4):
+        told = verdict(np.array(time))
+        assert np.isnan(told.load_N_m).all()
+        assert np.isnan(told.response).all()
+        assert not told.significant.any()
+    gap = np.concatenate([np.arange(5), 10 + np.arange(5)]) * 0.03
+    assert np.isnan(verdict(gap).load_N_m[:, 0, 2]).tolist() == [True, False, False, False, True] * 2
+    repeated = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0]) * 0.03
+    assert np.isnan(verdict(repeated).response).tolist() == [True, False, True, True, False, True]
+
+
+def test_frames_without_a_shape_are_passed_over() -> None:
+    time = np.arange(12) / 60.0
+    swing = 1e-3 * np.cos(20.0 * time)
+    whole = swinging(time, swing[:, None] * BEAM.pieces_m)
+    whole.points_m[5, 3, 1] = np.nan
+    whole.std_m[8] = np.nan
+    left = whole.picked(np.array([0, 1, 2, 3, 4, 6, 7, 9, 10, 11]))
+    told = inertia(whole, BEAM)
+    assert np.isnan(told.response[[5, 8]]).all()
+    same(inertia(left, BEAM), Inertia(*(np.delete(values, [5, 8], axis=0) for values in vars(told).values())))
+
+
+def random_recording(count: int) -> Shapes:
+    rng = np.random.default_rng(5)
+    time = np.cumsum(rng.choice([0.004, 0.01, 0.03, 0.07], count, p=[0.5, 0.2, 0.25, 0.05]))
+    time[rng.integers(count, size=6)] = np.nan
+    shapes = swinging(time, rng.normal(0.0, 1e-3, (count, PIECES)))
+    contact = rng.choice([np.nan, 0.4, 0.8], count)
+    return Shapes(shapes.time_s, shapes.points_m, shapes.std_m, contact)
+
+
+@pytest.mark.parametrize("part", [1, 7, 300])
+def test_in_parts_as_at_once(part: int) -> None:
+    shapes, judge = random_recording(300), Motion(BEAM)
+    parts = [judge.push(shapes.picked(slice(at, at + part))) for at in range(0, 300, part)]
+    last = judge.finish()
+    assert last is not None
+    together = Inertia(*(np.concatenate([vars(v)[name] for v in [*parts, last]]) for name in vars(last)))
+    same(inertia(shapes, BEAM), together)
+    assert len(judge.push(shapes.picked(slice(0, 1))).response) <= 1
+
+
+def test_verdicts_come_soon_and_little_is_kept() -> None:
+    def told(time: np.ndarray) -> list[int]:
+        judge, shapes = Motion(BEAM), swinging(time, np.zeros((len(time), PIECES)))
+        return [len(judge.push(shapes.picked(slice(at, at + 1))).response) for at in range(len(time))]
+
+    assert told(np.arange(100) / 30.0) == [0] + [1] * 99
+    assert told(np.arange(100) / 240.0)[7:] == [1] * 93
+    # a clock that stands still makes nobody wait for ever
+    assert sum(told(np.zeros(600))) == 600 - MOST
+    assert Motion(BEAM).finish() is None
+
+
+def test_live_looks_back_only() -> None:
+    time = np.arange(100) / 240.0
+    shapes = swinging(time, (0.5 * 7.0 * time**2)[:, None] * np.ones(PIECES))
+    whole = inertia(shapes, BEAM, live=True)
+    now = inertia(shapes.picked(slice(0, 60)), BEAM, slice(59, 60), live=True)
+    np.testing.assert_allclose(now.load_N_m[0, :, 2], -7.0 * DENSITY, rtol=1e-9)
+    np.testing.assert_allclose(now.load_N_m[0], whole.load_N_m[59], rtol=1e-9, atol=1e-15)
+    assert np.isnan(whole.response).tolist() == [True, True] + [False] * 98
+
+
+def test_a_level_load_is_a_weight() -> None:
+    load = np.tile([3.0, -2.0, 0.5], (PIECES, 1)) * 1e-2
+    bent = deflection_by_load(load, S, BEAM)
+    for axis in (1, 2):
+        expected = weight_deflection(S, LENGTH, load[0, axis], EI)
+        np.testing.assert_allclose(bent[:, axis], expected, atol=3e-3 * np.abs(expected).max())
+    assert moment_by_load(load, BEAM) == pytest.approx(0.5 * 0.5e-2 * LENGTH**2)
+
+
+def test_tensors_as_arrays() -> None:
+    shapes = random_recording(200)
+    tensors = Shapes(*(torch.tensor(values) for values in vars(shapes).values()))
+    for live in (False, True):
+        told = inertia(tensors, BEAM, live=live)
+        same(inertia(shapes, BEAM, live=live), told)
+        assert isinstance(told.significant, torch.Tensor)
+    judge = Motion(BEAM)
+    assert isinstance(judge.push(tensors).load_N_m, torch.Tensor)
+    load = torch.tensor(np.random.default_rng(0).normal(size=(3, PIECES, 3)))
+    bent = deflection_by_load(load, torch.tensor(S), BEAM)
+    np.testing.assert_allclose(bent.numpy(), deflection_by_load(load.numpy(), S, BEAM), atol=1e-15)

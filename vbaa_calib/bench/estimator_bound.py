@@ -1,0 +1,162 @@
+"""The Cramér–Rao bound of a scene's contact: what no unbiased estimator can do better than.
+
+From the scene's own forward model by difference quotients: all points, each along the seen curve's normal with σ px,
+and the moment. Friction and the rig's parameters are nuisances with their priors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ..geometry.independent_axes import independent_axes
+from ..rig import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Rig
+from .estimator_scenes import Scenes, seen
+from .estimator_setup import moved
+from .estimator_shapes import Shapes, Touches, rod_shapes
+
+STEP = 1e-4
+"""Of the contact distance in itself, of the push in EI/l², of the friction angle in rad."""
+ILL_CONDITIONED = 1e13
+_CONTACT = 3
+_RIG_STEPS = np.append(RIG_STEPS, [STEP, STEP])
+_GIVE = RIG_PARAMETERS.index("clamp_give_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Of B scenes.
+
+    Attributes
+    ----------
+    covariance : (B, 3, 3) least covariance of (l, f_y, f_z); infinite where the data do not hold them.
+    condition : (B,) condition number of the information matrix, scaled to a unit diagonal.
+    """
+
+    covariance: np.ndarray
+    condition: np.ndarray
+
+    @property
+    def std(self) -> np.ndarray:
+        """(B, 3) least standard deviations of l, f_y and f_z."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+
+def bound(scenes: Scenes, friction_std_rad: float = 0.0) -> Bound:
+    """The bound at the truth of scenes; whether noise was added to them does not matter.
+
+    Parameters
+    ----------
+    friction_std_rad : prior of the friction angle; with 0 the angle counts as known.
+
+    Notes
+    -----
+    The rig's parameters take part where `scenes.rig.covariance` is not zero, and then by the rod; only the clamp's give
+    does not, which the simulated clamps have not.
+    """
+    table, force = _slopes(scenes)
+    axes = np.diag([1.0, 1.0, 1.0, friction_std_rad])
+    if scenes.rig.covariance.any():
+        axes = block_diag(axes, independent_axes(scenes.rig.covariance))
+    table, force = table @ axes, force @ axes
+    information = np.swapaxes(table, 1, 2) @ table + np.diag(np.arange(axes.shape[1]) >= _CONTACT)
+    inverse, condition = _inverse(information)
+    wanted = np.concatenate([np.broadcast_to(axes[:1], (len(scenes), 1, axes.shape[1])), force], axis=1)
+    covariance = wanted @ inverse @ np.swapaxes(wanted, 1, 2)
+    # where nothing is known a product of infinities would not say so
+    lost = ~np.isfinite(condition)
+    covariance[lost] = np.where(np.eye(3) > 0, np.inf, np.nan)
+    return Bound(covariance, condition)
+
+
+def _slopes(scenes: Scenes) -> tuple[np.ndarray, np.ndarray]:
+    """How whitened data (B, N + 1, K) and the force's y and z (B, 2, K) move with touch (4) and rig (K − 4)."""
+    rig, touches = scenes.rig, scenes.touches
+    normal = _normals(scenes)
+    columns, forces = [], []
+    for low, high, span in _touch_steps(rig, touches):
+        below, above = _data(scenes, rig, low, normal), _data(scenes, rig, high, normal)
+        columns.append((above[0] - below[0]) / span[:, None])
+        forces.append((above[1] - below[1]) / span[:, None])
+    if rig.covariance.any():
+        for index in range(len(RIG_PARAMETERS)):
+            column, force = _by_rig(scenes, index, normal)
+            columns.append(column)
+            forces.append(force)
+    return np.stack(columns, axis=-1), np.stack(forces, axis=-1)
+
+
+def _touch_steps(rig: Rig, touches: Touches) -> list[tuple[Touches, Touches, np.ndarray]]:
+    """Touches a little before and behind, and how far apart, for distance, both pushes and friction."""
+    length, stiffness = rig.antenna.length_m, rig.antenna.stiffness_Nm2
+    distance = touches.distance_m
+    nearer, further = distance * (1 - STEP), np.minimum(distance * (1 + STEP), length)
+    steps = [(replace(touches, distance_m=nearer), replace(touches, distance_m=further), further - nearer)]
+    size = STEP * stiffness / distance**2
+    for way in np.eye(2):
+        push = size[:, None] * way
+        steps.append(
+            (replace(touches, push_N=touches.push_N - push), replace(touches, push_N=touches.push_N + push), 2 * size)
+        )
+    steps.append(
+        (
+            replace(touches, friction_rad=touches.friction_rad - STEP),
+            replace(touches, friction_rad=touches.friction_rad + STEP),
+            np.full(len(touches), 2 * STEP),
+        )
+    )
+    return steps
+
+
+def _data(scenes: Scenes, rig: Rig, touches: Touches, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened data (B, N + 1) of one rig and its touches, and the force's y and z (B, 2)."""
+    made_by = rod_shapes if scenes.rig.covariance.any() else scenes.made_by
+    return _seen_as(scenes, rig, made_by(rig, touches, scenes.arclength_m), normal)
+
+
+def _seen_as(scenes: Scenes, rig: Rig, shapes: Shapes, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `_data`, of shapes that are known already."""
+    sensor = rig.moment_sensor
+    pixels = seen(rig.camera, rig.T_antenna_camera, shapes.points_m, anywhere=True)
+    across = (np.where(np.isfinite(pixels), pixels, 0.0) * normal).sum(axis=-1) / scenes.sigma_px
+    moment = (sensor.gain * shapes.moment_Nm + sensor.offset_Nm) / sensor.std_Nm
+    return np.concatenate([across, moment[:, None]], axis=1), shapes.force_N[:, 1:]
+
+
+def _by_rig(scenes: Scenes, index: int, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (B, N + 1) and (B, 2) by one of `RIG_PARAMETERS`."""
+    size = _RIG_STEPS[index]
+    step = size * (np.arange(len(RIG_PARAMETERS)) == index)
+    bends = len(POSE_PARAMETERS) <= index < len(RIG_STEPS) and index != _GIVE
+
+    def data(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+        return _data(scenes, rig, scenes.touches, normal) if bends else _seen_as(scenes, rig, scenes.shapes, normal)
+
+    below, above = data(moved(scenes.rig, -step)), data(moved(scenes.rig, step))
+    return (above[0] - below[0]) / (2 * size), (above[1] - below[1]) / (2 * size)
+
+
+def _normals(scenes: Scenes) -> np.ndarray:
+    """(B, N, 2) unit normals of the true seen curves; 0 where a point is not given."""
+    pixels = seen(scenes.rig.camera, scenes.rig.T_antenna_camera, scenes.shapes.points_m, anywhere=True)
+    along = np.gradient(pixels, axis=1)
+    normal = np.stack([-along[..., 1], along[..., 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
+    given = np.isfinite(scenes.points_px).all(axis=-1) & np.isfinite(normal).all(axis=-1)
+    return np.where(given[..., None], normal, 0.0)
+
+
+def _inverse(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverses (B, K, K), zero where there is none, and condition numbers (B,), infinite there."""
+    scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
+    sound = np.isfinite(scale).all(axis=1) & (scale > 0).all(axis=1)
+    scale = np.where(sound[:, None], scale, 1.0)
+    unit = np.where(sound[:, None, None], information / (scale[:, :, None] * scale[:, None, :]), 0.0)
+    sizes, axes = np.linalg.eigh(unit)
+    condition = np.where(sizes[:, 0] > 0, sizes[:, -1] / np.where(sizes[:, 0] > 0, sizes[:, 0], 1.0), np.inf)
+    sound &= condition < ILL_CONDITIONED
+    inverse = np.einsum(
+        "bik,bk,bjk->bij", axes, np.where(sound[:, None], 1.0 / np.where(sizes > 0, sizes, 1.0), 0.0), axes
+    )
+    return inverse / (scale[:, :, None] * scale[:, None, :]), np.where(sound, condition, np.inf)

@@ -1,0 +1,117 @@
+"""Speed against error of the estimator's benchmark, and its hard cases: tables for the terminal, a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..files import replacing
+from .estimator_hard import HardRow
+from .estimator_hostile import HostileRow
+from .estimator_speed import ESTIMATOR, LINE, LOOP, PAPER, SpeedRow
+
+STYLES = {PAPER: ("#b45309", "o"), LINE: ("#6d28d9", "^"), LOOP: ("#64748b", "D"), ESTIMATOR: ("#0f766e", "s")}
+"""Of each family of methods: its colour and mark."""
+
+
+def speed_text(rows: Sequence[SpeedRow]) -> str:
+    """The table for people."""
+    title = (
+        "200 points a frame; error: rms of the contact distance in standard deviations of the Cramér–Rao bound, at any "
+        "roll up to 60° and\nwithin plane C; typical: from the median; least of several timings"
+    )
+    head = (
+        f"{'method':<30}{'rig':<12}{'frames':>8}{'µs/frame':>11}{'frames/s':>12}{'error':>8}{'in C':>8}{'typical':>9}"
+        f"{'answered %':>12}"
+    )
+    lines = [title, head]
+    for row in rows:
+        numbers = [_number(value) for value in (row.of_bound, row.of_bound_flat, row.typical)]
+        share = _number(None if row.answered is None else 100 * row.answered)
+        lines.append(
+            f"{_label(row):<30}{row.rig:<12}{row.frames:>8}{row.us_per_frame:>11.2f}{1e6 / row.us_per_frame:>12.0f}"
+            f"{numbers[0]:>8}{numbers[1]:>8}{numbers[2]:>9}{share:>12}"
+        )
+    return "\n".join(lines)
+
+
+def hard_text(rows: Sequence[HardRow]) -> str:
+    """The table for people."""
+    title = (
+        "hard cases; errors of the frames that came with numbers: rms and largest in their own deviations, rms in mm; "
+        "condition: median, of the scaled information"
+    )
+    head = (
+        f"{'case':<36}{'frames':>7}{'numbers %':>11}{'l rms':>8}{'l max':>8}{'l mm':>10}{'force rms':>11}{'max':>8}"
+        f"{'condition':>11}  statuses"
+    )
+    lines = [title, head]
+    for row in rows:
+        if row.exception:
+            lines.append(f"{row.case:<36}{row.frames:>7}  {row.exception}")
+            continue
+        values = [_number(value) for value in (row.l_rms_std, row.l_max_std, row.l_rms_mm, row.f_rms_std, row.f_max_std)]
+        condition = "–" if row.condition is None else f"{row.condition:.1e}"
+        lines.append(
+            f"{row.case:<36}{row.frames:>7}{100 * row.numbered:>11.1f}{values[0]:>8}{values[1]:>8}{values[2]:>10}"
+            f"{values[3]:>11}{values[4]:>8}{condition:>11}  {row.statuses}"
+        )
+    return "\n".join(lines)
+
+
+def hostile_text(rows: Sequence[HostileRow]) -> str:
+    """Totals over all chunks, and the worst frames with what replays them."""
+    frames, claimed = (sum(getattr(row, name) for row in rows) for name in ("frames", "claimed"))
+    beyond = sum(row.beyond for row in rows)
+    lines = [
+        f"{frames} frames at random over everything: {sum(row.exceptions for row in rows)} exceptions, "
+        f"{sum(row.nan for row in rows)} with NaN in what is claimed, {claimed} ok or tip_contact, of which {beyond} "
+        f"beyond 6 deviations ({1e5 * beyond / max(claimed, 1):.1f} in 100,000) and "
+        f"{sum(row.imagined for row in rows)} of a free antenna"
+    ]
+    worst = sorted((row for row in rows if row.worst_std is not None), key=lambda row: -(row.worst_std or 0.0))
+    for row in worst[:10]:
+        lines.append(f"    {row.worst_std:.1f} deviations in {row.worst}: replay(seed={row.seed}, chunk={row.chunk})")
+    lines += [f"    {row.failure}: replay(seed={row.seed}, chunk={row.chunk})" for row in rows if row.failure]
+    return "\n".join(lines)
+
+
+def write_figure(path: Path, rows: Sequence[SpeedRow], force: bool) -> None:
+    """Time a frame over error, frame by frame and in a batch; the bound is the wall at 1."""
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    for panel, title in zip(panels, ("one frame at a time", "in a batch"), strict=True):
+        panel.axvspan(0.5, 1.0, color="#e2e8f0", lw=0)
+        panel.axvline(1.0, color="#334155", lw=1.2)
+        panel.set_title(title, fontsize=10)
+        panel.grid(alpha=0.3, which="both")
+        panel.set_xlim(left=0.8)
+        panel.set_xlabel("rms error of the contact distance over the Cramér–Rao bound")
+    panels[0].text(0.9, 0.02, "nothing is\nbetter", fontsize=7, ha="center", transform=panels[0].get_xaxis_transform())
+    for row in rows:
+        if row.of_bound is None:
+            continue
+        colour, mark = STYLES[row.family]
+        at = row.of_bound, row.us_per_frame
+        # the loop knows no batch: it stands in both panels
+        for panel in panels if row.family == LOOP else panels[int(row.frames > 1) : int(row.frames > 1) + 1]:
+            face = colour if row.rig == "exact" else "none"
+            panel.loglog(*at, mark, color=colour, markerfacecolor=face, markersize=6)
+            panel.annotate(row.method, at, xytext=(5, 3), textcoords="offset points", fontsize=6, color=colour)
+    panels[0].set_ylabel("time, µs per frame")
+    marks = [Line2D([], [], ls="", marker=mark, color=colour, label=name) for name, (colour, mark) in STYLES.items()]
+    marks.append(Line2D([], [], ls="", marker="s", color="#0f766e", markerfacecolor="none", label="rig not exact"))
+    figure.legend(handles=marks, loc="outside lower center", ncols=5, fontsize=8)
+    with replacing(path, force) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def _label(row: SpeedRow) -> str:
+    return f"all points, {row.method}" if row.family == ESTIMATOR else f"{LOOP}, {row.method}" if row.family == LOOP else row.method
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}" if abs(value) < 1000 else f"{value:.0e}"

@@ -1,0 +1,64 @@
+"""What a user would write with SciPy and this library's forward model: a loop with one `least_squares` a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from estimator.straight_line import straight_line_contact
+
+from ..antenna.rungs import curves
+from .estimator_scenes import Scenes
+
+_FORCE_SCALE_N, _DISTANCE_SCALE_M = 0.01, 0.01
+_START = 0.6
+"""Contact distance over length that is tried where the straight line says nothing."""
+
+
+def by_loop(scenes: Scenes, rung: str = "elastica") -> np.ndarray:
+    """(B,) contact distances by Levenberg–Marquardt over (l, f_y, f_z), SciPy's own difference quotients.
+
+    For a camera that sees the antenna along the picture's u. Rig and friction are taken as exactly known.
+    """
+    return np.array([one_frame(scenes, index, rung) for index in range(len(scenes))])
+
+
+def one_frame(scenes: Scenes, index: int, rung: str = "elastica") -> float:
+    """Contact distance in m of one frame; NaN where the fit breaks down."""
+    rig, sensor = scenes.rig, scenes.rig.moment_sensor
+    antenna, to_camera = rig.antenna, rig.T_antenna_camera.inverse()
+    rotation = rig.kinematics.T_world_antenna(scenes.pan_rad[index], scenes.tilt_rad[index]).rotation
+    gravity = (rotation.T @ rig.gravity_world_m_s2)[None]
+    parameters = antenna.parameters[None]
+    points = scenes.points_px[index]
+    u, v = points[np.isfinite(points).all(axis=1)].T
+    reading = (scenes.moment_Nm[index] - sensor.offset_Nm) / sensor.gain
+
+    def residuals(unknowns: np.ndarray) -> np.ndarray:
+        contact = np.clip(unknowns[:1] * _DISTANCE_SCALE_M, 1e-3, antenna.length_m)
+        force = unknowns[None, 1:] * _FORCE_SCALE_N
+        shape = curves(rung, parameters, antenna.length_m, gravity, contact, force)
+        pixels, _ = rig.camera.project(to_camera @ shape.points_m[0])
+        curve = CubicSpline(pixels[:, 0], pixels[:, 1])
+        across = (v - curve(u)) / np.sqrt(1.0 + curve(u, 1) ** 2)
+        felt = sensor.gain * (reading - shape.moment_Nm[0]) / sensor.std_Nm
+        return np.append(across / scenes.sigma_px, felt)
+
+    try:
+        found = least_squares(residuals, _start(scenes, index, reading), method="lm")
+    except ValueError:  # a step to a shape that runs back in the picture, which the spline refuses
+        return float("nan")
+    return float(found.x[0] * _DISTANCE_SCALE_M)
+
+
+def _start(scenes: Scenes, index: int, reading_Nm: float) -> np.ndarray:
+    """The straight line's contact and f_y, and the moment's f_z, in the unknowns' scales."""
+    antenna = scenes.rig.antenna
+    x, y = np.moveaxis(scenes.rig.camera_on_plane().project(scenes.points_px[index])[0], -1, 0)
+    line = straight_line_contact(x, y, _START * antenna.length_m, antenna.stiffness_Nm2)
+    contact, force = float(line.contact_m), float(line.force_y_N)
+    if not 0.0 < contact < antenna.length_m:
+        contact = _START * antenna.length_m
+        force = 3.0 * antenna.stiffness_Nm2 * float(np.nanmax(np.abs(y))) / contact**3
+    return np.array([contact / _DISTANCE_SCALE_M, force / _FORCE_SCALE_N, reading_Nm / contact / _FORCE_SCALE_N])
