@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
-FRICTION_STD_RAD = 0.2
-WIDEST_FRICTION_RAD = 1.5
+FRICTION_RAD = 0.2
+"""The estimator's own, `estimate.FRICTION_RAD`, not imported either."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -37,10 +37,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--friction",
         type=float,
-        default=FRICTION_STD_RAD,
+        default=FRICTION_RAD,
         metavar="RAD",
         help="how far friction may turn the force from the antenna's normal, as a standard deviation "
-        f"(default: {FRICTION_STD_RAD}); 0: no friction",
+        f"(default: {FRICTION_RAD}); 0: no friction",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
     parser.add_argument("--device", default="cpu", help="torch device for the fits, as cpu or cuda:0 (default: cpu)")
@@ -67,12 +67,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from .estimate import ContactEstimator
     from .table import write_contacts
 
-    _check_call(args)
+    _check_outputs(args)
     session, rig = load_session(args.session), Rig.load(args.rig)
+    estimator = ContactEstimator(rig, args.model, friction=args.friction, device=args.device)
     frames = _frames(session, rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    estimator = ContactEstimator(rig, args.model, friction=args.friction, device=args.device)
     rows = list(_rows(args, estimator, session, frames))
     write_contacts(args.output, rows, args.force)
     result = _summary(rows)
@@ -86,9 +86,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _check_call(args: argparse.Namespace) -> None:
-    """Raises InputError for what is wrong with the call itself, before any work."""
-    from vbaa_calib.errors import InputError
+def _check_outputs(args: argparse.Namespace) -> None:
+    """Raises InputError for outputs that cannot be written, before any work."""
     from vbaa_calib.files import refuse_overwrite
 
     from .overlay_folder import refuse_folder
@@ -98,23 +97,6 @@ def _check_call(args: argparse.Namespace) -> None:
     check_format(args.output)
     if args.overlay is not None:
         refuse_folder(args.overlay, args.force)
-    if not 0.0 <= args.friction <= WIDEST_FRICTION_RAD:
-        remedy = f"give radians from 0 to {WIDEST_FRICTION_RAD}"
-        raise InputError(f"--friction is {args.friction:g}", where="vbaa estimate", remedy=remedy)
-    _check_device(args.device)
-
-
-def _check_device(name: str) -> None:
-    """Raises InputError for a torch device that is not there, or cannot do double precision."""
-    import torch
-
-    from vbaa_calib.errors import InputError
-
-    try:
-        torch.ones(1, dtype=torch.float64, device=name).item()
-    except (RuntimeError, AssertionError, TypeError):
-        remedy = "name a torch device with double precision, as cpu or cuda:0"
-        raise InputError(f"--device {name} cannot be used here", where="vbaa estimate", remedy=remedy) from None
 
 
 def _frames(session: Session, rig: Rig, no_moment: bool) -> list[Frame]:

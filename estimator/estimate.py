@@ -155,7 +155,7 @@ class ContactEstimator:
         frames = self._frames(self._known, *_stacked([measured]))
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
-        unknowns = explore(frames)[0][:, 0]
+        unknowns = explore(frames).floors[:, 0]
         return Rough(unknowns[0], look(frames, EXPLORER, unknowns).points_m[0])
 
     def shape(self, measured: Measured, start: np.ndarray | None = None) -> np.ndarray | None:

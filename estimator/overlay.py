@@ -127,12 +127,11 @@ def _fitted_m(estimator: ContactEstimator, item: FrameContact) -> np.ndarray:
 
     The fit is done again, as it was: a picture is not worth keeping every fit of a recording for.
     """
-    solved = None
+    points = None
     if item.measured is not None and item.contact.status not in UNFITTED:
-        solved = estimator.solve(item.measured, item.start)
-    if solved is None:
+        points = estimator.shape(item.measured, item.start)
+    if points is None:
         return np.empty((0, 3))
-    points = solved.fit.curve.points_m[0]
     return points[np.isfinite(points).all(axis=1)]
 
 

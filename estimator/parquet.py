@@ -41,7 +41,8 @@ def read_parquet(path: Path, columns: Sequence[str], optional: Sequence[str]) ->
             "is a folder, not a file" if path.is_dir() else "no such file", where=path, remedy="check the path"
         )
     try:
-        data = arrow.parquet.read_table(path).to_pydict()
+        with arrow.parquet.ParquetFile(path) as file:
+            data = file.read().to_pydict()
     except (arrow.ArrowException, OSError) as error:
         why = str(error).partition("\n")[0]
         raise InputError(f"is not a valid Parquet file ({why})", where=path, remedy="write it again") from None

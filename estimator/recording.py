@@ -92,15 +92,14 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | 
 def look_again(
     estimator: ContactEstimator, frame: Frame, image: np.ndarray, first: Centreline
 ) -> tuple[Centreline, np.ndarray | None]:
-    """The antenna measured along the shape that the first look led to, and that shape's unknowns (3,) as a start."""
+    """The antenna measured along the shape that the first look led to, and that shape's unknowns (4,) as a start."""
     rig = estimator.rig
     rough = estimator.rough(measured(rig, frame, first))
     if rough is None:
         return first, None
-    shape = rough.curve
     T_camera_antenna = rig.T_antenna_camera.inverse()
-    guide = pixels(rig.camera, T_camera_antenna, shape.points_m[0])
-    width = width_px(rig.camera, T_camera_antenna, shape.points_m[0], rig.antenna.diameter_m)
+    guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
+    width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
     again = find_along(image, guide, width, rig.image.bright)
     better = len(again.points_px) >= SECOND_LOOK * len(first.points_px)
     return (again if better else first), rough.unknowns

@@ -42,11 +42,17 @@ def statuses(numbers: Numbers) -> np.ndarray:
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
             (~numbers.converged | (numbers.scatter > WRONG_SHAPE), FAILED),
             (uncertain & held, LOW),
-            (uncertain | loose(numbers) | (numbers.rival < RIVAL), UNOBSERVABLE),
+            (uncertain | loose(numbers) | rivalled(numbers), UNOBSERVABLE),
             ((numbers.second > SECOND_CONTACT) | (contradiction(numbers) > CONTRADICTION), FAILED),
             (numbers.at_tip, TIP),
         ]
     return np.select([which for which, _ in order], [status for _, status in order], OK)
+
+
+def rivalled(numbers: Numbers) -> np.ndarray:
+    """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
+    apart = np.abs(numbers.rival_distance - numbers.unknowns[:, 0]) > 3.0 * numbers.std[:, 0]
+    return apart & (numbers.rival < RIVAL)
 
 
 def loose(numbers: Numbers) -> np.ndarray:

@@ -24,6 +24,8 @@ SHRINK = 0.9
 """The batch is packed anew when no more than this part of it is still on its way."""
 DAMPING = 1e-3
 """The least that is tried, on a unit diagonal."""
+FAR = 100.0
+"""A step to more than so many times the lowest cost is not followed."""
 AHEAD = 1e-3
 """Part of a step over which the lever's slope is taken."""
 
@@ -86,32 +88,63 @@ def descend(
     """The floors below B states, each `converged` or not."""
     xp = namespace(state.unknowns)
     result, todo = state, xp.arange(len(frames))
-    now, damping = state, xp.zeros_like(state.scatter)
-    about = linearised(frames, rung, table, now)
-    here = equations(about, now.values)
+    here = equations(linearised(frames, rung, table, state), state.values)
+    walk = Walk(state, here, state, here, xp.zeros_like(state.scatter), state.at_tip & ~state.at_tip)
     for _ in range(iterations):
-        step, promise = _step(here, now, damping)
-        trial = _moved(frames.known, now, step)
+        step, promise = _step(walk.here, walk.now, walk.damping)
+        trial = _moved(frames.known, walk.now, step)
         about = linearised(frames, rung, table, trial)
         there = equations(about, trial.values)
-        better, done = there.cost <= here.cost, promise < standstill
-        kept = (here.cost - there.cost) / xp.clip(promise, 1e-300, None)
-        trial = replace(trial, foot_m=about.found.foot_m)
-        if bool(better.all()):
-            now, here = trial, there
-        else:
-            now, here = chosen(better, trial, now), chosen(better, there, here)
-        damping = _damping(damping, better, kept)
-        now = replace(now, converged=done)
+        done = (promise < standstill) & ~walk.astray
+        walk = _walked(walk, replace(trial, foot_m=about.found.foot_m), there, promise)
+        walk = replace(walk, lowest=replace(walk.lowest, converged=done))
         going = ~done
         left = int(going.sum())
         if left == 0:
             break
         if left <= SHRINK * len(done):
-            result = written(result, todo, now)
-            frames, table = frames.picked(going), picked(table, going)
-            todo, now, here, damping = todo[going], picked(now, going), picked(here, going), damping[going]
-    return written(result, todo, now)
+            result = written(result, todo, walk.lowest)
+            frames, table, todo, walk = frames.picked(going), picked(table, going), todo[going], picked(walk, going)
+    return written(result, todo, walk.lowest)
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Where B descents stand.
+
+    A step that does not lower the cost is tried once all the same, since along a bent valley the next one may; if that
+    does not either, the walk goes on from its lowest point, damped.
+
+    Attributes
+    ----------
+    now, here : the states and their equations.
+    lowest, there : the lowest so far.
+    damping : (B,) of the next step.
+    astray : (B,) bool, the last step did not lower the cost.
+    """
+
+    now: State
+    here: Equations
+    lowest: State
+    there: Equations
+    damping: Array
+    astray: Array
+
+
+def _walked(walk: Walk, trial: State, there: Equations, promise: Array) -> Walk:
+    """After a step."""
+    xp = namespace(promise)
+    better = there.cost <= walk.there.cost
+    kept = (walk.here.cost - there.cost) / xp.clip(promise, 1e-300, None)
+    eased = xp.where(kept > 0.75, 0.1 * walk.damping, walk.damping)
+    eased = xp.where(kept < 0.25, xp.clip(4.0 * walk.damping, DAMPING, None), eased)
+    if bool(better.all()):
+        return Walk(trial, there, trial, there, eased, ~better)
+    lowest, lowest_there = chosen(better, trial, walk.lowest), chosen(better, there, walk.there)
+    back = ~better & (walk.astray | ~(there.cost < FAR * walk.there.cost))
+    now, here = chosen(back, lowest, trial), chosen(back, lowest_there, there)
+    damping = xp.where(better, eased, xp.where(back, xp.clip(10.0 * walk.damping, DAMPING, None), walk.damping))
+    return Walk(now, here, lowest, lowest_there, damping, ~better & ~back)
 
 
 def moved_unknowns(known: Known, unknowns: Array, step: Array) -> Array:
@@ -139,14 +172,6 @@ def _lever(known: Known, unknowns: Array) -> Array:
 def _moved(known: Known, now: State, step: Array) -> State:
     unknowns = moved_unknowns(known, now.unknowns, step[:, :UNKNOWNS])
     return replace(now, unknowns=unknowns, steps=now.steps + step[:, UNKNOWNS:])
-
-
-def _damping(damping: Array, better: Array, kept: Array) -> Array:
-    """The next step's, by how much of what a step promised it kept."""
-    xp = namespace(damping)
-    after = xp.where(kept > 0.75, 0.1 * damping, damping)
-    after = xp.where(kept < 0.25, xp.clip(4.0 * damping, DAMPING, None), after)
-    return xp.where(better, after, xp.clip(10.0 * damping, DAMPING, None))
 
 
 def _step(here: Equations, now: State, damping: Array) -> tuple[Array, Array]:

@@ -11,13 +11,17 @@ from .batch import picked, written
 from .descend import begin
 from .frames import Frames
 from .settle import SAME, Settled, evaluated, explored, settle
-from .starts import Free, free_antenna, start_values
-from .view import look, rig_table
+from .starts import Free, Trials, free_antenna, tried
+from .view import LEANING, look, rig_table
 from .worth import REFERENCE, Worth, evidence, predicted_bias, worth
 
 EXPLORER = "linear"
 """The rung on which valleys are told apart."""
 STARTS = 2
+WIDE = 4
+"""Frames that are lost are looked for from every fourth distance of the grid."""
+LOST = 2.0
+"""A median misfit of so many deviations is a reason to look elsewhere."""
 SMALL = 1 / 3
 """A rung's predicted bias is small when it is below this fraction of the standard deviation."""
 
@@ -44,74 +48,83 @@ class Solved:
     rival_distance: Array
 
 
-def explore(frames: Frames, warm: Array | None = None) -> tuple[Array, Array, Free]:
-    """Rough floors (B, S, 4), lowest first, their costs (B, S), infinite where there is none, and the free antenna.
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What is known of B frames before a rung is chosen.
 
-    `warm` (B, 4), unknowns near the truth where finite, is taken as it is where no other distance explains much more.
+    Attributes
+    ----------
+    floors, costs : (B, S, 4) rough floors, lowest first, and their costs (B, S), infinite where there is none.
     """
+
+    free: Free
+    trials: Trials
+    floors: Array
+    costs: Array
+
+
+def explore(frames: Frames, warm: Array | None = None) -> Ground:
+    """The valleys of each frame. `warm` (B, 4), unknowns near the truth where finite, may take their place."""
     free = free_antenna(frames, REFERENCE)
-    starts, costs = start_values(frames, free, STARTS, warm)
-    floors, totals = explored(frames, EXPLORER, starts, costs)
-    return floors, totals, free
+    trials = tried(frames, free)
+    starts, costs = trials.lowest(STARTS)
+    if warm is not None:
+        starts, costs = trials.warmed(starts, costs, warm)
+    return Ground(free, trials, *explored(frames, EXPLORER, starts, costs))
 
 
 def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solved]:
     """Fit B frames; frames on the same rung come together. `warm` as in `explore`."""
     xp = namespace(frames.points)
-    floors, totals, free = explore(frames, warm)
+    ground = explore(frames, warm)
     if model != "auto":
-        return [_solved(frames, free, model, xp.arange(len(frames)), floors, totals, {})]
-    bias = _biases_at(frames, floors[:, 0])
-    level = xp.zeros_like(floors[:, 0, 0])
+        return [_solved(frames, ground, model, xp.arange(len(frames)), {})]
+    bias = _biases_at(frames, ground.floors[:, 0])
+    level = xp.zeros_like(ground.costs[:, 0])
     for index, rung in enumerate(RUNGS[:-1]):
         level = xp.where((level == index) & ~(bias[rung] <= SMALL), level + 1.0, level)
     found = []
     for index, rung in enumerate(RUNGS):
         rows = xp.arange(len(frames))[level == index]
         if len(rows):
-            found += _climbed(frames, free, rung, rows, floors, totals, bias)
+            found += _climbed(frames, ground, rung, rows, bias)
     return found
 
 
-def _climbed(
-    frames: Frames, free: Free, rung: str, rows: Array, floors: Array, totals: Array, bias: dict[str, Array]
-) -> list[Solved]:
+def _climbed(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[str, Array]) -> list[Solved]:
     """Some frames on their rung, those for which it proves too low on the highest."""
-    xp = namespace(rows)
-    first = _solved(frames, free, rung, rows, floors[rows], totals[rows], {r: bias[r][rows] for r in bias})
-    if rung == REFERENCE:
-        return [first]
+    first = _solved(frames, ground, rung, rows, {each: bias[each][rows] for each in bias})
     low = first.bias[rung] > SMALL
-    if not bool(low.any()):
+    if rung == REFERENCE or not bool(low.any()):
         return [first]
-    higher = first.fits.state.unknowns[low]
-    again = rows[low]
-    costs = xp.zeros_like(totals[again])
-    costs[:, 1:] = xp.inf
-    floors = xp.concat([higher[:, None], floors[again][:, 1:]], 1)
-    second = _solved(frames, free, REFERENCE, again, floors, costs, {r: first.bias[r][low] for r in first.bias})
+    second = _solved(frames, ground, REFERENCE, rows[low], {each: first.bias[each][low] for each in first.bias})
     return [second] if bool(low.all()) else [picked(first, ~low), second]
 
 
-def _solved(
-    frames: Frames, free: Free, rung: str, rows: Array, floors: Array, totals: Array, bias: dict[str, Array]
-) -> Solved:
-    """These rows of the frames settled on a rung, in the best of the valleys (B, S, 4) that are worth it."""
+def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[str, Array]) -> Solved:
+    """These rows of the frames settled on a rung, in the best of the valleys that are worth it."""
     xp = namespace(rows)
-    part, free = frames.picked(rows), picked(free, rows)
-    fits = settle(part, rung, floors[:, 0])
-    rival, rival_distance = xp.full_like(totals[:, 0], xp.inf), floors[:, 0, 0]
-    for other in range(1, floors.shape[1]):
-        near = xp.isfinite(totals[:, other])
+    part, here = frames.picked(rows), picked(ground, rows)
+    fits = settle(part, rung, here.floors[:, 0])
+    rival, rival_distance = xp.full_like(fits.state.scatter, xp.inf), here.floors[:, 0, 0]
+    for other in range(1, here.floors.shape[1]):
+        near = xp.isfinite(here.costs[:, other])
         if bool(near.any()):
-            fits, rival, rival_distance = _compared(
-                fits, xp.arange(len(rows))[near], floors[near, other], rival, rival_distance
-            )
+            index = xp.arange(len(rows))[near]
+            fits, rival, rival_distance = _compared(fits, index, here.floors[near, other], rival, rival_distance)
+    lost = ~fits.state.converged | (fits.state.scatter > LOST)
+    if bool(lost.any()):
+        index = xp.arange(len(rows))[lost]
+        starts, costs = picked(here.trials, lost).spread(WIDE)
+        rung_here = rung if rung in LEANING else LEANING[0]
+        floors, _ = explored(part.picked(lost), rung_here, starts, costs)
+        fits, rival, rival_distance = _compared(fits, index, floors[:, 0], rival, rival_distance)
     known = worth(fits)
-    above = None if rung == REFERENCE else look(part, REFERENCE, fits.state.unknowns)
+    above = None
     if rung != REFERENCE:
+        above = look(part, REFERENCE, fits.state.unknowns)
         bias = bias | predicted_bias(fits, known, (rung,))
-    return Solved(rows, fits, known, free, evidence(fits, free, above), bias, rival, rival_distance)
+    return Solved(rows, fits, known, here.free, evidence(fits, here.free, above), bias, rival, rival_distance)
 
 
 def _compared(
@@ -122,11 +135,11 @@ def _compared(
     others = settle(fits.frames.picked(rows), fits.rung, unknowns)
     own, other = fits.plain_cost[rows], others.plain_cost
     mine, theirs = fits.state.unknowns[rows, 0], others.state.unknowns[:, 0]
-    apart = (xp.abs(mine - theirs) > SAME) & others.state.converged
+    apart = (xp.abs(mine - theirs) > SAME) & others.state.converged & fits.state.converged[rows]
     rival, rival_distance = rival + 0.0, rival_distance + 0.0
     rival[rows] = xp.where(apart, xp.abs(own - other), rival[rows])
     rival_distance[rows] = xp.where(other < own, mine, theirs)
-    better = apart & (other < own)
+    better = others.state.converged & ((other < own) | ~fits.state.converged[rows])
     if bool(better.any()):
         state = written(fits.state, rows[better], picked(others.state, better))
         table = written(fits.table, rows[better], picked(others.table, better))

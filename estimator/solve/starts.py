@@ -47,12 +47,54 @@ def free_points(free: Free, arclength_m: Array) -> Array:
     return hermite(free.view.points_m, free.view.tangents, left, share, width)[0][:, 0]
 
 
-def start_values(frames: Frames, free: Free, count: int, warm: Array | None = None) -> tuple[Array, Array]:
-    """Unknowns (B, count, 4) at the lowest local minima over the grid, lowest first, and their costs (B, count).
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Distances (B, G) of the grid, their best forces (B, G, 2), and how much of the cost each takes away (B, G)."""
+
+    grid: Array
+    forces: Array
+    gains: Array
+
+    def lowest(self, count: int) -> tuple[Array, Array]:
+        """Unknowns (B, count, 4) at the lowest local minima over the grid, lowest first, and their costs (B, count).
+
+        A frame with fewer minima has some of infinite cost.
+        """
+        xp, costs = namespace(self.gains), -self.gains
+        edge = xp.full_like(costs[:, :1], xp.inf)
+        around = xp.concat([edge, costs, edge], -1)
+        floor = (costs <= around[:, :-2]) & (costs <= around[:, 2:])
+        costs = xp.where(floor, costs, xp.full_like(costs, xp.inf))
+        order = xp.argsort(costs, -1)[:, :count]
+        every = xp.arange(len(costs))[:, None]
+        return self._unknowns(self.grid[every, order], self.forces[every, order]), costs[every, order]
+
+    def spread(self, every: int) -> tuple[Array, Array]:
+        """Unknowns (B, S, 4) at every so manieth distance, and costs (B, S) of 0."""
+        forces = self.forces[:, ::every]
+        return self._unknowns(self.grid[:, ::every], forces), 0.0 * forces[..., 0]
+
+    def warmed(self, starts: Array, costs: Array, warm: Array) -> tuple[Array, Array]:
+        """Starts and costs with warm ones (B, 4) alone where no other distance explains a frame much better."""
+        xp = namespace(costs)
+        beside = xp.argmin(xp.abs(self.grid - warm[:, :1]), -1)
+        near = self.gains[xp.arange(len(costs)), beside]
+        good = xp.isfinite(warm).all(-1) & (near > xp.amax(self.gains, -1) - WARM_OBJECTION)
+        starts, costs = starts + 0.0, costs + 0.0
+        starts[:, 0] = xp.where(good[:, None], warm, starts[:, 0])
+        costs[:, 1:] = xp.where(good[:, None], xp.full_like(costs[:, 1:], xp.inf), costs[:, 1:])
+        return starts, costs
+
+    def _unknowns(self, distance: Array, forces: Array) -> Array:
+        xp = namespace(forces)
+        return xp.concat([distance[..., None], forces, xp.zeros_like(forces[..., :1])], -1)
+
+
+def tried(frames: Frames, free: Free) -> Trials:
+    """The grid's distances, each with its best force.
 
     For small deflections the picture is linear in the force once the distance is given, so force and rig are profiled
-    out. A frame with fewer minima has some of infinite cost. Unknowns `warm` (B, 4) take their place where no other
-    distance explains a frame much better than the grid's one beside them.
+    out.
     """
     xp = namespace(frames.points)
     found = match(frames, free.view, free.feet_m)
@@ -77,8 +119,7 @@ def start_values(frames: Frames, free: Free, count: int, warm: Array | None = No
             shift = shift + forces[every, best, axis][:, None] * column
         left = (found.distance - found.between(shift)) * xp.sqrt(found.precision)
         weights = found.precision * huber_weights(left)
-    starts, costs = _lowest(grid, forces, -gains, count)
-    return (starts, costs) if warm is None else _warmed(grid, gains, starts, costs, warm)
+    return Trials(xp.broadcast_to(grid, gains.shape), forces, gains)
 
 
 def _forces(frames: Frames, view: View, grid: Array) -> tuple[Array, Array]:
@@ -120,27 +161,3 @@ def _best_forces(
     over = 1.0 / xp.clip(yy * zz - yz * yz, 1e-300, None)
     forces = xp.stack([(zz * y - yz * z) * over, (yy * z - yz * y) * over], -1)
     return forces, 0.5 * (forces * pull).sum(-1)
-
-
-def _lowest(grid: Array, forces: Array, costs: Array, count: int) -> tuple[Array, Array]:
-    xp = namespace(costs)
-    edge = xp.full_like(costs[:, :1], xp.inf)
-    around = xp.concat([edge, costs, edge], -1)
-    floor = (costs <= around[:, :-2]) & (costs <= around[:, 2:])
-    costs = xp.where(floor, costs, xp.full_like(costs, xp.inf))
-    order = xp.argsort(costs, -1)[:, :count]
-    every = xp.arange(len(costs))[:, None]
-    force = forces[every, order]
-    return xp.concat([grid[order][..., None], force, xp.zeros_like(force[..., :1])], -1), costs[every, order]
-
-
-def _warmed(grid: Array, gains: Array, starts: Array, costs: Array, warm: Array) -> tuple[Array, Array]:
-    """Starts and costs with warm ones alone where they will do."""
-    xp = namespace(costs)
-    beside = xp.abs(grid - warm[:, :1]).argmin(-1)
-    every = xp.arange(len(costs))
-    good = xp.isfinite(warm).all(-1) & (gains[every, beside] > xp.amax(gains, -1) - WARM_OBJECTION)
-    starts, costs = starts + 0.0, costs + 0.0
-    starts[:, 0] = xp.where(good[:, None], warm, starts[:, 0])
-    costs[:, 1:] = xp.where(good[:, None], xp.full_like(costs[:, 1:], xp.inf), costs[:, 1:])
-    return starts, costs

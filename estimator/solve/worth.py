@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from vbaa_calib.antenna.rungs import RUNGS
-
 from vbaa_calib.arrays import Array, namespace
 
 from .known import UNKNOWNS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from vbaa_calib.camera.slopes import by_lens_of_points, by_pixel_of_points
 from vbaa_calib.errors import InputError
 
 from .lenses import LENSES, border_and_grid
+from .lenses import camera as camera_of
 
 EACH_KIND = ["pinhole", "tele", "gopro five", "barrel", "gopro rational", "rational radial", "prism", "tilted"]
 EACH_KIND += ["only tilted", "fisheye equidistant", "fisheye 200"]
@@ -27,10 +29,9 @@ def by_rays(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         depth = moved.rays[..., 2, None, None]
         ideal = moved.rays[..., :2, None] / depth
         valid = (moved.valid & (moved.rays[..., 2] > 1e-12))[..., None, None]
-        return tuple(
-            np.where(valid, (by[..., :2, :] - ideal * by[..., 2:, :]) / depth, np.nan)
-            for by in (moved.by_pixel, moved.by_parameter)
-        )
+        normalized = [(by[..., :2, :] - ideal * by[..., 2:, :]) / depth for by in (moved.by_pixel, moved.by_parameter)]
+    by_pixel, by_parameter = (np.where(valid, by, np.nan) for by in normalized)
+    return by_pixel, by_parameter
 
 
 def close(found: np.ndarray, expected: np.ndarray, relative: float) -> None:
@@ -112,12 +113,19 @@ def test_where_the_lens_is_not_one_to_one_there_is_no_slope():
     points = np.array([[0.999 * fold, 0.0], [1.001 * fold, 0.0], [0.0, -2.0], [np.nan, 0.0], [0.0, np.inf]])
     known = np.isfinite(LENSES["barrel folding"].lens_slopes_at(points)).all(axis=(-1, -2))
     assert known.tolist() == [True, False, False, False, False]
-    for name, camera in LENSES.items():
-        radius = np.linspace(0.0, 4.0, 60)[:, None]
-        points = radius * [math.cos(0.6), math.sin(0.6)]
-        _, seen = camera.project(np.c_[points, np.ones(len(points))])
-        known = np.isfinite(camera.lens_slopes_at(points)).all(axis=(-1, -2))
+    points = np.linspace(0.0, 4.0, 60)[:, None] * [math.cos(0.6), math.sin(0.6)]
+    for name, lens in LENSES.items():
+        _, seen = lens.project(np.c_[points, np.ones(len(points))])
+        known = np.isfinite(lens.lens_slopes_at(points)).all(axis=(-1, -2))
         np.testing.assert_array_equal(known, seen, err_msg=name)
+
+
+def test_behind_a_tilted_sensor_there_is_nothing():
+    steep = camera_of("opencv", (640, 480), 100, 100, 320, 240, (*(0.0,) * 13, 1.3))
+    pixels = np.array([[370.0, 240.0], [520.0, 240.0]])
+    points, _, valid = steep.normalized_with_slopes(pixels)
+    assert valid.tolist() == steep.unproject_normalized(pixels)[1].tolist() == [True, False]
+    assert np.isfinite(steep.lens_slopes_at(points)).all(axis=(-1, -2)).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("shape", [(), (7,), (0,), (2, 0), (2, 1, 3)])
@@ -128,7 +136,8 @@ def test_kinds_shapes_and_precision_are_kept(name, shape):
     expected = camera.normalized_with_slopes(pixels)
     by_lens = camera.lens_slopes_at(expected[0])
     tensor = torch.tensor(pixels, requires_grad=True)
-    for given in (pixels, pixels.astype(np.float32), np.asfortranarray(pixels), tensor, tensor.float()):
+    kinds: list[Any] = [pixels, pixels.astype(np.float32), np.asfortranarray(pixels), tensor, tensor.float()]
+    for given in kinds:
         points, slopes, valid = camera.normalized_with_slopes(given)
         lens_slopes = camera.lens_slopes_at(points)
         assert type(points) is type(slopes) is type(valid) is type(lens_slopes) is type(given)

@@ -9,8 +9,9 @@ from itertools import islice
 
 import numpy as np
 
-from estimator.cli import MODELS
+from estimator import cli
 from estimator.contact import Contact, Measured
+from estimator.estimate import FRICTION_RAD
 from estimator.recording import estimate_centrelines, measured
 from tests.estimator.drawn_frames import rig_of
 from vbaa_calib.antenna.rungs import RUNGS
@@ -79,5 +80,6 @@ def test_a_frame_without_moments_stays_so() -> None:
     assert seen.time_s == silent.time_s
 
 
-def test_the_command_offers_the_rungs_there_are() -> None:
-    assert ("auto", *RUNGS) == MODELS
+def test_the_command_offers_what_the_estimator_takes() -> None:
+    assert ("auto", *RUNGS) == cli.MODELS
+    assert cli.FRICTION_RAD == FRICTION_RAD

@@ -15,7 +15,7 @@ RUNGS = ("paper", "linear", "elastica", "rod")
 `rod` : the static rod, as far as `antenna.rod` can tell.
 """
 
-ELASTICA_SWEEPS, ROD_SWEEPS = 1, 5
+ELASTICA_SWEEPS, ROD_SWEEPS = 1, 3
 """Passes over the equilibrium of moments (`shape.bend`)."""
 
 

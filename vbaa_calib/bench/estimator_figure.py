@@ -50,7 +50,9 @@ def hard_text(rows: Sequence[HardRow]) -> str:
         if row.exception:
             lines.append(f"{row.case:<36}{row.frames:>7}  {row.exception}")
             continue
-        values = [_number(value) for value in (row.l_rms_std, row.l_max_std, row.l_rms_mm, row.f_rms_std, row.f_max_std)]
+        values = [
+            _number(value) for value in (row.l_rms_std, row.l_max_std, row.l_rms_mm, row.f_rms_std, row.f_max_std)
+        ]
         condition = "–" if row.condition is None else f"{row.condition:.1e}"
         lines.append(
             f"{row.case:<36}{row.frames:>7}{100 * row.numbered:>11.1f}{values[0]:>8}{values[1]:>8}{values[2]:>10}"
@@ -110,7 +112,13 @@ def write_figure(path: Path, rows: Sequence[SpeedRow], force: bool) -> None:
 
 
 def _label(row: SpeedRow) -> str:
-    return f"all points, {row.method}" if row.family == ESTIMATOR else f"{LOOP}, {row.method}" if row.family == LOOP else row.method
+    return (
+        f"all points, {row.method}"
+        if row.family == ESTIMATOR
+        else f"{LOOP}, {row.method}"
+        if row.family == LOOP
+        else row.method
+    )
 
 
 def _number(value: float | None) -> str:

@@ -1,0 +1,132 @@
+"""The second half of `vbaa bench estimator`: speed against error, hard cases, frames at random."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vbaa_calib.bench import estimator_hostile, estimator_speed
+from vbaa_calib.bench.estimator_baselines import PARTS, at_shares, baselines
+from vbaa_calib.bench.estimator_figure import hard_text, hostile_text, speed_text, write_figure
+from vbaa_calib.bench.estimator_hard import judged, run
+from vbaa_calib.bench.estimator_hard_cases import CASES, Hard, resized
+from vbaa_calib.bench.estimator_scipy import by_loop
+from vbaa_calib.bench.estimator_setup import Setup
+from vbaa_calib.bench.estimator_speed import ESTIMATOR, LOOP, PAPER, SpeedRow, population
+
+
+@cache
+def flat() -> estimator_speed.Judged:
+    return population(40, 3, 0.0)
+
+
+def test_baselines_pick_the_parts_they_are_named_after_and_stay_off_the_bound() -> None:
+    frames = flat().scenes
+    for name, ends in PARTS.items():
+        arclength = frames.arclength_m[at_shares(frames, ends)]
+        beyond = arclength > frames.distance_m[:, None]
+        expected = {"two curved points": (0, 0), "two straight points": (1, 1), "one of each": (0, 1)}[name]
+        assert (beyond == np.array(expected, bool)).all()
+    every = np.arange(len(frames))
+    for ready in baselines(frames, np.random.default_rng(1)):
+        off = flat().errors(ready.solve(every))
+        assert np.isfinite(off).mean() > 0.9
+        assert 1.5 < np.sqrt(np.nanmean(off**2)) < 60.0
+        np.testing.assert_array_equal(ready.solve(every[5:6]), ready.solve(every)[5:6])
+
+
+def test_the_loop_is_a_fair_one() -> None:
+    """SciPy's loop reaches the bound too: within the scatter of so few frames."""
+    off = flat().errors(by_loop(flat().scenes.picked(np.arange(30))))
+    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
+
+
+def test_speed_rows_and_their_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimator_speed, "MODELS", ("elastica",))
+    monkeypatch.setattr(estimator_speed, "LOOP_FRAMES", 4)
+    monkeypatch.setattr(estimator_speed, "SINGLE_FRAMES", 2)
+    monkeypatch.setattr(estimator_speed, "FORMULA_FRAMES", 50_000)
+    rows = estimator_speed.run(30, 0, repeats=1)
+    assert {row.family for row in rows} == {PAPER, LOOP, ESTIMATOR, "straight line"}
+    assert all(row.us_per_frame > 0.0 for row in rows)
+    ours = [row for row in rows if row.family == ESTIMATOR]
+    assert {(row.rig, row.frames) for row in ours} == {(rig, n) for rig in ("exact", "calibrated") for n in (1, 30)}
+    assert all(0.6 < (row.of_bound or 0.0) < 1.5 for row in ours if row.rig == "exact")
+    text = speed_text(rows)
+    assert all(row.method in text for row in rows)
+    write_figure(tmp_path / "speed.png", rows, force=False)
+    assert (tmp_path / "speed.png").stat().st_size > 10_000
+
+
+def test_hard_cases_never_raise_and_keep_to_their_deviations() -> None:
+    rows = run(6, 1)
+    assert [row.case for row in rows] == list(CASES)
+    assert not [row.exception for row in rows if row.exception]
+    by_case = {row.case: row for row in rows}
+    for name in ("δ → 0", "all points in one place", "ξ = 90°, upright camera", "2 points"):
+        assert by_case[name].numbered == 0.0
+    for name in ("τ = 0", "40 % missing", "float32 pixels", "1000 times larger", "1000 times smaller"):
+        row = by_case[name]
+        assert row.numbered == 1.0
+        assert row.l_max_std is not None
+        assert row.l_max_std < 5.0
+    assert "1000 times smaller" in hard_text(rows)
+
+
+def test_size_does_not_matter() -> None:
+    """The same noise on a rig 1000 times larger gives the same answer, in its own units."""
+    frames = flat().scenes.picked(np.arange(5))
+    length, large = frames.rig.antenna.length_m, resized(frames.rig, 1e3)
+    twin = replace(frames, rig=large, moment_Nm=1e3 * frames.moment_Nm)
+    from vbaa_calib.bench.estimator_hard import estimated
+
+    ours, theirs = (estimated(Hard(each), "elastica").distance_m for each in (frames, twin))
+    np.testing.assert_allclose(theirs / (1e3 * length), ours / length, rtol=1e-6)
+
+
+def test_an_exception_is_a_result() -> None:
+    frames = flat().scenes.picked(np.arange(3))
+    row = judged("bad", Hard(replace(frames, moment_Nm=np.full(3, np.inf))))
+    assert "InputError" in row.exception
+    assert "InputError" in hard_text([row])
+
+
+def test_hostile_frames_are_replayed_and_judged() -> None:
+    rows = estimator_hostile.hostile(60, 5, chunk=30)
+    assert [row.frames for row in rows] == [30, 30]
+    assert sum(row.exceptions + row.nan + row.imagined for row in rows) == 0
+    assert all(row.claimed > 0 for row in rows)
+    first, again = (estimator_hostile.replay(5, 0, 30) for _ in range(2))
+    np.testing.assert_array_equal(first.scenes.points_px, again.scenes.points_px)
+    np.testing.assert_array_equal(first.readings_Nm, again.readings_Nm)
+    text = hostile_text(rows)
+    assert "60 frames" in text
+    assert "replay(seed=5, chunk=0)" in text
+
+
+def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Contacts moved by ten deviations are found out, and so is a NaN."""
+    honest = estimator_hostile.estimated
+
+    def moved(drawn: estimator_hostile.Replayed) -> object:
+        found = honest(drawn)
+        force = found.force_N.copy()
+        force[:, 2] = np.nan
+        return replace(found, distance_m=found.distance_m + 10.0 * found.distance_std_m, force_N=force)
+
+    before = estimator_hostile.judged(5, 0, 30)
+    monkeypatch.setattr(estimator_hostile, "estimated", moved)
+    after = estimator_hostile.judged(5, 0, 30)
+    assert after.claimed == before.claimed
+    assert after.nan == after.claimed
+    assert after.beyond == after.claimed - after.imagined
+
+
+def test_rows_keep_what_does_not_apply_empty() -> None:
+    row = SpeedRow("two points, formula alone", PAPER, "exact", 10, 0.1, None, None, None, None)
+    assert "–" in speed_text([row])
+    assert Setup().rig().antenna.length_m == pytest.approx(0.24)
