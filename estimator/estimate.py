@@ -207,7 +207,7 @@ class ContactEstimator:
     ) -> Frames:
         rotation, _ = self.rig.kinematics.world_antenna(pan_rad, tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, self.rig.gravity_world_m_s2)
-        given = (np.require(values, float, "CW") for values in (points_px, sigma_px, readings_Nm, gravity))
+        given = (np.require(values, float, ["C", "W"]) for values in (points_px, sigma_px, readings_Nm, gravity))
         return frames_from_pixels(known, *(like(known.prior, values) for values in given))
 
     def _sigma(self, points_px: np.ndarray, sigma_px: np.ndarray | float | None) -> np.ndarray:

@@ -15,16 +15,15 @@ from vbaa_calib.rig import Rig
 from .hinge import camera_angle
 from .solve.known import Known
 from .solve.ladder import Solved
-from .solve.second import second_force
 from .solve.starts import free_points
 
 FLOATS = {
-    **dict.fromkeys(("unknowns", "std"), (4,)),
+    **dict.fromkeys(("unknowns", "std", "rival_unknowns"), (4,)),
     **dict.fromkeys(("point_m", "force_N", "deflection_m"), (3,)),
     "covariance": (6, 6),
     **dict.fromkeys(("residual", "residual_std"), (2,)),
-    **dict.fromkeys(("strange", "evidence", "scatter", "condition", "rival", "rival_distance"), ()),
-    **dict.fromkeys(("second", "second_place", "edge_on_rad"), ()),
+    **dict.fromkeys(("strange", "evidence", "scatter", "condition", "rival"), ()),
+    **dict.fromkeys(("second", "second_place", "second_harm", "edge_on_rad"), ()),
     "bias": (len(RUNGS),),
 }
 """The shape of a frame's entry in each array of floats."""
@@ -44,7 +43,7 @@ class Numbers:
     residual, residual_std : (B, 2) readings' misfits, whitened, and the deviations these should have.
     felt : (B, 2) bool, whether there was a reading.
     strange : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
-    rival, rival_distance, second, second_place : see `solve.ladder.Solved`, `solve.second.second_force`.
+    rival, rival_unknowns, second, second_place, second_harm : see `solve.ladder.Solved`.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
     bias : (B, len(RUNGS)), NaN where not weighed.
     """
@@ -69,9 +68,10 @@ class Numbers:
     condition: np.ndarray
     finite: np.ndarray
     rival: np.ndarray
-    rival_distance: np.ndarray
+    rival_unknowns: np.ndarray
     second: np.ndarray
     second_place: np.ndarray
+    second_harm: np.ndarray
     edge_on_rad: np.ndarray
     bias: np.ndarray
 
@@ -116,7 +116,6 @@ def _numbers(part: Solved) -> Numbers:
     bows = _bows(known, state.unknowns, worth.covariance, state.at_tip)
     covariance[:, :3, :3] += bows
     free = free_points(part.free, state.unknowns[:, 0] * known.length_m)
-    second, place = second_force(fits)
     unknowns = plain(state.unknowns)
     bias = np.full((len(unknowns), len(RUNGS)), np.nan)
     for rung, values in part.bias.items():
@@ -144,9 +143,10 @@ def _numbers(part: Solved) -> Numbers:
         condition=plain(worth.condition),
         finite=plain(finite),
         rival=plain(part.rival),
-        rival_distance=plain(part.rival_distance),
-        second=plain(second),
-        second_place=plain(place),
+        rival_unknowns=plain(part.rival_unknowns),
+        second=plain(part.second),
+        second_place=plain(part.second_place),
+        second_harm=plain(part.second_harm),
         edge_on_rad=edge_on(known.rig, unknowns),
         bias=bias,
     )

@@ -15,12 +15,12 @@ from .verdict import (
     LOW,
     NO_ANTENNA,
     NO_CONTACT,
-    SECOND_CONTACT,
     STRANGE_RIG,
     TIP,
     UNOBSERVABLE,
     WRONG_SHAPE,
     contradiction,
+    doubled,
     loose,
 )
 
@@ -48,7 +48,7 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
         return "the fit left the domain of the model"
     if not numbers.converged[index]:
         return "the fit did not converge"
-    second = numbers.second[index] > SECOND_CONTACT
+    second = bool(doubled(numbers)[index])
     if numbers.scatter[index] > WRONG_SHAPE or second:
         off = f"points lie {numbers.scatter[index]:.0f} std off"
         if second:
@@ -67,9 +67,10 @@ def _unobservable(numbers: Numbers, index: int, length_m: float) -> str:
         return "nothing in picture and moment holds the contact distance"
     if loose(numbers)[index]:
         return "nothing in picture and moment holds the force in one direction across the antenna"
-    places = sorted((numbers.unknowns[index, 0], numbers.rival_distance[index]))
-    near, far = (1e3 * length_m * place for place in places)
-    return f"contacts at {near:.0f} mm and at {far:.0f} mm explain it about equally well"
+    near, far = (1e3 * length_m * u[index, 0] for u in (numbers.unknowns, numbers.rival_unknowns))
+    rolls = (np.degrees(np.arctan2(u[index, 2], u[index, 1])) for u in (numbers.unknowns, numbers.rival_unknowns))
+    here, there = (f"at {d:.0f} mm pushed towards {r:.0f}°" for d, r in zip((near, far), rolls, strict=True))
+    return f"two contacts explain it about equally well: {here}, and {there} from y"
 
 
 def _model(numbers: Numbers, index: int, asked: str) -> str:

@@ -143,7 +143,7 @@ def conditions(elasticity_1: Array, elasticity_2: Array) -> tuple[Array, Array]:
 
 
 def bending(x: Array, contact: Array) -> Array:
-    """Deflection (...) at x times 6EI/f under a force at `contact`: Eqs. (6) and (7), wherever x is."""
+    """Deflection (...) at x times 6EI/f under a force at `contact`, on either part and wherever x is."""
     xp = namespace(x)
     near = xp.minimum(x, contact)
     return (3.0 * xp.maximum(x, contact) - near) * near**2

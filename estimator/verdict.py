@@ -18,8 +18,9 @@ WRONG_SHAPE = 3.0
 """Median misfit, in standard deviations, beyond which the shape is not that of one contact."""
 RIVAL = 4.5
 """Two contacts whose costs differ by less explain a frame about equally well: three standard deviations."""
-SECOND_CONTACT = 25.0
-"""Cost that a second force must take away to be believed; χ² with 2 degrees of freedom over a grid of places."""
+SECOND_CONTACT, HARM = 25.0, 1.0
+"""Cost that a second force must take away, and deviations by which it must move the distance, to be held for real.
+Over the grid of places, noise exceeds the first less than once in 10⁵ frames, also with heavy tails."""
 STRANGE_RIG = 2e-5
 """The rig's steps, in deviations, follow χ²: a sum of squares this improbable says that the frame asks for another."""
 DISAGREEMENT, CONTRADICTION = 4.0, 6.0
@@ -43,7 +44,7 @@ def statuses(numbers: Numbers) -> np.ndarray:
             (~numbers.converged | (numbers.scatter > WRONG_SHAPE), FAILED),
             (uncertain & held, LOW),
             (uncertain | loose(numbers) | rivalled(numbers), UNOBSERVABLE),
-            ((numbers.second > SECOND_CONTACT) | (contradiction(numbers) > CONTRADICTION), FAILED),
+            (doubled(numbers) | (contradiction(numbers) > CONTRADICTION), FAILED),
             (numbers.at_tip, TIP),
         ]
     return np.select([which for which, _ in order], [status for _, status in order], OK)
@@ -51,8 +52,13 @@ def statuses(numbers: Numbers) -> np.ndarray:
 
 def rivalled(numbers: Numbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
-    apart = np.abs(numbers.rival_distance - numbers.unknowns[:, 0]) > 3.0 * numbers.std[:, 0]
-    return apart & (numbers.rival < RIVAL)
+    apart = np.abs(numbers.rival_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
+    return apart.any(axis=1) & (numbers.rival < RIVAL)
+
+
+def doubled(numbers: Numbers) -> np.ndarray:
+    """(B,) whether a second force explains so much more that the distance cannot be believed."""
+    return (numbers.second > SECOND_CONTACT) & (numbers.second_harm > HARM)
 
 
 def loose(numbers: Numbers) -> np.ndarray:

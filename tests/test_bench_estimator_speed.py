@@ -12,7 +12,7 @@ import pytest
 from vbaa_calib.bench import estimator_hostile, estimator_speed
 from vbaa_calib.bench.estimator_baselines import PARTS, at_shares, baselines
 from vbaa_calib.bench.estimator_figure import hard_text, hostile_text, speed_text, write_figure
-from vbaa_calib.bench.estimator_hard import judged, run
+from vbaa_calib.bench.estimator_hard import estimated, judged, run
 from vbaa_calib.bench.estimator_hard_cases import CASES, Hard, resized
 from vbaa_calib.bench.estimator_scipy import by_loop
 from vbaa_calib.bench.estimator_setup import Setup
@@ -49,6 +49,7 @@ def test_speed_rows_and_their_figure(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(estimator_speed, "MODELS", ("elastica",))
     monkeypatch.setattr(estimator_speed, "LOOP_FRAMES", 4)
     monkeypatch.setattr(estimator_speed, "SINGLE_FRAMES", 2)
+    monkeypatch.setattr(estimator_speed, "TRUE_RIGS", 2)
     monkeypatch.setattr(estimator_speed, "FORMULA_FRAMES", 50_000)
     rows = estimator_speed.run(30, 0, repeats=1)
     assert {row.family for row in rows} == {PAPER, LOOP, ESTIMATOR, "straight line"}
@@ -82,8 +83,6 @@ def test_size_does_not_matter() -> None:
     frames = flat().scenes.picked(np.arange(5))
     length, large = frames.rig.antenna.length_m, resized(frames.rig, 1e3)
     twin = replace(frames, rig=large, moment_Nm=1e3 * frames.moment_Nm)
-    from vbaa_calib.bench.estimator_hard import estimated
-
     ours, theirs = (estimated(Hard(each), "elastica").distance_m for each in (frames, twin))
     np.testing.assert_allclose(theirs / (1e3 * length), ours / length, rtol=1e-6)
 

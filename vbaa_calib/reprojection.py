@@ -75,11 +75,10 @@ def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray) -> SeenPoin
 
     Their dependence on the lens comes with them where the camera knows its own covariance.
     """
-    points, valid = camera.unproject_normalized(points_px)
-    jacobian = camera.jacobian(points_px)
+    points, jacobian, valid = camera.normalized_with_slopes(points_px)
     covariance = sigma_px[:, None, None] ** 2 * jacobian @ np.swapaxes(jacobian, -1, -2)
     valid &= np.isfinite(covariance).all(axis=(-1, -2))
-    by_lens = None if camera.covariance is None else camera.lens_jacobian(points_px)
+    by_lens = None if camera.covariance is None else camera.lens_slopes_at(points)
     return SeenPoints(points, covariance, by_lens).picked(valid)
 
 
@@ -147,8 +146,7 @@ def with_slopes_on_curve(seen: SeenPoints, camera: Camera, image: ImageCurves) -
     if seen.by_lens is None:
         return seen
     on_curve = image.at(0, feet(seen, image))[0]
-    pixels, _ = camera.project(np.column_stack([on_curve, np.ones(len(on_curve))]))
-    slopes = camera.lens_jacobian(pixels)
+    slopes = camera.lens_slopes_at(on_curve)
     known = np.isfinite(slopes).all(axis=(-1, -2), keepdims=True)
     return replace(seen, by_lens=np.where(known, slopes, seen.by_lens))
 

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.arrays import Array, namespace
 
-from .batch import picked, written
+from .batch import picked
 from .descend import begin
 from .frames import Frames
-from .settle import SAME, Settled, evaluated, explored, settle
+from .rivals import Best, mirrored
+from .second import second_force
+from .settle import Settled, evaluated, explored, settle
 from .starts import Free, Trials, free_antenna, tried
 from .view import LEANING, look, rig_table
-from .worth import REFERENCE, Worth, evidence, predicted_bias, worth
+from .worth import REFERENCE, Worth, evidence, held_against, predicted_bias, worth
 
 EXPLORER = "linear"
 """The rung on which valleys are told apart."""
@@ -35,7 +37,8 @@ class Solved:
     rows : (B,) their places among all that were asked for.
     evidence : (B,) for a contact, see `worth.evidence`.
     bias : rung → (B,) its predicted bias in standard deviations; of rungs that were looked at.
-    rival : (B,) how much more another valley costs; infinite without one. rival_distance : (B,) where it lies.
+    rival : (B,) how much more another valley costs; infinite without one. rival_unknowns : (B, 4) where it lies.
+    second, second_place, second_harm : (B,) see `second.second_force`.
     """
 
     rows: Array
@@ -45,7 +48,10 @@ class Solved:
     evidence: Array
     bias: dict[str, Array]
     rival: Array
-    rival_distance: Array
+    rival_unknowns: Array
+    second: Array
+    second_place: Array
+    second_harm: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,46 +111,25 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     """These rows of the frames settled on a rung, in the best of the valleys that are worth it."""
     xp = namespace(rows)
     part, here = frames.picked(rows), picked(ground, rows)
-    fits = settle(part, rung, here.floors[:, 0])
-    rival, rival_distance = xp.full_like(fits.state.scatter, xp.inf), here.floors[:, 0, 0]
+    best = Best.of(settle(part, rung, here.floors[:, 0]))
     for other in range(1, here.floors.shape[1]):
-        near = xp.isfinite(here.costs[:, other])
-        if bool(near.any()):
-            index = xp.arange(len(rows))[near]
-            fits, rival, rival_distance = _compared(fits, index, here.floors[near, other], rival, rival_distance)
-    lost = ~fits.state.converged | (fits.state.scatter > LOST)
+        best = best.beside(xp.isfinite(here.costs[:, other]), here.floors[:, other])
+    lost = ~best.fits.state.converged | (best.fits.state.scatter > LOST)
     if bool(lost.any()):
-        index = xp.arange(len(rows))[lost]
         starts, costs = picked(here.trials, lost).spread(WIDE)
-        rung_here = rung if rung in LEANING else LEANING[0]
-        floors, _ = explored(part.picked(lost), rung_here, starts, costs)
-        fits, rival, rival_distance = _compared(fits, index, floors[:, 0], rival, rival_distance)
+        floors = here.floors[:, 0] + 0.0
+        floors[lost] = explored(part.picked(lost), rung if rung in LEANING else LEANING[0], starts, costs)[0][:, 0]
+        best = best.beside(lost, floors)
+    best = best.beside(*mirrored(part, best.fits.state.unknowns))
+    fits = best.fits
     known = worth(fits)
-    above = None
-    if rung != REFERENCE:
-        above = look(part, REFERENCE, fits.state.unknowns)
+    if rung == REFERENCE:
+        about = fits.problem
+    else:
+        about = held_against(fits, look(part, REFERENCE, fits.state.unknowns))
         bias = bias | predicted_bias(fits, known, (rung,))
-    return Solved(rows, fits, known, here.free, evidence(fits, here.free, above), bias, rival, rival_distance)
-
-
-def _compared(
-    fits: Settled, rows: Array, unknowns: Array, rival: Array, rival_distance: Array
-) -> tuple[Settled, Array, Array]:
-    """The better of fits and what other floors (B', 4) lead to, and how much more the worse one costs, and where."""
-    xp = namespace(rival)
-    others = settle(fits.frames.picked(rows), fits.rung, unknowns)
-    own, other = fits.plain_cost[rows], others.plain_cost
-    mine, theirs = fits.state.unknowns[rows, 0], others.state.unknowns[:, 0]
-    apart = (xp.abs(mine - theirs) > SAME) & others.state.converged & fits.state.converged[rows]
-    rival, rival_distance = rival + 0.0, rival_distance + 0.0
-    rival[rows] = xp.where(apart, xp.abs(own - other), rival[rows])
-    rival_distance[rows] = xp.where(other < own, mine, theirs)
-    better = others.state.converged & ((other < own) | ~fits.state.converged[rows])
-    if bool(better.any()):
-        state = written(fits.state, rows[better], picked(others.state, better))
-        table = written(fits.table, rows[better], picked(others.table, better))
-        fits = evaluated(fits.frames, fits.rung, table, state)
-    return fits, rival, rival_distance
+    telling = evidence(fits, about, here.free), bias, best.rival, best.rival_unknowns
+    return Solved(rows, fits, known, here.free, *telling, *second_force(fits, about, known))
 
 
 def _biases_at(frames: Frames, unknowns: Array) -> dict[str, Array]:

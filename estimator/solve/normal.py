@@ -100,14 +100,14 @@ def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations
     return Equations(information, pull - this.prior * at, total)
 
 
-def solved(information: Array, pull: Array, damping: Array | float = 0.0) -> Array:
+def solved(information: Array, pull: Array, damping: Array | None = None) -> Array:
     """Steps (B, K) of normal equations, scaled to a unit diagonal, to which damping (B,) is added."""
     xp = namespace(pull)
     diagonal = xp.arange(pull.shape[-1])
     scale = xp.sqrt(information[:, diagonal, diagonal])
     scale = xp.where(scale > 0.0, scale, xp.ones_like(scale))
     unit = information / (scale[:, :, None] * scale[:, None])
-    unit[:, diagonal, diagonal] += damping[:, None] + EASE if hasattr(damping, "shape") else damping + EASE
+    unit[:, diagonal, diagonal] += EASE if damping is None else damping[:, None] + EASE
     return xp.linalg.solve(unit, (pull / scale)[..., None])[..., 0] / scale
 
 

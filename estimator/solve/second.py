@@ -6,32 +6,57 @@ from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, like, namespace
 
 from .match import sums
-from .normal import huber_weights
+from .normal import Problem, huber_weights, solved
 from .settle import Settled
 from .view import by_point
+from .worth import Worth
 
 GRID = 16
 """Places tried for another force, evenly over the antenna."""
+DEPENDENT = 1e-6
+"""A force whose deflection the first contact and the rig can make up for to this part, in squares, holds nothing."""
 
 
-def second_force(fits: Settled) -> tuple[Array, Array]:
-    """(B,) how much of the cost the best second force takes away, and its place (B,) in antenna lengths.
+def second_force(fits: Settled, about: Problem, known: Worth) -> tuple[Array, Array, Array]:
+    """What the best second force would do, by its small deflection, with all that contact, friction and rig can do
+    about it taken out: a score test.
 
-    A score test: the force's small deflection, with all that the first contact and the rig can do about it taken out.
+    Parameters
+    ----------
+    about : the problem with the residuals of the highest rung, whose shapes are right.
+
+    Returns
+    -------
+    gain, place, harm : (B,) how much of the cost it takes away, at the scatter that neighbouring points have; where it
+        acts, in antenna lengths; how far the first contact's distance would move, in standard deviations.
     """
-    xp, known, about = namespace(fits.state.scatter), fits.frames.known, fits.problem
+    xp, frame = namespace(about.scatter), fits.frames.known
     places = like(about.scatter, [(g + 1.0) / GRID for g in range(GRID)])
-    along = aligned_arclength(xp.clip(fits.view.contact_m / known.length_m, None, 1.0 - 1e-6), 1.0)
+    along = aligned_arclength(xp.clip(fits.view.contact_m / frame.length_m, None, 1.0 - 1e-6), 1.0)
     near, far = xp.minimum(along[..., None], places), xp.maximum(along[..., None], places)
     # scaled to a like size at the tip
     bent = (3.0 * far - near) * near * near / (places * places * (3.0 - places))
-    columns = (bent[..., None] * by_point(known, fits.view)[:, :, None, 1:]).reshape(*along.shape, 2 * GRID)
+    columns = (bent[..., None] * by_point(frame, fits.view)[:, :, None, 1:]).reshape(*along.shape, 2 * GRID)
     weights = huber_weights(about.whitened(about.found.distance)) * about.found.precision / about.scatter[:, None] ** 2
     summed = sums(about.found, weights, about.found.distance, along.shape[1])
     towards = summed.times(columns)
     crossed = about.columns.mT @ towards
-    pull = (columns.mT @ summed.load[..., None])[..., 0]
+    # what is left for a second force once the first contact and the rig have made the most of it
+    best = solved(fits.equations.information, (about.columns.mT @ summed.load[..., None])[..., 0])
+    pull = (columns.mT @ summed.load[..., None])[..., 0] - (crossed.mT @ best[..., None])[..., 0]
     taken = xp.linalg.solve(fits.equations.information, crossed)
+    force, gain = _best_force(columns, towards, crossed, taken, pull)
+    every, best_place = xp.arange(len(gain)), xp.argmax(gain, -1)
+    force = force[every, best_place]
+    moved = sum(force[:, axis] * taken[every, 0, 2 * best_place + axis] for axis in (0, 1))
+    harm = xp.abs(moved) / known.std[:, 0]
+    own = (about.scatter / neighbour_scatter(about)) ** 2
+    return gain[every, best_place] * own, places[best_place], harm
+
+
+def _best_force(columns: Array, towards: Array, crossed: Array, taken: Array, pull: Array) -> tuple[Array, Array]:
+    """The best force (B, G, 2) at each place, in its columns' units, and what it takes off the cost (B, G)."""
+    xp = namespace(pull)
 
     def inner(first: int, second: int) -> Array:
         own = (columns[..., first::2] * towards[..., second::2]).sum(1)
@@ -40,15 +65,27 @@ def second_force(fits: Settled) -> tuple[Array, Array]:
     yy, yz, zz = inner(0, 0), inner(0, 1), inner(1, 1)
     y, z = pull[:, 0::2], pull[:, 1::2]
     # directions along the line of sight, and what the first contact does as well, hold nothing
-    floor = 1e-6 * (columns * towards).sum(1).reshape(len(pull), GRID, 2).sum(-1) + 1e-30
-    trace, determinant = yy + zz, yy * zz - yz * yz
-    larger = 0.5 * trace + xp.sqrt(xp.clip(0.25 * trace * trace - determinant, 0.0, None))
-    full = determinant > floor * larger
-    both = 0.5 * (zz * y * y - 2.0 * yz * y * z + yy * z * z) / xp.where(full, determinant, 1.0)
-    # with one direction held, the gain along it
-    along_y, along_z = xp.where(yy > zz, larger - zz, yz), xp.where(yy > zz, yz, larger - yy)
-    length = along_y * along_y + along_z * along_z
-    one = 0.5 * (along_y * y + along_z * z) ** 2 / xp.clip(length * larger, 1e-300, None)
-    gain = xp.where(full, both, xp.where(larger > floor, one, xp.zeros_like(one)))
-    best = gain.argmax(-1)
-    return gain[xp.arange(len(gain)), best], places[best]
+    floor = DEPENDENT * (columns * towards).sum(1).reshape(*yy.shape, 2).sum(-1) + 1e-30
+    middle, half = 0.5 * (yy + zz), xp.hypot(0.5 * (yy - zz), yz)
+    angle = 0.5 * xp.atan2(yz, 0.5 * (yy - zz))
+    cos, sin = xp.cos(angle), xp.sin(angle)
+    major = xp.where(middle + half > floor, (cos * y + sin * z) / xp.clip(middle + half, 1e-300, None), 0.0)
+    minor = xp.where(middle - half > floor, (cos * z - sin * y) / xp.clip(middle - half, 1e-300, None), 0.0)
+    gain = 0.5 * (major * (cos * y + sin * z) + minor * (cos * z - sin * y))
+    return xp.stack([cos * major - sin * minor, sin * major + cos * minor], -1), gain
+
+
+def neighbour_scatter(about: Problem) -> Array:
+    """(B,) factor on the points' deviations by which neighbours along the antenna differ, at least 1.
+
+    A second contact leaves a smooth misfit: the scatter about the fit would take it for noise.
+    """
+    xp = namespace(about.scatter)
+    seen = about.found.precision > 0.0
+    order = xp.argsort(xp.where(seen, about.found.foot_m, xp.inf), -1)
+    every = xp.arange(len(seen))[:, None]
+    ordered = (about.found.distance * xp.sqrt(about.found.precision))[every, order]
+    gap = xp.where(seen[every, order][:, 1:], xp.abs(ordered[:, 1:] - ordered[:, :-1]), xp.inf)
+    middle = xp.clip(seen.sum(-1) - 1, 1, None) // 2
+    median = gap[every[:, 0], xp.argsort(gap, -1)[every[:, 0], middle]]
+    return xp.clip(1.4826 / 2.0**0.5 * xp.where(xp.isfinite(median), median, 1.0), 1.0, None)

@@ -19,7 +19,7 @@ SCATTERED = 3.5
 """N points whose median misfit exceeds its expectation by this over √N scatter more than noise: three deviations."""
 HOPELESS, HOPELESS_FACTOR = 50.0, 4.0
 """A valley whose floor lies higher than so many times the lowest one's, and by so much, is left."""
-SAME = 1e-2
+SAME_VALLEY = 1e-2
 """Distances closer than this, in antenna lengths, are taken for the same valley."""
 
 
@@ -93,7 +93,7 @@ def explored(frames: Frames, rung: str, starts: Array, costs: Array) -> tuple[Ar
     order = xp.argsort(total, -1)
     every = xp.arange(count)[:, None]
     floors, total = floors[every, order], total[every, order]
-    far = xp.abs(floors[:, 1:, 0] - floors[:, :1, 0]) > SAME
+    far = xp.abs(floors[:, 1:, 0] - floors[:, :1, 0]) > SAME_VALLEY
     keep = far & (total[:, 1:] < HOPELESS_FACTOR * total[:, :1] + HOPELESS)
     total[:, 1:] = xp.where(keep, total[:, 1:], xp.full_like(total[:, 1:], xp.inf))
     return floors, total

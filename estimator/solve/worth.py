@@ -135,31 +135,31 @@ def predicted_bias(fits: Settled, known: Worth, rungs: tuple[str, ...] = RUNGS) 
     return found
 
 
-def evidence(fits: Settled, free: Free, reference: View | None) -> Array:
+def held_against(fits: Settled, view: View) -> Problem:
+    """The fits' problem with the residuals that another rung's view of the same unknowns leaves."""
+    xp = namespace(fits.state.scatter)
+    found = match(fits.frames, view, fits.state.foot_m)
+    about = replace(fits.problem, found=found, misfit=view.misfit)
+    distance, misfit = about.residuals(xp.concat([xp.zeros_like(fits.state.unknowns), fits.state.steps], -1))
+    return replace(about, found=replace(found, distance=distance), misfit=misfit)
+
+
+def evidence(fits: Settled, about: Problem, free: Free) -> Array:
     """(B,) how much better a contact explains the frames than the free antenna: half the difference of squared misfits.
 
     Both may bend the rig's parameters within their joint covariance first, so that a clamp angle that is known badly is
     not taken for a contact. Without contact it is 1.5 to 2 (three unknowns fitted to noise). Both are held against
-    the highest rung, `reference` its view where the fits are not on it: what a lower one leaves out of the weight must
-    not pass for a force.
+    the highest rung, `about` the problem with its residuals: what a lower one leaves out of the weight must not pass
+    for a force.
     """
-    xp = namespace(fits.state.scatter)
-    frames, about, values = fits.frames, fits.problem, fits.state.values
-    if reference is not None:
-        rig = xp.concat([xp.zeros_like(fits.state.unknowns), fits.state.steps], -1)
-        found = match(frames, reference, fits.state.foot_m)
-        about = replace(about, found=found, misfit=reference.misfit)
-        distance, misfit = about.residuals(rig)
-        about = replace(about, found=replace(found, distance=distance), misfit=misfit)
-    _, touching = least_cost(about, values, CLOSE_ROUNDS)
-    found = match(frames, free.view, free.feet_m)
+    _, touching = least_cost(about, fits.state.values, CLOSE_ROUNDS)
     alone = Problem(
-        found,
+        match(fits.frames, free.view, free.feet_m),
         free.table.nodes,
         free.table.readings,
         free.view.misfit,
         about.prior[:, UNKNOWNS:],
-        fits.state.scatter,
+        about.scatter,
     )
     _, without = least_cost(alone, 0.0 * fits.state.steps, ROUNDS if alone.columns.shape[-1] else 0)
     return without - touching

@@ -83,8 +83,8 @@ def judged(seed: int, chunk: int, frames: int) -> HostileRow:
     claimed = np.isin(found.status, CLAIMED)
     off = np.column_stack(deviations(found, drawn.scenes))
     off = np.where((claimed & drawn.touched)[:, None], np.abs(off), 0.0)
-    whole = np.isfinite(off)
-    index, quantity = np.unravel_index(np.argmax(np.where(whole, off, np.inf)), off.shape)
+    ranked = np.where(np.isnan(off), np.inf, off)
+    index, quantity = np.unravel_index(np.argmax(ranked), off.shape)
     any_claimed = bool((claimed & drawn.touched).any())
     return HostileRow(
         seed=seed,
@@ -98,7 +98,7 @@ def judged(seed: int, chunk: int, frames: int) -> HostileRow:
         imagined=int((claimed & ~drawn.touched).sum()),
         statuses=words(found.status),
         worst=f"{('l', 'f_y', 'f_z')[quantity]} of frame {index}" if any_claimed else "",
-        worst_std=float(off[index, quantity]) if any_claimed else None,
+        worst_std=float(ranked[index, quantity]) if any_claimed else None,
         failure="",
     )
 

@@ -102,14 +102,13 @@ def population(frames: int, seed: int, roll_rad: float) -> Judged:
 def calibrated_population(frames: int, seed: int, roll_rad: float) -> Judged:
     """The same with several true rigs, each one draw of the given rig's covariance away."""
     given, rng = Setup(exact=False).rig(), np.random.default_rng(seed)
-    touches = _touches(frames, rng, roll_rad)
-    parts, widths = [], []
+    distance, push = _touches(frames, rng, roll_rad)
+    parts = []
     for own in np.array_split(np.arange(frames), min(TRUE_RIGS, frames)):
         truth = drawn_truth(given, rng)
-        distance, push = (values[own] for values in touches)
-        parts.append(scenes(truth, distance, push, made_by=rod_shapes, given=given).noisy(rng))
-        widths.append(bound(scenes(given, distance, push, made_by=rod_shapes)).std[:, 0])
-    return Judged(joined(parts), np.concatenate(widths))
+        parts.append(scenes(truth, distance[own], push[own], made_by=rod_shapes, given=given).noisy(rng))
+    width = bound(scenes(given, distance, push, made_by=rod_shapes)).std[:, 0]
+    return Judged(joined(parts), width)
 
 
 def joined(parts: Sequence[Scenes]) -> Scenes:

@@ -97,5 +97,5 @@ def nominal_free_antenna(
 
 def see_with_lens(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray) -> SeenPoints:
     """`reprojection.see`, with the points' dependence on the lens whether or not its covariance is known."""
-    valid = camera.unproject_normalized(points_px)[1] & np.isfinite(camera.jacobian(points_px)).all(axis=(-1, -2))
+    valid = camera.normalized_with_slopes(points_px)[2]
     return replace(see(camera, points_px[valid], sigma_px[valid]), by_lens=camera.lens_jacobian(points_px[valid]))

@@ -1,0 +1,80 @@
+"""Other contacts that explain the same frames: kept, compared, and remembered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vbaa_calib.arrays import Array, like, namespace
+
+from .batch import picked, written
+from .frames import Frames
+from .settle import Settled, evaluated, settle
+
+SAME, SAME_FORCE = 1e-2, 0.05
+"""Contacts closer than this, in antenna lengths and in parts of the force, are taken for the same."""
+WEAK = 5.0
+"""Readings that would change by less than so many deviations do not tell a contact from its mirror image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The best fits to B frames so far, with how much more the next best costs (B,), and where it lies (B, 4)."""
+
+    fits: Settled
+    rival: Array
+    rival_unknowns: Array
+
+    @staticmethod
+    def of(fits: Settled) -> Best:
+        """Without rivals."""
+        xp = namespace(fits.state.scatter)
+        return Best(fits, xp.full_like(fits.state.scatter, xp.inf), fits.state.unknowns)
+
+    def beside(self, which: Array, unknowns: Array) -> Best:
+        """After a look, for some of the frames (B,), from other unknowns (B, 4)."""
+        if not bool(which.any()):
+            return self
+        xp = namespace(which)
+        rows = xp.arange(len(which))[which]
+        others = settle(self.fits.frames.picked(rows), self.fits.rung, unknowns[rows])
+        mine, theirs = picked(self.fits.state, rows), others.state
+        own, other = self.fits.plain_cost[rows], others.plain_cost
+        apart = different(mine.unknowns, theirs.unknowns) & mine.converged & theirs.converged
+        better = theirs.converged & ((other < own) | ~mine.converged)
+        gap = xp.abs(own - other)
+        nearer = apart & (gap < self.rival[rows])
+        rival, rival_unknowns = self.rival + 0.0, self.rival_unknowns + 0.0
+        rival[rows] = xp.where(nearer, gap, self.rival[rows])
+        loser = xp.where(better[:, None], mine.unknowns, theirs.unknowns)
+        rival_unknowns[rows] = xp.where(nearer[:, None], loser, self.rival_unknowns[rows])
+        if not bool(better.any()):
+            return Best(self.fits, rival, rival_unknowns)
+        state = written(self.fits.state, rows[better], picked(theirs, better))
+        table = written(self.fits.table, rows[better], picked(others.table, better))
+        return Best(evaluated(self.fits.frames, self.fits.rung, table, state), rival, rival_unknowns)
+
+
+def different(first: Array, second: Array) -> Array:
+    """(B,) whether unknowns (B, 4) are those of different contacts."""
+    xp = namespace(first)
+    gap, size = first[:, 1:3] - second[:, 1:3], first[:, 1:3]
+    turned = xp.hypot(gap[:, 0], gap[:, 1]) > SAME_FORCE * xp.hypot(size[:, 0], size[:, 1])
+    return (xp.abs(first[:, 0] - second[:, 0]) > SAME) | turned
+
+
+def mirrored(frames: Frames, unknowns: Array) -> tuple[Array, Array]:
+    """Which frames (B,) cannot tell contacts (B, 4) from their mirror images by a reading, and those images (B, 4).
+
+    The mirror is the plane through the antenna's x axis and the camera: small deflections to either side of it look
+    alike, but for perspective.
+    """
+    xp, known = namespace(unknowns), frames.known
+    side = like(unknowns, known.rig.T_antenna_camera.translation_m[1:])
+    side = side / xp.hypot(side[0], side[1])
+    force = unknowns[:, 1:3]
+    image = 2.0 * (force @ side)[:, None] * side - force
+    # about y the force's z is felt, about z its y
+    lever = known.force_unit_N * known.length_m * unknowns[:, :1] * known.gain / known.std
+    change = xp.abs(lever * (image - force)[:, [1, 0]]) * frames.felt
+    weak = (change < WEAK).all(-1)
+    return weak, xp.concat([unknowns[:, :1], image, unknowns[:, 3:]], -1)
