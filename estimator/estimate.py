@@ -26,7 +26,7 @@ from .verdict import FEWEST_POINTS
 FRICTION_RAD = 0.2
 """Deviation of the friction angle that is thought possible where nothing else is said: most contacts of steel have
 friction coefficients below 0.4."""
-CHUNK = 256
+CHUNK = 512
 """Frames that are solved at once: their arrays stay in the processor's cache."""
 STREAM = 64
 """Frames of a recording that are solved at once, each chunk from where the one before ended."""
@@ -269,7 +269,7 @@ def _column(name: str, values: Sequence[float | None] | np.ndarray | None, count
 def _device(name: str) -> torch.device:
     """The torch device. Raises InputError when it cannot be used."""
     try:
-        torch.empty(1, dtype=torch.float64, device=name)
+        torch.ones(1, dtype=torch.float64, device=name).item()
     except (RuntimeError, TypeError, AssertionError) as error:
         what = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"device {name!r}: {what}", remedy="cpu is always there") from None

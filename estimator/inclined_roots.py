@@ -6,10 +6,10 @@ is the moment, κ·l·f_y = τ_y·tanφ:
 
     (x_p2/d − v)·g(v) = t·d,    g = l·f_y·d²/(2EI·y2),    t = τ_y·tanφ/2EI.
 
-v runs from l = ∞ to where the straight part begins; beyond, the equation is linear in x, Eq. (26). On the curved part
-it is the quintic in κ that the paper's Eq. (29) should have been. g falls with v, so the left side does too and there
-is one solution, but for pictures that fold the antenna back (x_p2 < x_p1) under a moment that does so: there it first
-falls, then rises, and may give two.
+v runs from l = ∞ to where the straight part begins; beyond, the equation is linear in x. On the curved part it is the
+quintic in κ that stands in place of the paper's sextic. g falls with v, so the left side does too and there is one
+solution, but for pictures that fold the antenna back (x_p2 < x_p1) under a moment that does so: there it first falls,
+then rises, and may give two. `tests/estimator/test_misprints.py` proves it.
 
 All arrays (n,); lengths in m, t in 1/m.
 """

@@ -132,7 +132,7 @@ def test_the_rule_sees_an_upward_import(tmp_path: Path) -> None:
         "import viz.scene",
         "from viz import scene",
         "from ..synth import write",
-        "def f():\n    import estimator.fit",
+        "def f():\n    import estimator.estimate",
     ]
     for text in spellings:
         path = tmp_path / "module.py"

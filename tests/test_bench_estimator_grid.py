@@ -187,6 +187,18 @@ def test_what_is_known_less_well_widens_the_bound() -> None:
     assert (bound(rough).std[:, :2] > least[:, :2]).all()
 
 
+def test_friction_is_told_by_steep_antennas_alone() -> None:
+    """What a light push has along the antenna bends nothing: the force stays as uncertain as the prior of its angle."""
+    distance = np.full(2, 0.12)
+    pushed = rolled(push_for_slope(np.array([0.05, 0.6]), distance, 3.9e-3), 0.5)
+    frames = scenes(Setup("none", 0.5, ACROSS, swing_m=0.1).rig(), distance, pushed)
+    size = np.linalg.norm(frames.force_N, axis=1)
+    light, steep = bound(frames, friction_std_rad=0.2).force_std / size
+    assert light == pytest.approx(0.2, rel=0.05)
+    assert steep < 0.18
+    assert (bound(frames).force_std / size < [0.05, 0.01]).all()
+
+
 def test_a_plane_seen_edge_on_has_no_bound() -> None:
     """A camera in the plane of bending sees a straight line, whatever touches; the moment alone does not hold l."""
     rig = Setup("none", np.radians(60.0), ACROSS).rig()
@@ -344,3 +356,34 @@ def test_the_estimator_is_not_biased_by_its_model_on_the_rod() -> None:
     assert rows[0].force < 0.02
     noiseless = random_scenes(POPULATIONS[0].setup.rig(), 3, np.random.default_rng(9))
     assert (np.abs(estimate(noiseless, "rod", 0.0).values - truth(noiseless))[:, 0] < 2e-4).all()
+
+
+def test_a_cell_too_near_to_the_tip_is_named(monkeypatch) -> None:
+    monkeypatch.setattr(estimator_grid, "FROM_TIP_STD", 30.0)
+    plan = planned(UPRIGHT, 0.0)
+    near = [why for why, reach in zip(plan.left_out, plan.reach, strict=True) if reach == 0.95]
+    assert any("the tip is" in why and "deviations away" in why for why in near)
+    assert all(why == "" for why, reach in zip(plan.left_out, plan.reach, strict=True) if reach < 0.5)
+
+
+@pytest.mark.slow
+def test_the_whole_grid_meets_its_goals() -> None:
+    rows = estimator_grid.run(100, 3)
+    assert not [row.cell for row in rows if row.left_out]
+    assert np.mean([row.without_numbers for row in rows]) < 1e-3
+    for line in summary(rows):
+        # of 1620 numbers one in six hundred may lie beyond by noise alone
+        assert line.clearly <= 2, line
+        assert not {"of_bound": line.pooled > 1.02, "bias": abs(line.pooled) > 0.05}.get(line.measure, False), line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(4))
+def test_the_rod_meets_its_goals(number: int) -> None:
+    (row,) = estimator_rods.run(400, 4, chosen=[POPULATIONS[number]])
+    assert row.small_bias is not None
+    # the goal, less two standard errors of so many frames
+    assert row.small_bias >= 0.98
+    assert row.location <= 0.01
+    assert row.force <= 0.02
+    assert 0.92 < row.l_covered < 0.98

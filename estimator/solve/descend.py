@@ -13,7 +13,7 @@ from .match import match, nearest_feet
 from .normal import Equations, Problem, equations, problem, solved
 from .view import TIP, RigTable, View, look
 
-ITERATIONS, COARSE_ITERATIONS = 40, 8
+ITERATIONS, COARSE_ITERATIONS = 40, 5
 NEAREST = 0.03
 """Least contact distance that is looked for, in antenna lengths."""
 STANDSTILL, COARSE_STANDSTILL = 1e-4, 1e-2
@@ -57,10 +57,10 @@ class State:
         return namespace(self.unknowns).concat([self.unknowns, self.steps], -1)
 
 
-def begin(frames: Frames, view: View, unknowns: Array) -> State:
-    """States at unknowns (B, 4) and their view, with the rig as calibrated."""
+def begin(frames: Frames, view: View, unknowns: Array, feet_m: Array | None = None) -> State:
+    """States at unknowns (B, 4) and their view, with the rig as calibrated, from feet (B, N) near the right ones."""
     xp = namespace(unknowns)
-    feet = nearest_feet(frames, view)
+    feet = nearest_feet(frames, view) if feet_m is None else feet_m
     no = unknowns[:, 0] < 0.0
     return State(unknowns, frames.known.still(len(frames)), feet, no, xp.ones_like(unknowns[:, 0]), no)
 

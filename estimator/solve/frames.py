@@ -16,8 +16,8 @@ class Frames:
     Attributes
     ----------
     points : (B, N, 2) in ideal normalized coordinates (the plane one unit before the camera).
-    covariance : (B, N, 3) of each point: xx, xy, yy.
-    usable : (B, N) bool; the others are finite but mean nothing.
+    covariance : three (B, N) of each point: xx, xy, yy.
+    usable : (B, N) 1 for a point, 0 for what is finite but means nothing.
     reading_Nm : (B, 2) of the moment sensors about y and z.
     felt : (B, 2) 1 where there is a reading, else 0.
     gravity_m_s2 : (B, 3) antenna frame.
@@ -25,7 +25,7 @@ class Frames:
 
     known: Known
     points: Array
-    covariance: Array
+    covariance: tuple[Array, Array, Array]
     usable: Array
     reading_Nm: Array
     felt: Array
@@ -39,7 +39,7 @@ class Frames:
         return replace(
             self,
             points=self.points[which],
-            covariance=self.covariance[which],
+            covariance=tuple(part[which] for part in self.covariance),
             usable=self.usable[which],
             reading_Nm=self.reading_Nm[which],
             felt=self.felt[which],
@@ -61,14 +61,15 @@ def frames_from_pixels(
     usable = present & valid
     variance = xp.where(usable, sigma_px, xp.ones_like(sigma_px)) ** 2
     ux, uy, vx, vy = (slopes[..., row, column] for row in (0, 1) for column in (0, 1))
-    covariance = variance[..., None] * xp.stack([ux * ux + uy * uy, ux * vx + uy * vy, vx * vx + vy * vy], -1)
-    anything = xp.ones_like(covariance) * xp.asarray([1.0, 0.0, 1.0], dtype=covariance.dtype, device=covariance.device)
+    ones, zeros = xp.ones_like(variance), xp.zeros_like(variance)
+    xx, yy = (xp.where(usable, variance * part, ones) for part in (ux * ux + uy * uy, vx * vx + vy * vy))
+    xy = xp.where(usable, variance * (ux * vx + uy * vy), zeros)
     felt = xp.isfinite(reading_Nm) & (known.gain != 0.0)
     return Frames(
         known,
         xp.where(usable[..., None], points, xp.zeros_like(points)),
-        xp.where(usable[..., None], covariance, anything),
-        usable,
+        (xx, xy, yy),
+        xp.where(usable, ones, zeros),
         xp.where(felt, reading_Nm, xp.zeros_like(reading_Nm)),
         xp.where(felt, xp.ones_like(reading_Nm), xp.zeros_like(reading_Nm)),
         gravity_m_s2,

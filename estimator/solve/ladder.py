@@ -61,12 +61,14 @@ class Ground:
     Attributes
     ----------
     floors, costs : (B, S, 4) rough floors, lowest first, and their costs (B, S), infinite where there is none.
+    feet_m : (B, N) of the points on the lowest one's curve.
     """
 
     free: Free
     trials: Trials
     floors: Array
     costs: Array
+    feet_m: Array
 
 
 def explore(frames: Frames, warm: Array | None = None) -> Ground:
@@ -76,7 +78,7 @@ def explore(frames: Frames, warm: Array | None = None) -> Ground:
     starts, costs = trials.lowest(STARTS)
     if warm is not None:
         starts, costs = trials.warmed(starts, costs, warm)
-    return Ground(free, trials, *explored(frames, EXPLORER, starts, costs))
+    return Ground(free, trials, *explored(frames, EXPLORER, starts, costs, free.feet_m))
 
 
 def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solved]:
@@ -85,7 +87,7 @@ def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solved]
     ground = explore(frames, warm)
     if model != "auto":
         return [_solved(frames, ground, model, xp.arange(len(frames)), {})]
-    bias = _biases_at(frames, ground.floors[:, 0])
+    bias = _biases_at(frames, ground)
     level = xp.zeros_like(ground.costs[:, 0])
     for index, rung in enumerate(RUNGS[:-1]):
         level = xp.where((level == index) & ~(bias[rung] <= SMALL), level + 1.0, level)
@@ -111,7 +113,7 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     """These rows of the frames settled on a rung, in the best of the valleys that are worth it."""
     xp = namespace(rows)
     part, here = frames.picked(rows), picked(ground, rows)
-    best = Best.of(settle(part, rung, here.floors[:, 0]))
+    best = Best.of(settle(part, rung, here.floors[:, 0], here.feet_m))
     for other in range(1, here.floors.shape[1]):
         best = best.beside(xp.isfinite(here.costs[:, other]), here.floors[:, other])
     lost = ~best.fits.state.converged | (best.fits.state.scatter > LOST)
@@ -132,9 +134,10 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     return Solved(rows, fits, known, here.free, *telling, *second_force(fits, about, known))
 
 
-def _biases_at(frames: Frames, unknowns: Array) -> dict[str, Array]:
-    """Every rung's predicted bias (B,) at rough unknowns (B, 4)."""
+def _biases_at(frames: Frames, ground: Ground) -> dict[str, Array]:
+    """Every rung's predicted bias (B,) at the rough floors."""
+    unknowns = ground.floors[:, 0]
     view = look(frames, EXPLORER, unknowns)
     table = rig_table(frames, EXPLORER, unknowns, view)
-    rough = evaluated(frames, EXPLORER, table, begin(frames, view, unknowns))
+    rough = evaluated(frames, EXPLORER, table, begin(frames, view, unknowns, ground.feet_m))
     return predicted_bias(rough, worth(rough))

@@ -1,18 +1,20 @@
-"""Seen points held against predicted curves, and their sums over the curves' nodes."""
+"""Seen points held against predicted curves, and their sums over the curves' nodes.
+
+Along a curve everything is measured in nodes: q = 3.4 is four tenths of the way from node 3 to node 4.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vbaa_calib.antenna.nodes import NODES_BEYOND, NODES_TO_CONTACT
-from vbaa_calib.arrays import Array, as_index, namespace
+from vbaa_calib.arrays import Array, as_index, namespace, taken
 
+from .cubics import INNER, LAST, cubic, spacing
 from .frames import Frames
-from .view import View, dot
+from .view import View
 
 EVERY, FOOT_STEPS = 4, 2
 """A foot is looked for from the nearest of every fourth node, by Newton's steps; later each iteration adds one."""
-INNER = NODES_TO_CONTACT - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +37,9 @@ class Match:
 
     def between(self, nodes: Array) -> Array:
         """Values on the nodes (B, M) at the feet (B, N)."""
-        first = rows(nodes[..., None], self.left)[..., 0]
-        return first + self.share * (rows(nodes[..., None], self.left + 1)[..., 0] - first)
+        flat, row = nodes.reshape(-1, 1), rows(self.left, nodes.shape[1])
+        first = taken(flat, row).reshape(self.share.shape)
+        return first + self.share * (taken(flat, row + 1).reshape(self.share.shape) - first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,37 +72,42 @@ def nearest_feet(frames: Frames, view: View) -> Array:
     away_u = frames.points[..., :1] - some[:, None, :, 0]
     away_v = frames.points[..., 1:] - some[:, None, :, 1]
     nearest = xp.argmin(away_u * away_u + away_v * away_v, -1)
-    foot = node_arclength(view, EVERY * nearest)
+    foot = arclength(view, EVERY * nearest + 0.0 * frames.points[..., 0])
     for _ in range(FOOT_STEPS):
-        foot = _better(frames, view, foot)
+        foot = match(frames, view, foot).foot_m
     return foot
 
 
 def match(frames: Frames, view: View, foot_m: Array) -> Match:
-    """Hold the frames' points against a view, from feet (B, N) near the right ones."""
+    """Hold the frames' points against a view, from feet (B, N) near the right ones.
+
+    The curve is taken as its parabola at the given feet: what is left of a foot's error e then counts as e³.
+    """
     xp = namespace(foot_m)
-    foot = _better(frames, view, foot_m)
-    left, share, width = interval(view, foot)
-    point, slope = hermite(view.nodes, view.slopes, left, share, width)
-    normal = _unit_normal(slope)
-    away = frames.points - point
-    distance = dot(away, normal)
-    u, v = normal[..., 0], normal[..., 1]
-    spread = frames.covariance
-    variance = spread[..., 0] * u * u + 2.0 * spread[..., 1] * u * v + spread[..., 2] * v * v
-    precision = xp.where(frames.usable, 1.0 / variance, xp.zeros_like(variance))
-    return Match(foot, left, share, distance, precision)
+    left, share, width = between_nodes(view, foot_m)
+    (u, u1, u2), (v, v1, v2) = cubic(view.cubics, rows(left, LAST + 1), share)
+    seen_u, seen_v = frames.points[..., 0] - u, frames.points[..., 1] - v
+    square = u1 * u1 + v1 * v1
+    ahead = (seen_u * u1 + seen_v * v1) / square
+    longest = xp.clip(ahead, -1.0, 1.0)
+    distance = seen_v * u1 - seen_u * v1 - 0.5 * (v2 * u1 - u2 * v1) * longest * longest
+    a, b, c = frames.covariance
+    # the normal is (−v′, u′)/√(u′² + v′²)
+    variance = a * v1 * v1 - 2.0 * b * u1 * v1 + c * u1 * u1
+    foot = foot_m + ahead * width
+    # a view that left the domain of the model is rejected by its cost, not here
+    foot = xp.clip(xp.nan_to_num(foot, nan=0.0), 0.0, view.length_m)
+    return Match(foot, left, share, distance / xp.sqrt(square), frames.usable * square / variance)
 
 
 def sums(found: Match, weights: Array, residuals: Array, count: int) -> Sums:
     """Sums over the intervals between `count` nodes, for weights and residuals (B, N)."""
     xp = namespace(weights)
     batch = len(weights)
-    index = (found.left + _row_starts(found.left, count)).reshape(-1)
-    share, size = found.share, batch * count
+    row, share, size = rows(found.left, count), found.share, batch * count
 
     def added(values: Array) -> Array:
-        return xp.bincount(index, values.reshape(-1), size).reshape(batch, count)
+        return xp.bincount(row, values.reshape(-1), size).reshape(batch, count)
 
     weighted = weights * share
     plain, first, second = added(weights), added(weighted), added(weighted * share)
@@ -113,64 +121,28 @@ def sums(found: Match, weights: Array, residuals: Array, count: int) -> Sums:
     return Sums(diagonal, (first - second)[:, :-1], loads)
 
 
-def rows(values: Array, index: Array) -> Array:
-    """(B, N, C): rows of values (B, M, C) by index (B, N)."""
-    batch, count, width = values.shape
-    return values.reshape(batch * count, width)[index + _row_starts(index, count)]
+def between_nodes(view: View, foot_m: Array) -> tuple[Array, Array, Array]:
+    """The node before each arc length (B, N), the part of the way to the next one, and the interval's width.
+
+    Nodes are equally spaced on either side of the contact.
+    """
+    xp = namespace(foot_m)
+    contact, inner, outer = spacing(view.contact_m, view.length_m)
+    beyond = xp.clip(foot_m - contact, 0.0, None)
+    along = (foot_m - beyond) / inner + beyond / outer
+    node = xp.floor(xp.clip(xp.nan_to_num(along, nan=0.0), 0.0, LAST - 1e-6))
+    width = inner + (outer - inner) * xp.clip(node - (INNER - 1.0), 0.0, 1.0)
+    return as_index(node), along - node, width
 
 
-def _row_starts(index: Array, count: int) -> Array:
-    xp = namespace(index)
-    return xp.cumsum(xp.ones_like(index[:, :1]), 0) * count - count
+def rows(node: Array, count: int) -> Array:
+    """(B·N,) places of nodes (B, N) in arrays (B·count, ...)."""
+    xp = namespace(node)
+    return (node + (count * xp.cumsum(xp.ones_like(node[:, :1]), 0) - count)).reshape(-1)
 
 
-def _better(frames: Frames, view: View, foot: Array) -> Array:
-    """Feet (B, N) after one of Newton's steps, on the curve."""
-    left, share, width = interval(view, foot)
-    point, slope = hermite(view.nodes, view.slopes, left, share, width)
-    ahead = dot(frames.points - point, slope) / dot(slope, slope)
-    xp = namespace(foot)
-    better = foot + ahead
-    # a view that left the domain of the model is rejected by its cost, not here
-    return xp.clip(xp.where(xp.isfinite(better), better, xp.zeros_like(foot)), 0.0, view.length_m)
-
-
-def interval(view: View, foot: Array) -> tuple[Array, Array, Array]:
-    """Node before each foot (B, N), the part of the way to the next, and the interval's width: nodes are equally
-    spaced on either side of the contact."""
-    xp = namespace(foot)
-    contact = view.contact_m[:, None]
-    inner, outer = contact / INNER, xp.clip(view.length_m - contact, 1e-6 * view.length_m, None) / NODES_BEYOND
-    before = foot < contact
-    width = xp.where(before, inner, outer)
-    along = xp.where(before, foot, foot - contact) / width
-    last = xp.where(before, xp.full_like(foot, INNER - 1.0), xp.full_like(foot, NODES_BEYOND - 1.0))
-    node = xp.minimum(xp.floor(along), last)
-    index = xp.clip(xp.where(before, node, node + INNER), 0.0, INNER + NODES_BEYOND - 1.0)
-    return as_index(xp.where(xp.isfinite(index), index, xp.zeros_like(index))), along - node, width
-
-
-def node_arclength(view: View, node: Array) -> Array:
-    """Arc lengths (B, N) of nodes."""
-    xp = namespace(view.nodes)
-    contact = view.contact_m[:, None]
-    past = xp.clip(node - INNER, 0, None)
-    return (node - past) * (contact / INNER) + past * ((view.length_m - contact) / NODES_BEYOND)
-
-
-def hermite(values: Array, slopes: Array, left: Array, share: Array, width: Array) -> tuple[Array, Array]:
-    """Values (B, M, C) and slopes by arc length on the nodes, cubic between them: both at (B, N)."""
-    xp, size = namespace(share), values.shape[-1]
-    both = xp.concat([values, slopes], -1)
-    before, after = rows(both, left), rows(both, left + 1)
-    t, width = share[..., None], width[..., None]
-    p0, d0, p1, d1 = before[..., :size], before[..., size:] * width, after[..., :size], after[..., size:] * width
-    gap = p0 - p1
-    a, b = 2.0 * gap + d0 + d1, -3.0 * gap - 2.0 * d0 - d1
-    return ((a * t + b) * t + d0) * t + p0, ((3.0 * a * t + 2.0 * b) * t + d0) / width
-
-
-def _unit_normal(slope: Array) -> Array:
-    xp = namespace(slope)
-    normal = xp.stack([-slope[..., 1], slope[..., 0]], -1)
-    return normal / xp.hypot(slope[..., 0], slope[..., 1])[..., None]
+def arclength(view: View, node: Array) -> Array:
+    """Arc lengths (B, N) in m of places given in nodes."""
+    _, inner, outer = spacing(view.contact_m, view.length_m)
+    past = namespace(node).clip(node - INNER, 0.0, None)
+    return (node - past) * inner + past * outer

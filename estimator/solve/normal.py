@@ -102,13 +102,18 @@ def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations
 
 def solved(information: Array, pull: Array, damping: Array | None = None) -> Array:
     """Steps (B, K) of normal equations, scaled to a unit diagonal, to which damping (B,) is added."""
-    xp = namespace(pull)
-    diagonal = xp.arange(pull.shape[-1])
+    return solved_columns(information, pull[..., None], damping)[..., 0]
+
+
+def solved_columns(information: Array, pulls: Array, damping: Array | None = None) -> Array:
+    """`solved` for several right sides (B, K, C) at once."""
+    xp = namespace(pulls)
+    diagonal = xp.arange(pulls.shape[1])
     scale = xp.sqrt(information[:, diagonal, diagonal])
     scale = xp.where(scale > 0.0, scale, xp.ones_like(scale))
     unit = information / (scale[:, :, None] * scale[:, None])
     unit[:, diagonal, diagonal] += EASE if damping is None else damping[:, None] + EASE
-    return xp.linalg.solve(unit, (pull / scale)[..., None])[..., 0] / scale
+    return xp.linalg.solve(unit, pulls / scale[..., None]) / scale[..., None]
 
 
 def least_cost(this: Problem, at: Array, rounds: int) -> tuple[Array, Array]:

@@ -65,16 +65,16 @@ def different(first: Array, second: Array) -> Array:
 def mirrored(frames: Frames, unknowns: Array) -> tuple[Array, Array]:
     """Which frames (B,) cannot tell contacts (B, 4) from their mirror images by a reading, and those images (B, 4).
 
-    The mirror is the plane through the antenna's x axis and the camera: small deflections to either side of it look
-    alike, but for perspective.
+    The mirror is the plane through the antenna's x axis across the line of sight: small deflections before and behind
+    it look alike, but for perspective.
     """
     xp, known = namespace(unknowns), frames.known
     side = like(unknowns, known.rig.T_antenna_camera.translation_m[1:])
     side = side / xp.hypot(side[0], side[1])
     force = unknowns[:, 1:3]
-    image = 2.0 * (force @ side)[:, None] * side - force
+    image = force - 2.0 * (force @ side)[:, None] * side
     # about y the force's z is felt, about z its y
     lever = known.force_unit_N * known.length_m * unknowns[:, :1] * known.gain / known.std
     change = xp.abs(lever * (image - force)[:, [1, 0]]) * frames.felt
-    weak = (change < WEAK).all(-1)
-    return weak, xp.concat([unknowns[:, :1], image, unknowns[:, 3:]], -1)
+    image = xp.concat([unknowns[:, :1], image, unknowns[:, 3:]], -1)
+    return (change < WEAK).all(-1) & different(unknowns, image), image

@@ -6,7 +6,7 @@ from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, like, namespace
 
 from .match import sums
-from .normal import Problem, huber_weights, solved
+from .normal import Problem, huber_weights, solved, solved_columns
 from .settle import Settled
 from .view import by_point
 from .worth import Worth
@@ -44,7 +44,7 @@ def second_force(fits: Settled, about: Problem, known: Worth) -> tuple[Array, Ar
     # what is left for a second force once the first contact and the rig have made the most of it
     best = solved(fits.equations.information, (about.columns.mT @ summed.load[..., None])[..., 0])
     pull = (columns.mT @ summed.load[..., None])[..., 0] - (crossed.mT @ best[..., None])[..., 0]
-    taken = xp.linalg.solve(fits.equations.information, crossed)
+    taken = solved_columns(fits.equations.information, crossed)
     force, gain = _best_force(columns, towards, crossed, taken, pull)
     every, best_place = xp.arange(len(gain)), xp.argmax(gain, -1)
     force = force[every, best_place]

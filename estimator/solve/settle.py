@@ -49,15 +49,15 @@ class Settled:
         return cost(plain, self.state.values)
 
 
-def settle(frames: Frames, rung: str, unknowns: Array) -> Settled:
-    """The floors of the valleys that unknowns (B, 4) lie in.
+def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = None) -> Settled:
+    """The floors of the valleys that unknowns (B, 4) lie in. `feet_m` (B, N): feet near the right ones, if known.
 
     What neither noise nor rig explains — a second contact, a kink — must not be fitted as if it were exact, nor must
     most points count as outliers for it: such frames are fitted again with what their points scatter.
     """
     view = look(frames, rung, unknowns)
     table = rig_table(frames, rung, unknowns, view)
-    state = descend(frames, rung, table, begin(frames, view, unknowns))
+    state = descend(frames, rung, table, begin(frames, view, unknowns, feet_m))
     spread = scatter(linearised(frames, rung, table, state))
     state = replace(state, scatter=spread)
     state = _again(frames, rung, table, state, spread > 1.0)
@@ -72,8 +72,10 @@ def evaluated(frames: Frames, rung: str, table: RigTable, state: State) -> Settl
     return Settled(frames, rung, state, view, table, about, equations(about, state.values))
 
 
-def explored(frames: Frames, rung: str, starts: Array, costs: Array) -> tuple[Array, Array]:
-    """Rough floors (B, S, 4) below starts (B, S, 4), lowest first, and their costs (B, S).
+def explored(
+    frames: Frames, rung: str, starts: Array, costs: Array, feet_m: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Rough floors (B, S, 4) below starts (B, S, 4), lowest first, their costs (B, S), the lowest one's feet (B, N).
 
     Starts of infinite cost, floors that another one reached too, and hopeless ones come out with infinite cost.
     """
@@ -85,18 +87,22 @@ def explored(frames: Frames, rung: str, starts: Array, costs: Array) -> tuple[Ar
     unknowns = starts.reshape(-1, UNKNOWNS)[worth]
     view = look(several, rung, unknowns)
     table = rig_table(several, rung, unknowns, view)
-    state = descend(several, rung, table, begin(several, view, unknowns), COARSE_STANDSTILL, COARSE_ITERATIONS)
+    feet = None if feet_m is None else feet_m[index // width]
+    first = begin(several, view, unknowns, feet)
+    state = descend(several, rung, table, first, COARSE_STANDSTILL, COARSE_ITERATIONS)
     floors, total = starts.reshape(-1, UNKNOWNS) + 0.0, xp.full_like(costs.reshape(-1), xp.inf)
     floors[worth] = state.unknowns
     total[worth] = equations(linearised(several, rung, table, state), state.values).cost
     floors, total = floors.reshape(count, width, UNKNOWNS), total.reshape(count, width)
     order = xp.argsort(total, -1)
     every = xp.arange(count)[:, None]
+    place = xp.cumsum(worth + 0, 0).reshape(count, width) - 1
+    feet = state.foot_m[place[every[:, 0], order[:, 0]]]
     floors, total = floors[every, order], total[every, order]
     far = xp.abs(floors[:, 1:, 0] - floors[:, :1, 0]) > SAME_VALLEY
     keep = far & (total[:, 1:] < HOPELESS_FACTOR * total[:, :1] + HOPELESS)
     total[:, 1:] = xp.where(keep, total[:, 1:], xp.full_like(total[:, 1:], xp.inf))
-    return floors, total
+    return floors, total, feet
 
 
 def scatter(about: Problem) -> Array:

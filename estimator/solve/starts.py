@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, like, namespace
 
+from .cubics import cubic, cubics
 from .frames import Frames
-from .match import hermite, interval, match, nearest_feet, sums
+from .match import between_nodes, match, nearest_feet, rows, sums
 from .normal import huber_weights
 from .view import RigTable, View, by_point, look, rig_table
 
@@ -43,8 +44,11 @@ def free_antenna(frames: Frames, rung: str) -> Free:
 
 def free_points(free: Free, arclength_m: Array) -> Array:
     """(B, 3) points of the free antennas at arc lengths (B,), antenna frame."""
-    left, share, width = interval(free.view, arclength_m[:, None])
-    return hermite(free.view.points_m, free.view.tangents, left, share, width)[0][:, 0]
+    view = free.view
+    table = cubics(view.points_m, view.tangents, view.contact_m, view.length_m)
+    left, share, _ = between_nodes(view, arclength_m[:, None])
+    points = cubic(table, rows(left, table.shape[1]), share)
+    return namespace(share).concat([value for value, _, _ in points], -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from vbaa_calib.antenna.shape import CONTACT, Curves
 from vbaa_calib.arrays import Array, namespace
 from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
 
+from .cubics import cubics
 from .frames import Frames
 from .known import ANTENNA, POSES, UNKNOWNS, Known
 
@@ -34,7 +35,7 @@ class View:
     ----------
     points_m, tangents : (B, M, 3) antenna frame.
     contact_m : (B,) arc length of the contact, the node `antenna.shape.CONTACT`.
-    nodes, slopes : (B, M, 2) ideal image points, and their derivatives by arc length.
+    nodes : (B, M, 2) ideal image points. cubics : (B, M, 8) the curves between them, see `cubics`.
     depth : (B, M, 1) before the camera, m.
     normals : (B, M, 2) unit normals of the image curve.
     columns : (B, M, 4) displacement of the image along the normals by the unknowns.
@@ -48,7 +49,7 @@ class View:
     tangents: Array
     contact_m: Array
     nodes: Array
-    slopes: Array
+    cubics: Array
     depth: Array
     normals: Array
     columns: Array
@@ -121,7 +122,7 @@ def look(frames: Frames, rung: str, unknowns: Array) -> View:
         shapes.tangents.reshape(*grid, -1, 3)[:, 0],
         contact,
         nodes,
-        slopes,
+        cubics(nodes, slopes, contact, known.length_m),
         depth,
         normals,
         columns.mT,

@@ -7,10 +7,11 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
+import torch
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import brentq
 
-from vbaa_calib.antenna import elastica, linear
+from vbaa_calib.antenna import elastica, linear, universal
 
 EI, LENGTH = 3.9e-3, 0.24
 REFERENCE = Path(__file__).parents[3] / "shared/data/elastica_reference.txt"
@@ -132,7 +133,7 @@ def test_series_and_closed_form_agree() -> None:
     rng = np.random.default_rng(0)
     lean = rng.uniform(-1.55, 1.55, 500)
     upsilon = np.sqrt(rng.uniform(0.0, 2.5, (500, 1))) * np.linspace(1.0, 0.0, 25)
-    difference = elastica._series_curve(upsilon, lean) - elastica._jacobi_curve(upsilon, lean)
+    difference = universal._series(upsilon, lean) - universal._closed_form(upsilon, lean)
     assert np.abs(difference).max() < 1e-14
 
 
@@ -184,6 +185,12 @@ def test_beyond_the_contact_it_continues_along_the_tangent() -> None:
     np.testing.assert_allclose(np.diff(shape.w_m[0]), np.diff(s) * np.sin(theta[0]), rtol=1e-12)
 
 
+def contact_force(force: float, theta: float, friction: float) -> np.ndarray:
+    """x and w of a force of signed magnitude on the antenna's tangent θ, leaning by friction towards the clamp."""
+    angle = theta + np.copysign(friction, force * friction)
+    return force * np.array([-np.sin(angle), np.cos(angle)])
+
+
 @pytest.mark.parametrize("force", [0.05, -0.4, 1.2])
 @pytest.mark.parametrize("friction", [0.0, 0.25, -0.25])
 def test_clamp_moment_balances_the_contact_force(force: float, friction: float) -> None:
@@ -191,16 +198,30 @@ def test_clamp_moment_balances_the_contact_force(force: float, friction: float) 
     step = 1e-6
     shape = elastica.planar_elastica([0.0, step, 2 * step, 0.15], [0.15], [force], EI, friction)
     curvature = (4 * shape.theta_rad[0, 1] - shape.theta_rad[0, 2]) / (2 * step)
-    f_x, f_w = elastica.contact_force(force, shape.theta_rad[0, 3], friction)
+    f_x, f_w = contact_force(force, shape.theta_rad[0, 3], friction)
     assert np.hypot(f_x, f_w) == pytest.approx(abs(force))
     assert EI * curvature == pytest.approx(shape.x_m[0, 3] * f_w - shape.w_m[0, 3] * f_x, rel=1e-7)
 
 
 def test_positive_friction_pushes_back() -> None:
-    shape = elastica.planar_elastica([0.15], [0.15, 0.15], [0.3, -0.3], EI, 0.2)
-    force = elastica.contact_force([0.3, -0.3], shape.theta_rad[:, 0], 0.2)
-    tangent = np.stack([np.cos(shape.theta_rad[:, 0]), np.sin(shape.theta_rad[:, 0])], axis=-1)
-    np.testing.assert_allclose((force * tangent).sum(axis=-1), -0.3 * np.sin(0.2), rtol=1e-12)
+    """It has a component towards the clamp, whose moment takes from the force's: the antenna bends less."""
+    loads = np.array([0.3, -0.3])
+    straight, leaning = (elastica.planar_elastica([0.15], [0.15, 0.15], loads, EI, lean) for lean in (0.0, 0.2))
+    assert (np.abs(leaning.theta_rad) < np.abs(straight.theta_rad)).all()
+    np.testing.assert_allclose(leaning.theta_rad[0], -leaning.theta_rad[1])
+
+
+def test_torch_is_numpy() -> None:
+    """Loads on both sides of where the closed form takes over, leaning both ways, and one that is not a number."""
+    s = np.linspace(-0.01, LENGTH, 30)
+    force, friction = np.array([0.0, 0.1, -0.9, 3.0, np.nan]), np.array([0.1, -0.2, 0.3, 0.0, 0.0])
+    expected = elastica.planar_elastica(s, np.full(5, 0.16), force, EI, friction)
+    found = elastica.planar_elastica(
+        torch.tensor(s), torch.full((5,), 0.16, dtype=torch.float64), torch.tensor(force), EI, friction
+    )
+    for name, values in vars(expected).items():
+        assert getattr(found, name).dtype == torch.float64
+        np.testing.assert_allclose(getattr(found, name).numpy(), values, atol=1e-12, err_msg=name)
 
 
 def test_empty_batch() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -80,6 +82,37 @@ def test_a_contact_without_friction_pushes_along_the_normal() -> None:
     np.testing.assert_allclose(np.linalg.norm(curves.force_N, axis=1), size, rtol=1e-12)
     np.testing.assert_allclose((tangent * curves.force_N).sum(axis=1) / size, 0.0, atol=2e-5)
     np.testing.assert_allclose(np.linalg.norm(curves.tangents, axis=2), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("slope_deg", [20.0, 35.0])
+def test_friction_leans_the_force_and_leaves_an_equilibrium(slope_deg: float) -> None:
+    """The rod under the dead force that bend came to is the same shape; the force leans by what it was told to."""
+    case = cases(12, slope_deg, seed=8)
+    lean = np.random.default_rng(9).uniform(-0.3, 0.3, 12)
+    curves = bend(**case, length_m=LENGTH, sweeps=5, friction_rad=lean)
+    assert worst_error_m(curves, rods(case, curves.force_N)).max() < 1e-7
+    normal = np.linalg.norm(case["force_N"], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(curves.force_N, axis=1), normal / np.cos(lean), rtol=1e-12)
+    along = (curves.tangents[:, CONTACT] * curves.force_N).sum(axis=1)
+    np.testing.assert_allclose(along, -normal * np.tan(lean), rtol=0, atol=1e-9 * normal.max())
+
+
+def test_no_friction_is_friction_of_zero_and_a_dead_force_knows_none() -> None:
+    case = cases(6, 25.0, seed=10)
+    without, zero = (bend(**case, length_m=LENGTH, friction_rad=lean) for lean in (None, np.zeros(6)))
+    np.testing.assert_allclose(zero.points_m, without.points_m, atol=1e-15)
+    hanging, leaning = (bend(**case, length_m=LENGTH, dead=True, friction_rad=lean) for lean in (None, np.full(6, 0.3)))
+    np.testing.assert_array_equal(leaning.points_m, hanging.points_m)
+
+
+@pytest.mark.parametrize("factor", [2.0, 4.0])
+def test_sweeps_settle_at_contact_slopes_beyond_sixty_degrees(factor: float) -> None:
+    """From 60° to 115°: each two sweeps leave less than a tenth of what the two before had left."""
+    case = cases(6, 30.0, seed=1)
+    case["force_N"] *= factor
+    shapes = [bend(**case, length_m=LENGTH, sweeps=sweeps).points_m for sweeps in (1, 3, 5, 7, 20)]
+    left = [np.abs(shape - shapes[-1]).max() for shape in shapes[:-1]]
+    assert all(later < 0.1 * sooner for sooner, later in itertools.pairwise(left)), left
 
 
 def test_weight_alone_is_a_sagging_rod() -> None:

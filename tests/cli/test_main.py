@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from estimator import cli as estimate_cli
-from estimator.estimate import MODELS
 from vbaa_calib import __version__
+from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.cli.main import VERBS
 from vbaa_calib.errors import InputError, SolveError
 from vbaa_calib.formats import schema_cli
@@ -219,4 +219,4 @@ def test_a_session_is_not_replaced_without_force(vbaa: Call, made: Path, session
 
 def test_the_models_on_offer_are_the_estimators() -> None:
     offered = estimate_cli.MODELS
-    assert offered == ("auto", *MODELS)
+    assert offered == ("auto", *RUNGS)

@@ -7,41 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator import Contact, ContactEstimator, Measured
-from estimator.estimate import FEWEST_POINTS, predicted_bias
+from estimator import ContactEstimator
+from estimator.verdict import FEWEST_POINTS
 from vbaa_calib.errors import InputError
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, STIFFNESS_NM2, Frame, World, camera_pose, frames, pushing
-
-WORLD = World(camera_pose(0.6, 1.0))
-RIG = WORLD.rig(0.25 * RIG_STD)
-
-
-def frame(
-    contact: float = 0.62, roll: float = 0.4, tip_m: float = 0.02, world: World = WORLD, seed: int = 0, **changes
-) -> Frame:
-    """One frame, touched at this part of its length."""
-    lateral = pushing(roll, tip_m, contact * LENGTH_M)
-    return frames(world, [contact * LENGTH_M], [lateral], [0.3], np.random.default_rng(seed), **changes)[0]
-
-
-def estimated(seen: Frame, rig: Rig = RIG, model: str = "auto", **changes) -> Contact:
-    """What the library says of one frame."""
-    estimator = ContactEstimator(rig, model)
-    return estimator.estimate(seen.points_px, moment=seen.moment_Nm, pan=0.0, tilt=seen.tilt_rad, **changes)
-
-
-def deviations(contact: Contact, seen: Frame) -> np.ndarray:
-    """Errors of distance, f_y and f_z over their standard deviations."""
-    force = (contact.force_N - seen.force_N)[1:] / contact.force_std_N[1:]
-    return np.array([(contact.distance_m - seen.distance_m) / contact.distance_std_m, *force])
-
-
-def point_nees(contact: Contact, seen: Frame) -> float:
-    """Normalised error squared of the world point, 1 on average."""
-    off = contact.point_world_m - seen.contact_world_m
-    return float(off @ np.linalg.solve(contact.covariance_world_m2, off) / 3)
+from .contact_scenes import RIG, STRAIGHT, WORLD, deviations, estimated, frame, point_nees
 
 
 def mixed(rng: np.random.Generator, worlds: int, each: int) -> list[tuple[Rig, Frame]]:
@@ -104,37 +76,8 @@ def test_large_deflections(contact: float, roll: float) -> None:
     assert np.abs(deviations(result, seen)).max() < 4.0
 
 
-def test_the_rungs_of_the_ladder() -> None:
-    seen = frame()
-    rungs = {model: estimated(seen, model=model) for model in ("elastica", "rod", "auto")}
-    assert [rungs[name].model for name in ("elastica", "rod")] == ["elastica", "rod"]
-    assert "asked for" in rungs["elastica"].reason
-    assert rungs["auto"].model == "rod"
-    assert "elastica would be" in rungs["auto"].reason
-    assert rungs["auto"].distance_m == pytest.approx(rungs["rod"].distance_m, abs=1e-5)
-    assert rungs["elastica"].distance_m == pytest.approx(rungs["rod"].distance_m, abs=1e-3)
-    blurred = frame(sigma_px=0.5)
-    assert estimated(blurred, sigma_px=0.5).model == "elastica"
-    with pytest.raises(InputError, match="model is 'beam'"):
-        ContactEstimator(RIG, "beam")
-
-
-def test_a_lower_rung_predicts_its_own_bias() -> None:
-    """Noise-free, the elastica's fit is off from the rod's by what the ladder says."""
-    seen = frame(tip_m=0.03, sigma_px=1e-9)
-    measured = Measured(seen.points_px, np.full(len(seen.points_px), SIGMA_PX), seen.moment_Nm, 0.0, seen.tilt_rad)
-    low, high = (ContactEstimator(RIG, model).solve(measured) for model in ("elastica", "rod"))
-    assert low is not None
-    assert high is not None
-    std = np.sqrt(np.diag(low.spread.covariance))
-    moved = float(np.max(np.abs(low.fit.unknowns - high.fit.unknowns) / std))
-    assert moved > 0.3
-    assert predicted_bias(low.fit, low.reference, low.spread) == pytest.approx(moved, rel=0.15)
-
-
 def test_a_weightless_rig() -> None:
-    straight = np.array([0, 0, 0, 0, 0, 0, np.log(STIFFNESS_NM2), -50.0, 0.0])
-    world = World(camera_pose(0.6, 1.0), straight)
+    world = World(camera_pose(0.6, 1.0), STRAIGHT)
     rig = world.rig(0.25 * RIG_STD, gravity_world=np.zeros(3))
     seen = frame(world=world, gravity_world=np.zeros(3))
     contact = estimated(seen, rig)
@@ -178,21 +121,6 @@ def test_a_gap_in_the_middle_costs_little() -> None:
     contact = estimated(replace(seen, points_px=open_points))
     assert contact.status == "ok"
     assert np.abs(deviations(contact, seen)).max() < 3.5
-
-
-def test_a_batch_is_a_loop_and_so_is_a_recording() -> None:
-    estimator = ContactEstimator(RIG)
-    several = [frame(seed=seed, contact=contact) for seed, contact in enumerate((0.4, 0.6, 0.8))]
-    together = estimator.estimate_batch(
-        [seen.points_px for seen in several], [seen.moment_Nm for seen in several], [0.0] * 3, [0.3] * 3
-    )
-    sigma = np.full(len(several[0].points_px), SIGMA_PX)
-    recording = (Measured(seen.points_px, sigma, seen.moment_Nm, 0.0, 0.3) for seen in several)
-    for seen, batched, streamed in zip(several, together, estimator.run(recording), strict=True):
-        alone = estimated(seen)
-        for field in vars(alone):
-            np.testing.assert_array_equal(getattr(batched, field), getattr(alone, field))
-            np.testing.assert_array_equal(getattr(streamed, field), getattr(alone, field))
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, FEWEST_POINTS - 1])

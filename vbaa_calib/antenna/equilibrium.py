@@ -8,9 +8,9 @@ the bow need. With the internal force N(s) and its moment M(s), what lies beyond
     g′ = ½ [(δ + b) − g × (δ − b) + (g·(δ + b)) g],    g(contact) = (roll, 0, 0)
 
 b is what curves the antenna about axes of its own. δ is small: the contact force's moment is nearly all in θ′. What is
-fixed at the clamp, weight and a dead force, is seen from the contact by Rᵀ = P(0) R₀ᵀ, where R₀ is the clamp's give. The
+fixed at the clamp, weight and a dead force, is seen from the contact by P(0) R₀ᵀ, where R₀ is the clamp's give. The
 roll is what makes the force's direction follow the antenna by the least rotation. A sweep from the clamp on would let
-every error there swing the contact and its force about; past 90° of slope such sweeps diverge.
+every error there swing the contact and its force about; from 90° of slope on such sweeps diverge.
 
 Clamp's axes: x along the clamped tangent, y along the contact force's lateral part before it is turned. Contact's axes:
 x along the antenna, the force in the plane of x and y. Fields are triples of components, each (B, M) on the nodes of

@@ -11,7 +11,7 @@ import torch
 
 from ..arrays import Array, like, namespace
 from .nodes import grid_like
-from .universal import SERIES_LOAD, SERIES_TERMS, series_coefficients, universal_curve
+from .universal import SERIES_LOAD, SERIES_TERMS, angle_coefficients, universal_curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ def _by_series(load: Array, lean_rad: Array | None) -> tuple[Array, Array]:
     """ψ and θ′·EI/(F·l), each (B, M), for loads (B, 1) that the series serves."""
     powers = load ** like(load, np.arange(SERIES_TERMS))
     if lean_rad is not None:
-        both = (powers * series_coefficients(lean_rad)[0]) @ _by_term_like(load, False)
+        both = (powers * angle_coefficients(lean_rad)) @ _by_term_like(load, False)
     else:
         both = powers @ _by_term_like(load, True)
     nodes = both.shape[-1] // 2
@@ -90,5 +90,5 @@ def _by_term_of(dtype: Any, device: torch.device | None, normal: bool) -> Array:
     power = 2.0 * np.arange(SERIES_TERMS)[:, None]
     table = np.concatenate([back ** (power + 2.0), (power + 2.0) * back ** (power + 1.0)], axis=-1)
     if normal:
-        table = series_coefficients(np.zeros(1))[0].T * table
+        table = angle_coefficients(np.zeros(1)).T * table
     return table.astype(dtype) if device is None else torch.as_tensor(table, dtype=dtype, device=device)

@@ -51,6 +51,11 @@ class Grid:
     at_curve: Array
 
 
+def on_shaft(contact_m: Array, length_m: float) -> Array:
+    """Contacts (B,) kept from the very tip, which would leave nothing beyond them: a micrometre in a metre."""
+    return namespace(contact_m).clip(contact_m, None, (1.0 - 1e-6) * length_m)
+
+
 def aligned_arclength(contact_m: Array, length_m: float) -> Array:
     """(B, N) nodes from the clamp to the tip, one of them at the contact: the shape is smooth on either side of it."""
     grid = grid_like(contact_m)

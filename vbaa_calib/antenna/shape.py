@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import Array, namespace
 from .equilibrium import Equilibrium, Frame, Loads, Vector, equilibrium, side_lengths
 from .hinge import elastica_hinge
-from .nodes import CONTACT, aligned_arclength, grid_like
+from .nodes import CONTACT, aligned_arclength, grid_like, on_shaft
 
 __all__ = ["CONTACT", "PARAMETERS", "Curves", "aligned_arclength", "bend"]
 
@@ -88,9 +88,11 @@ def bend(
     gravity_m_s2 : (B, 3) antenna frame.
     contact_m : (B,) arc length of the force from the clamp.
     force_N : (B, 2). By default the components (y, z), in the clamp's frame, of a force along the antenna's normal at
-        the contact before it is turned with the antenna: a contact without friction. With `dead`, the components (y, z)
-        of a hanging load, antenna frame, which keeps its direction.
-    sweeps : passes over the equilibrium of moments. Each leaves a fifth to a thirtieth of the error.
+        the contact before it is turned with the antenna, by the least rotation that takes the clamped tangent to the
+        one at the contact. With `dead`, the components (y, z) of a hanging load, antenna frame, which keeps its
+        direction.
+    sweeps : passes over the equilibrium of moments. Each leaves a tenth to a fortieth of the error at contact slopes of
+        up to 35°; under a `dead` load a tenth at 20°, 0.3 at 35°.
     friction_rad : (B,) within ±π/2, angle of the contact force from the antenna's normal at the contact; positive leans
         towards the clamp. `force_N` stays the component along the normal: the whole force is |force_N|/cos of the
         angle. None is a contact without friction. Nothing to a dead force.
@@ -99,9 +101,8 @@ def bend(
     -----
     Without weight, bow and `dead` the elastica is in equilibrium, and the sweeps leave it as it is.
     """
-    # A force at the very tip leaves nothing beyond it; a micrometre in a metre keeps the nodes apart.
     xp = namespace(parameters)
-    contact_m = xp.clip(contact_m, None, (1 - 1e-6) * length_m)
+    contact_m = on_shaft(contact_m, length_m)
     stiffness = xp.exp(parameters[:, 6:7])
     clamp = _rotation(parameters[:, 2:3], parameters[:, 3:4])
     applied: Vector = (xp.zeros_like(stiffness), force_N[:, :1] / stiffness, force_N[:, 1:] / stiffness)

@@ -36,12 +36,16 @@ def universal_curve(upsilon: Array, lean: Array) -> Array:
     return xp.where(large, _closed_form(upsilon, lean), _series(xp.where(large, 0.0, upsilon), lean))
 
 
-def series_coefficients(lean: Array, terms: int = SERIES_TERMS) -> Array:
-    """Taylor coefficients (3, B, terms) of ψ/υ², C/υ and S/υ³ in υ² for leans (B,) in rad."""
+def angle_coefficients(lean: Array) -> Array:
+    """Taylor coefficients (B, SERIES_TERMS) of ψ/υ² in υ² for leans (B,) in rad."""
+    return _modes(lean, SERIES_TERMS) @ like(lean, _series_table(SERIES_TERMS)[0])
+
+
+def _modes(lean: Array, terms: int) -> Array:
+    """(B, 2·terms + 1) 1, cos α, cos 2α …, sin α, sin 2α …"""
     xp = namespace(lean)
     angles = lean[:, None] * like(lean, np.arange(1.0, terms + 1))
-    modes = xp.concat([xp.ones_like(lean)[:, None], xp.cos(angles), xp.sin(angles)], -1)
-    return modes @ like(lean, _series_table(terms))
+    return xp.concat([xp.ones_like(lean)[:, None], xp.cos(angles), xp.sin(angles)], -1)
 
 
 def _closed_form(upsilon: Array, lean: Array) -> Array:
@@ -66,9 +70,10 @@ def _series(upsilon: Array, lean: Array) -> Array:
     """The Taylor series in υ², (3, B, N), with as many terms as the largest load needs for full precision."""
     xp = namespace(upsilon)
     square = upsilon**2
-    ordered = series_coefficients(lean, _terms(square[:, 0]))
+    terms = _terms(square[:, 0])
+    ordered = _modes(lean, terms) @ like(lean, _series_table(terms))
     total = xp.zeros_like(ordered[..., :1]) * square
-    for term in range(ordered.shape[-1] - 1, -1, -1):
+    for term in reversed(range(terms)):
         total = total * square + ordered[..., term, None]
     return total * xp.stack([square, upsilon, upsilon * square])
 
@@ -82,7 +87,7 @@ def _terms(load: Array) -> int:
 
 @cache
 def _series_table(terms: int) -> Any:
-    """Taylor coefficients of ψ/υ², C/υ and S/υ³ in υ² (3, 2·terms + 1, terms) by 1, cos α, cos 2α …, sin α, sin 2α …"""
+    """Taylor coefficients of ψ/υ², C/υ and S/υ³ in υ² (3, 2·terms + 1, terms) by `_modes`."""
     leans = 2.0 * np.pi * np.arange(128) / 128
     psi, cos, sin = np.zeros((3, terms + 1, leans.size))
     cos[0] = 1.0

@@ -21,6 +21,7 @@ STEP = 1e-4
 """Of the contact distance in itself, of the push in EI/l², of the friction angle in rad."""
 ILL_CONDITIONED = 1e13
 _CONTACT = 3
+_PIECE = 100
 _RIG_STEPS = np.append(RIG_STEPS, [STEP, STEP])
 _GIVE = RIG_PARAMETERS.index("clamp_give_m")
 
@@ -31,12 +32,23 @@ class Bound:
 
     Attributes
     ----------
-    covariance : (B, 3, 3) least covariance of (l, f_y, f_z); infinite where the data do not hold them.
+    joint : (B, 4, 4) least covariance of l and the force (3,); infinite where the data do not hold them.
     condition : (B,) condition number of the information matrix, scaled to a unit diagonal.
     """
 
-    covariance: np.ndarray
+    joint: np.ndarray
     condition: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(B, 3, 3) of l, f_y and f_z."""
+        kept = [0, 2, 3]
+        return self.joint[:, kept][:, :, kept]
+
+    @property
+    def force_std(self) -> np.ndarray:
+        """(B,) least root mean square of the force's error as a vector."""
+        return np.sqrt(np.trace(self.joint[:, 1:, 1:], axis1=1, axis2=2))
 
     @property
     def std(self) -> np.ndarray:
@@ -56,6 +68,14 @@ def bound(scenes: Scenes, friction_std_rad: float = 0.0) -> Bound:
     The rig's parameters take part where `scenes.rig.covariance` is not zero, and then by the rod; only the clamp's give
     does not, which the simulated clamps have not.
     """
+    pieces = [
+        _piece(scenes.picked(np.arange(begin, min(begin + _PIECE, len(scenes)))), friction_std_rad)
+        for begin in range(0, max(len(scenes), 1), _PIECE)
+    ]
+    return Bound(*(np.concatenate(parts) for parts in zip(*(vars(piece).values() for piece in pieces), strict=True)))
+
+
+def _piece(scenes: Scenes, friction_std_rad: float) -> Bound:
     table, force = _slopes(scenes)
     axes = np.diag([1.0, 1.0, 1.0, friction_std_rad])
     if scenes.rig.covariance.any():
@@ -64,54 +84,60 @@ def bound(scenes: Scenes, friction_std_rad: float = 0.0) -> Bound:
     information = np.swapaxes(table, 1, 2) @ table + np.diag(np.arange(axes.shape[1]) >= _CONTACT)
     inverse, condition = _inverse(information)
     wanted = np.concatenate([np.broadcast_to(axes[:1], (len(scenes), 1, axes.shape[1])), force], axis=1)
-    covariance = wanted @ inverse @ np.swapaxes(wanted, 1, 2)
+    joint = wanted @ inverse @ np.swapaxes(wanted, 1, 2)
     # where nothing is known a product of infinities would not say so
-    lost = ~np.isfinite(condition)
-    covariance[lost] = np.where(np.eye(3) > 0, np.inf, np.nan)
-    return Bound(covariance, condition)
+    joint[~np.isfinite(condition)] = np.where(np.eye(4) > 0, np.inf, np.nan)
+    return Bound(joint, condition)
 
 
 def _slopes(scenes: Scenes) -> tuple[np.ndarray, np.ndarray]:
-    """How whitened data (B, N + 1, K) and the force's y and z (B, 2, K) move with touch (4) and rig (K − 4)."""
+    """How whitened data (B, N + 1, K) and the force (B, 3, K) move with touch (4) and rig (K − 4)."""
     rig, touches = scenes.rig, scenes.touches
     normal = _normals(scenes)
-    columns, forces = [], []
-    for low, high, span in _touch_steps(rig, touches):
-        below, above = _data(scenes, rig, low, normal), _data(scenes, rig, high, normal)
-        columns.append((above[0] - below[0]) / span[:, None])
-        forces.append((above[1] - below[1]) / span[:, None])
+    below, above, spans = _touch_steps(rig, touches)
+    # one call for all of them: few rods take as long as many
+    either = Touches(*(np.concatenate(parts) for parts in zip(*(vars(t).values() for t in below + above), strict=True)))
+    data, force = _data(scenes, rig, either, np.tile(normal, (len(below + above), 1, 1)))
+    columns = _differences(data, spans)
+    forces = _differences(force, spans)
     if rig.covariance.any():
         for index in range(len(RIG_PARAMETERS)):
-            column, force = _by_rig(scenes, index, normal)
+            column, by_force = _by_rig(scenes, index, normal)
             columns.append(column)
-            forces.append(force)
+            forces.append(by_force)
     return np.stack(columns, axis=-1), np.stack(forces, axis=-1)
 
 
-def _touch_steps(rig: Rig, touches: Touches) -> list[tuple[Touches, Touches, np.ndarray]]:
-    """Touches a little before and behind, and how far apart, for distance, both pushes and friction."""
-    length, stiffness = rig.antenna.length_m, rig.antenna.stiffness_Nm2
-    distance = touches.distance_m
-    nearer, further = distance * (1 - STEP), np.minimum(distance * (1 + STEP), length)
-    steps = [(replace(touches, distance_m=nearer), replace(touches, distance_m=further), further - nearer)]
-    size = STEP * stiffness / distance**2
-    for way in np.eye(2):
-        push = size[:, None] * way
-        steps.append(
-            (replace(touches, push_N=touches.push_N - push), replace(touches, push_N=touches.push_N + push), 2 * size)
-        )
-    steps.append(
-        (
-            replace(touches, friction_rad=touches.friction_rad - STEP),
-            replace(touches, friction_rad=touches.friction_rad + STEP),
-            np.full(len(touches), 2 * STEP),
-        )
-    )
-    return steps
+def _differences(values: np.ndarray, spans: list[np.ndarray]) -> list[np.ndarray]:
+    """Difference quotients, each (B, ...), of values (2·K·B, ...) below and then above, K spans (B,) apart."""
+    low, high = values.reshape(2, len(spans), -1, *values.shape[1:])
+    return [(above - below) / span[:, None] for below, above, span in zip(low, high, spans, strict=True)]
+
+
+def _touch_steps(rig: Rig, touches: Touches) -> tuple[list[Touches], list[Touches], list[np.ndarray]]:
+    """Touches a little below and above, and how far apart (B,), for distance, both pushes and friction."""
+    distance, push, friction = touches.distance_m, touches.push_N, touches.friction_rad
+    further = np.minimum(distance * (1 + STEP), rig.antenna.length_m)
+    nearer = further - 2 * STEP * distance
+    size = STEP * rig.antenna.stiffness_Nm2 / distance**2
+    along_y, along_z = (size[:, None] * way for way in np.eye(2))
+    below = [
+        replace(touches, distance_m=nearer),
+        replace(touches, push_N=push - along_y),
+        replace(touches, push_N=push - along_z),
+        replace(touches, friction_rad=friction - STEP),
+    ]
+    above = [
+        replace(touches, distance_m=further),
+        replace(touches, push_N=push + along_y),
+        replace(touches, push_N=push + along_z),
+        replace(touches, friction_rad=friction + STEP),
+    ]
+    return below, above, [further - nearer, 2 * size, 2 * size, np.full(len(touches), 2 * STEP)]
 
 
 def _data(scenes: Scenes, rig: Rig, touches: Touches, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened data (B, N + 1) of one rig and its touches, and the force's y and z (B, 2)."""
+    """Whitened data (B, N + 1) of one rig and its touches, and the force (B, 3)."""
     made_by = rod_shapes if scenes.rig.covariance.any() else scenes.made_by
     return _seen_as(scenes, rig, made_by(rig, touches, scenes.arclength_m), normal)
 
@@ -122,11 +148,11 @@ def _seen_as(scenes: Scenes, rig: Rig, shapes: Shapes, normal: np.ndarray) -> tu
     pixels = seen(rig.camera, rig.T_antenna_camera, shapes.points_m, anywhere=True)
     across = (np.where(np.isfinite(pixels), pixels, 0.0) * normal).sum(axis=-1) / scenes.sigma_px
     moment = (sensor.gain * shapes.moment_Nm + sensor.offset_Nm) / sensor.std_Nm
-    return np.concatenate([across, moment[:, None]], axis=1), shapes.force_N[:, 1:]
+    return np.concatenate([across, moment[:, None]], axis=1), shapes.force_N
 
 
 def _by_rig(scenes: Scenes, index: int, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes (B, N + 1) and (B, 2) by one of `RIG_PARAMETERS`."""
+    """Slopes (B, N + 1) and (B, 3) by one of `RIG_PARAMETERS`."""
     size = _RIG_STEPS[index]
     step = size * (np.arange(len(RIG_PARAMETERS)) == index)
     bends = len(POSE_PARAMETERS) <= index < len(RIG_STEPS) and index != _GIVE

@@ -83,32 +83,41 @@ def write_figure(path: Path, rows: Sequence[SpeedRow], force: bool) -> None:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    figure = Figure(figsize=(11, 5), layout="constrained")
+    shown = [row for row in rows if row.of_bound is not None]
+    figure = Figure(figsize=(12, 6), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    for panel, title in zip(panels, ("one frame at a time", "in a batch"), strict=True):
+    # the loop knows no batch: it stands in both panels
+    single, batch = ([row for row in shown if row.family == LOOP or (row.frames > 1) == many] for many in (False, True))
+    for panel, own, title in zip(panels, (single, batch), ("one frame at a time", "in a batch"), strict=True):
         panel.axvspan(0.5, 1.0, color="#e2e8f0", lw=0)
         panel.axvline(1.0, color="#334155", lw=1.2)
-        panel.set_title(title, fontsize=10)
-        panel.grid(alpha=0.3, which="both")
-        panel.set_xlim(left=0.8)
-        panel.set_xlabel("rms error of the contact distance over the Cramér–Rao bound")
-    panels[0].text(0.9, 0.02, "nothing is\nbetter", fontsize=7, ha="center", transform=panels[0].get_xaxis_transform())
-    for row in rows:
-        if row.of_bound is None:
-            continue
-        colour, mark = STYLES[row.family]
-        at = row.of_bound, row.us_per_frame
-        # the loop knows no batch: it stands in both panels
-        for panel in panels if row.family == LOOP else panels[int(row.frames > 1) : int(row.frames > 1) + 1]:
-            face = colour if row.rig == "exact" else "none"
+        for row, place in zip(own, _apart([row.us_per_frame for row in own]), strict=True):
+            colour, mark = STYLES[row.family]
+            at, face = (row.of_bound, row.us_per_frame), colour if row.rig == "exact" else "none"
             panel.loglog(*at, mark, color=colour, markerfacecolor=face, markersize=6)
-            panel.annotate(row.method, at, xytext=(5, 3), textcoords="offset points", fontsize=6, color=colour)
+            line = {"arrowstyle": "-", "lw": 0.4, "color": colour}
+            beside = 1.25 * (row.of_bound or 0.0), place
+            panel.annotate(row.method, at, xytext=beside, arrowprops=line, va="center", fontsize=6.5, color=colour)
+        panel.set_title(title, fontsize=10)
+        panel.grid(alpha=0.3)
+        panel.set_xlabel("rms error of the contact distance over the Cramér–Rao bound")
+    panels[0].set_xlim(0.7, 3.0 * max([row.of_bound or 0.0 for row in shown], default=1.0))
+    panels[0].set_ylim(top=5.0 * max([row.us_per_frame for row in shown], default=1.0))
+    panels[0].text(0.84, 0.02, "nothing\ncan be", fontsize=7, ha="center", transform=panels[0].get_xaxis_transform())
     panels[0].set_ylabel("time, µs per frame")
     marks = [Line2D([], [], ls="", marker=mark, color=colour, label=name) for name, (colour, mark) in STYLES.items()]
     marks.append(Line2D([], [], ls="", marker="s", color="#0f766e", markerfacecolor="none", label="rig not exact"))
     figure.legend(handles=marks, loc="outside lower center", ncols=5, fontsize=8)
     with replacing(path, force) as temporary:
         figure.savefig(temporary, dpi=110)
+
+
+def _apart(times_us: Sequence[float], gap: float = 1.22) -> list[float]:
+    """Heights for the labels of points at these times, each at least a factor of `gap` over the one below."""
+    heights, below = [0.0] * len(times_us), 0.0
+    for index in sorted(range(len(times_us)), key=lambda index: times_us[index]):
+        below = heights[index] = max(times_us[index], gap * below)
+    return heights
 
 
 def _label(row: SpeedRow) -> str:

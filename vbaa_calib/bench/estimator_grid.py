@@ -147,19 +147,22 @@ def planned(rig: Rig, friction_std_rad: float) -> Plan:
     hardest = len(_HARDER) - 1 - np.argmax(whole[:, ::-1], axis=1)
     chosen = np.where(enough.any(axis=1), np.argmax(enough, axis=1), hardest)
     at = np.arange(len(reach)), chosen
+    from_tip = (antenna.length_m - distance) / std[at][:, 0]
     reasons = tuple(
-        "" if good else _why(share, seen_whole)
-        for good, share, seen_whole in zip(enough[at], std[at][:, 0] / distance, whole[at], strict=True)
+        "" if good else _why(*numbers)
+        for good, *numbers in zip(enough[at], std[at][:, 0] / distance, from_tip, whole[at], strict=True)
     )
     return Plan(reach, roll_deg, rolled(size[at], np.radians(roll_deg)), tried[at], std[at], reasons)
 
 
-def _why(bound_share: float, seen_whole: bool) -> str:
+def _why(bound_share: float, from_tip_std: float, seen_whole: bool) -> str:
     if not seen_whole:
         return "the antenna leaves the picture at the least deflection"
     if not np.isfinite(bound_share):
         return "the data do not hold the distance"
-    return f"the bound of l is {100 * bound_share:.1f} % at the hardest push that the picture holds"
+    if bound_share > LARGEST_BOUND:
+        return f"the bound of l is {100 * bound_share:.1f} % at the hardest push that the picture holds"
+    return f"the tip is {from_tip_std:.1f} deviations away at the hardest push that the picture holds"
 
 
 def _metres_per_px(rig: Rig, distance_m: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ def rod_text(rows: Sequence[RodRow]) -> str:
     )
     head = (
         f"{'population':<39}{'frames':>7}{'small bias %':>13}{'99th':>7}{'l of bound':>12}{'covered %':>11}"
-        f"{'judged':>8}{'location %':>12}{'bound %':>9}{'force %':>9}{'impossible %':>14}"
+        f"{'judged':>8}{'location %':>12}{'bound %':>9}{'force %':>9}{'bound %':>9}{'impossible %':>14}"
     )
     text = [title, head]
     for row in rows:
@@ -68,7 +68,7 @@ def rod_text(rows: Sequence[RodRow]) -> str:
             f"{row.population:<39}{row.frames:>7}{small:>13}{worst:>7}{row.l_of_bound:>12.3f}"
             f"{100 * row.l_covered:>11.1f}{row.judged:>8}"
             f"{100 * row.location:>12.2f}{100 * row.location_bound:>9.2f}{100 * row.force:>9.2f}"
-            f"{100 * row.impossible:>14.1f}"
+            f"{100 * row.force_bound:>9.2f}{100 * row.impossible:>14.1f}"
         )
         text.append(f"    {row.statuses}; {row.models}")
     return "\n".join(text)

@@ -66,7 +66,8 @@ class RodRow:
     l_of_bound, l_covered : of the noisy frames' distances, pooled.
     impossible : share of the frames in the goals' range whose bound of l is above the goal for the location (the camera
         sees 𝒟 edge-on, mostly). judged : the other ones in that range that are `ok`.
-    location, location_bound, force : rms relative error of l, its bound, and rms relative error of the force, of those.
+    location, location_bound : rms relative error of l of those, and its bound.
+    force, force_bound : the same of the force as a vector; what friction adds along the antenna is hardly seen.
     """
 
     population: str
@@ -82,6 +83,7 @@ class RodRow:
     location: float
     location_bound: float
     force: float
+    force_bound: float
 
 
 def run(frames: int, seed: int, model: str = "auto", chosen: Sequence[Population] = POPULATIONS) -> list[RodRow]:
@@ -102,7 +104,9 @@ def _row(population: Population, frames: int, model: str, rng: np.random.Generat
         if biased:
             found_exact.append(estimate(part, model, population.friction_std_rad))
     true = np.concatenate([truth(part) for part in exact])
-    bounds = np.concatenate([bound(part, population.friction_std_rad).std for part in exact])
+    least = [bound(part, population.friction_std_rad) for part in exact]
+    bounds = np.concatenate([one.std for one in least])
+    force_bounds = np.concatenate([one.force_std for one in least])
     measured = joined(found)
     good = measured.numbered
     errors = measured.values - true
@@ -111,7 +115,8 @@ def _row(population: Population, frames: int, model: str, rng: np.random.Generat
     possible = bounds[:, 0] <= LOCATION_GOAL * true[:, 0]
     judged = in_range & possible & (measured.status == "ok")
     force = np.concatenate([part.force_N for part in exact])
-    missed = np.linalg.norm(measured.force_N - force, axis=1) / np.linalg.norm(force, axis=1)
+    size = np.linalg.norm(force, axis=1)
+    missed = np.linalg.norm(measured.force_N - force, axis=1)
     biases = _biases(joined(found_exact), true) if biased else None
     return RodRow(
         population=population.name,
@@ -126,7 +131,8 @@ def _row(population: Population, frames: int, model: str, rng: np.random.Generat
         judged=int(judged.sum()),
         location=_rms(errors[judged, 0] / true[judged, 0]),
         location_bound=_rms(bounds[judged, 0] / true[judged, 0]),
-        force=_rms(missed[judged]),
+        force=_rms(missed[judged] / size[judged]),
+        force_bound=_rms(force_bounds[judged] / size[judged]),
     )
 
 

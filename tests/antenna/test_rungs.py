@@ -1,0 +1,152 @@
+"""The ladder of antenna models: each rung against what it stands for, and NumPy against torch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from tests.antenna.test_shape import EI, LENGTH, MASS, STRAIGHT, cases, moments, rods, worst_error_m
+from vbaa_calib.antenna import linear
+from vbaa_calib.antenna.rungs import RUNGS, curves
+from vbaa_calib.antenna.shape import CONTACT, Curves, bend
+
+
+def leaning(count: int, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-0.3, 0.3, count)
+
+
+@pytest.mark.parametrize("rung", RUNGS)
+@pytest.mark.parametrize("friction", [True, False])
+def test_torch_is_numpy(rung: str, friction: bool) -> None:
+    """Slopes up to 35° by the series, one contact far beyond it by the closed form, one at the very tip."""
+    case = cases(8, 35.0, seed=11)
+    case["force_N"][0] *= 3.0
+    case["contact_m"][1] = LENGTH
+    case["parameters"][:, 8] = 5e-4
+    lean = leaning(8, 1) if friction else None
+    expected = curves(rung, **case, length_m=LENGTH, friction_rad=lean)
+    inputs = {name: torch.tensor(values) for name, values in case.items()}
+    found = curves(rung, **inputs, length_m=LENGTH, friction_rad=None if lean is None else torch.tensor(lean))
+    for name, values in vars(expected).items():
+        ours = getattr(found, name)
+        assert ours.dtype == torch.float64
+        assert ours.shape == values.shape
+        np.testing.assert_allclose(ours.numpy(), values, rtol=0, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("rung", RUNGS)
+def test_a_batch_is_a_loop(rung: str) -> None:
+    case = cases(5, 60.0, seed=12) | {"friction_rad": leaning(5, 2)}
+    together = curves(rung, **case, length_m=LENGTH)
+    for index in range(5):
+        alone = curves(rung, **{name: values[index : index + 1] for name, values in case.items()}, length_m=LENGTH)
+        for name, values in vars(alone).items():
+            np.testing.assert_allclose(getattr(together, name)[index], values[0], atol=1e-14, err_msg=name)
+
+
+def test_the_papers_rung_is_the_papers_beam() -> None:
+    """Whatever clamp, bow and weight are; τ_y = l·f_z; the tangents are the curve's."""
+    case = cases(6, 10.0, seed=13)
+    paper = curves("paper", **case, length_m=LENGTH, friction_rad=np.full(6, 0.2))
+    contact = case["contact_m"][:, None]
+    for axis in (0, 1):
+        beam = linear.deflection(paper.arclength_m, contact, case["force_N"][:, axis, None], EI)
+        np.testing.assert_allclose(paper.points_m[..., 1 + axis], beam, rtol=1e-12)
+    np.testing.assert_array_equal(paper.points_m[..., 0], paper.arclength_m)
+    np.testing.assert_allclose(paper.contact_m[:, 0], case["contact_m"], rtol=2e-6)
+    np.testing.assert_allclose(paper.moment_Nm, case["contact_m"] * case["force_N"][:, 1], rtol=2e-6)
+    np.testing.assert_allclose(np.linalg.norm(paper.tangents, axis=-1), 1.0, rtol=1e-14)
+    slopes = np.gradient(paper.points_m[0, :CONTACT, 1], paper.arclength_m[0, :CONTACT])[1:-1]
+    np.testing.assert_allclose((paper.tangents[0, :, 1] / paper.tangents[0, :, 0])[1 : CONTACT - 1], slopes, rtol=1e-2)
+
+
+def scaled(case: dict[str, np.ndarray], share: float) -> dict[str, np.ndarray]:
+    """Loads, clamp errors and bow by a share; lengths, stiffness and directions as they are."""
+    parameters = case["parameters"].copy()
+    parameters[:, :6] *= share
+    return case | {
+        "parameters": parameters,
+        "gravity_m_s2": share * case["gravity_m_s2"],
+        "force_N": share * case["force_N"],
+    }
+
+
+def apart(a: Curves, b: Curves) -> dict[str, float]:
+    return {name: np.abs(getattr(a, name) - getattr(b, name)).max() for name in vars(a) if name != "arclength_m"}
+
+
+@pytest.mark.parametrize("what", ["clamp", "bow", "weight", "force", "give", "friction", "all"])
+def test_the_linear_rung_is_bend_to_first_order(what: str) -> None:
+    """Half the loads leave a quarter of the difference, and the difference is small: no term or sign is missing.
+
+    Friction leans by as much whatever the load: what it does to the shape is of second order in the load.
+    """
+    case = cases(20, 6.0, seed=14)
+    case["parameters"][:, 8] = 5e-4
+    kept = {"clamp": slice(0, 4), "bow": slice(4, 6)}.get(what, slice(0, 0))
+    if what != "all":
+        only = np.tile(STRAIGHT, (20, 1))
+        only[:, kept] = case["parameters"][:, kept]
+        only[:, 8] = 5e-4 if what == "give" else 0.0
+        case["parameters"] = only
+    if what not in ("all", "weight", "give"):
+        case["gravity_m_s2"] = 0.0 * case["gravity_m_s2"]
+    if what not in ("all", "force", "give", "friction"):
+        case["force_N"] = 0.0 * case["force_N"]
+    lean = leaning(20, 3) if what in ("all", "friction") else None
+    differences = []
+    for share in (1.0, 0.5, 0.25):
+        here = scaled(case, share) | {"length_m": LENGTH, "friction_rad": lean}
+        exact = bend(**here, sweeps=8)
+        differences.append(apart(curves("linear", **here), exact))
+    extent = np.abs(exact.points_m[..., 1:]).max()
+    assert differences[-1]["points_m"] < 0.1 * extent
+    for name in ("points_m", "tangents", "force_N", "moment_Nm"):
+        first, second, third = (difference[name] for difference in differences)
+        if first > 1e-13:
+            assert 3.5 < first / second < 9.0, (name, first, second)
+            assert 3.5 < second / third < 9.0, (name, second, third)
+
+
+def test_the_linear_rung_knows_every_term() -> None:
+    """Each term of a level antenna with its sign: bow about z to +y, about y to −z, weight down, clamp turned."""
+    contact, none = np.array([0.12]), np.zeros((1, 2))
+    bowed = STRAIGHT + np.array([0.001, 0.002, 0.003, 0.004, 0.05, 0.06, 0.0, 0.0, 0.0])
+    curve = curves("linear", bowed[None], LENGTH, np.array([[0.0, 0.0, -9.8]]), contact, none)
+    sag = linear.weight_deflection(LENGTH, LENGTH, MASS * 9.8, EI)
+    tip = [LENGTH, 0.001 + 0.004 * LENGTH + 0.03 * LENGTH**2, 0.002 - 0.003 * LENGTH - 0.025 * LENGTH**2 - sag]
+    np.testing.assert_allclose(curve.points_m[0, -1], tip, rtol=1e-12)
+    np.testing.assert_allclose(curve.moment_Nm, -linear.weight_clamp_moment(LENGTH, MASS * 9.8), rtol=1e-12)
+
+
+@pytest.mark.parametrize("slope_deg", [20.0, 35.0])
+def test_the_highest_rung_is_the_rod(slope_deg: float) -> None:
+    """Bowed, askew, heavy, leaning; the rod is loaded by the dead force that the contact came to."""
+    case, lean = cases(10, slope_deg, seed=15), leaning(10, 4)
+    rod = curves("rod", **case, length_m=LENGTH, friction_rad=lean)
+    shapes = rods(case, rod.force_N)
+    assert worst_error_m(rod, shapes).max() < 1e-6
+    np.testing.assert_allclose(rod.moment_Nm, moments(shapes), atol=2e-8)
+    lower = [worst_error_m(curves(name, **case, length_m=LENGTH, friction_rad=lean), shapes) for name in RUNGS[:3]]
+    paper, straight, elastica = (np.median(error) for error in lower)
+    assert elastica < 0.1 * straight < 0.1 * paper
+
+
+def test_a_contact_at_the_tip_is_finite_on_every_rung() -> None:
+    rng = np.random.default_rng(5)
+    lengths = rng.uniform(0.1, 0.3, 40)
+    for length in lengths:
+        for rung in RUNGS:
+            case = cases(1, 10.0, seed=16) | {"contact_m": np.array([length])}
+            curve = curves(rung, **case, length_m=length)
+            assert all(np.isfinite(values).all() for values in vars(curve).values())
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1.0, 5.0])
+def test_huge_and_tiny_loads_are_finite(factor: float) -> None:
+    case = cases(10, 60.0, seed=17)
+    case["force_N"] *= factor
+    for rung in RUNGS:
+        curve = curves(rung, **case, length_m=LENGTH, friction_rad=leaning(10, 6))
+        assert all(np.isfinite(values).all() for values in vars(curve).values())
