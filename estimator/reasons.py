@@ -8,6 +8,7 @@ from scipy.stats import chi2
 from vbaa_calib.antenna.rungs import RUNGS
 
 from .quantities import Numbers
+from .solve.descend import NEAREST
 from .verdict import (
     DISAGREEMENT,
     EDGE_ON_RAD,
@@ -19,6 +20,7 @@ from .verdict import (
     TIP,
     UNOBSERVABLE,
     WRONG_SHAPE,
+    at_clamp,
     contradiction,
     doubled,
     loose,
@@ -48,6 +50,8 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
         return "the fit left the domain of the model"
     if not numbers.converged[index]:
         return "the fit did not converge"
+    if at_clamp(numbers)[index]:
+        return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
     second = bool(doubled(numbers)[index])
     if numbers.scatter[index] > WRONG_SHAPE or second:
         off = f"points lie {numbers.scatter[index]:.0f} std off"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .quantities import Numbers
+from .solve.descend import NEAREST
 
 FEWEST_POINTS = 5
 CONTACT_EVIDENCE = 14.0
@@ -41,7 +42,7 @@ def statuses(numbers: Numbers) -> np.ndarray:
             (~numbers.finite, FAILED),
             (~(numbers.evidence >= CONTACT_EVIDENCE), NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
-            (~numbers.converged | (numbers.scatter > WRONG_SHAPE), FAILED),
+            (~numbers.converged | (numbers.scatter > WRONG_SHAPE) | at_clamp(numbers), FAILED),
             (uncertain & held, LOW),
             (uncertain | loose(numbers) | rivalled(numbers), UNOBSERVABLE),
             (doubled(numbers) | (contradiction(numbers) > CONTRADICTION), FAILED),
@@ -54,6 +55,11 @@ def rivalled(numbers: Numbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
     apart = np.abs(numbers.rival_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
     return apart.any(axis=1) & (numbers.rival < RIVAL)
+
+
+def at_clamp(numbers: Numbers) -> np.ndarray:
+    """(B,) whether the contact lies no further from the clamp than distances are looked for."""
+    return numbers.unknowns[:, 0] <= NEAREST * (1.0 + 1e-6)
 
 
 def doubled(numbers: Numbers) -> np.ndarray:

@@ -370,7 +370,7 @@ def test_a_cell_too_near_to_the_tip_is_named(monkeypatch) -> None:
 def test_the_whole_grid_meets_its_goals() -> None:
     rows = estimator_grid.run(100, 3)
     assert not [row.cell for row in rows if row.left_out]
-    assert np.mean([row.without_numbers for row in rows]) < 1e-3
+    assert np.mean([row.without_numbers for row in rows]) < 2e-3
     for line in summary(rows):
         # of 1620 numbers one in six hundred may lie beyond by noise alone
         assert line.clearly <= 2, line

@@ -125,6 +125,21 @@ def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     assert after.beyond == after.claimed - after.imagined
 
 
+def test_hostile_counts_the_frames_that_raise(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = estimator_hostile.estimated
+
+    def brittle(drawn: estimator_hostile.Replayed) -> object:
+        if np.isnan(drawn.readings_Nm).any():
+            raise ZeroDivisionError("no reading")
+        return honest(drawn)
+
+    monkeypatch.setattr(estimator_hostile, "estimated", brittle)
+    row = estimator_hostile.judged(5, 0, 20)
+    assert row.exceptions == np.isnan(estimator_hostile.replay(5, 0, 20).readings_Nm).sum() > 0
+    assert row.failure == "ZeroDivisionError: no reading"
+    assert "no reading: replay(seed=5, chunk=0)" in hostile_text([row])
+
+
 def test_rows_keep_what_does_not_apply_empty() -> None:
     row = SpeedRow("two points, formula alone", PAPER, "exact", 10, 0.1, None, None, None, None)
     assert "–" in speed_text([row])

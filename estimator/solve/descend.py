@@ -26,6 +26,8 @@ DAMPING = 1e-3
 """The least that is tried, on a unit diagonal."""
 FAR = 100.0
 """A step to more than so many times the lowest cost is not followed."""
+LONGEST = 0.2
+"""A step moves the tip by at most this part of the length: along the line of sight hardly anything holds it."""
 AHEAD = 1e-3
 """Part of a step over which the lever's slope is taken."""
 
@@ -91,7 +93,7 @@ def descend(
     here = equations(linearised(frames, rung, table, state), state.values)
     walk = Walk(state, here, state, here, xp.zeros_like(state.scatter), state.at_tip & ~state.at_tip)
     for _ in range(iterations):
-        step, promise = _step(walk.here, walk.now, walk.damping)
+        step, promise = _step(frames.known, walk.here, walk.now, walk.damping)
         trial = _moved(frames.known, walk.now, step)
         about = linearised(frames, rung, table, trial)
         there = equations(about, trial.values)
@@ -169,12 +171,17 @@ def _lever(known: Known, unknowns: Array) -> Array:
     return distance * xp.clip(1.0 - xp.tan(known.friction_rad * friction) * load / 6.0, 0.2, 5.0)
 
 
+def tip_per_force(known: Known, distance: Array) -> Array:
+    """Small deflection of the tip, in antenna lengths, per unit force at distances in antenna lengths."""
+    return known.load / 6.0 * distance * distance * (3.0 - distance)
+
+
 def _moved(known: Known, now: State, step: Array) -> State:
     unknowns = moved_unknowns(known, now.unknowns, step[:, :UNKNOWNS])
     return replace(now, unknowns=unknowns, steps=now.steps + step[:, UNKNOWNS:])
 
 
-def _step(here: Equations, now: State, damping: Array) -> tuple[Array, Array]:
+def _step(known: Known, here: Equations, now: State, damping: Array) -> tuple[Array, Array]:
     """Levenberg–Marquardt steps (B, K), and how much of the cost each promises to take (B,)."""
     xp = namespace(damping)
     step = solved(here.information, here.pull, damping)
@@ -186,5 +193,7 @@ def _step(here: Equations, now: State, damping: Array) -> tuple[Array, Array]:
         information = here.information * (free[:, :, None] * free[:, None])
         information[:, 0, 0] += 1.0 - free[:, 0]
         step = solved(information, here.pull * free, damping) * free
+    sway = xp.hypot(step[:, 1], step[:, 2]) * tip_per_force(known, distance)
+    step = step * xp.clip(LONGEST / xp.clip(sway, 1e-12, None), None, 1.0)[:, None]
     bent = (here.information @ step[..., None])[..., 0]
     return step, ((here.pull - 0.5 * bent) * step).sum(-1)

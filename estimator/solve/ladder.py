@@ -10,12 +10,12 @@ from vbaa_calib.arrays import Array, namespace
 from .batch import picked
 from .descend import begin
 from .frames import Frames
-from .rivals import Best, mirrored
+from .rivals import Best, different, flattened, mirrored, one_sided
 from .second import second_force
 from .settle import Settled, evaluated, explored, settle
 from .starts import Free, Trials, free_antenna, tried
 from .view import LEANING, look, rig_table
-from .worth import REFERENCE, Worth, evidence, held_against, predicted_bias, worth
+from .worth import REFERENCE, Worth, evidence, held_against, predicted_bias, stretched, worth
 
 EXPLORER = "linear"
 """The rung on which valleys are told apart."""
@@ -122,9 +122,13 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
         floors = here.floors[:, 0] + 0.0
         floors[lost] = explored(part.picked(lost), rung if rung in LEANING else LEANING[0], starts, costs)[0][:, 0]
         best = best.beside(lost, floors)
-    best = best.beside(*mirrored(part, best.fits.state.unknowns))
+    blind = one_sided(part, best.fits.state.unknowns)
+    if bool(blind.any()):
+        for other_side in (mirrored, flattened):
+            there = other_side(part, best.fits.state.unknowns)
+            best = best.beside(blind & different(best.fits.state.unknowns, there), there)
     fits = best.fits
-    known = worth(fits)
+    known = stretched(fits, worth(fits), blind)
     if rung == REFERENCE:
         about = fits.problem
     else:

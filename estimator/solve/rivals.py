@@ -62,19 +62,39 @@ def different(first: Array, second: Array) -> Array:
     return (xp.abs(first[:, 0] - second[:, 0]) > SAME) | turned
 
 
-def mirrored(frames: Frames, unknowns: Array) -> tuple[Array, Array]:
-    """Which frames (B,) cannot tell contacts (B, 4) from their mirror images by a reading, and those images (B, 4).
+def one_sided(frames: Frames, unknowns: Array) -> Array:
+    """(B,) frames whose readings do not tell contacts (B, 4) from their mirror images.
 
     The mirror is the plane through the antenna's x axis across the line of sight: small deflections before and behind
     it look alike, but for perspective.
     """
-    xp, known = namespace(unknowns), frames.known
-    side = like(unknowns, known.rig.T_antenna_camera.translation_m[1:])
-    side = side / xp.hypot(side[0], side[1])
-    force = unknowns[:, 1:3]
-    image = force - 2.0 * (force @ side)[:, None] * side
+    known = frames.known
+    along = _along_sight(frames, unknowns)
     # about y the force's z is felt, about z its y
     lever = known.force_unit_N * known.length_m * unknowns[:, :1] * known.gain / known.std
-    change = xp.abs(lever * (image - force)[:, [1, 0]]) * frames.felt
-    image = xp.concat([unknowns[:, :1], image, unknowns[:, 3:]], -1)
-    return (change < WEAK).all(-1) & different(unknowns, image), image
+    change = namespace(lever).abs(2.0 * lever * along[:, [1, 0]]) * frames.felt
+    return (change < WEAK).all(-1)
+
+
+def mirrored(frames: Frames, unknowns: Array) -> Array:
+    """Contacts (B, 4) on the other side of the mirror."""
+    return _less_along_sight(frames, unknowns, 2.0)
+
+
+def flattened(frames: Frames, unknowns: Array) -> Array:
+    """Contacts (B, 4) in the mirror: no force along the line of sight, the least that the picture asks for."""
+    return _less_along_sight(frames, unknowns, 1.0)
+
+
+def _less_along_sight(frames: Frames, unknowns: Array, times: float) -> Array:
+    xp = namespace(unknowns)
+    force = unknowns[:, 1:3] - times * _along_sight(frames, unknowns)
+    return xp.concat([unknowns[:, :1], force, unknowns[:, 3:]], -1)
+
+
+def _along_sight(frames: Frames, unknowns: Array) -> Array:
+    """(B, 2) the lateral force's part along the direction to the camera."""
+    xp = namespace(unknowns)
+    side = like(unknowns, frames.known.rig.T_antenna_camera.translation_m[1:])
+    side = side / xp.clip(xp.hypot(side[0], side[1]), 1e-12, None)
+    return (unknowns[:, 1:3] @ side)[:, None] * side

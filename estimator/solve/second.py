@@ -6,7 +6,7 @@ from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, like, namespace
 
 from .match import sums
-from .normal import Problem, huber_weights, solved, solved_columns
+from .normal import Problem, equations, huber_weights, solved, solved_columns
 from .settle import Settled
 from .view import by_point
 from .worth import Worth
@@ -34,38 +34,58 @@ def second_force(fits: Settled, about: Problem, known: Worth) -> tuple[Array, Ar
     places = like(about.scatter, [(g + 1.0) / GRID for g in range(GRID)])
     along = aligned_arclength(xp.clip(fits.view.contact_m / frame.length_m, None, 1.0 - 1e-6), 1.0)
     near, far = xp.minimum(along[..., None], places), xp.maximum(along[..., None], places)
-    # scaled to a like size at the tip
+    # scaled to a metre at the tip
     bent = (3.0 * far - near) * near * near / (places * places * (3.0 - places))
+    lever = 6.0 * xp.exp(frame.parameters[6]) / (places * (3.0 - places) * frame.length_m**2)
+    felt = _felt(fits, lever)
     columns = (bent[..., None] * by_point(frame, fits.view)[:, :, None, 1:]).reshape(*along.shape, 2 * GRID)
     weights = huber_weights(about.whitened(about.found.distance)) * about.found.precision / about.scatter[:, None] ** 2
     summed = sums(about.found, weights, about.found.distance, along.shape[1])
     towards = summed.times(columns)
-    crossed = about.columns.mT @ towards
+    held = huber_weights(about.misfit)[..., None]
+    crossed = about.columns.mT @ towards + about.felt.mT @ (held * felt)
     # what is left for a second force once the first contact and the rig have made the most of it
-    best = solved(fits.equations.information, (about.columns.mT @ summed.load[..., None])[..., 0])
-    pull = (columns.mT @ summed.load[..., None])[..., 0] - (crossed.mT @ best[..., None])[..., 0]
-    taken = solved_columns(fits.equations.information, crossed)
-    force, gain = _best_force(columns, towards, crossed, taken, pull)
+    misfit, load = held * about.misfit[..., None], summed.load[..., None]
+    here = equations(about, fits.state.values)
+    best = solved(here.information, here.pull)
+    pull = (columns.mT @ load + felt.mT @ misfit - crossed.mT @ best[..., None])[..., 0]
+    taken = solved_columns(here.information, crossed)
+    own = _pairs(columns, towards) + _pairs(felt, held * felt)
+    force, gain = _best_force(own, _pairs(crossed, taken), pull)
     every, best_place = xp.arange(len(gain)), xp.argmax(gain, -1)
     force = force[every, best_place]
     moved = sum(force[:, axis] * taken[every, 0, 2 * best_place + axis] for axis in (0, 1))
     harm = xp.abs(moved) / known.std[:, 0]
-    own = (about.scatter / neighbour_scatter(about)) ** 2
-    return gain[every, best_place] * own, places[best_place], harm
+    louder = (about.scatter / neighbour_scatter(about)) ** 2
+    return gain[every, best_place] * louder, places[best_place], harm
 
 
-def _best_force(columns: Array, towards: Array, crossed: Array, taken: Array, pull: Array) -> tuple[Array, Array]:
-    """The best force (B, G, 2) at each place, in its columns' units, and what it takes off the cost (B, G)."""
+def _felt(fits: Settled, lever_N: Array) -> Array:
+    """(B, 2, 2G) what the sensors feel, in deviations, of forces y, z at each place, `lever_N` (G,) N·m per metre."""
+    xp, known = namespace(lever_N), fits.frames.known
+    by_force, zero = known.gain[:, None] * lever_N / known.std[:, None], xp.zeros_like(lever_N)
+    # about y the force's z is felt, about z its y
+    felt = xp.stack([xp.stack([zero, by_force[0]], -1), xp.stack([by_force[1], zero], -1)], 0)
+    return felt.reshape(2, -1) * fits.frames.felt[..., None]
+
+
+def _pairs(first: Array, second: Array) -> Array:
+    """(B, G, 3) inner products yy, yz, zz of columns (B, M, 2G), place by place."""
+    xp = namespace(first)
+    axes = ((0, 0), (0, 1), (1, 1))
+    return xp.stack([(first[..., a::2] * second[..., b::2]).sum(1) for a, b in axes], -1)
+
+
+def _best_force(own: Array, taken: Array, pull: Array) -> tuple[Array, Array]:
+    """The best force (B, G, 2) at each place, in its columns' units, and what it takes off the cost (B, G).
+
+    `own` (B, G, 3) is its information, `taken` (B, G, 3) what contact and rig take of it.
+    """
     xp = namespace(pull)
-
-    def inner(first: int, second: int) -> Array:
-        own = (columns[..., first::2] * towards[..., second::2]).sum(1)
-        return own - (crossed[..., first::2] * taken[..., second::2]).sum(1)
-
-    yy, yz, zz = inner(0, 0), inner(0, 1), inner(1, 1)
+    yy, yz, zz = ((own - taken)[..., index] for index in range(3))
     y, z = pull[:, 0::2], pull[:, 1::2]
     # directions along the line of sight, and what the first contact does as well, hold nothing
-    floor = DEPENDENT * (columns * towards).sum(1).reshape(*yy.shape, 2).sum(-1) + 1e-30
+    floor = DEPENDENT * (own[..., 0] + own[..., 2]) + 1e-30
     middle, half = 0.5 * (yy + zz), xp.hypot(0.5 * (yy - zz), yz)
     angle = 0.5 * xp.atan2(yz, 0.5 * (yy - zz))
     cos, sin = xp.cos(angle), xp.sin(angle)

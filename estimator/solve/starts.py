@@ -8,11 +8,14 @@ from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, like, namespace
 
 from .cubics import cubic, cubics
+from .descend import tip_per_force
 from .frames import Frames
 from .match import between_nodes, match, nearest_feet, rows, sums
 from .normal import huber_weights
 from .view import RigTable, View, by_point, look, rig_table
 
+LIKELY_SWAY = 0.2
+"""Deviation of the tip's deflection that is thought likely, in antenna lengths."""
 GRID = 24
 """Distances tried, spread over the antenna."""
 NEAREST_TRIED = 0.05
@@ -107,6 +110,8 @@ def tried(frames: Frames, free: Free) -> Trials:
     rig, rig_felt, misfit = free.table.nodes, free.table.readings, free.view.misfit[..., None]
     every = xp.arange(len(frames))
     weights = found.precision
+    # a direction that neither picture nor reading holds is left near where it is
+    likely = (tip_per_force(frames.known, grid) / LIKELY_SWAY) ** 2
     for _ in range(ROUNDS):
         summed = sums(found, weights, found.distance, columns.shape[1])
         towards = summed.times(columns)
@@ -115,7 +120,7 @@ def tried(frames: Frames, free: Free) -> Trials:
         load = summed.load[..., None]
         taken = xp.linalg.solve(within, xp.concat([by_rig, rig.mT @ load + rig_felt.mT @ misfit], -1))
         pull = (columns.mT @ load + felt.mT @ misfit - by_rig.mT @ taken[..., -1:])[..., 0]
-        forces, gains = _best_forces(columns, towards, felt, by_rig, taken[..., :-1], pull)
+        forces, gains = _best_forces(columns, towards, felt, by_rig, taken[..., :-1], pull, likely)
         best = gains.argmax(-1)
         shift = (rig @ taken[..., -1:])[..., 0]
         for axis in (0, 1):
@@ -144,7 +149,7 @@ def _forces(frames: Frames, view: View, grid: Array) -> tuple[Array, Array]:
 
 
 def _best_forces(
-    columns: Array, towards: Array, felt: Array, by_rig: Array, taken: Array, pull: Array
+    columns: Array, towards: Array, felt: Array, by_rig: Array, taken: Array, pull: Array, likely: Array
 ) -> tuple[Array, Array]:
     """Best forces (B, G, 2) at each distance, and how much of the cost each takes away (B, G)."""
     xp = namespace(pull)
@@ -160,8 +165,7 @@ def _best_forces(
     yy, yz, zz = held(0, 0), held(0, 1), held(1, 1)
     pull = pull.reshape(batch, -1, 2)
     y, z = pull[..., 0], pull[..., 1]
-    # a direction that neither picture nor reading holds is left where it is
-    yy, zz = yy * (1.0 + 1e-9) + 1e-12, zz * (1.0 + 1e-9) + 1e-12
+    yy, zz = yy * (1.0 + 1e-9) + likely, zz * (1.0 + 1e-9) + likely
     over = 1.0 / xp.clip(yy * zz - yz * yz, 1e-300, None)
     forces = xp.stack([(zz * y - yz * z) * over, (yy * z - yz * y) * over], -1)
     return forces, 0.5 * (forces * pull).sum(-1)

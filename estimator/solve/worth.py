@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.arrays import Array, namespace
 
+from .batch import picked
+from .descend import linearised, moved_unknowns
 from .known import UNKNOWNS
 from .match import match, sums
-from .normal import Problem, huber_weights, least_cost, solved
+from .normal import Problem, cost, huber_weights, least_cost, solved
 from .settle import Settled
 from .starts import Free
 from .view import LEANING, View, displaced
@@ -21,6 +23,8 @@ CLOSE_ROUNDS = 2
 """Reweightings when all is taken as linear: far from the solution, and beside it."""
 LEAST_REDUNDANCY = 0.005
 """A moment whose misfit may be only this part of its own deviation was fitted, not tested: it contradicts nothing."""
+OUT = 3.0
+"""Deviations from its floor at which a valley's walls are looked at."""
 SINGULAR = 1e14
 """Condition number of the scaled information beyond which nothing is said to be known."""
 
@@ -88,6 +92,36 @@ def worth(fits: Settled) -> Worth:
         xp.where(known, values[:, -1] / values[:, 0], xp.inf),
         xp.where(known[:, None], xp.sqrt(redundant), 1.0),
     )
+
+
+def stretched(fits: Settled, known: Worth, which: Array) -> Worth:
+    """The same, wider where a valley is flatter than its floor promises, for some of the frames (B,).
+
+    Where vision is alone with a small deflection along the line of sight, the picture holds it by second order only:
+    three deviations out along the longest axis the cost is then far from the 9/2 that it should have risen by.
+    """
+    if not bool(which.any()):
+        return known
+    xp = namespace(which)
+    rows = xp.arange(len(which))[which]
+    state, covariance = picked(fits.state, rows), known.covariance[rows]
+    sound = xp.isfinite(covariance).all(-1).all(-1)
+    covariance = xp.where(sound[:, None, None], covariance, fits.frames.known.trials[1:])
+    index = xp.arange(UNKNOWNS)
+    std = xp.sqrt(covariance[:, index, index])
+    sizes, axes = xp.linalg.eigh(covariance / (std[:, :, None] * std[:, None]))
+    axis = OUT * std * axes[..., -1] * xp.sqrt(sizes[:, -1:])
+    frames, table, base = fits.frames.picked(rows), picked(fits.table, rows), fits.equations.cost[rows]
+    least = xp.full_like(base, 0.5 * OUT**2)
+    for sign in (1.0, -1.0):
+        unknowns = moved_unknowns(frames.known, state.unknowns, sign * axis)
+        steps = state.steps + (known.rig_follows[rows] @ (unknowns - state.unknowns)[..., None])[..., 0]
+        there = replace(state, unknowns=unknowns, steps=steps)
+        rise = cost(linearised(frames, fits.rung, table, there), there.values) - base
+        least = xp.minimum(least, xp.clip(xp.nan_to_num(rise, nan=0.0), 0.01, None))
+    factor = xp.ones_like(fits.state.scatter)
+    factor[rows] = xp.where(sound, 0.5 * OUT**2 / least, 1.0)
+    return replace(known, covariance=known.covariance * factor[:, None, None])
 
 
 def moves(fits: Settled, displacement: Array, felt: Array) -> Array:

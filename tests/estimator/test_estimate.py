@@ -54,7 +54,12 @@ def test_one_contact_in_all_its_numbers() -> None:
     assert contact.in_contact
     assert np.abs(deviations(contact, seen)).max() < 3.5
     assert contact.distance_m == pytest.approx(seen.distance_m, abs=1e-3)
-    np.testing.assert_allclose(contact.force_N, seen.force_N, atol=0.02 * np.linalg.norm(seen.force_N))
+    np.testing.assert_allclose(contact.force_N[1:], seen.force_N[1:], atol=0.02 * np.linalg.norm(seen.force_N))
+    # along the antenna the force is what friction makes of it
+    assert abs(contact.force_N[0] - seen.force_N[0]) < 3.0 * contact.force_std_N[0]
+    slippery = estimated(seen, friction=0.0)
+    np.testing.assert_allclose(slippery.force_N, seen.force_N, atol=0.02 * np.linalg.norm(seen.force_N))
+    assert slippery.friction_angle_rad == 0.0
     np.testing.assert_allclose(contact.point_world_m, seen.contact_world_m, atol=1e-3)
     rotation = RIG.kinematics.T_world_antenna(0.0, seen.tilt_rad)
     np.testing.assert_allclose(rotation @ contact.point_antenna_m, contact.point_world_m, atol=1e-12)
@@ -156,7 +161,7 @@ def test_rows_with_nan_are_left_out() -> None:
 def test_larger_deviations_are_believed() -> None:
     seen = frame()
     exact = WORLD.rig(np.zeros(17))
-    small, large = (estimated(seen, exact, sigma_px=sigma) for sigma in (SIGMA_PX, 5 * SIGMA_PX))
+    small, large = (estimated(seen, exact, friction=0.0, sigma_px=sigma) for sigma in (SIGMA_PX, 5 * SIGMA_PX))
     assert large.distance_std_m > 3.5 * small.distance_std_m
     np.testing.assert_array_equal(
         estimated(seen, sigma_px=np.full(len(seen.points_px), SIGMA_PX)).distance_m, estimated(seen).distance_m
@@ -168,7 +173,9 @@ def test_larger_deviations_are_believed() -> None:
     [
         ({"centreline_px": np.zeros((3, 5))}, "centreline_px has shape"),
         ({"centreline_px": np.zeros(8)}, "centreline_px has shape"),
-        ({"moment": np.nan}, "not a finite number"),
+        ({"moment": np.inf}, "is infinite"),
+        ({"moment_z": -np.inf}, "is infinite"),
+        ({"pan": np.nan}, "not a finite number"),
         ({"tilt": np.inf}, "not a finite number"),
         ({"sigma_px": np.full(7, 0.1)}, "sigma_px has shape"),
         ({"sigma_px": 0.0}, "not everywhere positive"),
@@ -182,5 +189,36 @@ def test_wrong_input_is_named(changes: dict, what: str) -> None:
 
 
 def test_a_batch_of_unequal_lengths_is_refused() -> None:
-    with pytest.raises(InputError, match="number 2, 1, 2, 2"):
-        ContactEstimator(RIG).estimate_batch([frame().points_px] * 2, [0.0], [0.0] * 2, [0.0] * 2)
+    lines = [frame().points_px] * 2
+    with pytest.raises(InputError, match="moments number 1, centrelines 2"):
+        ContactEstimator(RIG).estimate_batch(lines, [0.0], [0.0] * 2, [0.0] * 2)
+    with pytest.raises(InputError, match="tilts number 3, centrelines 2"):
+        ContactEstimator(RIG).estimate_batch(lines, None, [0.0] * 2, [0.0] * 3)
+    with pytest.raises(InputError, match="sigma_px has shape"):
+        ContactEstimator(RIG).estimate_batch(lines, None, [0.0] * 2, [0.0] * 2, sigma_px=np.ones((2, 7)))
+    with pytest.raises(InputError, match="a centreline has shape"):
+        ContactEstimator(RIG).estimate_batch([*lines, np.zeros(4)], None, [0.0] * 3, [0.0] * 3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"model": "beam"}, "model is 'beam'"),
+        ({"friction": -0.1}, "friction is -0.1"),
+        ({"friction": np.nan}, "friction is nan"),
+        ({"device": "abacus"}, "device 'abacus'"),
+    ],
+)
+def test_an_estimator_that_cannot_be_is_refused(changes: dict, what: str) -> None:
+    with pytest.raises(InputError, match=what):
+        ContactEstimator(RIG, **changes)
+
+
+def test_a_reading_that_is_not_there_is_vision_alone() -> None:
+    """None, and NaN as in a recording's table."""
+    seen = frame()
+    nothing, nan = (estimated(seen, moment=moment) for moment in (None, np.nan))
+    assert nothing.status == "ok"
+    assert np.isnan(nothing.moment_residual_Nm)
+    assert nothing.distance_m == nan.distance_m
+    assert nothing.force_std_N[2] > 2.0 * estimated(seen).force_std_N[2]

@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from estimator import ContactEstimator, Measured
-from estimator.fit import evaluated
-from estimator.scene import by_rig, rig_axes
-from estimator.uncertainty import evidence, spread
-from estimator.verdict import CONTACT_EVIDENCE, Solved
+from estimator.solve.frames import Frames, frames_from_pixels
+from estimator.solve.known import Known
+from estimator.solve.ladder import Solved, solve
+from estimator.solve.view import dot, look, rig_table
+from estimator.solve.worth import worth
+from estimator.verdict import CONTACT_EVIDENCE
 from vbaa_calib.rig import Rig
 
-from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, Frame, World, camera_pose, frames, pushing
+from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, Frame, World, camera_pose, frames, gravity_antenna, pushing
+from .contact_scenes import answered, rubbed
 
 WORLD = World(camera_pose(0.7, 0.8))
 
 
-def solved(seen: Frame, rig: Rig, model: str = "rod") -> Solved:
-    """The fit behind a contact."""
-    sigma = np.full(len(seen.points_px), SIGMA_PX)
-    result = ContactEstimator(rig, model).solve(Measured(seen.points_px, sigma, seen.moment_Nm, 0.0, seen.tilt_rad))
-    assert result is not None
-    return result
+def framed(several: Sequence[Frame], rig: Rig, friction: float = 0.0) -> Frames:
+    """Frames as the solver takes them."""
+    known = Known.of(rig, friction, np.empty(0))
+    points = np.stack([seen.points_px for seen in several])
+    readings = np.array([[seen.moment_Nm, np.nan] for seen in several])
+    gravity = np.stack([gravity_antenna(seen.tilt_rad, rig.gravity_world_m_s2) for seen in several])
+    return frames_from_pixels(known, points, np.full(points.shape[:2], SIGMA_PX), readings, gravity)
+
+
+def solved(several: Sequence[Frame], rig: Rig, model: str = "rod", friction: float = 0.0) -> Solved:
+    """The fits behind contacts."""
+    return solve(framed(several, rig, friction), model)[0]
+
+
+def evidence_of(seen: Frame, rig: Rig) -> float:
+    return float(solved([seen], rig).evidence[0])
 
 
 def redrawn(exact: Frame, rng: np.random.Generator) -> Frame:
@@ -41,82 +54,102 @@ def quiet(contact: float, roll: float, tip_m: float, world: World = WORLD) -> Fr
     return frames(silent, [contact * LENGTH_M], [lateral], [0.3], rng, sigma_px=0.0, points=200)[0]
 
 
+def another(rig: Rig, world: World) -> Rig:
+    """A rig that is what a world says."""
+    return replace(
+        rig,
+        T_antenna_camera=world.T_antenna_camera,
+        antenna=replace(rig.antenna, parameters=world.parameters),
+        moment_sensor=world.sensor,
+    )
+
+
 def test_covariance_is_what_sampling_shows() -> None:
-    """One contact under 60 draws of noise: the unknowns scatter as said, in every direction."""
+    """One contact under 120 draws of noise: the unknowns scatter as said, in every direction."""
     exact, rng = quiet(0.55, 0.6, 0.02), np.random.default_rng(1)
     rig = WORLD.rig(1e-6 * RIG_STD)
-    fits = [solved(redrawn(exact, rng), rig) for _ in range(60)]
-    drawn = np.array([one.fit.unknowns for one in fits])
-    said = np.mean([one.spread.covariance for one in fits], axis=0)
-    assert np.trace(np.linalg.solve(said, np.cov(drawn.T))) / 3 == pytest.approx(1.0, abs=0.35)
-    true = solved(exact, rig).fit.unknowns
+    found = solved([redrawn(exact, rng) for _ in range(120)], rig)
+    drawn, said = found.fits.state.unknowns[:, :3], found.worth.covariance[:, :3, :3].mean(axis=0)
+    assert np.trace(np.linalg.solve(said, np.cov(drawn.T))) / 3 == pytest.approx(1.0, abs=0.3)
+    true = solved([exact], rig).fits.state.unknowns[0, :3]
     off = drawn.mean(axis=0) - true
-    assert off @ np.linalg.solve(said / 60, off) / 3 < 4.0
+    assert off @ np.linalg.solve(said / 120, off) / 3 < 4.0
+
+
+def test_friction_within_its_prior_scatters_as_said() -> None:
+    """150 draws of noise and friction angle on one contact: all four unknowns, in every direction."""
+    rng, count = np.random.default_rng(4), 150
+    angles = np.clip(rng.normal(0.0, 0.2, count), -0.6, 0.6)
+    scenes = rubbed(WORLD.rig(np.zeros(17)), [0.6] * count, [22.0] * count, angles).noisy(rng)
+    found = answered(scenes)
+    assert (found.status == "ok").all()
+    known = [found.distance_m - scenes.distance_m, *(found.force_N - scenes.force_N)[:, 1:].T]
+    off = np.stack([*known, found.friction_angle_rad - angles], axis=1)
+    stds = [found.distance_std_m, *found.force_std_N[:, 1:].T, found.friction_angle_std_rad]
+    squares = ((off / np.stack(stds, axis=1)) ** 2).mean(axis=0)
+    assert ((squares > 0.65) & (squares < 1.4)).all(), squares
 
 
 def test_the_rigs_part_is_what_other_rigs_show() -> None:
-    """The same frame, without noise, on 40 rigs drawn from the covariance."""
+    """The same frame, with noise, on 40 rigs drawn from the covariance."""
     exact, rng = quiet(0.55, 0.6, 0.02), np.random.default_rng(2)
     std = 0.3 * RIG_STD
     believed = WORLD.rig(std)
     answers, said = [], []
     for _ in range(40):
-        other = WORLD.moved(std * rng.normal(size=17))
-        rig = replace(
-            believed,
-            T_antenna_camera=other.T_antenna_camera,
-            antenna=replace(believed.antenna, parameters=other.parameters),
-            moment_sensor=other.sensor,
-        )
-        one = solved(redrawn(exact, rng), rig)
-        answers.append(one.fit.unknowns * np.array([1.0, *[one.fit.scene.force_unit_N] * 2]))
-        said.append(np.diag(one.spread.covariance) * np.array([1.0, *[one.fit.scene.force_unit_N**2] * 2]))
+        one = solved([redrawn(exact, rng)], another(believed, WORLD.moved(std * rng.normal(size=17))))
+        units = np.array([1.0, *[one.fits.frames.known.force_unit_N] * 2])
+        answers.append(one.fits.state.unknowns[0, :3] * units)
+        said.append(np.diag(one.worth.covariance[0])[:3] * units**2)
     ratio = np.var(answers, axis=0) / np.mean(said, axis=0)
     assert ((ratio > 0.5) & (ratio < 1.7)).all(), ratio
 
 
-def test_the_rigs_table_is_its_derivative() -> None:
-    """Columns of `by_rig` against moved rigs."""
-    seen = quiet(0.55, 0.6, 0.02)
-    rig = WORLD.rig(RIG_STD)
-    one = solved(seen, rig)
-    scene = replace(one.fit.scene, rig_table=None)
-    table, axes = by_rig(scene, one.fit.unknowns), rig_axes(rig)
-    np.testing.assert_allclose(axes @ axes.T, rig.covariance, atol=1e-12 * rig.covariance.max())
-    at = evaluated(scene, one.fit.unknowns).residuals
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_the_rigs_table_is_its_derivative(friction: float) -> None:
+    """Columns of the rig's table against moved rigs: picture, reading, contact point and force."""
+    seen, rig = quiet(0.55, 0.6, 0.02), WORLD.rig(RIG_STD)
+    at = framed([seen], rig, friction)
+    known, unknowns = at.known, solved([seen], rig, friction=friction).fits.state.unknowns
+    view = look(at, "rod", unknowns)
+    table = rig_table(at, "rod", unknowns, view)
+    np.testing.assert_allclose(known.axes @ known.axes.T, rig.covariance, atol=1e-12 * rig.covariance.max())
+    assert known.axes.shape == (17, 17)
     for column in range(17):
-        step = 0.02 * axes[:, column]
-        other = WORLD.moved(step)
-        moved = replace(
-            rig,
-            T_antenna_camera=other.T_antenna_camera,
-            antenna=replace(rig.antenna, parameters=other.parameters),
-            moment_sensor=other.sensor,
-        )
+        step = 0.02 * known.axes[:, column]
+        moved = framed([seen], another(rig, WORLD.moved(step)), friction)
         # the unit of force goes with the stiffness: the force itself is to stay
-        unknowns = one.fit.unknowns * np.array(
-            [1.0, *[scene.force_unit_N / replace(scene, rig=moved).force_unit_N] * 2]
-        )
-        change = (evaluated(replace(scene, rig=moved), unknowns).residuals - at) / 0.02
-        np.testing.assert_allclose(change, table[:, column], atol=0.03 * np.abs(table).max() + 0.02)
+        scale = known.force_unit_N / moved.known.force_unit_N
+        there = look(moved, "rod", unknowns * np.array([1.0, scale, scale, 1.0]))
+        picture = dot(there.nodes - view.nodes, view.normals) / 0.02
+        limit = 0.03 * np.abs(table.nodes).max() + 1e-7
+        np.testing.assert_allclose(picture, table.nodes[..., column], atol=limit)
+        read = -(there.misfit - view.misfit) / 0.02
+        np.testing.assert_allclose(read, table.readings[..., column], atol=0.03 * np.abs(table.readings).max() + 0.02)
+        touch = (there.touch - view.touch) / 0.02
+        limits = 0.03 * np.abs(table.touch).max(axis=-1) + 1e-9
+        assert (np.abs(touch - table.touch[..., column]) < limits).all()
 
 
 def test_what_is_known_exactly_has_no_axis() -> None:
     std = RIG_STD.copy()
     std[[0, 7, 15]] = 0.0
-    axes = rig_axes(WORLD.rig(std))
+    axes = Known.of(WORLD.rig(std), 0.2, np.empty(0)).axes
     assert np.isfinite(axes).all()
+    assert axes.shape == (17, 14)
     np.testing.assert_array_equal(axes[[0, 7, 15]], 0.0)
+    assert Known.of(WORLD.rig(np.zeros(17)), 0.2, np.empty(0)).axes.shape == (17, 0)
 
 
-def test_evidence_without_contact_follows_its_law() -> None:
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_evidence_without_contact_follows_its_law(friction: float) -> None:
     """χ²₃/2: mean and variance 1.5, a little more since the distance means nothing without a force. 50 free frames."""
     rng, found = np.random.default_rng(3), []
     for _ in range(50):
         believed = World(camera_pose(rng.uniform(0.0, 1.0), rng.uniform(-np.pi, np.pi)))
         true = believed.moved(RIG_STD * rng.normal(size=17))
         seen = frames(true, [0.1], np.zeros((1, 2)), [rng.uniform(0, 1)], rng, points=150)[0]
-        found.append(evidence(solved(seen, believed.rig()).reference))
+        found.append(float(solved([seen], believed.rig(), friction=friction).evidence[0]))
     assert 1.0 < np.mean(found) < 2.2
     assert 0.6 < np.var(found) < 3.5
     assert min(found) > -0.01
@@ -125,7 +158,7 @@ def test_evidence_without_contact_follows_its_law() -> None:
 
 def test_evidence_grows_with_the_square_of_the_deflection() -> None:
     rig = WORLD.rig(RIG_STD)
-    small, large = (evidence(solved(quiet(0.6, 0.6, tip), rig).reference) for tip in (5e-4, 1e-3))
+    small, large = (evidence_of(quiet(0.6, 0.6, tip), rig) for tip in (5e-4, 1e-3))
     assert large == pytest.approx(4 * small, rel=0.25)
     assert small > CONTACT_EVIDENCE
 
@@ -133,14 +166,14 @@ def test_evidence_grows_with_the_square_of_the_deflection() -> None:
 def test_a_clamp_that_is_known_badly_weakens_the_evidence() -> None:
     seen = quiet(0.6, 0.6, 5e-4)
     loose = RIG_STD * np.where(np.arange(17) < 14, 20.0, 1.0)
-    assert evidence(solved(seen, WORLD.rig(loose)).reference) < 0.5 * evidence(solved(seen, WORLD.rig()).reference)
+    assert evidence_of(seen, WORLD.rig(loose)) < 0.5 * evidence_of(seen, WORLD.rig())
 
 
 def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
     """Inclined, the picture knows f_z by itself and the moment's misfit is its own; upright, the moment is fitted."""
     small = 0.05 * RIG_STD
     inclined, upright = (
-        solved(quiet(0.6, 0.8, 0.03, world), world.rig(small)).spread.moment_std
+        float(solved([quiet(0.6, 0.8, 0.03, world)], world.rig(small)).worth.moment_std[0, 0])
         for world in (World(camera_pose(1.0, 0.3)), World(camera_pose(0.0)))
     )
     assert inclined > 2 * upright
@@ -148,6 +181,10 @@ def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
 
 
 def test_an_unknown_that_nothing_holds_is_infinite() -> None:
-    one = solved(quiet(0.6, 0.6, 0.02), WORLD.rig())
-    blind = replace(one.fit, jacobian=one.fit.jacobian * ([0.0] + [1.0] * 19))
-    assert np.isinf(spread(blind).covariance).all()
+    fits = solved([quiet(0.6, 0.6, 0.02)], WORLD.rig(), friction=0.2).fits
+    assert np.isfinite(worth(fits).covariance).all()
+    information = fits.equations.information.copy()
+    information[:, 0], information[:, :, 0] = 0.0, 0.0
+    blind = worth(replace(fits, equations=replace(fits.equations, information=information)))
+    assert np.isinf(blind.covariance).all()
+    assert np.isinf(blind.condition).all()

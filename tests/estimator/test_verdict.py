@@ -7,33 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator import Contact, ContactEstimator
+from estimator import Contact
 from vbaa_calib.antenna import linear
-from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, STIFFNESS_NM2, Frame, World, blunt, camera_pose, frames, pushing
 from ..rod_scenes import seen as pictured
+from . import contact_scenes
+from .contact_scenes import STRAIGHT as PLAIN
+from .contact_scenes import estimated as judged
+from .contact_scenes import withheld
 
 STD = 0.25 * RIG_STD
 INCLINED, UPRIGHT = World(camera_pose(0.9, 0.4)), World(camera_pose(0.0))
-STRAIGHT = World(camera_pose(0.6, 1.0), np.array([0, 0, 0, 0, 0, 0, np.log(STIFFNESS_NM2), -50.0, 0.0]))
+STRAIGHT = World(camera_pose(0.6, 1.0), PLAIN)
 
 
 def frame(contact: float, roll: float, tip_m: float, world: World = INCLINED, seed: int = 0) -> Frame:
     """One frame, touched at this part of its length."""
-    lateral = pushing(roll, tip_m, contact * LENGTH_M)
-    return frames(world, [contact * LENGTH_M], [lateral], [0.3], np.random.default_rng(seed))[0]
-
-
-def judged(seen: Frame, rig: Rig) -> Contact:
-    """What the library says of one frame."""
-    return ContactEstimator(rig).estimate(seen.points_px, moment=seen.moment_Nm, pan=0.0, tilt=seen.tilt_rad)
-
-
-def withheld(contact: Contact) -> bool:
-    """No number is given for what the data do not hold."""
-    numbers = (contact.distance_m, contact.distance_std_m, contact.force_N, contact.point_world_m, contact.deflection_m)
-    return all(np.isnan(number).all() for number in numbers) and bool(contact.reason)
+    return contact_scenes.frame(contact, roll, tip_m, world, seed)
 
 
 @pytest.mark.parametrize("world", [INCLINED, UPRIGHT])
@@ -99,11 +90,62 @@ def test_shortly_before_the_tip_is_not_the_tip() -> None:
 
 
 def test_a_moment_that_contradicts_the_picture_is_said() -> None:
+    """Mentioned at four of its deviations, beyond six nothing is trusted."""
     seen = frame(0.6, 0.8, 0.03)
     rig = INCLINED.rig(0.2 * STD)
     assert "disagree" not in judged(seen, rig).reason
-    contact = judged(replace(seen, moment_Nm=seen.moment_Nm - 5e-3), rig)
-    assert "picture and moment disagree by" in contact.reason
+    said = [judged(replace(seen, moment_Nm=seen.moment_Nm - off), rig) for off in np.linspace(0.0, 5e-3, 21)]
+    assert {contact.status for contact in said} == {"ok", "failed"}
+    words = ["contradict" if "contradict" in c.reason else "disagree" if "disagree" in c.reason else "" for c in said]
+    assert words == sorted(words, key=["", "disagree", "contradict"].index)
+    assert set(words) == {"", "disagree", "contradict"}
+    for contact, word in zip(said, words, strict=True):
+        assert (contact.status == "failed") == (word == "contradict")
+    assert withheld(said[-1])
+    assert "check the sensor" in said[-1].reason
+
+
+def misread(reading: str, azimuth: float, roll: float, seed: int) -> Contact:
+    """A touch under an inclined camera, with a sensor whose sign is wrong or which is not connected."""
+    world = World(camera_pose(0.9, azimuth))
+    seen = frame(0.6, roll, 0.03, world, seed)
+    return judged(replace(seen, moment_Nm=-seen.moment_Nm if reading == "reversed" else 0.0), world.rig(STD))
+
+
+MISREAD = pytest.mark.parametrize(
+    ("reading", "azimuth", "roll", "seed"),
+    [
+        (reading, azimuth, roll, seed)
+        for reading in ("reversed", "disconnected")
+        for azimuth in (0.4, np.pi)
+        for seed, roll in enumerate((0.7, -0.9, 2.4))
+    ],
+)
+
+
+@MISREAD
+def test_a_wrong_sensor_under_an_inclined_camera_gives_no_numbers(
+    reading: str, azimuth: float, roll: float, seed: int
+) -> None:
+    contact = misread(reading, azimuth, roll, seed)
+    assert contact.status == "failed"
+    assert withheld(contact)
+
+
+@MISREAD
+def test_a_wrong_sensor_is_named(reading: str, azimuth: float, roll: float, seed: int) -> None:
+    assert "picture and moment contradict each other" in misread(reading, azimuth, roll, seed).reason
+
+
+@pytest.mark.parametrize("reading", [-1.0, 0.0])
+def test_an_upright_camera_believes_a_wrong_sensor(reading: float) -> None:
+    """Stated as a limit: distance and f_y are right all the same, f_z is what the sensor says."""
+    seen = frame(0.6, 0.4, 0.015, UPRIGHT)
+    contact = judged(replace(seen, moment_Nm=reading * seen.moment_Nm), UPRIGHT.rig(STD))
+    assert contact.status == "ok"
+    assert contact.distance_m == pytest.approx(seen.distance_m, rel=0.02)
+    assert contact.force_N[1] == pytest.approx(seen.force_N[1], rel=0.05)
+    assert abs(contact.force_N[2] - seen.force_N[2]) > 20 * contact.force_std_N[2]
 
 
 def test_an_upright_camera_cannot_contradict_the_moment() -> None:

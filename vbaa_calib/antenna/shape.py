@@ -133,7 +133,7 @@ def bend(
 def _curves(
     loads: Loads, found: Equilibrium, frame: Frame, parameters: Array, weight_per_m3: Vector, stiffness_Nm2: Array
 ) -> Curves:
-    """The equilibrium on the denser nodes and in the antenna frame, (B, 3, 3)."""
+    """The equilibrium on the denser nodes; `frame` is the clamp's, its y along the force, in the antenna frame."""
     xp = namespace(parameters)
     grid = grid_like(parameters)
     frame = (_turned(frame, found.axes[0]), _turned(frame, found.axes[1]), _turned(frame, found.axes[2]))

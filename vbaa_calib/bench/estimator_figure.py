@@ -32,6 +32,13 @@ def speed_text(rows: Sequence[SpeedRow]) -> str:
             f"{_label(row):<30}{row.rig:<12}{row.frames:>8}{row.us_per_frame:>11.2f}{1e6 / row.us_per_frame:>12.0f}"
             f"{numbers[0]:>8}{numbers[1]:>8}{numbers[2]:>9}{share:>12}"
         )
+    loop = {row.method: row.us_per_frame for row in rows if row.family == LOOP}
+    batch = {row.method: row.us_per_frame for row in rows if row.family == ESTIMATOR and row.rig == "exact"}
+    lines += [
+        f"the loop takes {spent / batch[rung]:.0f} times as long as the batch on the same rung, {rung}"
+        for rung, spent in loop.items()
+        if rung in batch
+    ]
     return "\n".join(lines)
 
 

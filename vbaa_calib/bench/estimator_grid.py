@@ -192,8 +192,8 @@ def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates
         numbers = quality(errors[:, which], found.std[good, which], bound_std)
         yield CellRow(
             lens=setup.lens,
-            tilt_deg=float(np.degrees(setup.tilt_rad)),
-            azimuth_deg=float(np.degrees(setup.azimuth_rad)),
+            tilt_deg=round(float(np.degrees(setup.tilt_rad)), 6),
+            azimuth_deg=round(float(np.degrees(setup.azimuth_rad)), 6),
             roll_deg=float(plan.roll_deg[index]),
             reach=float(plan.reach[index]),
             deflection_m=float(plan.deflection_m[index]),

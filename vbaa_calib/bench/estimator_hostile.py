@@ -34,7 +34,8 @@ class HostileRow:
     Attributes
     ----------
     seed, chunk : what `replay` makes it from again.
-    exceptions : frames lost to one. nan : frames with NaN among what they claim. claimed : ok or tip_contact.
+    exceptions : frames that raise one by themselves, or 1 where only all together do; the chunk is not judged then.
+    nan : frames with NaN among what they claim. claimed : ok or tip_contact.
     beyond : claimed frames with the distance or a force component more than 6 deviations off. imagined : claimed
         frames of a free antenna. statuses : which there were, with their shares.
     worst, worst_std : the frame and quantity furthest off, in its own deviations.
@@ -79,7 +80,7 @@ def judged(seed: int, chunk: int, frames: int) -> HostileRow:
         found = estimated(drawn)
     except Exception as error:  # whatever it is: that it was raised at all is the result
         what = f"{type(error).__name__}: {error}"
-        return HostileRow(seed, chunk, drawn.rig, frames, frames, 0, 0, 0, 0, "", "", None, what)
+        return HostileRow(seed, chunk, drawn.rig, frames, _raising(drawn), 0, 0, 0, 0, "", "", None, what)
     claimed = np.isin(found.status, CLAIMED)
     off = np.column_stack(deviations(found, drawn.scenes))
     off = np.where((claimed & drawn.touched)[:, None], np.abs(off), 0.0)
@@ -101,6 +102,18 @@ def judged(seed: int, chunk: int, frames: int) -> HostileRow:
         worst_std=float(ranked[index, quantity]) if any_claimed else None,
         failure="",
     )
+
+
+def _raising(drawn: Replayed) -> int:
+    """How many frames of a chunk that raised do so alone; at least the one that must be there."""
+    count = 0
+    for index in range(len(drawn.touched)):
+        own = np.array([index])
+        try:
+            estimated(Replayed(drawn.scenes.picked(own), drawn.readings_Nm[own], drawn.touched[own], drawn.rig))
+        except Exception:
+            count += 1
+    return max(count, 1)
 
 
 def estimated(drawn: Replayed) -> Contacts:
