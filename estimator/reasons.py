@@ -23,6 +23,7 @@ from .verdict import (
     at_clamp,
     contradiction,
     doubled,
+    leaning,
     loose,
 )
 
@@ -52,6 +53,9 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
         return "the fit did not converge"
     if at_clamp(numbers)[index]:
         return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
+    if leaning(numbers)[index]:
+        lean = abs(numbers.unknowns[index, 3])
+        return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
     second = bool(doubled(numbers)[index])
     if numbers.scatter[index] > WRONG_SHAPE or second:
         off = f"points lie {numbers.scatter[index]:.0f} std off"

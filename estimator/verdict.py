@@ -22,6 +22,8 @@ RIVAL = 4.5
 SECOND_CONTACT, HARM = 25.0, 1.0
 """Cost that a second force must take away, and deviations by which it must move the distance, to be held for real.
 Over the grid of places, noise exceeds the first less than once in 10⁵ frames, also with heavy tails."""
+STEEP = 3.5
+"""Friction angles beyond so many of the deviations that were thought possible are not believed."""
 STRANGE_RIG = 2e-5
 """The rig's steps, in deviations, follow χ²: a sum of squares this improbable says that the frame asks for another."""
 DISAGREEMENT, CONTRADICTION = 4.0, 6.0
@@ -42,7 +44,7 @@ def statuses(numbers: Numbers) -> np.ndarray:
             (~numbers.finite, FAILED),
             (~(numbers.evidence >= CONTACT_EVIDENCE), NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
-            (~numbers.converged | (numbers.scatter > WRONG_SHAPE) | at_clamp(numbers), FAILED),
+            (~numbers.converged | (numbers.scatter > WRONG_SHAPE) | at_clamp(numbers) | leaning(numbers), FAILED),
             (uncertain & held, LOW),
             (uncertain | loose(numbers) | rivalled(numbers), UNOBSERVABLE),
             (doubled(numbers) | (contradiction(numbers) > CONTRADICTION), FAILED),
@@ -60,6 +62,11 @@ def rivalled(numbers: Numbers) -> np.ndarray:
 def at_clamp(numbers: Numbers) -> np.ndarray:
     """(B,) whether the contact lies no further from the clamp than distances are looked for."""
     return numbers.unknowns[:, 0] <= NEAREST * (1.0 + 1e-6)
+
+
+def leaning(numbers: Numbers) -> np.ndarray:
+    """(B,) whether the force would have to lean further from the antenna's normal than was thought possible."""
+    return np.abs(numbers.unknowns[:, 3]) > STEEP
 
 
 def doubled(numbers: Numbers) -> np.ndarray:

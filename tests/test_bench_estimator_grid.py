@@ -1,4 +1,4 @@
-"""The estimator's accuracy benchmark: its scenes, its bound, and that its tables say what is there."""
+"""The estimator's accuracy benchmark: its tables say what is there, and on a part of them its goals are met."""
 
 from __future__ import annotations
 
@@ -15,15 +15,11 @@ from vbaa_calib.bench.estimator_grid_report import grid_text, rod_text, write_fi
 from vbaa_calib.bench.estimator_rods import POPULATIONS
 from vbaa_calib.bench.estimator_scenes import (
     Scenes,
-    deflection_of_push,
-    push_for_deflection,
-    push_for_slope,
     random_scenes,
     rolled,
     scenes,
 )
-from vbaa_calib.bench.estimator_setup import ACROSS, LENSES, RIG_STD, TOWARDS_CLAMP, Setup, drawn_truth, inside
-from vbaa_calib.bench.estimator_shapes import elastica_shapes, rod_shapes
+from vbaa_calib.bench.estimator_setup import Setup
 from vbaa_calib.bench.estimator_statistics import (
     QUANTITIES,
     Estimates,
@@ -35,177 +31,8 @@ from vbaa_calib.bench.estimator_statistics import (
 )
 from vbaa_calib.bench.estimator_summary import summary
 from vbaa_calib.bench.rows import write_csv
-from vbaa_calib.errors import InputError
 
 UPRIGHT = Setup("none").rig()
-
-
-@pytest.mark.parametrize("lens", LENSES)
-@pytest.mark.parametrize("tilt_deg", [0.0, 75.0])
-@pytest.mark.parametrize("azimuth", [TOWARDS_CLAMP, ACROSS])
-def test_the_camera_is_tilted_as_asked_and_sees_the_antenna(lens: str, tilt_deg: float, azimuth: float) -> None:
-    rig = Setup(lens, np.radians(tilt_deg), azimuth).rig()
-    backwards = -rig.T_antenna_camera.rotation[:, 2]
-    assert np.degrees(np.arccos(backwards[2])) == pytest.approx(tilt_deg, abs=1e-6)
-    if tilt_deg:
-        assert np.arctan2(backwards[1], backwards[0]) == pytest.approx(azimuth)
-    frames = scenes(rig, np.array([0.12]), np.zeros((1, 2)))
-    assert inside(frames.points_px, rig.camera.image_size, 0.03).all()
-    # the nearest such camera: half as far away it would lose some of the box
-    middle = np.array([0.12, 0.0, 0.0])
-    nearer = replace(rig.T_antenna_camera, translation_m=0.5 * (rig.T_antenna_camera.translation_m + middle))
-    box = np.array([[x, y, z] for x in (0.0, 0.24) for y in (-0.03, 0.03) for z in (-0.03, 0.03)])
-    assert not inside(rig.camera.project(nearer.inverse() @ box)[0], rig.camera.image_size).all()
-
-
-def test_towards_the_clamp_is_the_papers_inclined_camera() -> None:
-    """Eq. (24): a point at height z is seen where a point of plane C at x + z·tan φ is."""
-    tilt = 0.4
-    rig = Setup("none", tilt).rig()
-    points = np.array([[0.12, 0.0, 1e-5], [0.12 + 1e-5 * np.tan(tilt), 0.0, 0.0]])
-    raised, shifted = rig.camera.project(rig.T_antenna_camera.inverse() @ points)[0]
-    np.testing.assert_allclose(raised, shifted, atol=1e-6)
-
-
-def test_a_box_that_fits_at_no_distance_is_refused() -> None:
-    with pytest.raises(InputError, match="does not fit"):
-        Setup("none", swing_m=5.0).rig()
-
-
-def test_elastica_and_rod_agree_on_a_weightless_antenna() -> None:
-    """They share no code; slopes up to 35°, every roll, friction."""
-    frames = random_scenes(UPRIGHT, 60, np.random.default_rng(0), made_by=elastica_shapes, friction_std_rad=0.2)
-    again = scenes(UPRIGHT, frames.distance_m, frames.touches.push_N, frames.touches.friction_rad, made_by=rod_shapes)
-    np.testing.assert_allclose(again.shapes.points_m, frames.shapes.points_m, atol=2e-8)
-    np.testing.assert_allclose(again.force_N, frames.force_N, atol=1e-7)
-    np.testing.assert_allclose(again.moment_Nm, frames.moment_Nm, atol=1e-8)
-    np.testing.assert_allclose(again.shapes.tangent, frames.shapes.tangent, atol=1e-6)
-
-
-@pytest.mark.parametrize("made_by", [elastica_shapes, rod_shapes])
-def test_the_force_lies_at_the_friction_angle_and_the_antenna_keeps_its_length(made_by) -> None:
-    rig = Setup("brown", 0.5, real=made_by is rod_shapes, swing_m=0.1).rig()
-    frames = random_scenes(rig, 40, np.random.default_rng(1), made_by=made_by, friction_std_rad=0.2)
-    size = np.linalg.norm(frames.force_N, axis=1)
-    np.testing.assert_allclose(size, np.linalg.norm(frames.touches.push_N, axis=1), rtol=1e-9)
-    along = (frames.force_N * frames.shapes.tangent).sum(axis=1) / size
-    np.testing.assert_allclose(np.arcsin(-along), frames.touches.friction_rad, atol=1e-8)
-    np.testing.assert_allclose(
-        np.arctan2(frames.force_N[:, 2], frames.force_N[:, 1]),
-        np.arctan2(frames.touches.push_N[:, 1], frames.touches.push_N[:, 0]),
-        atol=1e-9,
-    )
-    spacing = np.linalg.norm(np.diff(frames.shapes.points_m, axis=1), axis=2)
-    np.testing.assert_allclose(spacing, 0.24 / 200, rtol=1e-4)
-
-
-def test_the_moment_of_a_real_antenna_holds_its_weight() -> None:
-    """A push of nothing leaves the weight's: about half the length times the weight, of the sign of l·f_z."""
-    rig = Setup(real=True).rig()
-    frames = scenes(rig, np.full(2, 0.1), np.zeros((2, 2)), made_by=rod_shapes, tilt_rad=np.array([0.0, np.pi / 2]))
-    weight = 0.24 * rig.antenna.mass_per_length_kg_m * 9.80665
-    assert frames.moment_Nm[0] == pytest.approx(-0.12 * weight, rel=0.02)
-    assert abs(frames.moment_Nm[1]) < 0.05 * abs(frames.moment_Nm[0])
-    np.testing.assert_array_equal(frames.force_N, 0.0)
-
-
-def test_the_elastica_refuses_what_it_does_not_know() -> None:
-    with pytest.raises(InputError, match="weight"):
-        scenes(Setup(real=True).rig(), np.array([0.1]), np.array([[0.1, 0.0]]))
-
-
-def test_pushes_give_the_slopes_and_deflections_they_are_for() -> None:
-    distance = np.array([0.03, 0.12, 0.23])
-    steep = scenes(UPRIGHT, distance, rolled(push_for_slope(np.full(3, 0.6), distance, 3.9e-3), 0.3))
-    np.testing.assert_allclose(np.arccos(steep.shapes.tangent[:, 0]), 0.6, atol=1e-4)
-    pushed = push_for_deflection(0.1 * distance, distance, 3.9e-3)
-    aside = scenes(UPRIGHT, distance, rolled(pushed, -2.0)).shapes.contact_m
-    np.testing.assert_allclose(np.hypot(aside[:, 1], aside[:, 2]), 0.1 * distance, rtol=1e-4)
-    np.testing.assert_allclose(deflection_of_push(pushed, distance, 3.9e-3), 0.1 * distance, rtol=1e-6)
-    assert np.isnan(push_for_deflection(np.array([0.2]), np.array([0.1]), 3.9e-3)).all()
-
-
-def test_noise_is_seeded_and_as_large_as_it_says() -> None:
-    frames = random_scenes(UPRIGHT, 20, np.random.default_rng(2), made_by=elastica_shapes, slope_rad=(0.02, 0.1))
-    noisy = frames.noisy(np.random.default_rng(3), draws=5)
-    assert len(noisy) == 100
-    np.testing.assert_array_equal(noisy.distance_m, np.repeat(frames.distance_m, 5))
-    off = noisy.points_px - np.repeat(frames.points_px, 5, axis=0)
-    assert np.nanstd(off) == pytest.approx(0.1, rel=0.02)
-    moments = noisy.moment_Nm - np.repeat(frames.moment_Nm, 5)
-    assert moments.std() == pytest.approx(2e-5, rel=0.25)
-    np.testing.assert_array_equal(frames.noisy(np.random.default_rng(3), 5).points_px, noisy.points_px)
-
-
-def test_what_leaves_the_picture_is_not_given() -> None:
-    frames = scenes(UPRIGHT, np.array([0.1]), rolled(push_for_slope(np.array([1.0]), np.array([0.1]), 3.9e-3), 0.0))
-    outside = np.isnan(frames.points_px[0]).any(axis=1)
-    assert 0 < outside.sum() < 200
-    assert not np.diff(outside.astype(int)).min() < 0
-    assert np.isfinite(bound(frames).std).all()
-    whole = scenes(Setup("none", swing_m=0.25).rig(), np.array([0.1]), frames.touches.push_N)
-    assert not np.isnan(whole.points_px).any()
-
-
-def test_a_true_rig_scatters_as_the_covariance_says() -> None:
-    rig = Setup(exact=False, real=True).rig()
-    rng = np.random.default_rng(4)
-    drawn = [drawn_truth(rig, rng) for _ in range(400)]
-    steps = np.array([one.antenna.parameters - rig.antenna.parameters for one in drawn])
-    np.testing.assert_allclose(steps[:, :8].std(axis=0), RIG_STD[6:14], rtol=0.15)
-    np.testing.assert_array_equal(steps[:, 8], 0.0)
-    turns = np.array([one.T_antenna_camera.tangent_from(rig.T_antenna_camera) for one in drawn])
-    np.testing.assert_allclose(turns.std(axis=0), RIG_STD[:6], rtol=0.15)
-    same = drawn_truth(Setup(real=True).rig(), rng)
-    np.testing.assert_allclose(same.antenna.parameters, rig.antenna.parameters, atol=1e-13)
-
-
-def test_the_bound_is_the_design_papers() -> None:
-    """sd(l)/l = K_l·(σ/δ_c)/√N of small deflections under an upright camera, with the clamp known."""
-    reach = np.array([0.1, 0.25, 0.5, 0.75, 0.9, 1.0])
-    distance, deflection = reach * 0.24, 1e-3 * reach**2
-    frames = scenes(UPRIGHT, distance, rolled(push_for_deflection(deflection, distance, 3.9e-3), 0.0))
-    metres_per_px = UPRIGHT.T_antenna_camera.translation_m[2] / UPRIGHT.camera.matrix[0, 0]
-    unit = 0.1 * metres_per_px / deflection / np.sqrt(200)
-    std = bound(frames).std
-    np.testing.assert_allclose(std[:, 0] / distance / unit, [4.33, 4.98, 6.78, 10.84, 16.43, 22.98], rtol=3e-3)
-    force = frames.force_N[:, 1]
-    np.testing.assert_allclose(std[:, 1] / force / unit, [8.44, 9.29, 11.59, 16.69, 23.66, 31.75], rtol=3e-3)
-    # nothing but the moment holds f_z here
-    np.testing.assert_allclose(std[:, 2], 2e-5 / distance, rtol=1e-2)
-
-
-def test_what_is_known_less_well_widens_the_bound() -> None:
-    exact = random_scenes(Setup("brown", 0.5, swing_m=0.1).rig(), 12, np.random.default_rng(5), made_by=elastica_shapes)
-    least = bound(exact).std
-    assert (bound(exact, friction_std_rad=0.2).std >= least * (1 - 1e-9)).all()
-    assert (bound(exact, friction_std_rad=0.2).std[:, 0] > 1.01 * least[:, 0]).any()
-    np.testing.assert_allclose(bound(exact, friction_std_rad=1e-6).std, least, rtol=1e-6)
-    certain = replace(exact, rig=replace(exact.rig, covariance=1e-12 * np.diag(RIG_STD**2)))
-    np.testing.assert_allclose(bound(certain).std, least, rtol=1e-4)
-    rough = replace(exact, rig=replace(exact.rig, covariance=np.diag(RIG_STD**2)))
-    assert (bound(rough).std[:, :2] > least[:, :2]).all()
-
-
-def test_friction_is_told_by_steep_antennas_alone() -> None:
-    """What a light push has along the antenna bends nothing: the force stays as uncertain as the prior of its angle."""
-    distance = np.full(2, 0.12)
-    pushed = rolled(push_for_slope(np.array([0.05, 0.6]), distance, 3.9e-3), 0.5)
-    frames = scenes(Setup("none", 0.5, ACROSS, swing_m=0.1).rig(), distance, pushed)
-    size = np.linalg.norm(frames.force_N, axis=1)
-    light, steep = bound(frames, friction_std_rad=0.2).force_std / size
-    assert light == pytest.approx(0.2, rel=0.05)
-    assert steep < 0.18
-    assert (bound(frames).force_std / size < [0.05, 0.01]).all()
-
-
-def test_a_plane_seen_edge_on_has_no_bound() -> None:
-    """A camera in the plane of bending sees a straight line, whatever touches; the moment alone does not hold l."""
-    rig = Setup("none", np.radians(60.0), ACROSS).rig()
-    frames = scenes(rig, np.array([0.12, 0.12]), rolled(np.array([0.05, 0.05]), np.radians([30.0, -30.0])))
-    edge_on, ordinary = bound(frames).std[:, 0]
-    assert ordinary < 0.05 * 0.12
-    assert edge_on > 0.12
 
 
 def test_quality_of_errors_that_are_known() -> None:

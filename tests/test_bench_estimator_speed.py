@@ -104,7 +104,7 @@ def test_hostile_frames_are_replayed_and_judged() -> None:
     np.testing.assert_array_equal(first.readings_Nm, again.readings_Nm)
     text = hostile_text(rows)
     assert "60 frames" in text
-    assert "replay(seed=5, chunk=0)" in text
+    assert "replay(seed=5, chunk=0, frames=30)" in text
 
 
 def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,7 +137,7 @@ def test_hostile_counts_the_frames_that_raise(monkeypatch: pytest.MonkeyPatch) -
     row = estimator_hostile.judged(5, 0, 20)
     assert row.exceptions == np.isnan(estimator_hostile.replay(5, 0, 20).readings_Nm).sum() > 0
     assert row.failure == "ZeroDivisionError: no reading"
-    assert "no reading: replay(seed=5, chunk=0)" in hostile_text([row])
+    assert "no reading: replay(seed=5, chunk=0, frames=20)" in hostile_text([row])
 
 
 def test_rows_keep_what_does_not_apply_empty() -> None:

@@ -18,7 +18,7 @@ NEAREST = 0.03
 """Least contact distance that is looked for, in antenna lengths."""
 STANDSTILL, COARSE_STANDSTILL = 1e-4, 1e-2
 """A step that promises less than this much of the cost is the last: a hundredth of a standard deviation, or a tenth."""
-STEEPEST = 6.0
+STEEPEST = 4.0
 """Friction angles beyond so many of its deviations are not looked for."""
 SHRINK = 0.9
 """The batch is packed anew when no more than this part of it is still on its way."""

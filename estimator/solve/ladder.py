@@ -20,8 +20,8 @@ from .worth import REFERENCE, Worth, evidence, held_against, predicted_bias, str
 EXPLORER = "linear"
 """The rung on which valleys are told apart."""
 STARTS = 2
-WIDE = 4
-"""Frames that are lost are looked for from every fourth distance of the grid."""
+WIDE, WIDE_ITERATIONS = 4, 15
+"""Frames that are lost are looked for from every fourth distance of the grid, with so many steps each."""
 LOST = 2.0
 """A median misfit of so many deviations is a reason to look elsewhere."""
 SMALL = 1 / 3
@@ -116,12 +116,7 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     best = Best.of(settle(part, rung, here.floors[:, 0], here.feet_m))
     for other in range(1, here.floors.shape[1]):
         best = best.beside(xp.isfinite(here.costs[:, other]), here.floors[:, other])
-    lost = ~best.fits.state.converged | (best.fits.state.scatter > LOST)
-    if bool(lost.any()):
-        starts, costs = picked(here.trials, lost).spread(WIDE)
-        floors = here.floors[:, 0] + 0.0
-        floors[lost] = explored(part.picked(lost), rung if rung in LEANING else LEANING[0], starts, costs)[0][:, 0]
-        best = best.beside(lost, floors)
+    best = _found_again(part, rung, here, best)
     blind = one_sided(part, best.fits.state.unknowns)
     if bool(blind.any()):
         for other_side in (mirrored, flattened):
@@ -136,6 +131,23 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
         bias = bias | predicted_bias(fits, known, (rung,))
     telling = evidence(fits, about, here.free), bias, best.rival, best.rival_unknowns
     return Solved(rows, fits, known, here.free, *telling, *second_force(fits, about, known))
+
+
+def _found_again(frames: Frames, rung: str, ground: Ground, best: Best) -> Best:
+    """Frames that are lost looked for anew: with feet from nothing, then from all over the antenna."""
+    again = best.beside(_lost(best), best.fits.state.unknowns)
+    lost = _lost(again)
+    if not bool(lost.any()):
+        return again
+    starts, costs = picked(ground.trials, lost).spread(WIDE)
+    leaning = rung if rung in LEANING else LEANING[0]
+    floors = ground.floors[:, 0] + 0.0
+    floors[lost] = explored(frames.picked(lost), leaning, starts, costs, iterations=WIDE_ITERATIONS)[0][:, 0]
+    return again.beside(lost, floors)
+
+
+def _lost(best: Best) -> Array:
+    return ~best.fits.state.converged | (best.fits.state.scatter > LOST)
 
 
 def _biases_at(frames: Frames, ground: Ground) -> dict[str, Array]:

@@ -73,7 +73,12 @@ def evaluated(frames: Frames, rung: str, table: RigTable, state: State) -> Settl
 
 
 def explored(
-    frames: Frames, rung: str, starts: Array, costs: Array, feet_m: Array | None = None
+    frames: Frames,
+    rung: str,
+    starts: Array,
+    costs: Array,
+    feet_m: Array | None = None,
+    iterations: int = COARSE_ITERATIONS,
 ) -> tuple[Array, Array, Array]:
     """Rough floors (B, S, 4) below starts (B, S, 4), lowest first, their costs (B, S), the lowest one's feet (B, N).
 
@@ -89,7 +94,7 @@ def explored(
     table = rig_table(several, rung, unknowns, view)
     feet = None if feet_m is None else feet_m[index // width]
     first = begin(several, view, unknowns, feet)
-    state = descend(several, rung, table, first, COARSE_STANDSTILL, COARSE_ITERATIONS)
+    state = descend(several, rung, table, first, COARSE_STANDSTILL, iterations)
     floors, total = starts.reshape(-1, UNKNOWNS) + 0.0, xp.full_like(costs.reshape(-1), xp.inf)
     floors[worth] = state.unknowns
     total[worth] = equations(linearised(several, rung, table, state), state.values).cost

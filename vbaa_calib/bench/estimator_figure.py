@@ -79,9 +79,8 @@ def hostile_text(rows: Sequence[HostileRow]) -> str:
         f"{sum(row.imagined for row in rows)} of a free antenna"
     ]
     worst = sorted((row for row in rows if row.worst_std is not None), key=lambda row: -(row.worst_std or 0.0))
-    for row in worst[:10]:
-        lines.append(f"    {row.worst_std:.1f} deviations in {row.worst}: replay(seed={row.seed}, chunk={row.chunk})")
-    lines += [f"    {row.failure}: replay(seed={row.seed}, chunk={row.chunk})" for row in rows if row.failure]
+    lines += [f"    {row.worst_std:.1f} deviations in {row.worst}: {_again(row)}" for row in worst[:10]]
+    lines += [f"    {row.failure}: {_again(row)}" for row in rows if row.failure]
     return "\n".join(lines)
 
 
@@ -135,6 +134,10 @@ def _label(row: SpeedRow) -> str:
         if row.family == LOOP
         else row.method
     )
+
+
+def _again(row: HostileRow) -> str:
+    return f"replay(seed={row.seed}, chunk={row.chunk}, frames={row.frames})"
 
 
 def _number(value: float | None) -> str:

@@ -145,7 +145,7 @@ def complete(found: Contacts) -> np.ndarray:
 
 
 def replay(seed: int, chunk: int, frames: int = CHUNK) -> Replayed:
-    """The frames of one chunk again. With fewer frames they are others: give the chunk's own number."""
+    """The frames of one chunk again. Another number of frames makes others: give the row's own."""
     rng = np.random.default_rng((seed, chunk))
     setup = _setup(rng)
     given = setup.rig()

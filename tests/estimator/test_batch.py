@@ -1,0 +1,200 @@
+"""One frame, a batch, a recording; NumPy or torch: the same answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from estimator import Contact, ContactEstimator, Measured
+from estimator.estimate import SINGLE, STREAM
+from vbaa_calib.bench.estimator_scenes import Scenes
+
+from ..rod_scenes import RIG_STD, SIGMA_PX, World, camera_pose
+from .contact_scenes import RIG, WORLD, answered, deviations, estimated, estimated_together, frame, furthest, rubbed
+
+ROUNDING = 1e-5
+"""In standard deviations. The descent stops a hundredth of one from the floor, and finite differences blow rounding up
+by their step: where it stops moves by up to some 1e-6 of a deviation with the order in which sums are taken."""
+SIGMA = 0.05
+
+
+@cache
+def scenes() -> Scenes:
+    """24 frames over all rungs, with friction, weight, bow and noise."""
+    rng, count = np.random.default_rng(5), 24
+    contact, slope = rng.uniform(0.2, 0.98, count), rng.uniform(0.5, 30.0, count)
+    roll, friction = rng.uniform(-3.0, 3.0, count), rng.normal(0.0, 0.2, count)
+    return rubbed(WORLD.rig(0.25 * RIG_STD), contact, slope, friction, roll, sigma_px=SIGMA, points=120).noisy(rng)
+
+
+@cache
+def alone() -> list[Contact]:
+    """Each frame by itself, in NumPy."""
+    estimator, given = ContactEstimator(scenes().rig), scenes()
+    return [
+        estimator.estimate(points, moment=float(moment), pan=0.0, tilt=0.0, sigma_px=SIGMA)
+        for points, moment in zip(given.points_px, given.moment_Nm, strict=True)
+    ]
+
+
+def test_the_scenes_are_worth_comparing() -> None:
+    assert {contact.model for contact in alone()} >= {"linear", "elastica", "rod"}
+    assert sum(contact.status == "ok" for contact in alone()) >= 20
+
+
+@pytest.mark.parametrize("count", [SINGLE, 8, 24])
+def test_numpy_and_torch_agree(count: int) -> None:
+    """A batch of a few is worked on in NumPy, a larger one in torch."""
+    together = answered(scenes().picked(np.arange(count)))
+    assert len(together) == count
+    assert max(furthest(one, many) for one, many in zip(alone()[:count], together, strict=True)) < ROUNDING
+
+
+def test_the_columns_of_a_batch_are_its_contacts() -> None:
+    together = answered(scenes())
+    for name in ("distance_m", "force_N", "point_world_m", "covariance_world_m2", "friction_angle_std_rad"):
+        np.testing.assert_array_equal(getattr(together, name), [getattr(contact, name) for contact in together])
+    assert [contact.status for contact in together] == together.status.tolist()
+    assert [contact.distance_m for contact in together[3:9:2]] == together.distance_m[3:9:2].tolist()
+    assert together[-1].distance_m == together[23].distance_m
+    with pytest.raises(IndexError, match="frame 24 of 24"):
+        together[24]
+
+
+def test_the_order_of_the_frames_does_not_matter() -> None:
+    order = np.random.default_rng(2).permutation(24)
+    shuffled = answered(scenes().picked(order))
+    assert max(furthest(alone()[i], found) for i, found in zip(order, shuffled, strict=True)) < ROUNDING
+
+
+def test_ragged_lines_and_rows_of_nan() -> None:
+    """Frames of their own lengths, padded by hand or not, with holes where a point is missing: as each by itself."""
+    rng, given = np.random.default_rng(3), scenes()
+    ragged, holes = [], np.full((8, 150, 2), np.nan)
+    for row, points in zip(holes, given.points_px[:8], strict=True):
+        kept = np.sort(rng.permutation(120)[: rng.integers(60, 120)])
+        ragged.append(points[kept])
+        row[np.sort(rng.permutation(150)[: len(kept)])] = points[kept]
+    estimator, zeros = ContactEstimator(given.rig), np.zeros(8)
+    by_line = estimator.estimate_batch(ragged, given.moment_Nm[:8], zeros, zeros, sigma_px=SIGMA)
+    by_hole = estimator.estimate_batch(holes, given.moment_Nm[:8], zeros, zeros, sigma_px=SIGMA)
+    for line, first, second, moment in zip(ragged, by_line, by_hole, given.moment_Nm, strict=False):
+        one = estimator.estimate(line, moment=float(moment), pan=0.0, tilt=0.0, sigma_px=SIGMA)
+        assert furthest(one, first) < ROUNDING
+        assert furthest(one, second) < ROUNDING
+
+
+def test_frames_without_an_antenna_disturb_no_other() -> None:
+    given = scenes()
+    lines = list(given.points_px[:6])
+    lines[1], lines[4] = np.full((30, 2), np.nan), np.empty((0, 2))
+    found = ContactEstimator(given.rig).estimate_batch(
+        lines, given.moment_Nm[:6], np.zeros(6), np.zeros(6), sigma_px=SIGMA
+    )
+    assert [found[i].status for i in (1, 4)] == ["no_antenna", "no_antenna"]
+    assert max(furthest(alone()[i], found[i]) for i in (0, 2, 3, 5)) < ROUNDING
+    assert len(ContactEstimator(given.rig).estimate_batch([], [], [], [])) == 0
+
+
+def test_readings_may_be_missing_here_and_there() -> None:
+    several = [frame(contact, 0.9, 0.03, seed=seed) for seed, contact in enumerate((0.4, 0.6, 0.8, 0.5, 0.7, 0.9))]
+    moments = [seen.moment_Nm if index % 2 else None for index, seen in enumerate(several)]
+    lines = [seen.points_px for seen in several]
+    found = ContactEstimator(RIG).estimate_batch(lines, moments, [0.0] * 6, [0.3] * 6)
+    for seen, moment, contact in zip(several, moments, found, strict=True):
+        assert furthest(estimated(seen, moment=moment), contact) < ROUNDING
+        assert np.isnan(contact.moment_residual_Nm) == (moment is None)
+
+
+@pytest.mark.parametrize("model", ["paper", "linear", "elastica", "rod"])
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_every_rung_agrees_with_itself(model: str, friction: float) -> None:
+    several = [frame(contact, 0.4, 0.004, seed=seed) for seed, contact in enumerate((0.4, 0.5, 0.6, 0.7, 0.8, 0.9))]
+    together = estimated_together(several, model=model, friction=friction)
+    for seen, found in zip(several, together, strict=True):
+        assert furthest(estimated(seen, model=model, friction=friction), found) < ROUNDING
+
+
+def moving(count: int) -> tuple[World, list[Measured], list[float]]:
+    """A contact that slides along the antenna, jumps, lets go and comes back: frames and true distances."""
+    world = World(camera_pose(0.5, 0.7))
+    contact = np.concatenate([np.linspace(0.45, 0.8, count // 2), np.linspace(0.3, 0.5, count - count // 2)])
+    tips = np.where(np.arange(count) % 10 == 7, 1e-9, 0.015)
+    measured = []
+    for index, (at, tip) in enumerate(zip(contact, tips, strict=True)):
+        seen = frame(float(at), 0.4 + 0.05 * index, float(tip), world, seed=index, points=100)
+        sigma = np.full(100, SIGMA_PX)
+        measured.append(Measured(seen.points_px, sigma, seen.moment_Nm, 0.0, seen.tilt_rad))
+    return world, measured, contact.tolist()
+
+
+@pytest.mark.parametrize("chunk", [1, 7, STREAM])
+def test_a_recording_is_a_loop(chunk: int) -> None:
+    """Warm or cold, in whatever chunks: the same answers in the same order."""
+    world, recording, _ = moving(24)
+    estimator = ContactEstimator(world.rig(0.25 * RIG_STD))
+    warm, cold = list(estimator.run(iter(recording), chunk)), [estimator.measure(each) for each in recording]
+    assert len(warm) == 24
+    assert {contact.status for contact in warm} >= {"ok", "no_contact"}
+    # a descent from elsewhere ends within its standstill, a hundredth of a deviation
+    assert max(furthest(a, b) for a, b in zip(cold, warm, strict=True)) < 0.05
+
+
+def test_a_wrong_start_is_recovered_from() -> None:
+    """The warm start is a guess: from the other end of the antenna, the answer is the same."""
+    seen = frame(0.8)
+    measured = Measured(seen.points_px, np.full(300, SIGMA_PX), seen.moment_Nm, 0.0, 0.3)
+    estimator = ContactEstimator(RIG)
+    cold = estimator.measure(measured)
+    for start in ([0.2, 50.0, -80.0, 0.0], [0.95, -1.0, 1.0, 3.0], [0.5, np.nan, 0.0, 0.0]):
+        assert furthest(cold, estimator.measure(measured, np.array(start))) < 0.05
+    assert np.abs(deviations(cold, seen)).max() < 4.0
+
+
+def test_a_recording_is_read_when_it_is_asked_for() -> None:
+    """Nothing before, a chunk at a time, and no more than a chunk ahead."""
+    world, recording, _ = moving(10)
+    taken: list[int] = []
+
+    def source() -> Iterator[Measured]:
+        for index, measured in enumerate(recording * 1000):
+            taken.append(index)
+            yield measured
+
+    found = ContactEstimator(world.rig()).run(source(), chunk=4)
+    assert not taken
+    first = list(islice(found, 5))
+    assert len(first) == 5
+    assert len(taken) <= 8
+    next(found)
+    assert len(taken) <= 8
+
+
+def test_a_live_frame_is_answered_at_once() -> None:
+    world, recording, _ = moving(3)
+    taken: list[int] = []
+    source = (taken.append(index) or measured for index, measured in enumerate(recording))
+    found = ContactEstimator(world.rig()).run(source, chunk=1)
+    for count in (1, 2, 3):
+        next(found)
+        assert len(taken) == count
+    assert next(found, None) is None
+
+
+def test_frames_of_a_recording_may_differ_in_length() -> None:
+    world, recording, _ = moving(6)
+    cut = [
+        replace(each, points_px=each.points_px[: 100 - 7 * i], sigma_px=each.sigma_px[: 100 - 7 * i])
+        for i, each in enumerate(recording)
+    ]
+    empty = replace(recording[0], points_px=np.empty((0, 2)), sigma_px=np.empty(0))
+    estimator = ContactEstimator(world.rig())
+    found = list(estimator.run([*cut[:3], empty, *cut[3:]]))
+    assert found[3].status == "no_antenna"
+    for each, contact in zip(cut, found[:3] + found[4:], strict=True):
+        assert furthest(estimator.measure(each), contact) < 0.05
