@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 import torch
 
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.arrays import like
+from vbaa_calib.arrays import as_index, like
 from vbaa_calib.errors import InputError
 from vbaa_calib.rig import Rig
 
 from .contact import Contact, Measured
 from .contacts import Contacts, judge
-from .quantities import none_of, numbers, placed, plain
+from .quantities import Numbers, none_of, numbers, placed, plain
 from .solve.frames import Frames, frames_from_pixels
 from .solve.known import Known
 from .solve.ladder import EXPLORER, explore, solve
 from .solve.view import look
-from .verdict import FEWEST_POINTS
+from .verdict import FEWEST_POINTS, unexplained
 
 FRICTION_RAD = 0.2
 """Deviation of the friction angle that is thought possible where nothing else is said: most contacts of steel have
@@ -193,8 +193,20 @@ class ContactEstimator:
                 continue
             rows = np.flatnonzero(plain(enough)) + begin
             start = None if warm is None else like(frames.points, warm[rows])
-            placed(found, rows, numbers(solve(frames.picked(enough), self.model, start)))
+            frames = frames.picked(enough)
+            fitted = numbers(solve(frames, self.model, start))
+            self._without_reading(frames, fitted)
+            placed(found, rows, fitted)
         return judge(found, self.rig, self.friction_rad, pan_rad, tilt_rad, self.model)
+
+    def _without_reading(self, frames: Frames, fitted: Numbers) -> None:
+        """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
+        rows = np.flatnonzero(unexplained(fitted) & fitted.felt.any(axis=1))
+        if len(rows) == 0:
+            return
+        alone = frames.picked(as_index(like(frames.points, rows)))
+        silent = replace(alone, felt=0.0 * alone.felt)
+        fitted.without_reading[rows] = numbers(solve(silent, self.model)).scatter
 
     def _frames(
         self,

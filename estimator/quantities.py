@@ -23,7 +23,7 @@ FLOATS = {
     "covariance": (6, 6),
     **dict.fromkeys(("residual", "residual_std"), (2,)),
     **dict.fromkeys(("strange", "evidence", "scatter", "condition", "rival"), ()),
-    **dict.fromkeys(("second", "second_place", "second_harm", "edge_on_rad"), ()),
+    **dict.fromkeys(("second", "second_place", "second_harm", "edge_on_rad", "without_reading"), ()),
     "bias": (len(RUNGS),),
 }
 """The shape of a frame's entry in each array of floats."""
@@ -45,6 +45,7 @@ class Numbers:
     strange : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
     rival, rival_unknowns, second, second_place, second_harm : see `solve.ladder.Solved`.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
+    without_reading : (B,) scatter of a fit to the picture alone; NaN where that was not asked for.
     bias : (B, len(RUNGS)), NaN where not weighed.
     """
 
@@ -73,6 +74,7 @@ class Numbers:
     second_place: np.ndarray
     second_harm: np.ndarray
     edge_on_rad: np.ndarray
+    without_reading: np.ndarray
     bias: np.ndarray
 
     def __len__(self) -> int:
@@ -113,8 +115,7 @@ def _numbers(part: Solved) -> Numbers:
     xp = namespace(state.scatter)
     touch = view.touch + (table.touch @ state.steps[..., None])[..., 0]
     covariance = worth.of(view.by_touch, table.touch)
-    bows = _bows(known, state.unknowns, worth.covariance, state.at_tip)
-    covariance[:, :3, :3] += bows
+    covariance = covariance + _bows(known, state.unknowns, worth.covariance, state.at_tip)
     free = free_points(part.free, state.unknowns[:, 0] * known.length_m)
     unknowns = plain(state.unknowns)
     bias = np.full((len(unknowns), len(RUNGS)), np.nan)
@@ -147,6 +148,7 @@ def _numbers(part: Solved) -> Numbers:
         second=plain(part.second),
         second_place=plain(part.second_place),
         second_harm=plain(part.second_harm),
+        without_reading=np.full(len(unknowns), np.nan),
         edge_on_rad=edge_on(known.rig, unknowns),
         bias=bias,
     )
@@ -162,7 +164,7 @@ def edge_on(rig: Rig, unknowns: np.ndarray) -> np.ndarray:
 
 
 def _bows(known: Known, unknowns: Array, covariance: Array, at_tip: Array) -> Array:
-    """(B, 3, 3) second order of the contact point in the unknowns, by the linear beam and its foreshortening.
+    """(B, 6, 6) second order of contact point and force in the unknowns, by the linear beam, its foreshortening and slope.
 
     A point known badly along a bent antenna is known within a bow, which a thin straight ellipsoid would leave.
     """
@@ -173,13 +175,14 @@ def _bows(known: Known, unknowns: Array, covariance: Array, at_tip: Array) -> Ar
     steps = (axes * xp.sqrt(xp.clip(sizes, 0.0, None))[:, None]).mT
     middle = unknowns[:, None, :3]
 
-    def point(at: Array) -> Array:
+    def touch(at: Array) -> Array:
         distance = at[..., :1] * known.length_m
         shift = at[..., 1:] * (known.force_unit_N / 3.0) * distance**3 / xp.exp(known.parameters[6])
         shorter = 0.6 * (shift * shift).sum(-1)[..., None] / xp.clip(distance, 1e-9, None)
-        return xp.concat([distance - shorter, shift], -1)
+        pull = -1.5 * (at[..., 1:] * shift).sum(-1)[..., None] * known.force_unit_N / xp.clip(distance, 1e-9, None)
+        return xp.concat([distance - shorter, shift, pull, 0.0 * shift], -1)
 
-    bows = point(middle + steps) + point(middle - steps) - 2.0 * point(middle)
+    bows = touch(middle + steps) + touch(middle - steps) - 2.0 * touch(middle)
     return 0.75 * bows.mT @ bows  # the mean square of z²/2 is 3/4
 
 

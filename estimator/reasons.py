@@ -21,6 +21,7 @@ from .verdict import (
     UNOBSERVABLE,
     WRONG_SHAPE,
     at_clamp,
+    contradicted,
     contradiction,
     doubled,
     leaning,
@@ -49,6 +50,8 @@ def reason(numbers: Numbers, index: int, status: str, length_m: float, asked: st
 def _failed(numbers: Numbers, index: int, length_m: float) -> str:
     if not numbers.finite[index]:
         return "the fit left the domain of the model"
+    if contradicted(numbers)[index]:
+        return "picture and moment contradict each other: without the reading one contact explains it. Check the sensor"
     if not numbers.converged[index]:
         return "the fit did not converge"
     if at_clamp(numbers)[index]:
@@ -58,7 +61,7 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
         return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
     second = bool(doubled(numbers)[index])
     if numbers.scatter[index] > WRONG_SHAPE or second:
-        off = f"points lie {numbers.scatter[index]:.0f} std off"
+        off = f"points lie {numbers.scatter[index]:.0f} std off or more"
         if second:
             places = sorted((numbers.unknowns[index, 0], numbers.second_place[index]))
             off = "two contacts explain it better, near {:.0f} and {:.0f} mm".format(

@@ -22,6 +22,8 @@ RIVAL = 4.5
 SECOND_CONTACT, HARM = 25.0, 1.0
 """Cost that a second force must take away, and deviations by which it must move the distance, to be held for real.
 Over the grid of places, noise exceeds the first less than once in 10⁵ frames, also with heavy tails."""
+PLAUSIBLE = 0.7
+"""A picture that by itself scatters less than this part of what it does with the readings contradicts them."""
 STEEP = 3.5
 """Friction angles beyond so many of the deviations that were thought possible are not believed."""
 STRANGE_RIG = 2e-5
@@ -44,10 +46,10 @@ def statuses(numbers: Numbers) -> np.ndarray:
             (~numbers.finite, FAILED),
             (~(numbers.evidence >= CONTACT_EVIDENCE), NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
-            (~numbers.converged | (numbers.scatter > WRONG_SHAPE) | at_clamp(numbers) | leaning(numbers), FAILED),
+            (unexplained(numbers), FAILED),
             (uncertain & held, LOW),
             (uncertain | loose(numbers) | rivalled(numbers), UNOBSERVABLE),
-            (doubled(numbers) | (contradiction(numbers) > CONTRADICTION), FAILED),
+            (contradiction(numbers) > CONTRADICTION, FAILED),
             (numbers.at_tip, TIP),
         ]
     return np.select([which for which, _ in order], [status for _, status in order], OK)
@@ -57,6 +59,17 @@ def rivalled(numbers: Numbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
     apart = np.abs(numbers.rival_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
     return apart.any(axis=1) & (numbers.rival < RIVAL)
+
+
+def unexplained(numbers: Numbers) -> np.ndarray:
+    """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
+    shapeless = ~numbers.converged | (numbers.scatter > WRONG_SHAPE)
+    return shapeless | at_clamp(numbers) | leaning(numbers) | doubled(numbers)
+
+
+def contradicted(numbers: Numbers) -> np.ndarray:
+    """(B,) whether a frame that nothing explains is explained once its readings are left out."""
+    return numbers.without_reading < PLAUSIBLE * numbers.scatter
 
 
 def at_clamp(numbers: Numbers) -> np.ndarray:

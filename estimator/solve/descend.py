@@ -72,7 +72,7 @@ def linearised(frames: Frames, rung: str, table: RigTable, state: State, view: V
     xp = namespace(state.unknowns)
     view = look(frames, rung, state.unknowns) if view is None else view
     found = match(frames, view, state.foot_m)
-    about = problem(view, table, found, frames.known.prior, state.scatter)
+    about = problem(frames.known, view, table, found, state.scatter)
     if state.steps.shape[1] == 0:
         return about
     distance, misfit = about.residuals(xp.concat([xp.zeros_like(state.unknowns), state.steps], -1))
@@ -171,11 +171,6 @@ def _lever(known: Known, unknowns: Array) -> Array:
     return distance * xp.clip(1.0 - xp.tan(known.friction_rad * friction) * load / 6.0, 0.2, 5.0)
 
 
-def tip_per_force(known: Known, distance: Array) -> Array:
-    """Small deflection of the tip, in antenna lengths, per unit force at distances in antenna lengths."""
-    return known.load / 6.0 * distance * distance * (3.0 - distance)
-
-
 def _moved(known: Known, now: State, step: Array) -> State:
     unknowns = moved_unknowns(known, now.unknowns, step[:, :UNKNOWNS])
     return replace(now, unknowns=unknowns, steps=now.steps + step[:, UNKNOWNS:])
@@ -193,7 +188,7 @@ def _step(known: Known, here: Equations, now: State, damping: Array) -> tuple[Ar
         information = here.information * (free[:, :, None] * free[:, None])
         information[:, 0, 0] += 1.0 - free[:, 0]
         step = solved(information, here.pull * free, damping) * free
-    sway = xp.hypot(step[:, 1], step[:, 2]) * tip_per_force(known, distance)
+    sway = xp.hypot(step[:, 1], step[:, 2]) * known.tip_per_force(distance)
     step = step * xp.clip(LONGEST / xp.clip(sway, 1e-12, None), None, 1.0)[:, None]
     bent = (here.information @ step[..., None])[..., 0]
     return step, ((here.pull - 0.5 * bent) * step).sum(-1)

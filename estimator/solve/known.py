@@ -15,6 +15,9 @@ POSES, ANTENNA = len(POSE_PARAMETERS), len(ANTENNA_PARAMETERS)
 UNKNOWNS = 4
 """Of a contact: its distance in antenna lengths, the lateral force (y, z of the clamp's frame) in `Known.force_unit_N`,
 and the friction angle in deviations of what is thought possible."""
+LIKELY_SWAY = 0.3
+"""Deviation of the tip's deflection that is thought likely beforehand, in antenna lengths: it keeps the force at home
+in directions that neither picture nor reading holds, and is nothing against what holds it in the others."""
 NEGLIGIBLE = 1e-9
 """Axes of the joint covariance below this fraction of the largest, in deviations of its parameters, are left out."""
 
@@ -100,6 +103,10 @@ class Known:
     def load(self) -> float:
         """F·l²/EI of a unit force at the tip."""
         return self.force_unit_N * self.length_m**2 / self.rig.antenna.stiffness_Nm2
+
+    def tip_per_force(self, distance: Array) -> Array:
+        """Small deflection of the tip, in antenna lengths, per unit force at distances in antenna lengths."""
+        return self.load / 6.0 * distance * distance * (3.0 - distance)
 
     @property
     def lens(self) -> slice:

@@ -10,7 +10,7 @@ from vbaa_calib.arrays import Array, namespace
 from .batch import picked
 from .descend import begin
 from .frames import Frames
-from .rivals import Best, different, flattened, mirrored, one_sided
+from .rivals import Best, different, one_sided, other_sides
 from .second import second_force
 from .settle import Settled, evaluated, explored, settle
 from .starts import Free, Trials, free_antenna, tried
@@ -24,6 +24,8 @@ WIDE, WIDE_ITERATIONS = 4, 15
 """Frames that are lost are looked for from every fourth distance of the grid, with so many steps each."""
 LOST = 2.0
 """A median misfit of so many deviations is a reason to look elsewhere."""
+LEANT = 2.5
+"""So is a force that leans by so many of the deviations that were thought possible."""
 SMALL = 1 / 3
 """A rung's predicted bias is small when it is below this fraction of the standard deviation."""
 
@@ -119,8 +121,7 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     best = _found_again(part, rung, here, best)
     blind = one_sided(part, best.fits.state.unknowns)
     if bool(blind.any()):
-        for other_side in (mirrored, flattened):
-            there = other_side(part, best.fits.state.unknowns)
+        for there in other_sides(part, best.fits.state.unknowns):
             best = best.beside(blind & different(best.fits.state.unknowns, there), there)
     fits = best.fits
     known = stretched(fits, worth(fits), blind)
@@ -147,7 +148,8 @@ def _found_again(frames: Frames, rung: str, ground: Ground, best: Best) -> Best:
 
 
 def _lost(best: Best) -> Array:
-    return ~best.fits.state.converged | (best.fits.state.scatter > LOST)
+    state = best.fits.state
+    return ~state.converged | (state.scatter > LOST) | (abs(state.unknowns[:, 3]) > LEANT)
 
 
 def _biases_at(frames: Frames, ground: Ground) -> dict[str, Array]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from vbaa_calib.arrays import Array, namespace
 from vbaa_calib.reprojection import ROBUST
 
+from .known import LIKELY_SWAY, Known
 from .match import Match, sums
 from .view import RigTable, View
 
@@ -24,7 +25,7 @@ class Problem:
     columns : (B, M, K) displacement of the curves along their normals.
     felt : (B, 2, K) of the predicted readings, in deviations.
     misfit : (B, 2) of the readings, in deviations.
-    prior : (B, K) weight of the unknowns' own squares: nothing is known of distance and force beforehand.
+    prior : (B, K) weight of the unknowns' own squares: nothing is known of the distance beforehand.
     scatter : (B,) factor on the points' deviations.
     """
 
@@ -54,10 +55,12 @@ class Equations:
     cost: Array
 
 
-def problem(view: View, table: RigTable, found: Match, prior: Array, scatter: Array) -> Problem:
+def problem(known: Known, view: View, table: RigTable, found: Match, scatter: Array) -> Problem:
     """Join what belongs to the contact and what to the rig."""
-    xp = namespace(prior)
-    prior = xp.broadcast_to(prior, (len(scatter), len(prior)))
+    xp = namespace(scatter)
+    sway = (known.tip_per_force(view.contact_m / view.length_m) / LIKELY_SWAY) ** 2
+    prior = xp.zeros_like(sway)[:, None] + known.prior
+    prior[:, 1:3] = sway[:, None]
     columns = xp.concat([view.columns, table.nodes], -1)
     felt = xp.concat([view.by_moment, table.readings], -1)
     return Problem(found, columns, felt, view.misfit, prior, scatter)

@@ -12,6 +12,8 @@ from .settle import Settled, evaluated, settle
 
 SAME, SAME_FORCE = 1e-2, 0.05
 """Contacts closer than this, in antenna lengths and in parts of the force, are taken for the same."""
+FAR_SIDES = (0.1, 0.3)
+"""Deflections of the tip along the line of sight, in antenna lengths, from which other contacts are looked for."""
 WEAK = 5.0
 """Readings that would change by less than so many deviations do not tell a contact from its mirror image."""
 
@@ -76,25 +78,26 @@ def one_sided(frames: Frames, unknowns: Array) -> Array:
     return (change < WEAK).all(-1)
 
 
-def mirrored(frames: Frames, unknowns: Array) -> Array:
-    """Contacts (B, 4) on the other side of the mirror."""
-    return _less_along_sight(frames, unknowns, 2.0)
+def other_sides(frames: Frames, unknowns: Array) -> list[Array]:
+    """Contacts (B, 4) that may look like these: the mirror image, the least force that the picture asks for, and forces
+    that bend the antenna far before and behind the mirror."""
+    xp, known = namespace(unknowns), frames.known
+    along = _along_sight(frames, unknowns)
+    side = _to_camera(frames, unknowns) + 0.0 * along
+    changes = [-2.0 * along, -along]
+    for sway in (*FAR_SIDES, *(-far for far in FAR_SIDES)):
+        changes.append(sway / known.tip_per_force(unknowns[:, :1]) * side - along)
+    return [xp.concat([unknowns[:, :1], unknowns[:, 1:3] + change, unknowns[:, 3:]], -1) for change in changes]
 
 
-def flattened(frames: Frames, unknowns: Array) -> Array:
-    """Contacts (B, 4) in the mirror: no force along the line of sight, the least that the picture asks for."""
-    return _less_along_sight(frames, unknowns, 1.0)
-
-
-def _less_along_sight(frames: Frames, unknowns: Array, times: float) -> Array:
+def _to_camera(frames: Frames, unknowns: Array) -> Array:
+    """(2,) unit direction across the antenna's x axis to the camera."""
     xp = namespace(unknowns)
-    force = unknowns[:, 1:3] - times * _along_sight(frames, unknowns)
-    return xp.concat([unknowns[:, :1], force, unknowns[:, 3:]], -1)
+    side = like(unknowns, frames.known.rig.T_antenna_camera.translation_m[1:])
+    return side / xp.clip(xp.hypot(side[0], side[1]), 1e-12, None)
 
 
 def _along_sight(frames: Frames, unknowns: Array) -> Array:
     """(B, 2) the lateral force's part along the direction to the camera."""
-    xp = namespace(unknowns)
-    side = like(unknowns, frames.known.rig.T_antenna_camera.translation_m[1:])
-    side = side / xp.clip(xp.hypot(side[0], side[1]), 1e-12, None)
+    side = _to_camera(frames, unknowns)
     return (unknowns[:, 1:3] @ side)[:, None] * side

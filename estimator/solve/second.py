@@ -13,7 +13,7 @@ from .worth import Worth
 
 GRID = 16
 """Places tried for another force, evenly over the antenna."""
-DEPENDENT = 1e-6
+DEPENDENT = 1e-4
 """A force whose deflection the first contact and the rig can make up for to this part, in squares, holds nothing."""
 
 

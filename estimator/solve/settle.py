@@ -17,6 +17,10 @@ NEAR_TIP, TIP_OBJECTION = 0.03, 2.0
 """A distance this near to the tip is held there if that costs no more than this: if it lies within two deviations."""
 SCATTERED = 3.5
 """N points whose median misfit exceeds its expectation by this over √N scatter more than noise: three deviations."""
+MOST_SCATTER = 5.0
+"""More is not believed: the fit is lost, and would settle on what was thought likely beforehand."""
+ROUNDS, CHANGED = 3, 0.1
+"""The scatter is measured anew until it changes by less than this part: a lost fit that comes home scatters less."""
 HOPELESS, HOPELESS_FACTOR = 50.0, 4.0
 """A valley whose floor lies higher than so many times the lowest one's, and by so much, is left."""
 SAME_VALLEY = 1e-2
@@ -58,9 +62,13 @@ def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = No
     view = look(frames, rung, unknowns)
     table = rig_table(frames, rung, unknowns, view)
     state = descend(frames, rung, table, begin(frames, view, unknowns, feet_m))
-    spread = scatter(linearised(frames, rung, table, state))
-    state = replace(state, scatter=spread)
-    state = _again(frames, rung, table, state, spread > 1.0)
+    for _ in range(ROUNDS):
+        spread = scatter(linearised(frames, rung, table, state))
+        changed = abs(spread - state.scatter) > CHANGED * state.scatter
+        state = replace(state, scatter=spread)
+        state = _again(frames, rung, table, state, changed)
+        if not bool(changed.any()):
+            break
     state = _held_at_tip(frames, rung, table, state)
     return evaluated(frames, rung, table, state)
 
@@ -117,7 +125,8 @@ def scatter(about: Problem) -> Array:
     count = (about.found.precision > 0.0).sum(-1)
     every, middle = xp.arange(len(size)), count // 2
     median = 1.4826 * size[every, xp.argsort(size, -1)[every, middle]] * about.scatter
-    return xp.where(median > 1.0 + SCATTERED / xp.sqrt(count + 0.0), median, xp.ones_like(median))
+    much = median > 1.0 + SCATTERED / xp.sqrt(count + 0.0)
+    return xp.where(much, xp.clip(median, None, MOST_SCATTER), xp.ones_like(median))
 
 
 def _again(frames: Frames, rung: str, table: RigTable, state: State, which: Array) -> State:

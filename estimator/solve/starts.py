@@ -8,14 +8,12 @@ from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, like, namespace
 
 from .cubics import cubic, cubics
-from .descend import tip_per_force
 from .frames import Frames
+from .known import LIKELY_SWAY
 from .match import between_nodes, match, nearest_feet, rows, sums
 from .normal import huber_weights
 from .view import RigTable, View, by_point, look, rig_table
 
-LIKELY_SWAY = 0.2
-"""Deviation of the tip's deflection that is thought likely, in antenna lengths."""
 GRID = 24
 """Distances tried, spread over the antenna."""
 NEAREST_TRIED = 0.05
@@ -111,7 +109,7 @@ def tried(frames: Frames, free: Free) -> Trials:
     every = xp.arange(len(frames))
     weights = found.precision
     # a direction that neither picture nor reading holds is left near where it is
-    likely = (tip_per_force(frames.known, grid) / LIKELY_SWAY) ** 2
+    likely = (frames.known.tip_per_force(grid) / LIKELY_SWAY) ** 2
     for _ in range(ROUNDS):
         summed = sums(found, weights, found.distance, columns.shape[1])
         towards = summed.times(columns)

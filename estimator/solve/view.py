@@ -21,6 +21,7 @@ STEP = 1e-4
 """Finite-difference step of each unknown."""
 TIP = 1.0
 """The tip's distance in antenna lengths."""
+LINEAR = "linear"
 LEANING = ("elastica", "rod")
 """The rungs on which friction has an effect."""
 NEAREST_DEPTH_M = 1e-4
@@ -141,12 +142,15 @@ def by_point(known: Known, view: View) -> Array:
     return (along - dot(view.normals, view.nodes)[..., None] * rotation[2]) / view.depth
 
 
-def displaced(frames: Frames, rung: str, unknowns: Array, view: View) -> tuple[Array, Array]:
-    """What another rung predicts at the same unknowns, less a view: along its normals (B, M), and felt (B, 2)."""
+def displaced(frames: Frames, rung: str, unknowns: Array, view: View) -> tuple[Array, Array, Array]:
+    """What another rung predicts at the same unknowns, less a view: along its normals (B, M), felt (B, 2), and contact
+    point and force (B, 6)."""
+    xp = namespace(unknowns)
     shapes = antennas(frames, rung, unknowns[:, None])
     image, _, _ = project(frames.known, shapes.points_m, shapes.tangents)
     own = frames.reading_Nm / frames.known.std - view.misfit
-    return dot(image - view.nodes, view.normals), (readings(frames, shapes) - own) * frames.felt
+    felt = (readings(frames, shapes) - own) * frames.felt
+    return dot(image - view.nodes, view.normals), felt, xp.concat([shapes.contact_m, shapes.force_N], -1) - view.touch
 
 
 def project(known: Known, points_m: Array, tangents: Array | None = None) -> tuple[Array, Array, Array]:
@@ -193,12 +197,16 @@ def moment_about_z(frames: Frames, shapes: Curves) -> Array:
 
 
 def rig_table(frames: Frames, rung: str, unknowns: Array, view: View) -> RigTable:
-    """The rig's influence at unknowns (B, 4) on a view of them, by one rung of the ladder."""
+    """The rig's influence at unknowns (B, 4) on a view of them, by one rung of the ladder.
+
+    The paper's rung knows neither clamp nor weight nor bow: what they may do is taken from the next one.
+    """
     xp, known = namespace(unknowns), frames.known
     if known.axes.shape[1] == 0:
         return RigTable(view.nodes[..., :0], view.by_moment[..., :0], view.by_touch[..., :0])
     grid = len(frames), ANTENNA + 1
     moves = xp.broadcast_to(known.moves, (*grid, ANTENNA))
+    rung = LINEAR if rung == "paper" else rung
     shapes = antennas(frames, rung, xp.broadcast_to(unknowns[:, None], (*grid, UNKNOWNS)), moves)
     image, _, _ = project(known, shapes.points_m)
     image, points = image.reshape(*grid, -1, 2), shapes.points_m.reshape(*grid, -1, 3)[:, 0]

@@ -138,34 +138,38 @@ def moves(fits: Settled, displacement: Array, felt: Array) -> Array:
 
 
 def predicted_bias(fits: Settled, known: Worth, rungs: tuple[str, ...] = RUNGS) -> dict[str, Array]:
-    """Each rung's bias (B,) at the fitted contacts: the largest of distance and force, in standard deviations.
+    """Each rung's bias (B,) at the fitted contacts: the largest of distance, f_y and f_z, in standard deviations.
 
     How far a fit on it would move if the antenna were the highest rung's; on rungs without friction, also what the
     friction that is thought possible would do. Infinite where the deviations are not known.
     """
     xp = namespace(known.covariance)
     frames, unknowns, view = fits.frames, fits.state.unknowns, fits.view
-    std = known.std[:, :3]
+    force = slice(4, 6)
+    touch = known.of(view.by_touch[:, force], fits.table.touch[:, force])
+    std = xp.sqrt(xp.concat([known.covariance[:, :1, 0], touch[:, :1, 0], touch[:, 1:, 1]], -1))
     sound = xp.isfinite(std).all(-1)
 
-    def in_std(displacement: Array, felt: Array) -> Array:
-        moved = moves(fits, displacement, felt)[:, :3] / xp.where(sound[:, None], std, xp.ones_like(std))
-        return xp.where(sound[:, None], xp.abs(moved), xp.full_like(moved, xp.inf))
+    def in_std(shape: Array, felt: Array, touched: Array) -> Array:
+        moved = moves(fits, shape, felt)[:, :UNKNOWNS, None]
+        forces = (view.by_touch[:, force] @ moved)[..., 0] - touched[:, force]
+        off = xp.concat([moved[:, 0], forces], -1)
+        return xp.where(sound[:, None], xp.abs(off) / xp.where(sound[:, None], std, 1.0), xp.inf)
 
     truth = displaced(frames, REFERENCE, unknowns, view)
     friction = 0.0
     if frames.known.friction_rad > 0.0 and not set(rungs) <= set(LEANING):
         leant = displaced(frames, REFERENCE, unknowns + frames.known.trials[UNKNOWNS], view)
-        friction = in_std(leant[0] - truth[0], leant[1] - truth[1])
+        friction = in_std(*(a - b for a, b in zip(leant, truth, strict=True)))
     found = {}
     for rung in rungs:
         if rung == REFERENCE:
             found[rung] = xp.where(sound, xp.zeros_like(std[:, 0]), xp.full_like(std[:, 0], xp.inf))
             continue
-        own = (0.0, 0.0) if rung == fits.rung else displaced(frames, rung, unknowns, view)
-        shape = in_std(truth[0] - own[0], truth[1] - own[1])
+        own = (0.0, 0.0, 0.0) if rung == fits.rung else displaced(frames, rung, unknowns, view)
+        shape = in_std(*(a - b for a, b in zip(truth, own, strict=True)))
         both = shape if rung in LEANING else xp.sqrt(shape**2 + friction**2)
-        found[rung] = xp.where(sound, xp.amax(both, -1), xp.inf)
+        found[rung] = xp.amax(both, -1)
     return found
 
 

@@ -115,10 +115,12 @@ def withheld(contact: Contact) -> bool:
 
 def furthest(first: Contact, second: Contact) -> float:
     """The largest difference of two answers in standard deviations; infinite where they differ in words or in kind."""
-    if (first.status, first.model, first.in_contact) != (second.status, second.model, second.in_contact):
+    if (first.status, first.in_contact) != (second.status, second.in_contact):
         return np.inf
     if not np.isfinite(first.distance_m):
         return 0.0 if np.isnan(second.distance_m) else np.inf
+    if first.model != second.model:
+        return np.inf
     point_std = np.sqrt(np.diag(first.covariance_world_m2))
     away = [
         (first.distance_m - second.distance_m) / first.distance_std_m,

@@ -17,9 +17,11 @@ from vbaa_calib.bench.estimator_scenes import Scenes
 from ..rod_scenes import RIG_STD, SIGMA_PX, World, camera_pose
 from .contact_scenes import RIG, WORLD, answered, deviations, estimated, estimated_together, frame, furthest, rubbed
 
-ROUNDING = 1e-5
-"""In standard deviations. The descent stops a hundredth of one from the floor, and finite differences blow rounding up
-by their step: where it stops moves by up to some 1e-6 of a deviation with the order in which sums are taken."""
+STANDSTILL = 0.015
+"""In standard deviations. A descent ends when a step promises less than 1e-4 of the cost, √(2·1e-4) of a deviation: two
+that differ by rounding alone, or begin elsewhere, may end one step apart."""
+ROUNDING = 1e-6
+"""What rounding makes of most frames: finite differences blow it up by their step."""
 SIGMA = 0.05
 
 
@@ -29,7 +31,8 @@ def scenes() -> Scenes:
     rng, count = np.random.default_rng(5), 24
     contact, slope = rng.uniform(0.2, 0.98, count), rng.uniform(0.5, 30.0, count)
     roll, friction = rng.uniform(-3.0, 3.0, count), rng.normal(0.0, 0.2, count)
-    return rubbed(WORLD.rig(0.25 * RIG_STD), contact, slope, friction, roll, sigma_px=SIGMA, points=120).noisy(rng)
+    contact[:3], slope[:3], roll[:3] = 0.6, (0.6, 33.0, 34.0), 0.4
+    return rubbed(WORLD.rig(np.zeros(17)), contact, slope, friction, roll, sigma_px=SIGMA, points=120).noisy(rng)
 
 
 @cache
@@ -52,7 +55,9 @@ def test_numpy_and_torch_agree(count: int) -> None:
     """A batch of a few is worked on in NumPy, a larger one in torch."""
     together = answered(scenes().picked(np.arange(count)))
     assert len(together) == count
-    assert max(furthest(one, many) for one, many in zip(alone()[:count], together, strict=True)) < ROUNDING
+    apart = [furthest(one, many) for one, many in zip(alone()[:count], together, strict=True)]
+    assert max(apart) < STANDSTILL
+    assert np.median(apart) < ROUNDING
 
 
 def test_the_columns_of_a_batch_are_its_contacts() -> None:
@@ -69,7 +74,7 @@ def test_the_columns_of_a_batch_are_its_contacts() -> None:
 def test_the_order_of_the_frames_does_not_matter() -> None:
     order = np.random.default_rng(2).permutation(24)
     shuffled = answered(scenes().picked(order))
-    assert max(furthest(alone()[i], found) for i, found in zip(order, shuffled, strict=True)) < ROUNDING
+    assert max(furthest(alone()[i], found) for i, found in zip(order, shuffled, strict=True)) < STANDSTILL
 
 
 def test_ragged_lines_and_rows_of_nan() -> None:
@@ -85,8 +90,8 @@ def test_ragged_lines_and_rows_of_nan() -> None:
     by_hole = estimator.estimate_batch(holes, given.moment_Nm[:8], zeros, zeros, sigma_px=SIGMA)
     for line, first, second, moment in zip(ragged, by_line, by_hole, given.moment_Nm, strict=False):
         one = estimator.estimate(line, moment=float(moment), pan=0.0, tilt=0.0, sigma_px=SIGMA)
-        assert furthest(one, first) < ROUNDING
-        assert furthest(one, second) < ROUNDING
+        assert furthest(one, first) < STANDSTILL
+        assert furthest(one, second) < STANDSTILL
 
 
 def test_frames_without_an_antenna_disturb_no_other() -> None:
@@ -97,7 +102,7 @@ def test_frames_without_an_antenna_disturb_no_other() -> None:
         lines, given.moment_Nm[:6], np.zeros(6), np.zeros(6), sigma_px=SIGMA
     )
     assert [found[i].status for i in (1, 4)] == ["no_antenna", "no_antenna"]
-    assert max(furthest(alone()[i], found[i]) for i in (0, 2, 3, 5)) < ROUNDING
+    assert max(furthest(alone()[i], found[i]) for i in (0, 2, 3, 5)) < STANDSTILL
     assert len(ContactEstimator(given.rig).estimate_batch([], [], [], [])) == 0
 
 
@@ -107,7 +112,7 @@ def test_readings_may_be_missing_here_and_there() -> None:
     lines = [seen.points_px for seen in several]
     found = ContactEstimator(RIG).estimate_batch(lines, moments, [0.0] * 6, [0.3] * 6)
     for seen, moment, contact in zip(several, moments, found, strict=True):
-        assert furthest(estimated(seen, moment=moment), contact) < ROUNDING
+        assert furthest(estimated(seen, moment=moment), contact) < STANDSTILL
         assert np.isnan(contact.moment_residual_Nm) == (moment is None)
 
 
@@ -117,7 +122,7 @@ def test_every_rung_agrees_with_itself(model: str, friction: float) -> None:
     several = [frame(contact, 0.4, 0.004, seed=seed) for seed, contact in enumerate((0.4, 0.5, 0.6, 0.7, 0.8, 0.9))]
     together = estimated_together(several, model=model, friction=friction)
     for seen, found in zip(several, together, strict=True):
-        assert furthest(estimated(seen, model=model, friction=friction), found) < ROUNDING
+        assert furthest(estimated(seen, model=model, friction=friction), found) < STANDSTILL
 
 
 def moving(count: int) -> tuple[World, list[Measured], list[float]]:
@@ -141,8 +146,7 @@ def test_a_recording_is_a_loop(chunk: int) -> None:
     warm, cold = list(estimator.run(iter(recording), chunk)), [estimator.measure(each) for each in recording]
     assert len(warm) == 24
     assert {contact.status for contact in warm} >= {"ok", "no_contact"}
-    # a descent from elsewhere ends within its standstill, a hundredth of a deviation
-    assert max(furthest(a, b) for a, b in zip(cold, warm, strict=True)) < 0.05
+    assert max(furthest(a, b) for a, b in zip(cold, warm, strict=True)) < STANDSTILL
 
 
 def test_a_wrong_start_is_recovered_from() -> None:
@@ -152,7 +156,7 @@ def test_a_wrong_start_is_recovered_from() -> None:
     estimator = ContactEstimator(RIG)
     cold = estimator.measure(measured)
     for start in ([0.2, 50.0, -80.0, 0.0], [0.95, -1.0, 1.0, 3.0], [0.5, np.nan, 0.0, 0.0]):
-        assert furthest(cold, estimator.measure(measured, np.array(start))) < 0.05
+        assert furthest(cold, estimator.measure(measured, np.array(start))) < STANDSTILL
     assert np.abs(deviations(cold, seen)).max() < 4.0
 
 
@@ -197,4 +201,4 @@ def test_frames_of_a_recording_may_differ_in_length() -> None:
     found = list(estimator.run([*cut[:3], empty, *cut[3:]]))
     assert found[3].status == "no_antenna"
     for each, contact in zip(cut, found[:3] + found[4:], strict=True):
-        assert furthest(estimator.measure(each), contact) < 0.05
+        assert furthest(estimator.measure(each), contact) < STANDSTILL

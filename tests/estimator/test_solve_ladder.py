@@ -1,0 +1,129 @@
+"""The ladder: each rung on request, the lowest that is good enough by itself, and biases that are as predicted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimator.solve.ladder import SMALL
+from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.bench.estimator_shapes import elastica_shapes
+
+from ..rod_scenes import LENGTH_M, RIG_STD, World, camera_pose
+from .contact_scenes import RIG, STRAIGHT, WORLD, answered, deviations, estimated, frame, rubbed, scene_deviations
+
+LIGHT = World(camera_pose(0.6, 1.0), STRAIGHT).rig(np.zeros(17), np.zeros(3))
+"""A straight antenna without weight, known exactly: the paper's, but for how far it bends."""
+HEAVY = WORLD.rig(np.zeros(17))
+
+
+def test_each_rung_on_request() -> None:
+    seen = frame()
+    found = {model: estimated(seen, model=model) for model in (*RUNGS, "auto")}
+    assert [found[rung].model for rung in RUNGS] == list(RUNGS)
+    for rung in ("elastica", "rod"):
+        assert found[rung].status == "ok"
+        assert found[rung].reason.startswith(f"{rung} was asked for")
+        assert np.abs(deviations(found[rung], seen)).max() < 3.5
+    assert found["auto"].model == "elastica"
+    assert found["auto"].reason.startswith("elastica: linear would be")
+    assert found["auto"].distance_m == pytest.approx(found["rod"].distance_m, abs=1e-4)
+    # what knows nothing of this antenna's weight and bow must not pass for an answer
+    assert found["paper"].status == "failed"
+
+
+def test_auto_climbs_as_the_antenna_bends() -> None:
+    """Straight and weightless: the paper's beam while the slope is small, then the elastica, which is exact for it."""
+    slopes = [0.6, 1.0, 4.0, 8.0, 16.0, 32.0]
+    found = answered(rubbed(LIGHT, [0.6] * 6, slopes, made_by=elastica_shapes))
+    assert [contact.status for contact in found] == ["ok"] * 6
+    assert [contact.model for contact in found] == ["paper"] * 2 + ["elastica"] * 4
+    assert found[0].reason.startswith("paper: its bias is 0.0")
+    climbing = [contact.bias["linear"] for contact in found]
+    assert climbing == sorted(climbing)
+    assert climbing[-1] > 50.0
+
+
+def test_auto_climbs_with_weight_and_bow() -> None:
+    """A real antenna is never the paper's; at large slopes not the elastica's with first-order weight either."""
+    slopes = [0.6, 1.0, 8.0, 16.0, 32.0]
+    found = answered(rubbed(HEAVY, [0.6] * 5, slopes))
+    assert [contact.model for contact in found] == ["linear"] * 2 + ["elastica"] * 2 + ["rod"]
+    assert all(contact.bias["paper"] > 10.0 for contact in found)
+
+
+def test_noise_and_an_unsure_rig_keep_auto_low() -> None:
+    scenes = rubbed(HEAVY, [0.6], [32.0], sigma_px=0.02)
+    assert answered(scenes)[0].model == "rod"
+    assert answered(rubbed(HEAVY, [0.6], [32.0], sigma_px=0.5))[0].model == "elastica"
+    assert answered(rubbed(WORLD.rig(3.0 * RIG_STD), [0.6], [32.0], sigma_px=0.02))[0].model == "elastica"
+
+
+def test_the_choice_stands_in_the_result() -> None:
+    """The rung taken has a small predicted bias, the one below has not, and the reason gives its number."""
+    rng, count = np.random.default_rng(6), 30
+    contact, slope = rng.uniform(0.2, 0.95, count), rng.uniform(0.5, 34.0, count)
+    found = answered(rubbed(HEAVY, contact, slope, 0.0, rng.uniform(-3.0, 3.0, count)))
+    taken = [one for one in found if one.status == "ok"]
+    assert len(taken) >= 25
+    for one in taken:
+        level = RUNGS.index(one.model)
+        assert one.model == "rod" or one.predicted_bias_std <= SMALL
+        if level and one.model in one.reason:
+            below = one.bias[RUNGS[level - 1]]
+            assert f"{RUNGS[level - 1]} would be {below:.1f} std off" in one.reason
+        assert one.predicted_bias_std == one.bias[one.model]
+
+
+@pytest.mark.parametrize("rung", ["linear", "elastica"])
+def test_friction_is_counted_among_the_biases_of_what_does_not_know_it(rung: str) -> None:
+    scenes = rubbed(LIGHT, [0.6], [10.0], made_by=elastica_shapes)
+    slippery, rough = (answered(scenes, rung, friction)[0].bias[rung] for friction in (0.0, 0.3))
+    assert (rough > slippery + 0.3) == (rung == "linear")
+
+
+def made_and_said(rung: str, std: float, straight: bool, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) biases really made without noise on a rung, and those that it predicts; of `ok` frames, in deviations."""
+    rng = np.random.default_rng(3)
+    world = World(camera_pose(0.6, 1.0), STRAIGHT) if straight else WORLD
+    rig = world.rig(std * RIG_STD, np.zeros(3)) if straight else world.rig(std * RIG_STD)
+    slope = np.exp(rng.uniform(np.log(0.7), np.log(25.0), count))
+    contact, roll = rng.uniform(0.3, 0.9, count), rng.uniform(-3.0, 3.0, count)
+    scenes = rubbed(rig, contact, slope, 0.0, roll)
+    found = answered(scenes, rung, friction=0.0)
+    made = np.abs(scene_deviations(found, scenes)).max(axis=1)
+    said = np.array([contact.bias[rung] for contact in found])
+    counted = (found.status == "ok") & (made > 0.3) & (made < 10.0)
+    return made[counted], said[counted]
+
+
+@pytest.mark.parametrize(("rung", "straight"), [("paper", True), ("linear", True), ("linear", False)])
+@pytest.mark.parametrize("std", [0.0, 0.25])
+def test_bias_is_what_was_predicted(rung: str, straight: bool, std: float) -> None:
+    """Frictionless rods without noise: within a factor of two where it is 0.3 to 10 deviations."""
+    made, said = made_and_said(rung, std, straight, 60)
+    assert len(made) >= 8
+    assert (said / made < 2.0).all(), said / made
+    assert (said / made > 0.5).all(), said / made
+
+
+def test_the_elastica_predicts_its_bias_too() -> None:
+    """At 0.01 px, else it has none worth the name."""
+    rng, count = np.random.default_rng(3), 20
+    slope, contact = rng.uniform(18.0, 34.0, count), rng.uniform(0.3, 0.9, count)
+    scenes = rubbed(HEAVY, contact, slope, 0.0, rng.uniform(-1.0, 1.0, count), sigma_px=0.01)
+    found = answered(scenes, "elastica", friction=0.0)
+    made = np.abs(scene_deviations(found, scenes)).max(axis=1)
+    said = np.array([one.bias["elastica"] for one in found])
+    counted = (found.status == "ok") & (made > 0.3) & (made < 10.0)
+    assert counted.sum() >= 8
+    ratio = said[counted] / made[counted]
+    assert ((ratio > 0.5) & (ratio < 2.0)).all(), ratio
+
+
+@pytest.mark.parametrize("rung", ["elastica", "rod"])
+def test_the_tip_is_one_on_a_demanded_rung(rung: str) -> None:
+    contact = estimated(frame(1.0, 0.4, 0.025), RIG, rung)
+    assert contact.status == "tip_contact"
+    assert contact.distance_m == LENGTH_M
+    assert f"{rung} was asked for" in contact.reason

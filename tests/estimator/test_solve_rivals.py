@@ -1,0 +1,157 @@
+"""Vision alone, and what else would explain a frame: mirror images, and what tells them apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator import ContactEstimator
+from estimator.contacts import Contacts
+from vbaa_calib.bench.estimator_scenes import Scenes
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import MomentSensor
+
+from ..rod_scenes import RIG_STD, World, camera_pose
+from .contact_scenes import answered, rubbed, scene_deviations, withheld
+
+UPRIGHT = World(camera_pose(0.0)).rig(np.zeros(17))
+TOWARDS_CLAMP = World(camera_pose(0.785, np.pi)).rig(np.zeros(17))
+ACROSS = World(camera_pose(0.785, np.pi / 2)).rig(np.zeros(17))
+
+
+def touched(rig: Rig, slope: float, count: int = 40, sigma_px: float = 0.1, seed: int = 0) -> Scenes:
+    """Frames with noise at rolls of a third to two thirds of a right angle, to all four sides."""
+    rng = np.random.default_rng(seed)
+    roll = rng.uniform(0.5, 1.05, count)
+    roll = np.where(np.arange(count) % 2 == 0, roll, -roll) + np.where(np.arange(count) % 4 < 2, 0.0, np.pi)
+    return rubbed(rig, rng.uniform(0.35, 0.85, count), [slope] * count, 0.0, roll, sigma_px=sigma_px).noisy(rng)
+
+
+def wrong_side(found: Contacts, given: Scenes) -> np.ndarray:
+    """(B,) whether f_z is given out with the wrong sign, as if its sign were known."""
+    away = np.abs(found.force_N[:, 2]) > 3.0 * found.force_std_N[:, 2]
+    return away & (np.sign(found.force_N[:, 2]) != np.sign(given.force_N[:, 2]))
+
+
+@pytest.mark.parametrize("slope", [3.0, 6.0])
+def test_an_upright_camera_alone_does_not_know_the_side_at_small_slopes(slope: float) -> None:
+    """The mirror image in the picture's plane looks the same: whatever is said must allow for both."""
+    given = touched(UPRIGHT, slope)
+    found = answered(given, blind=True)
+    assert not wrong_side(found, given).any()
+    off = scene_deviations(found, given)[found.status == "ok"]
+    assert np.abs(off).max(initial=0.0) < 4.5
+    # what is given out says little of f_z, or nothing at all
+    sure = (found.status == "ok") & (np.abs(found.force_N[:, 2]) > 5.0 * found.force_std_N[:, 2])
+    assert sure.mean() < 0.2
+
+
+def test_mirror_images_that_fit_alike_are_told_of() -> None:
+    """Both are in the reason: distances that are near, rolls of opposite sign."""
+    found = answered(touched(UPRIGHT, 9.0, 80), blind=True)
+    twins = [one for one in found if "two contacts explain it about equally well" in one.reason]
+    assert twins
+    for one in twins:
+        assert one.status == "unobservable"
+        assert withheld(one)
+
+
+@pytest.mark.parametrize("slope", [15.0, 20.0])
+def test_an_upright_camera_alone_knows_the_side_at_large_slopes(slope: float) -> None:
+    given = touched(UPRIGHT, slope)
+    found = answered(given, blind=True)
+    good = found.status == "ok"
+    assert good.mean() > 0.85
+    off = scene_deviations(found, given)[good]
+    assert np.abs(off).max() < 4.5
+    assert not wrong_side(found, given).any()
+    assert (np.abs(found.force_N[good, 2]) > 3.0 * found.force_std_N[good, 2]).mean() > 0.9
+
+
+@pytest.mark.parametrize("slope", [4.0, 8.0, 15.0, 20.0])
+def test_a_camera_inclined_along_the_antenna_needs_no_sensor(slope: float) -> None:
+    given = touched(TOWARDS_CLAMP, slope)
+    found = answered(given, blind=True)
+    good = found.status == "ok"
+    assert good.mean() > 0.85
+    off = scene_deviations(found, given)[good]
+    assert np.abs(off).max() < 4.5
+    assert not wrong_side(found, given).any()
+    if slope >= 8.0:
+        assert (np.abs(found.force_N[good, 2]) > 3.0 * found.force_std_N[good, 2]).mean() > 0.9
+
+
+@pytest.mark.parametrize("rig", [UPRIGHT, TOWARDS_CLAMP, ACROSS], ids=["upright", "clamp", "across"])
+@pytest.mark.parametrize("slope", [4.0, 10.0, 20.0])
+def test_vision_alone_is_never_confident_and_wrong(rig: Rig, slope: float) -> None:
+    rng, count = np.random.default_rng(9), 60
+    contact, roll = rng.uniform(0.2, 0.95, count), rng.uniform(-np.pi, np.pi, count)
+    friction = rng.normal(0.0, 0.2, count)
+    given = rubbed(rig, contact, [slope] * count, friction, roll).noisy(rng)
+    found = answered(given, blind=True)
+    off = np.abs(scene_deviations(found, given))[np.isfinite(found.distance_m)]
+    assert len(off) > 0.6 * count
+    assert off.max() < 6.0
+    assert (found.status == "failed").mean() <= 0.05
+    assert np.isnan(found.moment_residual_Nm).all()
+
+
+def about_z(given: Scenes, rig: Rig) -> np.ndarray:
+    """(B,) noise-free readings about z of straight parts and force: x·f_y − y·f_x, with the weight's share."""
+    contact, force = given.shapes.contact_m, given.force_N
+    weight = rig.antenna.mass_per_length_kg_m * given.touches.gravity_m_s2
+    centre = given.shapes.points_m.mean(axis=1) * rig.antenna.length_m
+    by_weight = centre[:, 0] * weight[:, 1] - centre[:, 1] * weight[:, 0]
+    return contact[:, 0] * force[:, 1] - contact[:, 1] * force[:, 0] + by_weight
+
+
+def test_a_second_sensor_does_what_the_first_one_would() -> None:
+    """Camera from the side, 𝒟 near the xz plane: only the sensor about z tells which way the antenna leans to the
+    camera."""
+    second = MomentSensor(0.98, 1e-4, 2e-5)
+    side = replace(World(camera_pose(np.pi / 2, np.pi / 2)).rig(np.zeros(17)), second_moment_sensor=second)
+    rng, count = np.random.default_rng(2), 24
+    roll = np.where(np.arange(count) % 2 == 0, 1.0, np.pi - 1.0) + rng.uniform(-0.3, 0.3, count)
+    given = rubbed(side, rng.uniform(0.4, 0.85, count), [5.0] * count, 0.0, roll).noisy(rng)
+    readings = second.gain * about_z(given, side) + second.offset_Nm + rng.normal(0.0, second.std_Nm, count)
+    estimator, zeros = ContactEstimator(side), np.zeros(count)
+    # the sensor about y feels f_z, which this camera sees by itself
+    without = estimator.estimate_batch(given.points_px, given.moment_Nm, zeros, zeros, sigma_px=0.1)
+    assert not (np.abs(without.force_N[:, 1]) > 20.0 * without.force_std_N[:, 1]).any()
+    for moments in (given.moment_Nm, None):
+        found = estimator.estimate_batch(given.points_px, moments, zeros, zeros, sigma_px=0.1, moments_z=readings)
+        assert (found.status == "ok").all()
+        off = scene_deviations(found, given)
+        assert np.abs(off).max() < 4.0
+        assert (np.abs(found.force_N[:, 1]) > 20.0 * found.force_std_N[:, 1]).all()
+
+
+def test_a_second_reading_without_a_second_sensor_says_nothing() -> None:
+    given = touched(UPRIGHT, 15.0, 4)
+    for points, moment in zip(given.points_px, given.moment_Nm, strict=True):
+        one, same = (
+            ContactEstimator(UPRIGHT).estimate(
+                points, moment=float(moment), pan=0.0, tilt=0.0, sigma_px=0.1, moment_z=reading
+            )
+            for reading in (None, 0.5)
+        )
+        assert one.distance_m == same.distance_m
+
+
+@pytest.mark.slow
+def test_vision_alone_over_many_frames() -> None:
+    """2000 frames, three cameras, rig as usually known: what is given out lies within six deviations."""
+    rng = np.random.default_rng(12)
+    for rig in (UPRIGHT, TOWARDS_CLAMP, ACROSS):
+        unsure = replace(rig, covariance=np.diag((0.25 * RIG_STD) ** 2))
+        for _ in range(4):
+            count = 170
+            contact, slope = rng.uniform(0.2, 0.95, count), rng.uniform(2.0, 26.0, count)
+            given = rubbed(unsure, contact, slope, rng.normal(0.0, 0.2, count), rng.uniform(-3.1, 3.1, count)).noisy(
+                rng
+            )
+            found = answered(given, blind=True)
+            off = np.abs(scene_deviations(found, given))[np.isfinite(found.distance_m)]
+            assert off.max() < 6.0
