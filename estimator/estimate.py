@@ -80,7 +80,7 @@ class ContactEstimator:
         Parameters
         ----------
         centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are left out.
-        moment : the sensor's reading, N·m; None for vision alone.
+        moment : the sensor's reading, N·m; None or NaN for vision alone.
         pan, tilt : joint angles, rad.
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
@@ -113,7 +113,7 @@ class ContactEstimator:
         Parameters
         ----------
         centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are left out.
-        moments, moments_z : (B,) N·m, None or an entry None for vision alone. pans, tilts : (B,) rad.
+        moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
         sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
 
         Raises

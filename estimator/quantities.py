@@ -164,7 +164,7 @@ def edge_on(rig: Rig, unknowns: np.ndarray) -> np.ndarray:
 
 
 def _bows(known: Known, unknowns: Array, covariance: Array, at_tip: Array) -> Array:
-    """(B, 6, 6) second order of contact point and force in the unknowns, by the linear beam, its foreshortening and slope.
+    """(B, 6, 6) second order of contact point and force in the unknowns: linear beam, foreshortening, slope.
 
     A point known badly along a bent antenna is known within a bow, which a thin straight ellipsoid would leave.
     """

@@ -48,26 +48,24 @@ def reason(numbers: Numbers, index: int, status: str, length_m: float, asked: st
 
 
 def _failed(numbers: Numbers, index: int, length_m: float) -> str:
+    scatter, lean = numbers.scatter[index], abs(numbers.unknowns[index, 3])
     if not numbers.finite[index]:
         return "the fit left the domain of the model"
+    if doubled(numbers)[index]:
+        places = sorted((numbers.unknowns[index, 0], numbers.second_place[index]))
+        near, far = (1e3 * length_m * place for place in places)
+        where = f"two contacts explain it better, near {near:.0f} and {far:.0f} mm, or the rig is off"
+        return f"the shape is not that of one contact: {where}"
     if contradicted(numbers)[index]:
         return "picture and moment contradict each other: without the reading one contact explains it. Check the sensor"
-    if not numbers.converged[index]:
-        return "the fit did not converge"
     if at_clamp(numbers)[index]:
         return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
     if leaning(numbers)[index]:
-        lean = abs(numbers.unknowns[index, 3])
         return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
-    second = bool(doubled(numbers)[index])
-    if numbers.scatter[index] > WRONG_SHAPE or second:
-        off = f"points lie {numbers.scatter[index]:.0f} std off or more"
-        if second:
-            places = sorted((numbers.unknowns[index, 0], numbers.second_place[index]))
-            off = "two contacts explain it better, near {:.0f} and {:.0f} mm".format(
-                *(1e3 * length_m * p for p in places)
-            )
-        return f"the shape is not that of one contact: {off}"
+    if scatter > WRONG_SHAPE:
+        return f"the shape is not that of one contact: points lie {scatter:.0f} std off or more"
+    if not numbers.converged[index]:
+        return "the fit did not converge"
     return f"picture and moment contradict each other by {contradiction(numbers)[index]:.0f} std: check the sensor"
 
 

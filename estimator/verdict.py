@@ -69,7 +69,7 @@ def unexplained(numbers: Numbers) -> np.ndarray:
 
 def contradicted(numbers: Numbers) -> np.ndarray:
     """(B,) whether a frame that nothing explains is explained once its readings are left out."""
-    return numbers.without_reading < PLAUSIBLE * numbers.scatter
+    return ~doubled(numbers) & (numbers.without_reading < PLAUSIBLE * numbers.scatter)
 
 
 def at_clamp(numbers: Numbers) -> np.ndarray:

@@ -40,13 +40,18 @@ def written(whole: T, rows: Array, part: T) -> T:
     """The whole with the rows of these indices, in rising order, replaced by a part."""
     made = {}
     for f in fields(_data(whole)):
-        values = namespace(rows).asarray(getattr(whole, f.name))
-        if len(rows) == len(values):
-            return part
-        values = values.clone() if hasattr(values, "clone") else values.copy()
-        values[rows] = getattr(part, f.name)
-        made[f.name] = values
+        values, new = getattr(whole, f.name), getattr(part, f.name)
+        if is_dataclass(values):
+            made[f.name] = written(values, rows, new)
+        elif hasattr(values, "ndim"):
+            made[f.name] = new if len(rows) == len(values) else _overwritten(values, rows, new)
     return replace(_data(whole), **made)
+
+
+def _overwritten(values: Array, rows: Array, new: Array) -> Array:
+    changed = values.clone() if hasattr(values, "clone") else values.copy()
+    changed[rows] = new
+    return changed
 
 
 def _data(values: Any) -> Any:

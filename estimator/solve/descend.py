@@ -44,6 +44,7 @@ class State:
     at_tip : (B,) bool, the distance is held at the tip.
     scatter : (B,) factor on the points' deviations.
     converged : (B,) bool.
+    cost : (B,) robust cost with the priors, infinite before the first step.
     """
 
     unknowns: Array
@@ -52,6 +53,7 @@ class State:
     at_tip: Array
     scatter: Array
     converged: Array
+    cost: Array
 
     @property
     def values(self) -> Array:
@@ -64,7 +66,8 @@ def begin(frames: Frames, view: View, unknowns: Array, feet_m: Array | None = No
     xp = namespace(unknowns)
     feet = nearest_feet(frames, view) if feet_m is None else feet_m
     no = unknowns[:, 0] < 0.0
-    return State(unknowns, frames.known.still(len(frames)), feet, no, xp.ones_like(unknowns[:, 0]), no)
+    ones = xp.ones_like(unknowns[:, 0])
+    return State(unknowns, frames.known.still(len(frames)), feet, no, ones, no, xp.inf * ones)
 
 
 def linearised(frames: Frames, rung: str, table: RigTable, state: State, view: View | None = None) -> Problem:
@@ -99,7 +102,7 @@ def descend(
         there = equations(about, trial.values)
         done = (promise < standstill) & ~walk.astray
         walk = _walked(walk, replace(trial, foot_m=about.found.foot_m), there, promise)
-        walk = replace(walk, lowest=replace(walk.lowest, converged=done))
+        walk = replace(walk, lowest=replace(walk.lowest, converged=done, cost=walk.there.cost))
         going = ~done
         left = int(going.sum())
         if left == 0:

@@ -34,6 +34,17 @@ class Frames:
     def __len__(self) -> int:
         return len(self.points)
 
+    def thinned(self, most: int) -> tuple[Frames, int]:
+        """Every so manieth point, so that about `most` of them are left, and how manieth."""
+        every = max(self.points.shape[1] // most, 1)
+        thin = replace(
+            self,
+            points=self.points[:, ::every],
+            covariance=tuple(part[:, ::every] for part in self.covariance),
+            usable=self.usable[:, ::every],
+        )
+        return thin, every
+
     def picked(self, which: Array) -> Frames:
         """Some of the frames, by index; they may repeat."""
         return replace(

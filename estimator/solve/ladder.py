@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.arrays import Array, namespace
@@ -20,6 +20,8 @@ from .worth import REFERENCE, Worth, evidence, held_against, predicted_bias, str
 EXPLORER = "linear"
 """The rung on which valleys are told apart."""
 STARTS = 2
+EXPLORED = 64
+"""About so many points of a frame are enough to find its valleys."""
 WIDE, WIDE_ITERATIONS = 4, 15
 """Frames that are lost are looked for from every fourth distance of the grid, with so many steps each."""
 LOST = 2.0
@@ -63,24 +65,24 @@ class Ground:
     Attributes
     ----------
     floors, costs : (B, S, 4) rough floors, lowest first, and their costs (B, S), infinite where there is none.
-    feet_m : (B, N) of the points on the lowest one's curve.
     """
 
     free: Free
     trials: Trials
     floors: Array
     costs: Array
-    feet_m: Array
 
 
 def explore(frames: Frames, warm: Array | None = None) -> Ground:
     """The valleys of each frame. `warm` (B, 4), unknowns near the truth where finite, may take their place."""
     free = free_antenna(frames, REFERENCE)
-    trials = tried(frames, free)
+    few, every = frames.thinned(EXPLORED)
+    trials = tried(few, replace(free, feet_m=free.feet_m[:, ::every]))
     starts, costs = trials.lowest(STARTS)
     if warm is not None:
         starts, costs = trials.warmed(starts, costs, warm)
-    return Ground(free, trials, *explored(frames, EXPLORER, starts, costs, free.feet_m))
+    floors, costs = explored(few, EXPLORER, starts, costs, free.feet_m[:, ::every])
+    return Ground(free, trials, floors, costs)
 
 
 def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solved]:
@@ -115,7 +117,7 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     """These rows of the frames settled on a rung, in the best of the valleys that are worth it."""
     xp = namespace(rows)
     part, here = frames.picked(rows), picked(ground, rows)
-    best = Best.of(settle(part, rung, here.floors[:, 0], here.feet_m))
+    best = Best.of(settle(part, rung, here.floors[:, 0], here.free.feet_m))
     for other in range(1, here.floors.shape[1]):
         best = best.beside(xp.isfinite(here.costs[:, other]), here.floors[:, other])
     best = _found_again(part, rung, here, best)
@@ -157,5 +159,5 @@ def _biases_at(frames: Frames, ground: Ground) -> dict[str, Array]:
     unknowns = ground.floors[:, 0]
     view = look(frames, EXPLORER, unknowns)
     table = rig_table(frames, EXPLORER, unknowns, view)
-    rough = evaluated(frames, EXPLORER, table, begin(frames, view, unknowns, ground.feet_m))
+    rough = evaluated(frames, EXPLORER, table, begin(frames, view, unknowns, ground.free.feet_m))
     return predicted_bias(rough, worth(rough))

@@ -11,7 +11,7 @@ from vbaa_calib.arrays import Array, as_index, namespace, taken
 
 from .cubics import INNER, LAST, cubic, spacing
 from .frames import Frames
-from .view import View
+from .view import View, dot
 
 EVERY, FOOT_STEPS = 4, 2
 """A foot is looked for from the nearest of every fourth node, by Newton's steps; later each iteration adds one."""
@@ -74,6 +74,18 @@ def nearest_feet(frames: Frames, view: View) -> Array:
     nearest = xp.argmin(away_u * away_u + away_v * away_v, -1)
     foot = arclength(view, EVERY * nearest + 0.0 * frames.points[..., 0])
     for _ in range(FOOT_STEPS):
+        foot = match(frames, view, foot).foot_m
+    return foot
+
+
+def along_chord(frames: Frames, view: View) -> Array:
+    """`nearest_feet` of curves that are nearly straight, such as the free antenna's: from where points lie along their
+    chord."""
+    xp = namespace(view.nodes)
+    start, chord = view.nodes[:, :1], view.nodes[:, -1:] - view.nodes[:, :1]
+    part = dot(frames.points - start, chord) / dot(chord, chord)
+    foot = xp.clip(part, 0.0, 1.0) * view.length_m
+    for _ in range(FOOT_STEPS + 1):
         foot = match(frames, view, foot).foot_m
     return foot
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from vbaa_calib.arrays import Array, like, namespace
 
-from .batch import picked, written
+from .batch import picked
 from .frames import Frames
-from .settle import Settled, evaluated, settle
+from .settle import Settled, replaced, settle
 
 SAME, SAME_FORCE = 1e-2, 0.05
 """Contacts closer than this, in antenna lengths and in parts of the force, are taken for the same."""
@@ -51,9 +51,8 @@ class Best:
         rival_unknowns[rows] = xp.where(nearer[:, None], loser, self.rival_unknowns[rows])
         if not bool(better.any()):
             return Best(self.fits, rival, rival_unknowns)
-        state = written(self.fits.state, rows[better], picked(theirs, better))
-        table = written(self.fits.table, rows[better], picked(others.table, better))
-        return Best(evaluated(self.fits.frames, self.fits.rung, table, state), rival, rival_unknowns)
+        fits = replaced(self.fits, rows[better], picked(theirs, better), picked(others.table, better))
+        return Best(fits, rival, rival_unknowns)
 
 
 def different(first: Array, second: Array) -> Array:

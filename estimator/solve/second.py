@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, like, namespace
 
+from .batch import picked
 from .match import sums
 from .normal import Problem, equations, huber_weights, solved, solved_columns
-from .settle import Settled
+from .settle import Settled, evaluated
 from .view import by_point
-from .worth import Worth
+from .worth import REFERENCE, Worth
 
 GRID = 16
 """Places tried for another force, evenly over the antenna."""
+BLOCKS, STRUCTURE = 8, 22.0
+"""Stretches of the antenna over which misfits are summed; χ² of these beyond which a second force is looked for: one
+frame of noise in 200."""
 DEPENDENT = 1e-4
 """A force whose deflection the first contact and the rig can make up for to this part, in squares, holds nothing."""
 
 
 def second_force(fits: Settled, about: Problem, known: Worth) -> tuple[Array, Array, Array]:
-    """What the best second force would do, by its small deflection, with all that contact, friction and rig can do
-    about it taken out: a score test.
+    """What the best second force would do to B frames.
 
     Parameters
     ----------
@@ -28,8 +33,46 @@ def second_force(fits: Settled, about: Problem, known: Worth) -> tuple[Array, Ar
     Returns
     -------
     gain, place, harm : (B,) how much of the cost it takes away, at the scatter that neighbouring points have; where it
-        acts, in antenna lengths; how far the first contact's distance would move, in standard deviations.
+        acts, in antenna lengths; how far the first contact's distance would move, in standard deviations. 0 where the
+        misfit has no structure.
     """
+    xp = namespace(about.scatter)
+    none = xp.zeros_like(about.scatter)
+    structured = (structure(about) > STRUCTURE) | (about.scatter > 1.0)
+    if not bool(structured.any()):
+        return none, none, none
+    rows = xp.arange(len(none))[structured]
+    part = picked(replace(fits, problem=about), rows)
+    if fits.rung != REFERENCE:
+        part = evaluated(part.frames, REFERENCE, part.table, part.state)
+    found = []
+    for values in _best_second(part, picked(known, rows)):
+        whole = none + 0.0
+        whole[rows] = values
+        found.append(whole)
+    return found[0], found[1], found[2]
+
+
+def structure(about: Problem) -> Array:
+    """(B,) sum of squares of the misfits' means over `BLOCKS` stretches of the antenna, in their deviations: χ², at the
+    scatter that neighbours have, if the misfit is but noise."""
+    xp = namespace(about.scatter)
+    whitened = about.whitened(about.found.distance)
+    weights = huber_weights(whitened) * about.found.precision / about.scatter[:, None] ** 2
+    summed = sums(about.found, weights, about.found.distance, about.columns.shape[1])
+    # the hat functions of the nodes add up to one, so that a row's sum is the weight that lies on its node
+    weight = summed.diagonal + 0.0
+    weight[:, :-1] += summed.beside
+    weight[:, 1:] += summed.beside
+    width = weight.shape[1] // BLOCKS
+    load, held = (v[:, -BLOCKS * width :].reshape(-1, BLOCKS, width).sum(-1) for v in (summed.load, weight))
+    return (load * load / xp.clip(held, 1e-30, None)).sum(-1)
+
+
+def _best_second(fits: Settled, known: Worth) -> tuple[Array, Array, Array]:
+    """Gain, place and harm (B,) of the best second force, by its small deflection, with all that contact, friction and
+    rig can do about it taken out: a score test."""
+    about = fits.problem
     xp, frame = namespace(about.scatter), fits.frames.known
     places = like(about.scatter, [(g + 1.0) / GRID for g in range(GRID)])
     along = aligned_arclength(xp.clip(fits.view.contact_m / frame.length_m, None, 1.0 - 1e-6), 1.0)

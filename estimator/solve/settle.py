@@ -61,16 +61,15 @@ def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = No
     """
     view = look(frames, rung, unknowns)
     table = rig_table(frames, rung, unknowns, view)
-    state = descend(frames, rung, table, begin(frames, view, unknowns, feet_m))
+    fits = evaluated(frames, rung, table, descend(frames, rung, table, begin(frames, view, unknowns, feet_m)))
     for _ in range(ROUNDS):
-        spread = scatter(linearised(frames, rung, table, state))
-        changed = abs(spread - state.scatter) > CHANGED * state.scatter
-        state = replace(state, scatter=spread)
-        state = _again(frames, rung, table, state, changed)
+        spread = scatter(fits.problem)
+        changed = abs(spread - fits.state.scatter) > CHANGED * fits.state.scatter
         if not bool(changed.any()):
             break
-    state = _held_at_tip(frames, rung, table, state)
-    return evaluated(frames, rung, table, state)
+        fits = _anew(fits, changed, replace(fits.state, scatter=spread))
+    near = fits.state.unknowns[:, 0] > TIP - NEAR_TIP
+    return _held_at_tip(fits, near) if bool(near.any()) else fits
 
 
 def evaluated(frames: Frames, rung: str, table: RigTable, state: State) -> Settled:
@@ -87,8 +86,8 @@ def explored(
     costs: Array,
     feet_m: Array | None = None,
     iterations: int = COARSE_ITERATIONS,
-) -> tuple[Array, Array, Array]:
-    """Rough floors (B, S, 4) below starts (B, S, 4), lowest first, their costs (B, S), the lowest one's feet (B, N).
+) -> tuple[Array, Array]:
+    """Rough floors (B, S, 4) below starts (B, S, 4), lowest first, and their costs (B, S).
 
     Starts of infinite cost, floors that another one reached too, and hopeless ones come out with infinite cost.
     """
@@ -105,17 +104,15 @@ def explored(
     state = descend(several, rung, table, first, COARSE_STANDSTILL, iterations)
     floors, total = starts.reshape(-1, UNKNOWNS) + 0.0, xp.full_like(costs.reshape(-1), xp.inf)
     floors[worth] = state.unknowns
-    total[worth] = equations(linearised(several, rung, table, state), state.values).cost
+    total[worth] = state.cost
     floors, total = floors.reshape(count, width, UNKNOWNS), total.reshape(count, width)
     order = xp.argsort(total, -1)
     every = xp.arange(count)[:, None]
-    place = xp.cumsum(worth + 0, 0).reshape(count, width) - 1
-    feet = state.foot_m[place[every[:, 0], order[:, 0]]]
     floors, total = floors[every, order], total[every, order]
     far = xp.abs(floors[:, 1:, 0] - floors[:, :1, 0]) > SAME_VALLEY
     keep = far & (total[:, 1:] < HOPELESS_FACTOR * total[:, :1] + HOPELESS)
     total[:, 1:] = xp.where(keep, total[:, 1:], xp.full_like(total[:, 1:], xp.inf))
-    return floors, total, feet
+    return floors, total
 
 
 def scatter(about: Problem) -> Array:
@@ -129,25 +126,28 @@ def scatter(about: Problem) -> Array:
     return xp.where(much, xp.clip(median, None, MOST_SCATTER), xp.ones_like(median))
 
 
-def _again(frames: Frames, rung: str, table: RigTable, state: State, which: Array) -> State:
-    """Some of the states descended once more."""
-    if not bool(which.any()):
-        return state
+def _anew(fits: Settled, which: Array, begun: State) -> Settled:
+    """Some of the fits descended once more, from other states."""
     rows = namespace(which).arange(len(which))[which]
-    part = descend(frames.picked(rows), rung, picked(table, rows), picked(state, rows))
-    return written(state, rows, part)
+    frames, table = fits.frames.picked(rows), picked(fits.table, rows)
+    return replaced(fits, rows, descend(frames, fits.rung, table, picked(begun, rows)), table)
 
 
-def _held_at_tip(frames: Frames, rung: str, table: RigTable, state: State) -> State:
+def replaced(fits: Settled, rows: Array, states: State, table: RigTable) -> Settled:
+    """Fits with the states and tables of some rows replaced by others."""
+    part = evaluated(fits.frames.picked(rows), fits.rung, table, states)
+    parts = ("state", "view", "table", "problem", "equations")
+    return replace(fits, **{name: written(getattr(fits, name), rows, getattr(part, name)) for name in parts})
+
+
+def _held_at_tip(fits: Settled, near: Array) -> Settled:
     """Distances that the data cannot tell from the tip are held there."""
-    xp = namespace(state.scatter)
-    near = state.unknowns[:, 0] > TIP - NEAR_TIP
-    if not bool(near.any()):
-        return state
+    xp = namespace(near)
     rows = xp.arange(len(near))[near]
-    frames, table, free = frames.picked(rows), picked(table, rows), picked(state, rows)
+    frames, table, free = fits.frames.picked(rows), picked(fits.table, rows), picked(fits.state, rows)
     unknowns = xp.concat([xp.ones_like(free.unknowns[:, :1]) * TIP, free.unknowns[:, 1:]], -1)
-    held = descend(frames, rung, table, replace(free, unknowns=unknowns, at_tip=~free.at_tip | True))
-    costs = [equations(linearised(frames, rung, table, each), each.values).cost for each in (free, held)]
-    better = costs[1] <= costs[0] + TIP_OBJECTION
-    return written(state, rows[better], picked(held, better))
+    held = descend(frames, fits.rung, table, replace(free, unknowns=unknowns, at_tip=near[rows]))
+    better = held.cost <= free.cost + TIP_OBJECTION
+    if not bool(better.any()):
+        return fits
+    return replaced(fits, rows[better], picked(held, better), picked(table, better))

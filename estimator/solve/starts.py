@@ -9,15 +9,15 @@ from vbaa_calib.arrays import Array, like, namespace
 
 from .cubics import cubic, cubics
 from .frames import Frames
-from .known import LIKELY_SWAY
-from .match import between_nodes, match, nearest_feet, rows, sums
+from .known import LIKELY_SWAY, Known
+from .match import Sums, along_chord, between_nodes, match, rows, sums
 from .normal import huber_weights
 from .view import RigTable, View, by_point, look, rig_table
 
 GRID = 24
 """Distances tried, spread over the antenna."""
 NEAREST_TRIED = 0.05
-ROUNDS = 3
+ROUNDS = 2
 """Reweightings of the points by what the best distance leaves of them."""
 WARM_OBJECTION = 8.0
 """A start from the frame before is taken unless another distance explains the frame better by so much."""
@@ -40,7 +40,7 @@ def free_antenna(frames: Frames, rung: str) -> Free:
     xp = namespace(frames.points)
     unknowns = xp.zeros_like(frames.gravity_m_s2[:, :1]) + FREE * frames.known.trials[1]
     view = look(frames, rung, unknowns)
-    return Free(unknowns, view, rig_table(frames, "linear", unknowns, view), nearest_feet(frames, view))
+    return Free(unknowns, view, rig_table(frames, "linear", unknowns, view), along_chord(frames, view))
 
 
 def free_points(free: Free, arclength_m: Array) -> Array:
@@ -99,71 +99,105 @@ def tried(frames: Frames, free: Free) -> Trials:
     """The grid's distances, each with its best force.
 
     For small deflections the picture is linear in the force once the distance is given, so force and rig are profiled
-    out.
+    out. A force along y or z displaces the picture by one shape for all frames times `by_point` of each frame, so that
+    sums over nodes are matrix products with shapes.
     """
     xp = namespace(frames.points)
     found = match(frames, free.view, free.feet_m)
     grid = like(frames.points, [NEAREST_TRIED + (1.0 - NEAREST_TRIED) * g / (GRID - 1) for g in range(GRID)])
-    columns, felt = _forces(frames, free.view, grid)
-    rig, rig_felt, misfit = free.table.nodes, free.table.readings, free.view.misfit[..., None]
-    every = xp.arange(len(frames))
-    weights = found.precision
-    # a direction that neither picture nor reading holds is left near where it is
-    likely = (frames.known.tip_per_force(grid) / LIKELY_SWAY) ** 2
+    pushes = _Pushes.of(frames, free, grid)
+    every, weights = xp.arange(len(frames)), found.precision
     for _ in range(ROUNDS):
-        summed = sums(found, weights, found.distance, columns.shape[1])
-        towards = summed.times(columns)
-        by_rig = rig.mT @ towards + rig_felt.mT @ felt
-        within = rig.mT @ summed.times(rig) + rig_felt.mT @ rig_felt + frames.known.unit
-        load = summed.load[..., None]
-        taken = xp.linalg.solve(within, xp.concat([by_rig, rig.mT @ load + rig_felt.mT @ misfit], -1))
-        pull = (columns.mT @ load + felt.mT @ misfit - by_rig.mT @ taken[..., -1:])[..., 0]
-        forces, gains = _best_forces(columns, towards, felt, by_rig, taken[..., :-1], pull, likely)
+        summed = sums(found, weights, found.distance, pushes.shape.shape[0])
+        forces, gains, by_rig = pushes.best(free, summed)
         best = gains.argmax(-1)
-        shift = (rig @ taken[..., -1:])[..., 0]
-        for axis in (0, 1):
-            column = columns[every, :, 2 * best + axis] - (rig @ taken[every, :, 2 * best + axis][..., None])[..., 0]
-            shift = shift + forces[every, best, axis][:, None] * column
+        shift = (free.table.nodes @ by_rig[2])[..., 0]
+        for a in (0, 1):
+            taken = (free.table.nodes @ by_rig[a][every, :, best][..., None])[..., 0]
+            shift = shift + forces[every, best, a][:, None] * (pushes.sides[a] * pushes.shape.mT[best] - taken)
         left = (found.distance - found.between(shift)) * xp.sqrt(found.precision)
         weights = found.precision * huber_weights(left)
     return Trials(xp.broadcast_to(grid, gains.shape), forces, gains)
 
 
-def _forces(frames: Frames, view: View, grid: Array) -> tuple[Array, Array]:
-    """Columns (B, M, 2G) of unit forces y, z at each distance of the grid, and of the readings (B, 2, 2G)."""
-    xp, known = namespace(grid), frames.known
+@dataclass(frozen=True, eq=False)
+class _Pushes:
+    """Unit forces along y and z at each distance of the grid.
+
+    Attributes
+    ----------
+    shape : (M, G) small deflections of the free antenna's nodes, m. sides : two (B, M), the picture's displacement by a
+    metre along y, and z. felt : two (B, 2, G), what the sensors feel, in deviations. likely : (G,) weight of the
+    force's square: a direction that neither picture nor reading holds is left near where it is. unit : (R, R).
+    """
+
+    shape: Array
+    sides: tuple[Array, Array]
+    felt: tuple[Array, Array]
+    likely: Array
+    unit: Array
+
+    @staticmethod
+    def of(frames: Frames, free: Free, grid: Array) -> _Pushes:
+        """For frames and their free antennas, at distances (G,) in antenna lengths."""
+        known, across = frames.known, by_point(frames.known, free.view)
+        likely = (known.tip_per_force(grid) / LIKELY_SWAY) ** 2
+        return _Pushes(_shapes(known, grid), (across[..., 1], across[..., 2]), _felt(frames, grid), likely, known.unit)
+
+    def best(self, free: Free, summed: Sums) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+        """Best forces (B, G, 2), what each takes off the cost (B, G), and the rig's steps that go with unit forces along
+        y and z (B, R, G) and with none (B, R, 1)."""
+        xp, rig, rig_felt = namespace(summed.load), free.table.nodes, free.table.readings
+        misfit, towards = free.view.misfit[..., None], summed.times(rig)
+        within = rig.mT @ towards + rig_felt.mT @ rig_felt + self.unit
+        crossed = [(towards * self.sides[a][..., None]).mT @ self.shape + rig_felt.mT @ self.felt[a] for a in (0, 1)]
+        rig_pull = rig.mT @ summed.load[..., None] + rig_felt.mT @ misfit
+        taken = xp.linalg.solve(within, xp.concat([*crossed, rig_pull], -1))
+        by_rig = taken[..., :GRID], taken[..., GRID : 2 * GRID], taken[..., 2 * GRID :]
+        held = [
+            _product(summed, self.sides[a], self.sides[b], self.shape)
+            + (self.felt[a] * self.felt[b]).sum(1)
+            - (crossed[a] * by_rig[b]).sum(1)
+            for a, b in ((0, 0), (0, 1), (1, 1))
+        ]
+        pull = [
+            (summed.load * self.sides[a]) @ self.shape
+            + (self.felt[a] * misfit).sum(1)
+            - (crossed[a].mT @ by_rig[2])[..., 0]
+            for a in (0, 1)
+        ]
+        forces, gains = _best_forces(held[0] + self.likely, held[1], held[2] + self.likely, *pull)
+        return forces, gains, by_rig
+
+
+def _shapes(known: Known, grid: Array) -> Array:
+    """(M, G) small deflections of the free antenna's nodes under a unit force at each distance of the grid, m."""
+    xp = namespace(grid)
     along = like(grid, aligned_arclength(grid[:1] * 0.0 + FREE, 1.0)[0])
     near, far = xp.minimum(along[:, None], grid), xp.maximum(along[:, None], grid)
-    bent = (
-        (3.0 * far - near) * near * near * (known.force_unit_N * known.length_m**3 / 6.0) / xp.exp(known.parameters[6])
-    )
-    columns = bent[:, :, None] * by_point(known, view)[:, :, None, 1:]
+    return (3.0 * far - near) * near * near * (known.load * known.length_m / 6.0)
+
+
+def _felt(frames: Frames, grid: Array) -> tuple[Array, Array]:
+    """What the sensors feel, (B, 2, G) in deviations, of unit forces along y, and along z, at each distance."""
+    xp, known = namespace(grid), frames.known
     lever = known.gain / known.std * known.force_unit_N * known.length_m
     zero = xp.zeros_like(grid)
     # about y the force's z is felt, about z its y
-    felt = xp.stack([xp.stack([zero, grid * lever[0]], -1), xp.stack([grid * lever[1], zero], -1)], 0)
-    felt = felt.reshape(2, -1) * frames.felt[..., None]
-    return columns.reshape(len(frames), len(along), -1), felt
+    sides = xp.stack([zero, grid * lever[1]]), xp.stack([grid * lever[0], zero])
+    return sides[0] * frames.felt[..., None], sides[1] * frames.felt[..., None]
 
 
-def _best_forces(
-    columns: Array, towards: Array, felt: Array, by_rig: Array, taken: Array, pull: Array, likely: Array
-) -> tuple[Array, Array]:
+def _product(summed: Sums, first: Array, second: Array, shape: Array) -> Array:
+    """(B, G) inner products of first·shape and second·shape, (B, M) times (M, G), over the points."""
+    own = (summed.diagonal * first * second) @ (shape * shape)
+    mixed = summed.beside * (first[:, :-1] * second[:, 1:] + first[:, 1:] * second[:, :-1])
+    return own + mixed @ (shape[:-1] * shape[1:])
+
+
+def _best_forces(yy: Array, yz: Array, zz: Array, y: Array, z: Array) -> tuple[Array, Array]:
     """Best forces (B, G, 2) at each distance, and how much of the cost each takes away (B, G)."""
-    xp = namespace(pull)
-    batch = len(pull)
-
-    def inner(a: Array, b: Array, first: int, second: int) -> Array:
-        return (a[..., first::2] * b[..., second::2]).sum(1)
-
-    def held(first: int, second: int) -> Array:
-        data = inner(columns, towards, first, second) + inner(felt, felt, first, second)
-        return data - inner(by_rig, taken, first, second)
-
-    yy, yz, zz = held(0, 0), held(0, 1), held(1, 1)
-    pull = pull.reshape(batch, -1, 2)
-    y, z = pull[..., 0], pull[..., 1]
-    yy, zz = yy * (1.0 + 1e-9) + likely, zz * (1.0 + 1e-9) + likely
+    xp = namespace(y)
     over = 1.0 / xp.clip(yy * zz - yz * yz, 1e-300, None)
     forces = xp.stack([(zz * y - yz * z) * over, (yy * z - yz * y) * over], -1)
-    return forces, 0.5 * (forces * pull).sum(-1)
+    return forces, 0.5 * (forces[..., 0] * y + forces[..., 1] * z)

@@ -99,14 +99,14 @@ def look(frames: Frames, rung: str, unknowns: Array) -> View:
     signs = xp.concat([xp.where(unknowns[:, :1] + STEP > TIP, -ones, ones)] + [ones] * (free - 1), -1)
     trials = xp.concat([ones, signs], -1)[..., None] * known.trials[: free + 1]
     shapes = antennas(frames, rung, unknowns[:, None] + STEP * trials)
-    image, depth, turned = project(known, shapes.points_m, shapes.tangents)
     grid = len(frames), free + 1
-    image = image.reshape(*grid, -1, 2)
-    nodes, turned = image[:, 0], turned.reshape(*grid, -1, 3)[:, 0]
-    depth = depth.reshape(*grid, -1, 1)[:, 0]
-    slopes = (turned[..., :2] - nodes * turned[..., 2:]) / depth
-    normals = across(slopes)
-    columns = dot(image[:, 1:] - image[:, :1], normals[:, None]) / (STEP * signs[..., None])
+    u, v, depth = (part.reshape(*grid, -1) for part in project(known, shapes.points_m))
+    points, tangents = (vectors.reshape(*grid, -1, 3)[:, 0] for vectors in (shapes.points_m, shapes.tangents))
+    slope_u, slope_v = image_slopes(known, tangents, u[:, 0], v[:, 0], depth[:, 0])
+    size = xp.clip(xp.hypot(slope_u, slope_v), 1e-30, None)
+    normal_u, normal_v = -slope_v / size, slope_u / size
+    displaced_by = (u[:, 1:] - u[:, :1]) * normal_u[:, None] + (v[:, 1:] - v[:, :1]) * normal_v[:, None]
+    columns = displaced_by / (STEP * signs[..., None])
     felt = readings(frames, shapes).reshape(*grid, 2)
     by_moment = (felt[:, 1:] - felt[:, :1]) / (STEP * signs[..., None])
     touch = xp.concat([shapes.contact_m, shapes.force_N], -1).reshape(*grid, 6)
@@ -117,15 +117,16 @@ def look(frames: Frames, rung: str, unknowns: Array) -> View:
         by_touch = xp.concat([by_touch, _leaning(known, shapes, touch[:, :1])], 1)
     misfit = (frames.reading_Nm / known.std - felt[:, 0]) * frames.felt
     contact = xp.clip(unknowns[:, 0], None, 1.0 - 1e-6) * known.length_m  # as `bend` keeps the nodes apart
+    nodes = xp.stack([u[:, 0], v[:, 0]], -1)
     return View(
         known.length_m,
-        shapes.points_m.reshape(*grid, -1, 3)[:, 0],
-        shapes.tangents.reshape(*grid, -1, 3)[:, 0],
+        points,
+        tangents,
         contact,
         nodes,
-        cubics(nodes, slopes, contact, known.length_m),
-        depth,
-        normals,
+        cubics(nodes, xp.stack([slope_u, slope_v], -1), contact, known.length_m),
+        depth[:, 0, :, None],
+        xp.stack([normal_u, normal_v], -1),
         columns.mT,
         misfit,
         by_moment.mT * frames.felt[..., None],
@@ -147,31 +148,34 @@ def displaced(frames: Frames, rung: str, unknowns: Array, view: View) -> tuple[A
     point and force (B, 6)."""
     xp = namespace(unknowns)
     shapes = antennas(frames, rung, unknowns[:, None])
-    image, _, _ = project(frames.known, shapes.points_m, shapes.tangents)
+    u, v, _ = project(frames.known, shapes.points_m)
     own = frames.reading_Nm / frames.known.std - view.misfit
     felt = (readings(frames, shapes) - own) * frames.felt
-    return dot(image - view.nodes, view.normals), felt, xp.concat([shapes.contact_m, shapes.force_N], -1) - view.touch
+    touched = xp.concat([shapes.contact_m, shapes.force_N], -1) - view.touch
+    return dot(xp.stack([u, v], -1) - view.nodes, view.normals), felt, touched
 
 
-def project(known: Known, points_m: Array, tangents: Array | None = None) -> tuple[Array, Array, Array]:
-    """Image (..., M, 2) and depth (..., M, 1) of antenna points (..., M, 3); tangents (..., M, 3), camera frame."""
-    xp = namespace(points_m)
-    rotation = known.rotations[0].mT
-    seen = points_m @ rotation + known.translations[0]
-    depth = xp.clip(seen[..., 2:], NEAREST_DEPTH_M, None)
-    return seen[..., :2] / depth, depth, points_m if tangents is None else tangents @ rotation
+def project(known: Known, points_m: Array, pose: int = 0) -> tuple[Array, Array, Array]:
+    """Ideal image u, v and depth, (..., M) each, of antenna points (..., M, 3), by one of the known poses."""
+    x, y, z = (points_m[..., axis] for axis in range(3))
+    rotation, shift = known.rotations[pose], known.translations[pose]
+    across, down, ahead = (
+        row[0] * x + row[1] * y + (row[2] * z + move) for row, move in zip(rotation, shift, strict=True)
+    )
+    depth = namespace(ahead).clip(ahead, NEAREST_DEPTH_M, None)
+    return across / depth, down / depth, depth
+
+
+def image_slopes(known: Known, tangents: Array, u: Array, v: Array, depth: Array) -> tuple[Array, Array]:
+    """Slopes (..., M) of the image by arc length, of tangents (..., M, 3) at image points and depths (..., M)."""
+    x, y, z = (tangents[..., axis] for axis in range(3))
+    across, down, ahead = (row[0] * x + row[1] * y + row[2] * z for row in known.rotations[0])
+    return (across - u * ahead) / depth, (down - v * ahead) / depth
 
 
 def dot(first: Array, second: Array) -> Array:
     """Inner products (...) of plane vectors (..., 2): far quicker than a sum over so short an axis."""
     return first[..., 0] * second[..., 0] + first[..., 1] * second[..., 1]
-
-
-def across(slopes: Array) -> Array:
-    """Unit normals (..., 2) of image curves with slopes (..., 2)."""
-    xp = namespace(slopes)
-    normal = xp.stack([-slopes[..., 1], slopes[..., 0]], -1)
-    return normal / xp.clip(xp.hypot(slopes[..., 0], slopes[..., 1]), 1e-30, None)[..., None]
 
 
 def readings(frames: Frames, shapes: Curves) -> Array:
@@ -208,16 +212,17 @@ def rig_table(frames: Frames, rung: str, unknowns: Array, view: View) -> RigTabl
     moves = xp.broadcast_to(known.moves, (*grid, ANTENNA))
     rung = LINEAR if rung == "paper" else rung
     shapes = antennas(frames, rung, xp.broadcast_to(unknowns[:, None], (*grid, UNKNOWNS)), moves)
-    image, _, _ = project(known, shapes.points_m)
-    image, points = image.reshape(*grid, -1, 2), shapes.points_m.reshape(*grid, -1, 3)[:, 0]
+    u, v, _ = (part.reshape(*grid, -1) for part in project(known, shapes.points_m))
+    points = shapes.points_m.reshape(*grid, -1, 3)[:, 0]
     sizes = known.moves[1:].sum(0)
-    by_antenna = dot(image[:, 1:] - image[:, :1], view.normals[:, None]).mT / sizes
+    along_u, along_v = view.normals[:, None, :, 0], view.normals[:, None, :, 1]
+    by_antenna = ((u[:, 1:] - u[:, :1]) * along_u + (v[:, 1:] - v[:, :1]) * along_v).mT / sizes
     felt = readings(frames, shapes).reshape(*grid, 2)
     felt_by_antenna = (felt[:, 1:] - felt[:, :1]).mT / sizes
     by_sensor = _by_sensor(known, felt[:, 0])
     touch = xp.concat([shapes.contact_m, shapes.force_N], -1).reshape(*grid, 6)
     touched = (touch[:, 1:] - touch[:, :1]).mT / sizes
-    pictured = [_by_pose(known, points, image[:, 0], view.normals), by_antenna, xp.zeros_like(by_antenna[..., :2])]
+    pictured = [_by_pose(known, points, u[:, 0], v[:, 0], view.normals), by_antenna, xp.zeros_like(by_antenna[..., :2])]
     felt = [xp.zeros_like(felt_by_antenna[..., :POSES]), felt_by_antenna, by_sensor]
     if len(known.axes) > len(RIG_PARAMETERS):
         by_lens = known.rig.camera.lens_slopes_at(view.nodes)
@@ -232,15 +237,14 @@ def rig_table(frames: Frames, rung: str, unknowns: Array, view: View) -> RigTabl
     )
 
 
-def _by_pose(known: Known, points_m: Array, image: Array, normals: Array) -> Array:
+def _by_pose(known: Known, points_m: Array, u: Array, v: Array, normals: Array) -> Array:
     """(B, M, 6) displacement along the normals by the pose's tangent."""
-    xp = namespace(points_m)
     found = []
     for index in range(1, POSES + 1):
-        seen = points_m @ known.rotations[index].mT + known.translations[index]
-        moved = seen[..., :2] / xp.clip(seen[..., 2:], NEAREST_DEPTH_M, None)
-        found.append(dot(moved - image, normals) / float(RIG_STEPS[index - 1]))
-    return xp.stack(found, -1)
+        moved_u, moved_v, _ = project(known, points_m, index)
+        moved = (moved_u - u) * normals[..., 0] + (moved_v - v) * normals[..., 1]
+        found.append(moved / float(RIG_STEPS[index - 1]))
+    return namespace(u).stack(found, -1)
 
 
 def _by_sensor(known: Known, felt: Array) -> Array:

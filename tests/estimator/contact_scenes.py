@@ -41,7 +41,7 @@ def frame(
     **changes,
 ) -> Frame:
     """One frame without friction, touched at this part of its length."""
-    lateral = pushing(roll, tip_m, contact * LENGTH_M)
+    lateral = pushing(roll, tip_m, contact * LENGTH_M).tolist()
     return frames(world, [contact * LENGTH_M], [lateral], [tilt], np.random.default_rng(seed), **changes)[0]
 
 

@@ -182,8 +182,13 @@ def test_a_recording_is_read_when_it_is_asked_for() -> None:
 def test_a_live_frame_is_answered_at_once() -> None:
     world, recording, _ = moving(3)
     taken: list[int] = []
-    source = (taken.append(index) or measured for index, measured in enumerate(recording))
-    found = ContactEstimator(world.rig()).run(source, chunk=1)
+
+    def source() -> Iterator[Measured]:
+        for index, measured in enumerate(recording):
+            taken.append(index)
+            yield measured
+
+    found = ContactEstimator(world.rig()).run(source(), chunk=1)
     for count in (1, 2, 3):
         next(found)
         assert len(taken) == count
