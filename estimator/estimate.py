@@ -16,11 +16,13 @@ from vbaa_calib.rig import Rig
 
 from .contact import Contact, Measured
 from .contacts import Contacts, judge
+from .motion import Beam
 from .quantities import Numbers, none_of, numbers, placed, plain
 from .solve.frames import Frames, frames_from_pixels
 from .solve.known import Known
 from .solve.ladder import EXPLORER, explore, solve
 from .solve.view import look
+from .stream import Stream, beam
 from .verdict import FEWEST_POINTS, unexplained
 
 FRICTION_RAD = 0.2
@@ -133,18 +135,21 @@ class ContactEstimator:
         readings = np.stack([columns["moments"], columns["moments_z"]], axis=-1)
         return self._judged(points, sigma, readings, columns["pans"], columns["tilts"], None)
 
-    def run(self, recording: Iterable[Measured], chunk: int = STREAM) -> Iterator[Contact]:
-        """A recording frame by frame, in constant memory.
+    def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:
+        """A recording frame by frame, in order and in constant memory.
 
-        Frames are taken `chunk` at a time, and looked for first where the last chunk's last contact was. With a chunk
-        of 1 each frame is answered as it comes.
+        Frames are taken `STREAM` at a time, and looked for first where the last contact before them was. Frames with
+        times are judged for motion by those around them (`motion`), so that a contact comes out a little later. With
+        `live` each frame is answered as it comes, judged by those before it.
         """
         frames, warm = iter(recording), None
-        while several := list(islice(frames, chunk)):
-            found = self._measured(several, warm)
+        stream = Stream(self.rig, live)
+        while several := list(islice(frames, 1 if live else STREAM)):
+            found = self._measured(several, warm, beam(self.rig))
             located = np.flatnonzero(np.isfinite(found.distance_m))
             warm = found.numbers.unknowns[located[-1]] if len(located) else None
-            yield from found
+            yield from stream.push(several, found)
+        yield from stream.finish()
 
     def measure(self, measured: Measured, start: np.ndarray | None = None) -> Contact:
         """One frame that was checked already. `start` (4,): unknowns near the truth, as `rough` gives them."""
@@ -166,8 +171,8 @@ class ContactEstimator:
         part = solve(frames, self.model, None if start is None else start[None])[0]
         return np.asarray(part.fits.view.points_m[0])
 
-    def _measured(self, several: Sequence[Measured], warm: np.ndarray | None) -> Contacts:
-        return self._judged(*_stacked(several), None if warm is None else np.tile(warm, (len(several), 1)))
+    def _measured(self, several: Sequence[Measured], warm: np.ndarray | None, shaken: Beam | None = None) -> Contacts:
+        return self._judged(*_stacked(several), None if warm is None else np.tile(warm, (len(several), 1)), shaken)
 
     def _judged(
         self,
@@ -177,6 +182,7 @@ class ContactEstimator:
         pan_rad: np.ndarray,
         tilt_rad: np.ndarray,
         warm: np.ndarray | None,
+        shaken: Beam | None = None,
     ) -> Contacts:
         count = len(points_px)
         found = none_of(count)
@@ -194,7 +200,7 @@ class ContactEstimator:
             rows = np.flatnonzero(plain(enough)) + begin
             start = None if warm is None else like(frames.points, warm[rows])
             frames = frames.picked(enough)
-            fitted = numbers(solve(frames, self.model, start))
+            fitted = numbers(solve(frames, self.model, start), shaken)
             self._without_reading(frames, fitted)
             placed(found, rows, fitted)
         return judge(found, self.rig, self.friction_rad, pan_rad, tilt_rad, self.model)
@@ -206,7 +212,7 @@ class ContactEstimator:
             return
         alone = frames.picked(as_index(like(frames.points, rows)))
         silent = replace(alone, felt=0.0 * alone.felt)
-        fitted.without_reading[rows] = numbers(solve(silent, self.model)).scatter
+        fitted.explained_alone[rows] = ~unexplained(numbers(solve(silent, self.model)))
 
     def _frames(
         self,

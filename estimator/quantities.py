@@ -13,8 +13,10 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 
 from .hinge import camera_angle
+from .motion import PIECES, Beam
 from .solve.known import Known
 from .solve.ladder import Solved
+from .solve.shaken import by_inertia, pieces
 from .solve.starts import free_points
 
 FLOATS = {
@@ -23,8 +25,11 @@ FLOATS = {
     "covariance": (6, 6),
     **dict.fromkeys(("residual", "residual_std"), (2,)),
     **dict.fromkeys(("strange", "evidence", "scatter", "condition", "rival"), ()),
-    **dict.fromkeys(("second", "second_place", "second_harm", "edge_on_rad", "without_reading"), ()),
+    **dict.fromkeys(("second", "second_place", "second_harm", "edge_on_rad"), ()),
     "bias": (len(RUNGS),),
+    "pieces_m": (PIECES, 3),
+    "pieces_std_m": (PIECES,),
+    "push": (PIECES, 2),
 }
 """The shape of a frame's entry in each array of floats."""
 
@@ -45,8 +50,9 @@ class Numbers:
     strange : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
     rival, rival_unknowns, second, second_place, second_harm : see `solve.ladder.Solved`.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
-    without_reading : (B,) scatter of a fit to the picture alone; NaN where that was not asked for.
+    explained_alone : (B,) bool, the picture alone is that of one contact; asked only where it is not with the readings.
     bias : (B, len(RUNGS)), NaN where not weighed.
+    pieces_m, pieces_std_m, push : see `solve.shaken`; NaN where motion is not to be judged.
     """
 
     points: np.ndarray
@@ -74,8 +80,11 @@ class Numbers:
     second_place: np.ndarray
     second_harm: np.ndarray
     edge_on_rad: np.ndarray
-    without_reading: np.ndarray
+    explained_alone: np.ndarray
     bias: np.ndarray
+    pieces_m: np.ndarray
+    pieces_std_m: np.ndarray
+    push: np.ndarray
 
     def __len__(self) -> int:
         return len(self.rung)
@@ -89,7 +98,7 @@ def none_of(count: int) -> Numbers:
         rung=np.zeros(count, int),
         rig_axes=np.zeros(count, int),
         felt=np.zeros((count, 2), bool),
-        **{name: np.zeros(count, bool) for name in ("converged", "at_tip", "finite")},
+        **{name: np.zeros(count, bool) for name in ("converged", "at_tip", "finite", "explained_alone")},
         **floats,
     )
 
@@ -100,16 +109,16 @@ def placed(whole: Numbers, rows: np.ndarray, part: Numbers) -> None:
         getattr(whole, f.name)[rows] = getattr(part, f.name)
 
 
-def numbers(parts: list[Solved]) -> Numbers:
-    """The numbers of all frames, in the order of their rows."""
+def numbers(parts: list[Solved], beam: Beam | None = None) -> Numbers:
+    """The numbers of all frames, in the order of their rows; with a beam, also what judging its motion needs."""
     order = np.concatenate([plain(part.rows) for part in parts])
     whole = none_of(len(order))
     for part in parts:
-        placed(whole, plain(part.rows), _numbers(part))
+        placed(whole, plain(part.rows), _numbers(part, beam))
     return whole
 
 
-def _numbers(part: Solved) -> Numbers:
+def _numbers(part: Solved, beam: Beam | None) -> Numbers:
     fits, worth, known = part.fits, part.worth, part.fits.frames.known
     state, view, table = fits.state, fits.view, fits.table
     xp = namespace(state.scatter)
@@ -148,10 +157,19 @@ def _numbers(part: Solved) -> Numbers:
         second=plain(part.second),
         second_place=plain(part.second_place),
         second_harm=plain(part.second_harm),
-        without_reading=np.full(len(unknowns), np.nan),
+        explained_alone=np.zeros(len(unknowns), bool),
         edge_on_rad=edge_on(known.rig, unknowns),
         bias=bias,
+        **_moving(part, beam),
     )
+
+
+def _moving(part: Solved, beam: Beam | None) -> dict[str, np.ndarray]:
+    names = ("pieces_m", "pieces_std_m", "push")
+    if beam is None:
+        return {name: np.full((len(part.rows), *FLOATS[name]), np.nan) for name in names}
+    values = (*pieces(part.fits, beam), by_inertia(part.fits, part.worth, beam))
+    return {name: plain(value) for name, value in zip(names, values, strict=True)}
 
 
 def edge_on(rig: Rig, unknowns: np.ndarray) -> np.ndarray:

@@ -51,13 +51,15 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
     scatter, lean = numbers.scatter[index], abs(numbers.unknowns[index, 3])
     if not numbers.finite[index]:
         return "the fit left the domain of the model"
+    if contradicted(numbers)[index]:
+        return (
+            "picture and moment contradict each other: without the reading one contact explains it, so check the sensor"
+        )
     if doubled(numbers)[index]:
         places = sorted((numbers.unknowns[index, 0], numbers.second_place[index]))
         near, far = (1e3 * length_m * place for place in places)
         where = f"two contacts explain it better, near {near:.0f} and {far:.0f} mm, or the rig is off"
         return f"the shape is not that of one contact: {where}"
-    if contradicted(numbers)[index]:
-        return "picture and moment contradict each other: without the reading one contact explains it. Check the sensor"
     if at_clamp(numbers)[index]:
         return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
     if leaning(numbers)[index]:

@@ -22,8 +22,6 @@ RIVAL = 4.5
 SECOND_CONTACT, HARM = 25.0, 1.0
 """Cost that a second force must take away, and deviations by which it must move the distance, to be held for real.
 Over the grid of places, noise exceeds the first less than once in 10⁵ frames, also with heavy tails."""
-PLAUSIBLE = 0.7
-"""A picture that by itself scatters less than this part of what it does with the readings contradicts them."""
 STEEP = 3.5
 """Friction angles beyond so many of the deviations that were thought possible are not believed."""
 STRANGE_RIG = 2e-5
@@ -69,7 +67,7 @@ def unexplained(numbers: Numbers) -> np.ndarray:
 
 def contradicted(numbers: Numbers) -> np.ndarray:
     """(B,) whether a frame that nothing explains is explained once its readings are left out."""
-    return ~doubled(numbers) & (numbers.without_reading < PLAUSIBLE * numbers.scatter)
+    return unexplained(numbers) & numbers.explained_alone
 
 
 def at_clamp(numbers: Numbers) -> np.ndarray:

@@ -145,7 +145,7 @@ class _Pushes:
         return _Pushes(_shapes(known, grid), (across[..., 1], across[..., 2]), _felt(frames, grid), likely, known.unit)
 
     def best(self, free: Free, summed: Sums) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-        """Best forces (B, G, 2), what each takes off the cost (B, G), and the rig's steps that go with unit forces along
+        """Best forces (B, G, 2), what each takes off the cost (B, G), and the rig steps that go with unit forces along
         y and z (B, R, G) and with none (B, R, 1)."""
         xp, rig, rig_felt = namespace(summed.load), free.table.nodes, free.table.readings
         misfit, towards = free.view.misfit[..., None], summed.times(rig)

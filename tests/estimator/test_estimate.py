@@ -34,7 +34,7 @@ def mixed(rng: np.random.Generator, worlds: int, each: int) -> list[tuple[Rig, F
 def test_errors_are_what_the_deviations_say() -> None:
     """Camera 0–60° inclined, joints tilted 0–60°, l/L 0.3–0.95, any roll, 66 frames on 11 rigs."""
     scenes = mixed(np.random.default_rng(11), worlds=11, each=6)
-    contacts = [estimated(seen, rig) for rig, seen in scenes]
+    contacts = [estimated(seen, rig, friction=0.0) for rig, seen in scenes]
     good = [(contact, seen) for contact, (_, seen) in zip(contacts, scenes, strict=True) if contact.status == "ok"]
     assert len(good) >= 60
     # whatever is not given out must say why
@@ -153,7 +153,8 @@ def test_rows_with_nan_are_left_out() -> None:
     kept = np.isfinite(points).all(axis=1)
     with_nan = estimated(replace(seen, points_px=points), sigma_px=np.where(kept, SIGMA_PX, sigma))
     without = estimated(replace(seen, points_px=points[kept]))
-    assert with_nan.distance_m == without.distance_m
+    # other points are the first to be looked at, so that the descent begins elsewhere
+    assert with_nan.distance_m == pytest.approx(without.distance_m, abs=0.1 * without.distance_std_m)
     nothing = estimated(replace(seen, points_px=np.full((50, 2), np.nan)))
     assert nothing.status == "no_antenna"
 
