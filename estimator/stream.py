@@ -76,10 +76,10 @@ class Stream:
         significant = np.asarray(verdicts.significant)
         for load, moves in zip(np.asarray(verdicts.load_N_m), significant, strict=True):
             item = self._waiting.popleft()
-            yield _judged(item, load, self._rig.antenna.length_m) if moves else item.contact
+            yield _judged(item, load) if moves else item.contact
 
 
-def _judged(item: Waiting, load_N_m: np.ndarray, length_m: float) -> Contact:
+def _judged(item: Waiting, load_N_m: np.ndarray) -> Contact:
     """The contact as it is, or as one that moves too much to be believed."""
     contact = item.contact
     if contact.status not in (OK, TIP):
