@@ -11,12 +11,12 @@ from ..console import say
 from ..errors import InputError
 from ..files import refuse_overwrite
 
-SUBJECTS = ("metric", "calibration", "coverage", "vision")
+SUBJECTS = ("metric", "calibration", "coverage", "vision", "estimator")
 POINTS, QUICK_POINTS = 1_000_000, 100_000
-DRAWS = {"calibration": (20, 3), "coverage": (500, 20), "vision": (40, 4)}
-"""Subject → noise draws (vision: pictures of each hardship), and with --quick."""
-LEAST_DRAWS = {"calibration": 1, "coverage": 2, "vision": 1}
-FIGURES = ("metric", "coverage", "vision")
+DRAWS = {"calibration": (20, 3), "coverage": (500, 20), "vision": (40, 4), "estimator": (400, 12)}
+"""Subject → noise draws (vision: pictures of each hardship; estimator: of each cell), and with --quick."""
+LEAST_DRAWS = {"calibration": 1, "coverage": 2, "vision": 1, "estimator": 4}
+FIGURES = ("metric", "coverage", "vision", "estimator")
 HOSTILE_PER_DRAW = 25
 """Pictures with and without an antenna, at random, for each of vision's draws."""
 PACKAGES = {
@@ -24,6 +24,7 @@ PACKAGES = {
     "calibration": ("numpy", "scipy", "opencv-contrib-python-headless"),
     "coverage": ("numpy", "scipy", "opencv-contrib-python-headless", "torch"),
     "vision": ("numpy", "scipy", "opencv-contrib-python-headless"),
+    "estimator": ("numpy", "scipy", "torch"),
 }
 
 
@@ -35,7 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="metric: undistortion by OpenCV, kornia and the metric layer; calibration: lens solves by OpenCV, "
         "lensboy and mrcal (where an interpreter has them: VBAA_PEER_PYTHON) and ours, in mm on plane C; coverage: "
         "whether the deviations that whole calibrations predict are those that sampling shows; vision: the antenna in "
-        "hard pictures, beside other methods",
+        "hard pictures, beside other methods; estimator: contacts against the Cramér-Rao bound, speed against error, "
+        "hard cases, random scenes",
     )
     parser.add_argument(
         "--out",
@@ -65,7 +67,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for path in files:
         refuse_overwrite(path, args.force)
     named = machine(PACKAGES[args.subject])
-    measure = {"metric": _metric, "calibration": _calibration, "coverage": _coverage, "vision": _vision}[args.subject]
+    subjects = {"metric": _metric, "calibration": _calibration, "coverage": _coverage, "vision": _vision}
+    measure = (subjects | {"estimator": _estimator})[args.subject]
     table, result = measure(args, files)
     table = f"{named}, seed {args.seed}\n{table}"
     if args.json:
@@ -150,3 +153,23 @@ def _vision(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str,
         "hardships": [asdict(row) for row in hard],
         "hostile": [asdict(row) for row in mixed],
     }
+
+
+def _estimator(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
+    from . import estimator_figure, estimator_grid_report
+    from .estimator import measure
+    from .rows import write_csv
+
+    parts = ("rods", "speed", "hard", "random")
+    beside = [path.with_name(f"estimator_{part}.csv") for path in files[:1] for part in parts]
+    grid_figure = [path.with_name("estimator_grid.png") for path in files[:1]]
+    for path in (*beside, *grid_figure):
+        refuse_overwrite(path, args.force)
+    found = measure(_draws(args), args.seed)
+    if files:
+        write_csv(files[0], found.grid, args.force)
+        for path, part in zip(beside, parts, strict=True):
+            write_csv(path, getattr(found, part), args.force)
+        estimator_figure.write_figure(files[1], found.speed, args.force)
+        estimator_grid_report.write_figure(grid_figure[0], found.grid, args.force)
+    return found.text, found.as_dict()
