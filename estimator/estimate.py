@@ -28,7 +28,7 @@ from .verdict import FEWEST_POINTS, unexplained
 FRICTION_RAD = 0.2
 """Deviation of the friction angle that is thought possible where nothing else is said: most contacts of steel have
 friction coefficients below 0.4."""
-CHUNK = 512
+CHUNK = 1024
 """Frames that are solved at once: their arrays stay in the processor's cache."""
 STREAM = 64
 """Frames of a recording that are solved at once, each chunk from where the one before ended."""

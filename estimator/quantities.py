@@ -48,7 +48,7 @@ class Numbers:
     residual, residual_std : (B, 2) readings' misfits, whitened, and the deviations these should have.
     felt : (B, 2) bool, whether there was a reading.
     strange : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
-    rival, rival_unknowns, second, second_place, second_harm : see `solve.ladder.Solved`.
+    rival, rival_unknowns, blind, second, second_place, second_harm : see `solve.ladder.Solved`.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
     explained_alone : (B,) bool, the picture alone is that of one contact; asked only where it is not with the readings.
     bias : (B, len(RUNGS)), NaN where not weighed.
@@ -76,6 +76,7 @@ class Numbers:
     finite: np.ndarray
     rival: np.ndarray
     rival_unknowns: np.ndarray
+    blind: np.ndarray
     second: np.ndarray
     second_place: np.ndarray
     second_harm: np.ndarray
@@ -98,7 +99,7 @@ def none_of(count: int) -> Numbers:
         rung=np.zeros(count, int),
         rig_axes=np.zeros(count, int),
         felt=np.zeros((count, 2), bool),
-        **{name: np.zeros(count, bool) for name in ("converged", "at_tip", "finite", "explained_alone")},
+        **{name: np.zeros(count, bool) for name in ("converged", "at_tip", "finite", "blind", "explained_alone")},
         **floats,
     )
 
@@ -154,6 +155,7 @@ def _numbers(part: Solved, beam: Beam | None) -> Numbers:
         finite=plain(finite),
         rival=plain(part.rival),
         rival_unknowns=plain(part.rival_unknowns),
+        blind=plain(part.blind),
         second=plain(part.second),
         second_place=plain(part.second_place),
         second_harm=plain(part.second_harm),

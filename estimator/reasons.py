@@ -64,8 +64,8 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
         return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
     if leaning(numbers)[index]:
         return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
-    if scatter > WRONG_SHAPE:
-        return f"the shape is not that of one contact: points lie {scatter:.0f} std off or more"
+    if scatter > WRONG_SHAPE or (numbers.blind[index] and scatter > 1.0):
+        return f"the shape is not that of one contact: points lie {scatter:.1f} std off or more"
     if not numbers.converged[index]:
         return "the fit did not converge"
     return f"picture and moment contradict each other by {contradiction(numbers)[index]:.0f} std: check the sensor"

@@ -22,8 +22,9 @@ RIVAL = 4.5
 SECOND_CONTACT, HARM = 25.0, 1.0
 """Cost that a second force must take away, and deviations by which it must move the distance, to be held for real.
 Over the grid of places, noise exceeds the first less than once in 10⁵ frames, also with heavy tails."""
-STEEP = 3.5
-"""Friction angles beyond so many of the deviations that were thought possible are not believed."""
+STEEP, STEEP_BLIND = 3.5, 2.5
+"""Friction angles beyond so many of the deviations that were thought possible are not believed, with and without a
+reading."""
 STRANGE_RIG = 2e-5
 """The rig's steps, in deviations, follow χ²: a sum of squares this improbable says that the frame asks for another."""
 DISAGREEMENT, CONTRADICTION = 4.0, 6.0
@@ -62,6 +63,8 @@ def rivalled(numbers: Numbers) -> np.ndarray:
 def unexplained(numbers: Numbers) -> np.ndarray:
     """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
     shapeless = ~numbers.converged | (numbers.scatter > WRONG_SHAPE)
+    # without a reading a steep bend along the line of sight fits almost anything, if not quite
+    shapeless |= numbers.blind & ((numbers.scatter > 1.0) | (np.abs(numbers.unknowns[:, 3]) > STEEP_BLIND))
     return shapeless | at_clamp(numbers) | leaning(numbers) | doubled(numbers)
 
 

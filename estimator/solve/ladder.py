@@ -28,6 +28,8 @@ LOST = 2.0
 """A median misfit of so many deviations is a reason to look elsewhere."""
 LEANT = 2.5
 """So is a force that leans by so many of the deviations that were thought possible."""
+TOUCHED = 3.0
+"""Without a force of so many deviations there is no contact whose mirror image would matter."""
 SMALL = 1 / 3
 """A rung's predicted bias is small when it is below this fraction of the standard deviation."""
 
@@ -42,6 +44,7 @@ class Solved:
     evidence : (B,) for a contact, see `worth.evidence`.
     bias : rung → (B,) its predicted bias in standard deviations; of rungs that were looked at.
     rival : (B,) how much more another valley costs; infinite without one. rival_unknowns : (B, 4) where it lies.
+    blind : (B,) bool, no reading tells the contact from its mirror image, see `rivals.one_sided`.
     second, second_place, second_harm : (B,) see `second.second_force`.
     """
 
@@ -53,6 +56,7 @@ class Solved:
     bias: dict[str, Array]
     rival: Array
     rival_unknowns: Array
+    blind: Array
     second: Array
     second_place: Array
     second_harm: Array
@@ -121,18 +125,22 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     for other in range(1, here.floors.shape[1]):
         best = best.beside(xp.isfinite(here.costs[:, other]), here.floors[:, other])
     best = _found_again(part, rung, here, best)
-    blind = one_sided(part, best.fits.state.unknowns)
+    known = worth(best.fits)
+    unknowns = best.fits.state.unknowns
+    blind = one_sided(part, unknowns) & (xp.abs(unknowns[:, 1:3]) > TOUCHED * known.std[:, 1:3]).any(-1)
     if bool(blind.any()):
-        for there in other_sides(part, best.fits.state.unknowns):
-            best = best.beside(blind & different(best.fits.state.unknowns, there), there)
+        best = best.beside(blind, *other_sides(part, unknowns))
+        # what turned out better has sides of its own
+        turned = blind & different(unknowns, best.fits.state.unknowns)
+        best = best.beside(turned, *other_sides(part, best.fits.state.unknowns))
+        known = stretched(best.fits, worth(best.fits), blind)
     fits = best.fits
-    known = stretched(fits, worth(fits), blind)
     if rung == REFERENCE:
         about = fits.problem
     else:
         about = held_against(fits, look(part, REFERENCE, fits.state.unknowns))
         bias = bias | predicted_bias(fits, known, (rung,))
-    telling = evidence(fits, about, here.free), bias, best.rival, best.rival_unknowns
+    telling = evidence(fits, about, here.free), bias, best.rival, best.rival_unknowns, blind
     return Solved(rows, fits, known, here.free, *telling, *second_force(fits, about, known))
 
 

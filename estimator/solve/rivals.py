@@ -20,10 +20,10 @@ WEAK = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """The best fits to B frames so far, with how much more the next best costs (B,), and where it lies (B, 4)."""
+    """The best fits to B frames so far, and the next best: its cost (B,), infinite without one, and unknowns (B, 4)."""
 
     fits: Settled
-    rival: Array
+    rival_cost: Array
     rival_unknowns: Array
 
     @staticmethod
@@ -32,27 +32,42 @@ class Best:
         xp = namespace(fits.state.scatter)
         return Best(fits, xp.full_like(fits.state.scatter, xp.inf), fits.state.unknowns)
 
-    def beside(self, which: Array, unknowns: Array) -> Best:
-        """After a look, for some of the frames (B,), from other unknowns (B, 4)."""
+    @property
+    def rival(self) -> Array:
+        """(B,) how much more the next best costs."""
+        return self.rival_cost - self.fits.plain_cost
+
+    def beside(self, which: Array, *starts: Array) -> Best:
+        """After a look, for some of the frames (B,), from other unknowns (B, 4), all at once."""
         if not bool(which.any()):
             return self
         xp = namespace(which)
         rows = xp.arange(len(which))[which]
-        others = settle(self.fits.frames.picked(rows), self.fits.rung, unknowns[rows])
+        frames = self.fits.frames.picked(xp.concat([rows] * len(starts)))
+        others = settle(frames, self.fits.rung, xp.concat([start[rows] for start in starts]))
+        best = self
+        for number in range(len(starts)):
+            part = xp.arange(len(rows)) + number * len(rows)
+            best = best._against(rows, picked(others, part))
+        return best
+
+    def _against(self, rows: Array, others: Settled) -> Best:
+        """With other fits to these rows: the better of each pair is kept, the other remembered if it is different."""
+        xp = namespace(rows)
         mine, theirs = picked(self.fits.state, rows), others.state
         own, other = self.fits.plain_cost[rows], others.plain_cost
-        apart = different(mine.unknowns, theirs.unknowns) & mine.converged & theirs.converged
         better = theirs.converged & ((other < own) | ~mine.converged)
-        gap = xp.abs(own - other)
-        nearer = apart & (gap < self.rival[rows])
-        rival, rival_unknowns = self.rival + 0.0, self.rival_unknowns + 0.0
-        rival[rows] = xp.where(nearer, gap, self.rival[rows])
-        loser = xp.where(better[:, None], mine.unknowns, theirs.unknowns)
-        rival_unknowns[rows] = xp.where(nearer[:, None], loser, self.rival_unknowns[rows])
+        apart = different(mine.unknowns, theirs.unknowns) & mine.converged & theirs.converged
+        loser = xp.where(better, own, other)
+        nearer = apart & (loser < self.rival_cost[rows])
+        rival_cost, rival_unknowns = self.rival_cost + 0.0, self.rival_unknowns + 0.0
+        rival_cost[rows] = xp.where(nearer, loser, rival_cost[rows])
+        lost = xp.where(better[:, None], mine.unknowns, theirs.unknowns)
+        rival_unknowns[rows] = xp.where(nearer[:, None], lost, rival_unknowns[rows])
         if not bool(better.any()):
-            return Best(self.fits, rival, rival_unknowns)
+            return Best(self.fits, rival_cost, rival_unknowns)
         fits = replaced(self.fits, rows[better], picked(theirs, better), picked(others.table, better))
-        return Best(fits, rival, rival_unknowns)
+        return Best(fits, rival_cost, rival_unknowns)
 
 
 def different(first: Array, second: Array) -> Array:
