@@ -56,7 +56,7 @@ class ContactEstimator:
     def __init__(self, rig: Rig, model: str = "auto", *, friction: float = FRICTION_RAD, device: str = "cpu") -> None:
         if model != "auto" and model not in RUNGS:
             raise InputError(f"model is {model!r}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
-        if not 0.0 <= friction <= 1.0:
+        if not isinstance(friction, int | float) or not 0.0 <= friction <= 1.0:
             raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
         self.rig = rig
         self.model = model
@@ -278,7 +278,10 @@ def _column(name: str, values: Sequence[float | None] | np.ndarray | None, count
     """(count,) floats, NaN for what is missing. Raises InputError."""
     if values is None:
         return np.full(count, np.nan)
-    column = np.array([np.nan if value is None else value for value in values], float)
+    try:
+        column = np.array([np.nan if value is None else value for value in values], float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} are {values!r:.60}", remedy="give a number for every frame") from None
     if column.shape != (count,):
         raise InputError(f"{name} number {len(column)}, centrelines {count}", remedy="give one for every frame")
     return column

@@ -9,6 +9,7 @@ from vbaa_calib.antenna.rungs import RUNGS
 
 from .quantities import Numbers
 from .solve.descend import NEAREST
+from .solve.ladder import SMALL
 from .verdict import (
     DISAGREEMENT,
     EDGE_ON_RAD,
@@ -51,20 +52,21 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
     scatter, lean = numbers.scatter[index], abs(numbers.unknowns[index, 3])
     if not numbers.finite[index]:
         return "the fit left the domain of the model"
-    if contradicted(numbers)[index]:
-        return (
-            "picture and moment contradict each other: without the reading one contact explains it, so check the sensor"
-        )
+    two = ""
     if doubled(numbers)[index]:
         places = sorted((numbers.unknowns[index, 0], numbers.second_place[index]))
         near, far = (1e3 * length_m * place for place in places)
-        where = f"two contacts explain it better, near {near:.0f} and {far:.0f} mm, or the rig is off"
-        return f"the shape is not that of one contact: {where}"
+        two = f"two contacts explain it better, near {near:.0f} and {far:.0f} mm, or the rig is off"
+    if contradicted(numbers)[index]:
+        why = "picture and moment contradict each other: without the reading all is well, so check the sensor"
+        return f"{why}; or {two}" if two else why
+    if two:
+        return f"the shape is not that of one contact: {two}"
     if at_clamp(numbers)[index]:
         return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
     if leaning(numbers)[index]:
         return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
-    if scatter > WRONG_SHAPE or (numbers.blind[index] and scatter > 1.0):
+    if scatter > WRONG_SHAPE or (scatter > 1.0 and numbers.blind[index] and not numbers.felt[index].any()):
         return f"the shape is not that of one contact: points lie {scatter:.1f} std off or more"
     if not numbers.converged[index]:
         return "the fit did not converge"
@@ -90,9 +92,10 @@ def _model(numbers: Numbers, index: int, asked: str) -> str:
     name = RUNGS[rung]
     if asked != "auto":
         return f"{name} was asked for"
-    if rung == 0 or not np.isfinite(bias[rung - 1]):
+    low = [index for index in range(rung) if bias[index] > SMALL]
+    if not low:
         return f"{name}: its bias is {bias[rung]:.2f} std"
-    return f"{name}: {RUNGS[rung - 1]} would be {bias[rung - 1]:.1f} std off"
+    return f"{name}: {RUNGS[low[-1]]} would be {bias[low[-1]]:.1f} std off"
 
 
 def _noticed(numbers: Numbers, index: int) -> list[str]:

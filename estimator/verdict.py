@@ -64,7 +64,8 @@ def unexplained(numbers: Numbers) -> np.ndarray:
     """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
     shapeless = ~numbers.converged | (numbers.scatter > WRONG_SHAPE)
     # without a reading a steep bend along the line of sight fits almost anything, if not quite
-    shapeless |= numbers.blind & ((numbers.scatter > 1.0) | (np.abs(numbers.unknowns[:, 3]) > STEEP_BLIND))
+    blind = numbers.blind & ~numbers.felt.any(axis=1)
+    shapeless |= blind & ((numbers.scatter > 1.0) | (np.abs(numbers.unknowns[:, 3]) > STEEP_BLIND))
     return shapeless | at_clamp(numbers) | leaning(numbers) | doubled(numbers)
 
 

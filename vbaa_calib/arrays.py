@@ -76,6 +76,18 @@ def taken(rows: Array, index: Array) -> Array:
     return rows.index_select(0, index) if isinstance(rows, torch.Tensor) else rows[index]
 
 
+def places(mask: Array) -> Array:
+    """Indices (K,) at which a mask (N,) is true."""
+    return mask.nonzero()[:, 0] if isinstance(mask, torch.Tensor) else np.flatnonzero(mask)
+
+
+def counted(reference: Array, count: int) -> Array:
+    """0, 1, … (count,) as indices into arrays of the reference's kind and device."""
+    if isinstance(reference, torch.Tensor):
+        return torch.arange(count, device=reference.device)
+    return np.arange(count)
+
+
 def as_tensor(values: Array) -> torch.Tensor:
     """A tensor as it is, an array as a copy: NumPy's may be read-only or run backwards, torch's may not."""
     return values if isinstance(values, torch.Tensor) else torch.tensor(np.ascontiguousarray(values))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from vbaa_calib.arrays import Array, namespace
+from vbaa_calib.arrays import Array, counted, namespace
 
 from .batch import chosen, picked, written
 from .frames import Frames
@@ -92,7 +92,7 @@ def descend(
 ) -> State:
     """The floors below B states, each `converged` or not."""
     xp = namespace(state.unknowns)
-    result, todo = state, xp.arange(len(frames))
+    result, todo = state, counted(state.scatter, len(frames))
     here = equations(linearised(frames, rung, table, state), state.values)
     walk = Walk(state, here, state, here, xp.zeros_like(state.scatter), state.at_tip & ~state.at_tip)
     for _ in range(iterations):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from vbaa_calib.arrays import Array, namespace
+from vbaa_calib.arrays import Array, counted, namespace
 
 from .known import Known
 
@@ -34,16 +34,23 @@ class Frames:
     def __len__(self) -> int:
         return len(self.points)
 
-    def thinned(self, most: int) -> tuple[Frames, int]:
-        """Every so manieth point, so that about `most` of them are left, and how manieth."""
-        every = max(self.points.shape[1] // most, 1)
+    def thinned(self, most: int) -> tuple[Frames, Array]:
+        """Every so manieth usable point of each frame, about `most` of them, and their places (B, W)."""
+        xp = namespace(self.usable)
+        rank = xp.cumsum(self.usable, 1) - 1.0
+        every = xp.clip(xp.floor(self.usable.sum(1) / most), 1.0, None)[:, None]
+        kept = (self.usable > 0.0) & (rank - every * xp.floor(rank / every) < 0.5)
+        count = self.usable.shape[1]
+        order = xp.where(kept, 0.0 * rank, 0.0 * rank + count) + counted(rank, count)
+        places = xp.argsort(order, -1)[:, : max(int(kept.sum(1).max()), 1)]
+        rows = counted(rank, len(rank))[:, None]
         thin = replace(
             self,
-            points=self.points[:, ::every],
-            covariance=tuple(part[:, ::every] for part in self.covariance),
-            usable=self.usable[:, ::every],
+            points=self.points[rows, places],
+            covariance=tuple(part[rows, places] for part in self.covariance),
+            usable=(self.usable * kept)[rows, places],
         )
-        return thin, every
+        return thin, places
 
     def picked(self, which: Array) -> Frames:
         """Some of the frames, by index; they may repeat."""

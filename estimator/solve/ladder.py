@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.arrays import Array, namespace
+from vbaa_calib.arrays import Array, counted, namespace, places
 
 from .batch import picked
 from .descend import begin
@@ -80,12 +80,13 @@ class Ground:
 def explore(frames: Frames, warm: Array | None = None) -> Ground:
     """The valleys of each frame. `warm` (B, 4), unknowns near the truth where finite, may take their place."""
     free = free_antenna(frames, REFERENCE)
-    few, every = frames.thinned(EXPLORED)
-    trials = tried(few, replace(free, feet_m=free.feet_m[:, ::every]))
+    few, kept = frames.thinned(EXPLORED)
+    feet = free.feet_m[counted(kept, len(kept))[:, None], kept]
+    trials = tried(few, replace(free, feet_m=feet))
     starts, costs = trials.lowest(STARTS)
     if warm is not None:
         starts, costs = trials.warmed(starts, costs, warm)
-    floors, costs = explored(few, EXPLORER, starts, costs, free.feet_m[:, ::every])
+    floors, costs = explored(few, EXPLORER, starts, costs, feet)
     return Ground(free, trials, floors, costs)
 
 
@@ -94,27 +95,35 @@ def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solved]
     xp = namespace(frames.points)
     ground = explore(frames, warm)
     if model != "auto":
-        return [_solved(frames, ground, model, xp.arange(len(frames)), {})]
+        return [_solved(frames, ground, model, counted(ground.costs, len(frames)), {})]
     bias = _biases_at(frames, ground)
     level = xp.zeros_like(ground.costs[:, 0])
     for index, rung in enumerate(RUNGS[:-1]):
         level = xp.where((level == index) & ~(bias[rung] <= SMALL), level + 1.0, level)
     found = []
     for index, rung in enumerate(RUNGS):
-        rows = xp.arange(len(frames))[level == index]
+        rows = places(level == index)
         if len(rows):
             found += _climbed(frames, ground, rung, rows, bias)
     return found
 
 
 def _climbed(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[str, Array]) -> list[Solved]:
-    """Some frames on their rung, those for which it proves too low on the highest."""
+    """Some frames on their rung, those for which it proves too low on a higher one."""
     first = _solved(frames, ground, rung, rows, {each: bias[each][rows] for each in bias})
     low = first.bias[rung] > SMALL
     if rung == REFERENCE or not bool(low.any()):
         return [first]
-    second = _solved(frames, ground, REFERENCE, rows[low], {each: first.bias[each][low] for each in first.bias})
-    return [second] if bool(low.all()) else [picked(first, ~low), second]
+    above = RUNGS[RUNGS.index(rung) + 1]
+    higher = _climbed(frames, ground, above, rows[low], bias | _told(bias, rows[low], first.bias[rung][low], rung))
+    return higher if bool(low.all()) else [picked(first, ~low), *higher]
+
+
+def _told(bias: dict[str, Array], rows: Array, found: Array, rung: str) -> dict[str, Array]:
+    """A rung's bias (B,) of all frames with what was found of some of them."""
+    told = bias[rung] + 0.0
+    told[rows] = found
+    return {rung: told}
 
 
 def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[str, Array]) -> Solved:

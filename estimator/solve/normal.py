@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vbaa_calib.arrays import Array, namespace
+from vbaa_calib.arrays import Array, counted, namespace
 from vbaa_calib.reprojection import ROBUST
 
 from .known import LIKELY_SWAY, Known
@@ -97,7 +97,7 @@ def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations
     felt = huber_weights(misfit)[..., None] * this.felt
     information = this.columns.mT @ summed.times(this.columns) + this.felt.mT @ felt
     pull = (this.columns.mT @ summed.load[..., None] + felt.mT @ misfit[..., None])[..., 0]
-    diagonal = namespace(at).arange(this.columns.shape[-1])
+    diagonal = counted(at, this.columns.shape[-1])
     information[:, diagonal, diagonal] += this.prior
     total = huber(whitened).sum(-1) + huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
     return Equations(information, pull - this.prior * at, total)
@@ -111,7 +111,7 @@ def solved(information: Array, pull: Array, damping: Array | None = None) -> Arr
 def solved_columns(information: Array, pulls: Array, damping: Array | None = None) -> Array:
     """`solved` for several right sides (B, K, C) at once."""
     xp = namespace(pulls)
-    diagonal = xp.arange(pulls.shape[1])
+    diagonal = counted(pulls, pulls.shape[1])
     scale = xp.sqrt(information[:, diagonal, diagonal])
     scale = xp.where(scale > 0.0, scale, xp.ones_like(scale))
     unit = information / (scale[:, :, None] * scale[:, None])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vbaa_calib.arrays import Array, like, namespace
+from vbaa_calib.arrays import Array, counted, like, namespace, places
 
 from .batch import picked
 from .frames import Frames
@@ -42,12 +42,12 @@ class Best:
         if not bool(which.any()):
             return self
         xp = namespace(which)
-        rows = xp.arange(len(which))[which]
+        rows = places(which)
         frames = self.fits.frames.picked(xp.concat([rows] * len(starts)))
         others = settle(frames, self.fits.rung, xp.concat([start[rows] for start in starts]))
         best = self
         for number in range(len(starts)):
-            part = xp.arange(len(rows)) + number * len(rows)
+            part = counted(rows, len(rows)) + number * len(rows)
             best = best._against(rows, picked(others, part))
         return best
 

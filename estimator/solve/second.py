@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from vbaa_calib.antenna.shape import aligned_arclength
-from vbaa_calib.arrays import Array, like, namespace
+from vbaa_calib.arrays import Array, counted, like, namespace, places
 
 from .batch import picked
 from .match import sums
@@ -41,7 +41,7 @@ def second_force(fits: Settled, about: Problem, known: Worth) -> tuple[Array, Ar
     structured = (structure(about) > STRUCTURE) | (about.scatter > 1.0)
     if not bool(structured.any()):
         return none, none, none
-    rows = xp.arange(len(none))[structured]
+    rows = places(structured)
     part = picked(replace(fits, problem=about), rows)
     if fits.rung != REFERENCE:
         part = evaluated(part.frames, REFERENCE, part.table, part.state)
@@ -95,7 +95,7 @@ def _best_second(fits: Settled, known: Worth) -> tuple[Array, Array, Array]:
     taken = solved_columns(here.information, crossed)
     own = _pairs(columns, towards) + _pairs(felt, held * felt)
     force, gain = _best_force(own, _pairs(crossed, taken), pull)
-    every, best_place = xp.arange(len(gain)), xp.argmax(gain, -1)
+    every, best_place = counted(gain, len(gain)), xp.argmax(gain, -1)
     force = force[every, best_place]
     moved = sum(force[:, axis] * taken[every, 0, 2 * best_place + axis] for axis in (0, 1))
     harm = xp.abs(moved) / known.std[:, 0]
@@ -146,7 +146,7 @@ def neighbour_scatter(about: Problem) -> Array:
     xp = namespace(about.scatter)
     seen = about.found.precision > 0.0
     order = xp.argsort(xp.where(seen, about.found.foot_m, xp.inf), -1)
-    every = xp.arange(len(seen))[:, None]
+    every = counted(seen, len(seen))[:, None]
     ordered = (about.found.distance * xp.sqrt(about.found.precision))[every, order]
     gap = xp.where(seen[every, order][:, 1:], xp.abs(ordered[:, 1:] - ordered[:, :-1]), xp.inf)
     middle = xp.clip(seen.sum(-1) - 1, 1, None) // 2

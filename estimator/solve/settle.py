@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from vbaa_calib.arrays import Array, namespace
+from vbaa_calib.arrays import Array, counted, namespace, places
 
 from .batch import picked, written
 from .descend import COARSE_ITERATIONS, COARSE_STANDSTILL, State, begin, descend, linearised
 from .frames import Frames
-from .known import UNKNOWNS
+from .known import UNKNOWNS, Known
 from .normal import Equations, Problem, cost, equations
 from .view import TIP, RigTable, View, look, rig_table
 
@@ -17,6 +17,8 @@ NEAR_TIP, TIP_OBJECTION = 0.03, 2.0
 """A distance this near to the tip is held there if that costs no more than this: if it lies within two deviations."""
 SCATTERED = 3.5
 """N points whose median misfit exceeds its expectation by this over √N scatter more than noise: three deviations."""
+FAR = 0.02
+"""A way, in antenna lengths along the antenna or of its tip, after which the rig's influence is taken anew."""
 MOST_SCATTER = 5.0
 """More is not believed: the fit is lost, and would settle on what was thought likely beforehand."""
 ROUNDS, CHANGED = 3, 0.1
@@ -62,6 +64,9 @@ def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = No
     view = look(frames, rung, unknowns)
     table = rig_table(frames, rung, unknowns, view)
     fits = evaluated(frames, rung, table, descend(frames, rung, table, begin(frames, view, unknowns, feet_m)))
+    far = _far(frames.known, unknowns, fits.state.unknowns)
+    if bool(far.any()):
+        fits = _with_own_table(fits, far)
     for _ in range(ROUNDS):
         spread = scatter(fits.problem)
         changed = abs(spread - fits.state.scatter) > CHANGED * fits.state.scatter
@@ -93,8 +98,10 @@ def explored(
     """
     xp = namespace(starts)
     count, width = starts.shape[:2]
-    worth = xp.isfinite(costs).reshape(-1)
-    index = xp.arange(count * width)[worth]
+    worth = (xp.isfinite(costs) & xp.isfinite(starts).all(-1)).reshape(-1)
+    if not bool(worth.any()):
+        return starts, xp.full_like(costs, xp.inf)
+    index = places(worth)
     several = frames.picked(index // width)
     unknowns = starts.reshape(-1, UNKNOWNS)[worth]
     view = look(several, rung, unknowns)
@@ -107,7 +114,7 @@ def explored(
     total[worth] = state.cost
     floors, total = floors.reshape(count, width, UNKNOWNS), total.reshape(count, width)
     order = xp.argsort(total, -1)
-    every = xp.arange(count)[:, None]
+    every = counted(total, count)[:, None]
     floors, total = floors[every, order], total[every, order]
     far = xp.abs(floors[:, 1:, 0] - floors[:, :1, 0]) > SAME_VALLEY
     keep = far & (total[:, 1:] < HOPELESS_FACTOR * total[:, :1] + HOPELESS)
@@ -120,15 +127,31 @@ def scatter(about: Problem) -> Array:
     xp = namespace(about.scatter)
     size = xp.where(about.found.precision > 0.0, xp.abs(about.whitened(about.found.distance)), xp.inf)
     count = (about.found.precision > 0.0).sum(-1)
-    every, middle = xp.arange(len(size)), count // 2
+    every, middle = counted(size, len(size)), count // 2
     median = 1.4826 * size[every, xp.argsort(size, -1)[every, middle]] * about.scatter
     much = median > 1.0 + SCATTERED / xp.sqrt(count + 0.0)
     return xp.where(much, xp.clip(median, None, MOST_SCATTER), xp.ones_like(median))
 
 
+def _far(known: Known, start: Array, end: Array) -> Array:
+    """(B,) whether a descent led so far that the rig's influence is no longer what it was at its start."""
+    xp = namespace(start)
+    first, last = (u[:, 1:3] * known.tip_per_force(u[:, :1]) for u in (start, end))
+    bent = xp.hypot(last[:, 0] - first[:, 0], last[:, 1] - first[:, 1])
+    return (xp.abs(end[:, 0] - start[:, 0]) > FAR) | (bent > FAR)
+
+
+def _with_own_table(fits: Settled, which: Array) -> Settled:
+    """Some of the fits once more, with the rig's influence taken where they stand."""
+    rows = places(which)
+    frames, state, view = fits.frames.picked(rows), picked(fits.state, rows), picked(fits.view, rows)
+    table = rig_table(frames, fits.rung, state.unknowns, view)
+    return replaced(fits, rows, descend(frames, fits.rung, table, state), table)
+
+
 def _anew(fits: Settled, which: Array, begun: State) -> Settled:
     """Some of the fits descended once more, from other states."""
-    rows = namespace(which).arange(len(which))[which]
+    rows = places(which)
     frames, table = fits.frames.picked(rows), picked(fits.table, rows)
     return replaced(fits, rows, descend(frames, fits.rung, table, picked(begun, rows)), table)
 
@@ -143,7 +166,7 @@ def replaced(fits: Settled, rows: Array, states: State, table: RigTable) -> Sett
 def _held_at_tip(fits: Settled, near: Array) -> Settled:
     """Distances that the data cannot tell from the tip are held there."""
     xp = namespace(near)
-    rows = xp.arange(len(near))[near]
+    rows = places(near)
     frames, table, free = fits.frames.picked(rows), picked(fits.table, rows), picked(fits.state, rows)
     unknowns = xp.concat([xp.ones_like(free.unknowns[:, :1]) * TIP, free.unknowns[:, 1:]], -1)
     held = descend(frames, fits.rung, table, replace(free, unknowns=unknowns, at_tip=near[rows]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vbaa_calib.antenna.linear import deflection, deflection_by_contact
-from vbaa_calib.arrays import Array, like, namespace
+from vbaa_calib.arrays import Array, counted, like, namespace
 
 from ..motion import PIECES, Beam
 from .cubics import cubic, cubics
@@ -52,7 +52,7 @@ def by_inertia(fits: Settled, known: Worth, beam: Beam) -> Array:
     """(B, G, 2) how far a load of 1 N/m on each piece, along y and z, would move the distance, in deviations."""
     about, frame = fits.problem, fits.frames.known
     xp = namespace(about.scatter)
-    nodes = xp.arange(fits.view.nodes.shape[1]) + 0.0 * fits.view.nodes[..., 0]
+    nodes = counted(about.scatter, fits.view.nodes.shape[1]) + 0.0 * fits.view.nodes[..., 0]
     at, places = arclength(fits.view, nodes), like(about.scatter, beam.pieces_m)
     bent = deflection(at[..., None], places, 1.0, beam.stiffness_Nm2) * (beam.length_m / PIECES)
     columns = (bent[..., None] * by_point(frame, fits.view)[:, :, None, 1:]).reshape(len(at), at.shape[1], 2 * PIECES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vbaa_calib.antenna.shape import aligned_arclength
-from vbaa_calib.arrays import Array, like, namespace
+from vbaa_calib.arrays import Array, counted, like, namespace
 
 from .cubics import cubic, cubics
 from .frames import Frames
@@ -71,7 +71,7 @@ class Trials:
         floor = (costs <= around[:, :-2]) & (costs <= around[:, 2:])
         costs = xp.where(floor, costs, xp.full_like(costs, xp.inf))
         order = xp.argsort(costs, -1)[:, :count]
-        every = xp.arange(len(costs))[:, None]
+        every = counted(costs, len(costs))[:, None]
         return self._unknowns(self.grid[every, order], self.forces[every, order]), costs[every, order]
 
     def spread(self, every: int) -> tuple[Array, Array]:
@@ -83,7 +83,7 @@ class Trials:
         """Starts and costs with warm ones (B, 4) alone where no other distance explains a frame much better."""
         xp = namespace(costs)
         beside = xp.argmin(xp.abs(self.grid - warm[:, :1]), -1)
-        near = self.gains[xp.arange(len(costs)), beside]
+        near = self.gains[counted(costs, len(costs)), beside]
         good = xp.isfinite(warm).all(-1) & (near > xp.amax(self.gains, -1) - WARM_OBJECTION)
         starts, costs = starts + 0.0, costs + 0.0
         starts[:, 0] = xp.where(good[:, None], warm, starts[:, 0])
@@ -92,6 +92,8 @@ class Trials:
 
     def _unknowns(self, distance: Array, forces: Array) -> Array:
         xp = namespace(forces)
+        # where nothing could be tried the free antenna is as good a start as any
+        forces = xp.nan_to_num(forces, nan=0.0, posinf=0.0, neginf=0.0)
         return xp.concat([distance[..., None], forces, xp.zeros_like(forces[..., :1])], -1)
 
 
@@ -106,7 +108,7 @@ def tried(frames: Frames, free: Free) -> Trials:
     found = match(frames, free.view, free.feet_m)
     grid = like(frames.points, [NEAREST_TRIED + (1.0 - NEAREST_TRIED) * g / (GRID - 1) for g in range(GRID)])
     pushes = _Pushes.of(frames, free, grid)
-    every, weights = xp.arange(len(frames)), found.precision
+    every, weights = counted(found.distance, len(frames)), found.precision
     for _ in range(ROUNDS):
         summed = sums(found, weights, found.distance, pushes.shape.shape[0])
         forces, gains, by_rig = pushes.best(free, summed)

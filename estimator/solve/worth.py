@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.arrays import Array, namespace
+from vbaa_calib.arrays import Array, counted, namespace, places
 
 from .batch import picked
 from .descend import linearised, moved_unknowns
@@ -23,7 +23,7 @@ CLOSE_ROUNDS = 2
 """Reweightings when all is taken as linear: far from the solution, and beside it."""
 LEAST_REDUNDANCY = 0.005
 """A moment whose misfit may be only this part of its own deviation was fitted, not tested: it contradicts nothing."""
-OUT = 3.0
+OUT = (3.0, 6.0)
 """Deviations from its floor at which a valley's walls are looked at."""
 SINGULAR = 1e14
 """Condition number of the scaled information beyond which nothing is said to be known."""
@@ -52,7 +52,7 @@ class Worth:
     def std(self) -> Array:
         """(B, 4) standard deviations of the unknowns."""
         xp = namespace(self.covariance)
-        index = xp.arange(UNKNOWNS)
+        index = counted(self.covariance, UNKNOWNS)
         return xp.sqrt(self.covariance[:, index, index])
 
     def of(self, by_unknowns: Array, by_rig: Array) -> Array:
@@ -71,7 +71,7 @@ def worth(fits: Settled) -> Worth:
     rig_covariance = xp.linalg.inv(whole[:, UNKNOWNS:, UNKNOWNS:])
     follows = -(rig_covariance @ whole[:, UNKNOWNS:, :UNKNOWNS])
     information = whole[:, :UNKNOWNS, :UNKNOWNS] + whole[:, :UNKNOWNS, UNKNOWNS:] @ follows
-    index = xp.arange(UNKNOWNS)
+    index = counted(whole, UNKNOWNS)
     diagonal = information[:, index, index]
     known = (diagonal > 0.0).all(-1) & xp.isfinite(information).all(-1).all(-1)
     scale = xp.sqrt(xp.where(known[:, None], diagonal, xp.ones_like(diagonal)))
@@ -98,29 +98,29 @@ def stretched(fits: Settled, known: Worth, which: Array) -> Worth:
     """The same, wider where a valley is flatter than its floor promises, for some of the frames (B,).
 
     Where vision is alone with a small deflection along the line of sight, the picture holds it by second order only:
-    three deviations out along the longest axis the cost is then far from the 9/2 that it should have risen by.
+    some deviations out along the longest axis the cost is then far from what it should have risen by.
     """
     if not bool(which.any()):
         return known
     xp = namespace(which)
-    rows = xp.arange(len(which))[which]
+    rows = places(which)
     state, covariance = picked(fits.state, rows), known.covariance[rows]
     sound = xp.isfinite(covariance).all(-1).all(-1)
     covariance = xp.where(sound[:, None, None], covariance, fits.frames.known.trials[1:])
-    index = xp.arange(UNKNOWNS)
+    index = counted(covariance, UNKNOWNS)
     std = xp.sqrt(covariance[:, index, index])
     sizes, axes = xp.linalg.eigh(covariance / (std[:, :, None] * std[:, None]))
-    axis = OUT * std * axes[..., -1] * xp.sqrt(sizes[:, -1:])
+    axis = std * axes[..., -1] * xp.sqrt(sizes[:, -1:])
     frames, table, base = fits.frames.picked(rows), picked(fits.table, rows), fits.equations.cost[rows]
-    least = xp.full_like(base, 0.5 * OUT**2)
-    for sign in (1.0, -1.0):
-        unknowns = moved_unknowns(frames.known, state.unknowns, sign * axis)
+    wider = xp.ones_like(base)
+    for out in (*OUT, *(-out for out in OUT)):
+        unknowns = moved_unknowns(frames.known, state.unknowns, out * axis)
         steps = state.steps + (known.rig_follows[rows] @ (unknowns - state.unknowns)[..., None])[..., 0]
         there = replace(state, unknowns=unknowns, steps=steps)
         rise = cost(linearised(frames, fits.rung, table, there), there.values) - base
-        least = xp.minimum(least, xp.clip(xp.nan_to_num(rise, nan=0.0), 0.01, None))
+        wider = xp.maximum(wider, 0.5 * out**2 / xp.clip(xp.nan_to_num(rise, nan=0.0), 0.01, None))
     factor = xp.ones_like(fits.state.scatter)
-    factor[rows] = xp.where(sound, 0.5 * OUT**2 / least, 1.0)
+    factor[rows] = xp.where(sound, wider, 1.0)
     return replace(known, covariance=known.covariance * factor[:, None, None])
 
 
