@@ -58,13 +58,14 @@ class Contacts(Sequence[Contact]):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
+        index %= len(self)
         numbers = self.numbers
         bias = numbers.bias[index]
         return Contact(
             status=str(self.status[index]),
-            reason=reason(numbers, index, str(self.status[index]), self.rig.antenna.length_m, self.chosen),
+            reason=reason(numbers.row(index), 0, str(self.status[index]), self.rig.antenna.length_m, self.chosen),
             model=RUNGS[numbers.rung[index]],
-            in_contact=self.status[index] not in (NO_ANTENNA, NO_CONTACT),
+            in_contact=bool(numbers.finite[index]) and self.status[index] not in (NO_ANTENNA, NO_CONTACT),
             distance_m=float(self.distance_m[index]),
             distance_std_m=float(self.distance_std_m[index]),
             force_N=self.force_N[index],

@@ -200,8 +200,9 @@ class ContactEstimator:
             rows = np.flatnonzero(plain(enough)) + begin
             start = None if warm is None else like(frames.points, warm[rows])
             frames = frames.picked(enough)
-            fitted = numbers(solve(frames, self.model, start), shaken)
-            self._without_reading(frames, fitted)
+            with np.errstate(all="ignore"):  # what leaves the domain of the model is judged by its numbers
+                fitted = numbers(solve(frames, self.model, start), shaken)
+                self._without_reading(frames, fitted)
             placed(found, rows, fitted)
         return judge(found, self.rig, self.friction_rad, pan_rad, tilt_rad, self.model)
 

@@ -47,6 +47,8 @@ class Numbers:
     covariance : (B, 6, 6) of point and force.
     residual, residual_std : (B, 2) readings' misfits, whitened, and the deviations these should have.
     felt : (B, 2) bool, whether there was a reading.
+    evidence : (B,) for a contact, see `solve.worth.evidence`. condition : (B,) see `solve.worth.Worth`.
+    converged, at_tip, scatter : (B,) see `solve.descend.State`. finite : (B,) bool, the fit stayed in the domain.
     strange : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
     rival, rival_unknowns, blind, second, second_place, second_harm : see `solve.ladder.Solved`.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
@@ -89,6 +91,10 @@ class Numbers:
 
     def __len__(self) -> int:
         return len(self.rung)
+
+    def row(self, index: int) -> Numbers:
+        """One frame's."""
+        return Numbers(*(getattr(self, f.name)[index : index + 1] for f in fields(self)))
 
 
 def none_of(count: int) -> Numbers:

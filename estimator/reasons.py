@@ -12,6 +12,7 @@ from .solve.descend import NEAREST
 from .solve.ladder import SMALL
 from .verdict import (
     DISAGREEMENT,
+    EDGE_ON_BLIND_RAD,
     EDGE_ON_RAD,
     FAILED,
     LOW,
@@ -22,6 +23,7 @@ from .verdict import (
     UNOBSERVABLE,
     WRONG_SHAPE,
     at_clamp,
+    blindly,
     contradicted,
     contradiction,
     doubled,
@@ -66,7 +68,7 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
         return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
     if leaning(numbers)[index]:
         return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
-    if scatter > WRONG_SHAPE or (scatter > 1.0 and numbers.blind[index] and not numbers.felt[index].any()):
+    if scatter > WRONG_SHAPE or (scatter > 1.0 and blindly(numbers)[index]):
         return f"the shape is not that of one contact: points lie {scatter:.1f} std off or more"
     if not numbers.converged[index]:
         return "the fit did not converge"
@@ -74,7 +76,7 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
 
 
 def _unobservable(numbers: Numbers, index: int, length_m: float) -> str:
-    if numbers.edge_on_rad[index] < EDGE_ON_RAD:
+    if numbers.edge_on_rad[index] < (EDGE_ON_BLIND_RAD if blindly(numbers)[index] else EDGE_ON_RAD):
         return f"the camera sees the deformation plane edge-on, {np.degrees(numbers.edge_on_rad[index]):.1f}° off"
     if not np.isfinite(numbers.std[index, 0]):
         return "nothing in picture and moment holds the contact distance"

@@ -52,6 +52,8 @@ class Stream:
 
     def push(self, several: Sequence[Measured], found: Contacts) -> Iterator[Contact]:
         """The contacts that can be given out once these frames are known."""
+        if not self._waiting and not np.isfinite([each.time_s for each in several]).any():
+            return iter(found)
         pan, tilt = (np.array([getattr(each, name) for each in several]) for name in ("pan_rad", "tilt_rad"))
         rotation, translation = self._rig.kinematics.world_antenna(pan, tilt)
         shapes = _shapes(several, found, rotation, translation)

@@ -13,8 +13,9 @@ CONTACT_EVIDENCE = 14.0
 LOW_SIGNAL, LOW_SIGNAL_OWN = 0.05, 0.1
 """Distances less certain than this fraction of the length, or of themselves, are not given out, nor deflections less
 certain than that fraction of the length: beyond it first order no longer describes what is known."""
-EDGE_ON_RAD = 0.05
-"""Within this angle of the camera's centre the deformation plane counts as seen edge-on."""
+EDGE_ON_RAD, EDGE_ON_BLIND_RAD = 0.05, 0.15
+"""Within this angle of the camera's centre the deformation plane counts as seen edge-on: with a reading only where the
+distance is uncertain as well, without one always."""
 WRONG_SHAPE = 3.0
 """Median misfit, in standard deviations, beyond which the shape is not that of one contact."""
 RIVAL = 4.5
@@ -45,6 +46,7 @@ def statuses(numbers: Numbers) -> np.ndarray:
             (~numbers.finite, FAILED),
             (~(numbers.evidence >= CONTACT_EVIDENCE), NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
+            (blindly(numbers) & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
             (unexplained(numbers), FAILED),
             (uncertain & held, LOW),
             (uncertain | loose(numbers) | rivalled(numbers), UNOBSERVABLE),
@@ -57,16 +59,20 @@ def statuses(numbers: Numbers) -> np.ndarray:
 def rivalled(numbers: Numbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
     apart = np.abs(numbers.rival_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
-    return apart.any(axis=1) & (numbers.rival < RIVAL)
+    return apart.any(axis=1) & (numbers.rival < RIVAL * numbers.scatter**2)
 
 
 def unexplained(numbers: Numbers) -> np.ndarray:
     """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
     shapeless = ~numbers.converged | (numbers.scatter > WRONG_SHAPE)
     # without a reading a steep bend along the line of sight fits almost anything, if not quite
-    blind = numbers.blind & ~numbers.felt.any(axis=1)
-    shapeless |= blind & ((numbers.scatter > 1.0) | (np.abs(numbers.unknowns[:, 3]) > STEEP_BLIND))
+    shapeless |= blindly(numbers) & ((numbers.scatter > 1.0) | (np.abs(numbers.unknowns[:, 3]) > STEEP_BLIND))
     return shapeless | at_clamp(numbers) | leaning(numbers) | doubled(numbers)
+
+
+def blindly(numbers: Numbers) -> np.ndarray:
+    """(B,) whether vision is alone, and cannot tell the contact from its mirror image but by perspective."""
+    return numbers.blind & ~numbers.felt.any(axis=1)
 
 
 def contradicted(numbers: Numbers) -> np.ndarray:
@@ -90,9 +96,14 @@ def doubled(numbers: Numbers) -> np.ndarray:
 
 
 def loose(numbers: Numbers) -> np.ndarray:
-    """(B,) whether the force, and with it the contact point, is not held in some direction across the antenna."""
-    shift = 0.01 * numbers.unknowns[:, 0] ** 3 * np.max(numbers.std[:, 1:3], axis=1)
-    return ~(shift < LOW_SIGNAL)
+    """(B,) whether the force, and with it the contact point, is not held in some direction across the antenna.
+
+    Without a reading also where it is not known to half its size: then its direction is not known either, and first
+    order says nothing of the rest.
+    """
+    std, force = np.max(numbers.std[:, 1:3], axis=1), np.hypot(numbers.unknowns[:, 1], numbers.unknowns[:, 2])
+    swaying = ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < LOW_SIGNAL)
+    return swaying | (blindly(numbers) & ~(std < 0.5 * force))
 
 
 def contradiction(numbers: Numbers) -> np.ndarray:

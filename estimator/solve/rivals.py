@@ -9,6 +9,7 @@ from vbaa_calib.arrays import Array, counted, like, namespace, places
 from .batch import picked
 from .frames import Frames
 from .settle import Settled, replaced, settle
+from .view import RigTable
 
 SAME, SAME_FORCE = 1e-2, 0.05
 """Contacts closer than this, in antenna lengths and in parts of the force, are taken for the same."""
@@ -78,7 +79,7 @@ def different(first: Array, second: Array) -> Array:
     return (xp.abs(first[:, 0] - second[:, 0]) > SAME) | turned
 
 
-def one_sided(frames: Frames, unknowns: Array) -> Array:
+def one_sided(frames: Frames, unknowns: Array, table: RigTable) -> Array:
     """(B,) frames whose readings do not tell contacts (B, 4) from their mirror images.
 
     The mirror is the plane through the antenna's x axis across the line of sight: small deflections before and behind
@@ -88,7 +89,10 @@ def one_sided(frames: Frames, unknowns: Array) -> Array:
     along = _along_sight(frames, unknowns)
     # about y the force's z is felt, about z its y
     lever = known.force_unit_N * known.length_m * unknowns[:, :1] * known.gain / known.std
-    change = namespace(lever).abs(2.0 * lever * along[:, [1, 0]]) * frames.felt
+    xp = namespace(lever)
+    # a reading is worth no more than what is known of its sensor
+    doubt = xp.sqrt(1.0 + (table.readings * table.readings).sum(-1))
+    change = xp.abs(2.0 * lever * along[:, [1, 0]]) * frames.felt / doubt
     return (change < WEAK).all(-1)
 
 

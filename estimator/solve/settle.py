@@ -64,9 +64,11 @@ def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = No
     view = look(frames, rung, unknowns)
     table = rig_table(frames, rung, unknowns, view)
     fits = evaluated(frames, rung, table, descend(frames, rung, table, begin(frames, view, unknowns, feet_m)))
-    far = _far(frames.known, unknowns, fits.state.unknowns)
-    if bool(far.any()):
-        fits = _with_own_table(fits, far)
+    for _ in range(ROUNDS):
+        far = _far(frames.known, unknowns, fits.state.unknowns)
+        if not bool(far.any()):
+            break
+        unknowns, fits = fits.state.unknowns, _with_own_table(fits, far)
     for _ in range(ROUNDS):
         spread = scatter(fits.problem)
         changed = abs(spread - fits.state.scatter) > CHANGED * fits.state.scatter

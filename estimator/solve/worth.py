@@ -21,7 +21,7 @@ REFERENCE = RUNGS[-1]
 ROUNDS = 4
 CLOSE_ROUNDS = 2
 """Reweightings when all is taken as linear: far from the solution, and beside it."""
-LEAST_REDUNDANCY = 0.005
+LEAST_REDUNDANCY = 0.03
 """A moment whose misfit may be only this part of its own deviation was fitted, not tested: it contradicts nothing."""
 OUT = (3.0, 6.0)
 """Deviations from its floor at which a valley's walls are looked at."""

@@ -16,7 +16,7 @@ from ..rod_scenes import LENGTH_M, RIG_STD, World, camera_pose
 from .contact_scenes import STATUSES, STRAIGHT, frame
 
 QUIETLY = settings(
-    deadline=None, max_examples=20, derandomize=True, suppress_health_check=[HealthCheck.too_slow], database=None
+    deadline=None, max_examples=8, derandomize=True, suppress_health_check=[HealthCheck.too_slow], database=None
 )
 LOCATED = ("ok", "tip_contact")
 
@@ -104,7 +104,7 @@ def test_any_contact_gets_an_answer(
     well_formed(answer, felt)
 
 
-@settings(QUIETLY, max_examples=3)
+@settings(QUIETLY, max_examples=2)
 @given(rig=RIGS, seed=SEEDS, friction=st.sampled_from([0.0, 0.2]))
 def test_any_batch_gets_answers(rig: Rig, seed: int, friction: float) -> None:
     """In torch: junk beside good frames, and the good ones are what they would be by themselves."""
