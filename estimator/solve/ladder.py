@@ -136,9 +136,8 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     best = _found_again(part, rung, here, best)
     known = worth(best.fits)
     unknowns = best.fits.state.unknowns
-    blind = one_sided(part, unknowns, best.fits.table) & (xp.abs(unknowns[:, 1:3]) > TOUCHED * known.std[:, 1:3]).any(
-        -1
-    )
+    touched = (xp.abs(unknowns[:, 1:3]) > TOUCHED * known.std[:, 1:3]).any(-1)
+    blind = touched & one_sided(part, unknowns, best.fits.table)
     if bool(blind.any()):
         best = best.beside(blind, *other_sides(part, unknowns))
         # what turned out better has sides of its own
