@@ -16,6 +16,7 @@ from vbaa_calib.rig import Rig
 
 from .contact import Contact, Measured
 from .contacts import Contacts, judge
+from .given import checked_device, column, padded, stacked
 from .motion import Beam
 from .quantities import Numbers, none_of, numbers, placed, plain
 from .solve.frames import Frames, frames_from_pixels
@@ -61,7 +62,7 @@ class ContactEstimator:
         self.rig = rig
         self.model = model
         self.friction_rad = float(friction)
-        self.device = _device(device)
+        self.device = checked_device(device)
         self._known = Known.of(rig, self.friction_rad, np.empty(0))
         self._known_on_device = Known.of(
             rig, self.friction_rad, torch.empty(0, dtype=torch.float64, device=self.device)
@@ -125,7 +126,7 @@ class ContactEstimator:
         points = padded(centrelines_px)
         count = len(points)
         given = {"moments": moments, "moments_z": moments_z, "pans": pans, "tilts": tilts}
-        columns = {name: _column(name, values, count) for name, values in given.items()}
+        columns = {name: column(name, values, count) for name, values in given.items()}
         if not np.isfinite([columns["pans"], columns["tilts"]]).all():
             raise InputError("a pan or tilt is not a finite number", remedy="give radians")
         for name in ("moments", "moments_z"):
@@ -157,7 +158,7 @@ class ContactEstimator:
 
     def rough(self, measured: Measured) -> Rough | None:
         """A quick fit on a low rung. None with too few points."""
-        frames = self._frames(self._known, *_stacked([measured]))
+        frames = self._frames(self._known, *stacked([measured]))
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
         unknowns = explore(frames).floors[:, 0]
@@ -165,14 +166,14 @@ class ContactEstimator:
 
     def shape(self, measured: Measured, start: np.ndarray | None = None) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
-        frames = self._frames(self._known, *_stacked([measured]))
+        frames = self._frames(self._known, *stacked([measured]))
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
         part = solve(frames, self.model, None if start is None else start[None])[0]
         return np.asarray(part.fits.view.points_m[0])
 
     def _measured(self, several: Sequence[Measured], warm: np.ndarray | None, shaken: Beam | None = None) -> Contacts:
-        return self._judged(*_stacked(several), None if warm is None else np.tile(warm, (len(several), 1)), shaken)
+        return self._judged(*stacked(several), None if warm is None else np.tile(warm, (len(several), 1)), shaken)
 
     def _judged(
         self,
@@ -249,50 +250,3 @@ class Rough:
 
     unknowns: np.ndarray
     points_m: np.ndarray
-
-
-def padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
-    """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
-    if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
-        return centrelines_px.astype(float, copy=False)
-    lines = [np.asarray(line, float) for line in centrelines_px]
-    for line in lines:
-        if line.ndim != 2 or line.shape[1] != 2:
-            raise InputError(f"a centreline has shape {line.shape}", remedy="give (N, 2) pixels for every frame")
-    points = np.full((len(lines), max((len(line) for line in lines), default=0), 2), np.nan)
-    for row, line in zip(points, lines, strict=True):
-        row[: len(line)] = line
-    return points
-
-
-def _stacked(several: Sequence[Measured]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points, deviations, readings, pans and tilts of frames, points padded to one length."""
-    points = padded([each.points_px for each in several])
-    sigma = np.ones(points.shape[:2])
-    for row, each in zip(sigma, several, strict=True):
-        row[: len(each.sigma_px)] = each.sigma_px
-    numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
-    return points, sigma, numbers[:, :2], numbers[:, 2], numbers[:, 3]
-
-
-def _column(name: str, values: Sequence[float | None] | np.ndarray | None, count: int) -> np.ndarray:
-    """(count,) floats, NaN for what is missing. Raises InputError."""
-    if values is None:
-        return np.full(count, np.nan)
-    try:
-        column = np.array([np.nan if value is None else value for value in values], float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} are {values!r:.60}", remedy="give a number for every frame") from None
-    if column.shape != (count,):
-        raise InputError(f"{name} number {len(column)}, centrelines {count}", remedy="give one for every frame")
-    return column
-
-
-def _device(name: str) -> torch.device:
-    """The torch device. Raises InputError when it cannot be used."""
-    try:
-        torch.ones(1, dtype=torch.float64, device=name).item()
-    except (RuntimeError, TypeError, AssertionError) as error:
-        what = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"device {name!r}: {what}", remedy="cpu is always there") from None
-    return torch.device(name)

@@ -11,7 +11,8 @@ from vbaa_calib.arrays import Array, as_index, namespace, taken
 
 from .cubics import INNER, LAST, cubic, spacing
 from .frames import Frames
-from .view import View, dot
+from .image import dot
+from .view import View
 
 EVERY, FOOT_STEPS = 4, 2
 """A foot is looked for from the nearest of every fourth node, by Newton's steps; later each iteration adds one."""

@@ -15,6 +15,7 @@ from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
 
 from .cubics import cubics
 from .frames import Frames
+from .image import dot, image_slopes, project
 from .known import ANTENNA, POSES, UNKNOWNS, Known
 
 STEP = 1e-4
@@ -24,8 +25,6 @@ TIP = 1.0
 LINEAR = "linear"
 LEANING = ("elastica", "rod")
 """The rungs on which friction has an effect."""
-NEAREST_DEPTH_M = 1e-4
-"""Nodes nearer to the camera's plane than this, or behind it, are taken to lie there: their picture is far off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,29 +152,6 @@ def displaced(frames: Frames, rung: str, unknowns: Array, view: View) -> tuple[A
     felt = (readings(frames, shapes) - own) * frames.felt
     touched = xp.concat([shapes.contact_m, shapes.force_N], -1) - view.touch
     return dot(xp.stack([u, v], -1) - view.nodes, view.normals), felt, touched
-
-
-def project(known: Known, points_m: Array, pose: int = 0) -> tuple[Array, Array, Array]:
-    """Ideal image u, v and depth, (..., M) each, of antenna points (..., M, 3), by one of the known poses."""
-    x, y, z = (points_m[..., axis] for axis in range(3))
-    rotation, shift = known.rotations[pose], known.translations[pose]
-    across, down, ahead = (
-        row[0] * x + row[1] * y + (row[2] * z + move) for row, move in zip(rotation, shift, strict=True)
-    )
-    depth = namespace(ahead).clip(ahead, NEAREST_DEPTH_M, None)
-    return across / depth, down / depth, depth
-
-
-def image_slopes(known: Known, tangents: Array, u: Array, v: Array, depth: Array) -> tuple[Array, Array]:
-    """Slopes (..., M) of the image by arc length, of tangents (..., M, 3) at image points and depths (..., M)."""
-    x, y, z = (tangents[..., axis] for axis in range(3))
-    across, down, ahead = (row[0] * x + row[1] * y + row[2] * z for row in known.rotations[0])
-    return (across - u * ahead) / depth, (down - v * ahead) / depth
-
-
-def dot(first: Array, second: Array) -> Array:
-    """Inner products (...) of plane vectors (..., 2): far quicker than a sum over so short an axis."""
-    return first[..., 0] * second[..., 0] + first[..., 1] * second[..., 1]
 
 
 def readings(frames: Frames, shapes: Curves) -> Array:

@@ -1,0 +1,59 @@
+"""What users give, checked and brought to one shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from vbaa_calib.errors import InputError
+
+from .contact import Measured
+
+
+def padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
+    """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
+    if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
+        return centrelines_px.astype(float, copy=False)
+    lines = [np.asarray(line, float) for line in centrelines_px]
+    for line in lines:
+        if line.ndim != 2 or line.shape[1] != 2:
+            raise InputError(f"a centreline has shape {line.shape}", remedy="give (N, 2) pixels for every frame")
+    points = np.full((len(lines), max((len(line) for line in lines), default=0), 2), np.nan)
+    for row, line in zip(points, lines, strict=True):
+        row[: len(line)] = line
+    return points
+
+
+def stacked(several: Sequence[Measured]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, deviations, readings, pans and tilts of frames, points padded to one length."""
+    points = padded([each.points_px for each in several])
+    sigma = np.ones(points.shape[:2])
+    for row, each in zip(sigma, several, strict=True):
+        row[: len(each.sigma_px)] = each.sigma_px
+    numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
+    return points, sigma, numbers[:, :2], numbers[:, 2], numbers[:, 3]
+
+
+def column(name: str, values: Sequence[float | None] | np.ndarray | None, count: int) -> np.ndarray:
+    """(count,) floats, NaN for what is missing. Raises InputError."""
+    if values is None:
+        return np.full(count, np.nan)
+    try:
+        numbers = np.array([np.nan if value is None else value for value in values], float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} are {values!r:.60}", remedy="give a number for every frame") from None
+    if numbers.shape != (count,):
+        raise InputError(f"{name} number {len(numbers)}, centrelines {count}", remedy="give one for every frame")
+    return numbers
+
+
+def checked_device(name: str) -> torch.device:
+    """The torch device. Raises InputError when it cannot be used."""
+    try:
+        torch.ones(1, dtype=torch.float64, device=name).item()
+    except (RuntimeError, TypeError, AssertionError) as error:
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"device {name!r}: {what}", remedy="cpu is always there") from None
+    return torch.device(name)
