@@ -12,7 +12,7 @@ from .descend import linearised, moved_unknowns
 from .known import UNKNOWNS
 from .match import match, sums
 from .normal import Problem, cost, huber_weights, least_cost, solved
-from .settle import Settled
+from .settle import SCATTERED, Settled
 from .starts import Free
 from .view import LEANING, View, displaced
 
@@ -84,6 +84,7 @@ def worth(fits: Settled) -> Worth:
     own = felt[..., :UNKNOWNS] + felt[..., UNKNOWNS:] @ follows
     fitted = ((own @ covariance) * own).sum(-1)
     fitted = fitted + ((felt[..., UNKNOWNS:] @ rig_covariance) * felt[..., UNKNOWNS:]).sum(-1)
+    covariance = covariance * clamour(fits.problem)[:, None, None]
     redundant = xp.clip(1.0 - fitted, LEAST_REDUNDANCY**2, None)
     return Worth(
         xp.where(known[:, None, None], covariance, xp.inf),
@@ -92,6 +93,20 @@ def worth(fits: Settled) -> Worth:
         xp.where(known, values[:, -1] / values[:, 0], xp.inf),
         xp.where(known[:, None], xp.sqrt(redundant), 1.0),
     )
+
+
+def clamour(about: Problem) -> Array:
+    """(B,) factor on the variance by the points that count linearly: each still pulls, and says nothing.
+
+    Σψ²/Σw of Huber's ψ and weights, which is 1 for noise; noise itself is not taken for outliers.
+    """
+    xp = namespace(about.scatter)
+    whitened = about.whitened(about.found.distance)
+    seen = xp.where(about.found.precision > 0.0, xp.ones_like(whitened), xp.zeros_like(whitened))
+    weights = huber_weights(whitened) * seen
+    factor = (weights * whitened) ** 2
+    factor = factor.sum(-1) / xp.clip(weights.sum(-1), 1e-30, None)
+    return xp.where(factor > 1.0 + SCATTERED / xp.sqrt(seen.sum(-1) + 1e-30), factor, xp.ones_like(factor))
 
 
 def stretched(fits: Settled, known: Worth, which: Array) -> Worth:
