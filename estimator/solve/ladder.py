@@ -178,4 +178,4 @@ def _biases_at(frames: Frames, ground: Ground) -> dict[str, Array]:
     view = look(frames, EXPLORER, unknowns)
     table = rig_table(frames, EXPLORER, unknowns, view)
     rough = evaluated(frames, EXPLORER, table, begin(frames, view, unknowns, ground.free.feet_m))
-    return predicted_bias(rough, worth(rough))
+    return predicted_bias(rough, worth(rough, rough=True))
