@@ -137,7 +137,7 @@ def _rows(
         if args.overlay is not None:
             found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
         for item in found:
-            yield ContactRow.of(item.frame.frame, item.frame.time_s, item.contact)
+            yield ContactRow.of(item.frame, item.contact)
 
 
 def _summary(rows: Sequence[ContactRow]) -> dict[str, Any]:

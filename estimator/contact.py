@@ -30,10 +30,12 @@ class Contact:
     deflection_m : (3,) contact point less the same point of the free antenna, antenna frame.
     point_antenna_m, point_world_m : (3,) contact point on the centreline.
     covariance_world_m2 : (3, 3) of the world point.
-    force_world_N : (3,).
+    force_world_N : (3,). tangent_world : (3,) unit tangent of the antenna at the contact, towards the tip.
     moment_residual_Nm : reading less what the fitted contact predicts, in true N·m; NaN without a reading.
     friction_angle_rad, friction_angle_std_rad : the force's angle from the antenna's normal at the contact, positive
         towards the clamp. Where the data say nothing of it, what was thought possible beforehand.
+    evidence : how much better a contact explains the frame than the free antenna: half the difference of the squared
+        misfits, the rig free within its covariance in both. Without contact it is 1.5 to 2 on average.
     condition : condition number of what the data say of distance, force and friction, each scaled to unit deviation.
     bias : predicted bias of the rungs that were weighed, in standard deviations of distance or force.
     """
@@ -51,9 +53,11 @@ class Contact:
     point_world_m: np.ndarray = field(default_factory=_unknown_vector)
     covariance_world_m2: np.ndarray = field(default_factory=_unknown_matrix)
     force_world_N: np.ndarray = field(default_factory=_unknown_vector)
+    tangent_world: np.ndarray = field(default_factory=_unknown_vector)
     moment_residual_Nm: float = np.nan
     friction_angle_rad: float = np.nan
     friction_angle_std_rad: float = np.nan
+    evidence: float = np.nan
     condition: float = np.nan
     bias: Mapping[str, float] = field(default_factory=dict)
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from vbaa_calib.session import Frame
+
     from .contact import Contact
 
 STATUSES = (
@@ -44,10 +46,13 @@ class ContactRow:
     point_antenna_m, point_world_m : (3,) the contact on the antenna's centreline.
     covariance_world_m2 : (3, 3) of the world point.
     force_world_N : (3,) the object's force on the antenna, world frame.
+    tangent_world : (3,) unit tangent of the antenna at the contact, towards the tip.
+    pan_rad, tilt_rad : joint angles.
     moment_residual_Nm : reading less what the fitted contact predicts.
     friction_angle_rad, friction_angle_std_rad : of the force from the antenna's normal at the contact, positive towards
         the clamp.
     bias_std : the model's predicted bias in standard deviations of what it moves most.
+    evidence : of a contact against the free antenna, see `Contact`; given for every frame that could be fitted.
     condition : condition number of what the data say of distance, force and friction.
     """
 
@@ -68,19 +73,23 @@ class ContactRow:
     point_world_m: np.ndarray = field(default_factory=lambda: _unknown(3))
     covariance_world_m2: np.ndarray = field(default_factory=lambda: _unknown(3, 3))
     force_world_N: np.ndarray = field(default_factory=lambda: _unknown(3))
+    tangent_world: np.ndarray = field(default_factory=lambda: _unknown(3))
+    pan_rad: float = np.nan
+    tilt_rad: float = np.nan
     moment_residual_Nm: float = np.nan
     friction_angle_rad: float = np.nan
     friction_angle_std_rad: float = np.nan
     bias_std: float = np.nan
     condition: float = np.nan
+    evidence: float = np.nan
     reason: str = ""
 
     @staticmethod
-    def of(frame: int, time_s: float, contact: Contact) -> ContactRow:
+    def of(frame: Frame, contact: Contact) -> ContactRow:
         """The row of one estimated frame."""
         return ContactRow(
-            frame=frame,
-            time_s=time_s,
+            frame=frame.frame,
+            time_s=frame.time_s,
             status=contact.status,
             in_contact=contact.in_contact,
             model=contact.model,
@@ -96,11 +105,15 @@ class ContactRow:
             point_world_m=contact.point_world_m,
             covariance_world_m2=contact.covariance_world_m2,
             force_world_N=contact.force_world_N,
+            tangent_world=contact.tangent_world,
+            pan_rad=frame.pan_rad,
+            tilt_rad=frame.tilt_rad,
             moment_residual_Nm=contact.moment_residual_Nm,
             friction_angle_rad=contact.friction_angle_rad,
             friction_angle_std_rad=contact.friction_angle_std_rad,
             bias_std=contact.predicted_bias_std,
             condition=contact.condition,
+            evidence=contact.evidence,
             reason=contact.reason,
         )
 
@@ -126,11 +139,15 @@ class ContactTable:
     point_world_m: np.ndarray
     covariance_world_m2: np.ndarray
     force_world_N: np.ndarray
+    tangent_world: np.ndarray
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
     moment_residual_Nm: np.ndarray
     friction_angle_rad: np.ndarray
     friction_angle_std_rad: np.ndarray
     bias_std: np.ndarray
     condition: np.ndarray
+    evidence: np.ndarray
     reason: np.ndarray
 
     @staticmethod

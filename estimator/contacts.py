@@ -26,7 +26,7 @@ class Contacts(Sequence[Contact]):
     Attributes
     ----------
     status : (B,) of strings. distance_m, distance_std_m : (B,). force_N, force_std_N, point_antenna_m,
-    point_world_m : (B, 3). covariance_world_m2 : (B, 3, 3). The rest is as in `Contact`.
+    point_world_m, tangent_world : (B, 3). covariance_world_m2 : (B, 3, 3). The rest is as in `Contact`.
     """
 
     rig: Rig
@@ -41,9 +41,11 @@ class Contacts(Sequence[Contact]):
     point_world_m: np.ndarray
     covariance_world_m2: np.ndarray
     force_world_N: np.ndarray
+    tangent_world: np.ndarray
     moment_residual_Nm: np.ndarray
     friction_angle_rad: np.ndarray
     friction_angle_std_rad: np.ndarray
+    evidence: np.ndarray
     chosen: str
 
     def __len__(self) -> int:
@@ -75,9 +77,11 @@ class Contacts(Sequence[Contact]):
             point_world_m=self.point_world_m[index],
             covariance_world_m2=self.covariance_world_m2[index],
             force_world_N=self.force_world_N[index],
+            tangent_world=self.tangent_world[index],
             moment_residual_Nm=float(self.moment_residual_Nm[index]),
             friction_angle_rad=float(self.friction_angle_rad[index]),
             friction_angle_std_rad=float(self.friction_angle_std_rad[index]),
+            evidence=float(self.evidence[index]),
             condition=float(numbers.condition[index]),
             bias={rung: float(value) for rung, value in zip(RUNGS, bias, strict=True) if np.isfinite(value)},
         )
@@ -98,7 +102,9 @@ def judge(
     with np.errstate(invalid="ignore", over="ignore"):
         deviations = np.sqrt(np.diagonal(numbers.covariance, axis1=1, axis2=2))
         covariance = rotation @ numbers.covariance[:, :3, :3] @ np.swapaxes(rotation, 1, 2)
-        turned = np.einsum("bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N], axis=1))
+        turned = np.einsum(
+            "bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N, numbers.tangent], axis=1)
+        )
         return Contacts(
             rig=rig,
             numbers=numbers,
@@ -112,8 +118,10 @@ def judge(
             point_world_m=said(turned[:, 0] + translation),
             covariance_world_m2=said(covariance),
             force_world_N=said(turned[:, 1]),
+            tangent_world=said(turned[:, 2]),
             moment_residual_Nm=said(numbers.residual[:, 0] * sensor.std_Nm / sensor.gain, numbers.felt[:, 0]),
             friction_angle_rad=said(numbers.unknowns[:, 3] * friction_rad),
             friction_angle_std_rad=said(numbers.std[:, 3] * friction_rad),
+            evidence=said(numbers.evidence, numbers.finite),
             chosen=model,
         )

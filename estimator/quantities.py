@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.arrays import Array, namespace
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
@@ -21,7 +22,7 @@ from .solve.starts import free_points
 
 FLOATS = {
     **dict.fromkeys(("unknowns", "std", "rival_unknowns"), (4,)),
-    **dict.fromkeys(("point_m", "force_N", "deflection_m"), (3,)),
+    **dict.fromkeys(("point_m", "force_N", "tangent", "deflection_m"), (3,)),
     "covariance": (6, 6),
     **dict.fromkeys(("residual", "residual_std"), (2,)),
     **dict.fromkeys(("strange", "evidence", "scatter", "condition", "rival"), ()),
@@ -43,7 +44,7 @@ class Numbers:
     points : (B,) how many could be used.
     rung : index in `antenna.rungs.RUNGS`.
     unknowns, std : (B, 4), see `solve.known.UNKNOWNS`.
-    point_m, force_N, deflection_m : (B, 3) antenna frame.
+    point_m, force_N, deflection_m : (B, 3) antenna frame. tangent : (B, 3) of the antenna at the contact, likewise.
     covariance : (B, 6, 6) of point and force.
     residual, residual_std : (B, 2) readings' misfits, whitened, and the deviations these should have.
     felt : (B, 2) bool, whether there was a reading.
@@ -63,6 +64,7 @@ class Numbers:
     std: np.ndarray
     point_m: np.ndarray
     force_N: np.ndarray
+    tangent: np.ndarray
     deflection_m: np.ndarray
     covariance: np.ndarray
     residual: np.ndarray
@@ -146,6 +148,7 @@ def _numbers(part: Solved, beam: Beam | None) -> Numbers:
         std=plain(worth.std),
         point_m=touch[:, :3],
         force_N=touch[:, 3:],
+        tangent=plain(view.tangents[:, CONTACT]),
         deflection_m=touch[:, :3] - plain(free),
         covariance=plain(covariance),
         residual=misfit,

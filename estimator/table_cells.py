@@ -24,12 +24,21 @@ _SCALARS = (
     "deflection_y_m",
     "deflection_z_m",
 )
-_EXTRA_SCALARS = ("friction_angle_rad", "friction_angle_std_rad", "bias_std", "condition")
+_EXTRA_SCALARS = (
+    "friction_angle_rad",
+    "friction_angle_std_rad",
+    "bias_std",
+    "condition",
+    "pan_rad",
+    "tilt_rad",
+    "evidence",
+)
 _VECTORS = {
     "point_antenna_m": ("x_m", "y_m", "z_m"),
     "point_world_m": ("X_m", "Y_m", "Z_m"),
     "covariance_world_m2": ("cov_XX", "cov_XY", "cov_XZ", "cov_YY", "cov_YZ", "cov_ZZ"),
     "force_world_N": ("FX_N", "FY_N", "FZ_N"),
+    "tangent_world": ("TX", "TY", "TZ"),
 }
 _NUMBERS = (*_SCALARS, "moment_residual_Nm", *_EXTRA_SCALARS)
 _UPPER = np.triu_indices(3)
@@ -43,7 +52,7 @@ COLUMNS = (
     *("moment_residual_Nm", "reason"),
 )
 """What every contacts.csv has."""
-EXTRA_COLUMNS = (*_VECTORS["force_world_N"], *_EXTRA_SCALARS)
+EXTRA_COLUMNS = (*_VECTORS["force_world_N"], *_EXTRA_SCALARS, *_VECTORS["tangent_world"])
 """What ours has besides; optional when read."""
 _NEEDED_WHEN_LOCATED = ("distance_m", "force_y_N", "force_z_N", "point_antenna_m", "point_world_m")
 _DEVIATIONS = ("_std_m", "_std_N", "_std_rad")
@@ -82,6 +91,11 @@ def row_of(record: Mapping[str, str], path: Path) -> ContactRow:
         if name.endswith(_DEVIATIONS) and values[name] < 0:
             raise InputError(f"{name} is {record[name]}", where=where, remedy="a standard deviation is not negative")
     values |= {name: _vector(record, columns, path) for name, columns in _VECTORS.items()}
+    tangent = values["tangent_world"]
+    if np.isfinite(tangent).all() and abs(np.linalg.norm(tangent) - 1.0) > 1e-3:
+        raise InputError(
+            "TX, TY, TZ is not of length 1", where=where, remedy="give the antenna's unit tangent, or none"
+        )
     if record["status"] in LOCATED:
         _check_located(values, record["status"], in_contact, where)
     values["covariance_world_m2"] = _covariance(values["covariance_world_m2"], where)

@@ -22,12 +22,14 @@ from estimator.table import (
 )
 from tests.viz.touching import cylinder, touch
 from vbaa_calib.errors import InputError
+from vbaa_calib.session import Frame
 
 
 @pytest.fixture
 def rows() -> list[ContactRow]:
     found = touch(*cylinder(np.linspace(1.2, 1.9, 5), np.linspace(-0.02, 0.02, 5)), np.random.default_rng(1))
     extra = {"friction_angle_rad": -0.07, "friction_angle_std_rad": 0.02, "bias_std": 0.31, "condition": 4.5e3}
+    extra |= {"pan_rad": 0.4, "tilt_rad": -0.1, "evidence": 55.0, "tangent_world": np.array([0.8, 0.0, 0.6])}
     found[2] = replace(found[2], **extra)
     nothing = ContactRow(frame=5, time_s=0.5, status="no_contact", model="rod", reason='free,\n "shape"')
     return [*found, nothing]
@@ -69,6 +71,7 @@ def test_columns_of_the_contract_come_first_and_unknown_numbers_are_empty(
     assert header[len(COLUMNS) :] == [
         *("FX_N", "FY_N", "FZ_N"),
         *("friction_angle_rad", "friction_angle_std_rad", "bias_std", "condition"),
+        *("pan_rad", "tilt_rad", "evidence", "TX", "TY", "TZ"),
     ]
     last = dict(zip(header, body[-1], strict=True))
     filled = {name for name, cell in last.items() if cell}
@@ -139,13 +142,17 @@ def test_a_contact_becomes_a_row() -> None:
         force_N=np.array([1.0, 2.0, 3.0]),
         friction_angle_rad=0.1,
         friction_angle_std_rad=0.02,
+        tangent_world=np.array([0.0, 0.6, 0.8]),
+        evidence=31.0,
         condition=70.0,
         bias={"elastica": 1.2, "rod": 0.3},
     )
-    row = ContactRow.of(7, 0.5, contact)
+    frame = Frame(image=None, pan_rad=0.3, tilt_rad=-0.2, moment_Nm=0.0, frame=7, time_s=0.5)
+    row = ContactRow.of(frame, contact)
     assert (row.frame, row.time_s, row.status, row.model, row.distance_m) == (7, 0.5, "ok", "rod", 0.1)
     assert (row.force_y_N, row.force_z_N) == (2.0, 3.0)
     assert (row.friction_angle_rad, row.friction_angle_std_rad, row.bias_std, row.condition) == (0.1, 0.02, 0.3, 70.0)
+    assert (row.pan_rad, row.tilt_rad, row.evidence, row.tangent_world[1]) == (0.3, -0.2, 31.0, 0.6)
 
 
 def test_a_clock_since_1970_keeps_its_milliseconds(tmp_path: Path) -> None:
@@ -199,3 +206,9 @@ def test_a_parquet_file_that_is_none_is_refused(rows: list[ContactRow], tmp_path
 def test_other_formats_are_refused(name: str) -> None:
     with pytest.raises(InputError, match=r"is neither \.csv nor \.parquet"):
         check_format(Path(name))
+
+
+def test_a_tangent_that_is_no_direction_is_refused(rows: list[ContactRow], tmp_path: Path) -> None:
+    write_contacts(tmp_path / "contacts.csv", rows)
+    with pytest.raises(InputError, match="TX, TY, TZ is not of length 1"):
+        read_contacts(edited(tmp_path / "contacts.csv", 4, "TX", "0.9"))
