@@ -9,7 +9,7 @@ from typing import overload
 import numpy as np
 
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .contact import Contact
 from .quantities import Numbers
@@ -102,6 +102,8 @@ def judge(
     with np.errstate(invalid="ignore", over="ignore"):
         deviations = np.sqrt(np.diagonal(numbers.covariance, axis1=1, axis2=2))
         covariance = rotation @ numbers.covariance[:, :3, :3] @ np.swapaxes(rotation, 1, 2)
+        if not rig.kinematics.axes_known:
+            covariance = covariance + _by_axes(rig, numbers, rotation, pan_rad, tilt_rad)
         turned = np.einsum(
             "bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N, numbers.tangent], axis=1)
         )
@@ -125,3 +127,14 @@ def judge(
             evidence=said(numbers.evidence, numbers.finite),
             chosen=model,
         )
+
+
+def _by_axes(rig: Rig, numbers: Numbers, rotation: np.ndarray, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> np.ndarray:
+    """(B, 3, 3) what the joint axes' own errors, and those they share with the camera's pose, add to the world point."""
+    kinematics, pose = rig.kinematics, slice(0, len(POSE_PARAMETERS))
+    turned, shifted = kinematics.by_axes(pan_rad, tilt_rad)
+    moved = np.einsum("kbij,bj->bik", turned, numbers.point_m) + np.moveaxis(shifted, 0, -1)
+    by_pose = moved @ kinematics.axes_by_pose
+    shared = rotation @ numbers.with_pose[:, :3] @ np.swapaxes(by_pose, 1, 2)
+    own = (moved * kinematics.axes_std**2) @ np.swapaxes(moved, 1, 2)
+    return own + by_pose @ rig.covariance[pose, pose] @ np.swapaxes(by_pose, 1, 2) + shared + np.swapaxes(shared, 1, 2)

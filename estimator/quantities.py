@@ -15,7 +15,7 @@ from vbaa_calib.rig import Rig
 
 from .hinge import camera_angle
 from .motion import PIECES, Beam
-from .solve.known import Known
+from .solve.known import POSES, Known
 from .solve.ladder import Solved
 from .solve.shaken import by_inertia, pieces
 from .solve.starts import free_points
@@ -23,7 +23,7 @@ from .solve.starts import free_points
 FLOATS = {
     **dict.fromkeys(("unknowns", "std", "rival_unknowns"), (4,)),
     **dict.fromkeys(("point_m", "force_N", "tangent", "deflection_m"), (3,)),
-    "covariance": (6, 6),
+    **dict.fromkeys(("covariance", "with_pose"), (6, 6)),
     **dict.fromkeys(("residual", "residual_std"), (2,)),
     **dict.fromkeys(("strange", "evidence", "scatter", "condition", "rival"), ()),
     **dict.fromkeys(("second", "second_place", "second_harm", "edge_on_rad"), ()),
@@ -45,7 +45,7 @@ class Numbers:
     rung : index in `antenna.rungs.RUNGS`.
     unknowns, std : (B, 4), see `solve.known.UNKNOWNS`.
     point_m, force_N, deflection_m : (B, 3) antenna frame. tangent : (B, 3) of the antenna at the contact, likewise.
-    covariance : (B, 6, 6) of point and force.
+    covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
     residual, residual_std : (B, 2) readings' misfits, whitened, and the deviations these should have.
     felt : (B, 2) bool, whether there was a reading.
     evidence : (B,) for a contact, see `solve.worth.evidence`. condition : (B,) see `solve.worth.Worth`.
@@ -67,6 +67,7 @@ class Numbers:
     tangent: np.ndarray
     deflection_m: np.ndarray
     covariance: np.ndarray
+    with_pose: np.ndarray
     residual: np.ndarray
     residual_std: np.ndarray
     felt: np.ndarray
@@ -151,6 +152,7 @@ def _numbers(part: Solved, beam: Beam | None) -> Numbers:
         tangent=plain(view.tangents[:, CONTACT]),
         deflection_m=touch[:, :3] - plain(free),
         covariance=plain(covariance),
+        with_pose=plain(worth.with_rig(view.by_touch, table.touch) @ known.axes[:POSES].T),
         residual=misfit,
         residual_std=plain(worth.moment_std),
         felt=plain(fits.frames.felt) > 0.0,

@@ -55,6 +55,11 @@ class Worth:
         index = counted(self.covariance, UNKNOWNS)
         return xp.sqrt(self.covariance[:, index, index])
 
+    def with_rig(self, by_unknowns: Array, by_rig: Array) -> Array:
+        """Covariance (B, Q, R) of such quantities with the rig's steps."""
+        seen = by_unknowns + by_rig @ self.rig_follows
+        return seen @ self.covariance @ self.rig_follows.mT + by_rig @ self.rig_covariance
+
     def of(self, by_unknowns: Array, by_rig: Array) -> Array:
         """Covariance (B, Q, Q) of quantities with slopes (B, Q, 4) and (B, Q, R)."""
         seen = by_unknowns + by_rig @ self.rig_follows

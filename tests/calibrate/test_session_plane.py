@@ -69,6 +69,11 @@ def test_three_ways_agree_and_the_joints_are_found(rendered: Rendered) -> None:
     true = rendered.scene.kinematics
     assert plane.kinematics.axis_skew_rad == pytest.approx(true.axis_skew_rad, abs=4e-4)
     assert plane.kinematics.axis_offset_m == pytest.approx(true.axis_offset_m, abs=2e-4)
+    # what the sweep and the pose leave open of the axes holds what they are off
+    names = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
+    missed = np.array([getattr(plane.kinematics, name) - getattr(true, name) for name in names])
+    assert (np.abs(missed) < 4.0 * plane.kinematics.axes_std).all()
+    assert (plane.kinematics.axes_std < [4e-3, 4e-4, 4e-3]).all()
     # the zero of the tilt is what sweep and jig say together
     assert plane.kinematics.tilt_zero_rad == pytest.approx(true.tilt_zero_rad, abs=8e-4)
 
@@ -91,6 +96,9 @@ def test_each_way_alone_will_do(rendered: Rendered) -> None:
     swept = find_plane(session, camera, flex, PlaneViews(None, rendered.views.sweep, None))
     # the tilt's zero stays open without another way, and the deviation says so
     assert swept.kinematics.tilt_zero_rad == 0.0
+    # it goes with the camera's pose, whose doubt it is
+    swung = swept.kinematics.axes_by_pose[2] @ swept.estimates[0].covariance @ swept.kinematics.axes_by_pose[2]
+    assert np.sqrt(swung) == pytest.approx(session.tilt_zero_std_rad, rel=0.01)
     assert np.sqrt(swept.estimates[0].covariance[1, 1]) == pytest.approx(session.tilt_zero_std_rad, rel=0.01)
     alone = PlaneViews(None, None, rendered.views.over)
     with pytest.raises(InputError, match=r"which of them is the clamp .* over\.clamp_px"):

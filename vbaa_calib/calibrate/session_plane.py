@@ -24,7 +24,7 @@ from .plane import BoardPose, solve_board_pose
 from .pose_estimate import PoseEstimate
 from .session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from .sweep import SweepSolution, solve_sweep
-from .ways import Difference, along, differences, fused, loosened, require_agreement
+from .ways import Difference, differences, fused, loosened, require_agreement
 
 SIGHT_BIAS_PX = 0.02
 """How far all corners may lie to one side of the antenna's centrelines: the board is measured on edges, the antenna on
@@ -190,9 +190,18 @@ def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
-    """The session's, with the axes that the sweep asks for and the tilt's zero that all ways together do."""
+    """The session's, with the axes and the tilt's zero that sweep and all ways together ask for, and what is left open."""
     if sweep is None:
         return session.kinematics
-    pose = fused(estimates)
-    zero, _ = along(sweep.estimate, sweep.tilt_zero_tangent, sweep.tilt_zero_std_rad, pose)
-    return replace(sweep.kinematics, tilt_zero_rad=sweep.kinematics.tilt_zero_rad + zero)
+    swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)
+    by_pose = sweep.axes_with_pose @ np.linalg.inv(swept.covariance)
+    skew, offset, zero = by_pose @ fused(estimates).tangent_from(swept.T_antenna_camera)
+    left = np.diag(sweep.axes_covariance - by_pose @ sweep.axes_with_pose.T)
+    return replace(
+        sweep.kinematics,
+        axis_skew_rad=sweep.kinematics.axis_skew_rad + skew,
+        axis_offset_m=sweep.kinematics.axis_offset_m + offset,
+        tilt_zero_rad=sweep.kinematics.tilt_zero_rad + zero,
+        axes_std=np.sqrt(np.clip(left, 0.0, None)),
+        axes_by_pose=by_pose,
+    )

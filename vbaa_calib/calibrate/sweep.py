@@ -24,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from targets.board import BoardSpec
@@ -62,6 +63,7 @@ class SweepSolution:
         `Kinematics.tilt_zero_rad` is larger than was assumed.
     tilt_zero_std_rad : the doubt that the covariance holds along it.
     kinematics : as given, with the axes as solved.
+    axes_covariance : (3, 3) of skew, offset and tilt zero. axes_with_pose : (3, 6) their covariance with the estimate.
     axes_free : whether the axes were solved without regard to where they were given, because the data contradict it.
     axis_skew_rad, axis_offset_m : as the pictures alone show them, with their standard deviations.
     T_world_board : pose of the board in the world.
@@ -75,6 +77,8 @@ class SweepSolution:
     tilt_zero_tangent: np.ndarray
     tilt_zero_std_rad: float
     kinematics: Kinematics
+    axes_covariance: np.ndarray
+    axes_with_pose: np.ndarray
     axes_free: bool
     axis_skew_rad: float
     axis_skew_std_rad: float
@@ -125,7 +129,7 @@ def solve_sweep(
         for index, view in enumerate(seen)
         if not kept[index]
     ]
-    estimate, tangent = _estimate(chosen, kinematics.T_actuator_antenna, tilt_zero_std_rad)
+    estimate, tangent, with_pose = _estimate(chosen, kinematics.T_actuator_antenna, tilt_zero_std_rad)
     state, measured = chosen.state, free.state
     skew_std, offset_std = np.sqrt(np.diag(free.covariance[AXES, AXES]))
     return SweepSolution(
@@ -133,6 +137,8 @@ def solve_sweep(
         tilt_zero_tangent=tangent,
         tilt_zero_std_rad=tilt_zero_std_rad,
         kinematics=replace(kinematics, axis_skew_rad=state.axis_skew_rad, axis_offset_m=state.axis_offset_m),
+        axes_covariance=block_diag(chosen.covariance[AXES, AXES], tilt_zero_std_rad**2),
+        axes_with_pose=with_pose,
         axes_free=chosen is free,
         axis_skew_rad=measured.axis_skew_rad,
         axis_skew_std_rad=float(skew_std),
@@ -182,8 +188,11 @@ def _refuse_loose(found: SweepFit) -> None:
         )
 
 
-def _estimate(found: SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float) -> tuple[PoseEstimate, np.ndarray]:
-    """The camera in the antenna frame, and how an error of the tilt's zero moves it: (6,) a radian."""
+def _estimate(
+    found: SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float
+) -> tuple[PoseEstimate, np.ndarray, np.ndarray]:
+    """The camera in the antenna frame, how an error of the tilt's zero moves it, (6,) a radian, and its covariance
+    (3, 6) with skew, offset and zero."""
     T_actuator_camera = found.state.T_actuator_camera
     to_antenna = np.kron(np.eye(2), T_actuator_antenna.rotation.T)
     tilt_axis = np.array([0.0, 1.0, 0.0])
@@ -195,4 +204,5 @@ def _estimate(found: SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: floa
         covariance=covariance + tilt_zero_std_rad**2 * np.outer(tangent, tangent),
         lens_sensitivity=to_antenna @ found.by_lens[CAMERA],
     )
-    return estimate, tangent
+    of_axes = found.covariance[AXES, CAMERA] @ to_antenna.T
+    return estimate, tangent, np.vstack([of_axes, tilt_zero_std_rad**2 * tangent])

@@ -107,14 +107,3 @@ def loosened(estimate: PoseEstimate, directions: np.ndarray, std: np.ndarray) ->
     """The estimate with more doubt along directions (K, 6) of its tangent, of standard deviations (K,)."""
     spread = directions.T * std
     return replace(estimate, covariance=estimate.covariance + spread @ spread.T)
-
-
-def along(estimate: PoseEstimate, direction: np.ndarray, std: float, pose: Pose) -> tuple[float, float]:
-    """How far an estimate must have been off along a doubtful direction (6,), given where the pose really is.
-
-    `estimate.covariance` has the doubt, of standard deviation `std`, in it. Returns the most probable value, in units
-    of `direction`, and its deviation for a pose that is exact.
-    """
-    gain = std**2 * direction @ np.linalg.inv(estimate.covariance)
-    away = pose.tangent_from(estimate.T_antenna_camera)
-    return float(gain @ away), float(std * np.sqrt(max(1.0 - gain @ direction, 0.0)))

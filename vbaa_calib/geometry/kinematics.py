@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from .pose import Pose
+
+_STEP = 1e-5
+"""Finite-difference step of skew, offset and zero, rad or m."""
 
 
 def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_rad: float = 0.0) -> np.ndarray:
@@ -52,6 +55,9 @@ class Kinematics:
     axis_skew_rad : lean of the tilt axis from the right angle with the pan axis; positive where its y leans to +z.
     axis_offset_m : from the pan axis to the tilt axis along the panned x.
     tilt_zero_rad : true tilt where the encoder reads zero; true tilt = reading + tilt_zero_rad.
+    axes_std : (3,) standard deviations of skew (rad), offset (m) and tilt zero (rad) for a camera pose that is exact.
+    axes_by_pose : (3, 6) how much the three are off besides for a camera pose that is off (`Pose.retract`'s tangent): what
+        was measured by one sweep shares its errors. Without a sweep the axes count as exact, as they were given.
     """
 
     T_actuator_antenna: Pose = field(default_factory=Pose.identity)
@@ -59,6 +65,8 @@ class Kinematics:
     axis_skew_rad: float = 0.0
     axis_offset_m: float = 0.0
     tilt_zero_rad: float = 0.0
+    axes_std: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    axes_by_pose: np.ndarray = field(default_factory=lambda: np.zeros((3, 6)))
 
     def T_world_actuator(self, pan_rad: float, tilt_rad: float) -> Pose:
         """Pose of the moving attachment in the world at the encoders' readings."""
@@ -75,3 +83,20 @@ class Kinematics:
         origin = self.position_world_m + self.axis_offset_m * _panned_x(np.asarray(pan_rad, float))
         mount = self.T_actuator_antenna
         return turn @ mount.rotation, turn @ mount.translation_m + origin
+
+    @property
+    def axes_known(self) -> bool:
+        """Whether skew, offset and tilt zero count as exact."""
+        return not (self.axes_std.any() or self.axes_by_pose.any())
+
+    def by_axes(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How `world_antenna` moves with skew, offset and tilt zero: rotations (3, B, 3, 3) and translations (3, B, 3)."""
+        moved = []
+        for name in ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad"):
+            ends = [
+                replace(self, **{name: getattr(self, name) + step}).world_antenna(pan_rad, tilt_rad)
+                for step in (-_STEP, _STEP)
+            ]
+            moved.append([(up - down) / (2 * _STEP) for down, up in zip(*ends, strict=True)])
+        rotations, translations = zip(*moved, strict=True)
+        return np.stack(rotations), np.stack(translations)

@@ -113,11 +113,13 @@ class AntennaImage:
 
 def kinematics_from_dict(data: Mapping[str, Any], where: object) -> Kinematics:
     """From the mapping `kinematics` of rig.json. Raises InputError when a quaternion is none."""
-    mount = data.get("T_actuator_antenna")
+    mount, uncertain = data.get("T_actuator_antenna"), data.get("axes_uncertainty", {})
     return Kinematics(
         Pose.identity() if mount is None else read_pose(mount, where, "kinematics.T_actuator_antenna"),
         np.asarray(data.get("position_world_m", (0.0, 0.0, 0.0)), float),
         *(float(data.get(name, 0.0)) for name in JOINT_AXES),
+        axes_std=np.asarray(uncertain.get("std", np.zeros(3)), float),
+        axes_by_pose=np.asarray(uncertain.get("by_pose", np.zeros((3, 6))), float),
     )
 
 
@@ -127,6 +129,11 @@ def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:
         "T_actuator_antenna": kinematics.T_actuator_antenna.to_dict(),
         "position_world_m": kinematics.position_world_m.tolist(),
         **{name: getattr(kinematics, name) for name in JOINT_AXES},
+        "axes_uncertainty": {
+            "axes": list(JOINT_AXES),
+            "std": kinematics.axes_std.tolist(),
+            "by_pose": kinematics.axes_by_pose.tolist(),
+        },
     }
 
 

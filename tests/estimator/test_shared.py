@@ -1,0 +1,131 @@
+"""What frames share of the calibration's errors: against estimates made with rigs that really are off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator import ContactEstimator
+from estimator.contact_row import ContactRow, ContactTable
+from estimator.shared import Shared, shared_errors
+from estimator.solve.known import Known
+from vbaa_calib.bench.estimator_scenes import Scenes, random_scenes
+from vbaa_calib.bench.estimator_setup import ACROSS, Setup, moved
+from vbaa_calib.errors import InputError
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Frame
+
+RIG = Setup("brown", 0.7, ACROSS, swing_m=0.1, real=True, exact=False).rig()
+FRAMES = 12
+
+
+def scenes_of(true: Rig, given: Rig, seed: int = 5, frames: int = FRAMES) -> Scenes:
+    rng = np.random.default_rng(seed)
+    return random_scenes(true, frames, rng, reach=(0.3, 0.8), slope_rad=(0.1, 0.4), given=given)
+
+
+def table_of(scenes: Scenes) -> ContactTable:
+    estimator = ContactEstimator(scenes.rig, "elastica")
+    pan, tilt, moment = scenes.pan_rad, scenes.tilt_rad, scenes.moment_Nm
+    found = estimator.estimate_batch(scenes.points_px, moment, pan, tilt, sigma_px=scenes.sigma_px)
+    frames = [
+        Frame(None, float(pan[i]), float(tilt[i]), float(moment[i]), frame=i, time_s=0.1 * i)
+        for i in range(len(scenes))
+    ]
+    rows = [ContactRow.of(frame, contact) for frame, contact in zip(frames, found, strict=True)]
+    return ContactTable.from_rows(rows)
+
+
+def true_points(scenes: Scenes, kinematics: Kinematics) -> np.ndarray:
+    """(B, 3) contact points, world frame."""
+    points = [
+        [np.interp(distance, scenes.arclength_m, axis) for axis in shape.T]
+        for distance, shape in zip(scenes.distance_m, scenes.shapes.points_m, strict=True)
+    ]
+    rotation, origin = kinematics.world_antenna(scenes.pan_rad, scenes.tilt_rad)
+    return np.einsum("bij,bj->bi", rotation, np.array(points)) + origin
+
+
+def missed(true: Rig, given: Rig) -> tuple[ContactTable, np.ndarray]:
+    """The contacts, and how far their world points are off (B, 3)."""
+    scenes = scenes_of(true, given)
+    table = table_of(scenes)
+    return table, table.point_world_m - true_points(scenes, true.kinematics)
+
+
+@pytest.mark.parametrize("axis", [0, 8, 12, 16])
+def test_a_rig_that_is_off_moves_contacts_as_said(axis: int) -> None:
+    step = Known.of(RIG, 0.2, np.empty(0)).axes[:, axis]
+    table, before = missed(RIG, RIG)
+    _, after = missed(moved(RIG, step), RIG)
+    said = shared_errors(RIG, table).point_m[..., axis]
+    assert np.isfinite(said).all()
+    assert np.linalg.norm(after - before - said) < 0.1 * np.linalg.norm(said)
+
+
+def test_joint_axes_that_are_off_move_contacts_as_said_and_widen_the_covariance() -> None:
+    kinematics = Kinematics(axes_std=np.array([2e-3, 5e-4, 3e-3]))
+    given = replace(RIG, kinematics=kinematics)
+    table, before = missed(given, given)
+    said = shared_errors(given, table).point_m
+    for index, name in enumerate(("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")):
+        true = replace(given, kinematics=replace(kinematics, **{name: kinematics.axes_std[index]}))
+        # the antenna is seen and felt as before; only where it is in the world is off
+        still = replace(true, gravity_world_m_s2=np.zeros(3)), replace(given, gravity_world_m_s2=np.zeros(3))
+        table_still, after = missed(*still)
+        _, straight = missed(still[1], still[1])
+        expected = shared_errors(still[1], table_still).point_m[..., len(RIG.covariance) + index]
+        np.testing.assert_allclose(after - straight, expected, atol=2e-2 * np.abs(expected).max())
+    plain, _ = missed(RIG, RIG)
+    wider = table.covariance_world_m2 - plain.covariance_world_m2
+    own = said[..., len(RIG.covariance) : len(RIG.covariance) + 3]
+    np.testing.assert_allclose(wider, own @ np.swapaxes(own, 1, 2), atol=1e-6 * np.abs(table.covariance_world_m2).max())
+
+
+def test_axes_that_follow_the_pose_are_not_counted_twice() -> None:
+    """A sweep that misjudges the tilt's zero turns the camera the other way: what the camera sees stays where it is."""
+    by_pose = np.zeros((3, 6))
+    by_pose[2, 1] = 1.0  # true tilt = reading + zero turns about −y, the pose about +y
+    follows = replace(RIG, kinematics=Kinematics(axes_by_pose=by_pose))
+    alone = replace(RIG, kinematics=Kinematics(axes_std=np.array([0.0, 0.0, RIG.std("camera_about_y_rad")])))
+    scenes = scenes_of(RIG, RIG)
+    joint, apart = (table_of(replace(scenes, rig=rig)).covariance_world_m2 for rig in (follows, alone))
+    assert (np.abs(joint - apart).max(axis=(1, 2)) > 1e-12).any()
+    for rig, covariance in ((follows, joint), (alone, apart)):
+        table = table_of(replace(scenes, rig=rig))
+        shared = shared_errors(rig, table)
+        whole = shared.own_m2 + shared.point_m @ np.swapaxes(shared.point_m, 1, 2)
+        np.testing.assert_allclose(whole, covariance, atol=2e-3 * np.abs(covariance).max())
+
+
+def test_own_and_shared_make_the_whole() -> None:
+    table = table_of(scenes_of(RIG, RIG).noisy(np.random.default_rng(2)))
+    shared = shared_errors(RIG, table)
+    whole = shared.own_m2 + shared.point_m @ np.swapaxes(shared.point_m, 1, 2)
+    np.testing.assert_allclose(whole, table.covariance_world_m2, rtol=1e-6, atol=1e-12)
+    exact = replace(RIG, covariance=np.zeros_like(RIG.covariance))
+    alone = shared_errors(exact, table_of(replace(scenes_of(RIG, RIG), rig=exact)))
+    assert alone.point_m.shape[-1] == 3 + 1
+    assert not alone.point_m[..., :3].any()
+    nobody = Shared.none(table)
+    assert nobody.point_m.shape[-1] == 0
+    np.testing.assert_array_equal(nobody.own_m2, table.covariance_world_m2)
+
+
+def test_another_rigs_contacts_are_refused_and_empty_ones_are_not() -> None:
+    table = table_of(scenes_of(RIG, RIG))
+    elsewhere = replace(RIG, kinematics=Kinematics(position_world_m=np.array([0.1, 0.0, 0.0])))
+    with pytest.raises(InputError, match="do not fit the rig's kinematics"):
+        shared_errors(elsewhere, table)
+    nothing = ContactTable.from_rows([ContactRow(frame=0, time_s=0.0, status="no_contact")])
+    assert shared_errors(RIG, nothing).point_m.shape == (1, 3, 0)
+
+
+def test_joints_are_found_where_a_table_leaves_them_out() -> None:
+    table = table_of(scenes_of(RIG, RIG))
+    unknown = np.full(len(table), np.nan)
+    bare = replace(table, pan_rad=unknown, tilt_rad=unknown)
+    np.testing.assert_allclose(shared_errors(RIG, bare).point_m, shared_errors(RIG, table).point_m, atol=1e-9)
