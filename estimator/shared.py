@@ -29,10 +29,10 @@ _WEIGHTS, _HALVINGS = (1e-3, 1e3), 14
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """How far B frames' results are off, world frame, for each of S independent errors of unit deviation that all share.
+    """How far B frames' results are off, world frame, for each of S independent errors of unit deviation.
 
-    The errors are the rig's (pose, antenna, sensor, lens), those of the joint axes, and, last, the friction angle as far
-    as a frame does not tell it: neighbouring contacts rub alike. NaN in frames without a located contact.
+    The errors are the rig's (pose, antenna, sensor, lens), those of the joint axes, and, last, the friction angle as
+    far as a frame does not tell it: neighbouring contacts rub alike. NaN in frames without a located contact.
 
     Attributes
     ----------

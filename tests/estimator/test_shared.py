@@ -63,13 +63,14 @@ def test_a_rig_that_is_off_moves_contacts_as_said(axis: int) -> None:
     _, after = missed(moved(RIG, step), RIG)
     said = shared_errors(RIG, table).point_m[..., axis]
     assert np.isfinite(said).all()
-    assert np.linalg.norm(after - before - said) < 0.1 * np.linalg.norm(said)
+    # one weight a frame stands for the points that it had, wherever they were
+    assert np.linalg.norm(after - before - said) < 0.15 * np.linalg.norm(said)
 
 
 def test_joint_axes_that_are_off_move_contacts_as_said_and_widen_the_covariance() -> None:
     kinematics = Kinematics(axes_std=np.array([2e-3, 5e-4, 3e-3]))
     given = replace(RIG, kinematics=kinematics)
-    table, before = missed(given, given)
+    table, _ = missed(given, given)
     said = shared_errors(given, table).point_m
     for index, name in enumerate(("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")):
         true = replace(given, kinematics=replace(kinematics, **{name: kinematics.axes_std[index]}))
