@@ -77,6 +77,7 @@ class Measured:
     moment_Nm : about y, NaN without a sensor. moment_z_Nm : about z, NaN without a second one.
     pan_rad, tilt_rad : joint angles.
     time_s : NaN where not known; a recording's frames are then taken as static.
+    start : (4,) unknowns near the truth, as `ContactEstimator.rough` gives them; NaN where nobody has looked before.
     """
 
     points_px: np.ndarray
@@ -86,3 +87,4 @@ class Measured:
     tilt_rad: float
     moment_z_Nm: float = np.nan
     time_s: float = np.nan
+    start: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))

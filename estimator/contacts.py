@@ -130,7 +130,7 @@ def judge(
 
 
 def _by_axes(rig: Rig, numbers: Numbers, rotation: np.ndarray, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> np.ndarray:
-    """(B, 3, 3) what the joint axes' own errors, and those they share with the camera's pose, add to the world point."""
+    """(B, 3, 3) what the joint axes' own errors, and those they share with the camera's pose, add to world points."""
     kinematics, pose = rig.kinematics, slice(0, len(POSE_PARAMETERS))
     turned, shifted = kinematics.by_axes(pan_rad, tilt_rad)
     moved = np.einsum("kbij,bj->bik", turned, numbers.point_m) + np.moveaxis(shifted, 0, -1)

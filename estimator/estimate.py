@@ -16,7 +16,7 @@ from vbaa_calib.rig import Rig
 
 from .contact import Contact, Measured
 from .contacts import Contacts, judge
-from .given import checked_device, column, padded, stacked
+from .given import checked_device, column, padded, stacked, started
 from .motion import Beam
 from .quantities import Numbers, none_of, numbers, placed, plain
 from .solve.frames import Frames, frames_from_pixels
@@ -152,9 +152,9 @@ class ContactEstimator:
             yield from stream.push(several, found)
         yield from stream.finish()
 
-    def measure(self, measured: Measured, start: np.ndarray | None = None) -> Contact:
-        """One frame that was checked already. `start` (4,): unknowns near the truth, as `rough` gives them."""
-        return self._measured([measured], start)[0]
+    def measure(self, measured: Measured) -> Contact:
+        """One frame that was checked already."""
+        return self._measured([measured], None)[0]
 
     def rough(self, measured: Measured) -> Rough | None:
         """A quick fit on a low rung. None with too few points."""
@@ -164,16 +164,16 @@ class ContactEstimator:
         unknowns = explore(frames).floors[:, 0]
         return Rough(unknowns[0], look(frames, EXPLORER, unknowns).points_m[0])
 
-    def shape(self, measured: Measured, start: np.ndarray | None = None) -> np.ndarray | None:
+    def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
         frames = self._frames(self._known, *stacked([measured]))
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
-        part = solve(frames, self.model, None if start is None else start[None])[0]
+        part = solve(frames, self.model, started([measured]))[0]
         return np.asarray(part.fits.view.points_m[0])
 
     def _measured(self, several: Sequence[Measured], warm: np.ndarray | None, shaken: Beam | None = None) -> Contacts:
-        return self._judged(*stacked(several), None if warm is None else np.tile(warm, (len(several), 1)), shaken)
+        return self._judged(*stacked(several), started(several, warm), shaken)
 
     def _judged(
         self,

@@ -36,6 +36,14 @@ def stacked(several: Sequence[Measured]) -> tuple[np.ndarray, np.ndarray, np.nda
     return points, sigma, numbers[:, :2], numbers[:, 2], numbers[:, 3]
 
 
+def started(several: Sequence[Measured], warm: np.ndarray | None = None) -> np.ndarray | None:
+    """(B, 4) where to look first: each frame's own start, else `warm` (4,); None where nothing is known of any."""
+    starts = np.stack([each.start for each in several])
+    if warm is not None:
+        starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
+    return starts if np.isfinite(starts).all(axis=1).any() else None
+
+
 def column(name: str, values: Sequence[float | None] | np.ndarray | None, count: int) -> np.ndarray:
     """(count,) floats, NaN for what is missing. Raises InputError."""
     if values is None:

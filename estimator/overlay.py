@@ -128,8 +128,8 @@ def _fitted_m(estimator: ContactEstimator, item: FrameContact) -> np.ndarray:
     The fit is done again, as it was: a picture is not worth keeping every fit of a recording for.
     """
     points = None
-    if item.measured is not None and item.contact.status not in UNFITTED:
-        points = estimator.shape(item.measured, item.start)
+    if item.contact.status not in UNFITTED:
+        points = estimator.shape(item.measured)
     if points is None:
         return np.empty((0, 3))
     return points[np.isfinite(points).all(axis=1)]
@@ -162,7 +162,7 @@ def draw(canvas: Canvas, item: FrameContact, found: Marks, *, close: bool = Fals
             canvas.line(found.shape + side, WHITE)
     if item.line is not None:
         draw_centreline(canvas, item.line, named=not close)
-    elif item.measured is not None:
+    else:
         canvas.graded(item.measured.points_px, sigma_colours(item.measured.sigma_px))
     if found.located:
         if not close:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import tee
 from pathlib import Path
@@ -36,14 +36,21 @@ class FrameContact:
     Attributes
     ----------
     line : what was seen in its picture; None where ready centrelines took the place of pictures.
-    measured, start : what the contact was fitted to, and from where; None where nothing was fitted, or no start known.
+    measured : what the contact was fitted to.
     """
 
     frame: Frame
     contact: Contact
+    measured: Measured
     line: Centreline | None = None
-    measured: Measured | None = None
-    start: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What was seen of the antenna in a picture, and what that offers to the fit."""
+
+    line: Centreline
+    measured: Measured
 
 
 def gravity(rig: Rig, frame: Frame) -> np.ndarray:
@@ -89,20 +96,18 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | 
     return found if found is None or rig.image.height is None else found.expecting(rig.image.height)
 
 
-def look_again(
-    estimator: ContactEstimator, frame: Frame, image: np.ndarray, first: Centreline
-) -> tuple[Centreline, np.ndarray | None]:
-    """The antenna measured along the shape that the first look led to, and that shape's unknowns (4,) as a start."""
+def look_again(estimator: ContactEstimator, frame: Frame, image: np.ndarray, first: Centreline) -> Look:
+    """The antenna measured along the shape that the first look led to, which is where the fit begins."""
     rig = estimator.rig
     rough = estimator.rough(measured(rig, frame, first))
     if rough is None:
-        return first, None
+        return Look(first, measured(rig, frame, first))
     T_camera_antenna = rig.T_antenna_camera.inverse()
     guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
     width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
     again = find_along(image, guide, width, rig.image.bright)
-    better = len(again.points_px) >= SECOND_LOOK * len(first.points_px)
-    return (again if better else first), rough.unknowns
+    line = again if len(again.points_px) >= SECOND_LOOK * len(first.points_px) else first
+    return Look(line, replace(measured(rig, frame, line), start=rough.unknowns))
 
 
 def read_plane(rig: Rig, path: Path) -> np.ndarray:
@@ -122,8 +127,8 @@ def read_ground(rig: Rig, path: Path) -> Ground:
     return Ground(read_plane(rig, path).astype(np.float32))
 
 
-def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
-    """One frame from its picture, less the ground if that is known.
+def look_at(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> Look:
+    """The antenna in a frame's picture, less the ground if that is known.
 
     Raises InputError when the picture cannot be read or has another size.
     """
@@ -133,10 +138,24 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground |
         image = ground.taken_off(image)
     line = look(estimator.rig, frame, image)
     if not line.found:
-        return FrameContact(frame, Contact("no_antenna", line.reason, estimator.model, False), line)
-    line, start = look_again(estimator, frame, image, line)
-    seen = measured(estimator.rig, frame, line)
-    return FrameContact(frame, estimator.measure(seen, start), line, seen, start)
+        # what was seen in part, or twice, is no antenna to be fitted
+        return Look(line, measured(estimator.rig, frame, NOTHING))
+    return look_again(estimator, frame, image, line)
+
+
+def estimate_pictures(
+    estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
+) -> Iterator[FrameContact]:
+    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `look_at` does."""
+    given, kept = tee(look_at(estimator, frame, ground) for frame in frames)
+    for frame, seen, contact in zip(frames, kept, estimator.run(each.measured for each in given), strict=True):
+        said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
+        yield FrameContact(frame, said, seen.measured, seen.line)
+
+
+def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
+    """One frame from its picture, as `estimate_pictures` does it but for its motion."""
+    return next(estimate_pictures(estimator, [frame], ground))
 
 
 def measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
@@ -152,7 +171,7 @@ def estimate_centrelines(
     # a tee holds no more than what the estimator has taken in and not yet given back
     given, kept = tee(measured_points(estimator.rig, frame, lines) for frame in frames)
     for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
-        yield FrameContact(frame, contact, measured=seen)
+        yield FrameContact(frame, contact, seen)
 
 
 def estimate_recording(
@@ -160,7 +179,7 @@ def estimate_recording(
 ) -> Iterator[FrameContact]:
     """Every frame of a session's recording, in order; none is dropped. The ground is taken off every picture."""
     if frames[0].image is not None:
-        return (estimate_picture(estimator, frame, ground) for frame in frames)
+        return estimate_pictures(estimator, frames, ground)
     lines = read_centrelines(session)
     unknown = set(lines) - {frame.frame for frame in frames}
     if unknown:

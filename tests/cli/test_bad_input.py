@@ -245,7 +245,7 @@ def test_estimate_refuses_before_the_long_work(
     def begun(*_: object) -> None:
         raise AssertionError("the long work has begun")
 
-    monkeypatch.setattr(recording, "estimate_picture", begun)
+    monkeypatch.setattr(recording, "look_at", begun)
     truncate(PICTURES["recording"])(session)
     refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv"), "is truncated or damaged")
 

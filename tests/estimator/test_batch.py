@@ -156,7 +156,7 @@ def test_a_wrong_start_is_recovered_from() -> None:
     estimator = ContactEstimator(RIG)
     cold = estimator.measure(measured)
     for start in ([0.2, 50.0, -80.0, 0.0], [0.95, -1.0, 1.0, 3.0], [0.5, np.nan, 0.0, 0.0]):
-        assert furthest(cold, estimator.measure(measured, np.array(start))) < STANDSTILL
+        assert furthest(cold, estimator.measure(replace(measured, start=np.array(start)))) < STANDSTILL
     assert np.abs(deviations(cold, seen)).max() < 4.0
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from estimator import Contact, ContactEstimator, Measured
+from estimator import Contact, ContactEstimator, Measured, recording
 from vbaa_calib.bench.estimator_scenes import Scenes, rolled, scenes
 from vbaa_calib.bench.estimator_shapes import rod_shapes
+from vbaa_calib.detect.centreline import NOTHING
+from vbaa_calib.session import Frame
 
 from .contact_scenes import WORLD
 
@@ -78,3 +81,21 @@ def test_live_nothing_waits() -> None:
     for index in range(5):
         assert next(answers).status == "ok"
         assert taken[-1] == index
+
+
+def test_pictures_are_judged_for_motion_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was seen in each picture goes through the same stream; a picture without an antenna keeps its own words."""
+    lost = 20
+    seen = [
+        recording.Look(NOTHING if index == lost else NOTHING.judged("ok", ""), measured)
+        for index, measured in enumerate(recorded(touched(0.02)))
+    ]
+    seen[lost] = replace(
+        seen[lost], measured=replace(seen[lost].measured, points_px=np.empty((0, 2)), sigma_px=np.empty(0))
+    )
+    monkeypatch.setattr(recording, "look_at", lambda _, frame, __: seen[frame.frame])
+    frames = [Frame(None, 0.0, 0.0, 0.0, frame=index, time_s=index / RATE_HZ) for index in range(COUNT)]
+    found = list(recording.estimate_pictures(ContactEstimator(RIG), frames))
+    assert [item.frame.frame for item in found] == list(range(COUNT))
+    assert sum(item.contact.status == "not_quasistatic" for item in found) >= COUNT // 3
+    assert (found[lost].contact.status, found[lost].contact.reason) == ("no_antenna", NOTHING.reason)

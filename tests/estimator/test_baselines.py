@@ -1,0 +1,187 @@
+"""The paper's systems on the static rod: right where their assumptions hold, and silent or biased as theory says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.baselines import METHODS, NEEDS, Noise, Press, Wire, ask, tared
+from estimator.baselines.giving import compliance_of
+from estimator.baselines.turning import fitted_slope
+from estimator.inclined import project
+from vbaa_calib.antenna.rod import sample_shape
+from vbaa_calib.errors import InputError
+
+from .presses import LENGTH_M, STIFFNESS_NM2, WIRE, knife, press_of, pressed
+
+PANS = np.radians(np.linspace(0.3, 2.0, 6))
+NOISE = Noise(point_m=5e-5, moment_Nm=2e-5, turn_rad=1e-5)
+
+
+@pytest.mark.parametrize("contact_m", [0.06, 0.12, 0.2])
+def test_every_system_finds_a_rigid_edge_square_on(contact_m: float) -> None:
+    touched, rotations = pressed(knife(contact_m), PANS)
+    press = press_of(touched, rotations)
+    for name in ("Active Antenna", "3D Active Antenna", "2D-VBAA", "2D-VBAA, pushing", "3D-VBAA, camera A"):
+        found = ask(name, press)
+        # what is left is the square of the deflection's slope, some 2.0°·3/2
+        assert found.distance_m == pytest.approx(touched.contact_m[-1], rel=4e-3), name
+        assert found.force_N[1] == pytest.approx(touched.force_antenna_N[-1, 1], rel=1e-2), name
+        assert np.isnan(found.distance_std_m), "noise was not told"
+
+
+@pytest.mark.parametrize("stiffness_N_m", [20.0, 100.0, 1000.0, 1e5])
+def test_a_yielding_object_lengthens_the_active_antenna_by_3EI_over_kll_and_no_other(stiffness_N_m: float) -> None:
+    touched, rotations = pressed(knife(0.14, stiffness_N_m=stiffness_N_m), PANS)
+    press = press_of(touched, rotations)
+    lengthened = 3.0 * STIFFNESS_NM2 / (stiffness_N_m * 0.14**2)
+    active, vision = ask("Active Antenna", press), ask("2D-VBAA, pushing", press)
+    said = active.distance_m if active.candidates_m.size == 0 else active.candidates_m[0]
+    assert said == pytest.approx(0.14 + lengthened, abs=4e-4 + 0.01 * lengthened)
+    assert vision.distance_m == pytest.approx(0.14, rel=4e-3)
+    own = 0.14**3 / (3.0 * STIFFNESS_NM2)
+    if stiffness_N_m < 5000.0:
+        assert 1.0 / vision.object_stiffness_N_m == pytest.approx(1.0 / stiffness_N_m, abs=1.5e-3 * own)
+
+
+def test_the_active_antenna_says_when_the_distance_lies_beyond_it() -> None:
+    found = ask("Active Antenna", press_of(*pressed(knife(0.14, stiffness_N_m=5.0), PANS)))
+    assert np.isnan(found.distance_m)
+    assert found.candidates_m[0] > LENGTH_M
+    assert "gives way" in found.reason
+
+
+def test_the_3d_active_antenna_works_along_the_normal_and_names_a_slip_sideways() -> None:
+    """Pushed by both joints along a normal at 35° it is exact; pushed by pan alone the antenna slips along the edge."""
+    obj, turn = knife(0.14, np.radians(35.0)), PANS[:, None] * [np.cos(np.radians(35.0)), np.sin(np.radians(35.0))]
+    along = ask("3D Active Antenna", press_of(*pressed(obj, turn[:, 0], turn[:, 1])))
+    assert along.distance_m == pytest.approx(0.14, rel=4e-3)
+    assert np.arctan2(along.force_N[2], along.force_N[1]) == pytest.approx(np.radians(35.0 - 180.0), abs=0.01)
+    aside = ask("3D Active Antenna", press_of(*pressed(obj, PANS)))
+    assert np.isnan(aside.distance_m)
+    assert "slips sideways: the moment leans 35°" in aside.reason
+
+
+def test_camera_a_and_b_find_the_force_out_of_plane_c() -> None:
+    touched, rotations = pressed(knife(0.14, np.radians(40.0)), PANS)
+    upright = press_of(touched, rotations)
+    s = np.broadcast_to(np.linspace(0.005, 1.0, 200) * LENGTH_M, (len(PANS), 200))
+    tilt = np.radians(30.0)
+    image = np.asarray(project(sample_shape(touched.shape, s)[0], tilt))
+    inclined = replace(upright, points_m=image, camera_tilt_rad=tilt)
+    for name, press in (("3D-VBAA, camera A", upright), ("3D-VBAA, camera B", inclined)):
+        found = ask(name, press)
+        assert found.distance_m == pytest.approx(touched.contact_m[-1], rel=4e-3), name
+        np.testing.assert_allclose(found.force_N[1:], touched.force_antenna_N[-1, 1:], rtol=1e-2)
+    wrong = ask("3D-VBAA, camera A", inclined)
+    assert wrong.distance_m == pytest.approx(touched.contact_m[-1], rel=4e-3), "two straight points hide the tilt"
+    assert wrong.force_N[1] != pytest.approx(touched.force_antenna_N[-1, 1], rel=1e-2), "but not from the force"
+    assert np.isnan(ask("2D-VBAA", upright).force_N[2]), "vision alone does not see f_z"
+
+
+@pytest.mark.parametrize(
+    "name", ["Active Antenna", "3D Active Antenna", "2D-VBAA", "3D-VBAA, camera A", "3D-VBAA, camera B"]
+)
+def test_deviations_are_what_sampling_shows(name: str) -> None:
+    touched, rotations = pressed(knife(0.14), PANS)
+    drawn = [ask(name, press_of(touched, rotations, NOISE, seed)) for seed in range(400)]
+    distance = np.array([each.distance_m for each in drawn])
+    assert np.isfinite(distance).all()
+    stated = np.sqrt(np.mean([each.distance_std_m**2 for each in drawn]))
+    assert distance.std() == pytest.approx(stated, rel=0.12)
+    force = np.array([each.force_N[1] for each in drawn])
+    assert force.std() == pytest.approx(np.sqrt(np.mean([each.force_std_N[1] ** 2 for each in drawn])), rel=0.15)
+
+
+def test_a_wire_of_uncertain_stiffness_makes_an_uncertain_distance() -> None:
+    touched, rotations = pressed(knife(0.14), PANS)
+    press = press_of(touched, rotations, NOISE, 1)
+    doubtful = replace(press, wire=Wire(LENGTH_M, STIFFNESS_NM2, stiffness_std_Nm2=0.03 * STIFFNESS_NM2))
+    sure, unsure = ask("Active Antenna", press), ask("Active Antenna", doubtful)
+    assert unsure.distance_std_m**2 - sure.distance_std_m**2 == pytest.approx((0.03 * sure.distance_m) ** 2, rel=0.01)
+    # a centreline's shape does not hang on the stiffness, its force does
+    assert ask("2D-VBAA", doubtful).distance_std_m == pytest.approx(ask("2D-VBAA", press).distance_std_m, rel=1e-6)
+    assert ask("2D-VBAA", doubtful).force_std_N[1] > ask("2D-VBAA", press).force_std_N[1]
+
+
+def test_the_objects_stiffness_and_its_deviation() -> None:
+    """200 pushes of 12 frames against 60 N/m: right on average, and as uncertain as stated."""
+    touched, rotations = pressed(knife(0.12, stiffness_N_m=60.0), np.radians(np.linspace(0.5, 5.0, 12)))
+    plain = ask("2D-VBAA, pushing", press_of(touched, rotations))
+    found = [ask("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(200)]
+    compliance = np.array([1.0 / each.object_stiffness_N_m for each in found])
+    stated = np.array([each.object_stiffness_std_N_m / each.object_stiffness_N_m**2 for each in found])
+    assert np.isfinite(compliance).all()
+    assert plain.object_stiffness_N_m == pytest.approx(60.0, rel=0.03)
+    assert compliance.mean() == pytest.approx(1.0 / plain.object_stiffness_N_m, abs=0.7 * compliance.std())
+    assert compliance.std() == pytest.approx(np.sqrt(np.mean(stated**2)), rel=0.25)
+
+
+def test_a_rigid_object_gets_a_bound_in_place_of_a_stiffness() -> None:
+    touched, rotations = pressed(knife(0.12), np.radians(np.linspace(0.5, 4.0, 12)))
+    found = [ask("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(20)]
+    silent = [each for each in found if np.isnan(each.object_stiffness_N_m)]
+    assert len(silent) >= 19
+    assert all(each.object_at_least_N_m > 80.0 and "stiffer than" in each.reason for each in silent)
+
+
+def test_slope_and_compliance_of_exact_lines() -> None:
+    x = np.array([0.0, 1.0, 3.0])
+    assert fitted_slope(x, 2.0 * x + 5.0, np.nan, 0.1).value == pytest.approx(2.0)
+    assert fitted_slope(x[1:2], 7.0 * x[1:2], np.nan, 0.1).value == pytest.approx(7.0)
+    assert fitted_slope(x, x, 0.0, 0.1).std == pytest.approx(0.1 / np.sqrt(14.0 / 3.0))
+    assert np.isnan(fitted_slope(np.ones(3), x, 0.0, 0.1).value)
+    line = np.stack([x, 0.5 * x + 1.0], axis=1)
+    assert compliance_of(line, np.full((3, 2, 2), np.nan)) == pytest.approx((0.5, 0.0), abs=1e-9)
+    assert np.isnan(compliance_of(line[[1, 1, 1]], np.full((3, 2, 2), np.nan))[0])
+
+
+def test_what_is_missing_or_too_little_is_said() -> None:
+    touched, rotations = pressed(knife(0.14), PANS)
+    press = press_of(touched, rotations, NOISE, 1)
+    assert ask("3D Active Antenna", replace(press, moment_Nm=press.moment_Nm * [np.nan, 1.0])).reason == (
+        f"needs {NEEDS['moment_z']}"
+    )
+    assert "turned about z" in ask("Active Antenna", replace(press, moment_Nm=press.moment_Nm * [np.nan, 1.0])).reason
+    bare = Press(WIRE)
+    assert all(ask(name, bare).reason.startswith("needs ") for name in METHODS)
+    free = replace(press, points_m=press.points_m * [1.0, 1e-3], moment_Nm=1e-3 * press.moment_Nm)
+    for name in ("Active Antenna", "2D-VBAA", "3D-VBAA, camera A", "3D-VBAA, camera B"):
+        found = ask(name, free)
+        assert np.isnan(found.distance_m), name
+        assert found.reason, name
+    steep = replace(press, points_m=press.points_m * [1.0, 20.0])
+    assert "beyond small deflections" in ask("2D-VBAA", steep).reason
+    assert "fewer than two points" in ask("2D-VBAA", replace(press, points_m=press.points_m[:, :1])).reason
+    assert (
+        "3 are needed"
+        in ask(
+            "2D-VBAA, pushing",
+            press_of(touched, rotations, NOISE, 1).__class__(WIRE, NOISE, press.turn_rad[:2], None, press.points_m[:2]),
+        ).reason
+    )
+
+
+def test_wrong_inputs_are_named() -> None:
+    with pytest.raises(InputError, match="no method"):
+        ask("4D-VBAA", Press(WIRE))
+    with pytest.raises(InputError, match="differ in number"):
+        Press(WIRE, turn_rad=np.zeros((2, 2)), moment_Nm=np.zeros((3, 2)))
+    with pytest.raises(InputError, match="points_m has shape"):
+        Press(WIRE, points_m=np.zeros((2, 2)))
+    with pytest.raises(InputError, match="positive"):
+        Wire(0.24, 0.0)
+    with pytest.raises(InputError, match="free antenna"):
+        tared(np.zeros((1, 4, 2)), np.zeros((4, 2)))
+    with pytest.raises(InputError, match="no turns"):
+        METHODS["Active Antenna"].solve(Press(WIRE))
+
+
+def test_the_no_load_shape_is_taken_off() -> None:
+    x = np.linspace(0.0, LENGTH_M, 100)
+    sag = 0.02 * x**2 - 0.1 * x**4 + 1e-3
+    free, bent = np.stack([x, sag], axis=1), np.stack([x, sag + 0.3 * x**2], axis=1)
+    free[3] = np.nan
+    np.testing.assert_allclose(tared(bent[None], free)[0], np.stack([x, 0.3 * x**2], axis=1), atol=1e-12)
