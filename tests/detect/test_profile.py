@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -147,3 +148,26 @@ def test_one_phase_on_the_pixel_grid_does_not_shift_the_line() -> None:
         picture = background(rng, 0.0) + tube(path, WIDTH_PX, 110.0, blur_px=1.2)
         line = measure(exposed(picture, rng), dense(path) + np.array([0.0, 0.4]), WIDTH_PX)
         assert abs(aside(path, line.points_px).mean()) < 0.02
+
+
+@pytest.mark.parametrize("beside_px", [-1.0, 0.0, 1.0, 2.0])
+def test_an_objects_edge_along_the_antenna_is_doubt(beside_px: float) -> None:
+    """It draws all points along it the same way, which the profiles' residuals hardly show."""
+    rng = np.random.default_rng(17)
+    path = straight(4.0)
+    along = np.diff(path, axis=0)[0] / np.linalg.norm(np.diff(path, axis=0))
+    v, u = np.mgrid[: SIZE[0], : SIZE[1]]
+    offset = np.stack([u, v], axis=-1) - path.mean(axis=0)
+    behind, half_way = offset @ np.array([-along[1], along[0]]) > beside_px, offset @ along > 0.0
+    light = 60.0 + cv2.GaussianBlur(np.where(behind & half_way, 12.0, 0.0), (0, 0), 0.8)
+    runs = []
+    for _ in range(6):
+        picture = exposed(light + tube(path, WIDTH_PX, 110.0), rng, 2.5)
+        line = measure(picture, dense(path) + 0.5, WIDTH_PX)
+        error = aside(path, line.points_px)
+        beside = (line.points_px - path.mean(axis=0)) @ along
+        runs.append([(error[where], line.sigma_px[where]) for where in (beside < -15.0, beside > 15.0)])
+    clear, along_edge = ([np.concatenate([run[place][kind] for run in runs]) for kind in (0, 1)] for place in (0, 1))
+    assert np.std(clear[0]) / clear[1].mean() == pytest.approx(1.0, abs=0.1)
+    assert len(along_edge[0]) > 300
+    assert abs(along_edge[0].mean()) < along_edge[1].mean()

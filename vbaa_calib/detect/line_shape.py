@@ -157,6 +157,8 @@ class Fits:
     gain : (N, T) derivative of the shift by each pixel.
     residuals : (N, T) grey levels.
     freed : (N, T) what of a pixel's variance its residual keeps.
+    stepped : (N,) by how much further the line would lie along the profile if the background had a step behind it: an
+        object's edge that runs along the antenna. stepped_unit : (N,) its deviation, were the noise of every pixel one.
     """
 
     shift: np.ndarray
@@ -165,6 +167,8 @@ class Fits:
     gain: np.ndarray
     residuals: np.ndarray
     freed: np.ndarray
+    stepped: np.ndarray
+    stepped_unit: np.ndarray
 
     @property
     def rms(self) -> np.ndarray:
@@ -186,7 +190,8 @@ def _without_background(rows: np.ndarray) -> np.ndarray:
 
 def fit(shape: LineShape, found: Crossings, centre: np.ndarray) -> Fits:
     """One Gauss–Newton step from the centres (N,), given along the profile from the path."""
-    value, slope = shape.at(found.distances(centre))
+    across = found.distances(centre)
+    value, slope = shape.at(across)
     by_centre = (-found.side / found.stretch).astype(np.float32)[:, None]
     value, slope = _without_background(value), _without_background(slope * by_centre)
     grey = _without_background(found.profiles)
@@ -201,6 +206,12 @@ def fit(shape: LineShape, found: Crossings, centre: np.ndarray) -> Fits:
     leverage = (
         (_background(grey.shape[1]) ** 2).sum(axis=1) + by_pixel * slope + value**2 / np.maximum(vv, 1e-9)[:, None]
     )
+    # the step, less what height and place make of it
+    step = _without_background(np.clip(across, -1.0, 1.0))
+    vb, sb = np.einsum("nt,nt->n", value, step), np.einsum("nt,nt->n", slope, step)
+    moved = (vv * sb - vs * vb) / determinant
+    apart = step - ((ss * vb - vs * sb) / determinant)[:, None] * value - moved[:, None] * slope
+    power = np.maximum(np.einsum("nt,nt->n", apart, apart), 1e-9)
     return Fits(
         shift=np.clip(product / safe, -0.5 * grey.shape[1], 0.5 * grey.shape[1]),
         height=height,
@@ -208,4 +219,6 @@ def fit(shape: LineShape, found: Crossings, centre: np.ndarray) -> Fits:
         gain=by_pixel / safe[:, None],
         residuals=residuals,
         freed=np.maximum(1.0 - leverage, 0.15),
+        stepped=-moved / safe * np.einsum("nt,nt->n", apart, residuals) / power,
+        stepped_unit=np.abs(moved / safe) / np.sqrt(power),
     )

@@ -39,6 +39,9 @@ ALIKE = 0.8
 LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.04
 """With its sides so different, as a part of its height, a line this broad is measured by its flanks; a highlight still
 pulls it by about this part of its width."""
+EDGE_RUN, EDGE_NOTICED = 21, 3.0
+"""An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the background
+behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
 ORDINARY_BLUR_PX = 0.8
 """Blur of a lens in focus, standard deviation."""
 BROADER = 1.5
@@ -97,7 +100,7 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
         return NOTHING
     sigma = _deviations(found, lines, clean if clean.sum() >= 8 else kept)
     pulled = PULLED * width_px * float(np.clip((lines.lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
-    sigma = np.hypot(sigma, pulled)
+    sigma = np.hypot(np.hypot(sigma, pulled), _beside_an_edge(found, lines, there))
     kept, course = _without_strays(found, lines, sigma, kept)
     kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
     breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
@@ -209,6 +212,17 @@ def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarra
     local = np.where(share > 0.2, near / np.maximum(share, 1e-9), overall) / max(overall, 1e-12)
     own = np.where(clean, local, np.maximum(local, lines.rms**2 / max(overall, 1e-12)))
     return np.sqrt(np.einsum("nt,nt->n", fits.gain**2, variance.astype(np.float32)[distance]) * own) / found.stretch
+
+
+def _beside_an_edge(found: Crossings, lines: _Lines, there: np.ndarray) -> np.ndarray:
+    """(N,) by how much an edge of the background along the antenna may draw the points aside, px."""
+    share = uniform_filter1d(there.astype(float), EDGE_RUN, mode="constant")
+    moved, noise = (
+        uniform_filter1d(np.where(there, values, 0.0), EDGE_RUN, mode="constant") / np.maximum(share, 1e-9)
+        for values in (lines.fits.stepped, (lines.noise * lines.fits.stepped_unit) ** 2)
+    )
+    deviation = np.sqrt(noise / np.maximum(EDGE_RUN * share, 1.0))
+    return np.where(np.abs(moved) > EDGE_NOTICED * deviation, np.abs(moved), 0.0) / found.stretch
 
 
 def _without_strays(
