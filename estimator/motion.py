@@ -15,7 +15,6 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from vbaa_calib.antenna.linear import deflection
 from vbaa_calib.arrays import Array, as_index, like, namespace
 
 from .parabola import MOST, neighbours, second_derivative
@@ -144,22 +143,6 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     response = -(weights * xp.cos(mode[:, None] * near.after_s)).sum(-1) / mode**2
     density = beam.mass_per_length_kg_m
     return Inertia(-density * acceleration, density * std, response)
-
-
-def deflection_by_load(load_N_m: Array, at_m: Array, beam: Beam) -> Array:
-    """(..., N, 3) deflection in m at arc lengths (N,) or (..., N) of the clamped antenna under a load (..., G, 3) N/m.
-
-    Small deflections, antenna frame. No contact holds the antenna: the fit is to answer with the contact's force.
-    A load along the antenna bends nothing: the first component is 0.
-    """
-    by_piece = deflection(at_m[..., None], like(at_m, beam.pieces_m), 1.0, beam.stiffness_Nm2)
-    across = by_piece @ load_N_m[..., 1:] * (beam.length_m / PIECES)
-    return namespace(load_N_m).concat([0.0 * across[..., :1], across], -1)
-
-
-def moment_by_load(load_N_m: Array, beam: Beam) -> Array:
-    """(...) N·m that a load (..., G, 3) N/m, antenna frame, adds to the moment: as weight does, ∫ x·q_z dx."""
-    return (like(load_N_m, beam.pieces_m) * load_N_m[..., 2]).sum(-1) * (beam.length_m / PIECES)
 
 
 class Motion:

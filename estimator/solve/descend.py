@@ -72,14 +72,9 @@ def begin(frames: Frames, view: View, unknowns: Array, feet_m: Array | None = No
 
 def linearised(frames: Frames, rung: str, table: RigTable, state: State, view: View | None = None) -> Problem:
     """The problem about a state, the rig's steps in its residuals."""
-    xp = namespace(state.unknowns)
     view = look(frames, rung, state.unknowns) if view is None else view
     found = match(frames, view, state.foot_m)
-    about = problem(frames.known, view, table, found, state.scatter)
-    if state.steps.shape[1] == 0:
-        return about
-    distance, misfit = about.residuals(xp.concat([xp.zeros_like(state.unknowns), state.steps], -1))
-    return replace(about, found=replace(found, distance=distance), misfit=misfit)
+    return problem(frames.known, view, table, found, state.scatter).stepped(state.steps)
 
 
 def descend(

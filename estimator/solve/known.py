@@ -9,7 +9,7 @@ import numpy as np
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.arrays import Array, like, namespace
 from vbaa_calib.geometry.independent_axes import independent_axes
-from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Rig
+from vbaa_calib.rig import POSE_PARAMETERS, RIG_STEPS, Rig
 
 POSES, ANTENNA = len(POSE_PARAMETERS), len(ANTENNA_PARAMETERS)
 UNKNOWNS = 4
@@ -108,7 +108,10 @@ class Known:
         """Small deflection of the tip, in antenna lengths, per unit force at distances in antenna lengths."""
         return self.load / 6.0 * distance * distance * (3.0 - distance)
 
-    @property
-    def lens(self) -> slice:
-        """The lens' rows of `axes`."""
-        return slice(len(RIG_PARAMETERS), None)
+    def felt_by(self, moment_Nm: Array) -> Array:
+        """(2, G, 2) what the sensors read, in deviations, of forces along y and z with moments (G,) at the clamp."""
+        xp = namespace(moment_Nm)
+        about_y, about_z = self.gain[0] / self.std[0] * moment_Nm, self.gain[1] / self.std[1] * moment_Nm
+        # about y the force's z is felt, about z its y
+        nothing = xp.zeros_like(moment_Nm)
+        return xp.stack([xp.stack([nothing, about_y], -1), xp.stack([about_z, nothing], -1)], 0)

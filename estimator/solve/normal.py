@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vbaa_calib.arrays import Array, counted, namespace
 from vbaa_calib.reprojection import ROBUST
 
 from .known import LIKELY_SWAY, Known
-from .match import Match, sums
+from .match import Match, Sums, sums
 from .view import RigTable, View
 
 EASE = 1e-12
@@ -40,6 +40,24 @@ class Problem:
         """Points' distances (B, N) and readings' misfits (B, 2) after a small move (B, K)."""
         shift = self.found.between((self.columns @ moved[..., None])[..., 0])
         return self.found.distance - shift, self.misfit - (self.felt @ moved[..., None])[..., 0]
+
+    def stepped(self, steps: Array) -> Problem:
+        """The same with the rig's steps (B, R) taken out of the residuals."""
+        if steps.shape[1] == 0:
+            return self
+        still = namespace(steps).zeros_like(self.prior[:, : self.prior.shape[1] - steps.shape[1]])
+        distance, misfit = self.residuals(namespace(steps).concat([still, steps], -1))
+        return replace(self, found=replace(self.found, distance=distance), misfit=misfit)
+
+    def weighed(self, distance: Array, whitened: Array) -> Sums:
+        """Distances (B, N) and the robust weights of `whitened` ones, summed over the nodes."""
+        weights = huber_weights(whitened) * self.found.precision / self.scatter[:, None] ** 2
+        return sums(self.found, weights, distance, self.columns.shape[1])
+
+    @property
+    def summed(self) -> Sums:
+        """The points as they lie, summed over the nodes."""
+        return self.weighed(self.found.distance, self.whitened(self.found.distance))
 
     def whitened(self, distance: Array) -> Array:
         """Distances (B, N) over their deviations; 0 for a missing point."""
@@ -91,9 +109,7 @@ def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations
     """Normal equations, reweighted at the residuals after a small move (B, K), for a further step from values `at`."""
     distance, misfit = (this.found.distance, this.misfit) if moved is None else this.residuals(moved)
     whitened = this.whitened(distance)
-    weights = huber_weights(whitened) * this.found.precision / this.scatter[:, None] ** 2
-    count = this.columns.shape[1]
-    summed = sums(this.found, weights, distance, count)
+    summed = this.weighed(distance, whitened)
     felt = huber_weights(misfit)[..., None] * this.felt
     information = this.columns.mT @ summed.times(this.columns) + this.felt.mT @ felt
     pull = (this.columns.mT @ summed.load[..., None] + felt.mT @ misfit[..., None])[..., 0]

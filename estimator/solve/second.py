@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+from vbaa_calib.antenna.linear import deflection
 from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, counted, like, namespace, places
 
 from .batch import picked
-from .match import sums
-from .normal import Problem, equations, huber_weights, solved, solved_columns
+from .normal import Problem, huber_weights, solved, solved_columns
 from .settle import Settled, evaluated
 from .view import by_point
 from .worth import REFERENCE, Worth
@@ -42,7 +40,7 @@ def second_force(fits: Settled, about: Problem, known: Worth) -> tuple[Array, Ar
     if not bool(structured.any()):
         return none, none, none
     rows = places(structured)
-    part = picked(replace(fits, problem=about), rows)
+    part = picked(fits, rows)
     if fits.rung != REFERENCE:
         part = evaluated(part.frames, REFERENCE, part.table, part.state)
     found = []
@@ -58,8 +56,7 @@ def structure(about: Problem) -> Array:
     scatter that neighbours have, if the misfit is but noise."""
     xp = namespace(about.scatter)
     whitened = about.whitened(about.found.distance)
-    weights = huber_weights(whitened) * about.found.precision / about.scatter[:, None] ** 2
-    summed = sums(about.found, weights, about.found.distance, about.columns.shape[1])
+    summed = about.weighed(about.found.distance, whitened)
     # the hat functions of the nodes add up to one, so that a row's sum is the weight that lies on its node
     weight = summed.diagonal + 0.0
     weight[:, :-1] += summed.beside
@@ -76,20 +73,18 @@ def _best_second(fits: Settled, known: Worth) -> tuple[Array, Array, Array]:
     xp, frame = namespace(about.scatter), fits.frames.known
     places = like(about.scatter, [(g + 1.0) / GRID for g in range(GRID)])
     along = aligned_arclength(xp.clip(fits.view.contact_m / frame.length_m, None, 1.0 - 1e-6), 1.0)
-    near, far = xp.minimum(along[..., None], places), xp.maximum(along[..., None], places)
     # scaled to a metre at the tip
-    bent = (3.0 * far - near) * near * near / (places * places * (3.0 - places))
+    bent = deflection(along[..., None], places, 6.0, 1.0) / (places * places * (3.0 - places))
     lever = 6.0 * xp.exp(frame.parameters[6]) / (places * (3.0 - places) * frame.length_m**2)
-    felt = _felt(fits, lever)
+    felt = frame.felt_by(lever).reshape(2, -1) * fits.frames.felt[..., None]
     columns = (bent[..., None] * by_point(frame, fits.view)[:, :, None, 1:]).reshape(*along.shape, 2 * GRID)
-    weights = huber_weights(about.whitened(about.found.distance)) * about.found.precision / about.scatter[:, None] ** 2
-    summed = sums(about.found, weights, about.found.distance, along.shape[1])
+    summed = about.summed
     towards = summed.times(columns)
     held = huber_weights(about.misfit)[..., None]
     crossed = about.columns.mT @ towards + about.felt.mT @ (held * felt)
     # what is left for a second force once the first contact and the rig have made the most of it
     misfit, load = held * about.misfit[..., None], summed.load[..., None]
-    here = equations(about, fits.state.values)
+    here = fits.equations
     best = solved(here.information, here.pull)
     pull = (columns.mT @ load + felt.mT @ misfit - crossed.mT @ best[..., None])[..., 0]
     taken = solved_columns(here.information, crossed)
@@ -101,15 +96,6 @@ def _best_second(fits: Settled, known: Worth) -> tuple[Array, Array, Array]:
     harm = xp.abs(moved) / known.std[:, 0]
     louder = (about.scatter / neighbour_scatter(about)) ** 2
     return gain[every, best_place] * louder, places[best_place], harm
-
-
-def _felt(fits: Settled, lever_N: Array) -> Array:
-    """(B, 2, 2G) what the sensors feel, in deviations, of forces y, z at each place, `lever_N` (G,) N·m per metre."""
-    xp, known = namespace(lever_N), fits.frames.known
-    by_force, zero = known.gain[:, None] * lever_N / known.std[:, None], xp.zeros_like(lever_N)
-    # about y the force's z is felt, about z its y
-    felt = xp.stack([xp.stack([zero, by_force[0]], -1), xp.stack([by_force[1], zero], -1)], 0)
-    return felt.reshape(2, -1) * fits.frames.felt[..., None]
 
 
 def _pairs(first: Array, second: Array) -> Array:

@@ -8,7 +8,7 @@ from vbaa_calib.arrays import Array, counted, like, namespace
 from ..motion import PIECES, Beam
 from .cubics import cubic, cubics
 from .known import UNKNOWNS
-from .match import arclength, between_nodes, rows, sums
+from .match import arclength, between_nodes, rows
 from .normal import huber_weights, solved_columns
 from .settle import Settled
 from .view import by_point
@@ -51,18 +51,12 @@ def _scatter(fits: Settled, at_m: Array) -> Array:
 def by_inertia(fits: Settled, known: Worth, beam: Beam) -> Array:
     """(B, G, 2) how far a load of 1 N/m on each piece, along y and z, would move the distance, in deviations."""
     about, frame = fits.problem, fits.frames.known
-    xp = namespace(about.scatter)
     nodes = counted(about.scatter, fits.view.nodes.shape[1]) + 0.0 * fits.view.nodes[..., 0]
     at, places = arclength(fits.view, nodes), like(about.scatter, beam.pieces_m)
     bent = deflection(at[..., None], places, 1.0, beam.stiffness_Nm2) * (beam.length_m / PIECES)
     columns = (bent[..., None] * by_point(frame, fits.view)[:, :, None, 1:]).reshape(len(at), at.shape[1], 2 * PIECES)
-    weights = huber_weights(about.whitened(about.found.distance)) * about.found.precision / about.scatter[:, None] ** 2
-    summed = sums(about.found, weights, about.found.distance, at.shape[1])
-    lever = places * (beam.length_m / PIECES)
-    zero = xp.zeros_like(lever)
-    felt = xp.stack([xp.stack([zero, lever], -1), xp.stack([lever, zero], -1)], 0).reshape(2, -1)
-    felt = felt * (frame.gain / frame.std)[:, None] * fits.frames.felt[..., None]
+    felt = frame.felt_by(places * (beam.length_m / PIECES)).reshape(2, -1) * fits.frames.felt[..., None]
     held = huber_weights(about.misfit)[..., None]
-    pull = about.columns.mT @ summed.times(columns) + about.felt.mT @ (held * felt)
+    pull = about.columns.mT @ about.summed.times(columns) + about.felt.mT @ (held * felt)
     moved = solved_columns(fits.equations.information, pull)[:, 0]
     return (moved / known.std[:, :1]).reshape(len(at), PIECES, 2)

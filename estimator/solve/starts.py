@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vbaa_calib.antenna.linear import deflection
 from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, counted, like, namespace
 
@@ -174,20 +175,15 @@ class _Pushes:
 
 def _shapes(known: Known, grid: Array) -> Array:
     """(M, G) small deflections of the free antenna's nodes under a unit force at each distance of the grid, m."""
-    xp = namespace(grid)
     along = like(grid, aligned_arclength(grid[:1] * 0.0 + FREE, 1.0)[0])
-    near, far = xp.minimum(along[:, None], grid), xp.maximum(along[:, None], grid)
-    return (3.0 * far - near) * near * near * (known.load * known.length_m / 6.0)
+    return deflection(along[:, None], grid, known.load * known.length_m, 1.0)
 
 
 def _felt(frames: Frames, grid: Array) -> tuple[Array, Array]:
     """What the sensors feel, (B, 2, G) in deviations, of unit forces along y, and along z, at each distance."""
-    xp, known = namespace(grid), frames.known
-    lever = known.gain / known.std * known.force_unit_N * known.length_m
-    zero = xp.zeros_like(grid)
-    # about y the force's z is felt, about z its y
-    sides = xp.stack([zero, grid * lever[1]]), xp.stack([grid * lever[0], zero])
-    return sides[0] * frames.felt[..., None], sides[1] * frames.felt[..., None]
+    known = frames.known
+    felt = known.felt_by(grid * (known.force_unit_N * known.length_m))
+    return felt[..., 0] * frames.felt[..., None], felt[..., 1] * frames.felt[..., None]
 
 
 def _product(summed: Sums, first: Array, second: Array, shape: Array) -> Array:

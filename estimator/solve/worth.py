@@ -10,7 +10,7 @@ from vbaa_calib.arrays import Array, counted, namespace, places
 from .batch import picked
 from .descend import linearised, moved_unknowns
 from .known import UNKNOWNS
-from .match import match, sums
+from .match import match
 from .normal import Problem, cost, huber_weights, least_cost, solved
 from .settle import SCATTERED, Settled
 from .starts import Free
@@ -152,9 +152,7 @@ def moves(fits: Settled, displacement: Array, felt: Array) -> Array:
     `displacement` (B, M) along the view's normals, `felt` (B, 2) in the readings' deviations.
     """
     about = fits.problem
-    weights = huber_weights(about.whitened(about.found.distance)) * about.found.precision / about.scatter[:, None] ** 2
-    summed = sums(about.found, weights, about.found.distance, displacement.shape[1])
-    pull = (about.columns.mT @ summed.times(displacement[..., None]))[..., 0]
+    pull = (about.columns.mT @ about.summed.times(displacement[..., None]))[..., 0]
     pull = pull + (about.felt.mT @ (huber_weights(about.misfit) * felt)[..., None])[..., 0]
     return solved(fits.equations.information, pull)
 
@@ -197,11 +195,8 @@ def predicted_bias(fits: Settled, known: Worth, rungs: tuple[str, ...] = RUNGS) 
 
 def held_against(fits: Settled, view: View) -> Problem:
     """The fits' problem with the residuals that another rung's view of the same unknowns leaves."""
-    xp = namespace(fits.state.scatter)
     found = match(fits.frames, view, fits.state.foot_m)
-    about = replace(fits.problem, found=found, misfit=view.misfit)
-    distance, misfit = about.residuals(xp.concat([xp.zeros_like(fits.state.unknowns), fits.state.steps], -1))
-    return replace(about, found=replace(found, distance=distance), misfit=misfit)
+    return replace(fits.problem, found=found, misfit=view.misfit).stepped(fits.state.steps)
 
 
 def evidence(fits: Settled, about: Problem, free: Free) -> Array:

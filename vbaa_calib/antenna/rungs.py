@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 from ..arrays import Array, namespace
 from . import linear
 from .nodes import on_shaft
@@ -25,12 +22,6 @@ ELASTICA_SWEEPS, ROD_SWEEPS = 1, 4
 Largest distance from `antenna.rod` in 60 antennas bowed by 0.2 /m, clamped 1° askew, gravity in all directions,
 friction of ±0.3 rad, with the contact's slope at 20°, 35° and 45°, in µm: one sweep 87, 298, 570; two 3.4, 17, 41;
 three 0.14, 1.0, 2.8; four 0.006, 0.06, 0.21.
-"""
-
-RELATIVE_COST: Mapping[str, float] = MappingProxyType({"paper": 1.0, "linear": 1.7, "elastica": 3.2, "rod": 5.9})
-"""Time per curve beside the paper's, without friction, which adds a tenth.
-
-Least of 150 runs in turn, 2000 curves at a time in torch on one core of a shared machine: 1.06 µs a curve for `paper`.
 """
 
 

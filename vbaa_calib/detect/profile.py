@@ -40,8 +40,8 @@ LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.04
 """With its sides so different, as a part of its height, a line this broad is measured by its flanks; a highlight still
 pulls it by about this part of its width."""
 EDGE_RUN, EDGE_NOTICED = 21, 3.0
-"""An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the background
-behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
+"""An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the
+background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
 ORDINARY_BLUR_PX = 0.8
 """Blur of a lens in focus, standard deviation."""
 BROADER = 1.5
