@@ -150,3 +150,15 @@ def test_huge_and_tiny_loads_are_finite(factor: float) -> None:
     for rung in RUNGS:
         curve = curves(rung, **case, length_m=LENGTH, friction_rad=leaning(10, 6))
         assert all(np.isfinite(values).all() for values in vars(curve).values())
+
+
+@pytest.mark.parametrize("rung", RUNGS)
+def test_without_friction_the_force_stands_across_the_antenna(rung: str) -> None:
+    """Also where the antenna is taken as bending little: the direction of the force is not of second order."""
+    parameters = np.zeros((1, 9))
+    parameters[:, 6:8] = np.log([3.9e-3, 1e-9])
+    force = np.array([[0.02, 0.03]])
+    curve = curves(rung, parameters, 0.24, np.zeros((1, 3)), np.array([0.15]), force)
+    along = (curve.force_N * curve.tangents[:, CONTACT]).sum() / np.linalg.norm(curve.force_N)
+    assert abs(along) < 1e-6
+    assert curve.force_N[0, 0] < -1e-4

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..arrays import Array, namespace
 from . import linear
 from .nodes import on_shaft
-from .shape import Curves, aligned_arclength, bend
+from .shape import CONTACT, Curves, aligned_arclength, bend
 
 RUNGS = ("paper", "linear", "elastica", "rod")
 """Lowest first.
@@ -63,7 +63,9 @@ def _paper(parameters: Array, length_m: float, contact_m: Array, force_N: Array)
     shape, slope = linear.deflection(s, contact, 1.0, stiffness), linear.slope(s, contact, 1.0, stiffness)
     y, z = force_N[:, :1], force_N[:, 1:]
     moment = linear.clamp_moment(contact, z)[:, 0]
-    return _flat(s, y * shape, z * shape, y * slope, z * slope, xp.concat([xp.zeros_like(y), y, z], -1), moment)
+    y_slope, z_slope = y * slope, z * slope
+    along = _across(xp.zeros_like(y), force_N, y_slope, z_slope)
+    return _flat(s, y * shape, z * shape, y_slope, z_slope, xp.concat([along, y, z], -1), moment)
 
 
 def _linear(
@@ -99,7 +101,16 @@ def _linear(
         along = -xp.hypot(force_N[:, :1], force_N[:, 1:]) * xp.tan(friction_rad)[:, None]
     moment = held[:, 1] - parameters[:, 1] * (along[:, 0] + length_m * weight[:, 0])
     (y, y_slope), (z, z_slope) = lateral(0), lateral(1)
+    along = _across(along, force_N, y_slope, z_slope)
     return _flat(s, y, z, y_slope, z_slope, xp.concat([along, force_N], -1), moment)
+
+
+def _across(along: Array, force_N: Array, y_slope: Array, z_slope: Array) -> Array:
+    """(B, 1) the force along x, that of friction given, of a force across the antenna where it touches.
+
+    What it adds to shape and moment is of second order; its direction in the world it is not.
+    """
+    return along - force_N[:, :1] * y_slope[:, CONTACT, None] - force_N[:, 1:] * z_slope[:, CONTACT, None]
 
 
 def _flat(
