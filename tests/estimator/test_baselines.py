@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.baselines import METHODS, NEEDS, Noise, Press, Wire, ask, tared
+from estimator.baselines import METHODS, NEEDS, Noise, Press, Wire, ask, press_seen, tared
 from estimator.baselines.giving import compliance_of
 from estimator.baselines.turning import fitted_slope
 from estimator.inclined import project
 from vbaa_calib.antenna.rod import sample_shape
+from vbaa_calib.bench.estimator_scenes import scenes
+from vbaa_calib.bench.estimator_setup import RIG_STD, Setup
+from vbaa_calib.bench.estimator_shapes import rod_shapes
 from vbaa_calib.errors import InputError
 
 from .presses import LENGTH_M, STIFFNESS_NM2, WIRE, knife, press_of, pressed
@@ -185,3 +188,23 @@ def test_the_no_load_shape_is_taken_off() -> None:
     free, bent = np.stack([x, sag], axis=1), np.stack([x, sag + 0.3 * x**2], axis=1)
     free[3] = np.nan
     np.testing.assert_allclose(tared(bent[None], free)[0], np.stack([x, 0.3 * x**2], axis=1), atol=1e-12)
+
+
+def test_a_press_out_of_pixels_and_readings() -> None:
+    """A real antenna in a real clamp, seen in perspective by a camera that is square on: less the free antenna's."""
+    rig = replace(Setup("brown", real=True).rig(), covariance=np.diag(RIG_STD**2))
+    at_rest = scenes(rig, np.full(1, 0.14), np.zeros((1, 2)), made_by=rod_shapes)
+    touched = scenes(rig, np.full(3, 0.14), np.outer([0.05, 0.08, 0.11], [1.0, 0.0]), made_by=rod_shapes)
+    readings, free = (np.stack([np.full(len(s), np.nan), s.moment_Nm], axis=1) for s in (touched, at_rest))
+    press = press_seen(
+        rig, touched.points_px, readings, at_rest.points_px, free, np.array([0.0, 0.01, 0.02]), np.zeros(3)
+    )
+    assert press.has == {"wire", "turns", "moment_y", "centreline"}
+    np.testing.assert_allclose(press.turn_rad, [[0.0, 0.0], [0.01, 0.0], [0.02, 0.0]], atol=1e-12)
+    found = ask("3D-VBAA, camera A", press)
+    assert found.distance_m == pytest.approx(0.14, rel=0.02)
+    assert found.force_N[1] == pytest.approx(touched.force_N[-1, 1], rel=0.04)
+    assert abs(found.force_N[2] - touched.force_N[-1, 2]) < 0.02 * found.force_N[1]
+    assert press.noise.moment_Nm == pytest.approx(np.sqrt(2.0) * rig.moment_sensor.std_Nm)
+    with pytest.raises(InputError, match="2 free antennas for 3"):
+        press_seen(rig, touched.points_px, readings, touched.points_px[:2], free, np.zeros(3), np.zeros(3))

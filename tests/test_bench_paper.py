@@ -1,0 +1,132 @@
+"""`vbaa bench paper`: its scenes are what they say, and on a seeded few of them the paper's claims hold."""
+
+from __future__ import annotations
+
+import csv
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.baselines import Ring
+from estimator.baselines.ringing import fit_ringing
+from tests.estimator import vibrations
+from vbaa_calib.bench import paper_drag, paper_friction, paper_sensing, paper_yielding
+from vbaa_calib.bench.paper import PARTS, Found
+from vbaa_calib.bench.paper_figure import figure_paths, write_figures
+from vbaa_calib.bench.paper_friction import Cone, Trace, cone
+from vbaa_calib.bench.paper_report import as_text
+from vbaa_calib.bench.paper_rig import free_shape, paper_rig, taken
+from vbaa_calib.bench.paper_ring import ring_down
+from vbaa_calib.bench.paper_sensing import ALL_POINTS, TWO_POINTS
+from vbaa_calib.bench.rows import write_csv
+
+
+@cache
+def found() -> Found:
+    """All experiments at their smallest: two distances, one coefficient, two stiffnesses, two draws."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(paper_sensing, "DISTANCES_M", np.array([0.1, 0.18]))
+        patch.setattr(paper_sensing, "NORMALS_DEG", (0.0, 30.0))
+        for module in (paper_sensing, paper_friction):
+            patch.setattr(module, "SIGMAS_PX", (0.1,))
+        patch.setattr(paper_drag, "APPROACH", 6)
+        patch.setattr(paper_drag, "LEG", 10)
+        patch.setattr(paper_friction, "APPROACH", 6)
+        patch.setattr(paper_yielding, "STIFFNESSES_N_M", (50.0, 1e5))
+        for module in (paper_sensing, paper_friction, paper_yielding):
+            patch.setattr(module, "TRUE_RIGS", 1)
+        friction, path = paper_friction.run(1, 1, (0.3,), slip_scale_m=1e-5)
+        return Found(paper_sensing.run(2, 1), friction, path, paper_yielding.run(2, 1))
+
+
+def test_the_picture_holds_the_antenna_at_half_a_millimetre_a_pixel() -> None:
+    rig = paper_rig()
+    assert (rig.antenna.length_m, rig.antenna.diameter_m, rig.camera.image_size) == (0.24, 0.8e-3, (512, 512))
+    seen = taken(rig, free_shape(rig, rig.gravity_world_m_s2[None])).points_px[0]
+    assert np.isfinite(seen).all()
+    assert 0.24 / np.linalg.norm(seen[-1] - seen[0]) == pytest.approx(0.53e-3, rel=0.02)
+
+
+def test_edges_push_along_their_normal_and_touch_where_they_should() -> None:
+    edges = paper_sensing.touched_edges(paper_rig(), 30.0)
+    np.testing.assert_allclose(edges.distance_m, paper_sensing.DISTANCES_M, atol=1.5e-3)
+    size = np.linalg.norm(edges.force_N, axis=1, keepdims=True)
+    np.testing.assert_allclose(edges.force_N / size, edges.normal, atol=1e-6)
+    # the turned base sees the edge from a little aside
+    np.testing.assert_allclose(paper_sensing.direction_deg(edges.normal), 30.0, atol=0.5)
+
+
+@pytest.mark.parametrize("contact", [0.3, 0.6])
+def test_finite_elements_ring_as_beams_do(contact: float) -> None:
+    """Against the modes in closed form: on a rigid edge, and free where the object's spring is nothing."""
+    antenna = paper_rig().antenna
+    rigid, soft = (ring_down(antenna, contact * antenna.length_m, k) for k in (np.inf, 1e-9))
+    scale = np.sqrt(antenna.stiffness_Nm2 / antenna.mass_per_length_kg_m) / antenna.length_m**2
+    for (time, signal), wave in ((rigid, vibrations.modes(contact, 1)[0][0]), (soft, 1.8751040687)):
+        heard = fit_ringing(Ring(time, signal), (0.5 * scale * wave**2, 1.5 * scale * wave**2))
+        assert not isinstance(heard, str)
+        assert heard.natural_rad_s == pytest.approx(scale * wave**2, rel=2e-3)
+
+
+def test_the_cone_of_a_drawn_path() -> None:
+    """Contacts on a line whose normal stands at 33°, the force at 12° to one side of it, then to the other."""
+    part = paper_drag.joints()[2]
+    along = np.concatenate([np.zeros((part == 0).sum()), np.linspace(0, 1, (part == 1).sum())])
+    along = np.concatenate([along, np.linspace(1, 0, (part == 2).sum())])
+    psi = np.radians(33.0 + np.select([part == 1, part == 2], [12.0, -12.0]))
+    line, zero = np.radians(33.0), np.zeros(len(part))
+    trace = Trace(
+        1e-2 * np.stack([zero, -np.sin(line) * along, np.cos(line) * along], axis=1),
+        -0.1 * np.stack([zero, np.cos(psi), np.sin(psi)], axis=1),
+    )
+    told = cone(trace)
+    assert (told.normal_deg, told.there_deg, told.back_deg) == pytest.approx((33.0, 12.0, 12.0), abs=1e-6)
+    assert told.mu == pytest.approx(np.tan(np.radians(12.0)))
+    assert np.isnan(cone(Trace(trace.point_m * np.nan, trace.force_N)).mu)
+    assert Cone(0.0, 10.0, 14.0).mu == pytest.approx(np.tan(np.radians(12.0)))
+
+
+def test_fig7_the_force_points_along_the_normal_of_slippery_objects() -> None:
+    rows = [row for row in found().sensing if row.method == ALL_POINTS]
+    assert len(rows) == 4
+    for row in rows:
+        assert row.answered == 1.0
+        assert (row.direction_rms_deg or 99.0) < 2.0
+        assert (row.l_rms_mm or 99.0) < 5.0 * (row.l_stated_mm or 0.0)
+        assert row.direction_true_deg == pytest.approx(row.normal_deg, abs=0.5)
+    assert any(row.method == TWO_POINTS and row.l_rms_mm for row in found().sensing)
+
+
+def test_fig5_friction_is_found() -> None:
+    rows = found().friction
+    assert {row.method for row in rows} >= {ALL_POINTS, TWO_POINTS}
+    for row in rows:
+        if row.method in (ALL_POINTS, TWO_POINTS):
+            assert row.mu_mean == pytest.approx(0.3, abs=0.03)
+            assert (row.normal_rms_deg or 99.0) < 2.0
+    assert {row.part for row in found().path} == {"press", "there", "back"}
+
+
+def test_a_yielding_object_misleads_the_active_antenna_alone() -> None:
+    rows = {(row.method, row.stiffness_N_m): row for row in found().yielding}
+    soft, hard = rows["Active Antenna", 50.0], rows["Active Antenna", 1e5]
+    assert soft.l_expected_mm == pytest.approx(16.25, rel=1e-3)
+    assert soft.l_error_mm == pytest.approx(soft.l_expected_mm, abs=2.0)
+    assert abs(hard.l_error_mm or 99.0) < 2.0
+    for stiffness in (50.0, 1e5):
+        assert (rows[ALL_POINTS, stiffness].l_rms_mm or 99.0) < 3.0
+    assert rows[ALL_POINTS, 50.0].object_mean_N_m == pytest.approx(50.0, rel=0.1)
+    assert rows[ALL_POINTS, 1e5].object_answered == 0.0, "what does not give way has no stiffness to tell"
+
+
+def test_tables_and_figures(tmp_path: Path) -> None:
+    text = as_text(found())
+    assert all(words in text for words in ("Fig. 7", "Fig. 5", "give way", "Dynamic Active Antenna"))
+    for part in PARTS:
+        write_csv(tmp_path / f"{part}.csv", getattr(found(), part), force=False)
+        with (tmp_path / f"{part}.csv").open() as lines:
+            assert len(list(csv.DictReader(lines))) == len(getattr(found(), part))
+    write_figures(tmp_path, found(), force=False)
+    assert all(path.stat().st_size > 10_000 for path in figure_paths(tmp_path))
