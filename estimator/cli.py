@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from .estimate import ContactEstimator
     from .table import write_contacts
 
-    _check_outputs(args)
+    check_outputs(args)
     session, rig = load_session(args.session), Rig.load(args.rig)
     estimator = ContactEstimator(rig, args.model, friction=args.friction, device=args.device)
     frames = _frames(session, rig, args.no_moment)
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _check_outputs(args: argparse.Namespace) -> None:
+def check_outputs(args: argparse.Namespace) -> None:
     """Raises InputError for outputs that cannot be written, before any work."""
     from vbaa_calib.files import refuse_overwrite
 

@@ -11,16 +11,16 @@ from .recording import FrameContact
 from .table import LOCATED
 
 STATUS_COLOURS = {
-    "ok": "#0d9488",
+    "ok": "#009e73",
     "no_contact": "#cbd5e1",
-    "tip_contact": "#22c55e",
-    "unobservable": "#a855f7",
-    "low_signal": "#f59e0b",
-    "not_quasistatic": "#3b82f6",
-    "no_antenna": "#64748b",
-    "failed": "#dc2626",
+    "tip_contact": "#56b4e9",
+    "unobservable": "#cc79a7",
+    "low_signal": "#e69f00",
+    "not_quasistatic": "#0072b2",
+    "no_antenna": "#4b5563",
+    "failed": "#d55e00",
 }
-"""As in the report."""
+"""As in the report; told apart by the colour-blind as well."""
 MEANINGS = {
     "ok": "contact located",
     "no_contact": "nothing touches the antenna",

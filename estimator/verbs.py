@@ -1,5 +1,5 @@
 """The verbs of this package: name → (module with `configure` and `run`, one line of help)."""
 
 VERBS = {
-    "estimate": ("estimator.cli", "a recording to contacts.csv: where and how hard, with standard deviations"),
+    "track": ("estimator.track_cli", "contacts in time: first contact, loss, slip and stick, ringing"),
 }

@@ -1,183 +1,162 @@
-"""report.html: one page with picture, plots and tables in it, that opens anywhere and needs nothing beside it."""
+"""report.html: a recording's contacts on one page that stands alone, to be read without any other document."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from estimator.table import STATUSES, ContactTable
-from vbaa_calib.errors import InputError
+from estimator.table import ContactTable
 from vbaa_calib.files import write_text
+from vbaa_calib.rig import Rig
 
-from .svg import curve, strip
+from .check_page import prose, section
+from .report_cone import cone, yields
+from .report_felt import Sensed
+from .report_map import Chart, maps, mesh_arrays, scatter_across
+from .report_pictures import Picture, figure
+from .report_plots import plots
+from .report_style import SCRIPT, STYLE
+from .report_tables import SummaryRow, contacts_table, events_table, origin_table, summary_table
+from .report_time import MOST_DOTS
+from .report_truth import Truth
+from .report_words import facts_list, frame_facts, glossary, headline
 
-SummaryRow = tuple[str, float, str, float | None]
-"""Name, value, unit, and the goal that the value must not exceed, if there is one."""
-
-STATUS_COLOURS = dict(
-    zip(
-        STATUSES,
-        ("#0d9488", "#cbd5e1", "#22c55e", "#a855f7", "#f59e0b", "#3b82f6", "#64748b", "#dc2626"),
-        strict=True,
-    )
-)
-
-_STYLE = """
-  :root { color-scheme: light; }
-  body { margin: 0; background: #eef2f7; color: #1f2937;
-         font: 15px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
-  main { max-width: 1040px; margin: 0 auto; padding: 32px 24px 64px; }
-  h1 { font-size: 26px; margin: 0 0 4px; } h2 { font-size: 18px; margin: 0 0 12px; }
-  p.lead { color: #6b7280; margin: 0 0 24px; }
-  section { background: #fff; border-radius: 12px; padding: 20px 24px; margin: 0 0 20px;
-            box-shadow: 0 1px 4px rgba(31, 41, 55, .10); }
-  img { width: 100%; border-radius: 8px; display: block; }
-  svg { width: 100%; height: auto; display: block; margin: 0 0 10px; }
-  svg text { font-size: 12px; fill: #6b7280; } svg text.title { font-size: 13px; font-weight: 600; fill: #1f2937; }
-  svg .grid { stroke: #e5e7eb; stroke-width: 1; }
-  .scroll { overflow: auto; max-height: 560px; }
-  table { border-collapse: collapse; width: 100%; font-size: 13px; font-variant-numeric: tabular-nums; }
-  th { position: sticky; top: 0; background: #fff; text-align: right; font-weight: 600; color: #6b7280;
-       border-bottom: 1px solid #d1d5db; padding: 6px 8px; white-space: nowrap; }
-  td { text-align: right; padding: 4px 8px; border-bottom: 1px solid #f1f5f9; white-space: nowrap; }
-  th.text, td.text { text-align: left; } td small { color: #6b7280; }
-  i.dot { display: inline-block; width: 9px; height: 9px; border-radius: 50%; margin-right: 6px; }
-  .good { color: #0f766e; } .bad { color: #b91c1c; font-weight: 600; }
-"""
+_FOOT = "± is one standard deviation; bands, bars and ellipses are two."
 
 
-def write_report(
-    path: Path,
-    title: str,
-    picture: Path | None,
-    table: ContactTable,
-    truth: Mapping[str, Any] | None = None,
-    summary: Sequence[SummaryRow] = (),
-    *,
-    force: bool = False,
-) -> None:
-    """Write report.html, whole or not at all.
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Everything that stands in a report.
 
-    Parameters
+    Attributes
     ----------
-    picture : a PNG of the scene, or None.
-    truth : contents of truth.json, where known: its frames are drawn beside the estimates.
-    summary : errors against truth, or any other numbers with a goal each.
-
-    Raises
-    ------
-    InputError : the picture cannot be read, truth does not fit, or the file exists and `force` is off.
+    title : of the page. table : the contacts, at least one row.
+    sensed : what was felt. rig : adds the moment residual in the sensor's deviations.
+    truth : drawn beside the estimates. summary : errors against truth, or other numbers with a goal each.
+    pictures : the scene, the recording.
+    origin : names and HTML of what the page was made from.
     """
-    located = int(np.sum(table.located))
-    duration = float(table.time_s[-1] - table.time_s[0])
-    sections = [
-        _section("Error against truth", _summary(summary)) if summary else "",
-        _section("Scene", _picture(Path(picture))) if picture is not None else "",
-        _section("Over the frames", _plots(table, _truth_columns(table, truth))),
-        _section("Contacts", _contacts(table)),
+
+    title: str
+    table: ContactTable
+    sensed: Sensed
+    rig: Rig | None = None
+    truth: Truth | None = None
+    summary: Sequence[SummaryRow] = ()
+    pictures: Sequence[Picture] = ()
+    origin: Sequence[tuple[str, str]] = field(default=())
+
+
+def write_report(path: Path, report: Report, *, force: bool = False) -> None:
+    """Write the page, whole or not at all. Raises InputError when the file exists and `force` is off."""
+    write_text(Path(path), page(report), force)
+
+
+def page(report: Report) -> str:
+    """The whole report as HTML."""
+    table = report.table
+    track = report.sensed.track
+    phase = None if track is None else [str(name) for name in track.phase]
+    parts = [
+        _header(report),
+        section("Pictures", _SEEN, "".join(map(figure, report.pictures))) if report.pictures else "",
+        section(
+            "Over time", _time(len(table)), plots(table, report.sensed, report.rig, report.truth) + _events(report)
+        ),
+        section("Map of the contacts", _MAP, _map(report)) if table.located.any() else "",
+        _forces(report) if table.located.any() else "",
+        section("Error against truth", _TRUTH, summary_table(report.summary)) if report.summary else "",
+        section("Every frame", _TABLE, contacts_table(table, phase)),
+        section("What the words mean", "", glossary()),
+        section("Where this comes from", "", origin_table(report.origin)) if report.origin else "",
     ]
-    lead = f"{len(table)} frames in {duration:.1f} s, {located} with a located contact. Uncertainties are ± 1 std."
-    page = (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{_STYLE}</style></head>'
-        f'<body><main><h1>{escape(title)}</h1><p class="lead">{lead}</p>{"".join(sections)}</main></body></html>\n'
-    )
-    write_text(Path(path), page, force)
-
-
-def _section(heading: str, body: str) -> str:
-    return f"<section><h2>{escape(heading)}</h2>{body}</section>"
-
-
-def _picture(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=path, remedy="write the picture first") from None
-    if not data.startswith(b"\x89PNG"):
-        raise InputError("is not a PNG", where=path, remedy="give the picture that vbaa view --screenshot wrote")
-    return f'<img alt="the scene" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
-
-
-def _summary(rows: Sequence[SummaryRow]) -> str:
-    body = []
-    for name, value, unit, goal in rows:
-        verdict = ""
-        if goal is not None:
-            verdict = '<span class="good">met</span>' if value <= goal else '<span class="bad">missed</span>'
-        limit = "" if goal is None else f"≤ {goal:.4g}"
-        body.append(
-            f'<tr><td class="text">{escape(name)}</td><td>{value:.4g}</td><td class="text">{escape(unit)}</td>'
-            f"<td>{limit}</td><td>{verdict}</td></tr>"
-        )
-    head = '<th class="text">quantity</th><th>error</th><th class="text">unit</th><th>goal</th><th></th>'
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table>"
-
-
-def _truth_columns(table: ContactTable, truth: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
-    """Distance and force of truth.json's frames in the order of the table, NaN where there is no contact."""
-    if truth is None:
-        return {}
-    columns = {name: np.full(len(table), np.nan) for name in ("distance_m", "force_y_N", "force_z_N")}
-    try:
-        frames = {int(frame["frame"]): frame for frame in truth["frames"]}
-        for row, number in enumerate(table.frame):
-            frame = frames.get(int(number))
-            if frame is not None and frame["in_contact"]:
-                columns["distance_m"][row] = frame["distance_m"]
-                _, columns["force_y_N"][row], columns["force_z_N"][row] = frame["force_N"]
-    except (KeyError, TypeError, ValueError) as error:
-        remedy = "give the truth.json that vbaa simulate wrote"
-        raise InputError(f"frames are not as expected ({error!r})", where="truth.json", remedy=remedy) from None
-    return columns
-
-
-def _plots(table: ContactTable, truth: Mapping[str, np.ndarray]) -> str:
-    """Status strip, then distance and both forces over the frames."""
-    quantities = (
-        ("contact distance along the antenna", "distance_m", "distance_std_m", 1e3, "mm"),
-        ("force y", "force_y_N", "force_y_std_N", 1e3, "mN"),
-        ("force z", "force_z_N", "force_z_std_N", 1e3, "mN"),
-    )
-    plots = [strip("status", table.frame, table.status.tolist(), STATUS_COLOURS)]
-    for title, name, std, scale, unit in quantities:
-        true = scale * truth[name] if truth else None
-        plots.append(curve(title, unit, table.frame, scale * getattr(table, name), scale * getattr(table, std), true))
-    return "".join(plots)
-
-
-def _contacts(table: ContactTable) -> str:
-    names = ("distance, mm", "f_y, mN", "f_z, mN", "X, mm", "Y, mm", "Z, mm", "moment residual, µN·m")
-    head = "".join(f"<th>{name}</th>" for name in names)
-    std_world = np.sqrt(np.diagonal(table.covariance_world_m2, axis1=1, axis2=2))
-    body = []
-    for row in range(len(table)):
-        status = str(table.status[row])
-        cells = [
-            _number(1e3 * table.distance_m[row], 1e3 * table.distance_std_m[row], 2),
-            _number(1e3 * table.force_y_N[row], 1e3 * table.force_y_std_N[row], 2),
-            _number(1e3 * table.force_z_N[row], 1e3 * table.force_z_std_N[row], 2),
-            *(_number(1e3 * table.point_world_m[row, i], 1e3 * std_world[row, i], 2) for i in range(3)),
-            _number(1e6 * table.moment_residual_Nm[row], np.nan, 0),
-        ]
-        body.append(
-            f'<tr><td>{table.frame[row]}</td><td>{table.time_s[row]:.2f}</td><td class="text">'
-            f'<i class="dot" style="background:{STATUS_COLOURS[status]}"></i>{escape(status)}</td>'
-            f"{''.join(f'<td>{cell}</td>' for cell in cells)}"
-            f'<td class="text"><small>{escape(str(table.reason[row]))}</small></td></tr>'
-        )
     return (
-        f'<div class="scroll"><table><thead><tr><th>frame</th><th>time, s</th><th class="text">status</th>{head}'
-        f'<th class="text">reason</th></tr></thead><tbody>{"".join(body)}</tbody></table></div>'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(report.title)}</title>'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{STYLE}</style></head>'
+        f"<body><main>{''.join(parts)}<footer>{_FOOT}</footer></main><script>{SCRIPT}</script></body></html>\n"
     )
 
 
-def _number(value: float, std: float, digits: int) -> str:
-    if not np.isfinite(value):
-        return ""
-    return f"{value:.{digits}f}" + (f" <small>± {std:.{digits}f}</small>" if np.isfinite(std) else "")
+_SEEN = "What was touched, and what the camera saw."
+_TIME = (
+    "Each point is a frame, the band around it ± 2 standard deviations, calibration errors included. Upright dashed "
+    "lines are events: contact found or lost, slip begun or ended."
+)
+_MAP = (
+    "World frame, equal scales. The points lie on the antenna's centreline, one radius before the object. The ellipses "
+    "hold a contact with 86 % probability in each view; calibration errors move all of them together."
+)
+_TRUTH = "The recording is simulated, so the truth is known. Root mean square over the located frames."
+_TABLE = "Every number with its standard deviation; contacts.csv holds all of them, and the covariances, in SI units."
+_CONE = (
+    "Left: the force of every contact in the antenna's yz plane. Right: its part along the object's normal, which "
+    "comes from the touched shape, and across it and the antenna. Where the antenna slides straight across "
+    "itself, the force lies on the cone's rim; where it slides along itself, too, or sticks, it lies inside."
+)
+_ACROSS = "The force of every contact in the antenna's yz plane."
+_YIELD = "How far the contacts lie inside the object's unpressed surface: the line's slope is the compliance."
+
+
+def _header(report: Report) -> str:
+    words, colour = headline(report.table)
+    facts = [*frame_facts(report.table, report.rig), *report.sensed.facts]
+    return (
+        f'<header style="--level:{colour}"><h1>{escape(report.title)}</h1>'
+        f'<div class="verdict">{escape(words)}</div>{facts_list(facts)}</header>'
+    )
+
+
+def _time(frames: int) -> str:
+    crowd = (
+        " Dark: the middle of the frames that share a column of pixels; pale: from the least to the largest of them."
+    )
+    return _TIME + (crowd if frames > MOST_DOTS else "")
+
+
+def _events(report: Report) -> str:
+    track = report.sensed.track
+    return "" if track is None or not track.events else f"<h3>Events</h3>{events_table(track.events)}"
+
+
+def _map(report: Report) -> str:
+    table, here = report.table, report.table.located
+    points, lines, triangles = mesh_arrays(None if report.sensed.felt is None else report.sensed.felt.surface)
+    true = np.zeros((0, 3)) if report.truth is None else report.truth.point_world_m
+    return maps(
+        Chart(
+            table.point_world_m[here],
+            table.covariance_world_m2[here],
+            table.time_s[here],
+            points,
+            lines,
+            triangles,
+            true[np.isfinite(true).all(axis=1)],
+        )
+    )
+
+
+def _forces(report: Report) -> str:
+    table, here, felt = report.table, report.table.located, report.sensed
+    force = 1e3 * np.stack([table.force_y_N, table.force_z_N], axis=1)[here]
+    std = 1e3 * np.stack([table.force_y_std_N, table.force_z_std_N], axis=1)[here]
+    drawn = [scatter_across(force, std, table.time_s[here])]
+    if felt.cone is not None:
+        drawn.append(cone(felt.cone))
+    body = _pair(drawn) + _told(felt, "Friction")
+    out = section("Force and friction", _ACROSS if felt.cone is None else _CONE, body)
+    if felt.yields is not None:
+        body = _pair([yields(felt.yields), _told(felt, "Stiffness")])
+        out += section("How the object gives way", _YIELD, body)
+    return out
+
+
+def _pair(drawings: Sequence[str]) -> str:
+    return f'<div class="pair">{"".join(f"<div>{drawing}</div>" for drawing in drawings)}</div>'
+
+
+def _told(felt: Sensed, label: str) -> str:
+    return "".join(f"<p><b>{label}.</b> {prose(fact.words)}</p>" for fact in felt.facts if fact.label == label)

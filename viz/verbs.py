@@ -2,7 +2,12 @@
 
 VERBS = {
     "check": ("viz.check_cli", "is this rig still right? a report and a plain verdict"),
+    "estimate": (
+        "viz.estimate_cli",
+        "a recording to contacts.csv and report.html: where and how hard, with standard deviations",
+    ),
     "look": ("viz.look_cli", "what is seen of the antenna in one picture, in words and as a debug picture"),
-    "reconstruct": ("viz.reconstruct_cli", "contacts to the object's surface: .vtp or .ply"),
+    "reconstruct": ("viz.reconstruct_cli", "contacts to the object's surface and stiffness: .vtp, .ply or .glb"),
+    "report": ("viz.report_cli", "contacts as a page to read: plots, map, friction cone, table"),
     "view": ("viz.view_cli", "the 3-D scene as a window, a PNG or a self-contained HTML page"),
 }

@@ -15,6 +15,7 @@ import yaml
 from vbaa_calib.cli.main import main
 from vbaa_calib.files import read_yaml
 from vbaa_calib.synth.scene import bundled_scene
+from viz import report_pictures
 
 
 @dataclass(frozen=True)
@@ -83,3 +84,11 @@ def session(made: Path, tmp_path: Path) -> Path:
 def rig(made: Path, tmp_path: Path) -> Path:
     """A rig.json of the test's own."""
     return Path(shutil.copy(made / "rig.json", tmp_path / "rig.json"))
+
+
+@pytest.fixture(autouse=True)
+def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scene in reports has its own tests; drawing it takes seconds."""
+    if "demo" not in request.node.nodeid:
+        nothing = report_pictures.Picture(b"", "not drawn here")
+        monkeypatch.setattr(report_pictures, "scene_picture", lambda *_, **__: nothing)

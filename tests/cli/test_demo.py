@@ -47,6 +47,20 @@ def test_leaves_its_files(demo: Path) -> None:
     assert {path.name for path in demo.iterdir()} == wanted
 
 
+def test_the_report_shows_all_there_is(demo: Path) -> None:
+    """The scene, a picture of the recording, truth and goals beside the estimates, and what was felt."""
+    html = (demo / "report.html").read_text()
+    assert html.count("data:image/jpeg;base64,") == 1 + can_render()
+    assert "the one of the greatest force" in html
+    assert ">truth<" in html
+    assert ">met<" in html
+    assert ">missed<" not in html
+    for heading in ("Over time", "Map of the contacts", "Force and friction", "Every frame", "What the words mean"):
+        assert f"<h2>{heading}</h2>" in html
+    for fact in ("In time", "Friction", "Stiffness", "Shape"):
+        assert f"<dt>{fact}</dt>" in html
+
+
 def test_a_second_run_needs_force(demo: Path, capsys) -> None:
     """A finished demo is not overwritten without being asked to."""
     before = (demo / "rig.json").read_bytes()

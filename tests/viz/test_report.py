@@ -1,62 +1,193 @@
-"""report.html: whole, standalone, and true to the table."""
+"""report.html: whole, standalone, readable, and true to the table."""
 
 from __future__ import annotations
 
 import re
-import xml.etree.ElementTree as ElementTree
+from dataclasses import fields, replace
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from estimator.table import STATUSES, ContactTable
 from vbaa_calib.errors import InputError
-from viz.report import STATUS_COLOURS, write_report
-from viz.svg import curve, runs, strip, ticks
+from vbaa_calib.rig import Rig
+from viz.render import can_render
+from viz.report import Report, page, write_report
+from viz.report_felt import Fact, Sensed, described
+from viz.report_pictures import Picture, figure, from_file, scene_picture
+from viz.report_tables import MOST_ROWS, contacts_table, origin
+from viz.report_truth import truth_of
+from viz.report_words import STATUS_COLOURS, frame_facts, headline
 
-PNG = b"\x89PNG\r\n\x1a\n rest"
+from .felt import felt
+
+VOID = {"meta", "img", "br", "link", "input"}
+
+
+class Balanced(HTMLParser):
+    """Fails on a tag that is not closed, or closed without being open."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: Any) -> None:
+        pass
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open
+        assert self.open.pop() == tag
+
+
+def text_of(html: str) -> str:
+    """What stands on the page, without tags, pictures and style."""
+    return re.sub(r"<[^>]*>", " ", re.sub(r"<(style|script)>.*?</\1>|<title>.*?</title>", " ", html, flags=re.DOTALL))
+
+
+def tiled(table: ContactTable, number: int) -> ContactTable:
+    """The same frames over and over, with their own numbers and times."""
+    index = np.arange(number) % len(table)
+    longer = ContactTable(**{field.name: getattr(table, field.name)[index] for field in fields(ContactTable)})
+    return replace(longer, frame=np.arange(number), time_s=1.7e9 + np.arange(number) / 30)
+
+
+def whole(table: ContactTable, rig: Rig, truth: dict[str, Any], *, told: bool = True) -> Report:
+    """A report with everything in it."""
+    true = truth_of(table, truth)
+    return Report(
+        title="T <1>",
+        table=table,
+        sensed=described(felt(table, told=told), table, rig, true),
+        rig=rig,
+        truth=true,
+        summary=[("contact point", 0.8, "mm", 1.5), ("force", 9.0, "%", 8.0), ("focal length", 0.1, "%", None)],
+        pictures=[Picture(b"\xff\xd8 not looked into", "the <scene>"), Picture(b"", "No picture: there is none.")],
+        origin=origin({"contacts": Path("contacts.csv")}, rig, ["vbaa", "report", "a b.csv"]),
+    )
 
 
 def test_the_report_stands_alone_and_holds_everything(
-    table: ContactTable, truth: dict[str, Any], tmp_path: Path
+    table: ContactTable, rig: Rig, truth: dict[str, Any], tmp_path: Path
 ) -> None:
-    (tmp_path / "scene.png").write_bytes(PNG)
-    summary = [("contact point", 0.8, "mm", 1.5), ("force", 9.0, "%", 8.0), ("focal length", 0.1, "%", None)]
-    write_report(tmp_path / "report.html", "T <1>", tmp_path / "scene.png", table, truth, summary)
-    page = (tmp_path / "report.html").read_text()
-    assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//|@import|url\(""", page)
-    assert "data:image/png;base64,iVBORw0KGgo" in page
-    assert "T &lt;1&gt;" in page
-    assert "&lt;the fit&gt; did not converge" in page
+    write_report(tmp_path / "report.html", whole(table, rig, truth))
+    html = (tmp_path / "report.html").read_text()
+    Balanced().feed(html)
+    assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//|@import|url\(""", html)
+    assert "data:image/jpeg;base64," in html
+    assert "nan" not in text_of(html).lower().replace("nanm", "")
+    said = " ".join(text_of(html).split())
+    for words in (
+        "T &lt;1&gt;",
+        "Contact located in 90 of 92 frames",
+        "&lt;the fit&gt; did not converge",
+        "&lt;touch&gt; at 0.10 s",
+        "μ = 0.300 ± 0.010 (95 %: 0.280 to 0.320)",
+        "α = 16.7°",
+        "250 N/m (95 %: 238 to 263 N/m)",
+        "One patch was left out.",
+        "Contact at 0.100 ± 0.020 s; 1 × slip start. The frames come too seldom to tell a frequency.",
+        "ringing (1)",
+        "No picture: there is none.",
+        "vbaa report &#x27;a b.csv&#x27;",
+        "antenna of 240 mm × 0.8 mm",
+    ):
+        assert words in said, words
+    for status in STATUSES:
+        assert status in said
+
+
+def test_goals_are_met_or_missed(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
+    report = whole(table, rig, truth)
+    html = page(report)
     verdicts = {
-        row: re.findall(r">(met|missed)<", page.partition(f">{row}<")[2].partition("</tr>")[0]) for row, *_ in summary
+        row: re.findall(r">(met|missed)<", html.partition(f">{row}</td>")[2].partition("</tr>")[0])
+        for row, *_ in report.summary
     }
     assert verdicts == {"contact point": ["met"], "force": ["missed"], "focal length": []}
-    assert page.count("<svg") == 4
-    assert page.count("<tr>") == 92 + 1 + 3 + 1
-    assert "nan" not in re.sub(r"base64,[^\"]*", "", page).lower()
-    assert "92 frames in 3.1 s, 90 with a located contact" in page
 
 
-def test_a_report_without_picture_truth_and_summary(table: ContactTable, tmp_path: Path) -> None:
-    write_report(tmp_path / "report.html", "bare", None, table)
-    page = (tmp_path / "report.html").read_text()
-    assert "<img" not in page
-    assert ">truth<" not in page
+def test_what_cannot_be_told_is_said_and_not_drawn(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
+    html = page(whole(table, rig, truth, told=False))
+    said = " ".join(text_of(html).split())
+    assert "The data cannot tell: it never slid." in said
+    assert "The data cannot tell: the force hardly varied." in said
+    assert "μ =" not in said
+    assert "N/m" not in said.replace("N/m²", "")
+    assert "cone, 95 %" not in said
+
+
+def test_a_report_of_contacts_alone(table: ContactTable, tmp_path: Path) -> None:
+    report = Report("bare", table, Sensed(facts=(Fact("The object", "Nothing can be said of it: why.", "open"),)))
+    write_report(tmp_path / "report.html", report)
+    html = (tmp_path / "report.html").read_text()
+    Balanced().feed(html)
+    assert "<img" not in html
+    assert ">truth<" not in html
+    assert "Nothing can be said of it: why." in html
     with pytest.raises(InputError, match="exists already"):
-        write_report(tmp_path / "report.html", "bare", None, table)
+        write_report(tmp_path / "report.html", report)
 
 
-def test_wrong_pictures_and_truths_are_refused(table: ContactTable, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
-        write_report(tmp_path / "report.html", "x", tmp_path / "none.png", table)
-    (tmp_path / "scene.png").write_text("junk")
-    with pytest.raises(InputError, match="is not a PNG"):
-        write_report(tmp_path / "report.html", "x", tmp_path / "scene.png", table)
-    with pytest.raises(InputError, match="frames are not as expected"):
-        write_report(tmp_path / "report.html", "x", None, table, {"frames": [{"frame": 0}]})
-    assert not (tmp_path / "report.html").exists()
+@pytest.mark.parametrize(
+    ("status", "words"), [("no_contact", "Nothing was touched"), ("failed", "No contact was located")]
+)
+def test_a_report_without_a_contact(table: ContactTable, status: str, words: str) -> None:
+    none = np.full(len(table), np.nan)
+    names = [field.name for field in fields(ContactTable) if field.name.endswith(("_m", "_N", "_Nm", "_m2", "_rad"))]
+    lost = {
+        name: np.broadcast_to(none.reshape(-1, *[1] * (getattr(table, name).ndim - 1)), getattr(table, name).shape)
+        for name in names
+    }
+    table = replace(table, status=np.full(len(table), status), **lost)
+    assert headline(table)[0] == words
+    html = page(Report("empty", table, Sensed()))
+    Balanced().feed(html)
+    assert "Map of the contacts" not in html
+
+
+def test_one_frame_is_enough(table: ContactTable) -> None:
+    one = ContactTable(**{field.name: getattr(table, field.name)[:1] for field in fields(ContactTable)})
+    html = page(Report("one", one, Sensed()))
+    Balanced().feed(html)
+    assert "Contact located in 1 of 1 frames" in html
+
+
+def test_a_long_recording_is_a_small_page(table: ContactTable, rig: Rig) -> None:
+    longer = tiled(table, 50_000)
+    html = page(Report("long", longer, described(felt(longer), longer, rig, None), rig))
+    assert len(html) < 3e6
+    assert html.count("<tr><td>") < MOST_ROWS + 30
+    assert f"{MOST_ROWS} of 50000 frames, evenly spread" in html
+
+
+def test_the_table_tells_the_numbers_with_the_digits_they_deserve(table: ContactTable) -> None:
+    exact = replace(
+        table,
+        distance_m=np.full(len(table), 0.1234567),
+        distance_std_m=np.full(len(table), 0.00021),
+        covariance_world_m2=np.full((len(table), 3, 3), np.nan),
+    )
+    html = contacts_table(exact, None)
+    assert "<td>123.46 <small>± 0.21</small></td>" in html
+    assert "nan" not in html
+    assert html.count("<tr>") == len(table) + 1
+
+
+def test_frames_that_were_lost_are_accounted_for(table: ContactTable, rig: Rig) -> None:
+    facts = {fact.label: fact for fact in frame_facts(table, rig)}
+    assert "90 ok" in facts["Recording"].words
+    assert facts["Lost"].kind == "look"
+    assert "1 frames gave no contact point: <the fit> did not converge (1 ×)" in facts["Lost"].words
+    off = replace(table, moment_residual_Nm=np.full(len(table), 10 * rig.moment_sensor.std_Nm))
+    assert "disagree by 10.0 times" in {f.label: f for f in frame_facts(off, rig)}["To look at"].words
 
 
 def test_every_status_has_its_own_colour() -> None:
@@ -64,44 +195,48 @@ def test_every_status_has_its_own_colour() -> None:
     assert len(set(STATUS_COLOURS.values())) == len(STATUSES)
 
 
-def test_a_curve_puts_points_where_their_values_are() -> None:
-    frame = np.arange(6)
-    value = np.array([1.0, 2.0, np.nan, 4.0, np.nan, 3.0])
-    picture = ElementTree.fromstring(curve("force", "mN", frame, value, np.full(6, 0.1), value + 0.05))
-    circles = picture.findall("circle")
-    x, y = (np.array([float(circle.get(key, "")) for circle in circles]) for key in ("cx", "cy"))
-    np.testing.assert_allclose(np.corrcoef(y, [1, 2, 4, 3])[0, 1], -1.0, atol=1e-4)
-    np.testing.assert_allclose(np.diff(x) / np.diff(x)[0], [1.0, 2.0, 2.0], atol=0.01)
-    assert len(picture.findall("polygon")) == 3
-    assert len(picture.findall("polyline")) == 3
+def test_pictures(tmp_path: Path) -> None:
+    wide = np.zeros((300, 3000, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "scene.png"), wide)
+    picture = from_file(tmp_path / "scene.png", "a `command`")
+    image = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.shape == (160, 1600, 3)
+    assert "<code>command</code>" in figure(picture)
+    with pytest.raises(InputError, match="cannot be read"):
+        from_file(tmp_path / "none.png", "")
+    for junk in (b"", b"junk"):
+        (tmp_path / "scene.png").write_bytes(junk)
+        with pytest.raises(InputError, match="is not a picture"):
+            from_file(tmp_path / "scene.png", "")
 
 
-@pytest.mark.parametrize("value", [np.full(4, np.nan), np.full(4, 3.0), np.zeros(4)])
-def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray) -> None:
-    picture = ElementTree.fromstring(curve("force", "mN", np.arange(4), value, np.full(4, np.nan)))
-    assert len(picture.findall("circle")) == np.isfinite(value).sum()
+def test_the_scene_is_drawn_or_said_why_not(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
+    free = replace(table, status=np.full(len(table), "no_contact"))
+    assert scene_picture(free, rig, None, None, None).jpeg == b""
+    if not can_render():
+        assert "OpenGL" in scene_picture(table, rig, None, truth, None).words
+        return
+    drawn = scene_picture(table, rig, None, truth, None)
+    image = cv2.imdecode(np.frombuffer(drawn.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.std() > 5.0, "something is to be seen"
+    damaged = scene_picture(table, rig, None, {"object": {"shape": "cube"}}, None)
+    assert damaged.jpeg == b""
+    assert "cube" in damaged.words
 
 
-def test_one_frame_is_enough() -> None:
-    ElementTree.fromstring(curve("force", "mN", np.array([7]), np.array([1.0]), np.array([0.1])))
-    ElementTree.fromstring(strip("status", np.array([7]), ["ok"], STATUS_COLOURS))
+@pytest.mark.parametrize("wrong", [{}, {"frames": [{"frame": 0}]}, {"frames": 3}, {"frames": [], "object": []}])
+def test_a_wrong_truth_is_refused(table: ContactTable, wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="frames are not as expected"):
+        truth_of(table, wrong)
 
 
-def test_the_strip_has_a_cell_per_frame() -> None:
-    picture = ElementTree.fromstring(strip("status", np.array([0, 1, 5]), ["ok", "failed", "ok"], STATUS_COLOURS))
-    cells = [cell for cell in picture.findall("rect") if cell.find("title") is not None]
-    assert [cell.get("fill") for cell in cells] == [STATUS_COLOURS[s] for s in ("ok", "failed", "ok")]
-
-
-@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3e-4, 8e-4), (144.0, 168.0), (-75.0, 71.0)])
-def test_ticks_are_round_and_inside(low: float, high: float) -> None:
-    found = ticks(low, high)
-    assert 2 <= len(found) <= 7
-    assert min(found) >= low - 1e-12
-    assert max(found) <= high + 1e-12
-    assert all(float(f"{tick:.2g}") == pytest.approx(tick, abs=1e-12) for tick in np.diff(found))
-
-
-def test_runs_are_the_unbroken_stretches() -> None:
-    assert [run.tolist() for run in runs(np.array([1, 1, 0, 1, 0, 0, 1], bool))] == [[0, 1], [3], [6]]
-    assert runs(np.zeros(3, bool)) == []
+def test_truth_is_put_beside_its_frame(table: ContactTable, truth: dict[str, Any]) -> None:
+    shuffled = truth | {"frames": truth["frames"][::-1]}
+    shuffled["object"] = truth["object"] | {"friction": 0.3, "stiffness_N_m": None}
+    true = truth_of(table, shuffled)
+    np.testing.assert_array_equal(true.distance_m, np.where(table.located, table.distance_m, np.nan))
+    assert true.friction == 0.3
+    assert true.compliance_m_N == 0.0
+    assert np.isnan(truth_of(table, truth).friction)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")
     for command in commands(out, args.scene, screenshot=drawable):
         step(command)
-    result = finish(out, time.perf_counter() - started, args.force)
+    result = finish(out, time.perf_counter() - started, args.argv)
     say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")
     return result
 
@@ -73,7 +74,7 @@ def commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
     return [
         ["simulate", scene, "-o", session],
         ["calibrate", session, "-o", rig],
-        ["estimate", session, "--rig", rig, "-o", contacts],
+        ["estimate", session, "--rig", rig, "-o", contacts, "--no-report"],
         ["reconstruct", contacts, "--rig", rig, "-o", surface],
         [*view, "--screenshot", picture] if screenshot else view,
     ]
@@ -95,12 +96,12 @@ def table(errors: dict[str, Any], length_m: float) -> list[tuple[str, float, str
     return [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in GOALS]
 
 
-def finish(out: Path, seconds: float, force: bool) -> dict[str, Any]:
-    """Score, table, report.html and summary.json."""
+def finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
+    """Score, table, report.html and summary.json. `argv` is the demo's command line, told in the report."""
     from estimator.table import read_contacts
     from vbaa_calib.files import read_json
     from vbaa_calib.rig import Rig
-    from viz.report import write_report
+    from viz.report_make import Sources, make_report
 
     from .score import score
 
@@ -112,16 +113,21 @@ def finish(out: Path, seconds: float, force: bool) -> dict[str, Any]:
     for name, value, unit, goal in rows:
         say(f"{name:<20}{value:>10.3f} {unit:<3} {'' if goal is None else f'≤ {goal:g}'}")
     say(f"{'frames right':<20}{errors['frames_ok']:>6} of {errors['frames']}")
-    picture = out / "scene.png"
-    write_report(
+    session, picture = out / "session", out / "scene.png"
+    make_report(
         out / "report.html",
-        f"vbaa demo: {truth.get('scene', 'scene')}",
-        picture if picture.exists() else None,
-        contacts,
-        truth,
-        rows,
+        Sources(
+            out / "contacts.csv",
+            out / "rig.json",
+            session,
+            session / "truth.json",
+            picture if picture.exists() else None,
+        ),
+        title=f"vbaa demo: {truth.get('scene', 'scene')}",
+        argv=argv,
+        summary=rows,
         force=True,
     )
-    result = {"session": str(out / "session"), "seconds": round(seconds, 2), **errors}
+    result = {"session": str(session), "seconds": round(seconds, 2), **errors}
     write_json(out / "summary.json", result, force=True)
     return result
