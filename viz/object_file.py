@@ -1,4 +1,5 @@
-"""The reconstructed object as a file: .vtp with everything that is known of it, .ply with its shape."""
+"""The reconstructed object as a file: .vtp with everything that is known of it; .ply and .glb with its shape, coloured
+by its uncertainty."""
 
 from __future__ import annotations
 
@@ -15,20 +16,25 @@ from estimator.surface import Surface
 from vbaa_calib.errors import InputError
 from vbaa_calib.files import replacing
 
-from .ply import is_whole
+from .object_glb import glb_bytes, read_glb
+from .ply import is_whole, ply_bytes
 from .scene import ObjectMesh
 
-SUFFIXES = (".vtp", ".ply")
+SUFFIXES = (".vtp", ".ply", ".glb")
+REMEDY = "write it again with vbaa reconstruct"
 
 
 def check_suffix(path: Path) -> None:
-    """Raises InputError for a name that is neither .vtp nor .ply."""
+    """Raises InputError for a name that is neither .vtp, .ply nor .glb."""
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError("is not a .vtp or .ply", where=path, remedy="the suffix chooses the format")
+        raise InputError("is not a .vtp, .ply or .glb", where=path, remedy="the suffix chooses the format")
 
 
 def to_mesh(surface: Surface) -> pv.PolyData:
-    """Triangles, lines, and loose points as vertices; point arrays Normals, std_m, force_N, frame and patch."""
+    """Triangles, lines, and loose points as vertices, with the point arrays Normals, std_m, std_across_m and patch.
+
+    What is known of each contact, of the stiffness, and the notes, are field arrays: contact_*, compliance_*, notes.
+    """
     used = np.union1d(surface.triangles, surface.lines)
     loose = np.setdiff1d(np.arange(len(surface.points_m)), used)
     mesh = pv.PolyData(
@@ -37,10 +43,29 @@ def to_mesh(surface: Surface) -> pv.PolyData:
         lines=_cells(surface.lines),
         faces=_cells(surface.triangles),
     )
-    # VTK's .ply writer drops double normals
     mesh.point_data["Normals"] = surface.normals.astype(np.float32)
-    for name in ("std_m", "force_N", "frame", "patch"):
+    for name in ("std_m", "std_across_m", "patch"):
         mesh.point_data[name] = getattr(surface, name)
+    of_contacts = {
+        "contact_point_m": surface.touched_m,
+        "contact_normal": surface.touched_normal,
+        "contact_normal_covariance_rad2": surface.touched_normal_covariance.reshape(-1, 9),
+        "contact_std_m": surface.touched_std_m,
+        "contact_force_N": surface.touched_force_N,
+        "contact_frame": surface.touched_frame,
+        "contact_patch": surface.touched_patch,
+        "contact_left_out": surface.left_out.astype(np.uint8),
+    }
+    soft = surface.compliance
+    of_object = {
+        "compliance_m_N": np.array([soft.compliance_m_N, soft.std_m_N]),
+        "stiffness_interval_N_m": soft.interval_N_m,
+        "stiffness_in_words": np.array([soft.reason]),
+    }
+    for name, values in {**of_contacts, **of_object}.items():
+        mesh.field_data[name] = values
+    if surface.notes:
+        mesh.field_data["notes"] = np.array(surface.notes)
     return mesh
 
 
@@ -51,36 +76,51 @@ def _cells(indices: np.ndarray) -> np.ndarray | None:
 
 
 def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
-    """Write the surface, whole or not at all. A .ply keeps points, normals and triangles only.
+    """Write the surface, whole or not at all, in the format of the suffix; all in metres, world frame.
 
     Raises InputError for another suffix, or when the file exists and `force` is off.
     """
     check_suffix(path)
+    suffix, mesh = path.suffix.lower(), ObjectMesh.of(surface)
     with replacing(path, force) as temporary:
-        to_mesh(surface).save(temporary)
+        if suffix == ".vtp":
+            to_mesh(surface).save(temporary)
+        else:
+            temporary.write_bytes(ply_bytes(mesh) if suffix == ".ply" else glb_bytes(mesh))
 
 
 def read_object(path: Path) -> ObjectMesh:
-    """Read back what is drawn of a .vtp or .ply, ours or another's. Raises InputError when there is nothing in it."""
+    """Read back what is drawn of a .vtp or .ply, ours or another's, or of a .glb of ours.
+
+    Raises InputError when there is nothing in it.
+    """
     check_suffix(path)
     if not path.is_file():
         raise InputError("no such file", where=path, remedy="write it with vbaa reconstruct")
-    if path.suffix.lower() == ".vtp":
+    suffix = path.suffix.lower()
+    if suffix == ".glb":
+        found = read_glb(path.read_bytes())
+        if found is None or not len(found.points_m):
+            raise InputError("holds no mesh of ours", where=path, remedy=REMEDY)
+        return found
+    if suffix == ".vtp":
         mesh = _read(vtkXMLPolyDataReader(), path)
     else:
         mesh = _read(vtkPLYReader(), path) if is_whole(path.read_bytes()) else pv.PolyData()
     if not mesh.n_points or not np.isfinite(mesh.points).all() or not _cells_have_points(mesh):
-        raise InputError("holds no mesh", where=path, remedy="write it again with vbaa reconstruct")
+        raise InputError("holds no mesh", where=path, remedy=REMEDY)
     faces = mesh.triangulate().regular_faces if mesh.faces.size else np.empty((0, 3), int)
     if "Normals" not in mesh.point_data and len(faces):
         mesh = mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False)
     normals = mesh.point_data["Normals"] if "Normals" in mesh.point_data else np.zeros((mesh.n_points, 3))
     segments = [np.stack([line[:-1], line[1:]], axis=1) for line in _split(np.asarray(mesh.lines))]
+    std = np.asarray(mesh.point_data["std_m"], float) if "std_m" in mesh.point_data else None
     return ObjectMesh(
         np.asarray(mesh.points, float),
         np.asarray(normals, float),
         np.asarray(faces, int).reshape(-1, 3),
         np.concatenate([np.empty((0, 2), int), *segments]),
+        std if std is not None and std.shape == (mesh.n_points,) else None,
     )
 
 

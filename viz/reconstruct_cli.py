@@ -1,24 +1,33 @@
-"""`vbaa reconstruct`: contacts.csv to the object's surface."""
+"""`vbaa reconstruct`: contacts.csv to the object's surface and stiffness."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from estimator.surface import Compliance
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa reconstruct`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
-    parser.add_argument("--rig", type=Path, help="rig.json: its antenna's radius lies between contact and object")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OBJECT", help="object.vtp or object.ply")
+    parser.add_argument(
+        "--rig",
+        type=Path,
+        help="rig.json: its antenna's radius lies between contact and object, its errors are common to all contacts",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="OBJECT", help="object.vtp, object.ply or object.glb"
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
-    import numpy as np
-
-    from estimator.surface import reconstruct
+    from estimator.surface import reconstruct, touches_of
     from estimator.table import read_contacts
     from vbaa_calib.console import say
     from vbaa_calib.errors import InputError
@@ -29,31 +38,66 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_suffix(args.output)
     refuse_overwrite(args.output, args.force)
     table = read_contacts(args.contacts)
-    radius = 0.0
-    if args.rig is None:
-        say("without --rig the antenna's radius is not known: the surface runs through the antenna's centreline")
-    else:
-        from vbaa_calib.rig import Rig
-
-        radius = Rig.load(args.rig).antenna.diameter_m / 2
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
-    surface = reconstruct(table, radius)
+    radius, shared = 0.0, None
+    if args.rig is None:
+        say(
+            "without --rig the antenna's radius is not known: the surface runs through the antenna's centreline; and "
+            "calibration errors count as each contact's own, so that the uncertainty comes out too small"
+        )
+    else:
+        from estimator.shared import shared_errors
+        from vbaa_calib.rig import Rig
+
+        rig = Rig.load(args.rig)
+        radius, shared = rig.antenna.diameter_m / 2, shared_errors(rig, table)
+    surface = reconstruct(touches_of(table, shared), radius)
     write_object(surface, args.output, force=args.force)
     patches = int(surface.patch.max()) + 1
     say(
-        f"{args.output}: {len(surface.points_m)} points in {patches} patches, {len(surface.triangles)} triangles, "
+        f"{args.output}: {len(surface.touched_m)} contacts in {patches} patches, {len(surface.triangles)} triangles, "
         f"{len(surface.lines)} line segments"
     )
-    for note in surface.notes:
+    for note in (*surface.notes, surface.compliance.reason):
         say(f"  {note}")
-    known = surface.std_m[np.isfinite(surface.std_m)]
     return {
         "object": str(args.output),
+        "contacts": len(surface.touched_m),
         "points": len(surface.points_m),
         "patches": patches,
         "triangles": len(surface.triangles),
         "lines": len(surface.lines),
-        "median_std_m": float(np.median(known)) if len(known) else None,
+        "left_out": int(surface.left_out.sum()),
+        "median_std_m": _median(surface.std_m),
+        "median_contact_std_m": _median(surface.touched_std_m),
+        **_stiffness(surface.compliance),
         "notes": list(surface.notes),
     }
+
+
+def _median(values: np.ndarray) -> float | None:
+    import numpy as np
+
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
+
+
+def _stiffness(soft: Compliance) -> dict[str, Any]:
+    """The object's yielding in plain numbers; None where there is no number, or an endless one."""
+    low, high = soft.interval_N_m
+    return {
+        "stiffness_told": soft.told,
+        "stiffness_N_m": _finite(soft.stiffness_N_m),
+        "stiffness_low_N_m": _finite(low),
+        "stiffness_high_N_m": _finite(high),
+        "compliance_m_N": _finite(soft.compliance_m_N),
+        "compliance_std_m_N": _finite(soft.std_m_N),
+        "stiffness_in_words": soft.reason,
+    }
+
+
+def _finite(value: float) -> float | None:
+    import math
+
+    return float(value) if math.isfinite(value) else None

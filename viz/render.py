@@ -1,4 +1,6 @@
-"""Pictures of a scene: PNG, a page that opens offline, a window. OpenGL is probed before it can kill the process."""
+"""Pictures of a scene: PNG, a page that opens offline, glTF, a window.
+
+OpenGL is probed before it can kill the process."""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyvista as pv
 from trame_vtk.modules.vtk.serializers import (
     SynchronizationContext,
@@ -26,9 +30,14 @@ from vtkmodules.vtkCommonCore import vtkLogger
 from vbaa_calib.errors import InputError, VbaaError
 from vbaa_calib.files import replacing, write_text
 
-from . import actors
-from .page import dressed
+from . import gltf, sheet, window
+from .display import no_display
+from .page import dressed, story
+from .parts import Part, all_parts
+from .parts.part import INK
 from .scene import Scene
+from .stage import Stage
+from .views import look_at_all, look_at_touched
 
 PROBE = (
     sys.executable,
@@ -37,7 +46,7 @@ PROBE = (
     "p.screenshot(return_img=True)",
 )
 PROBE_SECONDS = 60
-BACKGROUND, BACKGROUND_TOP = "#ffffff", "#e8eef6"
+BACKGROUND = "#ffffff"
 
 
 class OpenGLError(VbaaError):
@@ -59,12 +68,16 @@ def require_opengl() -> None:
     if not can_render():
         raise OpenGLError(
             "3-D pictures need OpenGL, which does not work here; install libegl1 and libgl1-mesa-dri "
-            "(apt-get install libegl1 libgl1-mesa-dri), or libosmesa6; --html works without"
+            "(apt-get install libegl1 libgl1-mesa-dri), or libosmesa6; --html and --gltf work without"
         )
 
 
-def screenshot(scene: Scene, path: Path, *, force: bool = False) -> None:
-    """Write a PNG: the whole rig on the left, what was touched on the right.
+def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
+    """Write a PNG: the whole rig on the left, what was touched on the right, and what the colours mean.
+
+    Parameters
+    ----------
+    mode : what contacts are coloured by, one of `colours.MODES`.
 
     Raises
     ------
@@ -76,63 +89,95 @@ def screenshot(scene: Scene, path: Path, *, force: bool = False) -> None:
     with replacing(path, force) as temporary:
         require_opengl()
         with _quiet():
-            plotter = _two_views(scene) if scene.rig else pv.Plotter(off_screen=True, window_size=[1200, 1040])
-            _fill(plotter, scene, scalar_bar=True)
-            actors.look_at_touched(plotter, scene)
-            plotter.screenshot(str(temporary))
-            plotter.close()
+            parts = all_parts(scene)
+            plotter = _staged(scene, _without(parts, "grid", "plane", "camera", "now"), mode, sheet.NEAR_SIZE)[0]
+            half = look_at_touched(plotter, scene)
+            near = _drawn(plotter)
+            whole = None
+            if scene.rig is not None:
+                plotter = _staged(scene, _without(parts, "spread", "cones", "now"), mode, sheet.RIG_SIZE)[0]
+                look_at_all(plotter, scene)
+                whole = _drawn(plotter)
+        sheet.compose(temporary, scene, parts, mode, near, half, whole)
 
 
-def _two_views(scene: Scene) -> pv.Plotter:
-    """The rig on the left, drawn; the view on the right active and still empty."""
-    plotter = pv.Plotter(
-        off_screen=True, shape=(1, 2), col_weights=[0.42, 0.58], window_size=[1900, 1040], border=False
-    )
-    plotter.subplot(0, 0)
-    _fill(plotter, scene, scalar_bar=False)
-    _legend(plotter, scene)
-    actors.look_at_all(plotter, lift=0.16)
-    plotter.subplot(0, 1)
-    return plotter
+def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", force: bool = False) -> None:
+    """Write an HTML page with the scene to turn, its times to go through, and its legend.
 
-
-def write_page(scene: Scene, path: Path, *, title: str, force: bool = False) -> None:
-    """Write an HTML page with the scene to turn and zoom, and its legend. It opens offline; OpenGL is not needed."""
+    It opens offline, in any browser with WebGL; OpenGL is not needed to write it.
+    """
     with _quiet():
-        plotter = pv.Plotter(off_screen=True, window_size=[1200, 800])
-        plotter.set_background(BACKGROUND)
-        actors.add_scene(plotter, scene, scalar_bar=False)
-        actors.look_at_all(plotter)
+        plotter, stage = _staged(scene, all_parts(scene), mode, (1200, 800))
+        views = []
+        if scene.rig is not None:
+            look_at_all(plotter, scene)
+            views.append((plotter.camera.position, plotter.camera.focal_point))
+        look_at_touched(plotter, scene, parallel=False)
+        views.append((plotter.camera.position, plotter.camera.focal_point))
+        stage.unfold()
         packed = _packed(plotter)
+        told = story(stage, mode, views)
         plotter.close()
     viewer = io.StringIO()
     write_html(packed, viewer)
-    write_text(path, dressed(viewer.getvalue(), scene, title), force)
+    write_text(path, dressed(viewer.getvalue(), scene, stage.parts, title, told), force)
 
 
-def show(scene: Scene) -> None:
-    """Open a window and wait until it is closed. Raises OpenGLError where nothing can be drawn."""
+def write_gltf(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
+    """Write a .gltf or .glb with all contacts, and the rig at the greatest force; y is up. OpenGL is not needed.
+
+    Raises InputError for another suffix, or when the file exists and `force` is off.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in gltf.SUFFIXES:
+        raise InputError("is not a .glb or .gltf", where=path, remedy="the suffix chooses the format")
+    with _quiet():
+        plotter, stage = _staged(scene, _without(all_parts(scene), "now"), mode, (1200, 800))
+        look_at_all(plotter, scene)
+        shown = [part.name for part, actor in zip(stage.parts, stage.actors, strict=True) if actor.visibility]
+        made = gltf.packed(*gltf.document(plotter, shown), suffix)
+        plotter.close()
+    with replacing(path, force) as temporary:
+        temporary.write_bytes(made)
+
+
+def show(scene: Scene, *, mode: str = "force") -> None:
+    """Open a window and wait until it is closed.
+
+    Raises InputError where there is no display, OpenGLError where nothing can be drawn.
+    """
     require_opengl()
-    plotter = pv.Plotter(title="vbaa", window_size=[1400, 1000])
-    _fill(plotter, scene, scalar_bar=True)
-    _legend(plotter, scene)
-    actors.look_at_all(plotter)
+    with _quiet():
+        plotter, stage = _staged(scene, all_parts(scene), mode, (1400, 1000), off_screen=False)
+    # VTK turns to drawing unseen where no window opens
+    if plotter.render_window.GetOffScreenRendering():
+        plotter.close()
+        raise no_display()
+    window.furnish(plotter, stage, mode)
+    look_at_all(plotter, scene)
     plotter.show()
 
 
-def _fill(plotter: pv.Plotter, scene: Scene, *, scalar_bar: bool) -> None:
-    plotter.set_background(BACKGROUND, top=BACKGROUND_TOP)
+def _staged(
+    scene: Scene, parts: list[Part], mode: str, size: tuple[int, int], *, off_screen: bool = True
+) -> tuple[pv.Plotter, Stage]:
+    plotter = pv.Plotter(off_screen=off_screen, window_size=list(size), title="vbaa")
+    plotter.set_background(BACKGROUND)
+    return plotter, Stage(plotter, scene, parts, mode)
+
+
+def _without(parts: list[Part], *names: str) -> list[Part]:
+    return [part for part in parts if part.name not in names]
+
+
+def _drawn(plotter: pv.Plotter) -> np.ndarray:
+    """(H, W, 3) of what the plotter shows, which it then closes."""
     plotter.enable_anti_aliasing("ssaa")
     plotter.enable_depth_peeling(8)
-    actors.add_scene(plotter, scene, scalar_bar=scalar_bar)
-    plotter.add_axes(color=actors.INK, line_width=3, viewport=(0.85, 0.0, 1.0, 0.15))
-
-
-def _legend(plotter: pv.Plotter, scene: Scene) -> None:
-    entries = [[f" {actors.LOOK[part][1]}", actors.LOOK[part][0]] for part in actors.parts(scene)]
-    plotter.add_legend(
-        entries, face="rectangle", bcolor=None, loc="lower left", size=(0.5, 0.027 * len(entries)), font_family="arial"
-    )
+    plotter.add_axes(color=INK, line_width=3, viewport=(0.0, 0.0, 0.13, 0.13))
+    pixels = plotter.screenshot(return_img=True)
+    plotter.close()
+    return np.asarray(pixels)[..., :3]
 
 
 def _packed(plotter: pv.Plotter) -> bytes:
@@ -146,6 +191,7 @@ def _packed(plotter: pv.Plotter) -> bytes:
         "centerOfRotation": list(camera.focal_point),
         "camera": reference_id(camera),
     }
+    _make_textures_replaceable(state)
     arrays = {
         entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
         for entry in extract_array_hash(state)
@@ -154,6 +200,14 @@ def _packed(plotter: pv.Plotter) -> bytes:
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as stream:
         stream.writestr("index.json", json.dumps({"scene": state, "hashes": arrays}))
     return archive.getvalue()
+
+
+def _make_textures_replaceable(state: dict[str, Any]) -> None:
+    """Let the viewer's textures be written again, for the camera's picture to change with time."""
+    if state.get("type") == "vtkTexture":
+        state["properties"]["resizable"] = True
+    for child in state.get("dependencies", []):
+        _make_textures_replaceable(child)
 
 
 @contextmanager

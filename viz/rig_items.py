@@ -8,20 +8,23 @@ from estimator.table import ContactTable
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.errors import InputError
-from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 
+from .moments import Moments
 from .scene import RigItems
 
 GHOSTS = 6
 FOREIGN_M = 1e-3
 """World and antenna points that disagree by more than this come from another rig."""
+PICTURE_GRID = (10, 13)
+"""Nodes down and across of the drawn picture: between them the lens counts as straight."""
 
 
 def joint_angles(kinematics: Kinematics, point_antenna_m: np.ndarray, point_world_m: np.ndarray) -> tuple[float, float]:
     """Pan and tilt that carry a point of the antenna frame to its place in the world; |tilt| below 90°.
 
-    contacts.csv gives each contact in both frames but not the joints.
+    For tables without the joints' columns, which give each contact in both frames.
 
     Raises
     ------
@@ -36,64 +39,90 @@ def joint_angles(kinematics: Kinematics, point_antenna_m: np.ndarray, point_worl
     forward = kinematics.axis_offset_m + np.cos(tilt) * p[0] - np.sin(tilt) * p[2]
     aside = cos * p[1] - sin * up
     if abs(np.hypot(forward, aside) - np.hypot(q[0], q[1])) > FOREIGN_M:
-        raise InputError("the contacts do not fit the rig's kinematics", remedy="give the rig.json they were made with")
+        raise _foreign()
     pan = float(np.arctan2(q[1], q[0]) - np.arctan2(aside, forward))
     return pan, float(tilt) - kinematics.tilt_zero_rad
 
 
-def rig_items(rig: Rig, table: ContactTable) -> RigItems:
-    """The rig in the frame of the greatest force, with ghosts of the antenna in frames spread over the recording.
+def _foreign() -> InputError:
+    return InputError("the contacts do not fit the rig's kinematics", remedy="give the rig.json they were made with")
 
-    Raises
-    ------
-    InputError : no frame has a located contact, or the contacts are not of this rig.
+
+def rig_items(rig: Rig, table: ContactTable, moments: Moments) -> RigItems:
+    """The rig at these moments, and which of them become ghosts: some spread over the located contacts.
+
+    Raises InputError when the contacts are not of this rig.
     """
-    located = np.flatnonzero(table.located)
-    if not len(located):
-        raise InputError("no frame has a located contact", remedy="see the reason column of contacts.csv")
-    force = np.hypot(table.force_y_N[located], table.force_z_N[located])
-    main = located[np.argmax(force)]
+    poses = poses_at(rig.kinematics, table, moments.row)
+    located = np.flatnonzero(table.located[moments.row])
     spread = np.unique(located[np.linspace(0, len(located) - 1, GHOSTS).round().astype(int)])
-    pose = _pose(rig, table, main)
     length = rig.antenna.length_m
+    bent, free = (_shapes(rig, table, moments.row, poses, share) for share in (1.0, 0.0))
+    centre = rig.T_antenna_camera.translation_m
     return RigItems(
-        bent_m=pose @ _shape(rig, table, main, pose),
-        free_m=pose @ _shape(rig, table, main, pose, share=0.0),
-        ghosts_m=tuple(
-            there @ _shape(rig, table, index, there)
-            for index, there in ((index, _pose(rig, table, index)) for index in spread if index != main)
-        ),
+        poses=poses,
+        bent_m=bent,
+        free_m=free,
+        ghosts=spread[spread != moments.main],
         antenna_radius_m=rig.antenna.diameter_m / 2,
-        plane_m=pose @ (length * np.array([[0, -0.3, 0], [1.05, -0.3, 0], [1.05, 0.3, 0], [0, 0.3, 0]])),
-        frustum_m=pose @ rig.T_antenna_camera @ frustum(rig.camera, 0.3 * length),
+        plane_m=length * np.array([[0, -0.3, 0], [1.05, -0.3, 0], [1.05, 0.3, 0], [0, 0.3, 0]]),
+        camera_m=centre,
+        picture_m=rig.T_antenna_camera @ picture_grid(rig.camera, 0.4 * length),
     )
 
 
-def _pose(rig: Rig, table: ContactTable, index: int) -> Pose:
-    angles = joint_angles(rig.kinematics, table.point_antenna_m[index], table.point_world_m[index])
-    return rig.kinematics.T_world_antenna(*angles)
+def poses_at(kinematics: Kinematics, table: ContactTable, rows: np.ndarray) -> np.ndarray:
+    """(M, 4, 4) T_world_antenna in these rows of the table; NaN where neither joints nor contact are known.
 
-
-def _shape(rig: Rig, table: ContactTable, index: int, T_world_antenna: Pose, share: float = 1.0) -> np.ndarray:
-    """(N, 3) antenna frame: the antenna under `share` of the force that was estimated in this frame."""
-    curves = bend(
-        rig.antenna.parameters[None],
-        rig.antenna.length_m,
-        (T_world_antenna.rotation.T @ rig.gravity_world_m_s2)[None],
-        np.clip(table.distance_m[[index]], 0.01 * rig.antenna.length_m, rig.antenna.length_m),
-        share * np.array([[table.force_y_N[index], table.force_z_N[index]]]),
-    )
-    return curves.points_m[0]
-
-
-def frustum(camera: Camera, depth_m: float) -> np.ndarray:
-    """(5, 3) camera frame: its centre and the corners of its picture at a depth, as the lens sees them.
-
-    Where the lens has no ray in a corner, that of a lens without distortion is drawn.
+    Raises InputError when the contacts are not of this rig.
     """
-    right, bottom = np.array(camera.image_size) - 0.5
-    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
-    rays, valid = camera.unproject(corners)
-    straight = np.column_stack([corners, np.ones(4)]) @ np.linalg.inv(camera.matrix).T
+    poses = np.full((len(rows), 4, 4), np.nan)
+    for index, row in enumerate(rows):
+        pan, tilt = float(table.pan_rad[row]), float(table.tilt_rad[row])
+        here, there = table.point_antenna_m[row], table.point_world_m[row]
+        if not np.isfinite([pan, tilt]).all():
+            if not table.located[row]:
+                continue
+            pan, tilt = joint_angles(kinematics, here, there)
+        pose = kinematics.T_world_antenna(pan, tilt)
+        if table.located[row] and not np.linalg.norm(pose @ here - there) < FOREIGN_M:
+            raise _foreign()
+        poses[index] = np.eye(4)
+        poses[index, :3] = np.column_stack([pose.rotation, pose.translation_m])
+    return poses
+
+
+def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, share: float) -> np.ndarray:
+    """(M, N, 3) world: the antenna under `share` of the force that was estimated; free where none was."""
+    length, count = rig.antenna.length_m, len(rows)
+    rotation = np.where(np.isfinite(poses[:, :3, :3]), poses[:, :3, :3], 0.0)
+    angle = np.nan_to_num(table.friction_angle_rad[rows])
+    across = np.nan_to_num(np.column_stack([table.force_y_N[rows], table.force_z_N[rows]]))
+    # `bend` takes the part along the antenna's normal there, which turns with the antenna
+    size = np.nan_to_num(np.linalg.norm(table.force_world_N[rows], axis=1)) * np.cos(angle)
+    aside = np.hypot(*across.T)
+    push = np.divide(size, aside, out=np.zeros(count), where=(aside > 0) & table.located[rows])
+    curves = bend(
+        np.repeat(rig.antenna.parameters[None], count, axis=0),
+        length,
+        np.einsum("mji,j->mi", rotation, rig.gravity_world_m_s2),
+        np.clip(np.nan_to_num(table.distance_m[rows], nan=length / 2), 0.01 * length, length),
+        share * push[:, None] * across,
+        friction_rad=angle,
+    )
+    return np.einsum("mij,mnj->mni", poses[:, :3, :3], curves.points_m) + poses[:, None, :3, 3]
+
+
+def picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
+    """(H, W, 3) camera frame: a grid over the whole picture at a depth, as the lens sees it.
+
+    Where the lens has no ray, that of a lens without distortion is drawn.
+    """
+    rows, columns = PICTURE_GRID
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, columns), np.linspace(-0.5, height - 0.5, rows))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    rays, valid = camera.unproject(pixels)
+    straight = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.matrix).T
     rays = np.where((valid & (rays[:, 2] > 0.1))[:, None], rays, straight)
-    return np.vstack([np.zeros(3), depth_m * rays / rays[:, 2:]])
+    return (depth_m * rays / rays[:, 2:]).reshape(rows, columns, 3)

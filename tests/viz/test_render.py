@@ -1,33 +1,38 @@
-"""Meshes, pictures and pages: what is drawn can be seen, and a machine without OpenGL is told so."""
+"""Pictures, pages and glTF: what is drawn can be seen, and a machine without OpenGL is told so."""
 
 from __future__ import annotations
 
-import re
+import json
+import struct
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import pyvista as pv
 
-from estimator.surface import reconstruct
 from estimator.table import ContactTable
 from vbaa_calib.errors import InputError, VbaaError
 from vbaa_calib.rig import Rig
-from viz import actors, render
-from viz.object_file import read_object, to_mesh, write_object
-from viz.ply import is_whole
-from viz.rig_items import rig_items
-from viz.scene import ObjectMesh, Scene, TruthObject, build_scene, truth_object
+from viz import render, sheet
+from viz.colours import MODES
+from viz.gltf import linear
+from viz.parts import LOOK, all_parts
+from viz.parts.part import ANTENNA, CAMERA, CONE
+from viz.scene import Scene, build_scene
+from viz.stage import Stage
+from viz.views import look_at_touched, view_direction
+from viz.window import Controls
 
-from .touching import ANTENNA_RADIUS_M
+from .scenes import full_scene
 
 
 @pytest.fixture(scope="module")
 def scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
-    surface = ObjectMesh.of(reconstruct(table, ANTENNA_RADIUS_M))
-    return build_scene(table, rig=rig_items(rig, table), surface=surface, truth=truth_object(truth))
+    return full_scene(table, rig, truth)
 
 
 @pytest.fixture
@@ -52,27 +57,78 @@ def close_to(pixels: np.ndarray, colour: str, tolerance: int = 60) -> np.ndarray
 @pytest.mark.usefixtures("opengl")
 def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> None:
     render.screenshot(scene, tmp_path / "scene.png")
-    pixels = np.asarray(pv.read(tmp_path / "scene.png").active_scalars).reshape(1040, 1900, -1)[..., :3]
-    left, right = pixels[:, :798], pixels[:, 798:]
-    assert close_to(left, actors.CAMERA).sum() > 200
-    red, green, blue = (right[..., i].astype(int) for i in range(3))
-    teal = (green - red > 40) & (blue - red > 30) & (green >= blue - 10)
-    assert teal.sum() > 5000
-    assert close_to(right, actors.ANTENNA).sum() > 500
-    low, high = "#0d0887", "#f0f921"  # the ends of the scale, which the scalar bar shows
-    assert close_to(right, low, 25).sum() > 100
-    assert close_to(right, high, 25).sum() > 100
+    pixels = cv2.imread(str(tmp_path / "scene.png"))[..., ::-1]
+    assert pixels.shape == (sheet.TALL, sheet.WIDE, 3)
+    rig = pixels[: sheet.RIG_SIZE[1], : sheet.LEFT]
+    near, strip = pixels[: sheet.NEAR_SIZE[1], sheet.LEFT :], pixels[sheet.NEAR_SIZE[1] :, sheet.LEFT :]
+    assert close_to(rig, CAMERA).sum() > 100
+    assert close_to(rig, "#0af014").sum() > 100  # the camera's picture of the greatest force
+    assert close_to(near, ANTENNA).sum() > 500
+    assert close_to(pixels[sheet.RIG_SIZE[1] :, : sheet.LEFT], CONE, 10).sum() > 100  # its mark in the legend
+    # the ends of the scales of force and surface
+    assert all(close_to(strip, colour, 12).sum() > 60 for colour in ("#0d0887", "#f9e721", "#085ba0"))
 
 
-def test_arrows_begin_at_the_contacts_and_run_along_the_force(table: ContactTable) -> None:
-    contacts = build_scene(table).contacts
-    plotter = pv.Plotter(off_screen=True)
-    actors.add_scene(plotter, build_scene(table), scalar_bar=False)
-    arrows = plotter.meshes[-1].points.reshape(len(contacts.points_m), -1, 3) - contacts.points_m[:, None]
-    along = np.einsum("aki,ai->ak", arrows, contacts.force_N / np.linalg.norm(contacts.force_N, axis=1, keepdims=True))
+@pytest.mark.usefixtures("opengl")
+def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
+    """A square of known size, drawn in the close-up's projection, is as many pixels wide as the sheet takes it for."""
+    plotter = pv.Plotter(off_screen=True, window_size=list(sheet.NEAR_SIZE))
+    centre, radius = scene.touched_m
+    direction = view_direction(scene, height=0.45)
+    plotter.add_mesh(
+        pv.Plane(center=centre, direction=direction, i_size=radius, j_size=radius), color="black", lighting=False
+    )
+    half = look_at_touched(plotter, replace(scene, rig=None))
+    pixels = np.asarray(plotter.screenshot(return_img=True))
     plotter.close()
-    np.testing.assert_allclose(along.min(axis=1), 0.0, atol=1e-6)
-    np.testing.assert_allclose(along.max(axis=1) / along.max(), contacts.size_mN / contacts.size_mN.max(), atol=1e-4)
+    dark = (pixels[..., :3] < 40).all(axis=2)
+    area = dark.sum() * (2 * half / sheet.NEAR_SIZE[1]) ** 2
+    assert area == pytest.approx(radius**2, rel=0.02)
+
+
+def test_a_view_shows_the_touched_side(table: ContactTable) -> None:
+    scene = build_scene(table)
+    outward = scene.contacts.force_N.sum(axis=0)
+    assert view_direction(scene, height=0.4)[:2] @ outward[:2] > 0
+    blind = build_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
+    assert np.isfinite(view_direction(blind, height=0.4)).all()
+
+
+def test_a_stage_follows_moment_and_colour_without_opengl(scene: Scene, no_opengl: None) -> None:
+    plotter = pv.Plotter(off_screen=True)
+    stage = Stage(plotter, scene, all_parts(scene))
+    shown = {part.name: actor for part, actor in zip(stage.parts, stage.actors, strict=True)}
+    whole = shown["contacts"].mapper.dataset.n_cells
+    stage.show(29, everything=False)
+    assert shown["contacts"].mapper.dataset.n_cells == pytest.approx(whole * 30 / 90)
+    pose = np.array(shown["plane"].user_matrix)
+    assert scene.rig is not None
+    np.testing.assert_allclose(pose, scene.rig.poses[29])
+    # without joints nobody knows where the rig is
+    stage.show(90)
+    assert not shown["plane"].visibility
+    assert not shown["antenna"].visibility
+    assert shown["contacts"].mapper.dataset.n_cells == whole
+    before = np.array(shown["contacts"].mapper.dataset.point_data["colour"])
+    stage.paint("time")
+    assert (before != shown["contacts"].mapper.dataset.point_data["colour"]).any()
+    plotter.close()
+
+
+def test_the_window_s_controls_choose_moment_colour_and_contacts(scene: Scene, no_opengl: None) -> None:
+    plotter = pv.Plotter(off_screen=True)
+    controls = Controls(plotter, Stage(plotter, scene, all_parts(scene)), "force")
+    controls.go(11.7)
+    assert controls.moment == 12
+    for mode in (*MODES[1:], MODES[0]):
+        controls.next_mode()
+        assert controls.mode == mode
+    controls.toggle_everything()
+    words = plotter.actors["words"].GetText(2)  # the upper left corner
+    assert "frame 12" in words
+    assert "coloured by force" in words
+    assert list(plotter.scalar_bars.keys()) == ["force on the antenna, mN\n"]
+    plotter.close()
 
 
 def test_without_opengl_the_picture_says_what_to_install(scene: Scene, tmp_path: Path, no_opengl: None) -> None:
@@ -86,124 +142,58 @@ def test_a_probe_that_cannot_start_is_no_opengl(monkeypatch: pytest.MonkeyPatch,
     assert not render.can_render()
 
 
-def test_the_page_is_whole_offline_and_has_its_legend_even_without_opengl(
-    scene: Scene, tmp_path: Path, no_opengl: None
+def test_a_scene_of_contacts_alone_makes_a_page_and_glTF(table: ContactTable, tmp_path: Path) -> None:
+    scene = build_scene(table)
+    render.write_page(scene, tmp_path / "scene.html", title="contacts")
+    text = (tmp_path / "scene.html").read_text()
+    assert LOOK["camera"][1] not in text
+    assert "whole rig" not in text.partition('id="views"')[2][:200]
+    render.write_gltf(scene, tmp_path / "scene.glb")
+    assert pv.read(tmp_path / "scene.glb").combine().n_points > 1000
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+def test_gltf_is_sound_and_comes_back_without_opengl(
+    scene: Scene, tmp_path: Path, no_opengl: None, suffix: str
 ) -> None:
-    render.write_page(scene, tmp_path / "scene.html", title="A & B <touch>")
-    page = (tmp_path / "scene.html").read_text()
-    assert "<title>A &amp; B &lt;touch&gt;</title>" in page
-    assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//""", page)
-    for part in actors.parts(scene):
-        assert actors.LOOK[part][1] in page
-    low, high = actors.force_range_mN(scene)
-    assert f"{low:g} mN" in page
-    assert f"{high:g} mN" in page
-    assert "90 contacts" in page
-    assert len(page) > 1_200_000
+    path = tmp_path / f"scene{suffix}"
+    render.write_gltf(scene, path)
+    data = path.read_bytes()
+    if suffix == ".glb":
+        magic, version, size, length, kind = struct.unpack("<4sIII4s", data[:20])
+        assert (magic, version, size, kind) == (b"glTF", 2, len(data), b"JSON")
+        made = json.loads(data[20 : 20 + length])
+        size, kind = struct.unpack("<I4s", data[20 + length : 28 + length])
+        assert (kind, size) == (b"BIN\0", len(data) - length - 28)
+        assert made["buffers"][0]["byteLength"] <= size
+    else:
+        made = json.loads(data)
+    assert {node.get("name") for node in made["nodes"]} >= set(LOOK) - {"now"}
+    for view in made["bufferViews"]:
+        assert view["byteOffset"] + view["byteLength"] <= made["buffers"][0]["byteLength"]
+        assert view["byteOffset"] % 4 == 0
+    for primitive in (mesh["primitives"][0] for mesh in made["meshes"]):
+        assert {"POSITION", "NORMAL"} <= set(primitive["attributes"])
+        factor = made["materials"][primitive["material"]]["pbrMetallicRoughness"]["baseColorFactor"]
+        assert ("COLOR_0" in primitive["attributes"]) <= (factor == [1, 1, 1, 1])
+        assert (made["materials"][primitive["material"]].get("alphaMode") == "BLEND") == (factor[3] < 1)
+    world = next(node for node in made["nodes"] if node.get("name") == "world")
+    turn = np.reshape(world["matrix"], (4, 4)).T[:3, :3]
+    np.testing.assert_array_equal(turn @ [0, 0, 1], [0, 1, 0])
+    read = pv.read(path).combine()
+    whole = Stage(pv.Plotter(off_screen=True), scene, [part for part in all_parts(scene) if part.name != "now"])
+    count = sum(actor.mapper.dataset.n_cells for actor in whole.actors)
+    assert read.n_cells == count
 
 
-def test_a_scene_of_contacts_alone_makes_a_page(table: ContactTable, tmp_path: Path) -> None:
-    render.write_page(build_scene(table), tmp_path / "scene.html", title="contacts")
-    page = (tmp_path / "scene.html").read_text()
-    assert actors.LOOK["camera"][1] not in page.partition('class="content"')[0].partition('id="vbaa"')[2]
+def test_linear_light_is_that_of_the_standard() -> None:
+    np.testing.assert_allclose(linear(np.array([0.0, 0.04045, 0.5, 1.0])), [0, 0.0031308, 0.2140411, 1], atol=1e-6)
 
 
-def test_a_picture_by_another_name_is_refused(scene: Scene, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["scene.gif", "scene"])
+def test_a_file_by_another_name_is_refused(scene: Scene, tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"is not a \.png"):
-        render.screenshot(scene, tmp_path / "scene.gif")
-
-
-def test_the_force_scale_holds_all_forces(scene: Scene) -> None:
-    low, high = actors.force_range_mN(scene)
-    assert low <= scene.contacts.size_mN.min() < scene.contacts.size_mN.max() <= high
-    assert (low, high) == (20.0, 80.0)
-
-
-@pytest.mark.parametrize("shape", ["cylinder", "sphere", "knife_edge"])
-def test_true_objects_have_their_size(shape: str) -> None:
-    centre, axis, wedge = np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])
-    mesh = actors.truth_mesh(TruthObject(shape, centre, axis, wedge, 0.002, 0.05))
-    offset = mesh.points - centre
-    if shape == "sphere":
-        np.testing.assert_allclose(np.linalg.norm(offset, axis=1), 0.002, rtol=1e-4)
-        return
-    assert np.abs(offset @ axis).max() == pytest.approx(0.05, rel=1e-5)
-    across = offset @ wedge
-    assert across.min() == pytest.approx(-0.002, rel=1e-2)
-    assert across.max() == pytest.approx(0.05 if shape == "knife_edge" else 0.002, rel=1e-2)
-
-
-@pytest.mark.parametrize("suffix", [".vtp", ".ply"])
-def test_an_object_comes_back_from_its_file(table: ContactTable, tmp_path: Path, suffix: str) -> None:
-    surface = reconstruct(table, ANTENNA_RADIUS_M)
-    path = tmp_path / f"object{suffix}"
-    write_object(surface, path)
-    back = read_object(path)
-    np.testing.assert_allclose(back.points_m, surface.points_m, atol=1e-7)
-    np.testing.assert_array_equal(back.triangles, surface.triangles)
-    # VTK reads no normals from a .ply: there they are the triangles'
-    assert (np.sum(back.normals * surface.normals, axis=1) > 0.85).all()
-    if suffix == ".vtp":
-        np.testing.assert_allclose(back.normals, surface.normals, atol=1e-6)
-        mesh = pv.read(path)
-        np.testing.assert_allclose(mesh["std_m"], surface.std_m)
-        np.testing.assert_allclose(mesh["force_N"], surface.force_N)
-        np.testing.assert_array_equal(mesh["frame"], surface.frame)
-
-
-def test_a_line_comes_back_as_a_line(table: ContactTable, tmp_path: Path) -> None:
-    surface = reconstruct(table, ANTENNA_RADIUS_M)
-    line = np.stack([np.arange(9), np.arange(1, 10)], axis=1)
-    only_line = type(surface)(**{**vars(surface), "triangles": np.empty((0, 3), int), "lines": line})
-    write_object(only_line, tmp_path / "object.vtp")
-    back = read_object(tmp_path / "object.vtp")
-    assert len(back.triangles) == 0
-    np.testing.assert_array_equal(back.lines, line)
-    assert pv.read(tmp_path / "object.vtp").n_verts == len(surface.points_m) - 10
-
-
-@pytest.mark.parametrize("name", ["object.vtp", "object.ply"])
-def test_a_broken_object_file_is_refused(tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / name).write_text("junk")
-    with pytest.raises(InputError, match="holds no mesh"):
-        read_object(tmp_path / name)
-    with pytest.raises(InputError, match="no such file"):
-        read_object(tmp_path / f"other-{name}")
-    assert capfd.readouterr().err == ""
-
-
-@pytest.mark.parametrize("binary", [True, False])
-def test_a_ply_is_read_whole_or_not_at_all(table: ContactTable, tmp_path: Path, binary: bool) -> None:
-    path = tmp_path / "object.ply"
-    to_mesh(reconstruct(table, ANTENNA_RADIUS_M)).save(path, binary=binary)
-    whole = path.read_bytes()
-    assert is_whole(whole)
-    body = whole.index(b"end_header") + 11
-    # VTK would read past the end of each of these
-    for length in (0, 3, body - 40, body - 1, body, body + 1, (body + len(whole)) // 2, len(whole) - 30):
-        path.write_bytes(whole[:length])
-        with pytest.raises(InputError, match="holds no mesh"):
-            read_object(path)
-
-
-def test_a_big_endian_ply_is_walked_with_its_lists() -> None:
-    header = "ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list ushort int vertex_indices\nend_header\n"
-    rows = b"".join(np.array([3], ">u2").tobytes() + np.zeros(3, ">i4").tobytes() for _ in range(2))
-    assert is_whole(header.encode() + rows)
-    assert not is_whole(header.encode() + rows[:-1])
-    assert not is_whole(header.encode() + rows[:14])
-    assert not is_whole(header.encode().replace(b"ushort", b"wide") + rows)
-
-
-@pytest.mark.parametrize("index", [99, -2])
-def test_cells_of_points_that_are_not_there_are_refused(tmp_path: Path, index: int) -> None:
-    path = tmp_path / "object.ply"
-    properties = "".join(f"property float {axis}\n" for axis in "xyz")
-    path.write_text(
-        f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}element face 1\nproperty list uchar int vertex_indices\n"
-        f"end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 {index}\n"
-    )
-    with pytest.raises(InputError, match="holds no mesh"):
-        read_object(path)
-    path.write_text(path.read_text().replace(f"1 {index}\n", "1 2\n"))
-    assert read_object(path).triangles.tolist() == [[0, 1, 2]]
+        render.screenshot(scene, tmp_path / name)
+    with pytest.raises(InputError, match=r"is not a \.glb or \.gltf"):
+        render.write_gltf(scene, tmp_path / name)
+    assert not list(tmp_path.iterdir())

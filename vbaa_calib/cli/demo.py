@@ -70,7 +70,7 @@ def commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
     """The command lines, in order. Where nothing can be rendered, scene.png is left out; scene.html needs no OpenGL."""
     names = ("session", "rig.json", "contacts.csv", "object.vtp", "scene.png", "scene.html")
     session, rig, contacts, surface, picture, page = (str(out / name) for name in names)
-    view = ["view", contacts, "--rig", rig, "--object", surface, "--truth", f"{session}/truth.json", "--html", page]
+    view = ["view", contacts, "--rig", rig, "--session", session, "--truth", f"{session}/truth.json", "--html", page]
     return [
         ["simulate", scene, "-o", session],
         ["calibrate", session, "-o", rig],

@@ -1,0 +1,33 @@
+"""A scene with everything in it, for the tests of what is drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from estimator.table import ContactTable
+from vbaa_calib.rig import Rig
+from viz.moments import moments_of
+from viz.rig_items import rig_items
+from viz.scene import ObjectMesh, Scene, Touch, build_scene, truth_object
+
+RED, GREEN = (250, 20, 10), (10, 240, 20)
+
+
+def full_scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
+    """All parts; the pictures are red, then green, and the last moment has none."""
+    moments = moments_of(table)
+    points, force = table.point_world_m[:90], table.force_world_N[:90]
+    normals = force / np.linalg.norm(force, axis=1, keepdims=True)
+    triangles = np.array([[i, i + 1, i + 9] for i in range(80)] + [[i + 1, i + 10, i + 9] for i in range(80)])
+    red, green = (np.full((6, 8, 3), colour, np.uint8) for colour in (RED, GREEN))
+    return build_scene(
+        table,
+        moments=moments,
+        rig=rig_items(rig, table, moments),
+        surface=ObjectMesh(points, normals, triangles, np.empty((0, 2), int), np.linspace(1e-4, 5e-4, 90)),
+        truth=truth_object(truth),
+        touch=Touch(np.arange(90), normals, 0.3, ("Friction <is> told.",)),
+        pictures=(*[red] * 60, *[green] * 31, None),
+    )

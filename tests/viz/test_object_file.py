@@ -1,0 +1,195 @@
+"""The reconstructed object in its files: what comes back, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista as pv
+from vtkmodules.vtkIOGeometry import vtkGLTFReader
+
+from estimator.surface import Surface, reconstruct
+from estimator.table import ContactTable
+from vbaa_calib.errors import InputError
+from viz.object_file import SUFFIXES, read_object, to_mesh, write_object
+from viz.ply import is_whole
+
+from .touching import ANTENNA_RADIUS_M
+
+
+@pytest.fixture(scope="module")
+def surface(table: ContactTable) -> Surface:
+    return reconstruct(table, ANTENNA_RADIUS_M)
+
+
+@pytest.fixture(scope="module")
+def with_lines(surface: Surface) -> Surface:
+    """The same vertices as a line of nine pieces and for the rest loose points."""
+    line = np.stack([np.arange(9), np.arange(1, 10)], axis=1)
+    return Surface(**{**vars(surface), "triangles": np.empty((0, 3), int), "lines": line})
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_object_comes_back_from_its_file(surface: Surface, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"object{suffix}"
+    write_object(surface, path)
+    back = read_object(path)
+    np.testing.assert_allclose(back.points_m, surface.points_m, atol=1e-7)
+    np.testing.assert_array_equal(back.triangles, surface.triangles)
+    # VTK reads no normals from a .ply: there they are the triangles'
+    assert (np.sum(back.normals * surface.normals, axis=1) > 0.85).all()
+    assert (back.std_m is None) == (suffix == ".ply")
+    if back.std_m is not None:
+        np.testing.assert_allclose(back.std_m, surface.std_m, rtol=1e-6)
+    with pytest.raises(InputError, match="exists already"):
+        write_object(surface, path)
+    write_object(surface, path, force=True)
+
+
+def test_a_vtp_holds_all_that_is_known(surface: Surface, tmp_path: Path) -> None:
+    write_object(surface, tmp_path / "object.vtp")
+    mesh = pv.read(tmp_path / "object.vtp")
+    np.testing.assert_allclose(mesh["std_m"], surface.std_m)
+    np.testing.assert_array_equal(mesh["patch"], surface.patch)
+    np.testing.assert_allclose(mesh.field_data["contact_point_m"], surface.touched_m)
+    np.testing.assert_allclose(mesh.field_data["contact_std_m"], surface.touched_std_m)
+    np.testing.assert_array_equal(mesh.field_data["contact_frame"], surface.touched_frame)
+    np.testing.assert_allclose(
+        mesh.field_data["contact_normal_covariance_rad2"].reshape(-1, 3, 3), surface.touched_normal_covariance
+    )
+    assert list(mesh.field_data["stiffness_in_words"]) == [surface.compliance.reason]
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".glb"])
+def test_a_line_comes_back_as_a_line(with_lines: Surface, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"object{suffix}"
+    write_object(with_lines, path)
+    back = read_object(path)
+    assert len(back.triangles) == 0
+    np.testing.assert_array_equal(back.lines, with_lines.lines)
+    if suffix == ".vtp":
+        assert pv.read(path).n_verts == len(with_lines.points_m) - 10
+
+
+def test_a_ply_has_its_lines_as_edges_and_its_deviations(with_lines: Surface, tmp_path: Path) -> None:
+    write_object(with_lines, tmp_path / "object.ply")
+    data = (tmp_path / "object.ply").read_bytes()
+    assert is_whole(data)
+    header, _, body = data.partition(b"end_header\n")
+    assert b"element edge 9\n" in header
+    edges = np.frombuffer(body[-9 * 8 :], "<i4").reshape(9, 2)
+    np.testing.assert_array_equal(edges, with_lines.lines)
+    wide = len(body[: -9 * 8]) // len(with_lines.points_m)
+    std = [struct.unpack_from("<f", body, wide * i + 3 * 8 + 3 * 4)[0] for i in range(len(with_lines.points_m))]
+    np.testing.assert_allclose(std, with_lines.std_m, rtol=1e-6)
+
+
+def test_vtk_reads_the_glb_upright_in_metres(surface: Surface, tmp_path: Path) -> None:
+    path = tmp_path / "object.glb"
+    write_object(surface, path)
+    reader = vtkGLTFReader()
+    reader.SetFileName(str(path))
+    reader.ApplyDeformationsToGeometryOn()
+    reader.Update()
+    mesh = pv.wrap(reader.GetOutput()).combine().extract_surface(algorithm=None)
+    low, high = surface.points_m.min(axis=0), surface.points_m.max(axis=0)
+    # z up has become y up: (x, y, z) → (x, z, −y)
+    np.testing.assert_allclose(mesh.bounds, [low[0], high[0], low[2], high[2], -high[1], -low[1]], atol=1e-6)
+    assert mesh.n_cells == len(surface.triangles)
+
+
+def test_a_glb_keeps_to_the_format(surface: Surface, tmp_path: Path) -> None:
+    """glTF 2.0: chunks padded to 4 bytes, ends of positions, views inside the buffer, unit normals, no NaN."""
+    unknown = Surface(**{**vars(surface), "std_m": np.full(len(surface.points_m), np.nan)})
+    write_object(unknown, tmp_path / "object.glb")
+    data = (tmp_path / "object.glb").read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    made = json.loads(data[20 : 20 + size], parse_constant=pytest.fail)
+    assert struct.unpack_from("<I", data, 8)[0] == len(data)
+    assert size % 4 == len(data) % 4 == 0
+    for view in made["bufferViews"]:
+        assert view["byteOffset"] % 4 == 0
+        assert view["byteOffset"] + view["byteLength"] <= made["buffers"][0]["byteLength"]
+    attributes = made["meshes"][0]["primitives"][0]["attributes"]
+    position = made["accessors"][attributes["POSITION"]]
+    np.testing.assert_allclose(position["min"], surface.points_m.min(axis=0), atol=1e-6)
+    back = read_object(tmp_path / "object.glb")
+    np.testing.assert_allclose(np.linalg.norm(back.normals, axis=1), 1.0, atol=1e-5)
+    assert back.std_m is not None
+    assert np.isnan(back.std_m).all()
+
+
+@pytest.mark.parametrize("name", [f"object{suffix}" for suffix in SUFFIXES])
+def test_a_broken_object_file_is_refused(tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / name).write_text("junk")
+    with pytest.raises(InputError, match="holds no mesh"):
+        read_object(tmp_path / name)
+    with pytest.raises(InputError, match="no such file"):
+        read_object(tmp_path / f"other-{name}")
+    assert capfd.readouterr().err == ""
+
+
+def test_another_suffix_is_refused(surface: Surface, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"is not a \.vtp, \.ply or \.glb"):
+        write_object(surface, tmp_path / "object.stl")
+
+
+def test_a_glb_cut_short_or_twisted_is_refused(surface: Surface, tmp_path: Path) -> None:
+    path = tmp_path / "object.glb"
+    write_object(surface, path)
+    whole = path.read_bytes()
+    for length in (0, 3, 11, 19, 40, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError, match="holds no mesh"):
+            read_object(path)
+    for twisted in (
+        whole.replace(b'"version": "2.0"', b'"version": "9.9"').replace(
+            b"reconstructed object", b"something else obj."
+        ),
+        whole.replace(b"5125", b"5121"),
+        whole.replace(b'"POSITION"', b'"POSITIOM"'),
+        whole[:-8] + b"\xff" * 8,
+    ):
+        path.write_bytes(twisted)
+        with pytest.raises(InputError, match="holds no mesh"):
+            read_object(path)
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_a_ply_is_read_whole_or_not_at_all(surface: Surface, tmp_path: Path, binary: bool) -> None:
+    path = tmp_path / "object.ply"
+    to_mesh(surface).save(path, binary=binary)
+    whole = path.read_bytes()
+    assert is_whole(whole)
+    body = whole.index(b"end_header") + 11
+    # VTK would read past the end of each of these
+    for length in (0, 3, body - 40, body - 1, body, body + 1, (body + len(whole)) // 2, len(whole) - 30):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError, match="holds no mesh"):
+            read_object(path)
+
+
+def test_a_big_endian_ply_is_walked_with_its_lists() -> None:
+    header = "ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list ushort int vertex_indices\nend_header\n"
+    rows = b"".join(np.array([3], ">u2").tobytes() + np.zeros(3, ">i4").tobytes() for _ in range(2))
+    assert is_whole(header.encode() + rows)
+    assert not is_whole(header.encode() + rows[:-1])
+    assert not is_whole(header.encode() + rows[:14])
+    assert not is_whole(header.encode().replace(b"ushort", b"wide") + rows)
+
+
+@pytest.mark.parametrize("index", [99, -2])
+def test_cells_of_points_that_are_not_there_are_refused(tmp_path: Path, index: int) -> None:
+    path = tmp_path / "object.ply"
+    properties = "".join(f"property float {axis}\n" for axis in "xyz")
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}element face 1\nproperty list uchar int vertex_indices\n"
+        f"end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 {index}\n"
+    )
+    with pytest.raises(InputError, match="holds no mesh"):
+        read_object(path)
+    path.write_text(path.read_text().replace(f"1 {index}\n", "1 2\n"))
+    assert read_object(path).triangles.tolist() == [[0, 1, 2]]

@@ -1,0 +1,82 @@
+"""The page: whole, offline, with its legend, and alive in a browser."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.table import ContactTable
+from vbaa_calib.rig import Rig
+from viz import page, render
+from viz.colours import MODES
+from viz.parts import all_parts
+from viz.scene import Scene
+
+from .scenes import full_scene
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.fixture(scope="module")
+def scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
+    return full_scene(table, rig, truth)
+
+
+@pytest.fixture(scope="module")
+def written(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "scene.html"
+    render.write_page(scene, path, title="A & B <touch>")
+    return path
+
+
+def test_the_page_is_whole_offline_and_has_its_legend(scene: Scene, written: Path) -> None:
+    text = written.read_text()
+    assert "<title>A &amp; B &lt;touch&gt;</title>" in text
+    assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//""", text)
+    legend = text.partition('id="legend"')[2].partition('id="time"')[0]
+    for part in all_parts(scene):
+        assert escape(part.label) in legend
+    for words in ("90 contacts", "Friction &lt;is&gt; told.", "std of the surface, mm", *MODES):
+        assert words in legend
+    assert page.CLEAR in text
+    assert 1_200_000 < len(text) < 6_000_000
+
+
+def story_of(path: Path) -> dict[str, Any]:
+    text = path.read_text()
+    start = text.index('id="story">') + len('id="story">')
+    return json.loads(text[start : text.index("</script>", start)])
+
+
+def test_the_page_s_story_fits_the_scene(scene: Scene, written: Path) -> None:
+    story = story_of(written)
+    assert len(story["times"]) == len(story["words"]) == len(story["pictures"]) == len(scene.moments)
+    assert len({part["id"] for part in story["parts"]}) == len(story["parts"]) == len(all_parts(scene))
+    assert story["pictures"] == [0] * 60 + [1] * 31 + [None]
+    assert [mode["name"] for mode in story["modes"]] == list(MODES)
+    plane = next(part for part in story["parts"] if part["name"] == "plane")
+    assert scene.rig is not None
+    np.testing.assert_allclose(np.reshape(plane["poses"][7], (4, 4)).T, scene.rig.poses[7], atol=1e-6)
+    assert plane["poses"][90] is None
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no browser here")
+@pytest.mark.parametrize(("moment", "colour"), [(3, "force"), (70, "uncertainty")])
+def test_the_page_runs_in_a_browser(scene: Scene, written: Path, moment: int, colour: str) -> None:
+    options = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    address = f"{written.as_uri()}#moment={moment}&colour={colour}&all=0"
+    command = [str(BROWSER), *options, "--virtual-time-budget=15000", "--dump-dom", address]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+    assert scene.moments.words[moment] in shown.partition('id="words"')[2][:200]
+    assert f"frame {scene.moments.frame[moment]}" in shown
+    assert 'id="silent" hidden' in shown
+    assert 'id="seen" hidden' not in shown

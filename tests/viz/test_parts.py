@@ -1,0 +1,192 @@
+"""Meshes: what is drawn is where it should be, as large as it says, and at its moments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+from estimator.table import ContactTable
+from vbaa_calib.rig import Rig
+from vbaa_calib.synth.bumps import Bump
+from vbaa_calib.synth.march_object import BOX_FACE_M
+from vbaa_calib.synth.objects import TouchObject
+from viz.moments import moments_of
+from viz.parts import LOOK, Part, all_parts
+from viz.parts.stamp import along, arrow, ball, cone, stamp
+from viz.parts.touched import MOST_SPREADS, magnification, thinned, touched_parts
+from viz.parts.true_object import truth_mesh
+from viz.scene import ObjectMesh, Scene, build_scene
+from viz.truth import TruthObject
+
+from .scenes import full_scene
+
+
+@pytest.fixture(scope="module")
+def scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
+    return full_scene(table, rig, truth)
+
+
+def named(parts: list[Part], name: str) -> Part:
+    return next(part for part in parts if part.name == name)
+
+
+def pieces(part: Part, count: int) -> np.ndarray:
+    """(count, P, 3) points of each of the stamped meshes."""
+    return np.asarray(part.mesh.points, float).reshape(count, -1, 3)
+
+
+def test_a_stamp_turns_and_stretches_points_and_normals() -> None:
+    rng = np.random.default_rng(4)
+    linear = rng.standard_normal((3, 3, 3))
+    linear[:, 0] *= np.sign(np.linalg.det(linear))[:, None]
+    places = rng.standard_normal((3, 3))
+    made = stamp(ball(2), linear, places)
+    points, normals = (np.asarray(a, float).reshape(3, -1, 3) for a in (made.points, made.point_data["Normals"]))
+    inside = np.einsum("kij,kpj->kpi", np.linalg.inv(linear), points - places[:, None])
+    np.testing.assert_allclose(np.linalg.norm(inside, axis=2), 1.0, atol=1e-5)
+    # an ellipsoid's normal is its quadric's gradient
+    gradient = np.einsum("kji,kpj->kpi", np.linalg.inv(linear), inside)
+    gradient /= np.linalg.norm(gradient, axis=2, keepdims=True)
+    np.testing.assert_allclose(normals, gradient, atol=1e-5)
+
+
+def test_rotations_along_any_axis_are_rotations() -> None:
+    axes = np.vstack([np.eye(3), -np.eye(3), np.random.default_rng(0).standard_normal((50, 3))])
+    turns = along(axes)
+    np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turns.shape), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(turns), 1.0)
+    np.testing.assert_allclose(turns[:, :, 0] * np.linalg.norm(axes, axis=1, keepdims=True), axes, atol=1e-12)
+
+
+def test_shapes_lie_along_x() -> None:
+    for mesh in (arrow(), cone()):
+        np.testing.assert_allclose([mesh.points[:, 0].min(), mesh.points[:, 0].max()], [0, 1], atol=1e-6)
+
+
+def test_arrows_begin_at_the_contacts_and_run_along_the_force(scene: Scene) -> None:
+    contacts = scene.contacts
+    arrows = pieces(named(all_parts(scene), "forces"), 90) - contacts.points_m[:, None]
+    direction = contacts.force_N / np.linalg.norm(contacts.force_N, axis=1, keepdims=True)
+    reach = np.einsum("aki,ai->ak", arrows, direction)
+    np.testing.assert_allclose(reach.min(axis=1), 0.0, atol=1e-7)
+    np.testing.assert_allclose(reach.max(axis=1) / reach.max(), contacts.size_mN / contacts.size_mN.max(), atol=1e-4)
+
+
+def test_ellipsoids_are_two_deviations_large_times_what_the_legend_says(scene: Scene) -> None:
+    part = named(all_parts(scene), "spread")
+    chosen = thinned(np.arange(90), MOST_SPREADS)
+    offset = pieces(part, len(chosen)) - scene.contacts.points_m[chosen][:, None]
+    weight = np.linalg.inv(scene.contacts.covariance_m2[chosen])
+    distance = np.sqrt(np.einsum("kpi,kij,kpj->kp", offset, weight, offset))
+    factor = float(part.note.removesuffix("x enlarged")) if part.note else 1.0
+    np.testing.assert_allclose(distance, 2 * factor, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("half_axes_m", "factor"), [([1e-3], 1), ([4e-4], 5), ([1e-9], 100), ([0.1, 4e-4, 1e-9], 5)])
+def test_small_ellipsoids_are_enlarged_by_round_factors(half_axes_m: list[float], factor: int) -> None:
+    assert magnification(np.array(half_axes_m), 1e-3) == factor
+
+
+def test_degenerate_covariances_and_missing_numbers_are_drawn_or_left_out(table: ContactTable) -> None:
+    covariance, force = table.covariance_world_m2.copy(), table.force_world_N.copy()
+    covariance[0], covariance[1], covariance[2] = 0.0, np.diag([1e-8, 0.0, 0.0]), np.nan
+    force[0], force[1] = 0.0, np.nan
+    parts = touched_parts(build_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
+    assert all(np.isfinite(part.mesh.points).all() for part in parts)
+    assert all(np.isfinite(part.mesh.point_data["Normals"]).all() for part in parts)
+    assert len(named(parts, "forces").contact) == 88
+    nothing = replace(table, covariance_world_m2=0 * covariance, force_world_N=np.full_like(force, np.nan))
+    assert {part.name for part in touched_parts(build_scene(nothing))} == {"contacts", "now"}
+
+
+def test_cones_open_by_the_friction_angle_around_the_normals(scene: Scene) -> None:
+    part = named(all_parts(scene), "cones")
+    assert part.note == "half angle 17.2°"
+    chosen = thinned(np.arange(90), 16)
+    offset = pieces(part, len(chosen)) - scene.contacts.points_m[chosen][:, None]
+    rim = offset[:, offset.shape[1] // 2 :]
+    np.testing.assert_allclose(offset[:, : offset.shape[1] // 2], 0.0, atol=1e-7)
+    cosine = np.einsum("kpi,ki->kp", rim, scene.normals[chosen]) / np.linalg.norm(rim, axis=2)
+    np.testing.assert_allclose(np.arccos(cosine), 0.3, atol=1e-4)
+
+
+def test_a_moment_shows_the_contacts_up_to_then_and_its_own_antenna(scene: Scene) -> None:
+    parts = all_parts(scene)
+    contacts, now, antenna = (named(parts, name) for name in ("contacts", "now", "antenna"))
+    each = contacts.mesh.n_cells // 90
+    assert contacts.span is not None
+    assert now.span is not None
+    assert antenna.span is not None
+    np.testing.assert_array_equal(contacts.span[:, 1] // each, np.minimum(np.arange(92) + 1, 90))
+    np.testing.assert_array_equal((now.span[:, 1] - now.span[:, 0]) // each, [1] * 90 + [0, 0])
+    for moment in (0, 37):
+        first, last = antenna.span[moment]
+        points = antenna.mesh.points[np.unique(antenna.mesh.regular_faces[first:last])]
+        assert scene.rig is not None
+        off = np.linalg.norm(points[:, None] - scene.rig.bent_m[moment][None], axis=2).min(axis=1)
+        assert off.max() < 0.006  # nodes are up to 9 mm apart
+    # nothing says where the antenna was then
+    np.testing.assert_array_equal(antenna.span[90:], 0)
+
+
+def test_the_number_of_parts_does_not_grow_with_the_recording(scene: Scene, table: ContactTable) -> None:
+    short = build_scene(table, touch=scene.touch)
+    few = replace(short, moments=moments_of(table, most=3))
+    assert len(all_parts(few)) == len(all_parts(short)) < len(all_parts(scene)) < 20
+    assert {part.name for part in all_parts(scene)} == set(LOOK)
+
+
+def test_a_surface_is_coloured_by_what_is_known_of_it(scene: Scene) -> None:
+    mesh = named(all_parts(scene), "object").mesh
+    colour = np.asarray(mesh.point_data["colour"], int)[:90]
+    # the paler, the less is known
+    assert (np.diff(colour.sum(axis=1)) >= 0).all()
+    assert colour[-1].sum() > colour[0].sum() + 100
+    assert scene.object is not None
+    plain = replace(scene, object=replace(scene.object, std_m=None))
+    assert len(np.unique(named(all_parts(plain), "object").mesh.point_data["colour"], axis=0)) == 1
+
+
+def test_an_object_of_loose_points_and_lines_is_drawn(scene: Scene) -> None:
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    normals[3] = 0.0
+    points = np.array([[0, 0, 0], [0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]], float)
+    bits = ObjectMesh(points, normals, np.empty((0, 3), int), np.array([[0, 1], [1, 2]]), np.full(4, np.nan))
+    mesh = named(all_parts(replace(scene, object=bits)), "object").mesh
+    assert np.isfinite(mesh.points).all()
+    assert mesh.bounds[1] > 0.02
+
+
+CENTRE, AXIS, WEDGE = np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.0, 0.8]), np.array([0.0, 1.0, 0.0])
+BUMPS = (
+    Bump(np.array([0.0, -1.0, 0.0]), 0.002, 0.006),
+    Bump(np.array([0.6, 0.0, 0.8]), -0.001, 0.004),
+)
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "sphere", "knife_edge", "box_edge", "freeform"])
+def test_true_objects_lie_on_what_was_simulated(shape: str) -> None:
+    bumps = BUMPS if shape == "freeform" else ()
+    radius = 0.02 if shape == "freeform" else 0.002
+    mesh = truth_mesh(TruthObject(shape, CENTRE, AXIS, WEDGE, radius, 0.05, bumps))
+    body = TouchObject(shape, CENTRE, AXIS, radius, 0.05, wedge_world=WEDGE, bumps=bumps)
+    points = np.asarray(mesh.points, float)
+    # the caps' middles and the blade's back lie inside
+    off, _ = body.signed_distance(points[::7])
+    assert off.max() < 2e-6
+    assert np.mean(np.abs(off) < 2e-6) > 0.9 if shape != "knife_edge" else off.min() > -0.0021
+    if shape not in ("sphere", "freeform"):
+        along_axis = (points - CENTRE) @ AXIS
+        np.testing.assert_allclose([along_axis.min(), along_axis.max()], [-0.05, 0.05], atol=1e-6)
+
+
+def test_the_box_is_closed_and_as_large_as_its_faces() -> None:
+    mesh = truth_mesh(TruthObject("box_edge", CENTRE, AXIS, WEDGE, 1e-6, 0.05))
+    assert isinstance(mesh, pv.PolyData)
+    # a right-angled triangle, 100 mm long
+    assert mesh.volume == pytest.approx(0.5 * BOX_FACE_M**2 * 0.1, rel=1e-3)
+    assert mesh.n_open_edges == 0

@@ -1,0 +1,83 @@
+"""Numbers to colours: by what contacts are coloured, how sure a surface is, and the scales that legends show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib import colormaps
+
+from .scene import Scene
+
+MODES = ("force", "time", "uncertainty")
+UNKNOWN = (150, 158, 170)
+"""Grey of what has no number."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """A colour scale and what it gives N values.
+
+    Attributes
+    ----------
+    title, unit : what it shows; low, high : its ends in that unit.
+    ticks : round values from low to high.
+    rgb : (N, 3) uint8, `UNKNOWN` for a value that is NaN.
+    stops : hex colours from low to high.
+    """
+
+    title: str
+    unit: str
+    low: float
+    high: float
+    ticks: tuple[float, ...]
+    rgb: np.ndarray
+    stops: tuple[str, ...]
+
+
+def contact_scale(scene: Scene, mode: str) -> Scale:
+    """The scale of the contacts by one of `MODES`."""
+    contacts = scene.contacts
+    if mode == "time":
+        return scale(contacts.time_s, "time", "s", "viridis")
+    if mode == "uncertainty":
+        return scale(contacts.std_mm, "contact's std, worst axis", "mm", "YlOrRd", (0.3, 1.0))
+    return scale(contacts.size_mN, "force on the antenna", "mN", "plasma")
+
+
+def surface_scale(std_m: np.ndarray) -> Scale:
+    """The scale of a reconstructed surface by its standard deviation: the paler, the less is known."""
+    return scale(1e3 * std_m, "std of the surface", "mm", "GnBu_r", (0.08, 0.8))
+
+
+def object_scale(scene: Scene) -> Scale | None:
+    """The scale of the scene's reconstructed surface; None where its uncertainty is not told."""
+    std_m = None if scene.object is None else scene.object.std_m
+    return surface_scale(std_m) if std_m is not None and np.isfinite(std_m).any() else None
+
+
+def scale(values: np.ndarray, title: str, unit: str, name: str, part: tuple[float, float] = (0.0, 0.96)) -> Scale:
+    """`part` of matplotlib's colour map `name` over the values, between round ends."""
+    ticks = round_ticks(values)
+    low, high = ticks[0], ticks[-1]
+    colours = colormaps[name](np.linspace(*part, 256))[:, :3]
+    rgb8 = (255 * colours).round().astype(np.uint8)
+    known = np.isfinite(values)
+    step = np.clip(255 * (np.where(known, values, low) - low) / (high - low), 0, 255).round().astype(int)
+    rgb = np.where(known[:, None], rgb8[step], np.array(UNKNOWN, np.uint8))
+    stops = tuple("#{:02x}{:02x}{:02x}".format(*row) for row in rgb8[np.linspace(0, 255, 9).round().astype(int)])
+    return Scale(title, unit, low, high, ticks, rgb, stops)
+
+
+def round_ticks(values: np.ndarray) -> tuple[float, ...]:
+    """A handful of evenly spaced round numbers, the first and last of which hold all values. Without values: 0, 1."""
+    if not np.isfinite(values).any():
+        return 0.0, 1.0
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    wanted = max(high - low, 0.05 * abs(high), 1e-9) / 4
+    power = 10.0 ** np.floor(np.log10(wanted))
+    step = power * max(factor for factor in (1, 2, 5) if factor * power <= 1.0001 * wanted)
+    first, last = int(np.floor(low / step + 1e-9)), int(np.ceil(high / step - 1e-9))
+    count = max(last - first, 1)
+    every = next((size for size in range(1, 6) if count <= 6 * size and count % size == 0), 1)
+    return tuple(float(step * index) for index in range(first, first + count + 1, every))

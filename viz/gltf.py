@@ -1,0 +1,95 @@
+"""A scene as glTF 2.0: .gltf as one text file, .glb as one binary file. VTK writes it; names and frame are ours."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from vtkmodules.vtkIOExport import vtkGLTFExporter
+
+SUFFIXES = (".gltf", ".glb")
+Y_UP = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
+"""glTF's y is up, the world's z: a turn about x by −90°, by columns."""
+
+
+def document(plotter: pv.Plotter, names: list[str]) -> tuple[dict[str, Any], bytes]:
+    """The active view as a glTF document and the one buffer that it refers to; `names` are the actors', in order."""
+    for actor in plotter.actors.values():
+        mesh = actor.mapper.dataset
+        # by this name the exporter looks for them
+        mesh.point_data["NORMAL"] = mesh.point_data["Normals"]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.gltf"
+        exporter = vtkGLTFExporter()
+        exporter.SetFileName(str(path))
+        exporter.SetRenderWindow(plotter.render_window)
+        exporter.InlineDataOn()
+        exporter.SaveNormalOn()
+        exporter.Write()
+        made = json.loads(path.read_text(encoding="utf-8"))
+    blob = _one_buffer(made)
+    _to_linear(made, blob)
+    meshes = [node for node in made["nodes"] if "mesh" in node]
+    for node, name in zip(meshes, names, strict=True):
+        node["name"] = name
+    for material in made["materials"]:
+        material["doubleSided"] = True
+        surface = material["pbrMetallicRoughness"]
+        surface |= {"metallicFactor": 0.0, "roughnessFactor": 0.7}
+        red, green, blue, alpha = surface.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))
+        surface["baseColorFactor"] = [*linear(np.array([red, green, blue])).tolist(), alpha]
+        if alpha < 1:
+            material["alphaMode"] = "BLEND"
+    for scene in made["scenes"]:
+        made["nodes"].append({"name": "world", "matrix": Y_UP, "children": scene["nodes"]})
+        scene["nodes"] = [len(made["nodes"]) - 1]
+    return made, bytes(blob)
+
+
+def packed(made: dict[str, Any], blob: bytes, suffix: str) -> bytes:
+    """The file's contents, by its suffix."""
+    if suffix == ".gltf":
+        uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+        return json.dumps(made | {"buffers": [{"byteLength": len(blob), "uri": uri}]}).encode()
+    text = json.dumps(made | {"buffers": [{"byteLength": len(blob)}]}).encode()
+    text += b" " * (-len(text) % 4)
+    blob += b"\0" * (-len(blob) % 4)
+    head = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(blob))
+    return head + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
+
+
+def linear(rgb: np.ndarray) -> np.ndarray:
+    """sRGB from 0 to 1 as the linear light that glTF's factors and vertex colours are in."""
+    return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+
+
+def _to_linear(made: dict[str, Any], blob: bytearray) -> None:
+    """Turn the colours of all vertices from sRGB, as screens and VTK have them, to linear light."""
+    for primitive in (each for mesh in made["meshes"] for each in mesh["primitives"]):
+        if "COLOR_0" in primitive["attributes"]:
+            accessor = made["accessors"][primitive["attributes"]["COLOR_0"]]
+            view = made["bufferViews"][accessor["bufferView"]]
+            colours = np.frombuffer(blob, np.uint8, 4 * accessor["count"], view["byteOffset"]).reshape(-1, 4)
+            colours[:, :3] = (255 * linear(colours[:, :3] / 255)).round()
+
+
+def _one_buffer(made: dict[str, Any]) -> bytearray:
+    """VTK writes a buffer per array; a .glb has only one."""
+    parts: list[bytes] = []
+    starts, size = [], 0
+    for buffer in made["buffers"]:
+        data = base64.b64decode(buffer["uri"].partition(",")[2])
+        data += b"\0" * (-len(data) % 4)
+        starts.append(size)
+        size += len(data)
+        parts.append(data)
+    for view in made["bufferViews"]:
+        view["byteOffset"] = view.get("byteOffset", 0) + starts[view["buffer"]]
+        view["buffer"] = 0
+    return bytearray(b"".join(parts))

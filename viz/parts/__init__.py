@@ -1,0 +1,6 @@
+"""A scene's arrays as triangles: what each part of the picture is made of, and what of it each moment shows."""
+
+from .assemble import all_parts
+from .part import LOOK, Part
+
+__all__ = ["LOOK", "Part", "all_parts"]

@@ -1,0 +1,102 @@
+"""The contacts: balls, force arrows, covariance ellipsoids, friction cones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..scene import Scene
+from .part import Part
+from .stamp import along, arrow, ball, cone, stamp
+
+MOST_BALLS, MOST_ARROWS, MOST_SPREADS, MOST_CONES = 2500, 100, 60, 16
+MAGNIFIED = (1, 2, 5, 10, 20, 50, 100)
+"""Ellipsoids too small to be seen are drawn this many times larger, and the legend says so."""
+
+
+def touched_parts(scene: Scene) -> list[Part]:
+    """Contacts and what belongs to each, in the order of time: a moment shows those up to then."""
+    contacts, (_, reach) = scene.contacts, scene.touched_m
+    count = len(contacts.points_m)
+    chosen = thinned(np.arange(count), MOST_BALLS)
+    note = f"{len(chosen)} of {count}" if len(chosen) < count else ""
+    size = 0.02 * reach
+    sphere = ball(2 if len(chosen) <= 400 else 1)
+    parts = [_stamped(scene, "contacts", chosen, sphere, size * _eyes(chosen), note=note)]
+    shown = np.flatnonzero(np.isin(contacts.row, scene.moments.row))
+    if len(shown):
+        parts.append(_stamped(scene, "now", shown, sphere, 1.9 * size * _eyes(shown), until=False, opacity=0.35))
+    force = np.nan_to_num(contacts.force_N)
+    pushed = thinned(np.flatnonzero(contacts.size_mN > 0), MOST_ARROWS)
+    if len(pushed):
+        lengths = 0.45 * reach * contacts.size_mN[pushed] / contacts.size_mN[pushed].max()
+        parts.append(_stamped(scene, "forces", pushed, arrow(), lengths[:, None, None] * along(force[pushed])))
+    parts += _spreads(scene, reach)
+    return parts + _cones(scene, reach)
+
+
+def thinned(indices: np.ndarray, most: int) -> np.ndarray:
+    """At most so many of them, evenly."""
+    if len(indices) <= most:
+        return indices
+    return indices[np.linspace(0, len(indices) - 1, most).round().astype(int)]
+
+
+def magnification(half_axes_m: np.ndarray, visible_m: float) -> int:
+    """How many times larger ellipsoids must be drawn for the middle one of their longest half axes to be visible."""
+    wanted = visible_m / max(float(np.median(half_axes_m)), 1e-12)
+    return next((factor for factor in MAGNIFIED if factor >= wanted), MAGNIFIED[-1])
+
+
+def _eyes(like: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(np.eye(3), (len(like), 3, 3))
+
+
+def _spreads(scene: Scene, reach: float) -> list[Part]:
+    axes, std = scene.contacts.principal
+    half = 2 * std
+    known = np.flatnonzero(half[:, 2] > 0)
+    if not len(known):
+        return []
+    factor = magnification(half[known, 2], 0.04 * reach)
+    chosen = thinned(known, MOST_SPREADS)
+    # flat ones are given some thickness: a mesh without any has no normals
+    half = np.maximum(half[chosen], 0.02 * half[chosen, 2:])
+    note = f"{factor}x enlarged" if factor > 1 else ""
+    linear = factor * axes[chosen] * half[:, None, :]
+    return [_stamped(scene, "spread", chosen, ball(2), linear, opacity=0.22, note=note)]
+
+
+def _cones(scene: Scene, reach: float) -> list[Part]:
+    if scene.touch is None or scene.touch.cone_rad is None:
+        return []
+    normals = scene.normals
+    chosen = thinned(np.flatnonzero(np.isfinite(normals).all(axis=1)), MOST_CONES)
+    if not len(chosen):
+        return []
+    # steep cones are drawn shorter, for the rim to stay as near
+    half = min(scene.touch.cone_rad, 1.5)
+    height = 0.42 * reach * np.cos(half)
+    stretch = np.diag([height, height * np.tan(half), height * np.tan(half)])
+    note = f"half angle {np.degrees(scene.touch.cone_rad):.1f}°"
+    return [_stamped(scene, "cones", chosen, cone(), along(normals[chosen]) @ stretch, opacity=0.28, note=note)]
+
+
+def _stamped(
+    scene: Scene, name: str, chosen: np.ndarray, mesh, linear: np.ndarray, *, until: bool = True, opacity=1.0, note=""
+) -> Part:
+    """`mesh` at the chosen contacts; a moment shows those up to then, or without `until` the one of its own frame."""
+    contacts, moments = scene.contacts, scene.moments
+    each = mesh.n_cells
+    last = np.searchsorted(contacts.row[chosen], moments.row, side="right")
+    first = np.zeros_like(last) if until else np.searchsorted(contacts.row[chosen], moments.row, side="left")
+    coloured = name in ("contacts", "forces")
+    return Part(
+        name,
+        stamp(mesh, linear, contacts.points_m[chosen]),
+        opacity=opacity,
+        span=each * np.column_stack([first, last]),
+        history=until,
+        contact=chosen if coloured else None,
+        painted=coloured,
+        note=note,
+    )

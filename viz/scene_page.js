@@ -1,0 +1,164 @@
+// Time, colours and layers of the scene that the offline viewer has drawn: it hands out its render window (vtk.js).
+(() => {
+  "use strict";
+  const story = JSON.parse(document.getElementById("story").textContent);
+  const element = (id) => document.getElementById(id);
+  const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  const view = { moment: story.main, mode: story.mode, everything: true, hidden: new Set() };
+  let renderer, renderWindow, parts;
+
+  function ready(tries) {
+    renderWindow = window.global && window.global.renderWindow;
+    renderer = renderWindow && renderWindow.getRenderers().find((each) => each.getActors().length >= story.parts.length);
+    if (renderer) start();
+    else if (tries > 0) setTimeout(() => ready(tries - 1), 50);
+    else element("silent").hidden = false;
+  }
+
+  function start() {
+    const actors = new Map(renderer.getActors().map((actor) => [actor.get("managedInstanceId").managedInstanceId, actor]));
+    parts = story.parts.map((part) => {
+      const mesh = actors.get(part.id).getMapper().getInputData();
+      return { ...part, actor: actors.get(part.id), mesh, cells: mesh.getPolys().getData() };
+    });
+    story.modes.forEach((mode) => { mode.rgb = bytes(mode.rgb); });
+    readAddress();
+    connect();
+    paint();
+    show();
+  }
+
+  // #moment=30&colour=time&all=0&view=1 opens the page there
+  function readAddress() {
+    const asked = new URLSearchParams(location.hash.slice(1));
+    const moment = Number(asked.get("moment") ?? story.main);
+    if (Number.isInteger(moment) && moment >= 0 && moment < story.times.length) view.moment = moment;
+    if (story.modes.some((mode) => mode.name === asked.get("colour"))) view.mode = asked.get("colour");
+    view.everything = asked.get("all") !== "0";
+    look(story.views[Number(asked.get("view") ?? 0)] ?? story.views[0]);
+  }
+
+  function connect() {
+    const slider = element("slider");
+    slider.value = view.moment;
+    slider.addEventListener("input", () => { view.moment = Number(slider.value); show(); });
+    element("everything").checked = view.everything;
+    element("everything").addEventListener("change", (event) => { view.everything = event.target.checked; show(); });
+    element("mode").value = view.mode;
+    element("mode").addEventListener("change", (event) => { view.mode = event.target.value; paint(); renderWindow.render(); });
+    document.querySelectorAll("#legend [data-layer]").forEach((box) => box.addEventListener("change", () => {
+      if (box.checked) view.hidden.delete(box.dataset.layer); else view.hidden.add(box.dataset.layer);
+      show();
+    }));
+    element("views").querySelectorAll("button").forEach((button, index) => button.addEventListener("click", () => {
+      look(story.views[index]);
+      renderWindow.render();
+    }));
+    element("play").addEventListener("click", play);
+  }
+
+  let timer = null;
+  function play() {
+    if (timer !== null) {
+      clearInterval(timer);
+      timer = null;
+    } else {
+      if (view.moment >= story.times.length - 1) view.moment = -1;
+      view.everything = element("everything").checked = false;
+      timer = setInterval(() => {
+        if (view.moment >= story.times.length - 1) return play();
+        view.moment += 1;
+        show();
+      }, Math.max(40, Math.min(200, 12000 / story.times.length)));
+    }
+    element("play").textContent = timer === null ? "play" : "pause";
+  }
+
+  function look({ position, focus }) {
+    const camera = renderer.getActiveCamera();
+    camera.setFocalPoint(...focus);
+    camera.setPosition(...position);
+    camera.setViewUp(0, 0, 1);
+    renderer.resetCameraClippingRange();
+  }
+
+  function paint() {
+    const mode = story.modes.find((each) => each.name === view.mode);
+    for (const { mesh, contacts } of parts) {
+      if (!contacts) continue;
+      const colour = mesh.getPointData().getArrayByName("colour");
+      const values = colour.getData();
+      const each = values.length / contacts.length;
+      contacts.forEach((contact, index) => {
+        for (let i = index * each; i < (index + 1) * each; i += 1) values[i] = mode.rgb[3 * contact + (i % 3)];
+      });
+      colour.modified();
+      mesh.modified();
+    }
+    element("ends").innerHTML = mode.ends;
+    document.querySelectorAll("#colours, i.chosen").forEach((each) => { each.style.background = mode.gradient; });
+  }
+
+  function show() {
+    const moment = view.moment;
+    for (const { name, actor, mesh, cells, span, history, poses, textured } of parts) {
+      let visible = !view.hidden.has(name);
+      if (span) {
+        // four numbers for a triangle: how many corners, and which
+        const [first, last] = history && view.everything ? [0, cells.length / 4] : span[moment];
+        mesh.getPolys().setData(cells.subarray(4 * first, 4 * last));
+        mesh.getPolys().modified();
+        mesh.modified();
+        visible = visible && last > first;
+      }
+      if (poses) {
+        visible = visible && poses[moment] !== null;
+        if (poses[moment]) actor.setUserMatrix(poses[moment]);
+      }
+      if (textured) {
+        visible = visible && story.pictures[moment] !== null;
+        if (story.pictures[moment] !== null) hang(actor, story.seen[story.pictures[moment]]);
+      }
+      actor.setVisibility(visible);
+    }
+    element("slider").value = moment;
+    element("clock").textContent = `${story.times[moment].toFixed(2)} s, frame ${story.frames[moment]}`;
+    element("words").textContent = story.words[moment];
+    if (story.seen.length) {
+      element("seen").hidden = story.pictures[moment] === null;
+      if (story.pictures[moment] !== null) element("seen").querySelector("img").src = story.seen[story.pictures[moment]];
+    }
+    renderer.resetCameraClippingRange();
+    renderWindow.render();
+  }
+
+  // The picture as the texture's own bytes, its lowest row first.
+  function hang(actor, source) {
+    const picture = new Image();
+    picture.onload = () => {
+      const canvas = document.createElement("canvas");
+      [canvas.width, canvas.height] = [picture.width, picture.height];
+      const pencil = canvas.getContext("2d", { willReadFrequently: true });
+      pencil.drawImage(picture, 0, 0);
+      const { data, width, height } = pencil.getImageData(0, 0, canvas.width, canvas.height);
+      const texture = actor.getTextures()[0];
+      const input = texture.getInputData();
+      const scalars = input.getPointData().getScalars();
+      const values = scalars.getData();
+      for (let row = 0; row < height; row += 1) {
+        for (let column = 0; column < width; column += 1) {
+          for (let part = 0; part < 3; part += 1) {
+            values[3 * ((height - 1 - row) * width + column) + part] = data[4 * (row * width + column) + part];
+          }
+        }
+      }
+      scalars.modified();
+      input.modified();
+      texture.modified();
+      renderWindow.render();
+    };
+    picture.src = source;
+  }
+
+  ready(400);
+})();
