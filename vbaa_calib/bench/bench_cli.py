@@ -11,12 +11,21 @@ from ..console import say
 from ..errors import InputError
 from ..files import refuse_overwrite
 
-SUBJECTS = ("metric", "calibration", "coverage", "vision", "estimator")
+SUBJECTS = ("metric", "calibration", "coverage", "vision", "estimator", "object", "paper")
 POINTS, QUICK_POINTS = 1_000_000, 100_000
-DRAWS = {"calibration": (20, 3), "coverage": (500, 20), "vision": (40, 4), "estimator": (400, 12)}
-"""Subject → noise draws (vision: pictures of each hardship; estimator: of each cell), and with --quick."""
-LEAST_DRAWS = {"calibration": 1, "coverage": 2, "vision": 1, "estimator": 4}
-FIGURES = ("metric", "coverage", "vision", "estimator")
+DRAWS = {
+    "calibration": (20, 3),
+    "coverage": (500, 20),
+    "vision": (40, 4),
+    "estimator": (400, 12),
+    "object": (10, 1),
+    "paper": (16, 2),
+}
+"""Subject → noise draws (vision: pictures of each hardship; estimator and object: of each cell), and with --quick."""
+LEAST_DRAWS = {"calibration": 1, "coverage": 2, "vision": 1, "estimator": 4, "object": 1, "paper": 1}
+FIGURES = ("metric", "coverage", "vision", "estimator", "object")
+FREE_FRAMES_PER_DRAW = 20_000
+"""Frames without contact in which a first contact would be a false alarm, for each of object's draws."""
 HOSTILE_PER_DRAW = 25
 """Pictures with and without an antenna, at random, for each of vision's draws."""
 PACKAGES = {
@@ -24,7 +33,7 @@ PACKAGES = {
     "calibration": ("numpy", "scipy", "opencv-contrib-python-headless"),
     "coverage": ("numpy", "scipy", "opencv-contrib-python-headless", "torch"),
     "vision": ("numpy", "scipy", "opencv-contrib-python-headless"),
-    "estimator": ("numpy", "scipy", "torch"),
+    **dict.fromkeys(("estimator", "object", "paper"), ("numpy", "scipy", "torch")),
 }
 
 
@@ -37,7 +46,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "lensboy and mrcal (where an interpreter has them: VBAA_PEER_PYTHON) and ours, in mm on plane C; coverage: "
         "whether the deviations that whole calibrations predict are those that sampling shows; vision: the antenna in "
         "hard pictures, beside other methods; estimator: contacts against the Cramér-Rao bound, speed against error, "
-        "hard cases, random scenes",
+        "hard cases, random scenes; object: objects stroked by the antenna: surface, normals, friction, stiffness, "
+        "first contact; paper: the paper's experiments redone (docs/experiments.md)",
     )
     parser.add_argument(
         "--out",
@@ -68,7 +78,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         refuse_overwrite(path, args.force)
     named = machine(PACKAGES[args.subject])
     subjects = {"metric": _metric, "calibration": _calibration, "coverage": _coverage, "vision": _vision}
-    measure = (subjects | {"estimator": _estimator})[args.subject]
+    measure = (subjects | {"estimator": _estimator, "object": _object, "paper": _paper})[args.subject]
     table, result = measure(args, files)
     table = f"{named}, seed {args.seed}\n{table}"
     if args.json:
@@ -173,3 +183,47 @@ def _estimator(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[s
         estimator_figure.write_figure(files[1], found.speed, args.force)
         estimator_grid_report.write_figure(grid_figure[0], found.grid, args.force)
     return found.text, found.as_dict()
+
+
+def _object(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
+    from . import object_onset
+    from .object import run as measure
+    from .object_report import as_text, write_figure
+    from .rows import write_csv
+
+    parts = [path.with_name(f"object_{part}.csv") for path in files[:1] for part in ("alarms", "onsets")]
+    for path in parts:
+        refuse_overwrite(path, args.force)
+    draws = _draws(args)
+    rows = measure(draws, args.seed)
+    alarms = object_onset.alarms(FREE_FRAMES_PER_DRAW * draws, args.seed)
+    onsets = object_onset.onsets(draws, args.seed)
+    if files:
+        write_csv(files[0], rows, args.force)
+        write_figure(files[1], rows, args.force)
+        write_csv(parts[0], alarms, args.force)
+        write_csv(parts[1], onsets, args.force)
+    return f"{as_text(rows, draws)}\n\n{object_onset.as_text(alarms, onsets)}", {
+        "draws": draws,
+        "rows": [asdict(row) for row in rows],
+        "alarms": [asdict(row) for row in alarms],
+        "onsets": [asdict(row) for row in onsets],
+    }
+
+
+def _paper(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
+    from .paper import PARTS, measure
+    from .paper_figure import figure_paths, write_figures
+    from .paper_report import as_text
+    from .rows import write_csv
+
+    tables = [path.with_name(f"paper_{part}.csv") for path in files for part in PARTS]
+    figures = [figure for path in files for figure in figure_paths(path.parent)]
+    for path in (*tables, *figures):
+        refuse_overwrite(path, args.force)
+    found = measure(_draws(args), args.seed)
+    for path, part in zip(tables, PARTS if files else (), strict=True):
+        write_csv(path, getattr(found, part), args.force)
+    for path in files:
+        write_figures(path.parent, found, args.force)
+    return as_text(found), found.as_dict()
