@@ -24,7 +24,7 @@ DRAWS = {
 """Subject → noise draws (vision: pictures of each hardship; estimator and object: of each cell), and with --quick."""
 LEAST_DRAWS = {"calibration": 1, "coverage": 2, "vision": 1, "estimator": 4, "object": 1, "paper": 1}
 FIGURES = ("metric", "coverage", "vision", "estimator", "object")
-FREE_FRAMES_PER_DRAW = 20_000
+FREE_FRAMES_PER_DRAW = 2_000
 """Frames without contact in which a first contact would be a false alarm, for each of object's draws."""
 HOSTILE_PER_DRAW = 25
 """Pictures with and without an antenna, at random, for each of vision's draws."""

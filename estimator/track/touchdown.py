@@ -1,0 +1,155 @@
+"""The instant of first contact P₀: the growth of deflection and force run back to zero.
+
+Before contact the evidence stays at what the free antenna shows; after it the deflection grows by g·τ, τ = t − t₀. In
+units of its deviation x the evidence is then on average
+
+    E₀ + c·M·x + x²/2,   M² = 2·E₀ − 3·ε²,
+
+where M is the common error of the rig in the same units, c the cosine between the two, ε what noise alone scatters by:
+both follow from mean and variance of the free frames' evidence. Far from zero the points count linearly and the
+evidence no longer grows so; there the force takes its place, a line that ends at zero but for its own common error.
+Neither has to grow quite evenly: an approach that speeds up or slows down is allowed for.
+
+The answer is the mean and the deviation of t₀'s distribution, all else integrated out on a grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr, logsumexp
+
+TRUSTED = 60.0
+"""Evidence up to which it grows with the square of the deflection."""
+RATES = np.geomspace(0.3, 30.0, 36)
+"""Trial rates of growth over the one that the last frame alone would ask for."""
+COSINES = np.linspace(-0.8, 0.8, 5)
+BENDS, SHARES = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25])
+"""Trial changes of the rate over the frames looked at, in `UNEVEN`s, and their probabilities."""
+UNEVEN = 0.15
+"""How unevenly an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share."""
+HIDDEN = 0.6
+"""Part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
+first, and only by and by to the contact."""
+INSTANTS = 64
+FORCES = 6
+"""Located frames whose forces are looked at."""
+OWN_SHARE, RELATIVE = 0.5, 0.03
+"""How much of a force's deviation is thought to differ from frame to frame, and how much of its size besides."""
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """What surrounds a change, in order of time; a loss is looked at backwards.
+
+    Attributes
+    ----------
+    time_s, evidence : (N,) frames before and after. free_evidence : (K,) of frames that are free for certain.
+    force_time_s, force_N, force_std_N : (F,) size of the force in the first located frames.
+    earliest_s, latest_s : between which the instant lies for certain.
+    """
+
+    time_s: np.ndarray
+    evidence: np.ndarray
+    free_evidence: np.ndarray
+    force_time_s: np.ndarray
+    force_N: np.ndarray
+    force_std_N: np.ndarray
+    earliest_s: float
+    latest_s: float
+
+
+def instant(growth: Growth) -> tuple[float, float]:
+    """t₀ and its standard deviation, s."""
+    low, high = growth.earliest_s, growth.latest_s
+    mean, std = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
+    for _ in range(3):  # each time on a finer grid about what was found
+        step = (high - low) / INSTANTS
+        at = low + (np.arange(INSTANTS) + 0.5) * step
+        log = _by_evidence(growth, at) + _by_force(growth, at)
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        mean = float(weight @ at)
+        std = float(np.sqrt(weight @ (at - mean) ** 2 + step**2 / 12.0))
+        reach = 6.0 * np.hypot(std, step)
+        low, high = max(low, mean - reach), min(high, mean + reach)
+    return mean, float(np.hypot(std, HIDDEN * _common(growth) / _rate(growth, mean)))
+
+
+def _common(growth: Growth) -> float:
+    """M, the common error in deviations."""
+    level, noise = free_level(growth.free_evidence)
+    return float(np.sqrt(max(2.0 * level - 3.0 * noise, 0.0)))
+
+
+def _rate(growth: Growth, instant_s: float) -> float:
+    """g, deviations per second, by the last frame whose evidence can be trusted or, beyond, is known to be more."""
+    after = np.flatnonzero((growth.time_s > instant_s) & np.isfinite(growth.evidence))
+    if len(after) == 0:
+        return np.inf
+    trusted = after[growth.evidence[after] <= TRUSTED]
+    last = trusted[-1] if len(trusted) else after[0]
+    more = max(float(growth.evidence[last]) - free_level(growth.free_evidence)[0], 1.0)
+    return float(np.sqrt(2.0 * more) / (growth.time_s[last] - instant_s))
+
+
+def free_level(evidence: np.ndarray) -> tuple[float, float]:
+    """Mean evidence E₀ of free frames (K,) and ε², their noise alone; what theory says where there are too few."""
+    if len(evidence) < 5:
+        return 1.5, 1.0
+    mean, variance = max(float(evidence.mean()), 0.05), float(evidence.var(ddof=1))
+    inside = max(4.0 * mean**2 - 6.0 * variance, 0.0)
+    return mean, max((2.0 * mean - np.sqrt(inside)) / 3.0, 0.01)
+
+
+def _by_evidence(growth: Growth, at: np.ndarray) -> np.ndarray:
+    """(A,) log-likelihood of t₀ by the evidence, up to the first frame of which it is only known to be much."""
+    much = np.flatnonzero(growth.evidence > TRUSTED)
+    end = int(much[0]) + 1 if len(much) else len(growth.evidence)
+    telling = np.isfinite(growth.evidence[:end]) & (growth.time_s[:end] > at[0])  # what is before all tells nothing
+    used = np.flatnonzero(telling)
+    if len(used) == 0:
+        return np.zeros(len(at))
+    time, evidence = growth.time_s[used], np.minimum(growth.evidence[used], TRUSTED)
+    root = np.cbrt(np.clip(evidence, 0.0, None))
+    level, noise = free_level(growth.free_evidence)
+    common = _common(growth)
+    late = np.clip(time - at[:, None], 0.0, None)  # (A, N)
+    span = max(float(time[-1] - at[0]), 1e-9)
+    reached = np.sqrt(2.0 * max(float(evidence[-1]) - level, 1.0))
+    rate = RATES * (reached / np.maximum(late[:, -1:], 1e-3 * span))  # (A, G)
+    bend = 1.0 + UNEVEN * BENDS[:, None] * (late / span)[:, None]  # (A, 3, N)
+    x = rate[:, :, None, None] * (bend * late[:, None])[:, None]  # (A, G, 3, N)
+    log = np.empty((*x.shape[:3], len(COSINES)))
+    for index, cosine in enumerate(COSINES):
+        expected = level + cosine * common * x + 0.5 * x**2
+        variance = np.maximum(2.0 * noise * (expected - 1.5 * noise), 0.0) + 1.5 * noise**2
+        skew = variance / expected**2 / 9.0  # the cube root is nearly normal, also where there is hardly a deflection
+        middle, spread = np.cbrt(expected) * (1.0 - skew), np.cbrt(expected) ** 2 * skew
+        each = -0.5 * ((root - middle) ** 2 / spread + np.log(spread))
+        if len(much):
+            each[..., -1] = log_ndtr((middle[..., -1] - np.cbrt(TRUSTED)) / np.sqrt(spread[..., -1]))
+        log[..., index] = each.sum(axis=-1)
+    return logsumexp(log + np.log(SHARES)[:, None], axis=(1, 2, 3))
+
+
+def _by_force(growth: Growth, at: np.ndarray) -> np.ndarray:
+    """(A,) log-likelihood of t₀ by forces on a line from zero, its slope free, a bend and a common error allowed."""
+    if len(growth.force_N) < 2 or not growth.force_time_s[-1] > at[-1]:
+        return np.zeros(len(at))
+    late = growth.force_time_s - at[:, None]  # (A, F)
+    span = late[:, -1:]
+    rate = growth.force_N[-1] / span  # what the bend is a share of
+    bow = UNEVEN * rate * late * (late / span - 1.0)
+    own = (OWN_SHARE * growth.force_std_N) ** 2 + (RELATIVE * growth.force_N) ** 2
+    common = float(growth.force_std_N[0]) ** 2
+    covariance = np.eye(late.shape[1]) * own + common + bow[:, :, None] * bow[:, None]
+    weight = np.linalg.inv(covariance)
+    pull = (weight @ growth.force_N[:, None])[..., 0]
+    slope_weight = (late[:, None] @ weight @ late[..., None])[:, 0, 0]
+    slope = (late * pull).sum(axis=-1) / slope_weight
+    cost = (growth.force_N * pull).sum(axis=-1) - slope**2 * slope_weight
+    # the flat prior of the slope is taken per instant: over the force that it reaches, not over the slope itself
+    flat = np.log(slope_weight) - 2.0 * np.log(span[:, 0])
+    return -0.5 * (cost + np.linalg.slogdet(covariance)[1] + flat)

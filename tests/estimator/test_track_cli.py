@@ -1,0 +1,94 @@
+"""`vbaa track`: from contacts.csv to track.csv, events in words and as data."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.table import ContactRow, ContactTable, read_contacts, write_contacts
+from estimator.track_cli import COLUMNS, configure, run
+from vbaa_calib.bench.estimator_setup import Setup
+from vbaa_calib.errors import InputError
+
+from .track_tables import evidence_table, rubbed, rubbed_table
+
+COUNT = 40
+
+
+def written(path: Path, table: ContactTable) -> Path:
+    names = [name for name in vars(table) if name in ContactRow.__dataclass_fields__]
+    write_contacts(path, [ContactRow(**{name: getattr(table, name)[i] for name in names}) for i in range(len(table))])
+    return path
+
+
+def stroked() -> ContactTable:
+    aside = np.where(np.arange(COUNT) >= 20, 12e-3, 0.0)
+    return rubbed_table(rubbed(np.zeros(COUNT), aside, np.zeros(COUNT)), np.random.default_rng(0))
+
+
+def arguments(*words: str | Path) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--force", action="store_true")
+    configure(parser)
+    return parser.parse_args([str(word) for word in words])
+
+
+def test_events_and_frames_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    contacts = written(tmp_path / "contacts.csv", stroked())
+    result = run(arguments(contacts, "-o", tmp_path / "track.csv"))
+    assert json.loads(json.dumps(result, allow_nan=False)) == result
+    kinds = [event["kind"] for event in result["events"]]
+    assert kinds == ["first_contact", "slip_start"]
+    assert result["events"][0]["time_s"] is None
+    assert sum(result["phases"].values()) == result["frames"] == COUNT
+    said = capsys.readouterr().err
+    assert "the contact begins to slip" in said
+    assert "cannot be told" in said
+    with (tmp_path / "track.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert tuple(rows[0]) == COLUMNS
+    assert {row["phase"] for row in rows} >= {"sliding", "sticking"}
+    assert float(rows[30]["slip_m_s"]) == pytest.approx(12e-3, rel=0.1)
+    assert rows[30]["ringing"] == "false"
+
+
+def test_numbers_that_do_not_exist_are_empty_cells(tmp_path: Path) -> None:
+    contacts = written(tmp_path / "contacts.csv", evidence_table(np.ones(30)))
+    run(arguments(contacts, "-o", tmp_path / "track.csv"))
+    text = (tmp_path / "track.csv").read_text()
+    assert "nan" not in text.lower()
+    assert text.splitlines()[5].endswith("free,,,,,,,,false")
+
+
+def test_contacts_are_smoothed_on_request(tmp_path: Path) -> None:
+    rig = Setup(real=True, exact=False).rig()
+    (tmp_path / "rig.json").write_text(json.dumps(rig.to_dict()))
+    table = stroked()
+    contacts = written(tmp_path / "contacts.csv", table)
+    smoothed = tmp_path / "smoothed.csv"
+    run(arguments(contacts, "--rig", tmp_path / "rig.json", "-o", tmp_path / "track.csv", "--smooth", smoothed))
+    back = read_contacts(smoothed)
+    assert len(back) == COUNT
+    assert np.abs(back.point_world_m - table.point_world_m).max() > 1e-5
+    assert (np.trace(back.covariance_world_m2, axis1=1, axis2=2) > 0.0).all()
+
+
+def test_smoothing_asks_for_the_rig(tmp_path: Path) -> None:
+    contacts = written(tmp_path / "contacts.csv", stroked())
+    with pytest.raises(InputError, match="needs --rig"):
+        run(arguments(contacts, "-o", tmp_path / "track.csv", "--smooth", tmp_path / "smoothed.csv"))
+    assert not (tmp_path / "track.csv").exists()
+
+
+def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
+    contacts = written(tmp_path / "contacts.csv", stroked())
+    (tmp_path / "track.csv").write_text("mine")
+    with pytest.raises(InputError, match="exists already"):
+        run(arguments(contacts, "-o", tmp_path / "track.csv"))
+    run(arguments(contacts, "-o", tmp_path / "track.csv", "--force"))
+    assert (tmp_path / "track.csv").read_text().startswith("frame,")

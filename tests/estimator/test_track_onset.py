@@ -1,0 +1,181 @@
+"""First contact and loss: seldom imagined, early, and with a time that is worth what it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.contact_row import ContactTable
+from estimator.track import Event, Track, follow
+from estimator.track.touchdown import Growth, free_level, instant
+from vbaa_calib.bench.object_onset import alarms, approach, as_text, onset_row, told
+
+from .track_tables import RATE_HZ, evidence, evidence_table
+
+EXACT, OFF = (np.zeros(3), 1.0), (np.array([0.7, -1.1, 0.5]), 0.5)
+"""Common error and noise of the free antenna, in the deviations that the evidence counts in."""
+
+
+def depth(count: int, first: float, rate: float) -> np.ndarray:
+    """(B,) a deflection that grows from frame `first` on by so much a frame."""
+    return np.clip(np.arange(count) - first, 0.0, None) * rate
+
+
+def of(track: Track, kind: str) -> list[Event]:
+    return [event for event in track.events if event.kind == kind]
+
+
+def alarms_in(frames: int, seed: int) -> int:
+    """First contacts told in recordings of free antennas, half of them with a rig that is off by a draw."""
+    rng, count = np.random.default_rng(seed), 0
+    for number in range(frames // 300):
+        noise = 1.0 if number % 2 else float(rng.uniform(0.1, 0.9))
+        common = np.sqrt(1.0 - noise**2) * rng.normal(size=3)
+        count += len(of(follow(evidence_table(evidence(np.zeros(300), common, noise, rng))), "first_contact"))
+    return count
+
+
+def test_the_free_antenna_is_not_taken_for_a_contact() -> None:
+    assert alarms_in(6000, 1) == 0
+
+
+@pytest.mark.slow
+def test_the_free_antenna_is_seldom_taken_for_a_contact() -> None:
+    assert alarms_in(120_000, 2) <= 12
+
+
+@pytest.mark.slow
+def test_of_simulated_free_antennas_none_is_taken_for_a_contact() -> None:
+    rows = alarms(6000, 3)
+    assert sum(row.frames for row in rows) >= 6000
+    assert sum(row.alarms for row in rows) == 0
+
+
+@pytest.mark.parametrize(("common", "noise"), [EXACT, OFF])
+def test_a_slow_approach_is_seen_before_a_single_frame_tells_it(common: np.ndarray, noise: float) -> None:
+    rng, early = np.random.default_rng(4), []
+    for _ in range(8):
+        values = evidence(depth(120, 60.0, 0.2), common, noise, rng)
+        found = of(follow(evidence_table(values)), "first_contact")
+        early.append(int(np.argmax(values >= 14.0)) - found[0].frame)
+        assert len(found) == 1
+        assert found[0].frame >= 60
+    assert np.mean(early) > (1.0 if noise == 1.0 else 2.0)
+
+
+def test_a_fast_approach_is_told_by_its_first_frame_and_timed_between_frames() -> None:
+    rng = np.random.default_rng(5)
+    x = depth(80, 50.6, 400.0)
+    track = follow(evidence_table(evidence(x, *EXACT, rng), deep=x + rng.normal(size=80)))
+    (event,) = of(track, "first_contact")
+    assert event.frame == 51
+    assert abs(event.time_s - 50.6 / RATE_HZ) < 4.0 * event.time_std_s < 0.02
+    assert event.delay_s == pytest.approx(51 / RATE_HZ - event.time_s)
+    assert "first contact at" in event.words
+    assert set(track.phase[:50]) == {"free"}
+    assert "free" not in track.phase[52:]
+
+
+def test_the_time_of_first_contact_is_worth_what_it_says() -> None:
+    """Against sampling, the common error in any direction, the approach a little uneven."""
+    rng, off = np.random.default_rng(6), []
+    for number in range(36):
+        common, noise = (np.zeros(3), 1.0) if number % 2 else (rng.normal(size=3) * 0.8, 0.6)
+        first, rate = 60.0 + rng.uniform(), float(10.0 ** rng.uniform(-0.3, 2.5))
+        late = np.clip(np.arange(100) - first, 0.0, None)
+        x = rate * late * (1.0 + 0.005 * rng.normal() * late)
+        table = evidence_table(evidence(x, common, noise, rng), deep=np.abs(x + rng.normal(size=100)))
+        (event,) = of(follow(table), "first_contact")
+        off.append((event.time_s - first / RATE_HZ) / event.time_std_s)
+    assert 0.4 < np.sqrt(np.mean(np.square(off))) < 1.4
+    assert np.max(np.abs(off)) < 4.5
+
+
+def test_a_loss_is_timed_backwards() -> None:
+    rng = np.random.default_rng(7)
+    x = depth(120, 40.3, 3.0)
+    x = np.minimum(x, np.clip(80.7 - np.arange(120), 0.0, None) * 3.0)
+    track = follow(evidence_table(evidence(x, *EXACT, rng)))
+    (event,) = of(track, "loss")
+    assert abs(event.time_s - 80.7 / RATE_HZ) < 4.0 * event.time_std_s
+    assert 0.0 <= event.delay_s < 0.15
+    assert set(track.phase[84:]) == {"free"}
+    assert len(of(track, "first_contact")) == 1
+
+
+def test_a_recording_that_begins_in_contact_says_so() -> None:
+    track = follow(evidence_table(np.full(40, 200.0)))
+    (event,) = of(track, "first_contact")
+    assert np.isnan(event.time_s)
+    assert "cannot be told" in event.words
+    assert set(track.phase) == {"touching"}
+
+
+def with_status(table: ContactTable, rows: slice, status: str) -> ContactTable:
+    return replace(table, status=np.where(np.isin(np.arange(len(table)), np.r_[rows]), status, table.status))
+
+
+@pytest.mark.parametrize("status", ["no_antenna", "failed", "unobservable", "not_quasistatic"])
+def test_frames_that_tell_nothing_are_neither_free_nor_in_contact(status: str) -> None:
+    rng = np.random.default_rng(8)
+    table = evidence_table(evidence(np.zeros(90), *EXACT, rng))
+    track = follow(with_status(table, slice(30, 40), status))
+    assert set(track.phase[30:40]) == {"unknown"}
+    assert not of(track, "first_contact") + of(track, "loss")
+
+
+def test_after_a_long_gap_the_beginning_is_not_made_up() -> None:
+    rng = np.random.default_rng(9)
+    x = np.where(np.arange(120) < 80, 0.0, 30.0)
+    track = follow(with_status(evidence_table(evidence(x, *EXACT, rng)), slice(50, 80), "no_antenna"))
+    (event,) = of(track, "first_contact")
+    assert np.isnan(event.time_s)
+
+
+def test_without_evidence_the_instant_lies_between_two_frames() -> None:
+    table = evidence_table(evidence(depth(60, 30.0, 100.0), *EXACT, np.random.default_rng(10)))
+    track = follow(replace(table, evidence=np.full(60, np.nan)))
+    (event,) = of(track, "first_contact")
+    assert event.time_s == pytest.approx(30.5 / RATE_HZ)
+    assert event.time_std_s == pytest.approx(1.0 / RATE_HZ / np.sqrt(12.0))
+    assert any("evidence" in note for note in track.notes)
+
+
+def test_without_joint_angles_frames_are_not_pooled_and_it_is_said() -> None:
+    values = evidence(depth(120, 60.0, 0.1), *OFF, np.random.default_rng(11))
+    table = evidence_table(values)
+    track = follow(replace(table, pan_rad=np.full(120, np.nan)))
+    assert of(track, "first_contact")[0].frame == int(np.argmax(values >= 14.0))
+    assert any("no joint angles" in note for note in track.notes)
+
+
+def test_free_frames_tell_noise_from_common_error() -> None:
+    rng = np.random.default_rng(12)
+    for common, noise in (EXACT, OFF, (np.array([1.0, 1.0, 1.0]), 0.2)):
+        level, own = free_level(evidence(np.zeros(20_000), common, noise, rng))
+        assert level == pytest.approx(0.5 * common @ common + 1.5 * noise**2, rel=0.03)
+        assert own == pytest.approx(noise**2, rel=0.12)
+
+
+def test_an_instant_of_which_little_is_known_says_so() -> None:
+    time = np.arange(4) / RATE_HZ
+    growth = Growth(
+        *(time, np.array([1.0, 1.0, 1.0, 20.0]), np.ones(3), np.empty(0), np.empty(0), np.empty(0), time[0], time[3])
+    )
+    found, std = instant(growth)
+    assert time[0] < found < time[3]
+    assert 0.005 < std < 0.04
+
+
+def test_a_simulated_approach_is_timed() -> None:
+    made = approach("calibrated", 0.02, (1, 2))
+    event = told(made)
+    assert event is not None
+    assert abs(event.time_s - made.touch_s) < 4.0 * event.time_std_s < 0.1
+    assert 0.0 < event.delay_s < 0.15
+    row = onset_row("calibrated", 0.02, [made])
+    assert (row.found, row.draws) == (1, 1)
+    assert row.rms_ms == pytest.approx(1e3 * abs(event.time_s - made.touch_s))
+    assert "calibrated" in as_text([], [row])

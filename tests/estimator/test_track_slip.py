@@ -1,0 +1,147 @@
+"""Slip against a wire whose motion is known: velocities within their deviations, phases only where they can be told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.contact_row import ContactTable
+from estimator.shared import Shared
+from estimator.track import Event, Track, follow
+
+from .track_tables import RATE_HZ, Rubbed, rubbed, rubbed_table
+
+COUNT = 60
+
+
+def known(table: ContactTable, common_m: float = 1e-3) -> Shared:
+    """A calibration whose error moves all points alike, the table's covariance being noise alone."""
+    modes = np.tile(common_m * np.eye(3), (len(table), 1, 1))
+    nothing = np.zeros_like(modes)
+    return Shared(modes, nothing, nothing, table.covariance_world_m2)
+
+
+def track_of(truth: Rubbed, seed: int = 0, **noise) -> tuple[ContactTable, Track]:
+    table = rubbed_table(truth, np.random.default_rng(seed), **noise)
+    return table, follow(table, shared=known(table))
+
+
+def steady(along: float, aside: float, walk: float) -> Rubbed:
+    return rubbed(*(np.full(COUNT, each) for each in (along, aside, walk)))
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_velocities_are_worth_what_they_say(shared: bool) -> None:
+    """Against sampling, along and across; a common error of 3 mm does not count."""
+    truth, off = rubbed(*(amplitude * np.sin(np.arange(COUNT) / 30.0) for amplitude in (4e-3, 6e-3, 8e-3))), []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        table = rubbed_table(truth, rng, common_m=3e-3 * rng.normal(size=3))
+        track = follow(table, shared=known(table) if shared else None)
+        away = track.slip_velocity_m_s - truth.velocity_m_s
+        axes = np.stack([truth.tangent, np.cross([0.0, 0.0, 1.0], truth.tangent)], axis=1)
+        parts = np.einsum("bki,bi->bk", axes, away)
+        covariance = axes @ track.slip_covariance_m2_s2 @ np.swapaxes(axes, 1, 2)
+        off.append(parts / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
+    along, across = np.sqrt(np.mean(np.square(off), axis=(0, 1)))
+    assert along < 1.3  # it counts for the antenna's radius as well, which this wire does not have
+    assert 0.7 < across < 1.3
+
+
+def test_the_parts_are_along_the_tip_and_along_normal_times_tangent() -> None:
+    _, track = track_of(steady(5e-3, -8e-3, 3e-3))
+    inner = slice(5, -5)
+    assert np.median(track.longitudinal_m_s[inner]) == pytest.approx(5e-3, abs=3e-4)
+    assert np.median(track.lateral_m_s[inner]) == pytest.approx(-8e-3, abs=3e-4)
+    size = np.linalg.norm(track.slip_velocity_m_s, axis=1)
+    np.testing.assert_allclose(size, np.hypot(track.longitudinal_m_s, track.lateral_m_s), rtol=1e-6)
+
+
+def test_friction_that_leans_the_force_does_not_take_from_the_slip() -> None:
+    """μ = 0.6 across the wire leans the force by 31°: the slip itself tells the plane of contact."""
+    _, track = track_of(steady(0.0, 10e-3, 0.0), friction=0.6)
+    assert np.median(np.abs(track.lateral_m_s[5:-5])) == pytest.approx(10e-3, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("motion", "phase"),
+    [
+        ((0.0, 0.0, 0.0), "sticking"),
+        ((0.0, 12e-3, 0.0), "sliding"),
+        ((9e-3, 0.0, 5e-3), "sliding"),
+        ((0, 0, 0.02), "rolling"),
+    ],
+)
+def test_steady_motions_have_their_names(motion: tuple[float, float, float], phase: str) -> None:
+    _, track = track_of(steady(*motion), along_m=1e-4)
+    names, counts = np.unique(track.phase, return_counts=True)
+    assert names[np.argmax(counts)] == phase
+    assert counts.max() >= 0.9 * COUNT
+
+
+def test_what_is_too_uncertain_is_left_open() -> None:
+    """0.5 mm across, 30 times a second, do not tell a slip of 4 mm/s, nor that there is none."""
+    for aside in (0.0, 4e-3):
+        _, track = track_of(steady(0.0, aside, 0.0), across_m=1e-3)
+        assert np.mean(track.phase == "touching") > 0.9
+        assert np.isfinite(track.slip_std_m_s).all()
+
+
+def stick_slip() -> Rubbed:
+    aside = np.where((np.arange(COUNT) >= 20) & (np.arange(COUNT) < 40), 15e-3, 0.0)
+    return rubbed(np.zeros(COUNT), aside, np.zeros(COUNT))
+
+
+def of(track: Track, kind: str) -> list[Event]:
+    return [event for event in track.events if event.kind == kind]
+
+
+def test_slip_begins_and_ends_where_it_does() -> None:
+    _, track = track_of(stick_slip())
+    (start,), (end,) = of(track, "slip_start"), of(track, "slip_end")
+    assert abs(start.time_s - 19.5 / RATE_HZ) < 3.0 * start.time_std_s + 0.05
+    assert abs(end.time_s - 39.5 / RATE_HZ) < 3.0 * end.time_std_s + 0.05
+    assert set(track.phase[24:36]) == {"sliding"}
+    assert set(track.phase[:15]) == {"sticking"} == set(track.phase[45:])
+    assert start.delay_s > 0.0
+    assert "slip" in start.words
+
+
+def test_a_given_normal_is_used() -> None:
+    table = rubbed_table(steady(0.0, 10e-3, 0.0), np.random.default_rng(1), friction=0.6)
+    upright = np.tile([0.0, 0.0, 1.0], (COUNT, 1))
+    track = follow(table, shared=known(table), normal_world=upright)
+    np.testing.assert_allclose(track.slip_velocity_m_s[:, 2], 0.0, atol=1e-12)
+
+
+def test_without_tangents_slip_is_not_made_up() -> None:
+    table, _ = track_of(steady(0.0, 10e-3, 0.0))
+    track = follow(replace(table, tangent_world=np.full((COUNT, 3), np.nan)))
+    assert set(track.phase) == {"touching"}
+    assert np.isnan(track.slip_velocity_m_s).all()
+    assert any("tangents" in note for note in track.notes)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_short_contacts_are_no_trouble(count: int) -> None:
+    truth = rubbed(*(np.full(max(count, 2), each) for each in (0.0, 1e-2, 0.0)))
+    table = rubbed_table(truth, np.random.default_rng(0))
+    rows = ContactTable(**{name: values[:count] for name, values in vars(table).items()})
+    track = follow(rows)
+    assert len(track) == count
+    assert np.isfinite(track.slip_std_m_s).all() == (count == 3)
+
+
+def test_hostile_numbers_are_no_trouble() -> None:
+    table, _ = track_of(steady(0.0, 10e-3, 0.0))
+    still = replace(
+        table,
+        point_world_m=np.tile(table.point_world_m[:1], (COUNT, 1)),
+        force_world_N=np.zeros((COUNT, 3)),
+        covariance_world_m2=np.full((COUNT, 3, 3), np.nan),
+        time_s=np.zeros(COUNT),
+    )
+    track = follow(still)
+    assert set(track.phase) == {"touching"}
