@@ -32,6 +32,8 @@ UNEVEN = 0.15
 HIDDEN = 0.6
 """Part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
 first, and only by and by to the contact."""
+STEPPED = 0.02
+"""Probability that the forces did not grow from zero at one rate: a base that moves in steps lands between two frames."""
 INSTANTS = 64
 FORCES = 6
 """Located frames whose forces are looked at."""
@@ -64,10 +66,13 @@ def instant(growth: Growth) -> tuple[float, float]:
     """t₀ and its standard deviation, s."""
     low, high = growth.earliest_s, growth.latest_s
     mean, std = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
+    likeliest = None
     for _ in range(3):  # each time on a finer grid about what was found
         step = (high - low) / INSTANTS
         at = low + (np.arange(INSTANTS) + 0.5) * step
-        log = _by_evidence(growth, at) + _by_force(growth, at)
+        by_force = _by_force(growth, at)
+        likeliest = by_force.max() if likeliest is None else likeliest
+        log = _by_evidence(growth, at) + np.logaddexp(np.log1p(-STEPPED) + by_force - likeliest, np.log(STEPPED))
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         mean = float(weight @ at)

@@ -179,3 +179,14 @@ def test_a_simulated_approach_is_timed() -> None:
     assert (row.found, row.draws) == (1, 1)
     assert row.rms_ms == pytest.approx(1e3 * abs(event.time_s - made.touch_s))
     assert "calibrated" in as_text([], [row])
+
+
+def test_a_base_that_moves_in_steps_lands_between_two_frames() -> None:
+    """Its forces grow slowly afterwards, and run back to a zero that free frames contradict."""
+    noise, common = 1.0, np.zeros(3)
+    x = np.where(np.arange(80) >= 51, 900.0 + 40.0 * (np.arange(80) - 51), 0.0)
+    table = evidence_table(evidence(x, common, noise, np.random.default_rng(7)), deep=x)
+    event = of(follow(table), "first_contact")[0]
+    sound = (table.time_s[50], table.time_s[51])
+    assert sound[0] < event.time_s < sound[1]
+    assert event.time_std_s > 0.2 / RATE_HZ
