@@ -33,7 +33,7 @@ HIDDEN = 0.6
 """Part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
 first, and only by and by to the contact."""
 STEPPED = 0.02
-"""Probability that the forces did not grow from zero at one rate: a base that moves in steps lands between two frames."""
+"""Probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames."""
 INSTANTS = 64
 FORCES = 6
 """Located frames whose forces are looked at."""

@@ -1,0 +1,112 @@
+"""A Gaussian process with a linear trend, seen by values and by slopes: Matérn 5/2 (Rasmussen and Williams, Eqs. 4.17
+and 9.1), in one or two coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """N linear views of C independent functions h_c: each is Σ value_c · h_c(x) + slope_c · ∇h_c(x).
+
+    Attributes
+    ----------
+    x : (N, D) places, m. value : (N, C). slope : (N, C, D) directions.
+    """
+
+    x: np.ndarray
+    value: np.ndarray
+    slope: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Of the function: Matérn of this length and amplitude, and a linear trend of these standard deviations."""
+
+    length_m: float
+    amplitude_m: float
+    offset_m: float
+    incline: float
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """What does not change with the prior between N and M views, (N, M) each: products of their values and slopes."""
+
+    distance_m: np.ndarray
+    values: np.ndarray
+    mixed: np.ndarray
+    slopes: np.ndarray
+    along: np.ndarray
+    linear: np.ndarray
+
+
+def values_at(x: np.ndarray, value: np.ndarray) -> Rows:
+    """Sums of the functions' values (N, C) at places (N, D); `value` (C,) stands for all."""
+    value = np.broadcast_to(value, (len(x), np.shape(value)[-1]))
+    return Rows(x, value, np.zeros((*value.shape, x.shape[1])))
+
+
+def slopes_at(x: np.ndarray, slope: np.ndarray) -> Rows:
+    """Sums of the functions' slopes at places (N, D) along directions (N, C, D), which need not have length 1."""
+    slope = np.broadcast_to(slope, (len(x), *np.shape(slope)[-2:]))
+    return Rows(x, np.zeros(slope.shape[:2]), slope)
+
+
+def joined(*parts: Rows) -> Rows:
+    """One after the other."""
+    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+
+
+def pairs(a: Rows, b: Rows) -> Pairs:
+    """Every view of a with every view of b."""
+    shape = (len(a), len(b))
+    mixed, along = np.zeros(shape), np.zeros(shape)
+    for index in range(a.value.shape[1]):
+        value_a, slope_a, value_b, slope_b = a.value[:, index], a.slope[:, index], b.value[:, index], b.slope[:, index]
+        along_a = np.sum(a.x * slope_a, axis=1)[:, None] - slope_a @ b.x.T
+        along_b = a.x @ slope_b.T - np.sum(b.x * slope_b, axis=1)
+        mixed += value_a[:, None] * along_b - value_b * along_a
+        along += along_a * along_b
+    return Pairs(
+        distance_m=cdist(a.x, b.x),
+        values=a.value @ b.value.T,
+        mixed=mixed,
+        slopes=a.slope.reshape(len(a), -1) @ b.slope.reshape(len(b), -1).T,
+        along=along,
+        linear=_spread(a) @ _spread(b).T,
+    )
+
+
+def _spread(rows: Rows) -> np.ndarray:
+    """(N, C·D) what each view sees of lines through the origin."""
+    return (rows.value[:, :, None] * rows.x[:, None, :] + rows.slope).reshape(len(rows), -1)
+
+
+def covariance(between: Pairs, prior: Prior) -> np.ndarray:
+    """(N, M) prior covariance of the views."""
+    scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
+    square = prior.amplitude_m**2
+    steep = 5.0 * square / (3.0 * prior.length_m**2)
+    result = between.values * (square * (1.0 + scaled + scaled**2 / 3.0))
+    result += (steep * (1.0 + scaled)) * (between.mixed + between.slopes)
+    result -= (steep * 5.0 / prior.length_m**2) * between.along
+    result *= np.exp(-scaled)
+    return result + prior.offset_m**2 * between.values + prior.incline**2 * between.linear
+
+
+def variance(rows: Rows, prior: Prior) -> np.ndarray:
+    """(N,) prior variance of each view, the diagonal of `covariance(pairs(rows, rows), prior)`."""
+    steep = 5.0 * prior.amplitude_m**2 / (3.0 * prior.length_m**2)
+    return (
+        (rows.value**2).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
+        + steep * (rows.slope**2).sum(axis=(1, 2))
+        + prior.incline**2 * (_spread(rows) ** 2).sum(axis=1)
+    )

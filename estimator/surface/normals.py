@@ -1,0 +1,154 @@
+"""The object's normals at the touches, from the solved shape and the antenna's tangents: n ⟂ shape, n ⟂ tangent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+
+from .equations import Patch, Seen, slope_rows
+from .solution import Solution
+from .touches import Touches
+
+UNTOLD_RAD = 1.0
+"""The deviation that stands for: not known."""
+FORCE_STD_RAD = 0.35
+"""How far the force leans from the normal for friction, where it has to help find the surface under the antenna."""
+TANGENT_STD_RAD = 1e-3
+"""Own error of a tangent: the antenna's slope is what its picture shows best."""
+MODES = 24
+"""Common errors of the normals that are kept apart; the rest counts as each touch's own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """At P touches.
+
+    Attributes
+    ----------
+    normal : (P, 3) unit, outward. covariance : (P, 3, 3) rad². modes : (P, 3, K) the common part of it.
+    """
+
+    normal: np.ndarray
+    covariance: np.ndarray
+    modes: np.ndarray
+
+    @property
+    def worst_rad(self) -> np.ndarray:
+        """(P,) largest standard deviation in any direction."""
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
+
+    def best(self, touches: Touches) -> np.ndarray:
+        """(P, 3) with the force's direction where the shape says less than that."""
+        force = touches.force_N / np.linalg.norm(touches.force_N, axis=1, keepdims=True)
+        trust = 1.0 / (1.0 + (self.worst_rad / FORCE_STD_RAD) ** 4)
+        mixed = trust[:, None] * self.normal + (1 - trust)[:, None] * force
+        return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+
+
+@dataclass(frozen=True, eq=False)
+class _Turns:
+    """Normals (N, 3) of a patch's touches in its frame, by (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""
+
+    normal: np.ndarray
+    by_slope: np.ndarray
+    own: np.ndarray
+
+
+def felt_normals(
+    touches: Touches, patches: tuple[Patch, ...], solution: Solution, seen: list[Seen], *, common: bool = False
+) -> Normals:
+    """The normals; `common`: with the part of their errors that the touches have in common."""
+    count = len(touches)
+    normal, own, by_slope = np.empty((count, 3)), np.empty((count, 3, 3)), np.zeros((count, 3, 2))
+    views, first, second, begin = [], np.empty(count, int), np.empty(count, int), 0
+    for index, (patch, given) in enumerate(zip(patches, seen, strict=True)):
+        m, size = patch.members, len(patch.members)
+        rows = slope_rows(patch, given.point_m[:, : patch.dimensions])
+        views.append((index, rows))
+        slope = solution.mean(index, rows).reshape(2, size).T
+        force = touches.force_N[m] @ patch.frame.T
+        turns = _of_field(given, slope) if patch.wide else _of_curve(given, slope, force)
+        normal[m], by_slope[m] = turns.normal @ patch.frame, np.swapaxes(patch.frame[None], 1, 2) @ turns.by_slope
+        own[m] = patch.frame.T @ turns.own @ patch.frame
+        first[m], second[m] = begin + np.arange(size), begin + size + np.arange(size)
+        begin += 2 * size
+    joint = solution.joint(views)
+    pair = np.stack([first, second], axis=1)
+    shape = by_slope @ joint[pair[:, :, None], pair[:, None, :]] @ np.swapaxes(by_slope, 1, 2)
+    largest = np.sqrt(np.maximum(np.linalg.eigvalsh(shape + own)[:, -1], 1e-30))
+    believed = np.minimum(1.0, UNTOLD_RAD / largest)[:, None, None]
+    covariance = (shape + own) * believed**2
+    modes = _common(joint, pair, by_slope * believed) if common else np.zeros((count, 3, 0))
+    return Normals(normal, covariance, modes)
+
+
+def _common(joint: np.ndarray, pair: np.ndarray, by_slope: np.ndarray) -> np.ndarray:
+    """(P, 3, K) the largest principal parts of the joint covariance of the turns that the shape brings."""
+    ordered = joint[np.ix_(pair.ravel(), pair.ravel())].reshape(len(pair), 2, len(pair), 2)
+    turned = np.einsum("pia,paqb,qjb->piqj", by_slope, ordered, by_slope, optimize=True)
+    size = 3 * len(pair)
+    kept = min(MODES, size)
+    variance, axes = eigh(turned.reshape(size, size), subset_by_index=(size - kept, size - 1))
+    return (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(len(pair), 3, kept)
+
+
+def _of_field(seen: Seen, slope: np.ndarray) -> _Turns:
+    """The field's normal; where the antenna's tangent is known, less its part along that.
+
+    What the shape leaves open then is the turn about the tangent, by slopes, and by the touch's own error that takes it
+    to where the surface has another slope.
+    """
+    raw = np.column_stack([-slope, np.ones(len(slope))])
+    length = np.linalg.norm(raw, axis=1)
+    normal = raw / length[:, None]
+    held = np.isfinite(seen.tangent).all(axis=1)
+    tangent = np.where(held[:, None], seen.tangent, 0.0)
+    normal = normal - np.sum(normal * tangent, axis=1, keepdims=True) * tangent
+    size = np.linalg.norm(normal, axis=1)
+    held &= size > 0.2
+    tangent = np.where(held[:, None], tangent, 0.0)
+    normal = np.where(held[:, None], normal / np.maximum(size, 0.2)[:, None], raw / length[:, None])
+    # turns across the normal, and across the tangent where there is one
+    free = np.eye(3) - normal[:, :, None] * normal[:, None, :] - tangent[:, :, None] * tangent[:, None, :]
+    by_slope = -free[:, :, :2] / length[:, None, None]
+    moved = by_slope @ seen.bend_per_m
+    own = moved @ seen.own_m2[:, :2, :2] @ np.swapaxes(moved, 1, 2)
+    known = _tangent_variance(seen, normal)
+    return _Turns(normal, by_slope, own + known[:, None, None] * tangent[:, :, None] * tangent[:, None, :])
+
+
+def _of_curve(seen: Seen, slope: np.ndarray, force: np.ndarray) -> _Turns:
+    """Across the curve and the antenna's tangent; without the latter across the curve, towards the force."""
+    along = np.column_stack([np.ones(len(slope)), slope])
+    length = np.linalg.norm(along, axis=1)
+    along = along / length[:, None]
+    held = np.isfinite(seen.tangent).all(axis=1)
+    tangent = np.where(held[:, None], seen.tangent, 0.0)
+    crossed = np.cross(along, tangent)
+    sine = np.linalg.norm(crossed, axis=1)
+    held &= sine > 1e-3
+    towards = force - np.sum(force * along, axis=1, keepdims=True) * along
+    fallback = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
+    weak = np.linalg.norm(towards, axis=1) < 1e-3 * np.linalg.norm(force, axis=1)
+    normal = np.where(held[:, None], crossed, np.where(weak[:, None], fallback, towards))
+    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.where(np.sum(normal * force, axis=1, keepdims=True) < 0, -normal, normal)
+    beside = np.cross(normal, np.where(held[:, None], tangent, along))
+    sine = np.where(held, np.sum(along * beside, axis=1), 1.0)
+    cosine = np.sum(along * tangent, axis=1)
+    rise = -normal[:, 1:] / length[:, None]
+    by_slope = np.where(held[:, None], beside / sine[:, None], along)[:, :, None] * rise[:, None, :]
+    open_turn = np.where(held[:, None], (cosine / sine)[:, None] * beside - tangent, UNTOLD_RAD * beside)
+    variance = np.where(held, _tangent_variance(seen, normal), 1.0)
+    own = variance[:, None, None] * open_turn[:, :, None] * open_turn[:, None, :]
+    # a touch's own error along the curve takes it to where that has another direction
+    moved = np.sqrt(seen.own_m2[:, :1, 0]) * np.einsum("nij,nj->ni", by_slope, seen.bend_per_m[:, :, 0])
+    return _Turns(normal, by_slope, own + moved[:, :, None] * moved[:, None, :])
+
+
+def _tangent_variance(seen: Seen, normal: np.ndarray) -> np.ndarray:
+    """(N,) rad², of the tangent's turn towards the normal."""
+    common = np.einsum("ni,nis->ns", normal, seen.tangent_modes)
+    return TANGENT_STD_RAD**2 + np.sum(common**2, axis=1)

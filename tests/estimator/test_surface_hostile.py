@@ -1,0 +1,147 @@
+"""Contacts that are few, in one place, on a line, without covariance, tangent or sense: no crash, and clear words."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from estimator.surface import Surface, Touches, reconstruct
+from vbaa_calib.synth.objects import TouchObject
+
+from .touched import CYLINDER, FREEFORM, RADIUS_M, SPHERE, drawn, spread_touches, touches_at
+
+
+def picked(touches: Touches, which: np.ndarray | slice) -> Touches:
+    """Some of the touches."""
+    arrays = {f.name: getattr(touches, f.name)[which] for f in fields(Touches) if f.name != "notes"}
+    return Touches(**arrays)
+
+
+def noisy(obj: TouchObject, count: int = 40, seed: int = 0) -> Touches:
+    true = spread_touches(obj, count, np.random.default_rng(seed), common=False)
+    return drawn(true, np.random.default_rng(seed + 1))
+
+
+def sound(surface: Surface, count: int) -> None:
+    """Everything is there, finite and of unit length where it should be."""
+    assert len(surface.touched_m) == count
+    for name in ("points_m", "normals", "touched_m", "touched_normal", "touched_normal_covariance"):
+        assert np.isfinite(getattr(surface, name)).all(), name
+    for normals in (surface.normals, surface.touched_normal):
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-9)
+    indices = np.concatenate([surface.triangles.ravel(), surface.lines.ravel()])
+    assert ((indices >= 0) & (indices < len(surface.points_m))).all()
+    assert len(surface.patch) == len(surface.std_m) == len(surface.points_m) > 0
+    assert surface.compliance.reason
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
+def test_few_contacts(count: int) -> None:
+    surface = reconstruct(picked(noisy(SPHERE), slice(count)), RADIUS_M)
+    sound(surface, count)
+    assert not surface.compliance.told or count > 3
+    if count == 1:
+        assert len(surface.triangles) == len(surface.lines) == 0
+        assert "cannot be told" in surface.compliance.reason
+        # one contact tells the turn about its tangent not at all
+        assert np.sqrt(np.trace(surface.touched_normal_covariance[0])) > 0.5
+
+
+def test_contacts_in_one_place() -> None:
+    same = picked(noisy(SPHERE), np.zeros(20, int))
+    sound(reconstruct(same, RADIUS_M), 20)
+    exact = replace(same, own_m2=np.zeros((20, 3, 3)))
+    surface = reconstruct(exact, RADIUS_M)
+    sound(surface, 20)
+    assert np.abs(surface.touched_m - surface.touched_m[0]).max() < 1e-6
+
+
+def test_contacts_on_a_line_exactly() -> None:
+    height = np.linspace(-0.02, 0.02, 25)
+    normal = np.tile([0.0, -1.0, 0.0], (25, 1))
+    points = np.array([0.16, 0.035, 0.0]) + np.outer(height, [0.0, 0.0, 1.0])
+    line = touches_at(points, normal, np.tile([1.0, 0.0, 0.0], (25, 1)), np.linspace(0.01, 0.05, 25), common=False)
+    for own in (line.own_m2, 0 * line.own_m2):
+        surface = reconstruct(replace(line, own_m2=own), RADIUS_M)
+        sound(surface, 25)
+        assert len(surface.triangles) == 0
+        np.testing.assert_allclose(surface.touched_normal, normal, atol=0.01)
+
+
+def test_without_tangents_a_line_does_not_know_its_normals() -> None:
+    height = np.linspace(-0.02, 0.02, 25)
+    points = np.array([0.16, 0.035, 0.0]) + np.outer(height, [0.0, 0.0, 1.0])
+    normal, lean = np.tile([0.0, -1.0, 0.0], (25, 1)), np.tile([1.0, 0.0, 0.0], (25, 1))
+    line = touches_at(points, normal, lean, np.linspace(0.01, 0.05, 25), common=False)
+    surface = reconstruct(replace(line, tangent=np.full((25, 3), np.nan)), RADIUS_M)
+    sound(surface, 25)
+    about_line = surface.touched_normal_covariance[:, 0, 0]
+    np.testing.assert_allclose(about_line, 1.0, atol=0.05)
+
+
+def test_tangents_of_some_contacts_only() -> None:
+    touches = noisy(FREEFORM)
+    some = np.where((np.arange(40) % 2 == 0)[:, None], touches.tangent, np.nan)
+    surface = reconstruct(replace(touches, tangent=some), RADIUS_M)
+    sound(surface, 40)
+    turn = np.trace(surface.touched_normal_covariance, axis1=1, axis2=2)
+    assert np.median(turn[::2]) < np.median(turn[1::2])
+    assert np.sqrt(np.mean(FREEFORM.signed_distance(surface.touched_m)[0] ** 2)) < 2e-4
+
+
+def test_unknown_covariances_are_said_and_give_no_deviations() -> None:
+    touches = noisy(CYLINDER)
+    surface = reconstruct(replace(touches, own_m2=np.full((40, 3, 3), np.nan)), RADIUS_M)
+    sound(surface, 40)
+    assert np.isnan(surface.std_m).all()
+    assert np.isnan(surface.touched_std_m).all()
+    assert "no covariance" in surface.notes[0]
+    assert "cannot be told" in surface.compliance.reason
+    assert np.sqrt(np.mean(CYLINDER.signed_distance(surface.points_m)[0] ** 2)) < 4e-4
+
+
+def test_a_few_unknown_covariances_are_those_of_the_others() -> None:
+    touches = noisy(CYLINDER)
+    own = touches.own_m2.copy()
+    own[[3, 8]] = np.nan
+    surface = reconstruct(replace(touches, own_m2=own), RADIUS_M)
+    sound(surface, 40)
+    assert "2 contacts without a covariance" in surface.notes[0]
+    assert np.isfinite(surface.touched_std_m).all()
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3])
+def test_forces_of_any_size(scale: float) -> None:
+    touches = noisy(SPHERE)
+    surface = reconstruct(replace(touches, force_N=scale * touches.force_N), RADIUS_M)
+    sound(surface, 40)
+    assert np.sqrt(np.mean(SPHERE.signed_distance(surface.touched_m)[0] ** 2)) < 2e-4
+
+
+def test_forces_without_sense() -> None:
+    rng = np.random.default_rng(0)
+    sound(reconstruct(replace(noisy(SPHERE), force_N=rng.standard_normal((40, 3))), RADIUS_M), 40)
+
+
+def test_points_without_sense() -> None:
+    rng = np.random.default_rng(0)
+    sound(reconstruct(replace(noisy(SPHERE), point_m=rng.uniform(-1, 1, (40, 3))), RADIUS_M), 40)
+
+
+def test_covariances_without_sense() -> None:
+    touches = noisy(SPHERE)
+    for own in (
+        np.tile(np.eye(3), (40, 1, 1)),
+        1e-20 * touches.own_m2,
+        touches.own_m2 * 10.0 ** np.arange(-6, 2, 0.2)[:, None, None],
+    ):
+        sound(reconstruct(replace(touches, own_m2=own), RADIUS_M), 40)
+
+
+def test_tangents_along_the_force() -> None:
+    """No antenna touches like that; it must not end in a division by zero."""
+    touches = noisy(SPHERE)
+    along = touches.force_N / np.linalg.norm(touches.force_N, axis=1, keepdims=True)
+    sound(reconstruct(replace(touches, tangent=along), RADIUS_M), 40)

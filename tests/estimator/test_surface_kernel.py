@@ -1,0 +1,85 @@
+"""The Gaussian process under the surface: its derivatives against differences, its solve against the textbook's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimator.surface.equations import Equations
+from estimator.surface.kernel import Prior, Rows, covariance, joined, pairs, slopes_at, values_at, variance
+from estimator.surface.solution import Fitted, left_out_residuals, solve
+
+PRIOR = Prior(length_m=0.02, amplitude_m=0.004, offset_m=0.1, incline=1.5)
+
+
+def views(rng: np.random.Generator, count: int) -> Rows:
+    """Values, slopes and mixtures of two functions of two coordinates."""
+    return Rows(
+        0.02 * rng.standard_normal((count, 2)), rng.standard_normal((count, 2)), rng.standard_normal((count, 2, 2))
+    )
+
+
+@pytest.mark.parametrize("direction", [[1.0, 0.0], [0.0, 1.0], [-0.4, 2.0]])
+def test_a_slope_is_the_difference_of_values(direction: list[float]) -> None:
+    rng = np.random.default_rng(0)
+    x, along, step = 0.02 * rng.standard_normal((6, 2)), np.array(direction), 1e-6
+    other = views(rng, 5)
+    other = Rows(other.x, other.value[:, :1], other.slope[:, :1])
+    one = np.ones(1)
+    after, before = values_at(x + step * along, one), values_at(x - step * along, one)
+    difference = (covariance(pairs(after, other), PRIOR) - covariance(pairs(before, other), PRIOR)) / (2 * step)
+    exact = covariance(pairs(slopes_at(x, along[None]), other), PRIOR)
+    np.testing.assert_allclose(exact, difference, rtol=1e-5, atol=1e-7)
+
+
+def test_a_covariance_is_symmetric_positive_and_has_its_variances_on_the_diagonal() -> None:
+    rows = views(np.random.default_rng(1), 30)
+    matrix = covariance(pairs(rows, rows), PRIOR)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-12)
+    assert np.linalg.eigvalsh(matrix).min() > -1e-9
+    np.testing.assert_allclose(np.diag(matrix), variance(rows, PRIOR), rtol=1e-9)
+
+
+def test_different_functions_are_independent() -> None:
+    x = 0.01 * np.random.default_rng(2).standard_normal((4, 1))
+    first, second = values_at(x, np.array([1.0, 0.0])), slopes_at(x, np.array([[0.0], [1.0]]))
+    np.testing.assert_array_equal(covariance(pairs(first, second), PRIOR), 0.0)
+    assert len(joined(first, second)) == 8
+
+
+def test_the_solve_is_the_textbook_s_with_compliance_as_a_vague_number() -> None:
+    """Posterior of shape and compliance against conditioning one joint Gaussian, the compliance's prior nearly flat."""
+    rng = np.random.default_rng(3)
+    rows, count, flat = views(rng, 25), 25, 1e3
+    modes, force = 1e-3 * rng.standard_normal((count, 2)), 0.03 * rng.standard_normal(count)
+    equations = Equations(rows, 0.01 * rng.standard_normal(count), 1e-6 * np.eye(count), modes, force, np.zeros(count))
+    solution = solve((Fitted(equations, PRIOR, 0.0),), True)
+    at = values_at(0.01 * rng.standard_normal((3, 2)), np.array([1.0, 0.0]))
+    seen = np.vstack([covariance(pairs(at, rows), PRIOR), flat**2 * force])
+    own = (
+        covariance(pairs(rows, rows), PRIOR) + 1e-6 * np.eye(count) + modes @ modes.T + flat**2 * np.outer(force, force)
+    )
+    prior = np.zeros((4, 4))
+    prior[:3, :3], prior[3, 3] = covariance(pairs(at, at), PRIOR), flat**2
+    gain = np.linalg.solve(own, seen.T).T
+    mean, left = gain @ equations.y, np.diag(prior - gain @ seen.T)
+    np.testing.assert_allclose(solution.mean(0, at), mean[:3], rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(solution.spread(0, at), np.sqrt(left[:3]), rtol=1e-3)
+    np.testing.assert_allclose(np.diag(solution.joint([(0, at)])), left[:3], rtol=2e-3)
+    assert solution.compliance_m_N == pytest.approx(mean[3], rel=1e-4)
+    assert 0 < solution.own_variance < solution.variance
+
+
+def test_left_out_residuals_are_those_of_leaving_out() -> None:
+    rng = np.random.default_rng(4)
+    rows = values_at(0.02 * rng.standard_normal((12, 2)), np.ones(1))
+    noise = np.diag(rng.uniform(1e-8, 1e-6, 12))
+    equations = Equations(rows, 0.003 * rng.standard_normal(12), noise, np.zeros((12, 0)), np.zeros(12), np.zeros(12))
+    residual = left_out_residuals(solve((Fitted(equations, PRIOR, 0.0),), False))
+    whole = covariance(pairs(rows, rows), PRIOR) + noise
+    for index in (0, 5, 11):
+        others = np.arange(12) != index
+        gain = np.linalg.solve(whole[np.ix_(others, others)], whole[others, index])
+        spread = np.sqrt(whole[index, index] - gain @ whole[others, index])
+        expected = (equations.y[index] - gain @ equations.y[others]) / spread
+        assert residual[index] == pytest.approx(expected, rel=1e-5)
