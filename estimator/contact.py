@@ -7,6 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+FRICTION_RAD = 0.2
+"""Deviation of the friction angle that is thought possible where nothing else is said: most contacts of steel have
+friction coefficients below 0.4."""
+
 
 def _unknown_vector() -> np.ndarray:
     return np.full(3, np.nan)
@@ -34,6 +38,7 @@ class Contact:
     moment_residual_Nm : reading less what the fitted contact predicts, in true N·m; NaN without a reading.
     friction_angle_rad, friction_angle_std_rad : the force's angle from the antenna's normal at the contact, positive
         towards the clamp. Where the data say nothing of it, what was thought possible beforehand.
+    friction_prior_rad : deviation of the friction angle that was thought possible beforehand.
     evidence : how much better a contact explains the frame than the free antenna: half the difference of the squared
         misfits, the rig free within its covariance in both. Without contact it is 1.5 to 2 on average.
     condition : condition number of what the data say of distance, force and friction, each scaled to unit deviation.
@@ -57,6 +62,7 @@ class Contact:
     moment_residual_Nm: float = np.nan
     friction_angle_rad: float = np.nan
     friction_angle_std_rad: float = np.nan
+    friction_prior_rad: float = np.nan
     evidence: float = np.nan
     condition: float = np.nan
     bias: Mapping[str, float] = field(default_factory=dict)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .contact import FRICTION_RAD, Contact
+
 if TYPE_CHECKING:
     from vbaa_calib.session import Frame
-
-    from .contact import Contact
 
 STATUSES = (
     "ok",
@@ -52,6 +52,7 @@ class ContactRow:
     friction_angle_rad, friction_angle_std_rad : of the force from the antenna's normal at the contact, positive towards
         the clamp.
     bias_std : the model's predicted bias in standard deviations of what it moves most.
+    friction_prior_rad : deviation of the friction angle that was thought possible beforehand.
     evidence : of a contact against the free antenna, see `Contact`; given for every frame that could be fitted.
     condition : condition number of what the data say of distance, force and friction.
     """
@@ -81,6 +82,7 @@ class ContactRow:
     friction_angle_std_rad: float = np.nan
     bias_std: float = np.nan
     condition: float = np.nan
+    friction_prior_rad: float = np.nan
     evidence: float = np.nan
     reason: str = ""
 
@@ -113,6 +115,7 @@ class ContactRow:
             friction_angle_std_rad=contact.friction_angle_std_rad,
             bias_std=contact.predicted_bias_std,
             condition=contact.condition,
+            friction_prior_rad=contact.friction_prior_rad,
             evidence=contact.evidence,
             reason=contact.reason,
         )
@@ -147,6 +150,7 @@ class ContactTable:
     friction_angle_std_rad: np.ndarray
     bias_std: np.ndarray
     condition: np.ndarray
+    friction_prior_rad: np.ndarray
     evidence: np.ndarray
     reason: np.ndarray
 
@@ -157,6 +161,12 @@ class ContactTable:
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    @property
+    def assumed_friction_rad(self) -> float:
+        """The friction that the contacts were estimated with; what is usual where the table does not say."""
+        told = self.friction_prior_rad[np.isfinite(self.friction_prior_rad)]
+        return float(np.median(told)) if len(told) else FRICTION_RAD
 
     @property
     def located(self) -> np.ndarray:

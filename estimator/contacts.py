@@ -45,6 +45,7 @@ class Contacts(Sequence[Contact]):
     moment_residual_Nm: np.ndarray
     friction_angle_rad: np.ndarray
     friction_angle_std_rad: np.ndarray
+    friction_prior_rad: float
     evidence: np.ndarray
     chosen: str
 
@@ -81,6 +82,7 @@ class Contacts(Sequence[Contact]):
             moment_residual_Nm=float(self.moment_residual_Nm[index]),
             friction_angle_rad=float(self.friction_angle_rad[index]),
             friction_angle_std_rad=float(self.friction_angle_std_rad[index]),
+            friction_prior_rad=self.friction_prior_rad,
             evidence=float(self.evidence[index]),
             condition=float(numbers.condition[index]),
             bias={rung: float(value) for rung, value in zip(RUNGS, bias, strict=True) if np.isfinite(value)},
@@ -124,6 +126,7 @@ def judge(
             moment_residual_Nm=said(numbers.residual[:, 0] * sensor.std_Nm / sensor.gain, numbers.felt[:, 0]),
             friction_angle_rad=said(numbers.unknowns[:, 3] * friction_rad),
             friction_angle_std_rad=said(numbers.std[:, 3] * friction_rad),
+            friction_prior_rad=friction_rad,
             evidence=said(numbers.evidence, numbers.finite),
             chosen=model,
         )

@@ -14,7 +14,7 @@ from vbaa_calib.arrays import as_index, like
 from vbaa_calib.errors import InputError
 from vbaa_calib.rig import Rig
 
-from .contact import Contact, Measured
+from .contact import FRICTION_RAD, Contact, Measured
 from .contacts import Contacts, judge
 from .given import checked_device, column, padded, stacked, started
 from .motion import Beam
@@ -24,11 +24,8 @@ from .solve.known import Known
 from .solve.ladder import EXPLORER, explore, solve
 from .solve.view import look
 from .stream import Stream, beam
-from .verdict import FEWEST_POINTS, unexplained
+from .verdict import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
 
-FRICTION_RAD = 0.2
-"""Deviation of the friction angle that is thought possible where nothing else is said: most contacts of steel have
-friction coefficients below 0.4."""
 CHUNK = 1024
 """Frames that are solved at once: their arrays stay in the processor's cache."""
 STREAM = 64
@@ -209,7 +206,8 @@ class ContactEstimator:
 
     def _without_reading(self, frames: Frames, fitted: Numbers) -> None:
         """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
-        rows = np.flatnonzero(unexplained(fitted) & fitted.felt.any(axis=1))
+        touching = fitted.evidence >= CONTACT_EVIDENCE
+        rows = np.flatnonzero(touching & unexplained(fitted) & fitted.felt.any(axis=1))
         if len(rows) == 0:
             return
         alone = frames.picked(as_index(like(frames.points, rows)))

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .contact_row import ContactTable
-from .estimate import FRICTION_RAD
-from .friction import Friction, Normals, friction
+from .friction import NORMAL_KNOWN_RAD, Friction, Normals, friction
 from .shared import Shared, shared_errors
 from .surface import Compliance, Surface, reconstruct, touches_of
 from .track import Track, follow
@@ -81,26 +80,36 @@ class Felt:
         }
 
 
-def feel(table: ContactTable, rig: Rig | None = None, friction_rad: float = FRICTION_RAD) -> Felt:
+def feel(table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None) -> Felt:
     """What the contacts of one object that stood still say of it.
 
     Parameters
     ----------
     table : the frames in order of time.
-    rig : that the contacts were made with. Without it the antenna has no radius, and all errors count as each frame's
-        own where that is the safer, as common where that is.
-    friction_rad : what the contacts were estimated with, see `ContactEstimator`.
+    rig : that the contacts were made with. Without it the antenna has no radius, and which of the errors are common
+        is not known: the shape takes them for each frame's own, friction for both.
+    friction_rad : what the contacts were estimated with, see `ContactEstimator`; by default what the table says.
 
     Raises
     ------
     InputError : no frame has a contact point with its force; contacts that are not of this rig.
     """
-    touches_of(table)
+    touches_of(table)  # says what is missing before any work
+    friction_rad = table.assumed_friction_rad if friction_rad is None else friction_rad
     shared = Shared.none(table) if rig is None else shared_errors(rig, table, friction_rad)
-    track = follow(table, rig, None if rig is None else shared)
     radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
     surface = reconstruct(touches_of(table, shared), radius_m)
+    track = follow(table, rig, None if rig is None else shared, _normals(table, surface))
     return Felt(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
+
+
+def _normals(table: ContactTable, surface: Surface) -> np.ndarray:
+    """(B, 3) the shape's normals where it tells them, NaN elsewhere."""
+    std = np.sqrt(np.maximum(np.linalg.eigvalsh(surface.touched_normal_covariance)[:, -1], 0.0))
+    told = std < NORMAL_KNOWN_RAD
+    normals = np.full((len(table), 3), np.nan)
+    normals[surface.touched_row[told]] = surface.touched_normal[told]
+    return normals
 
 
 def _plain(value: float) -> float | None:

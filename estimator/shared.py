@@ -10,7 +10,6 @@ from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .contact_row import ContactTable
-from .estimate import FRICTION_RAD
 from .joints import joint_angles
 from .solve.descend import begin
 from .solve.frames import Frames, frames_from_pixels
@@ -52,19 +51,19 @@ class Shared:
         return Shared(nothing, nothing, nothing, table.covariance_world_m2)
 
 
-def shared_errors(rig: Rig, table: ContactTable, friction_rad: float = FRICTION_RAD) -> Shared:
+def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = None) -> Shared:
     """The errors that the contacts of one recording share.
 
     Parameters
     ----------
-    friction_rad : what the contacts were estimated with, see `ContactEstimator`.
+    friction_rad : what the contacts were estimated with, see `ContactEstimator`; by default what the table says.
 
     Raises
     ------
     InputError : the contacts are not of this rig.
     """
     pan, tilt = joint_angles(rig.kinematics, table)
-    known = Known.of(rig, friction_rad, np.empty(0))
+    known = Known.of(rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0))
     rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
     parts = [_moved(known, table, row, pan[row], tilt[row]) for row in _chunks(rows)]
     size = parts[0].shape[-1] if parts else 0

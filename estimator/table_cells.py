@@ -32,6 +32,7 @@ _EXTRA_SCALARS = (
     "pan_rad",
     "tilt_rad",
     "evidence",
+    "friction_prior_rad",
 )
 _VECTORS = {
     "point_antenna_m": ("x_m", "y_m", "z_m"),

@@ -15,6 +15,7 @@ PROMISED = {
     "02_the_papers_two_points": r"l = 120\.000 mm, f_y = 30\.000 mN",
     "03_one_frame": r"ok: l = (149|150)\.\d\d ± 0\.\d\d mm",
     "04_a_recording_at_once": r"friction 0\.2 rad: .*2[567]\d ok\n  distance off by \S+ mm rms, (0\.[7-9]|1\.[0-3]) ",
+    "05_an_object_felt": r"friction 0\.(29|30)\d ± 0\.00\d \(true 0\.3\)",
 }
 
 

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     output = beside(args.output) if args.report is None else args.report
     refuse_report(output, args.force)
     result = cli.run(args)
-    sources = Sources(args.output, args.rig, args.session, background=args.background, friction_rad=args.friction)
+    sources = Sources(args.output, args.rig, args.session, background=args.background)
     make_report(
         output, sources, title=f"What the antenna felt: {args.session.resolve().name}", argv=args.argv, force=args.force
     )

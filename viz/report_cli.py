@@ -6,8 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from estimator.cli import FRICTION_RAD
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa report`."""
@@ -18,7 +16,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="PAGE", help="the page to write (default: report.html beside the contacts)"
     )
-    parser.add_argument("--friction", type=float, default=FRICTION_RAD, metavar="RAD", help="as given to vbaa estimate")
     parser.add_argument("--title", default="What the antenna felt", help="title of the page")
 
 
@@ -33,10 +30,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     refuse_report(output, args.force)
     if args.session is not None and args.rig is None:
         raise InputError("--session needs --rig", where="vbaa report", remedy="give the rig.json it was recorded with")
-    if not 0.0 <= args.friction <= 1.0:
-        what = f"friction is {args.friction:g}"
-        raise InputError(what, where="vbaa report", remedy="give the angle's deviation in rad, 0 to 1")
-    sources = Sources(args.contacts, args.rig, args.session, args.truth, friction_rad=args.friction)
+    sources = Sources(args.contacts, args.rig, args.session, args.truth)
     make_report(output, sources, title=args.title, argv=args.argv, force=args.force)
     say(f"{output}: {output.stat().st_size / 1e6:.1f} MB, opens offline in any browser")
     return {"report": str(output)}

@@ -52,15 +52,12 @@ class Sensed:
     facts: tuple[Fact, ...] = field(default=())
 
 
-def sensed(table: ContactTable, rig: Rig | None, truth: Truth | None, friction_rad: float) -> Sensed:
-    """Feel the object. Where that cannot be done, the only fact is why; what happened when may still be known.
-
-    `friction_rad` is what the contacts were estimated with, see `ContactEstimator`.
-    """
+def sensed(table: ContactTable, rig: Rig | None, truth: Truth | None) -> Sensed:
+    """Feel the object. Where that cannot be done, the only fact is why; what happened when may still be known."""
     from estimator.felt import feel
 
     try:
-        felt = feel(table, rig, friction_rad)
+        felt = feel(table, rig)
     except InputError as error:
         track = _followed(table, rig)
         events = () if track is None else event_facts(track)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from estimator.cli import FRICTION_RAD
 from vbaa_calib.errors import InputError
 from vbaa_calib.files import refuse_overwrite
 
@@ -31,7 +30,7 @@ class Sources:
     contacts : contacts.csv or .parquet.
     rig : rig.json: adds friction, stiffness, the scene and the residual's scale.
     session : adds a picture of the recording; needs the rig.
-    background, friction_rad : as `vbaa estimate` was given them.
+    background : as `vbaa estimate` was given it.
     truth : truth.json, drawn beside the estimates.
     picture : of the scene, drawn already; without it one is drawn.
     """
@@ -42,7 +41,6 @@ class Sources:
     truth: Path | None = None
     picture: Path | None = None
     background: Path | None = None
-    friction_rad: float = FRICTION_RAD
 
 
 def beside(contacts: Path) -> Path:
@@ -91,7 +89,7 @@ def make_report(
     rig = None if sources.rig is None else Rig.load(sources.rig)
     contents = None if sources.truth is None else read_json(sources.truth)
     truth = None if contents is None else truth_of(table, contents, sources.truth)
-    felt = sensed(table, rig, truth, sources.friction_rad)
+    felt = sensed(table, rig, truth)
     files = {
         "contacts": sources.contacts,
         "rig": sources.rig,

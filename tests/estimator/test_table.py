@@ -71,7 +71,7 @@ def test_columns_of_the_contract_come_first_and_unknown_numbers_are_empty(
     assert header[len(COLUMNS) :] == [
         *("FX_N", "FY_N", "FZ_N"),
         *("friction_angle_rad", "friction_angle_std_rad", "bias_std", "condition"),
-        *("pan_rad", "tilt_rad", "evidence", "TX", "TY", "TZ"),
+        *("pan_rad", "tilt_rad", "evidence", "friction_prior_rad", "TX", "TY", "TZ"),
     ]
     last = dict(zip(header, body[-1], strict=True))
     filled = {name for name, cell in last.items() if cell}

@@ -70,8 +70,6 @@ def test_files_in_the_way_are_refused(files: SimpleNamespace) -> None:
         report(files.contacts, "-o", files.folder / "report.pdf")
     with pytest.raises(InputError, match="--session needs --rig"):
         report(files.contacts, "-o", files.folder / "other.html", "--session", files.folder)
-    with pytest.raises(InputError, match="friction is 7"):
-        report(files.contacts, "-o", files.folder / "other.html", "--friction", 7)
     assert not (files.folder / "other.html").exists()
 
 

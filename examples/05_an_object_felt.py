@@ -1,0 +1,46 @@
+"""An object felt: the antenna strokes a ball there and back; out come its shape, its normals and its friction."""
+
+import numpy as np
+
+from estimator.felt import feel
+from vbaa_calib.bench.estimator_setup import Setup
+from vbaa_calib.bench.object_scenes import contacts, record
+from vbaa_calib.synth.objects import TouchObject
+from vbaa_calib.synth.scene import Sweep
+
+# A ball below a rig whose calibration is as good as usual. The tilt presses, the pan strokes: across the antenna, since
+# friction along it is hardly seen, and both ways, since an error of the normals then cancels.
+rig = Setup(real=True, exact=False, tilt_rad=0.5).rig()
+ball = TouchObject("sphere", np.array([0.16, 0.0, -0.05]), np.zeros(3), 0.04, 0.04, friction=0.3)
+there, back = (
+    Sweep(
+        press="tilt",
+        toward=-1,
+        sweep_rad=(-way, way),
+        frames=25,
+        push_rad=(0.05, 0.08),
+        swells=1.5,
+        free_frames=6,
+        clearance_rad=0.05,
+    )
+    for way in (0.12, -0.12)
+)
+recording = record(rig, ball, [there, back], np.random.default_rng(1))
+
+# With real pictures the table is read_contacts("contacts.csv") of `vbaa estimate`, and the rig is Rig.load("rig.json").
+felt = feel(contacts(recording), rig)
+
+friction, surface = felt.friction, felt.surface
+print(f"friction {friction.mu:.3f} ± {friction.std:.3f} (true 0.3), {friction.reason}")
+off = np.linalg.norm(surface.touched_m - ball.center_world_m, axis=1) - ball.radius_m
+print(
+    f"surface off by {1e3 * np.sqrt(np.mean(off**2)):.2f} mm rms; said: {1e3 * np.median(surface.touched_std_m):.2f} mm"
+)
+true = (surface.touched_m - ball.center_world_m) / np.linalg.norm(surface.touched_m - ball.center_world_m, axis=1)[
+    :, None
+]
+lean = np.degrees(np.arccos(np.clip((true * felt.normals.normal).sum(axis=1), -1.0, 1.0)))
+print(f"normals off by {np.median(lean):.1f}°; said: {np.degrees(np.median(felt.normals.std_rad)):.1f}°")
+print(f"stiffness: {felt.compliance.reason}")
+for event in felt.track.events[:4]:
+    print(" ", event.words)

@@ -1,0 +1,93 @@
+"""From simulated strokes to everything that is said of the object: the whole chain, its wiring and its words."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.contact_row import ContactTable
+from estimator.felt import Felt, feel
+from vbaa_calib.bench.estimator_setup import Setup, drawn_truth
+from vbaa_calib.bench.object_scenes import Recorded, contacts, record
+from vbaa_calib.errors import InputError
+from vbaa_calib.synth.objects import TouchObject
+from vbaa_calib.synth.scene import Sweep
+
+RIG = Setup(real=True, exact=False, tilt_rad=0.5).rig()
+BALL = TouchObject("sphere", np.array([0.16, 0.0, -0.05]), np.zeros(3), 0.04, 0.04)
+
+
+def stroked(mu: float, seed: int, frames: int = 22) -> tuple[Recorded, ContactTable]:
+    """The ball there and back, by a rig that is off as much as its covariance says."""
+    rng = np.random.default_rng([seed, int(100 * mu)])
+    sweeps = [Sweep("tilt", -1, frames, 6, 0.05, (0.05, 0.08), 1.5, (-way, way)) for way in (0.12, -0.12)]
+    recorded = record(drawn_truth(RIG, rng), replace(BALL, friction=mu), sweeps, rng, given=RIG)
+    return recorded, contacts(recorded)
+
+
+@pytest.fixture(scope="module")
+def rough() -> tuple[Recorded, ContactTable, Felt]:
+    recorded, table = stroked(0.4, 1)
+    return recorded, table, feel(table, RIG)
+
+
+def normal_errors_deg(recorded: Recorded, felt: Felt) -> np.ndarray:
+    true = recorded.truth.normal_world[felt.surface.touched_row]
+    return np.degrees(np.arccos(np.clip((true * felt.normals.normal).sum(axis=1), -1.0, 1.0)))
+
+
+def test_friction_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+    _, _, felt = rough
+    assert felt.friction.told
+    assert felt.friction.mu == pytest.approx(0.4, abs=0.03)
+    assert felt.friction.interval[0] <= 0.4 <= felt.friction.interval[1]
+
+
+def test_normals_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+    recorded, _, felt = rough
+    assert np.sqrt(np.mean(normal_errors_deg(recorded, felt)[felt.friction.used_as == "sliding"] ** 2)) < 3.0
+
+
+def test_rows_belong_together(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+    _, table, felt = rough
+    np.testing.assert_array_equal(felt.friction.row, felt.surface.touched_row)
+    assert len(felt.track.phase) == len(table)
+    assert len(felt.normals.normal) == len(felt.surface.touched_m)
+    assert felt.compliance is felt.surface.compliance
+
+
+def test_the_summary_is_plain_data(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+    felt = rough[2]
+    summary = felt.summary()
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    assert summary["friction"]["mu"] == felt.friction.mu
+    assert summary["contacts"] == len(felt.friction.used_as)
+
+
+def test_without_a_rig_less_is_certain(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+    _, table, felt = rough
+    alone = feel(table)
+    assert np.isnan(alone.friction.nu_rad).all()
+    assert alone.friction.told
+    assert alone.friction.mu == pytest.approx(0.4, abs=0.03)
+    assert alone.friction.std > felt.friction.std
+
+
+def test_a_slippery_object_pushes_along_its_normal() -> None:
+    """Fig. 7(b): within two degrees, and the interval of μ holds 0."""
+    recorded, table = stroked(0.0, 2, frames=18)
+    felt = feel(table, RIG)
+    sliding = felt.friction.used_as == "sliding"
+    assert np.degrees(np.median(np.abs(felt.friction.psi_rad - felt.friction.nu_rad)[sliding])) < 2.0
+    assert felt.friction.interval[0] == 0.0
+    assert felt.friction.interval[1] < 0.05
+    assert np.median(normal_errors_deg(recorded, felt)) < 2.0
+
+
+def test_nothing_touched_is_said_so(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+    table = rough[1]
+    with pytest.raises(InputError, match="located"):
+        feel(replace(table, status=np.full(len(table), "no_contact")), RIG)

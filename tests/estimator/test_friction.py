@@ -1,0 +1,197 @@
+"""Friction from touches that slide and stick, against Coulomb's law written down elsewhere (`rubbed`)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from estimator.friction import Friction, friction
+from estimator.friction.measure import rubs_of, settled
+from estimator.shared import Shared
+from estimator.surface import Surface, reconstruct, touches_of
+
+from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, followed, rubbed
+
+
+def shaped(given: Rubbed) -> Surface:
+    return reconstruct(touches_of(given.table, given.shared), WIRE_M)
+
+
+def judged(given: Rubbed, surface: Surface | None = None) -> Friction:
+    surface = shaped(given) if surface is None else surface
+    return friction(given.table, surface, given.track, given.shared, PRIOR_RAD)
+
+
+def moved(given: Rubbed, slip: np.ndarray) -> Rubbed:
+    """Another slip (P, 3)."""
+    return replace(given, track=replace(given.track, slip_velocity_m_s=slip))
+
+
+@pytest.fixture(scope="module")
+def there_and_back() -> tuple[Rubbed, Surface]:
+    given = rubbed(0.3, np.random.default_rng(0))
+    return given, shaped(given)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.1, 0.3, 0.6])
+def test_mu_is_found(mu: float) -> None:
+    found = judged(rubbed(mu, np.random.default_rng(3), count=40))
+    assert found.told
+    assert abs(found.mu - mu) < 0.005
+    assert found.interval[0] <= mu + 1e-9
+    assert found.interval[1] >= mu
+    assert found.interval[1] - found.interval[0] < 0.02
+    assert found.cone_half_angle_rad == pytest.approx(np.arctan(found.mu))
+
+
+def test_there_and_back_is_half_the_angle_between(there_and_back: tuple[Rubbed, Surface]) -> None:
+    """Without any fit: between sliding there and back the force turns by twice the cone's half angle."""
+    given, surface = there_and_back
+    found = judged(given, surface)
+    sliding = found.used_as == "sliding"
+    there, back = (found.lateral_rad[sliding & (sign * found.lateral_slip > 0)] for sign in (1, -1))
+    assert np.tan(0.5 * (back.mean() - there.mean())) == pytest.approx(found.mu, abs=4 * found.std)
+
+
+def test_the_errors_of_the_shape_cancel_there_and_back(there_and_back: tuple[Rubbed, Surface]) -> None:
+    """One way, an error of the normals is taken for friction, and the deviation says so."""
+    there, one_way = judged(*there_and_back), judged(rubbed(0.3, np.random.default_rng(0), both_ways=False))
+    assert one_way.told
+    assert abs(one_way.mu - 0.3) < 3 * one_way.std
+    assert one_way.std > 5 * there.std
+
+
+def test_the_world_may_stand_anywhere(there_and_back: tuple[Rubbed, Surface]) -> None:
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    here, there = judged(*there_and_back), judged(rubbed(0.3, np.random.default_rng(0), turn=turn))
+    assert there.mu == pytest.approx(here.mu, abs=3e-4)
+    np.testing.assert_allclose(there.lateral_rad, here.lateral_rad, atol=1e-3)
+    np.testing.assert_allclose(there.normals.normal, here.normals.normal @ turn.T, atol=2e-3)
+
+
+def test_what_sticks_sets_a_bound() -> None:
+    for seed in range(3):
+        found = judged(rubbed(0.3, np.random.default_rng(seed), slips=False, count=40))
+        assert not found.told
+        assert np.isnan([found.mu, found.std, found.cone_half_angle_rad]).all()
+        assert 0.15 < found.interval[0] < 0.3
+        assert found.interval[1] == np.inf
+        assert "μ ≥ 0.2" in found.reason
+        assert "slides" in found.reason
+
+
+def test_what_sticks_beside_what_slides_does_no_harm() -> None:
+    slips = np.arange(80) % 40 > 15
+    found = judged(rubbed(0.3, np.random.default_rng(4), slips=slips, count=80))
+    assert found.told
+    assert found.mu == pytest.approx(0.3, abs=0.005)
+    assert (found.used_as == "sticking").sum() >= 32
+
+
+def test_sliding_along_the_antenna_is_only_as_good_as_the_friction_angle() -> None:
+    blind = rubbed(0.3, np.random.default_rng(5), slip_rad=np.pi / 2, errors=Errors(lean_rad=3.0))
+    found = judged(blind)
+    assert not found.told
+    assert "along the antenna" in found.reason
+    seeing = judged(rubbed(0.3, np.random.default_rng(5), slip_rad=np.pi / 2, errors=Errors(lean_rad=0.05)))
+    assert seeing.told
+    assert abs(seeing.mu - 0.3) < 3 * seeing.std
+    assert seeing.std > 0.003
+
+
+def test_normals_that_the_shape_does_not_tell(there_and_back: tuple[Rubbed, Surface]) -> None:
+    given, surface = there_and_back
+    count = len(given.table)
+    vague = replace(
+        surface,
+        touched_normal_covariance=np.tile(np.eye(3), (count, 1, 1)),
+        touched_normal_modes=np.zeros((count, 3, 0)),
+    )
+    found = judged(given, vague)
+    assert not found.told
+    assert (found.used_as == "unused").all()
+    assert "none of 60" in found.reason
+    np.testing.assert_array_equal(found.interval, [0.0, np.inf])
+
+
+def test_without_tangents_nothing_is_said(there_and_back: tuple[Rubbed, Surface]) -> None:
+    given, surface = there_and_back
+    table = replace(given.table, tangent_world=np.full((60, 3), np.nan))
+    found = judged(replace(given, table=table), surface)
+    assert not found.told
+    assert np.isfinite(found.normals.normal).all()
+
+
+def test_a_few_wrong_frames(there_and_back: tuple[Rubbed, Surface]) -> None:
+    given, surface = there_and_back
+    force = given.table.force_world_N.copy()
+    force[7::12] = Rotation.from_rotvec([0.5, 0.0, 0.0]).apply(force[7::12])
+    found = judged(replace(given, table=replace(given.table, force_world_N=force)), surface)
+    assert found.told
+    assert found.mu == pytest.approx(0.3, abs=0.006)
+
+
+@pytest.mark.parametrize("both_ways", [True, False])
+def test_forces_that_push_the_slip_are_no_friction(both_ways: bool) -> None:
+    given = rubbed(0.3, np.random.default_rng(0), both_ways=both_ways)
+    found = judged(moved(given, -given.track.slip_velocity_m_s))
+    assert not found.told
+    assert np.isnan(found.mu)
+
+
+def test_an_unknown_rig_costs_certainty(there_and_back: tuple[Rubbed, Surface]) -> None:
+    given, surface = there_and_back
+    known, unknown = judged(given, surface), judged(replace(given, shared=Shared.none(given.table)), surface)
+    assert unknown.told
+    assert abs(unknown.mu - 0.3) < 3 * unknown.std
+    assert unknown.std > known.std
+
+
+def test_only_the_midst_of_sliding_counts() -> None:
+    velocity = np.array([[0.01 * sign, 0.0, 0.0] for sign in [1] * 8 + [-1] * 7])
+    phase = np.array(["free"] + ["sliding"] * 14)
+    inside = settled(followed(phase, velocity, 1e-4))
+    np.testing.assert_array_equal(np.flatnonzero(inside), [3, 4, 5, 10, 11, 12])
+
+
+def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:
+    """What the estimator drew towards 0 has, without its prior, the true mean and scatters as it says."""
+    found = []
+    for seed in range(20):
+        given = rubbed(0.4, np.random.default_rng(seed), slip_rad=0.9, count=12, errors=Errors(lean_rad=0.1))
+        surface = shaped(given)
+        found.append(rubs_of(given.table, surface, given.track, given.shared, PRIOR_RAD)[0])
+    angle = np.concatenate([rubs.longitudinal_rad for rubs in found])
+    std = np.concatenate([rubs.longitudinal_std_rad for rubs in found])
+    truth = np.arctan(0.4 * np.sin(0.9) * np.cos(np.arctan(0.4 * np.cos(0.9))))
+    assert (angle - truth).mean() == pytest.approx(0.0, abs=4 * 0.1 / np.sqrt(len(angle)))
+    assert (((angle - truth) / std) ** 2).mean() == pytest.approx(1.0, abs=0.35)
+
+
+def test_friction_along_the_antenna_needs_no_normal() -> None:
+    """Where the friction angle is seen and the antenna slides along itself."""
+    given = rubbed(0.3, np.random.default_rng(8), slip_rad=np.pi / 2, errors=Errors(lean_rad=0.05))
+    count = len(given.table)
+    vague = replace(
+        shaped(given),
+        touched_normal_covariance=np.tile(np.eye(3), (count, 1, 1)),
+        touched_normal_modes=np.zeros((count, 3, 0)),
+    )
+    found = judged(given, vague)
+    assert found.told
+    assert abs(found.mu - 0.3) < 3 * found.std
+
+
+def test_a_press_along_the_antenna_sets_no_bound_however_sure_its_normals_are() -> None:
+    """Points that lie in a row along the antenna do not tell how the surface slopes across it."""
+    given = rubbed(0.3, np.random.default_rng(9), slips=False)
+    points = given.table.point_world_m.copy()
+    points[:, 0] += np.linspace(-0.02, 0.02, len(points))
+    points[:, 1:] = points[:1, 1:] + 5e-5 * np.random.default_rng(9).normal(size=(len(points), 2))
+    found = judged(replace(given, table=replace(given.table, point_world_m=points)), shaped(given))
+    assert not found.told
+    np.testing.assert_array_equal(found.interval, [0.0, np.inf])
+    assert found.normals.std_rad.min() > 0.3
