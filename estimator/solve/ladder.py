@@ -28,6 +28,9 @@ LOST = 2.0
 """A median misfit of so many deviations is a reason to look elsewhere."""
 LEANT = 2.5
 """So is a force that leans by so many of the deviations that were thought possible."""
+FAINT = 5.0
+"""Where no distance explains more of the cost than this there is no contact, and which of several valleys would be the
+deepest does not matter: evidence for one begins at three times as much."""
 TOUCHED = 3.0
 """Without a force of so many deviations there is no contact whose mirror image would matter."""
 SMALL = 1 / 3
@@ -130,10 +133,11 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     """These rows of the frames settled on a rung, in the best of the valleys that are worth it."""
     xp = namespace(rows)
     part, here = frames.picked(rows), picked(ground, rows)
+    telling = xp.amax(here.trials.gains, -1) > FAINT
     best = Best.of(settle(part, rung, here.floors[:, 0], here.free.feet_m))
     for other in range(1, here.floors.shape[1]):
-        best = best.beside(xp.isfinite(here.costs[:, other]), here.floors[:, other])
-    best = _found_again(part, rung, here, best)
+        best = best.beside(xp.isfinite(here.costs[:, other]) & telling, here.floors[:, other])
+    best = _found_again(part, rung, here, best, telling)
     known = worth(best.fits)
     unknowns = best.fits.state.unknowns
     touched = (xp.abs(unknowns[:, 1:3]) > TOUCHED * known.std[:, 1:3]).any(-1)
@@ -150,14 +154,14 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
     else:
         about = held_against(fits, look(part, REFERENCE, fits.state.unknowns))
         bias = bias | predicted_bias(fits, known, (rung,))
-    telling = evidence(fits, about, here.free), bias, best.rival, best.rival_unknowns, blind
-    return Solved(rows, fits, known, here.free, *telling, *second_force(fits, about, known))
+    told = evidence(fits, about, here.free), bias, best.rival, best.rival_unknowns, blind
+    return Solved(rows, fits, known, here.free, *told, *second_force(fits, about, known))
 
 
-def _found_again(frames: Frames, rung: str, ground: Ground, best: Best) -> Best:
+def _found_again(frames: Frames, rung: str, ground: Ground, best: Best, telling: Array) -> Best:
     """Frames that are lost looked for anew: with feet from nothing, then from all over the antenna."""
-    again = best.beside(_lost(best), best.fits.state.unknowns)
-    lost = _lost(again)
+    again = best.beside(_lost(best) & telling, best.fits.state.unknowns)
+    lost = _lost(again) & telling
     if not bool(lost.any()):
         return again
     starts, costs = picked(ground.trials, lost).spread(WIDE)
