@@ -25,9 +25,10 @@ SLIPS = 2.0
 LEAST_OWN = 0.7
 """So much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
 whole and the common one, would be anything."""
-NEIGHBOURS = 2
-"""A touch slides for certain if so many frames before and after it slide the same way: the slip is taken from several
-frames at a time, so that it begins early and ends late, and turns slowly where it turned at once."""
+NEIGHBOURS, NEAR_S = 2, 0.07
+"""A touch slides for certain if so many frames before and after it, as far as they lie within this time, and the next
+ones in any case, slide the same way: the slip is taken from several frames at a time, so that it begins early and ends
+late, and turns slowly where it turned at once."""
 SAME_WAY = 0.5
 """Cosine between the slips of such neighbours."""
 SEEN = 0.5
@@ -60,7 +61,7 @@ def rubs_of(
     told = np.sqrt(np.maximum(turned, 0.0)) < NORMAL_KNOWN_RAD
     across = sound & beside & told & (force_std < FORCE_KNOWN_RAD)
     along = sound & np.isfinite(seen) & np.isfinite(seen_std)
-    slides = settled(track)[rows] & np.isfinite(slip_std)
+    slides = settled(track, table.time_s)[rows] & np.isfinite(slip_std)
     rubs = Rubs(
         used_as=np.where(across | along, np.where(slides, SLIDING, STICKING), UNUSED),
         slides=slides,
@@ -79,14 +80,15 @@ def rubs_of(
     return rubs, axes, found
 
 
-def settled(track: Track) -> np.ndarray:
-    """(B,) bool: frames in the midst of sliding one way."""
+def settled(track: Track, time_s: np.ndarray) -> np.ndarray:
+    """(B,) bool: frames, at times (B,), in the midst of sliding one way."""
     sliding, way = track.phase == "sliding", np.nan_to_num(unit(track.slip_velocity_m_s))
     result = sliding.copy()
     for step in range(-NEIGHBOURS, NEIGHBOURS + 1):
         at = np.arange(len(sliding)) + step
         there = np.clip(at, 0, len(sliding) - 1)
-        result &= (at == there) & sliding[there] & (dot(way, way[there]) > SAME_WAY)
+        alike = (at == there) & sliding[there] & (dot(way, way[there]) > SAME_WAY)
+        result &= alike | ((abs(step) > 1) & (np.abs(time_s[there] - time_s) > NEAR_S))
     return result
 
 

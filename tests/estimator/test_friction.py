@@ -153,7 +153,7 @@ def test_an_unknown_rig_costs_certainty(there_and_back: tuple[Rubbed, Surface]) 
 def test_only_the_midst_of_sliding_counts() -> None:
     velocity = np.array([[0.01 * sign, 0.0, 0.0] for sign in [1] * 8 + [-1] * 7])
     phase = np.array(["free"] + ["sliding"] * 14)
-    inside = settled(followed(phase, velocity, 1e-4))
+    inside = settled(followed(phase, velocity, 1e-4), np.arange(len(phase)) / 30.0)
     np.testing.assert_array_equal(np.flatnonzero(inside), [3, 4, 5, 10, 11, 12])
 
 
