@@ -165,6 +165,8 @@ def shoot(
     bend, twist = 1.0 / rod.bending_stiffness_Nm2, 1.0 / rod.torsional_stiffness_Nm2
     curvature_y, curvature_z = rod.natural_curvature_per_m
 
+    left, right = np.empty((2, 3, 3, len(contact_m)))
+
     def slope(state: np.ndarray, internal: np.ndarray) -> np.ndarray:
         _, d1, d2, moment = state
         turn = bend * moment + ((twist - bend) * (d1 * moment).sum(axis=0)) * d1
@@ -172,9 +174,10 @@ def shoot(
             turn = turn + curvature_y * d2 + curvature_z * _cross(d1, d2)
         rates = np.empty_like(state)
         rates[0] = d1
-        rates[1] = _cross(turn, d1)
-        rates[2] = _cross(turn, d2)
-        rates[3] = _cross(internal, d1)
+        # Ω × d1, Ω × d2 and n × d1 in one go: the calls cost more than the numbers
+        left[0], left[1], left[2] = turn, turn, internal
+        right[0], right[1], right[2] = d1, d2, d1
+        _cross(left.swapaxes(0, 1), right.swapaxes(0, 1), rates[1:].swapaxes(0, 1))
         return rates
 
     pose = rod.T_antenna_clamp
@@ -226,9 +229,9 @@ def sample_shape(shape: RodShape, arclength_m: np.ndarray) -> tuple[np.ndarray, 
     return points, slopes / np.linalg.norm(slopes, axis=-1, keepdims=True)
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a × b over the first axis, without numpy.cross's overhead."""
-    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+def _cross(a: np.ndarray, b: np.ndarray, product: np.ndarray | None = None) -> np.ndarray:
+    """a × b over the first axis, without numpy.cross's overhead; written to `product` where there is one."""
+    product = np.empty(a.shape) if product is None else product
     product[0] = a[1] * b[2] - a[2] * b[1]
     product[1] = a[2] * b[0] - a[0] * b[2]
     product[2] = a[0] * b[1] - a[1] * b[0]

@@ -1,5 +1,7 @@
-"""The objects that the antenna touches, as a core grown by a radius: a line for the cylinder and the knife, a point
-for the sphere."""
+"""The objects that the antenna touches: a core grown by a radius, or a body in free form.
+
+The core is a line for the cylinder and the knife, a point for the sphere, a quarter of space for the box's edge.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import InputError
+from .bumps import Bump, elevation, nearest_distance
 
-SHAPES = ("cylinder", "sphere", "knife_edge")
+SHAPES = ("cylinder", "sphere", "knife_edge", "box_edge", "freeform")
+LINES = ("cylinder", "knife_edge", "box_edge")
+"""Shapes with an axis, along which they end."""
+WEDGES = ("knife_edge", "box_edge")
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,14 +25,17 @@ class TouchObject:
 
     Attributes
     ----------
-    shape : "cylinder", "sphere" or "knife_edge".
-    center_world_m : (3,) a point on the axis, the sphere's centre, a point on the edge.
-    axis_world : (3,) unit vector along the cylinder or the edge; unused for the sphere.
-    radius_m : of the cylinder, the sphere or the rounding of the edge.
-    half_length_m : of the cylinder or the edge, to both sides of the centre; unused for the sphere.
+    shape : one of `SHAPES`.
+    center_world_m : (3,) a point on the axis, the centre of sphere or free form, a point on the middle of the edge's
+        rounding.
+    axis_world : (3,) unit vector along the cylinder or the edge; unused for sphere and free form.
+    radius_m : of the cylinder, the sphere, the rounding of the edge, the free form without its bumps.
+    half_length_m : of the cylinder or the edge, to both sides of the centre; unused for sphere and free form.
     stiffness_N_m : normal force per penetration; `math.inf` is rigid.
     friction : Coulomb's μ.
-    wedge_world : (3,) unit vector across the axis, from the edge into the blade's body; unused but for the knife edge.
+    wedge_world : (3,) unit vector across the axis, from the edge into the body, for the box between its two faces;
+        unused but for the two edges.
+    bumps : of the free form.
     """
 
     shape: str
@@ -37,6 +46,7 @@ class TouchObject:
     stiffness_N_m: float = math.inf
     friction: float = 0.0
     wedge_world: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    bumps: tuple[Bump, ...] = ()
 
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:
@@ -46,24 +56,39 @@ class TouchObject:
                 raise InputError(f"{name} is {getattr(self, name)}", where="object", remedy="give a positive number")
         if not 0.0 <= self.friction < math.inf:
             raise InputError(f"friction is {self.friction}", where="object", remedy="give 0 or more")
-        units = {"sphere": (), "cylinder": ("axis_world",), "knife_edge": ("axis_world", "wedge_world")}[self.shape]
+        units = (("axis_world",) if self.shape in LINES else ()) + (("wedge_world",) if self.shape in WEDGES else ())
         for name in units:
             if not math.isclose(float(np.linalg.norm(getattr(self, name))), 1.0, abs_tol=1e-6):
                 raise InputError(f"{name} has not length 1", where="object", remedy="give a unit vector")
-        if self.shape == "knife_edge" and abs(float(np.dot(self.axis_world, self.wedge_world))) > 1e-6:
+        if self.shape in WEDGES and abs(float(np.dot(self.axis_world, self.wedge_world))) > 1e-6:
             raise InputError("wedge_world is not across axis_world", where="object", remedy="give orthogonal vectors")
+        if self.bumps and self.shape != "freeform":
+            raise InputError(f"a {self.shape} has no bumps", where="object", remedy="take the shape freeform")
 
     @property
     def across(self) -> np.ndarray:
-        """(3, 3) world: projects on the directions across the core, the identity for the sphere."""
-        along = np.zeros(3) if self.shape == "sphere" else np.asarray(self.axis_world, float)
+        """(3, 3) world: projects on the directions across the axis, the identity where there is none."""
+        along = np.asarray(self.axis_world, float) if self.shape in LINES else np.zeros(3)
         return np.eye(3) - np.outer(along, along)
 
-    def signed_distance(self, points_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance from the undeformed surface, negative inside, and its outward normal.
+    @property
+    def into_faces(self) -> np.ndarray:
+        """(2, 3) unit vectors into the box, each across one of its two faces."""
+        side = np.cross(self.axis_world, self.wedge_world)
+        return np.stack([self.wedge_world - side, self.wedge_world + side]) / math.sqrt(2.0)
 
-        The cylinder and the edge count as endless here; the blade is a plate as thick as the edge's rounding. On the
-        core, or on the blade's middle plane, where no direction is nearest, the normal is NaN.
+    def within(self, points_world: np.ndarray) -> np.ndarray:
+        """(...) whether points (..., 3) lie between the ends of cylinder or edge."""
+        if self.shape not in LINES:
+            return np.ones(np.shape(points_world)[:-1], bool)
+        along = (np.asarray(points_world, float) - self.center_world_m) @ self.axis_world
+        return np.asarray(np.abs(along) <= self.half_length_m)
+
+    def signed_distance(self, points_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance from the undeformed surface, negative inside, and its outward normal at the nearest point.
+
+        Cylinder and edges count as endless here, and so do the box's faces; the blade is a plate as thick as the edge's
+        rounding. On the core, or on the blade's middle plane, where no direction is nearest, the normal is NaN.
 
         Parameters
         ----------
@@ -73,10 +98,39 @@ class TouchObject:
         -------
         distance (...,) m and normal (..., 3).
         """
-        offset = (np.asarray(points_world, float) - self.center_world_m) @ self.across
+        offset = np.asarray(points_world, float) - self.center_world_m
+        if self.shape == "freeform":
+            distance, normal = nearest_distance(offset.reshape(-1, 3), self.radius_m, self.bumps)
+            return distance.reshape(offset.shape[:-1]), normal.reshape(offset.shape)
+        if self.shape == "box_edge":
+            return self._from_box(offset)
+        offset = offset @ self.across
         if self.shape == "knife_edge":
             wedge = np.asarray(self.wedge_world, float)
             offset = offset - np.maximum(offset @ wedge, 0.0)[..., None] * wedge
+        return self._grown(offset)
+
+    def rough_distance(self, points_world: np.ndarray) -> np.ndarray:
+        """(...) what takes less time and tells which of the points (..., 3) is nearest: zero on the surface too."""
+        if self.shape != "freeform":
+            return self.signed_distance(points_world)[0]
+        offset = np.asarray(points_world, float) - self.center_world_m
+        return elevation(offset, self.radius_m, self.bumps)
+
+    def _grown(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance and normal by the offset (..., 3) from the nearest point of the core."""
         away = np.linalg.norm(offset, axis=-1)
         normal = np.divide(offset, away[..., None], out=np.full_like(offset, np.nan), where=(away > 1e-15)[..., None])
         return away - self.radius_m, normal
+
+    def _from_box(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        into = self.into_faces
+        depth = offset @ into.T
+        distance, normal = self._grown(np.minimum(depth, 0.0) @ into)
+        # inside the core the nearer face counts
+        inside = (depth > 0.0).all(axis=-1)
+        nearer = np.argmin(depth, axis=-1)
+        return (
+            np.where(inside, -depth.min(axis=-1) - self.radius_m, distance),
+            np.where(inside[..., None], -into[nearer], normal),
+        )

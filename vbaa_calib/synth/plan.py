@@ -14,7 +14,7 @@ from ..geometry import Pose
 from .board_poses import board_poses
 from .paths import sweep_joints
 from .scene import Joints, KnownLoad, Scene, true_rod
-from .touch import Touch, touch
+from .touch import Touch, touch_strokes
 from .truth import frame_truth, rig_truth
 
 STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
@@ -131,26 +131,24 @@ def _held(
     return shots, rows, truth
 
 
-def _pressed(scene: Scene, rod: Rod, number: int) -> tuple[list[Joints], Touch]:
-    """One stroke's joint angles and contacts. Raises InputError when the antenna slips off or never touches."""
-    sweep = scene.recording.sweeps[number]
-    joints = sweep_joints(scene, rod, sweep)
+def _pressed(scene: Scene, rod: Rod) -> list[tuple[list[Joints], Touch]]:
+    """Each stroke's joint angles and contacts. Raises InputError when the antenna slips off or never touches."""
+    sweeps = scene.recording.sweeps
+    joints = [sweep_joints(scene, rod, sweep) for sweep in sweeps]
     remedy = "push less, sweep less or move the object"
-    where = f"scene {scene.name}: recording.sweeps[{number}]"
+    where = f"scene {scene.name}: recording.sweeps"
+    poses = [[scene.T_world_antenna(j) for j in stroke] for stroke in joints]
     try:
-        touched = touch(
-            rod,
-            scene.radius_m,
-            scene.object,
-            [scene.T_world_antenna(j) for j in joints],
-            scene.gravity_world_m_s2,
-        )
+        touches = touch_strokes(rod, scene.radius_m, scene.object, poses, scene.gravity_world_m_s2)
     except SolveError as error:
         raise InputError(str(error), where=where, remedy=remedy) from error
-    missed = np.flatnonzero(~touched.in_contact[sweep.free_frames : len(joints) - sweep.free_frames])
-    if missed.size:
-        raise InputError(f"frame {missed[0]} of the stroke passes the object by", where=where, remedy=remedy)
-    return joints, touched
+    for number, (sweep, touched) in enumerate(zip(sweeps, touches, strict=True)):
+        missed = np.flatnonzero(~touched.in_contact[sweep.free_frames : len(joints[number]) - sweep.free_frames])
+        if missed.size:
+            raise InputError(
+                f"frame {missed[0]} of the stroke passes the object by", where=f"{where}[{number}]", remedy=remedy
+            )
+    return list(zip(joints, touches, strict=True))
 
 
 def _recording(
@@ -160,8 +158,7 @@ def _recording(
     rows: list[dict[str, Any]] = []
     truth: list[dict[str, Any]] = []
     start_s = 0.0
-    for number in range(len(scene.recording.sweeps)):
-        joints, touched = _pressed(scene, rod, number)
+    for joints, touched in _pressed(scene, rod):
         moments = _true_moments(touched.shape)
         readings = _readings(scene, moments, noise)
         for i, at in enumerate(joints):

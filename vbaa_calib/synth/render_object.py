@@ -1,4 +1,4 @@
-"""The touched object as the camera sees it: ray casting of cylinder, sphere and blade, shaded and antialiased."""
+"""The touched object as the camera sees it: ray casting, shaded and antialiased."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 
 from ..geometry import Pose
 from .lens import project
-from .objects import TouchObject
+from .march_object import march, reach_m, surface_at
+from .objects import LINES, WEDGES, TouchObject
 from .picture import LAMP_WORLD, Layer, Studio, frame_around
 from .render_antenna import DepthOfObstacle
 
@@ -33,7 +34,11 @@ def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits
         return _cast_sphere(obj, origin_m, directions)
     if obj.shape == "cylinder":
         return _cast_cylinder(obj, origin_m, directions)
-    return _cast_blade(obj, origin_m, directions)
+    if obj.shape == "knife_edge":
+        return _cast_blade(obj, origin_m, directions)
+    depth = march(obj, origin_m, directions)
+    reach = np.where(np.isfinite(depth), depth, 0.0)
+    return _hits(depth, *surface_at(obj, origin_m + reach[:, None] * directions))
 
 
 def _hits(depth: np.ndarray, normal: np.ndarray, face: np.ndarray) -> Hits:
@@ -102,7 +107,7 @@ def _cast_blade(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) 
 
 def pressed_in(obj: TouchObject, depth_m: float) -> TouchObject:
     """The object with its skin drawn back: a soft one gives way to the antenna, which then is not buried in it."""
-    if obj.shape == "knife_edge":
+    if obj.shape in WEDGES:
         return replace(obj, center_world_m=obj.center_world_m + depth_m * obj.wedge_world)
     return replace(obj, radius_m=max(obj.radius_m - depth_m, 0.2 * obj.radius_m))
 
@@ -123,11 +128,13 @@ def obstacle(place: Studio, obj: TouchObject, T_world_camera: Pose) -> DepthOfOb
 
 
 def _bounding_points(obj: TouchObject) -> np.ndarray:
-    axis = obj.axis_world if obj.shape != "sphere" else np.array([0.0, 0.0, 1.0])
+    axis = obj.axis_world if obj.shape in LINES else np.array([0.0, 0.0, 1.0])
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     side = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
     reach = BLADE_DEPTH_M * 1.2 if obj.shape == "knife_edge" else obj.radius_m
-    half = obj.radius_m if obj.shape == "sphere" else obj.half_length_m
+    half = obj.half_length_m if obj.shape in LINES else obj.radius_m
+    if obj.shape in ("box_edge", "freeform"):
+        reach = half = reach_m(obj)
     corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3)
     return obj.center_world_m + corners @ np.stack([half * axis, reach * side, reach * np.cross(axis, side)])
 

@@ -13,7 +13,7 @@ from ..geometry import Kinematics, Pose
 from ..session import NominalAntenna
 from .fields import Section
 from .lens import Lens, invertible
-from .objects import SHAPES, TouchObject
+from .object_file import read_object
 from .scene import (
     IntrinsicsSpec,
     Joints,
@@ -58,7 +58,7 @@ def load_scene(path: Path) -> Scene:
         moment=_moment(top.section("moment_sensor")),
         kinematics=_kinematics(top.section("kinematics", required=False)),
         gravity_world_m_s2=top.array("gravity_world", (3,)),
-        object=_object(top.section("object")),
+        object=read_object(top.section("object")),
         picture=_picture(top.section("picture", required=False)),
         intrinsics=_intrinsics(top.section("intrinsics")),
         noload=tuple(_joints(entry.only("pan_deg", "tilt_deg")) for entry in top.sections("noload")),
@@ -174,34 +174,6 @@ def _over(section: Section) -> OverSpec:
         _angle(section, "turn_deg", -360.0, 360.0, 0.0),
         section.whole("pictures", 1, 100),
         Joints(_angle(section, "pan_deg", -180.0, 180.0, 0.0), _angle(section, "tilt_deg", -90.0, 90.0, 0.0)),
-    )
-
-
-def _object(section: Section) -> TouchObject:
-    section.only(
-        *("shape", "center_world_m", "axis_world", "wedge_world", "radius_m", "half_length_m", "stiffness_N_m"),
-        *("friction",),
-    )
-    shape = section.choice("shape", SHAPES)
-    axis = np.array([0.0, 0.0, 1.0]) if shape == "sphere" else section.direction("axis_world")
-    wedge = section.direction("wedge_world") if shape == "knife_edge" else np.array([1.0, 0.0, 0.0])
-    if shape == "knife_edge":
-        wedge = wedge - axis * (axis @ wedge)
-        if np.linalg.norm(wedge) < 0.1:
-            raise section.wrong(
-                "wedge_world", "runs along the edge", "a direction from the edge into the blade is needed"
-            )
-        wedge /= np.linalg.norm(wedge)
-    rigid = not section.has("stiffness_N_m")
-    return TouchObject(
-        shape=shape,
-        center_world_m=section.array("center_world_m", (3,)),
-        axis_world=axis,
-        radius_m=section.number("radius_m", 1e-6, 1.0),
-        half_length_m=section.number("half_length_m", 1e-3, 10.0, 0.1),
-        stiffness_N_m=float("inf") if rigid else section.number("stiffness_N_m", 1e-3, 1e12),
-        friction=section.number("friction", 0.0, 2.0, 0.0),
-        wedge_world=wedge,
     )
 
 

@@ -17,18 +17,34 @@ SCHEMA = "vbaa.truth/1"
 def frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
     """What is true of one frame; None where there is no contact."""
     if not touched.in_contact[index]:
-        nothing = dict.fromkeys(("distance_m", "contact_antenna_m", "contact_world_m", "normal_world", "indentation_m"))
-        return {"in_contact": False, **nothing, "force_N": [0.0, 0.0, 0.0]}
+        names = (
+            "distance_m",
+            "contact_antenna_m",
+            "contact_world_m",
+            "touched_world_m",
+            "normal_world",
+            "indentation_m",
+        )
+        return {
+            "in_contact": False,
+            **dict.fromkeys(names),
+            "force_N": [0.0, 0.0, 0.0],
+            "sticks": False,
+            "slip_world_m": None,
+        }
     contact = T_world_antenna @ touched.contact_antenna_m[index]
-    distance, normal = scene.object.signed_distance(contact)
+    surface, normal = touched.touched_world_m[index], touched.normal_world[index]
     return {
         "in_contact": True,
         "distance_m": float(touched.contact_m[index]),
         "force_N": touched.force_antenna_N[index].tolist(),
         "contact_antenna_m": touched.contact_antenna_m[index].tolist(),
         "contact_world_m": contact.tolist(),
+        "touched_world_m": surface.tolist(),
         "normal_world": normal.tolist(),
-        "indentation_m": float(np.maximum(scene.radius_m - distance, 0.0)),
+        "indentation_m": float(np.maximum(scene.radius_m - (contact - surface) @ normal, 0.0)),
+        "sticks": bool(touched.sticks[index]),
+        "slip_world_m": touched.slip_world_m[index].tolist(),
     }
 
 
@@ -71,5 +87,9 @@ def rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
             "half_length_m": obj.half_length_m,
             "stiffness_N_m": None if rigid else obj.stiffness_N_m,
             "friction": obj.friction,
+            "bumps": [
+                {"direction_world": one.direction_world.tolist(), "height_m": one.height_m, "width_m": one.width_m}
+                for one in obj.bumps
+            ],
         },
     }

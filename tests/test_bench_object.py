@@ -1,0 +1,128 @@
+"""The benchmark of felt objects: its recordings keep the laws, its judge finds what it is to find."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vbaa_calib.bench import object as bench
+from vbaa_calib.bench.estimator_setup import drawn_truth
+from vbaa_calib.bench.object_cases import AXIS, CASES, CENTRE, SETUP, SOFT, Case
+from vbaa_calib.bench.object_judge import covered, judge, rms
+from vbaa_calib.bench.object_report import as_text, write_figure
+from vbaa_calib.bench.object_scenes import Recorded, contacts, play
+from vbaa_calib.bench.rows import write_csv
+from vbaa_calib.synth.objects import TouchObject
+from vbaa_calib.synth.scene import Sweep
+
+
+def _cylinder(stiffness_N_m: float, friction: float) -> TouchObject:
+    return TouchObject("cylinder", CENTRE, AXIS, 0.02, 0.08, stiffness_N_m, friction)
+
+
+def _stroke(way: int) -> Sweep:
+    return Sweep("pan", 1, 12, 2, math.radians(1.5), (math.radians(2), math.radians(7)), 2.0, (-way * 0.15, way * 0.15))
+
+
+SHORT = Case("cylinder", _cylinder, [_stroke(1), _stroke(-1)])
+
+
+@pytest.fixture(scope="module")
+def played() -> Recorded:
+    return play(SETUP.rig(), _cylinder(SOFT, 0.0), SHORT.strokes)
+
+
+def test_a_recording_is_true_to_its_object(played: Recorded) -> None:
+    truth, on = played.truth, played.truth.in_contact
+    assert on.sum() > 24
+    assert (~on).sum() >= 8
+    np.testing.assert_allclose(played.object.signed_distance(truth.touched_world_m[on])[0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(played.object.signed_distance(truth.touched_world_m[on])[1], truth.normal_world[on])
+    size = np.linalg.norm(truth.force_world_N[on], axis=1)
+    np.testing.assert_allclose(truth.indentation_m[on], size / SOFT, atol=1e-9)
+    assert truth.friction_ratio[on].max() < 1e-6
+    assert np.abs((truth.tangent_world * truth.normal_world).sum(axis=1))[on].max() < 1e-6
+    gaps = played.truth.point_world_m[on] - played.truth.touched_world_m[on]
+    np.testing.assert_allclose(
+        np.linalg.norm(gaps, axis=1), played.true.antenna.diameter_m / 2 - truth.indentation_m[on], atol=1e-9
+    )
+    assert (np.diff(played.time_s) > 0.0).all()
+
+
+def test_noise_is_what_was_asked_for_and_leaves_the_truth(played: Recorded) -> None:
+    noisy = played.noisy(np.random.default_rng(1))
+    again = played.noisy(np.random.default_rng(1))
+    np.testing.assert_array_equal(noisy.centrelines_px, again.centrelines_px)
+    assert np.nanstd(noisy.centrelines_px - played.centrelines_px) == pytest.approx(played.sigma_px, rel=0.03)
+    assert np.std(noisy.moment_Nm - played.moment_Nm) == pytest.approx(played.true.moment_sensor.std_Nm, rel=0.4)
+    assert noisy.truth is played.truth
+
+
+def test_what_the_estimator_makes_of_it_is_near_the_truth(played: Recorded) -> None:
+    table = contacts(played.noisy(np.random.default_rng(2)))
+    both = table.located & played.truth.in_contact
+    assert both.sum() > 0.8 * played.truth.in_contact.sum()
+    assert not (table.located & ~played.truth.in_contact).any()
+    miss = ((table.point_world_m - played.truth.point_world_m) * played.truth.normal_world).sum(axis=1)[both]
+    assert rms(miss) < 1e-4
+    np.testing.assert_array_equal(table.pan_rad, played.pan_rad)
+
+
+def test_the_judge_sees_a_given_rig_that_is_off(played: Recorded) -> None:
+    rng = np.random.default_rng(3)
+    given = drawn_truth(replace(SETUP, exact=False).rig(), rng)
+    off, exact = judge(played.noisy(rng, given)), judge(played.noisy(rng))
+    assert rms(off.point_std_m) > 1.2 * rms(exact.point_std_m)
+    assert off.contacts > 15
+    assert rms(exact.normal_rad) < math.radians(3.0)
+    assert rms(exact.surface_m) < 2e-4
+
+
+def test_rows_text_table_and_figure(tmp_path: Path) -> None:
+    rows = bench.run(1, 0, [bench.Cell(SHORT, math.inf, 0.0, exact) for exact in (True, False)])
+    assert [row.rig for row in rows] == ["exact", "off"]
+    assert all(row.stiffness_N_m is None and row.stiffness_error is None for row in rows)
+    assert rows[0].surface_mm < 0.2
+    text = as_text(rows, 1)
+    assert text.count("cylinder") == 2
+    assert "rig off: " in text
+    write_csv(tmp_path / "object.csv", rows, False)
+    assert len((tmp_path / "object.csv").read_text().splitlines()) == 3
+    write_figure(tmp_path / "object.png", rows, False)
+    assert (tmp_path / "object.png").stat().st_size > 10_000
+
+
+def test_a_row_names_the_goals_that_it_misses() -> None:
+    good = bench.ObjectRow(
+        *("sphere", 1000.0, 0.2, "exact", 3, 200.0, 0.0, 0.05, 0.1, 0.95, 0.05, 0.05, 0.05, 0.95, 0.5, 0.95, 1.0, 0.8),
+        *(0.01, 1.0, 1.0, 0.05, 1.0, 1.0, 1.0, 1.0, 1.0),
+    )
+    assert good.misses == ()
+    assert replace(good, surface_mm=0.11).misses == ("surface",)
+    assert replace(good, surface_mm=1.2, point_std_mm=1.0).misses == ("surface",)
+    assert replace(good, normal_deg=3.1).misses == ("normals",)
+    assert replace(good, force_deg=5.0).misses == ()
+    assert replace(good, force_deg=5.0, rig="off, slippery").misses == ("force",)
+    assert replace(good, mu_error=None).misses == ("friction",)
+    assert replace(good, stiffness_told=0.5).misses == ("stiffness",)
+    assert replace(good, stiffness_N_m=None, stiffness_error=None, stiffness_told=0.0).misses == ()
+
+
+def test_every_object_is_felt_rigid_and_soft_with_all_frictions() -> None:
+    cells = bench.cells()
+    assert {cell.case.name for cell in cells} == {case.name for case in CASES}
+    for case in CASES:
+        assert {cell.stiffness_N_m for cell in cells if cell.case is case} >= {math.inf, SOFT}
+    assert {cell.friction for cell in cells if cell.case.name == "sphere"} == {0.0, 0.1, 0.2, 0.4, 0.6}
+    for case in CASES:
+        assert 150 <= sum(stroke.frames for stroke in case.strokes) <= 230
+
+
+def test_shares_and_means_leave_out_what_is_unknown() -> None:
+    assert rms(np.array([3.0, np.nan, 4.0])) == pytest.approx(math.sqrt(12.5))
+    assert math.isnan(rms(np.array([np.nan])))
+    assert covered(np.array([1.0, 3.0, 9.0]), np.array([1.0, 1.0, np.nan])) == 0.5
