@@ -56,8 +56,8 @@ class Kinematics:
     axis_offset_m : from the pan axis to the tilt axis along the panned x.
     tilt_zero_rad : true tilt where the encoder reads zero; true tilt = reading + tilt_zero_rad.
     axes_std : (3,) standard deviations of skew (rad), offset (m) and tilt zero (rad) for a camera pose that is exact.
-    axes_by_pose : (3, 6) how much the three are off besides for a camera pose that is off (`Pose.retract`'s tangent): what
-        was measured by one sweep shares its errors. Without a sweep the axes count as exact, as they were given.
+    axes_by_pose : (3, 6) how much the three are off besides for a camera pose that is off (`Pose.retract`'s tangent):
+        what was measured by one sweep shares its errors. Without a sweep the axes count as exact, as they were given.
     """
 
     T_actuator_antenna: Pose = field(default_factory=Pose.identity)
@@ -90,7 +90,7 @@ class Kinematics:
         return not (self.axes_std.any() or self.axes_by_pose.any())
 
     def by_axes(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How `world_antenna` moves with skew, offset and tilt zero: rotations (3, B, 3, 3) and translations (3, B, 3)."""
+        """How `world_antenna` moves with skew, offset and tilt zero: rotations (3, B, 3, 3), translations (3, B, 3)."""
         moved = []
         for name in ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad"):
             ends = [

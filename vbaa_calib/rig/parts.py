@@ -117,7 +117,7 @@ def kinematics_from_dict(data: Mapping[str, Any], where: object) -> Kinematics:
     return Kinematics(
         Pose.identity() if mount is None else read_pose(mount, where, "kinematics.T_actuator_antenna"),
         np.asarray(data.get("position_world_m", (0.0, 0.0, 0.0)), float),
-        *(float(data.get(name, 0.0)) for name in JOINT_AXES),
+        **{name: float(data.get(name, 0.0)) for name in JOINT_AXES},
         axes_std=np.asarray(uncertain.get("std", np.zeros(3)), float),
         axes_by_pose=np.asarray(uncertain.get("by_pose", np.zeros((3, 6))), float),
     )

@@ -151,7 +151,9 @@ def _kinematics(data: Mapping[str, Any], where: object) -> Kinematics:
     return Kinematics(
         read_pose(mount, where, "kinematics.T_actuator_antenna") if mount else Pose.identity(),
         np.asarray(data.get("position_world_m", (0.0, 0.0, 0.0)), float),
-        **{name: float(data.get(name, 0.0)) for name in ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")},
+        axis_skew_rad=float(data.get("axis_skew_rad", 0.0)),
+        axis_offset_m=float(data.get("axis_offset_m", 0.0)),
+        tilt_zero_rad=float(data.get("tilt_zero_rad", 0.0)),
     )
 
 
