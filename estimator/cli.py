@@ -93,7 +93,7 @@ def check_outputs(args: argparse.Namespace) -> None:
     from .overlay_folder import refuse_folder
     from .table import check_format
 
-    refuse_overwrite(args.output, args.force)
+    refuse_overwrite(args.output, args.force, (args.rig, args.background))
     check_format(args.output)
     if args.overlay is not None:
         refuse_folder(args.overlay, args.force)

@@ -60,7 +60,7 @@ class Felt:
                 "interval": [_plain(end) for end in rub.interval],
                 "cone_half_angle_rad": _plain(rub.cone_half_angle_rad),
                 "sliding": int(np.sum(rub.used_as == "sliding")),
-                "sticking": int(np.sum(rub.used_as == "sticking")),
+                "at_most": int(np.sum(rub.used_as == "sticking")),
                 "force_from_normal_rad": _median(np.abs(rub.lateral_rad)),
                 "reason": rub.reason,
             },

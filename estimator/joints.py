@@ -26,7 +26,11 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
     rotation, translation = kinematics.world_antenna(pan, tilt)
     off = np.einsum("bij,bj->bi", rotation, table.point_antenna_m) + translation - table.point_world_m
     if (np.linalg.norm(off, axis=1) > FOREIGN_M).any():
-        raise InputError("the contacts do not fit the rig's kinematics", remedy="give the rig.json they were made with")
+        raise InputError(
+            "the contacts do not fit the rig's kinematics",
+            where="rig.json",
+            remedy="give the rig.json they were made with",
+        )
     return pan, tilt
 
 

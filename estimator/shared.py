@@ -66,7 +66,7 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
     known = Known.of(rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0))
     rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
     parts = [_moved(known, table, row, pan[row], tilt[row]) for row in _chunks(rows)]
-    size = parts[0].shape[-1] if parts else 0
+    size = parts[0].shape[-1] if parts else 1
     moved = np.full((len(table), 9, size), np.nan)
     if parts:
         moved[rows] = np.concatenate(parts)

@@ -18,6 +18,10 @@ COLUMNS = (
 """Of track.csv; a number that does not exist is an empty cell. The three in capitals are along the world's axes."""
 
 
+MOST_TOLD = 20
+"""Events that are said; --json has all."""
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa track`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
@@ -46,9 +50,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     outputs = [args.output] if args.smooth is None else [args.output, args.smooth]
     for path in outputs:
-        refuse_overwrite(path, args.force)
+        refuse_overwrite(path, args.force, (args.contacts, args.rig))
+    if args.output.suffix != ".csv":
+        raise InputError("is not a .csv", where=args.output, remedy="name it something.csv")
     if args.smooth is not None:
         check_format(args.smooth)
+        if args.smooth.resolve() == args.output.resolve():
+            raise InputError("is the track's own file", where=args.smooth, remedy="name another with --smooth")
         if args.rig is None:
             remedy = "give the rig.json that the contacts were made with"
             raise InputError("--smooth needs --rig to tell noise from the calibration's errors", remedy=remedy)
@@ -56,12 +64,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rig = None if args.rig is None else Rig.load(args.rig)
     shared = None if rig is None else shared_errors(rig, table)
     track = follow(table, rig, shared)
+    smoothed = None if args.smooth is None or rig is None else smooth(table, rig, shared, track)
     write_text(args.output, as_csv(table, track), args.force)
-    if args.smooth is not None and rig is not None:
-        _write_smoothed(args.smooth, smooth(table, rig, shared, track), args.force)
+    if smoothed is not None:
+        _write_smoothed(args.smooth, smoothed, args.force)
     counts = Counter(track.phase.tolist())
     say(f"{len(table)} frames: " + ", ".join(f"{count} {phase}" for phase, count in counts.most_common()))
-    for line in (*(event.words for event in track.events), *track.notes):
+    for event in track.events[:MOST_TOLD]:
+        say(f"  {event.words}")
+    if len(track.events) > MOST_TOLD:
+        say(f"  … and {len(track.events) - MOST_TOLD} more events: --json has all")
+    for line in track.notes:
         say(f"  {line}")
     say("wrote " + ", ".join(map(str, outputs)))
     return {

@@ -36,9 +36,7 @@ off = np.linalg.norm(surface.touched_m - ball.center_world_m, axis=1) - ball.rad
 print(
     f"surface off by {1e3 * np.sqrt(np.mean(off**2)):.2f} mm rms; said: {1e3 * np.median(surface.touched_std_m):.2f} mm"
 )
-true = (surface.touched_m - ball.center_world_m) / np.linalg.norm(surface.touched_m - ball.center_world_m, axis=1)[
-    :, None
-]
+true = recording.truth.normal_world[surface.touched_row]  # where it was touched, not where it seems to have been
 lean = np.degrees(np.arccos(np.clip((true * felt.normals.normal).sum(axis=1), -1.0, 1.0)))
 print(f"normals off by {np.median(lean):.1f}°; said: {np.degrees(np.median(felt.normals.std_rad)):.1f}°")
 print(f"stiffness: {felt.compliance.reason}")

@@ -11,7 +11,7 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -197,12 +197,15 @@ def sha256(path: Path) -> str:
         raise InputError(f"cannot be read ({error.strerror})", where=path, remedy="check the path") from None
 
 
-def refuse_overwrite(path: Path, force: bool) -> None:
+def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()) -> None:
     """Raises InputError when a file may not be written to `path`; to be called before the work, not after it.
 
-    A file in the way is refused unless `force` is on; a folder or a device always, and a folder that is not there.
+    A file in the way is refused unless `force` is on; a folder or a device always, and a folder that is not there, and
+    one of the command's own `inputs`.
     """
     path = Path(path)
+    if any(each is not None and path.exists() and Path(each).exists() and path.samefile(each) for each in inputs):
+        raise InputError("is an input of this command", where=path, remedy="take another name")
     kind = _kind(path)
     if kind == "folder":
         raise InputError("is a folder", where=path, remedy="name a file inside it")

@@ -37,13 +37,12 @@ def _friction(friction: Friction) -> str:
     low, high = friction.interval
     if friction.told:
         return f"Friction: μ = {friction.mu:.3f} ± {friction.std:.3f} (95 %: {low:.3f} to {high:.3f})."
-    bound = f" At most {high:.2f}." if np.isfinite(high) else ""
-    return f"Friction cannot be told: {_sentence(friction.reason)}{bound}"
+    return f"Friction cannot be told: {_sentence(friction.reason)}"
 
 
 def _stiffness(compliance: Compliance) -> str:
     if not compliance.told:
-        return f"Stiffness cannot be told: {_sentence(compliance.reason)}"
+        return _sentence(compliance.reason)
     low, high = compliance.interval_N_m
     ends = f"{low:.3g} to {high:.3g} N/m" if np.isfinite(high) else f"{low:.3g} N/m upwards"
     return f"The object's stiffness: {compliance.stiffness_N_m:.3g} N/m (95 %: {ends})."

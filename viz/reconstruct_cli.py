@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from .object_file import check_suffix, write_object
 
     check_suffix(args.output)
-    refuse_overwrite(args.output, args.force)
+    refuse_overwrite(args.output, args.force, (args.contacts, args.rig))
     table = read_contacts(args.contacts)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")

@@ -75,6 +75,7 @@ def make_report(
     ------
     InputError : a source cannot be read, or the page exists and `force` is off.
     """
+    from estimator.joints import joint_angles
     from estimator.table import read_contacts
     from vbaa_calib.files import read_json
     from vbaa_calib.rig import Rig
@@ -87,6 +88,8 @@ def make_report(
     refuse_report(path, force)
     table = read_contacts(sources.contacts)
     rig = None if sources.rig is None else Rig.load(sources.rig)
+    if rig is not None:
+        joint_angles(rig.kinematics, table)  # refuses another rig's contacts
     contents = None if sources.truth is None else read_json(sources.truth)
     truth = None if contents is None else truth_of(table, contents, sources.truth)
     felt = sensed(table, rig, truth)

@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 
 from estimator.overlay_words import MEANINGS, STATUS_COLOURS
+from estimator.surface.touches import BIASED_STD
 from estimator.table import LOCATED, ContactTable
 from vbaa_calib.rig import Rig
 
@@ -68,6 +69,7 @@ def headline(table: ContactTable) -> tuple[str, str]:
     known = std[np.isfinite(std)]
     well = f", to {1e3 * float(np.median(known)):.2f} mm along the antenna" if len(known) else ""
     lost = float(np.isin(table.status, LOST).mean())
+    lost += float(np.mean(table.located & (table.bias_std > BIASED_STD)))
     return f"Contact located in {located} of {frames} frames{well}", AMBER if lost > MANY else TEAL
 
 
@@ -84,6 +86,10 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
             middle, worst = (float(np.nanquantile(point, share)) for share in (0.5, 0.95))
             words += f"; contact points known to {middle:.2g} mm in space (median; 95 % of them to {worst:.2g} mm)"
         facts.append(Fact("How well", words + "."))
+    biased = int(np.sum(here & (table.bias_std > BIASED_STD)))
+    if biased:
+        words = f"{biased} contacts were found with a model that is off by more than one of their standard deviations"
+        facts.append(Fact("Model", f"{words}: estimate them with --model auto.", "look"))
     lost = np.isin(table.status, LOST)
     if lost.any():
         facts.append(Fact("Lost", f"{int(lost.sum())} frames gave no contact point: {_reasons(table, lost)}.", "look"))

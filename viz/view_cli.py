@@ -23,7 +23,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, help="rig.json: draws the antenna, plane C and the camera, too")
     parser.add_argument(
-        "--object", type=Path, help="object.vtp or .ply, as vbaa reconstruct writes it, instead of finding the object"
+        "--object",
+        type=Path,
+        help="object.vtp, .ply or .glb, as vbaa reconstruct writes it, instead of feeling it",
     )
     parser.add_argument(
         "--plain", action="store_true", help="only what stands in the files: find no object, no friction"
@@ -164,6 +166,6 @@ def _check_outputs(args: argparse.Namespace, window: bool) -> None:
                 raise InputError(
                     f"is not a {' or '.join(suffixes)}", where=path, remedy=f"name it something{suffixes[0]}"
                 )
-            refuse_overwrite(path, args.force)
+            refuse_overwrite(path, args.force, (args.contacts, args.rig, args.object, args.truth, args.picture))
     if window:
         require_display()

@@ -63,8 +63,10 @@ class Evidence:
             (rubs.longitudinal_rad, rubs.longitudinal_std_rad, rubs.longitudinal_modes_rad),
         )
         rows = [
-            np.flatnonzero(used & sure & np.isfinite(angle) & (std > 0))
-            for (angle, std, _), sure in zip(sides, directed.T, strict=True)
+            np.flatnonzero(
+                used & sure & np.isfinite(angle) & np.isfinite(std) & (std > 0) & np.isfinite(modes).all(axis=1)
+            )
+            for (angle, std, modes), sure in zip(sides, directed.T, strict=True)
         ]
         touch = np.concatenate(rows)
         slides = slides[touch]

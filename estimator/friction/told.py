@@ -57,8 +57,9 @@ def verdict(rubs: Rubs, mu: Coefficient | None) -> Verdict:
         )
     bounds = np.array([mu.lower, mu.upper if mu.upper < LARGEST else np.inf])
     if not enough(rubs):
-        few = f"only {sliding} of them slide{'s' * (sliding == 1)}" if sliding else "none of them slides"
-        return Verdict(False, f"of {used} contacts {few} for certain{bound_words(bounds)}", bounds)
+        few = f"only {sliding}" if sliding else "none"
+        words = f"of {used} contacts whose normal is known {few} lie{'s' * (sliding < 2)} in the midst of a slide"
+        return Verdict(False, f"{words}{bound_words(bounds)}", bounds)
     against = _contradiction(sliding, mu)
     if against:
         return _nothing(against)
@@ -72,11 +73,13 @@ def verdict(rubs: Rubs, mu: Coefficient | None) -> Verdict:
 def bound_words(bounds: np.ndarray) -> str:
     """The bounds (2,) that there are, ready to be added to a sentence."""
     lower, upper = bounds[0] > 0.005, np.isfinite(bounds[1])
+    low = np.floor(100.0 * bounds[0]) / 100.0
+    high = np.ceil(100.0 * bounds[1]) / 100.0 if upper else np.inf
     if lower and upper:
-        return f"; μ lies from {bounds[0]:.2f} to {bounds[1]:.2f} (each bound 95 %)"
+        return f"; μ lies from {low:.2f} to {high:.2f} (each bound 95 %)"
     if lower:
-        return f"; μ ≥ {bounds[0]:.2f} (95 %)"
-    return f"; μ ≤ {bounds[1]:.2f} (95 %)" if upper else ""
+        return f"; μ ≥ {low:.2f} (95 %)"
+    return f"; μ ≤ {high:.2f} (95 %)" if upper else ""
 
 
 def _nothing(reason: str) -> Verdict:

@@ -19,6 +19,9 @@ ROUND_M = 0.03
 """The same of its radius: how far an axis is off about which it may be round."""
 MOST_OFF_M = 1e-3
 """What it takes a point off at most: contacts worse than that are left out anyway."""
+BESIDE_M = 0.05
+"""What a slack of 1 rad is for a curve: how far touches lie beside it for other reasons than its shape; the path of the
+contacts zigzags with the force, and is no function over its long direction."""
 UNBELIEVED_RAD = 10.0
 """Deviation of a tangent that is not to be believed."""
 
@@ -171,7 +174,7 @@ def _of_curve(seen: Seen) -> Equations:
         noise=noise + np.outer(rolled, rolled),
         modes=np.concatenate([_effect(sides[0], seen.modes_m), np.zeros(along.shape)]),
         force_N=np.concatenate([np.sum(sides[0] * seen.yield_N, axis=1), np.zeros(count)]),
-        slack=np.zeros(2 * count),
+        slack=np.concatenate([np.zeros(count), np.full(count, BESIDE_M)]),
     )
 
 

@@ -14,8 +14,10 @@ from .normals import Normals, felt_normals
 from .solution import Fitted, Solution, left_out_residuals, solve
 from .touches import Touches
 
-ROUNDS, LEARNING = 3, 2
-"""Turns of a fit, and those in which smoothness is learned anew."""
+ROUNDS, LEARNING, MOST_ROUNDS = 3, 2, 15
+"""Turns of a fit at least, those in which smoothness is learned anew, and turns at most."""
+SETTLED = 0.1
+"""In standard deviations: a compliance that still moves by more than this has not settled."""
 TOO_FAR = 5.0
 """A touch this many standard deviations off what the others predict is left out ..."""
 MOST_LEFT_OUT = 0.1
@@ -106,7 +108,7 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
     """`ROUNDS` turns from a state on; `yielding`: with a compliance."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
-    for turn in range(ROUNDS):
+    for turn in range(MOST_ROUNDS):
         points, seen = _surface_points(touches, antenna_radius_m, patches, state)
         fitted, priors = [], []
         for patch, given, prior in zip(patches, seen, state.priors, strict=True):
@@ -118,8 +120,13 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
             priors.append(prior)
             fitted.append(Fitted(stated, *prior))
         solution = solve(tuple(fitted), yielding)
-        normals = felt_normals(touches, patches, solution, seen, common=turn == ROUNDS - 1)
-        state = _next(patches, seen, solution, normals, replace(state, priors=tuple(priors)), touches, turn > 0)
+        normals = felt_normals(touches, patches, solution, seen)
+        widened, state = state.widened, replace(state, priors=tuple(priors))
+        state = _next(patches, seen, solution, normals, state, touches, 0 < turn < MOST_ROUNDS - 1)
+        same = (widened == state.widened).all()  # what is left out now was left out of the solution
+        if turn >= ROUNDS - 1 and same and abs(solution.compliance_m_N) <= SETTLED * np.sqrt(solution.variance):
+            break
+    normals = felt_normals(touches, patches, solution, seen, common=True)
     return Fit(touches, patches, solution, state, points, normals)
 
 

@@ -10,7 +10,7 @@ from .equations import Equations
 from .kernel import Prior, covariance, pairs
 from .solution import factor
 
-MOST_EQUATIONS = 240
+MOST_EQUATIONS = 480
 """More are thinned for this search: three numbers need no more."""
 INCLINE = 2.0
 """Prior standard deviation of the trend's slope over the tangent plane: any that a patch may have, and more."""
@@ -32,7 +32,9 @@ def learn(
     yield_per_N : the largest compliance to think of, m/N; zero where there is none.
     """
     extent_m = max(extent_m, 1e-3)
-    thin = np.unique(np.linspace(0, len(equations) - 1, min(len(equations), MOST_EQUATIONS)).round().astype(int))
+    count = min(len(equations), MOST_EQUATIONS)
+    # at random: evenly spaced ones of strokes that repeat would all lie at the same places
+    thin = np.sort(np.random.default_rng(0).choice(len(equations), count, replace=False))
     rows = type(equations.rows)(*(values[thin] for values in vars(equations.rows).values()))
     between, y, slack = pairs(rows, rows), equations.y[thin], equations.slack[thin]
     modes = np.column_stack([equations.modes[thin], yield_per_N * equations.force_N[thin]])

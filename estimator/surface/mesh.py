@@ -25,6 +25,8 @@ NEARBY = 0.05
 """Contacts this part of a line's length away still have a say in its normals."""
 VAGUE = 3.0
 """Touches known along the surface this many times worse than most do not widen the footprint."""
+LONE_SHOWN_M = 2e-3
+"""A patch of one place is drawn where it is known to this."""
 STD_FACTOR, STD_SHOWN_M = 2.5, 3e-4
 """No surface where its deviation is larger than both so many times that at nine tenths of the patch's touches, and so
 much."""
@@ -150,4 +152,6 @@ def _line(fit: Fit, index: int, local_m: np.ndarray, members: np.ndarray) -> Pie
     )
     # to second order: beside where it was touched, the object bends away from under the line
     std = np.hypot(std, np.sqrt(0.75) * UNSEEN_BEND_PER_M * std_across**2)
+    if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > LONE_SHOWN_M:
+        return Piece(points[:0], normals[:0], std[:0], std_across[:0], np.empty((0, 3), int), lines)
     return Piece(points, normals, std, std_across, np.empty((0, 3), int), lines)

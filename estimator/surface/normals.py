@@ -69,7 +69,8 @@ def felt_normals(
         views.append((index, rows))
         slope = solution.mean(index, rows).reshape(2, size).T
         force = touches.force_N[m] @ patch.frame.T
-        turns = _of_field(given, slope) if patch.wide else _of_curve(given, slope, force)
+        slack = solution.patches[index].slack_rad
+        turns = _of_field(given, slope, slack) if patch.wide else _of_curve(given, slope, force)
         normal[m], by_slope[m] = turns.normal @ patch.frame, np.swapaxes(patch.frame[None], 1, 2) @ turns.by_slope
         own[m] = patch.frame.T @ turns.own @ patch.frame
         first[m], second[m] = begin + np.arange(size), begin + size + np.arange(size)
@@ -77,10 +78,12 @@ def felt_normals(
     joint = solution.joint(views)
     pair = np.stack([first, second], axis=1)
     shape = by_slope @ joint[pair[:, :, None], pair[:, None, :]] @ np.swapaxes(by_slope, 1, 2)
-    largest = np.sqrt(np.maximum(np.linalg.eigvalsh(shape + own)[:, -1], 1e-30))
-    believed = np.minimum(1.0, UNTOLD_RAD / largest)[:, None, None]
-    covariance = (shape + own) * believed**2
-    modes = _common(joint, pair, by_slope * believed) if common else np.zeros((count, 3, 0))
+    values, axes = np.linalg.eigh(shape + own)
+    believed = np.minimum(1.0, UNTOLD_RAD / np.sqrt(np.maximum(values, 1e-30)))
+    # an untold direction must not take the others along
+    held = (axes * believed[:, None]) @ np.swapaxes(axes, 1, 2)
+    covariance = held @ (shape + own) @ held
+    modes = _common(joint, pair, held @ by_slope) if common else np.zeros((count, 3, 0))
     return Normals(normal, covariance, modes)
 
 
@@ -94,7 +97,7 @@ def _common(joint: np.ndarray, pair: np.ndarray, by_slope: np.ndarray) -> np.nda
     return (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(len(pair), 3, kept)
 
 
-def _of_field(seen: Seen, slope: np.ndarray) -> _Turns:
+def _of_field(seen: Seen, slope: np.ndarray, slack_rad: float) -> _Turns:
     """The field's normal; where the antenna's tangent is known, less its part along that.
 
     What the shape leaves open then is the turn about the tangent, by slopes, and by the touch's own error that takes it
@@ -115,6 +118,7 @@ def _of_field(seen: Seen, slope: np.ndarray) -> _Turns:
     by_slope = -free[:, :, :2] / length[:, None, None]
     moved = by_slope @ seen.bend_per_m
     own = moved @ seen.own_m2[:, :2, :2] @ np.swapaxes(moved, 1, 2)
+    own = own + slack_rad**2 * by_slope @ np.swapaxes(by_slope, 1, 2)
     known = _tangent_variance(seen, normal)
     return _Turns(normal, by_slope, own + known[:, None, None] * tangent[:, :, None] * tangent[:, None, :])
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 MAX_TOUCHES = 500
 """More contacts are thinned evenly: the solve costs their number cubed."""
+BIASED_STD = 1.0
+"""Contacts found with a model whose predicted bias exceeds so many of their deviations are not believed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +71,33 @@ def touches_of(table: ContactTable, shared: Shared | None = None) -> Touches:
     """
     size = np.linalg.norm(table.force_world_N, axis=1)
     usable = table.located & np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(size) & (size > 0)
+    if not usable.any():
+        unforced = bool(table.located.any()) and not np.isfinite(size).any()
+        raise InputError(
+            "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)"
+            if unforced
+            else "no frame has a located contact with a force (status ok or tip_contact)",
+            remedy="estimate them again" if unforced else "record contacts, or see the reason column of contacts.csv",
+        )
+    biased = usable & (table.bias_std > BIASED_STD)
+    usable &= ~biased
     row = np.flatnonzero(usable)
     if not len(row):
         raise InputError(
-            "no frame has a located contact with a force in the world frame (status ok or tip_contact, FX_N to FZ_N)",
-            remedy="record contacts, or see the reason column of contacts.csv",
+            f"all {np.sum(biased)} contacts were found with a model that is off by more than one standard deviation",
+            remedy="estimate them with --model auto",
         )
     notes: tuple[str, ...] = ()
+    if biased.any():
+        notes = (f"{np.sum(biased)} contacts were not used: their model is off by more than one standard deviation",)
     if len(row) > MAX_TOUCHES:
-        notes = (f"{len(row)} contacts were thinned evenly to {MAX_TOUCHES}",)
+        notes += (f"{len(row)} contacts were thinned evenly to {MAX_TOUCHES}",)
         row = row[np.round(np.linspace(0, len(row) - 1, MAX_TOUCHES)).astype(int)]
+    untold = 0 if shared is None else int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2))))
+    if untold:
+        notes += (
+            f"of {untold} contacts the calibration's errors are not told (distance_std_m): they count as their own",
+        )
     tangent = table.tangent_world[row]
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
     known = (np.abs(length - 1) < 0.1) & (table.status[row] != "tip_contact")[:, None]

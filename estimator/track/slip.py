@@ -65,10 +65,11 @@ def slip(stroke: Stroke, table: ContactTable, kinematics: Kinematics, normal: np
     modes = _sloped(kernel, stroke.modes_m)
     covariance = _sloped(kernel.power(2), stroke.material_m2) + modes @ np.swapaxes(modes, 1, 2)
     covariance = covariance + np.eye(3) * (SHARE**2 * (moved**2).sum(axis=1))[:, None, None]
-    given = stroke.force_N if normal is None else np.where(np.isfinite(normal), normal, stroke.force_N)
-    across, upward = _axes(given, stroke.tangent)
-    if normal is None:
-        across, upward = _leant(moved, covariance, across, upward)
+    across, upward = _leant(moved, covariance, *_axes(stroke.force_N, stroke.tangent))
+    if normal is not None:
+        told = np.isfinite(normal).all(axis=1)[:, None]
+        exact = _axes(normal, stroke.tangent)
+        across, upward = np.where(told, exact[0], across), np.where(told, exact[1], upward)
     axes = np.stack([stroke.tangent, across], axis=1)  # (P, 2, 3)
     parts = np.einsum("pki,pi->pk", axes, moved)
     parts_m2_s2 = axes @ covariance @ np.swapaxes(axes, 1, 2)

@@ -14,6 +14,9 @@ GAP_FRAMES = 4.0
 LEAST_SECONDS = 6
 """Second differences that tell a scatter."""
 
+MOST_SCATTER = 3.0
+"""How many times as much as said the points of a path may scatter across the antenna, at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
@@ -121,7 +124,8 @@ def _material_noise(
         return across + along * (predicted**2)[:, None, None]
     sideways = float(np.hypot(seen[1], seen[2]) / np.sqrt(2.0))
     if known and np.isfinite(predicted).all():
-        factor = max(1.0, sideways / max(float(np.median(predicted)), 1e-12)) ** 2
+        # what swings more than this is motion, not noise
+        factor = np.clip(sideways / max(float(np.median(predicted)), 1e-12), 1.0, MOST_SCATTER) ** 2
         return factor * across + along * seen[0] ** 2
     return along * seen[0] ** 2 + flat * sideways**2
 

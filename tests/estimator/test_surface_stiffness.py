@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.surface import reconstruct
+from estimator.surface.yielding import MODEL_SHARE
 
 from .touched import CYLINDER, KNIFE, RADIUS_M, SPHERE, drawn, edge_touches, spread_touches
 
@@ -20,7 +21,8 @@ def test_a_soft_ball_s_stiffness_and_its_unpressed_shape(stiffness_N_m: float) -
     assert soft.told
     assert soft.stiffness_N_m == pytest.approx(stiffness_N_m, rel=0.1)
     assert soft.interval_N_m[0] < stiffness_N_m < soft.interval_N_m[1]
-    assert soft.own_std_m_N == pytest.approx(soft.std_m_N)
+    # nothing is common, but the model is not exact
+    assert np.hypot(soft.own_std_m_N, MODEL_SHARE / stiffness_N_m) < soft.std_m_N < 1e-3
     # pressed in by up to 3 mm, drawn where it is when nobody touches it
     assert np.sqrt(np.mean(SPHERE.signed_distance(surface.touched_m)[0] ** 2)) < 1e-4
 

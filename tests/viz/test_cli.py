@@ -110,7 +110,7 @@ def test_view_finds_the_object_itself(files: SimpleNamespace, capsys: pytest.Cap
     code, result, said = outcome(capsys, "view", files.contacts, "--rig", files.rig, "--html", page, "--json")
     assert code == 0
     assert any("riction" in fact for fact in result["facts"])
-    assert any("tiffness" in fact for fact in result["facts"])
+    assert any("stiff" in fact for fact in result["facts"])
     assert all(fact in said for fact in result["facts"])
     assert "reconstructed surface" in page.read_text()
 

@@ -78,4 +78,4 @@ def test_what_cannot_be_told_has_its_reason_and_no_cone(table: ContactTable) -> 
     touch = touch_of(findings(table, told=False))
     assert touch.cone_rad is None
     assert touch.facts[0].startswith("Friction cannot be told: It never slid.")
-    assert touch.facts[1] == "Stiffness cannot be told: The force hardly varied."
+    assert touch.facts[1] == "The force hardly varied."

@@ -190,7 +190,7 @@ def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
-    """The session's, with axes and tilt's zero as sweep and all ways together ask for them, and what they leave open."""
+    """The session's, with axes and tilt's zero as sweep and all ways together have them, and what they leave open."""
     if sweep is None:
         return session.kinematics
     swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)
