@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -124,10 +124,13 @@ def seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path 
     from vbaa_calib.session import load_session, read_recording
 
     try:
-        frame = _strongest(table, read_recording(load_session(session)))
+        frame, row = _strongest(table, read_recording(load_session(session)))
         if frame is None or frame.image is None:
             return Picture(b"", "No picture of the recording: it has none, or none with a located contact.")
-        estimator = ContactEstimator(rig)
+        # estimated anew, as the table's row was
+        estimator = ContactEstimator(rig, str(table.model[row]), friction=table.assumed_friction_rad)
+        if not np.isfinite(table.moment_residual_Nm[row]):
+            frame = replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan)
         ground = None if background is None else read_ground(rig, background)
         image = frame_picture(estimator, estimate_picture(estimator, frame, ground))
     except VbaaError as error:
@@ -139,11 +142,12 @@ def seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path 
     )
 
 
-def _strongest(table: ContactTable, frames: list[Frame]) -> Frame | None:
-    """The frame with the greatest force among those that were located."""
+def _strongest(table: ContactTable, frames: list[Frame]) -> tuple[Frame | None, int]:
+    """The frame with the greatest force among those that were located, and its row in the table."""
     located = np.flatnonzero(table.located)
     if not len(located):
-        return None
-    force = np.hypot(table.force_y_N[located], table.force_z_N[located])
-    wanted = int(table.frame[located[int(np.argmax(force))]])
-    return next((frame for frame in frames if frame.frame == wanted), None)
+        return None, 0
+    across = np.hypot(table.force_y_N[located], table.force_z_N[located])
+    whole = np.linalg.norm(table.force_world_N[located], axis=1)
+    row = int(located[int(np.argmax(np.where(np.isfinite(whole), whole, across)))])
+    return next((frame for frame in frames if frame.frame == int(table.frame[row])), None), row

@@ -61,6 +61,7 @@ def scatter(fit: Fit) -> float:
 def _with_covariances(touches: Touches) -> tuple[Touches, bool, list[str]]:
     """Those without a covariance get the median one of the others; whether any has one; and what to note."""
     given = np.isfinite(touches.own_m2).all(axis=(1, 2))
+    given &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
     if given.all():
         return touches, True, []
     if not given.any():

@@ -14,7 +14,7 @@ LOOK = {
     "contacts": (OBJECT, "contact, on the antenna's centreline"),
     "forces": (OBJECT, "force on the antenna"),
     "now": (NOW, "contact at this moment"),
-    "spread": (SPREAD, "covariance ellipsoid, 2 std"),
+    "spread": (SPREAD, "ellipsoid of 2 std"),
     "cones": (CONE, "friction cone"),
     "object": (OBJECT, "reconstructed surface"),
     "truth": (TRUTH, "true object"),
