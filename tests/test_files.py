@@ -400,3 +400,14 @@ class TestDigest:
             with pytest.raises(InputError) as caught:
                 sha256(path)
             refused(caught, path, "cannot be read")
+
+
+def test_an_input_is_never_an_output(tmp_path: Path) -> None:
+    given, link, other = tmp_path / "contacts.csv", tmp_path / "link.csv", tmp_path / "new.csv"
+    given.write_text("mine")
+    link.symlink_to(given)
+    for path in (given, link):
+        with pytest.raises(InputError, match="is an input of this command"):
+            refuse_overwrite(path, True, (None, given, tmp_path / "not there"))
+    refuse_overwrite(other, False, (given,))
+    refuse_overwrite(given, True, (other,))

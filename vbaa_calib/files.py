@@ -204,13 +204,14 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
     one of the command's own `inputs`.
     """
     path = Path(path)
-    if any(each is not None and path.exists() and Path(each).exists() and path.samefile(each) for each in inputs):
-        raise InputError("is an input of this command", where=path, remedy="take another name")
     kind = _kind(path)
     if kind == "folder":
         raise InputError("is a folder", where=path, remedy="name a file inside it")
     if kind == "other":
         raise InputError("is not a regular file", where=path, remedy="take another name")
+    there = [Path(each) for each in inputs if each is not None and kind != "none" and Path(each).exists()]
+    if any(path.samefile(each) for each in there):
+        raise InputError("is an input of this command", where=path, remedy="take another name")
     if kind != "none" and not force:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
     folder = path.resolve().parent

@@ -226,3 +226,15 @@ def test_a_ball_touched_here_and_there_is_whole() -> None:
     cap = 2 * np.pi * 0.02**2 * (1 - np.cos(0.9))
     assert 0.85 * cap < area.sum() < 1.4 * cap
     assert (np.sum(normal * surface.normals[surface.triangles[:, 0]], axis=1) > 0.9).all()
+
+
+def test_contacts_of_a_model_that_is_off_are_not_believed() -> None:
+    rows = touch(*grid(0.9, 2.1), np.random.default_rng(0))
+    table = ContactTable.from_rows(
+        [replace(row, bias_std=4.0 if index < 10 else 0.2) for index, row in enumerate(rows)]
+    )
+    surface = reconstruct(table, ANTENNA_RADIUS_M)
+    assert len(surface.touched_m) == len(rows) - 10
+    assert surface.notes[0].startswith("10 contacts were not used: their model is off")
+    with pytest.raises(InputError, match="all 63 contacts were found with a model that is off"):
+        reconstruct(replace(table, bias_std=np.full(len(rows), 2.0)), ANTENNA_RADIUS_M)

@@ -92,3 +92,20 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
         run(arguments(contacts, "-o", tmp_path / "track.csv"))
     run(arguments(contacts, "-o", tmp_path / "track.csv", "--force"))
     assert (tmp_path / "track.csv").read_text().startswith("frame,")
+
+
+def test_no_output_takes_the_place_of_another_file_of_the_call(tmp_path: Path) -> None:
+    contacts = written(tmp_path / "contacts.csv", stroked())
+    before = contacts.read_bytes()
+    (tmp_path / "rig.json").write_text("{}")
+    for output, words in (
+        (contacts, "is an input of this command"),
+        (tmp_path / "rig.json", "is an input of this command"),
+        (tmp_path / "track.parquet", r"is not a \.csv"),
+    ):
+        with pytest.raises(InputError, match=words):
+            run(arguments(contacts, "--rig", tmp_path / "rig.json", "-o", output, "--force"))
+    with pytest.raises(InputError, match="is the track's own file"):
+        both = tmp_path / "both.csv"
+        run(arguments(contacts, "--rig", tmp_path / "rig.json", "-o", both, "--smooth", both, "--force"))
+    assert contacts.read_bytes() == before

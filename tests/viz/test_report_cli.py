@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -57,6 +58,15 @@ def test_without_a_contact_it_says_why_nothing_was_felt(files: SimpleNamespace) 
     html = (files.folder / "free.html").read_text()
     assert "Nothing was touched" in html
     assert "Nothing can be said of it: no frame has a located contact" in html
+
+
+def test_another_rigs_contacts_are_refused(files: SimpleNamespace) -> None:
+    elsewhere = json.loads(files.rig.read_text())
+    elsewhere["kinematics"]["position_world_m"] = [0.3, 0.0, 0.0]
+    (files.folder / "other.json").write_text(json.dumps(elsewhere))
+    with pytest.raises(InputError, match="do not fit the rig's kinematics"):
+        report(files.contacts, "--rig", files.folder / "other.json", "-o", files.folder / "foreign.html")
+    assert not (files.folder / "foreign.html").exists()
 
 
 def test_files_in_the_way_are_refused(files: SimpleNamespace) -> None:
