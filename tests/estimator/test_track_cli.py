@@ -105,7 +105,7 @@ def test_no_output_takes_the_place_of_another_file_of_the_call(tmp_path: Path) -
     ):
         with pytest.raises(InputError, match=words):
             run(arguments(contacts, "--rig", tmp_path / "rig.json", "-o", output, "--force"))
+    both = tmp_path / "both.csv"
     with pytest.raises(InputError, match="is the track's own file"):
-        both = tmp_path / "both.csv"
         run(arguments(contacts, "--rig", tmp_path / "rig.json", "-o", both, "--smooth", both, "--force"))
     assert contacts.read_bytes() == before
