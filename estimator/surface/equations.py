@@ -17,6 +17,8 @@ UNSEEN_BEND_PER_M = 50.0
 """Standard deviation of an object's curvature across a curve, before the data."""
 ROUND_M = 0.03
 """The same of its radius: how far an axis is off about which it may be round."""
+IGNORED = 1e8
+"""The covariance of a touch that is left out is taken as so many times as large."""
 MOST_OFF_M = 1e-3
 """What it takes a point off at most: contacts worse than that are left out anyway."""
 BESIDE_M = 0.05

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .equations import Patch, Seen, equations, slope_rows
+from .equations import IGNORED, Patch, Seen, equations, slope_rows
 from .groups import facing, group, tangent_frame
 from .kernel import Prior
 from .learn import learn
@@ -22,8 +22,6 @@ TOO_FAR = 5.0
 """A touch this many standard deviations off what the others predict is left out ..."""
 MOST_LEFT_OUT = 0.1
 """... as long as they are no more than this part of all: otherwise the covariances are at fault."""
-IGNORED = 1e8
-"""The covariance of a touch that is left out is taken as so many times as large."""
 VAGUE_M, VAGUE_FACTOR = 1e-3, 3.0
 """A touch that is known along the surface worse than both this, and so many times worse than most, is not used."""
 STEEPEST = 3.0

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
 
-from .equations import Patch, Seen, slope_rows
+from .equations import IGNORED, Patch, Seen, slope_rows
 from .solution import Solution
 from .touches import Touches
 
@@ -63,8 +63,11 @@ def felt_normals(
     count = len(touches)
     normal, own, by_slope = np.empty((count, 3)), np.empty((count, 3, 3)), np.zeros((count, 3, 2))
     views, first, second, begin = [], np.empty(count, int), np.empty(count, int), 0
-    for index, (patch, given) in enumerate(zip(patches, seen, strict=True)):
+    for index, (patch, shown) in enumerate(zip(patches, seen, strict=True)):
         m, size = patch.members, len(patch.members)
+        # what is left out of the shape is known as well as it was: to where its normal belongs
+        own_m2 = np.where(shown.ignored[:, None, None], shown.own_m2 / IGNORED, shown.own_m2)
+        given = replace(shown, own_m2=own_m2)
         rows = slope_rows(patch, given.point_m[:, : patch.dimensions])
         views.append((index, rows))
         slope = solution.mean(index, rows).reshape(2, size).T
