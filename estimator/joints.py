@@ -21,7 +21,7 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
     InputError : the contacts are not of this rig.
     """
     told = np.isfinite(table.pan_rad) & np.isfinite(table.tilt_rad)
-    pan, tilt = _from_points(kinematics, table.point_antenna_m, table.point_world_m)
+    pan, tilt = from_points(kinematics, table.point_antenna_m, table.point_world_m)
     pan, tilt = np.where(told, table.pan_rad, pan), np.where(told, table.tilt_rad, tilt)
     rotation, translation = kinematics.world_antenna(pan, tilt)
     off = np.einsum("bij,bj->bi", rotation, table.point_antenna_m) + translation - table.point_world_m
@@ -34,7 +34,7 @@ def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarra
     return pan, tilt
 
 
-def _from_points(
+def from_points(
     kinematics: Kinematics, point_antenna_m: np.ndarray, point_world_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The angles (B,) that carry points (B, 3) of the antenna frame to their places in the world; |tilt| below 90°."""

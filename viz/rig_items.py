@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.joints import joint_angles
 from estimator.table import ContactTable
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.camera import Camera
-from vbaa_calib.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 
@@ -15,37 +15,8 @@ from .moments import Moments
 from .scene import RigItems
 
 GHOSTS = 6
-FOREIGN_M = 1e-3
-"""World and antenna points that disagree by more than this come from another rig."""
 PICTURE_GRID = (10, 13)
 """Nodes down and across of the drawn picture: between them the lens counts as straight."""
-
-
-def joint_angles(kinematics: Kinematics, point_antenna_m: np.ndarray, point_world_m: np.ndarray) -> tuple[float, float]:
-    """Pan and tilt that carry a point of the antenna frame to its place in the world; |tilt| below 90°.
-
-    For tables without the joints' columns, which give each contact in both frames.
-
-    Raises
-    ------
-    InputError : no angles do: the contacts are not of this rig.
-    """
-    p = kinematics.T_actuator_antenna @ point_antenna_m
-    q = point_world_m - kinematics.position_world_m
-    sin, cos = np.sin(kinematics.axis_skew_rad), np.cos(kinematics.axis_skew_rad)
-    # sin(tilt)·p_x + cos(tilt)·p_z is what the tilt makes of p_z, before the axis' lean mixes it with p_y
-    up = (q[2] - sin * p[1]) / cos
-    tilt = np.arcsin(np.clip(up / np.hypot(p[0], p[2]), -1.0, 1.0)) - np.arctan2(p[2], p[0])
-    forward = kinematics.axis_offset_m + np.cos(tilt) * p[0] - np.sin(tilt) * p[2]
-    aside = cos * p[1] - sin * up
-    if abs(np.hypot(forward, aside) - np.hypot(q[0], q[1])) > FOREIGN_M:
-        raise _foreign()
-    pan = float(np.arctan2(q[1], q[0]) - np.arctan2(aside, forward))
-    return pan, float(tilt) - kinematics.tilt_zero_rad
-
-
-def _foreign() -> InputError:
-    return InputError("the contacts do not fit the rig's kinematics", remedy="give the rig.json they were made with")
 
 
 def rig_items(rig: Rig, table: ContactTable, moments: Moments) -> RigItems:
@@ -76,19 +47,10 @@ def poses_at(kinematics: Kinematics, table: ContactTable, rows: np.ndarray) -> n
 
     Raises InputError when the contacts are not of this rig.
     """
-    poses = np.full((len(rows), 4, 4), np.nan)
-    for index, row in enumerate(rows):
-        pan, tilt = float(table.pan_rad[row]), float(table.tilt_rad[row])
-        here, there = table.point_antenna_m[row], table.point_world_m[row]
-        if not np.isfinite([pan, tilt]).all():
-            if not table.located[row]:
-                continue
-            pan, tilt = joint_angles(kinematics, here, there)
-        pose = kinematics.T_world_antenna(pan, tilt)
-        if table.located[row] and not np.linalg.norm(pose @ here - there) < FOREIGN_M:
-            raise _foreign()
-        poses[index] = np.eye(4)
-        poses[index, :3] = np.column_stack([pose.rotation, pose.translation_m])
+    rotation, translation = kinematics.world_antenna(*(angle[rows] for angle in joint_angles(kinematics, table)))
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = rotation, translation
+    poses[~np.isfinite(poses).all(axis=(1, 2))] = np.nan
     return poses
 
 

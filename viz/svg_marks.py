@@ -44,13 +44,6 @@ def bars(axes: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: s
     return f'<path d="{path}" stroke="{colour}" stroke-width="{width:g}"/>' if path else ""
 
 
-def level_bars(axes: Axes, y: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str, width: float = 1.3) -> str:
-    """Level bars from low to high (N,), cut at the plot's edge."""
-    across = [axes.across(np.clip(ends, *axes.x)) for ends in (low, high)]
-    path = "".join(f"M{b:.1f} {a:.1f}H{c:.1f}" for a, b, c in zip(axes.down(y), *across, strict=True))
-    return f'<path d="{path}" stroke="{colour}" stroke-width="{width:g}"/>' if path else ""
-
-
 def line(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str, width: float = 1.6, dashes: str = "") -> str:
     """A line through x, y (N,)."""
     dashed = f' stroke-dasharray="{dashes}"' if dashes else ""

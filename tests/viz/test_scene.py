@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.joints import from_points
 from estimator.table import ContactRow, ContactTable
 from vbaa_calib.camera import Camera
 from vbaa_calib.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from viz.moments import moments_of
-from viz.rig_items import joint_angles, picture_grid, poses_at, rig_items
+from viz.rig_items import picture_grid, poses_at, rig_items
 from viz.scene import Touch, build_scene, truth_object
 
 
@@ -91,16 +92,16 @@ def test_a_long_recording_is_thinned_but_keeps_the_greatest_force(table: Contact
 @pytest.mark.parametrize(("pan", "tilt"), [(0.0, 0.0), (0.7, -0.4), (-1.2, 1.3), (3.0, -1.1)])
 def test_joint_angles_come_back_from_one_point_in_both_frames(kinematics: Kinematics, pan: float, tilt: float) -> None:
     point = np.array([0.15, 0.012, -0.02])
-    found = joint_angles(kinematics, point, kinematics.T_world_antenna(pan, tilt) @ point)
-    turn = (np.array(found) - (pan, tilt) + np.pi) % (2 * np.pi) - np.pi
+    found = from_points(kinematics, point[None], (kinematics.T_world_antenna(pan, tilt) @ point)[None])
+    turn = (np.ravel(found) - (pan, tilt) + np.pi) % (2 * np.pi) - np.pi
     np.testing.assert_allclose(turn, 0.0, atol=1e-9)
 
 
 def with_joints(table: ContactTable, kinematics: Kinematics) -> ContactTable:
     """The table as the estimator writes it: with the joints of every frame."""
     angles = np.full((len(table), 2), (0.3, -0.2))
-    for row in np.flatnonzero(table.located):
-        angles[row] = joint_angles(kinematics, table.point_antenna_m[row], table.point_world_m[row])
+    here = table.located
+    angles[here] = np.column_stack(from_points(kinematics, table.point_antenna_m[here], table.point_world_m[here]))
     return replace(table, pan_rad=angles[:, 0], tilt_rad=angles[:, 1])
 
 
