@@ -13,6 +13,7 @@ PACKAGES = ("targets", "vbaa_calib", "estimator", "viz")
 
 FLOORS = {
     "vbaa_calib.errors": 0,
+    "vbaa_calib.diagnosis": 0,
     "vbaa_calib.console": 0,
     "vbaa_calib.files": 0,
     "vbaa_calib.schemas": 0,
@@ -36,7 +37,8 @@ FLOORS = {
     "estimator": 5,
     "viz": 6,
     "vbaa_calib.bench": 6,
-    "vbaa_calib.cli": 7,
+    "vbaa_calib.wizard": 7,
+    "vbaa_calib.cli": 8,
 }
 """Room → floor (ARCHITECTURE.md). A room may import from lower floors and from itself."""
 
