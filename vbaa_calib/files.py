@@ -256,8 +256,22 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
         temporary.replace(target)
+        _sync_folder(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a new name last through a power cut; only POSIX systems can."""
+    if os.name != "posix":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError:  # some network drives refuse it for folders
+        pass
+    finally:
+        os.close(handle)
 
 
 def write_text(path: Path, text: str, force: bool = True) -> None:

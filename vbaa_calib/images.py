@@ -44,7 +44,12 @@ def read_gray(path: Path) -> np.ndarray:
     Colour is turned to gray. A 16-bit picture is scaled by the smallest usual sensor depth (10, 12, 14, 16 bit) that
     holds its brightest pixel. Raises InputError naming the file when it is missing, empty, truncated or damaged.
     """
-    pixels = _read(Path(path), cv2.IMREAD_GRAYSCALE)
+    return gray_from_bytes(_read_bytes(Path(path)), Path(path))
+
+
+def gray_from_bytes(data: bytes, path: Path) -> np.ndarray:
+    """As `read_gray`, of a picture file's bytes that were read already; `path` is what errors name."""
+    pixels = _pixels(data, path, cv2.IMREAD_GRAYSCALE)
     return pixels if pixels.dtype == np.uint8 else _to_8_bit(pixels)
 
 
@@ -54,12 +59,18 @@ def read_picture(path: Path) -> np.ndarray:
     uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
     Raises InputError as `read_gray` does.
     """
-    pixels = _read(Path(path), cv2.IMREAD_UNCHANGED)
+    return picture_from_bytes(_read_bytes(Path(path)), Path(path))
+
+
+def picture_from_bytes(data: bytes, path: Path) -> np.ndarray:
+    """As `read_picture`, of a picture file's bytes that were read already; `path` is what errors name."""
+    pixels = _pixels(data, path, cv2.IMREAD_UNCHANGED)
     return pixels if pixels.dtype == np.uint8 else (pixels * _to_255(pixels)).astype(np.float32)
 
 
-def _read(path: Path, colours: int) -> np.ndarray:
-    data = _read_bytes(path)
+def _pixels(data: bytes, path: Path, colours: int) -> np.ndarray:
+    if not data:
+        raise InputError("is an empty file", where=path, remedy=_AGAIN)
     _refuse_truncated(data, path)
     pixels = _decode(data, colours)
     if pixels is not None and pixels.ndim == 3:
@@ -75,16 +86,13 @@ def _read(path: Path, colours: int) -> np.ndarray:
 
 def _read_bytes(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except FileNotFoundError:
         raise InputError("no such picture", where=path, remedy="check the path") from None
     except IsADirectoryError:
         raise InputError("is a folder, not a picture", where=path, remedy="name a picture inside it") from None
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read ({error})", where=path, remedy="check the path and its permissions") from None
-    if not data:
-        raise InputError("is an empty file", where=path, remedy=_AGAIN)
-    return data
 
 
 def _decode(data: bytes, colours: int) -> np.ndarray | None:

@@ -1,6 +1,11 @@
 """The verbs of this package: name → (module with `configure` and `run`, one line of help)."""
 
 VERBS = {
+    "board": (
+        "vbaa_calib.formats.board_cli",
+        "a print-exact ChArUco sheet: vector PDF with rulers, SVG, or PNG for a screen",
+    ),
+    "wizard": ("vbaa_calib.wizard.wizard_cli", "guided, resumable calibration: from a printed board to a trusted rig"),
     "intrinsics": ("vbaa_calib.calibrate.intrinsics_cli", "lens from photos of a ChArUco board"),
     "calibrate": ("vbaa_calib.calibrate.calibrate_cli", "a session to rig.json: lens, plane C, antenna, sensors"),
     "stiffness": ("vbaa_calib.calibrate.stiffness_cli", "EI from a table of measured deflections, no camera needed"),

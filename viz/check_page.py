@@ -59,7 +59,7 @@ def _header(document: Mapping[str, Any], given: Sequence[Mapping], own: Sequence
     else:
         told = f"<p>All {len(answered)} questions that could be answered are answered well.</p>"
     if document["session"] is None:
-        told += "<p>Judged by rig.json alone: give a session to see whether it is still so.</p>"
+        told += "<p>Judged by rig.json alone: give new pictures to see whether it is still so.</p>"
     elif document["session"]["not_given"]:
         told += f"<p>Not given: {escape(', '.join(document['session']['not_given']))}.</p>"
     return (

@@ -82,8 +82,9 @@ def _antenna(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
         figures.append(free_residuals(free, 1e3 * numbers["antenna"]["length_m"]))
     if loads:
         figures.append(stiffness_by_load(loads))
-    if free or loads:
-        figures.append(moments([*free, *loads], numbers["moment_sensor"]["std_Nm"]))
+    read = [row for row in (*free, *loads) if row["moment_residual_mNm"] is not None]
+    if read:
+        figures.append(moments(read, numbers["moment_sensor"]["std_Nm"]))
     body = '<div class="pair">' + "".join(f"<div>{figure}</div>" for figure in figures) + "</div>"
     body += "" if free else _missing("the free antenna (noload/)")
     if loads:

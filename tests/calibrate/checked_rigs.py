@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
+from targets.board import BoardSpec
+from vbaa_calib.calibrate.recheck_taken import NewPictures
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.synth.picture import studio
 from vbaa_calib.synth.plan import plan, stream
 from vbaa_calib.synth.render import render_shot
-from vbaa_calib.synth.render_board import print_sheet
+from vbaa_calib.synth.render_board import Sheet, print_sheet
 from vbaa_calib.synth.scene import Scene, bundled_scene
 from vbaa_calib.synth.scene_file import load_scene
 from vbaa_calib.synth.write import session_yaml
@@ -22,7 +26,7 @@ from vbaa_calib.synth.write import session_yaml
 PARTS = ("intrinsics", "plane", "noload", "loads")
 LENS_STD = np.array([0.12, 0.12, 0.15, 0.13, 2e-4, 6e-4, 2e-5, 2e-5, 1e-3])
 RIG_STD = np.array([5e-5] * 3 + [5e-5] * 3 + [5e-5] * 2 + [1e-4] * 2 + [1e-3] * 2 + [3e-4, 5e-3, 5e-5, 1.5e-3, 7e-6])
-QUALITY = {
+QUALITY: dict[str, Any] = {
     "lens_rms_px": 0.05,
     "plane_rms_px": 0.04,
     "plane_second_solution_ratio": 4.0,
@@ -38,6 +42,7 @@ QUALITY = {
     },
     "antenna": {"nominal_stiffness_Nm2": 3.88e-3},
 }
+"""Of rig.json."""
 
 
 def scene() -> Scene:
@@ -55,6 +60,12 @@ def scene() -> Scene:
         intrinsics=few,
         recording=replace(whole.recording, sweeps=(stroke,)),
     )
+
+
+def leaning() -> Scene:
+    """The same with the camera, and the jig, of the demo: it leans by 30° from the normal of plane C."""
+    demo = load_scene(bundled_scene("demo"))
+    return replace(scene(), T_antenna_camera=demo.T_antenna_camera, T_antenna_board=demo.T_antenna_board)
 
 
 def rig_of(scene: Scene, seed: int = 3) -> Rig:
@@ -88,6 +99,13 @@ def rig_of(scene: Scene, seed: int = 3) -> Rig:
     )
 
 
+def rig_document(scene: Scene, seed: int = 3) -> dict[str, Any]:
+    """rig.json of `rig_of`, with board and jig recorded as `vbaa calibrate` does."""
+    lens = dict(QUALITY["lens"]) | {"board": scene.board.to_dict()}
+    recorded = {"lens": lens, "jig": {"T_antenna_board": scene.T_antenna_face.to_dict()}}
+    return rig_of(scene, seed).to_dict() | {"quality": QUALITY | recorded}
+
+
 def with_camera_moved(scene: Scene, step: np.ndarray) -> Scene:
     """The camera a step (6,) away from where it was."""
     return replace(scene, T_antenna_camera=scene.T_antenna_camera.retract(step))
@@ -100,15 +118,15 @@ def with_lens(scene: Scene, factor: float) -> Scene:
     return replace(scene, lens=replace(scene.lens, matrix=matrix))
 
 
-def with_clamp_turned(scene: Scene, about_z_rad: float) -> Scene:
+def with_clamp_turned(scene: Scene, about_z_rad: float, about_y_rad: float = 0.0) -> Scene:
     """The clamp slipped."""
-    angles = scene.true.clamp_angle_rad + np.array([0.0, about_z_rad])
+    angles = scene.true.clamp_angle_rad + np.array([about_y_rad, about_z_rad])
     return replace(scene, true=replace(scene.true, clamp_angle_rad=angles))
 
 
-def with_wire_bent(scene: Scene, about_z_per_m: float) -> Scene:
+def with_wire_bent(scene: Scene, about_z_per_m: float, about_y_per_m: float = 0.0) -> Scene:
     """The wire has another bow."""
-    bow = scene.true.natural_curvature_per_m + np.array([0.0, about_z_per_m])
+    bow = scene.true.natural_curvature_per_m + np.array([about_y_per_m, about_z_per_m])
     return replace(scene, true=replace(scene.true, natural_curvature_per_m=bow))
 
 
@@ -121,6 +139,46 @@ def with_sensor(scene: Scene, gain: float = 1.0, offset_Nm: float = 0.0) -> Scen
     """The moment sensor's gain by a factor and its offset by an amount."""
     sensor = scene.moment
     return replace(scene, moment=replace(sensor, gain=gain * sensor.gain, offset_Nm=sensor.offset_Nm + offset_Nm))
+
+
+def with_antenna(scene: Scene, diameter: float = 1.0, length: float = 1.0) -> Scene:
+    """Another wire of the same steel, its diameter and length by factors."""
+    wire = scene.antenna
+    other = replace(wire, diameter_m=diameter * wire.diameter_m, length_m=length * wire.length_m)
+    return replace(scene, antenna=other)
+
+
+def with_board(scene: Scene, scale: float = 1.0, dictionary: str | None = None) -> Scene:
+    """Another board in the jig: printed at another scale, or with other markers."""
+    board = scene.board
+    spec = replace(board, square_m=scale * board.square_m, marker_m=scale * board.marker_m)
+    return replace(scene, board=replace(spec, dictionary=dictionary or board.dictionary))
+
+
+def with_jig_shifted(scene: Scene, shift_m: tuple[float, float, float]) -> Scene:
+    """The board does not sit in the jig as it did."""
+    old = scene.T_antenna_board
+    return replace(scene, T_antenna_board=replace(old, translation_m=old.translation_m + np.array(shift_m)))
+
+
+@cache
+def _sheet(spec: BoardSpec) -> Sheet:
+    return print_sheet(spec)
+
+
+def one_picture_each(scene: Scene, folder: Path) -> NewPictures:
+    """One picture of the board in its jig and one of the free antenna, as it now is, with the sensor's reading."""
+    planned = plan(scene)
+    place = studio(scene.lens, scene.picture, stream(scene, "bench"))
+    wanted = {}
+    for index, shot in enumerate(planned.shots):
+        part = shot.path.partition("/")[0]
+        if part in ("plane", "noload") and part not in wanted:
+            wanted[part] = folder / f"{part}.png"
+            picture = render_shot(scene, place, _sheet(scene.board), shot, stream(scene, "pictures", index))
+            cv2.imwrite(str(wanted[part]), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    row = planned.tables["noload/noload.csv"][0]
+    return NewPictures(wanted["plane"], wanted["noload"], row["pan_rad"], row["tilt_rad"], row["moment_Nm"])
 
 
 def month_later(scene: Scene, folder: Path, parts: tuple[str, ...] = PARTS) -> Path:

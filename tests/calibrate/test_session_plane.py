@@ -132,3 +132,17 @@ def test_the_whole_calibration_takes_all_ways(rendered: Rendered) -> None:
         rendered.scene.antenna.stiffness_Nm2 * rendered.scene.true.stiffness_factor, rel=2e-3
     )
     assert found.rig.kinematics.tilt_zero_rad == found.plane.kinematics.tilt_zero_rad != 0.0
+
+
+def test_a_print_known_roughly_leaves_the_distance_to_the_board_open(rendered: Rendered) -> None:
+    """A scale that is off by a part moves the camera away from the board by that part, and the covariance says so."""
+    jig = PlaneViews(rendered.views.jig, None, None)
+    lens, session = rendered.lens, rendered.session
+    exact = find_plane(session, lens.camera, lens.board_flex, jig).estimates[0]
+    rough = find_plane(replace(session, print_scale_std=0.01), lens.camera, lens.board_flex, jig).estimates[0]
+    smaller = replace(session.board, square_m=0.99 * session.board.square_m, marker_m=0.99 * session.board.marker_m)
+    moved = find_plane(replace(session, board=smaller), lens.camera, lens.board_flex, jig).estimates[0]
+    step = moved.T_antenna_camera.tangent_from(exact.T_antenna_camera)
+    added = rough.covariance - exact.covariance
+    np.testing.assert_allclose(added[3:, 3:], np.outer(step[3:], step[3:]), rtol=0.03, atol=1e-9)
+    np.testing.assert_allclose(added[:3], 0.0, atol=1e-15)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import platform
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,27 +33,31 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from ..files import refuse_overwrite, write_json
     from ..session import load_session
     from .calibration import calibrate
-    from .calibration_report import doubts, evidence, report, summary
+    from .calibration_report import doubts, report, summary
 
     refuse_overwrite(args.output, args.force)
     session = load_session(args.session)
     calibration = calibrate(session, args.model)
     warnings = doubts(calibration)
     report(calibration, warnings)
-    write_json(
-        args.output,
-        calibration.rig.to_dict()
-        | {
-            "quality": evidence(calibration, warnings),
-            "inputs_sha256": inputs(session),
-            "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
-            | {name: version(name) for name in PACKAGES},
-            "command": list(args.argv),
-        },
-        force=args.force,
-    )
+    write_json(args.output, rig_document(session, calibration, warnings, args.argv), force=args.force)
     say(f"wrote {args.output}")
     return {"rig": str(args.output), **summary(calibration, warnings), **numbers(calibration)}
+
+
+def rig_document(
+    session: Session, calibration: Calibration, warnings: Sequence[str], command: Sequence[str]
+) -> dict[str, Any]:
+    """rig.json: the rig, the evidence for it, and what it was made of by which command line."""
+    from .calibration_report import evidence
+
+    return calibration.rig.to_dict() | {
+        "quality": evidence(calibration, warnings),
+        "inputs_sha256": inputs(session),
+        "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
+        | {name: version(name) for name in PACKAGES},
+        "command": list(command),
+    }
 
 
 def inputs(session: Session) -> dict[str, str]:

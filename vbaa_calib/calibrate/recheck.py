@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..console import progress
-from ..detect.corners import BoardView, detect_folder
+from ..detect.corners import BoardView, detect_files
 from ..detect.paint import Paint
 from ..errors import InputError
 from ..files import read_json
-from ..images import list_images
 from ..rig import Rig
-from ..session import Load, Session, Still, check_pictures, load_session, read_loads, read_noload
+from ..session import Load, Session, check_pictures, load_session
 from .board_flex import Bend
 from .recheck_antenna import AntennaEvidence, antenna_findings, check_antenna, free_table, loads_table
 from .recheck_finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding, not_given, worst
@@ -25,10 +24,18 @@ from .recheck_maps import along_antenna, plane_map, projection_map
 from .recheck_pose import PoseEvidence, check_pose, pose_finding, rig_now
 from .recheck_rig import number_at, rig_findings, rig_numbers
 from .recheck_stills import HeldStill, hold
+from .recheck_taken import (
+    PARTS,
+    NewPictures,
+    Taken,
+    from_pictures,
+    from_session,
+    recorded_session,
+    refuse_calibrations_own,
+)
 from .stills import observe
 
 SCHEMA = "vbaa.check/1"
-PARTS = ("intrinsics", "plane", "noload", "loads")
 VERDICTS = {
     HOLDS: "This rig holds.",
     LOOK: "Look at this rig before you rely on it.",
@@ -97,7 +104,7 @@ class Assessment:
             if found:
                 sentences.append(f"{start}: {'; '.join(found)}.")
         if self.session is None:
-            sentences.append("Judged by rig.json alone; give a SESSION to see whether it is still so.")
+            sentences.append("Judged by rig.json alone; give new pictures to see whether it is still so.")
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
@@ -124,11 +131,14 @@ class Assessment:
         }
 
 
-def assess(path: Path, session_root: Path | None = None) -> Assessment:
-    """Judge a rig.json, and hold it against a session where one is given.
+def assess(path: Path, session_root: Path | None = None, new: NewPictures | None = None) -> Assessment:
+    """Judge a rig.json, and hold it against a session, or against new pictures, where they are given.
 
-    Raises InputError for a broken rig or session, pictures of another size than the lens', or a session without any
-    of `PARTS`.
+    With new pictures the session is the one that the rig was calibrated from: it says where the jig is, and which board
+    lies in it; its own pictures are not read. Without a session rig.json's record of both serves.
+
+    Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
+    `PARTS`, and a new picture that the rig was calibrated from.
     """
     path = Path(path)
     data = read_json(path)
@@ -138,64 +148,64 @@ def assess(path: Path, session_root: Path | None = None) -> Assessment:
     if nominal is None and session is not None:
         nominal = session.antenna.stiffness_Nm2
     own = rig_findings(rig, quality, plane_map(rig), along_antenna(rig), nominal)
-    checked = None if session is None else check_session(rig, quality, session)
+    taken = _taken(data, rig, path, session, new)
+    checked = None if taken is None else check_taken(rig, quality, taken)
     return Assessment(rig, path, tuple(own), quality, checked, nominal)
 
 
-def check_session(rig: Rig, quality: Mapping[str, Any], session: Session) -> SessionCheck:
+def _taken(
+    data: Mapping[str, Any], rig: Rig, path: Path, session: Session | None, new: NewPictures | None
+) -> Taken | None:
+    if session is not None:
+        _refuse_other_antenna(rig, session)
+    if new is None:
+        return None if session is None else from_session(session)
+    refuse_calibrations_own(data, new, path)
+    if session is not None:
+        return from_pictures(session, new)
+    return from_pictures(recorded_session(data, rig, path), new, "rig.json does not record the jig: name its session")
+
+
+def check_taken(rig: Rig, quality: Mapping[str, Any], taken: Taken) -> SessionCheck:
     """The lens, then the camera's pose, then the antenna and the sensor, each in the light of those before."""
-    parts = tuple(part for part in PARTS if (session.root / part).exists())
-    if not parts:
-        what = f"has none of {', '.join(PARTS)}"
-        raise InputError(what, where=session.root, remedy="one picture in plane/ and one in noload/ will do")
-    _refuse_other_antenna(rig, session)
-    stills = _stills(session, parts)
-    _refuse_other_pictures(rig, session, parts, stills)
-    boards = [
-        (part, view)
-        for part in ("intrinsics", "plane")
-        if part in parts
-        for view in detect_folder(session.root / part, session.board)
-    ]
+    check_pictures(progress(list(taken.pictures()), "reading the pictures"), rig.camera.image_size, "the rig's lens is")
+    spec = taken.session.board
+    boards = [(part, view) for part, paths in taken.boards.items() for view in detect_files(paths, spec)]
     recorded = number_at(quality, "lens", "rms_inliers_px") or number_at(quality, "lens_rms_px")
     bent = recorded_bend(quality)
-    lens = check_lens(rig.camera, boards, session.board, bent, recorded) if boards else None
+    lens = check_lens(rig.camera, boards, spec, bent, recorded) if boards else None
     why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
     findings = lens_findings(lens, rig.camera, why)
     lens_holds = all(finding.level in (HOLDS, NOT_GIVEN) for finding in findings)
-    pose, pose_answer = _pose(rig, session, [view for part, view in boards if part == "plane"], bent, lens_holds)
+    pose, pose_answer = _pose(rig, taken, [view for part, view in boards if part == "plane"], bent, lens_holds)
     now = rig_now(rig, pose, pose_answer)
-    free, loaded = _held(now, session, stills)
+    free, loaded = _held(now, taken)
     antenna = check_antenna(now, free, loaded)
     findings += [pose_answer, *antenna_findings(now, antenna, camera_known=pose is not None)]
-    return SessionCheck(parts, tuple(findings), lens, pose, now, antenna)
+    return SessionCheck(taken.parts, tuple(findings), lens, pose, now, antenna)
 
 
 def _pose(
-    rig: Rig, session: Session, views: Sequence[BoardView], bent: Bend | None, lens_holds: bool
+    rig: Rig, taken: Taken, views: Sequence[BoardView], bent: Bend | None, lens_holds: bool
 ) -> tuple[PoseEvidence | None, Finding]:
     name, question = "camera_pose", "Is the camera where it was?"
     if not views:
         return None, not_given(name, question, "no picture of the board in the jig (plane/)")
-    if session.T_antenna_board is None:
-        return None, not_given(name, question, "session.yaml does not say where the jig is (jig.T_antenna_board)")
-    found = check_pose(rig, views, session.board, session.T_antenna_board, bent)
+    jig = taken.session.T_antenna_board
+    if jig is None:
+        return None, not_given(name, question, taken.no_jig)
+    found = check_pose(rig, views, taken.session.board, jig, bent)
     return found, pose_finding(found, lens_holds)
 
 
-def _stills(session: Session, parts: Sequence[str]) -> list[Still]:
-    noload = read_noload(session) if "noload" in parts else []
-    return [*noload, *(read_loads(session) if "loads" in parts else [])]
-
-
-def _held(rig: Rig, session: Session, stills: Sequence[Still]) -> tuple[list[HeldStill], list[HeldStill]]:
+def _held(rig: Rig, taken: Taken) -> tuple[list[HeldStill], list[HeldStill]]:
     """Free and loaded stills against the rig."""
-    if not stills:
+    if not taken.stills:
         return [], []
     seen = observe(
-        session,
+        taken.session,
         rig.kinematics,
-        stills,
+        taken.stills,
         rig.camera,
         rig.T_antenna_camera,
         rig.antenna.parameters,
@@ -213,11 +223,3 @@ def _refuse_other_antenna(rig: Rig, session: Session) -> None:
         if abs(own - other) > 1e-3 * own:
             what = f"antenna.{name} is {other:g}, the rig's {own:g}"
             raise InputError(what, where=session.root / "session.yaml", remedy="check a rig with its own antenna")
-
-
-def _refuse_other_pictures(rig: Rig, session: Session, parts: Sequence[str], stills: Sequence[Still]) -> None:
-    pictures = [path for part in ("intrinsics", "plane") if part in parts for path in list_images(session.root / part)]
-    pictures += [still.image for still in stills if still.image is not None]
-    check_pictures(
-        progress(pictures, "reading the pictures", len(pictures)), rig.camera.image_size, "the rig's lens is"
-    )

@@ -64,8 +64,9 @@ def check_antenna(rig: Rig, free: Sequence[HeldStill], loaded: Sequence[HeldStil
     stiffness = ask(data, [STIFFNESS]) if loaded else None
     if stiffness is not None and _stiffness_evidence(stiffness).level != HOLDS:
         loose.append(STIFFNESS)
-    data = sum((held.reading(rig) for held in free), data)
-    offset = ask(data, [OFFSET]) if free else None
+    read = [held for held in free if held.is_read]
+    data = sum((held.reading(rig) for held in read), data)
+    offset = ask(data, [OFFSET]) if read else None
     if offset is None or _offset_evidence(rig, offset).level != HOLDS:
         loose.append(OFFSET)
     data = sum((held.reading(rig) for held in loaded), data)
@@ -121,8 +122,8 @@ def free_table(rig: Rig, found: AntennaEvidence) -> list[dict[str, Any]]:
                 "rms_std": held.rms_std,
                 "arclength_mm": [1e3 * float(np.median(held.arclength_m[index == number])) for number in known],
                 "residual_mm": [float(np.median(held.residual_mm[index == number])) for number in known],
-                "moment_read_mNm": 1e3 * held.still.moment_Nm,
-                "moment_residual_mNm": 1e3 * held.moment_residual_Nm(rig),
+                "moment_read_mNm": 1e3 * held.still.moment_Nm if held.is_read else None,
+                "moment_residual_mNm": 1e3 * held.moment_residual_Nm(rig) if held.is_read else None,
             }
         )
     return rows
@@ -183,10 +184,15 @@ def _stiffness(found: AntennaEvidence) -> Finding:
 def _offset(rig: Rig, found: AntennaEvidence) -> Finding:
     name, question = "sensor_offset", "Does the moment sensor read nothing where nothing is?"
     change = found.offset
+    if change is None and found.free:
+        return not_given(name, question, "no reading was given with the picture of the free antenna (--moment)")
     if change is None or change.freedom == 0:
         return not_given(name, question, "no picture of the free antenna (noload/)")
     words = f"offset {plus_minus(1e3 * change.step[0], 1e3 * change.std[0])} mN·m against the rig"
-    remedy = "let the sensor warm up, tare it, and calibrate again if the offset stays"
+    remedy = (
+        "let the sensor warm up, tare it, and calibrate again if the offset stays; a wire of another weight or length "
+        "reads like this, too"
+    )
     return judged(name, question, words, remedy, _offset_evidence(rig, change))
 
 

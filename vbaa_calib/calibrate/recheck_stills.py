@@ -54,6 +54,11 @@ class HeldStill:
         return float(np.sqrt((self.residual_std**2).mean()))
 
     @property
+    def is_read(self) -> bool:
+        """Whether the moment sensor's reading was noted with it."""
+        return bool(np.isfinite(self.still.moment_Nm))
+
+    @property
     def points(self) -> Information:
         """What its points say of the rig's parameters."""
         return Information.of(self.jacobian, self.residual_std)

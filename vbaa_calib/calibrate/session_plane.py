@@ -151,6 +151,7 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
         doubt = clamp_doubt(over, session.over, session.board) if estimates else None
         estimates.append(over.estimate if doubt is None else loosened(over.estimate, *doubt))
     estimates = [loosened(estimate, *sight_doubt(estimate, camera)) for estimate in estimates]
+    estimates = [loosened(estimate, *print_doubt(estimate, session)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     require_agreement(apart, session.root)
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
@@ -187,6 +188,15 @@ def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.
     """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
     turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
     return turns, SIGHT_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
+
+
+def print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, np.ndarray]:
+    """Direction (1, 6) and deviation (1,): a print larger than measured puts the camera further from the board, or, in a
+    sweep and over a board, further from where the antenna's frame is."""
+    camera_m = estimate.T_antenna_camera.translation_m
+    jig = session.T_antenna_board if estimate.way == "jig" else None
+    reach_m = camera_m if jig is None else camera_m - jig.translation_m
+    return np.concatenate([np.zeros(3), reach_m])[None], np.array([session.print_scale_std])
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:

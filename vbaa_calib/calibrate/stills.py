@@ -13,7 +13,7 @@ from ..detect.paint import Paint, learn
 from ..errors import InputError
 from ..geometry import Kinematics, Pose
 from ..images import read_picture
-from ..session import Load, Session, Still, gravity_antenna
+from ..session import Load, NominalAntenna, Session, Still, gravity_antenna
 from .joint_problem import Observation
 
 LEAST_SEEN_FREE = 0.6
@@ -35,30 +35,47 @@ def observe(
     Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
     """
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, stills)
-    T_camera_antenna = T_antenna_camera.inverse()
     observations: list[Observation] = []
     for still, pull in zip(progress(stills, what), gravity, strict=True):
         image = _picture(still, camera)
-        free = free_curve(parameters, session.antenna.length_m, pull)
-        looking = finder(corridor(camera, T_camera_antenna, free, session.antenna.diameter_m), camera)
-        if looking is None:
-            raise InputError(
-                "the camera's pose leaves the antenna out of the picture",
-                where=still.image,
-                remedy="check the jig (or sweep, or over) in session.yaml",
-            )
-        if paint is None:
-            paint = learn(looking, [image])
-        line = paint.find(looking, image)
-        if not line.found or (not isinstance(still, Load) and line.seen < LEAST_SEEN_FREE):
-            why = f": {line.reason}" if line.reason else ""
-            raise InputError(
-                f"no antenna found in it ({100 * line.seen:.0f} % of its length seen{why})",
-                where=still.image,
-                remedy="shoot it again with the antenna lit, or take its row out of the CSV",
-            )
-        observations.append(Observation(still, line.points_px, line.sigma_px, pull, paint, line.amplitude))
+        seen = observe_one(session.antenna, still, image, pull, camera, T_antenna_camera, parameters, paint)
+        paint = seen.paint
+        observations.append(seen)
     return observations
+
+
+def observe_one(
+    antenna: NominalAntenna,
+    still: Still,
+    image: np.ndarray,
+    gravity_m_s2: np.ndarray,
+    camera: Camera,
+    T_antenna_camera: Pose,
+    parameters: np.ndarray,
+    paint: Paint | None = None,
+) -> Observation:
+    """The antenna's seen points in one picture; without `paint`, what tells it from its background is learnt here.
+
+    image : as `read_picture` gives it. gravity_m_s2 : (3,) antenna frame. Raises InputError as `observe` does.
+    """
+    free = free_curve(parameters, antenna.length_m, gravity_m_s2)
+    looking = finder(corridor(camera, T_antenna_camera.inverse(), free, antenna.diameter_m), camera)
+    if looking is None:
+        raise InputError(
+            "the camera's pose leaves the antenna out of the picture",
+            where=still.image,
+            remedy="check the jig (or sweep, or over) in session.yaml",
+        )
+    paint = learn(looking, [image]) if paint is None else paint
+    line = paint.find(looking, image)
+    if not line.found or (not isinstance(still, Load) and line.seen < LEAST_SEEN_FREE):
+        why = f": {line.reason}" if line.reason else ""
+        raise InputError(
+            f"no antenna found in it ({100 * line.seen:.0f} % of its length seen{why})",
+            where=still.image,
+            remedy="shoot it again with the antenna lit, or take its row out of the CSV",
+        )
+    return Observation(still, line.points_px, line.sigma_px, gravity_m_s2, paint, line.amplitude)
 
 
 def _picture(still: Still, camera: Camera) -> np.ndarray:

@@ -12,16 +12,26 @@ import traceback
 from collections.abc import Sequence
 from typing import NoReturn
 
-import estimator.verbs
 import vbaa_calib
 import vbaa_calib.verbs
-import viz.verbs
 from vbaa_calib.errors import InputError, VbaaError
+
+
+def _verbs_of(package: str) -> dict[str, tuple[str, str]]:
+    """A package's verbs; none, and a word about it, where a folder of the user's stands in the package's place."""
+    try:
+        verbs: dict[str, tuple[str, str]] = importlib.import_module(f"{package}.verbs").VERBS
+    except ImportError as error:
+        print(f"vbaa: the package {package} is hidden ({error}); `vbaa doctor` says by what", file=sys.stderr)
+        return {}
+    return verbs
+
 
 VERBS: dict[str, tuple[str, str]] = {
     **vbaa_calib.verbs.VERBS,
-    **estimator.verbs.VERBS,
-    **viz.verbs.VERBS,
+    **_verbs_of("estimator"),
+    **_verbs_of("viz"),
+    "doctor": ("vbaa_calib.cli.doctor.verb", "is this installation healthy? each problem with its remedy"),
     "demo": ("vbaa_calib.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
 }
 
@@ -72,7 +82,7 @@ def run_verb(argv: Sequence[str]) -> int:
     result = importlib.import_module(VERBS[name][0]).run(args)
     if args.json:
         print(json.dumps(result, allow_nan=False))
-    return 0
+    return int(result.get("exit_code", 0))  # `doctor` has bad news and its numbers at once
 
 
 def main(argv: Sequence[str] | None = None) -> int:

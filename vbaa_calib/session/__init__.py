@@ -13,6 +13,7 @@ from .settings import (
     has_sweep,
     load_session,
     read_pose,
+    session_from,
 )
 from .tables import read_centrelines, read_loads, read_noload, read_recording, read_sweep
 
@@ -37,4 +38,5 @@ __all__ = [
     "read_pose",
     "read_recording",
     "read_sweep",
+    "session_from",
 ]

@@ -76,6 +76,7 @@ class Session:
     moment_std_Nm : the moment sensor's noise.
     jig_translation_std_m, jig_rotation_std_rad : how well the jig's place on the base is known, per axis; 0: exactly.
     tilt_zero_std_rad : how well the tilt encoder's zero is known before calibration.
+    print_scale_std : relative standard deviation of the board's printed size, as far as it was measured; 0: exact.
     over : how the antenna is held over the board in over/, or None where session.yaml does not say.
     second_moment_sensor : about z, calibrated elsewhere; None where there is none.
     """
@@ -90,6 +91,7 @@ class Session:
     jig_translation_std_m: float = 0.0
     jig_rotation_std_rad: float = 0.0
     tilt_zero_std_rad: float = TILT_ZERO_STD_RAD
+    print_scale_std: float = 0.0
     over: OverBoard | None = None
     second_moment_sensor: MomentSensor | None = None
 
@@ -111,7 +113,11 @@ def load_session(root: Path) -> Session:
         problem = "is not a folder" if root.exists() else "no such folder"
         raise InputError(problem, where=root, remedy="name a session folder (docs/formats.md)")
     path = root / "session.yaml"
-    data = read_yaml(path)
+    return session_from(read_yaml(path), root, path)
+
+
+def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
+    """What session.yaml holds, checked. Raises InputError naming `path` and the key that is wrong."""
     schemas.check(data, "session", path)
     try:
         board = BoardSpec.from_dict(data["board"])
@@ -135,6 +141,7 @@ def load_session(root: Path) -> Session:
         jig_translation_std_m=float((jig or {}).get("translation_std_m", 0.0)),
         jig_rotation_std_rad=float((jig or {}).get("rotation_std_rad", 0.0)),
         tilt_zero_std_rad=float(kinematics.get("tilt_zero_std_rad", TILT_ZERO_STD_RAD)),
+        print_scale_std=float(data.get("print_scale_std", 0.0)),
         over=None if over is None else _over(over),
         second_moment_sensor=None if second is None else MomentSensor.from_dict(second),
     )

@@ -1,0 +1,190 @@
+"""Where everything goes on a sheet: header, board with its quiet zone, rulers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from reportlab.lib.utils import simpleSplit
+
+from .board import BoardSpec
+from .sheet_paper import PAPERS_MM, Paper, floor_to
+from .sheet_words import board_id, size_words, spec_line
+
+MARGIN_MM = 8.0
+MOST_MARGIN_MM = 200.0
+RULER_MM = 8.0
+QR_MM = 22.0
+GAP_MM = 3.0
+LEAST_QUIET_MM, QUIET_SQUARES = 5.0, 0.35
+LEAST_RULER_MM = 30.0
+_RULER_END_MM = 5.5
+LINE_SPACING = 1.35
+_PT_PER_MM = 72 / 25.4
+_ADVICE = (
+    "Print at 100 % (“actual size”), not fitted to the page. Then measure both rulers from end line to end line, "
+    "best with a caliper."
+)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of the header: its text, its size and whether it is bold."""
+
+    text: str
+    size_mm: float
+    bold: bool = False
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A sheet's measures, mm, from the page's upper left corner.
+
+    Attributes
+    ----------
+    board_x, board_y : the board's first corner. quiet : white that is kept around the board, at least.
+    ruler_x, ruler_y : lengths of the rulers along x and y.
+    header : lines of text; their room is `header_height`, which the QR code beside them may need too.
+    """
+
+    paper: Paper
+    width: float
+    height: float
+    margin: float
+    quiet: float
+    board_x: float
+    board_y: float
+    board_width: float
+    board_height: float
+    ruler_x: float
+    ruler_y: float
+    header: tuple[Line, ...]
+    header_height: float
+
+    @property
+    def orientation(self) -> str:
+        """portrait or landscape."""
+        return "landscape" if self.width > self.height else "portrait"
+
+
+def header_lines(spec: BoardSpec, width_mm: float) -> tuple[Line, ...]:
+    """What the header says, broken into lines of at most `width_mm`."""
+    wanted = [
+        Line(f"ChArUco board {board_id(spec)}", 4.2, bold=True),
+        Line(size_words(spec), 3.0),
+        Line(spec_line(spec), 2.1),
+        Line(_ADVICE, 2.6),
+    ]
+    return tuple(
+        replace(line, text=text)
+        for line in wanted
+        for text in simpleSplit(line.text, font_name(line.bold), line.size_mm * _PT_PER_MM, width_mm * _PT_PER_MM)
+    )
+
+
+def font_name(bold: bool) -> str:
+    """One of the fonts that every PDF viewer has."""
+    return "Helvetica-Bold" if bold else "Helvetica"
+
+
+def quiet_mm(spec: BoardSpec) -> float:
+    """White around the board."""
+    return max(LEAST_QUIET_MM, QUIET_SQUARES * 1e3 * spec.square_m)
+
+
+def lay_out(spec: BoardSpec, paper: Paper, margin_mm: float = MARGIN_MM) -> Layout:
+    """The sheet for a board on a paper, upright or lying, whichever leaves more room.
+
+    Raises ValueError where it does not fit, with the largest square that would and the paper that would do.
+    """
+    _check_margin(margin_mm)
+    fitting = _fitting(spec, paper, margin_mm)
+    if fitting is not None:
+        return fitting
+    width, height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
+    raise ValueError(
+        f"a board of {width:.6g} x {height:.6g} mm with its rulers does not fit on {paper.name}: "
+        + " ".join([_largest_words(spec, paper, margin_mm), _paper_words(spec, margin_mm)])
+    )
+
+
+def _check_margin(margin_mm: float) -> None:
+    if not 0 <= margin_mm <= MOST_MARGIN_MM:
+        raise ValueError(f"the margin is {margin_mm:g} mm: 0 to {MOST_MARGIN_MM:g} mm are needed")
+
+
+def _largest_words(spec: BoardSpec, paper: Paper, margin_mm: float) -> str:
+    square = largest_square_mm(spec, paper, margin_mm)
+    if square is None:
+        return f"no board of {spec.squares_x}x{spec.squares_y} squares does;"
+    return f"the largest square that fits is {square:g} mm;"
+
+
+def _paper_words(spec: BoardSpec, margin_mm: float) -> str:
+    papers = (Paper(name, *size) for name, size in PAPERS_MM.items())
+    name = next((paper.name for paper in papers if _fitting(spec, paper, margin_mm)), None)
+    return f"{name} would do" if name else "no paper up to A0 would do"
+
+
+def largest_square_mm(spec: BoardSpec, paper: Paper, margin_mm: float, step_mm: float = 0.1) -> float | None:
+    """The largest square, a multiple of the step, with which a board of this layout fits; None where none does."""
+    _check_margin(margin_mm)
+    ratio = spec.marker_m / spec.square_m
+
+    def fits(steps: int) -> bool:
+        square_m = 1e-3 * steps * step_mm
+        return _fitting(replace(spec, square_m=square_m, marker_m=ratio * square_m), paper, margin_mm) is not None
+
+    low, high = 0, int(paper.height_mm / step_mm / 2) + 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return round(low * step_mm, 6) if low else None
+
+
+def _fitting(spec: BoardSpec, paper: Paper, margin: float) -> Layout | None:
+    pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
+    layouts = [layout for page in pages if (layout := _on_page(spec, paper, page, margin)) is not None]
+    return max(layouts, key=_room, default=None)
+
+
+def _room(layout: Layout) -> float:
+    return min(layout.width - layout.board_width, layout.height - layout.board_height - layout.header_height)
+
+
+def _on_page(spec: BoardSpec, paper: Paper, page: tuple[float, float], margin: float) -> Layout | None:
+    width, height = page
+    text_width = width - 2 * margin - QR_MM - GAP_MM
+    if text_width < 15:
+        return None
+    header = header_lines(spec, text_width)
+    header_height = max(QR_MM, LINE_SPACING * sum(line.size_mm for line in header))
+    quiet = quiet_mm(spec)
+    board_width, board_height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
+    left, right = margin + RULER_MM + quiet, margin + quiet
+    top, bottom = margin + header_height + quiet, margin + RULER_MM + quiet
+    ruler_x = _ruler_length(width - margin - RULER_MM - margin)
+    ruler_y = _ruler_length(height - margin - header_height - GAP_MM - RULER_MM - margin)
+    free = 1e-9 + width - left - right - board_width, 1e-9 + height - top - bottom - board_height
+    if min(free) < 0 or min(ruler_x, ruler_y) < LEAST_RULER_MM:
+        return None
+    return Layout(
+        paper,
+        width,
+        height,
+        margin,
+        quiet,
+        # in the page's middle, or as near to it as the rulers let it
+        board_x=max(left, (width - board_width) / 2),
+        board_y=min(max(top, (height - board_height) / 2), height - bottom - board_height),
+        board_width=board_width,
+        board_height=board_height,
+        ruler_x=ruler_x,
+        ruler_y=ruler_y,
+        header=header,
+        header_height=header_height,
+    )
+
+
+def _ruler_length(room: float) -> float:
+    """Whole centimetres, with room for the unit behind the last number."""
+    return floor_to(room - 2 * _RULER_END_MM, 10.0)

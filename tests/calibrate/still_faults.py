@@ -1,0 +1,141 @@
+"""Sessions' stills without pictures: what the static rod does, seen through OpenCV, and rows that say something else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec
+from vbaa_calib.antenna.rod import solve_rod
+from vbaa_calib.calibrate.joint import JointSolution, solve_joint
+from vbaa_calib.calibrate.joint_problem import Observation, Prior
+from vbaa_calib.calibrate.pose_estimate import PoseEstimate
+from vbaa_calib.calibrate.session_rig import prior
+from vbaa_calib.camera import Camera
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.session import Load, NominalAntenna, Session, Still, gravity_antenna
+
+from ..rod_scenes import BROWN, GRAVITY_WORLD, LENGTH_M, MATRIX, World, along, camera_pose, seen
+
+NOMINAL = NominalAntenna(LENGTH_M, 0.8e-3, 193e9, 7900.0)
+POSE_COVARIANCE = np.diag([3e-4**2] * 3 + [1e-4**2] * 3)
+POINTS, SIGMA_PX = 120, 0.05
+TILTS = (0.0, 0.35, -0.35)
+HUNG = ((0.10, 0.08), (0.15, 0.06), (0.20, 0.035), (0.21, 0.02), (0.16, 0.03))
+
+
+def free_stills(tilts: Sequence[float] = TILTS) -> list[Still]:
+    """No-load frames."""
+    return [Still(Path(f"noload_{i:03d}.png"), 0.0, tilt, 0.0) for i, tilt in enumerate(tilts)]
+
+
+def hung_loads(rng: np.random.Generator, count: int = 5, pulley: bool = True) -> list[Load]:
+    """Loads at drawn distances; over pulleys to all sides, or weights that hang straight down."""
+    found = []
+    for index in range(count):
+        distance, force = HUNG[index % len(HUNG)]
+        distance, force = distance + rng.uniform(-0.012, 0.012), force * rng.uniform(0.7, 1.1)
+        turn = rng.uniform(0, 2 * np.pi) if pulley else -np.pi / 2
+        y, z = force * np.cos(turn), force * np.sin(turn)
+        found.append(Load(Path(f"loads_{index:03d}.png"), 0.0, 0.0, 0.0, round(distance, 3), float(y), float(z)))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Faults:
+    """What is wrong.
+
+    Attributes
+    ----------
+    noted : what is written down of the stills as they were.
+    world : the rig as it is in a still, by its index; the same for all where nothing moves.
+    reading : what a sensor makes of a reading, by the still's index.
+    gravity_noted_m_s2 : (3,) world. ruler_std_m, balance_std : of every load's readings.
+    """
+
+    noted: Callable[[int, Still], Still] = field(default=lambda index, still: still)
+    world: Callable[[int, World], World] = field(default=lambda index, world: world)
+    reading: Callable[[int, float], float] = field(default=lambda index, reading: reading)
+    gravity_noted_m_s2: np.ndarray = field(default_factory=lambda: GRAVITY_WORLD)
+    ruler_std_m: float = 5e-4
+    balance_std: float = 5e-3
+
+
+def drawn_world(rng: np.random.Generator) -> World:
+    """A rig like a careful builder's, seen from somewhere above plane C."""
+    world = World(camera_pose(rng.uniform(0.2, 0.8), rng.uniform(0, 2 * np.pi)))
+    step = np.concatenate([3e-4 * rng.normal(size=2), 0.01 * rng.normal(size=2), 0.08 * rng.normal(size=2)])
+    parameters = world.parameters.copy()
+    parameters[:6] = step
+    parameters[6] += 0.05 * rng.normal()
+    parameters[7] += 0.01 * rng.normal()
+    return replace(world, parameters=parameters)
+
+
+def turned(world: World, about_y_rad: float, about_z_rad: float) -> World:
+    """The same rig with its clamp turned."""
+    parameters = world.parameters.copy()
+    parameters[2:4] += (about_y_rad, about_z_rad)
+    return replace(world, parameters=parameters)
+
+
+def bowed(world: World, about_y_per_m: float, about_z_per_m: float) -> World:
+    """The same rig with its antenna bowed further."""
+    parameters = world.parameters.copy()
+    parameters[4:6] += (about_y_per_m, about_z_per_m)
+    return replace(world, parameters=parameters)
+
+
+def observed(
+    world: World, stills: Sequence[Still], rng: np.random.Generator, faults: Faults = Faults()
+) -> list[Observation]:
+    """What the camera and the sensor see of the stills, under the rows that were noted."""
+    s = np.linspace(0.01, 1.0, POINTS) * LENGTH_M
+    found = []
+    for index, still in enumerate(stills):
+        now = faults.world(index, world)
+        true = gravity_antenna(Kinematics(), GRAVITY_WORLD, [still])
+        distance, force = 0.1, np.zeros(3)
+        if isinstance(still, Load):
+            distance = min(still.distance_m + faults.ruler_std_m * rng.normal(), LENGTH_M)
+            weight = 1 + faults.balance_std * rng.normal()
+            force = weight * np.array([0.0, still.force_y_N, still.force_z_N])
+        bent = solve_rod(now.rod, true, np.array([distance]), force[None])
+        pixels = seen(now.T_antenna_camera, along(bent, s)) + rng.normal(0.0, SIGMA_PX, (POINTS, 2))
+        sensor = now.sensor
+        read = -sensor.gain * bent.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
+        noted = replace(faults.noted(index, still), moment_Nm=float(faults.reading(index, float(read))))
+        gravity = gravity_antenna(Kinematics(), faults.gravity_noted_m_s2, [noted])[0]
+        found.append(Observation(noted, pixels, np.full(POINTS, SIGMA_PX), gravity))
+    return found
+
+
+def before(world: World, rng: np.random.Generator) -> Prior:
+    """What the jig says of the camera's pose."""
+    start = world.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
+    camera = Camera("opencv", (960, 720), MATRIX, BROWN)
+    return prior(NOMINAL, camera, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))])
+
+
+def solved(observations: Sequence[Observation], known: Prior) -> JointSolution:
+    """The joint solve."""
+    return solve_joint(observations, known, LENGTH_M, 2e-5)
+
+
+def session(gravity_world_m_s2: np.ndarray = GRAVITY_WORLD) -> Session:
+    """A session with nothing on disk."""
+    board = BoardSpec.from_dict(
+        {"type": "charuco", "squares_x": 9, "squares_y": 6, "square_m": 0.012, "marker_m": 0.009}
+        | {"dictionary": "DICT_4X4_100", "legacy_pattern": False, "thickness_m": 0.0}
+    )
+    return Session(Path("."), board, NOMINAL, None, Kinematics(), gravity_world_m_s2, 2e-5)
+
+
+def rolled(still: Load, angle_rad: float) -> Load:
+    """The load turned about the antenna."""
+    y, z = Rotation.from_euler("z", angle_rad).as_matrix()[:2, :2] @ [still.force_y_N, still.force_z_N]
+    return replace(still, force_y_N=float(y), force_z_N=float(z))

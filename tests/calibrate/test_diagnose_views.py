@@ -1,0 +1,259 @@
+"""Faults put into sets of views: what is found, how small it may be, and that clean sets are left in peace."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from targets.charuco import corner_points
+from vbaa_calib.calibrate.diagnose_views import resolution_changed, same_pose, view_set_diagnoses
+from vbaa_calib.calibrate.diagnose_views.aspect import print_aspect
+from vbaa_calib.calibrate.diagnose_views.change import drift, find_change, steps
+from vbaa_calib.calibrate.diagnose_views.focus import centre_moved, focus_changed
+from vbaa_calib.calibrate.diagnose_views.scores import OwnScores, SetScores, set_scores
+from vbaa_calib.calibrate.diagnose_views.variety import coverage
+from vbaa_calib.calibrate.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.lens_models import PROJECTIONS
+from vbaa_calib.detect.corners import BoardView
+from vbaa_calib.geometry import Pose
+
+from .photo_sets import detected
+from .synthetic_views import CENTRE, SPEC, board_view, pose_towards
+
+SIZE = (1280, 720)
+INTRINSICS = np.array([1100.0, 1102.0, 640.0, 362.0, -0.18, 0.06, 7e-4, -5e-4])
+
+
+def pictures(
+    seed: int,
+    focal: Sequence[float],
+    shift_px: Sequence[float] | None = None,
+    aspect: float = 0.0,
+    unflat_m: float = 0.0,
+    sigma_px: float = 0.05,
+    poses: Sequence[Pose] | None = None,
+) -> list[BoardView]:
+    """One view for each factor of the focal length; the centre moves to the right by a shift for each.
+
+    unflat_m : the print's corners are off by so much in all directions, alike in all views.
+    """
+    rng = np.random.default_rng(seed)
+    placed = [pose_towards(rng, 0.16, 0.8) for _ in focal] if poses is None else poses
+    points = corner_points(SPEC) * (1.0, 1.0 + aspect, 1.0)
+    points = points + unflat_m * rng.normal(size=points.shape)
+    views = []
+    for index, (pose, factor) in enumerate(zip(placed, focal, strict=True)):
+        lens = INTRINSICS * np.array([factor, factor, 1, 1, 1, 1, 1, 1])
+        lens[2] += 0.0 if shift_px is None else shift_px[index]
+        pixels = PROJECTIONS["opencv"](points, np.array([*pose.rotvec_rad, *pose.translation_m]), lens)[0]
+        views.append(board_view(f"{index:02d}.png", pixels, SIZE, rng, sigma_px))
+    return views
+
+
+def solved(views: Sequence[BoardView]) -> LensSolution:
+    return solve_intrinsics(views, SPEC, "opencv4")
+
+
+def scores_of(views: Sequence[BoardView]) -> SetScores:
+    found = set_scores(views, solved(views), SPEC)
+    assert found is not None
+    return found
+
+
+def names(views: Sequence[BoardView]) -> list[str]:
+    return [one.name for one in view_set_diagnoses(views, solved(views), SPEC)]
+
+
+def test_the_linearised_focal_change_is_that_of_a_new_solve() -> None:
+    """An independent route: the lens of either half by itself, the rest of the lens held alike by nothing."""
+    focal = np.repeat([1.0, 1.004], 20)
+    views = pictures(3, focal, sigma_px=0.02)
+    change = find_change(scores_of(views).of(SetScores.FOCAL), steps(40), 1e-9)
+    assert change is not None
+    halves = [np.log(solved(part).camera.matrix[0, 0]) for part in (views[:20], views[20:])]
+    assert change.size == pytest.approx(halves[1] - halves[0], abs=4e-4)
+    assert change.size == pytest.approx(0.004, abs=3 * change.std + 1e-4)
+
+
+@pytest.mark.parametrize("unflat_m", [0.0, 5e-5])
+def test_the_size_of_a_step_is_off_by_what_its_deviation_says(unflat_m: float) -> None:
+    """With an uneven print too, whose misfit is ten times the corners' noise."""
+    off, at = [], steps(16)[6:7]
+    for seed in range(40):
+        own = scores_of(pictures(seed, np.repeat([1.0, 1.003], 8), unflat_m=unflat_m)).of(SetScores.FOCAL)
+        change = find_change(own, at, 1e-12)
+        assert change is not None
+        off.append((change.size - 0.003) / change.std)
+    assert np.mean(off) == pytest.approx(0.0, abs=0.6)
+    assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.4
+
+
+def test_a_change_of_focus_is_found_where_it_happens() -> None:
+    for seed, first in ((0, 6), (1, 9), (2, 4)):
+        views = pictures(seed, np.where(np.arange(14) < first, 1.0, 1.006))
+        found = view_set_diagnoses(views, solved(views), SPEC)
+        assert found[0].name == "focus_changed"
+        assert found[0].grave
+        assert f"between {first - 1:02d}.png and {first:02d}.png by +0.6" in found[0].words or "+0.5" in found[0].words
+
+
+def test_creeping_focus_is_told_from_a_step() -> None:
+    words = [one.words for seed in (0, 1) for one in _focus(pictures(seed, np.linspace(1.0, 1.012, 16)))]
+    assert len(words) == 2
+    assert all("creeps by +1.1" in one or "creeps by +1.2" in one for one in words), words
+
+
+def _focus(views: Sequence[BoardView]) -> list:
+    found = focus_changed(scores_of(views))
+    return [] if found is None else [found]
+
+
+def test_a_shifted_picture_is_found_with_its_direction() -> None:
+    for seed, shift in ((0, 8.0), (1, -8.0)):
+        views = pictures(seed, np.ones(14), shift_px=np.where(np.arange(14) < 7, 0.0, shift))
+        found = centre_moved(scores_of(views))
+        assert found is not None
+        assert ("to the right" if shift > 0 else "to the left") in found.words
+        assert 6.0 < float(found.words.split(" by ")[1].split()[0]) < 10.0
+
+
+@pytest.mark.parametrize("unflat_m", [0.0, 5e-5])
+def test_clean_sets_raise_no_alarm(unflat_m: float) -> None:
+    for seed in range(20):
+        found = names(pictures(100 + seed, np.ones(12), unflat_m=unflat_m))
+        assert not {"focus_changed", "focus_crept", "centre_moved"} & set(found)
+        assert unflat_m or "print_stretched" not in found
+
+
+def test_the_chance_of_a_change_is_what_it_says() -> None:
+    """Views that scatter by any factor more than their corners: chances are spread evenly, and none is small."""
+    rng = np.random.default_rng(0)
+    for factor in (1.0, 5.0):
+        chances = []
+        for seed in range(200):
+            strength = rng.uniform(0.2, 3.0, 12)
+            information = np.diag(strength**2)
+            own = OwnScores(factor * strength * rng.normal(size=12), information)
+            change = find_change(own, steps(12), 1e-12, seed)
+            assert change is not None
+            chances.append(change.chance)
+        assert np.mean(np.array(chances) < 0.1) == pytest.approx(0.1, abs=0.06)
+        assert np.mean(chances) == pytest.approx(0.5, abs=0.08)
+
+
+def test_patterns() -> None:
+    assert steps(6).tolist() == [[0, 0, 1, 1, 1, 1], [0, 0, 0, 1, 1, 1], [0, 0, 0, 0, 1, 1]]
+    assert drift(3).tolist() == [[0.0, 0.5, 1.0]]
+    assert find_change(OwnScores(np.ones(4), np.eye(4)), steps(4), 1.0) is None
+
+
+def test_a_stretched_print_is_measured() -> None:
+    off = []
+    for seed in range(12):
+        aspect = print_aspect(scores_of(pictures(seed, np.ones(12), aspect=0.004)))
+        assert aspect is not None
+        assert aspect.known
+        off.append((aspect.excess - 0.004) / aspect.std)
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
+    views = pictures(0, np.ones(12), aspect=-0.007)
+    found = next(one for one in view_set_diagnoses(views, solved(views), SPEC) if one.name == "print_stretched")
+    assert found.grave
+    assert "longer along its x than along its y by 0.7" in found.words
+
+
+def test_pictures_that_were_never_rolled_do_not_tell_a_stretched_print() -> None:
+    """For them it is the same as fy over fx."""
+    rng = np.random.default_rng(4)
+    upright = []
+    for _ in range(12):
+        turn = Pose.from_rotvec(np.array([*rng.uniform(-0.3, 0.3, 2), 0.0]), np.zeros(3))
+        turn = Pose.from_rotvec(np.array([0.0, turn.rotvec_rad[1], 0.0]), np.zeros(3)) if rng.random() < 0.5 else turn
+        upright.append(Pose(turn.rotation, np.array([*rng.uniform(-0.02, 0.02, 2), 0.5]) - turn.rotation @ CENTRE))
+    views = pictures(0, np.ones(12), aspect=0.004, poses=upright, sigma_px=0.1)
+    aspect = print_aspect(scores_of(views))
+    assert aspect is None or not aspect.known
+    assert "print_stretched" not in names(views)
+
+
+def test_poses_that_repeat() -> None:
+    rng = np.random.default_rng(0)
+    poses = [pose_towards(rng, 0.16, 0.8) for _ in range(4)]
+    views = pictures(0, np.ones(12), poses=[poses[index % 4] for index in range(12)])
+    again = same_pose(views[5], views[:5], SPEC)
+    assert again is not None
+    assert "as in 01.png" in again.words
+    assert same_pose(views[3], views[:3], SPEC) is None
+    found = [one for one in view_set_diagnoses(views, solved(views), SPEC) if one.name == "same_poses"]
+    assert [one.words for one in found] == ["12 pictures show the board in 4 poses only"]
+    assert same_pose(views[0], [], SPEC) is None
+    empty = dataclasses.replace(views[0], ids=np.zeros(0, int), corners_px=np.zeros((0, 2)))
+    assert same_pose(empty, views, SPEC) is None
+
+
+@pytest.mark.parametrize(("turn_rad", "move_m", "same"), [(0.0, 0.003, True), (0.25, 0.0, False), (0.0, 0.03, False)])
+def test_small_moves_are_the_same_pose_and_tilts_are_not(turn_rad: float, move_m: float, same: bool) -> None:
+    for seed in range(5):
+        pose = pose_towards(np.random.default_rng(seed), 0.2, 0.3, 0.1)
+        turn = Pose.from_rotvec(np.array([0.0, turn_rad, 0.0]), np.zeros(3)).rotation
+        middle = pose.translation_m + pose.rotation @ CENTRE
+        moved = Pose(turn @ pose.rotation, middle + (move_m, 0, 0) - turn @ pose.rotation @ CENTRE)
+        first, second = pictures(seed, np.ones(2), poses=[pose, moved])
+        assert (same_pose(second, [first], SPEC) is not None) == same
+
+
+def test_what_is_missing_is_said() -> None:
+    rng = np.random.default_rng(1)
+    shifts = rng.uniform(-0.04, 0.04, (10, 2))
+    flat = [Pose.from_rotvec(np.array([0.02 * k, 0.0, 0.3 * k]), np.zeros(3)) for k in range(10)]
+    face_on = [Pose(p.rotation, np.array([*s, 0.3]) - p.rotation @ CENTRE) for p, s in zip(flat, shifts, strict=True)]
+    good = solved(pictures(2, np.ones(12)))
+    views = pictures(1, np.ones(10), poses=face_on)
+    used = [
+        dataclasses.replace(good.views[0], name=view.name, T_camera_board=pose)
+        for view, pose in zip(views, face_on, strict=True)
+    ]
+    found = [one.name for one in view_set_diagnoses(views, dataclasses.replace(good, views=tuple(used)), SPEC)]
+    assert "never_tilted" in found
+    seen = coverage(views)
+    assert seen.counts.sum() == sum(len(view.ids) for view in views)
+    assert seen.hull_share < 0.5
+    assert "border_empty" in found
+    one_way = [Pose.from_rotvec(np.array([0.0, turn, 0.0]), np.zeros(3)) for turn in np.linspace(-0.6, 0.6, 10)]
+    used = [dataclasses.replace(view, T_camera_board=pose) for view, pose in zip(used, one_way, strict=True)]
+    found = [one.name for one in view_set_diagnoses(views, dataclasses.replace(good, views=tuple(used)), SPEC)]
+    assert "tilted_one_way" in found
+    assert not {"never_tilted", "tilted_one_way"} & set(names(pictures(2, np.ones(12))))
+
+
+@pytest.mark.parametrize(
+    ("size", "name"),
+    [
+        ((1280, 720), None),
+        ((720, 1280), "picture_turned"),
+        ((640, 360), "picture_scaled"),
+        ((1920, 1080), "picture_scaled"),
+        ((1280, 640), "picture_cropped"),
+        ((1280, 960), "picture_cropped"),
+    ],
+)
+def test_a_change_of_resolution_has_its_cause(size: tuple[int, int], name: str | None) -> None:
+    found = resolution_changed(size, (1280, 720))
+    assert (None if found is None else found.name) == name
+    assert found is None or found.grave
+
+
+def test_too_little_to_judge_says_nothing_of_the_lens() -> None:
+    views = pictures(0, [1.0, 1.0, 1.0, 1.02, 1.02])
+    assert not {"focus_changed", "focus_crept", "centre_moved"} & set(names(views))
+    assert view_set_diagnoses([], solved(views), SPEC) == []
+
+
+@pytest.mark.parametrize("name", ["realsense", "gopro"])
+def test_real_sets_raise_no_alarm_about_the_lens(name: str) -> None:
+    """Their corners miss the fit by several times their noise, whole views together."""
+    views, spec = detected(name)
+    found = view_set_diagnoses(views, solve_intrinsics(views, spec, "fisheye" if name == "gopro" else "radial"), spec)
+    assert not {"focus_changed", "focus_crept", "centre_moved"} & {one.name for one in found}

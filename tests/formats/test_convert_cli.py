@@ -1,0 +1,105 @@
+"""`vbaa convert`: what it writes, what it says is lost, and what it refuses."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vbaa_calib.camera import Camera
+from vbaa_calib.errors import InputError
+from vbaa_calib.formats import convert_cli
+from vbaa_calib.formats.exchange.table import FORMATS
+from vbaa_calib.rig import Rig
+
+from ..calibrate.checked_rigs import rig_of, scene
+from .files import SAMPLES, camera
+
+
+def convert(*words: str | Path) -> dict[str, Any]:
+    """What the command line does with these words."""
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    parser.add_argument("--force", action="store_true")
+    convert_cli.configure(parser)
+    return convert_cli.run(parser.parse_args([str(word) for word in words]))
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    """A rig.json with five coefficients and a whole covariance."""
+    (tmp_path / "rig.json").write_text(json.dumps(rig_of(scene()).to_dict()))
+    return tmp_path / "rig.json"
+
+
+@pytest.mark.parametrize("name", ["ros", "opencv", "mrcal", "colmap"])
+def test_a_rig_there_and_back(name: str, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = convert(rig, "--to", name, "-o", tmp_path / "theirs")
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert out["from"] == "vbaa"
+    assert len(out["lost"]) == said.err.count("lost  ") == (2 if name == "mrcal" else 3)
+    assert any("antenna" in words for words in out["lost"])
+    assert "the covariance of the lens" in out["lost"]
+    assert out["pose"] == (name == "mrcal")
+    back = convert(tmp_path / "theirs", "-o", tmp_path / "camera.json")
+    assert (back["from"], back["to"]) == (name, "vbaa")
+    ours, again = Rig.load(rig), Camera.load(tmp_path / "camera.json")
+    np.testing.assert_array_equal(again.matrix, ours.camera.matrix)
+    np.testing.assert_array_equal(again.distortion[:5], ours.camera.distortion)
+    assert again.covariance is None
+    if name == "mrcal":
+        pose = FORMATS["vbaa"].read(tmp_path / "camera.json", None).T_reference_camera
+        assert pose is not None
+        np.testing.assert_allclose(pose.matrix, ours.T_antenna_camera.matrix, atol=1e-14)
+
+
+def test_kalibr_has_no_k3_and_nothing_is_written(rig: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="px without them"):
+        convert(rig, "--to", "kalibr", "-o", tmp_path / "camchain.yaml")
+    assert not (tmp_path / "camchain.yaml").exists()
+
+
+def test_the_camera_of_a_rig_keeps_its_covariance(rig: Path, tmp_path: Path) -> None:
+    out = convert(rig, "-o", tmp_path / "camera.json")
+    assert len(out["lost"]) == 1
+    again = Camera.load(tmp_path / "camera.json").covariance
+    assert again is not None
+    np.testing.assert_array_equal(again, Rig.load(rig).camera.covariance)
+
+
+def test_from_one_program_to_another(tmp_path: Path) -> None:
+    (tmp_path / "chain.yaml").write_text(SAMPLES["kalibr"])
+    out = convert(tmp_path / "chain.yaml", "--camera", "cam0", "--to", "mrcal", "-o", tmp_path / "x.cameramodel")
+    assert (out["from"], out["to"], out["pose"], out["lost"]) == ("kalibr", "mrcal", True, [])
+    one, other = (
+        FORMATS[name].read(tmp_path / file, which)
+        for name, file, which in (("kalibr", "chain.yaml", "cam0"), ("mrcal", "x.cameramodel", None))
+    )
+    np.testing.assert_array_equal(one.camera.distortion, other.camera.distortion)
+
+
+def test_nothing_is_overwritten(rig: Path, tmp_path: Path) -> None:
+    (tmp_path / "there").write_text("x")
+    with pytest.raises(InputError, match="exists already"):
+        convert(rig, "--to", "ros", "-o", tmp_path / "there")
+    with pytest.raises(InputError, match="is an input of this command"):
+        convert(rig, "--to", "ros", "-o", rig, "--force")
+    convert(rig, "--to", "ros", "-o", tmp_path / "there", "--force")
+
+
+def test_a_file_of_no_known_kind_asks_for_from(tmp_path: Path) -> None:
+    (tmp_path / "x.txt").write_text("fx: 1\n")
+    with pytest.raises(InputError, match=r"looks like none .*--from: vbaa, ros"):
+        convert(tmp_path / "x.txt", "-o", tmp_path / "camera.json")
+    assert set(convert_cli.NAMES) == set(FORMATS)
+
+
+def test_a_pose_in_camera_json_that_is_none_is_refused(tmp_path: Path) -> None:
+    for pose in (3, {"translation_m": [0, 0, 0]}, {"translation_m": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 0]}):
+        (tmp_path / "camera.json").write_text(json.dumps(camera(4).to_dict() | {"T_reference_camera": pose}))
+        with pytest.raises(InputError, match="T_reference_camera"):
+            convert(tmp_path / "camera.json", "--to", "mrcal", "-o", tmp_path / "x")

@@ -1,0 +1,164 @@
+"""`vbaa board` as its user sees it: files, numbers, refusals."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pypdfium2
+import pytest
+import yaml
+
+from targets.board import BoardSpec
+from vbaa_calib.detect.board_file import load_board
+from vbaa_calib.detect.corners import detect_corners
+from vbaa_calib.errors import InputError
+from vbaa_calib.formats import board_cli
+
+
+def board(*argv: object, force: bool = False) -> dict[str, Any]:
+    """Parse and run, without the front door."""
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    board_cli.configure(parser)
+    args = parser.parse_args([str(part) for part in argv])
+    args.force = force
+    return board_cli.run(args)
+
+
+def test_one_command_gives_sheet_and_description(tmp_path: Path) -> None:
+    """Nothing said but the name: A4, and a board.yaml that describes what a detector finds on the sheet."""
+    out = tmp_path / "board.pdf"
+    result = board("-o", out)
+    spec = load_board(tmp_path / "board.yaml")
+    assert spec == BoardSpec(11, 7, 0.02, 0.015)
+    assert result["spec_file"] == str(tmp_path / "board.yaml")
+    assert (result["paper"], result["orientation"], result["page_mm"]) == ("A4", "landscape", [297.0, 210.0])
+    assert (result["id"], result["size_mm"], result["rulers_mm"]) == (
+        "cc20e81f",
+        [220.0, 140.0],
+        {"x": 260.0, "y": 150.0},
+    )
+    picture = pypdfium2.PdfDocument(out)[0].render(scale=150 / 72, grayscale=True).to_numpy().squeeze()
+    assert len(detect_corners(picture, spec).ids) == spec.corner_count == result["corners"]
+
+
+def test_a_described_board_is_printed_as_it_is(tmp_path: Path) -> None:
+    """From a board.yaml or a session.yaml; no second description appears."""
+    spec = BoardSpec(9, 6, 0.012, 0.009, legacy_pattern=True, thickness_m=0.002)
+    given = tmp_path / "session.yaml"
+    given.write_text(yaml.safe_dump({"board": spec.to_dict()}))
+    result = board("--spec", given, "-o", tmp_path / "b.svg", "--paper", "Letter")
+    assert result["board"] == spec.to_dict()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b.svg", "session.yaml"]
+    board("--spec", given, "-o", tmp_path / "c.pdf", "--write-spec", tmp_path / "board.yaml")
+    assert load_board(tmp_path / "board.yaml") == spec
+
+
+def test_a_screen_has_its_own_description(tmp_path: Path) -> None:
+    """The size in whole pixels is not the wanted one: what is written is what the screen shows."""
+    given = tmp_path / "board.yaml"
+    given.write_text(yaml.safe_dump(BoardSpec(9, 6, 0.02, 0.015).to_dict()))
+    result = board("--spec", given, "-o", tmp_path / "screen.png", "--screen-ppi", 96)
+    shown = load_board(tmp_path / "screen.yaml")
+    assert shown.square_m == pytest.approx(1e-3 * result["square_px"] / result["px_per_mm"], abs=1e-11)
+    assert shown.square_m != 0.02
+    picture = cv2.imread(str(tmp_path / "screen.png"), cv2.IMREAD_UNCHANGED)
+    assert picture is not None
+    assert list(picture.shape[::-1]) == result["image_size"]
+    assert len(detect_corners(picture, shown).ids) == shown.corner_count
+    with pytest.raises(InputError, match="is an input of this command"):
+        board("--spec", given, "-o", tmp_path / "board.png", "--screen-ppi", 96)
+
+
+def test_what_stands_there_is_kept(tmp_path: Path) -> None:
+    """The sheet gives way to --force; a description that says something else does not, unless it is named."""
+    out, spec = tmp_path / "board.pdf", tmp_path / "board.yaml"
+    board("-o", out)
+    with pytest.raises(InputError, match=r"board\.pdf: exists already"):
+        board("-o", out)
+    board("-o", out, force=True)
+    measured = BoardSpec(11, 7, 0.01994, 0.014955, thickness_m=0.003)
+    spec.write_text(yaml.safe_dump(measured.to_dict()))
+    before = out.read_bytes()
+    with pytest.raises(InputError, match="describes another board"):
+        board("-o", out, force=True)
+    assert (load_board(spec), out.read_bytes()) == (measured, before)
+    board("-o", out, "--write-spec", spec, force=True)
+    assert load_board(spec) == BoardSpec(11, 7, 0.02, 0.015)
+    spec.write_text("notes: mine\n")
+    with pytest.raises(InputError, match="describes another board"):
+        board("-o", out, force=True)
+
+
+def test_warns_of_what_prints_badly(tmp_path: Path) -> None:
+    """Modules too fine, white too narrow."""
+    assert board("-o", tmp_path / "a.pdf")["warnings"] == []
+    [fine] = board("-o", tmp_path / "b.pdf", "--square-mm", 3)["warnings"]
+    [narrow] = board("-o", tmp_path / "c.pdf", "--square-mm", 20, "--marker-mm", 19)["warnings"]
+    assert "0.38 mm" in fine
+    assert "0.5 mm of white" in narrow
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["-o", "board.txt"], "suffix '.txt'"),
+        (["-o", "board"], "suffix ''"),
+        (["-o", "no/board.pdf"], "its folder does not exist"),
+        (["-o", "there.pdf"], "is a folder"),
+        (["-o", "b.pdf", "--spec", "absent.yaml"], "absent.yaml: no such file"),
+        (["-o", "b.pdf", "--spec", "bad.yaml"], "bad.yaml: squares_x is 1"),
+        (["-o", "b.pdf", "--spec", "good.yaml", "--squares", "9x6"], "--squares and --spec both describe"),
+        (["-o", "b.pdf", "--spec", "good.yaml", "--legacy"], "--legacy and --spec both describe"),
+        (["-o", "b.pdf", "--squares", "9"], "--squares is '9'"),
+        (["-o", "b.pdf", "--squares", "0x6"], "squares_x is 0"),
+        (["-o", "b.pdf", "--squares", "9x-6"], "--squares is '9x-6'"),
+        (["-o", "b.pdf", "--squares", "nanx6"], "--squares is 'nanx6'"),
+        (["-o", "b.pdf", "--squares", "999999x999999"], "too many"),
+        (["-o", "b.pdf", "--square-mm", "0"], "square_m 0.0"),
+        (["-o", "b.pdf", "--square-mm", "-20"], "square_m is -0.02"),
+        (["-o", "b.pdf", "--square-mm", "nan"], "square_m is nan"),
+        (["-o", "b.pdf", "--square-mm", "inf"], "square_m is inf"),
+        (["-o", "b.pdf", "--square-mm", "1e300"], "a length in metres is needed"),
+        (["-o", "b.pdf", "--square-mm", "1e-300"], "marker_m < square_m is needed"),
+        (["-o", "b.pdf", "--square-mm", "40"], "does not fit on A4: the largest square that fits is"),
+        (["-o", "b.pdf", "--marker-mm", "30"], "exchanged"),
+        (["-o", "b.pdf", "--marker-mm", "nan"], "marker_m is nan"),
+        (["-o", "b.pdf", "--dictionary", "DICT_9X9_1"], "dictionary is 'DICT_9X9_1'"),
+        (["-o", "b.pdf", "--dictionary", "DICT_4X4_50", "--squares", "20x20"], "need 200 markers"),
+        (["-o", "b.pdf", "--thickness-mm", "nan"], "thickness_m is nan"),
+        (["-o", "b.pdf", "--paper", "A9"], "paper is 'A9'"),
+        (["-o", "b.pdf", "--paper", "210"], "paper is '210'"),
+        (["-o", "b.pdf", "--paper", "10x10"], "sides from 60 to 5000 mm"),
+        (["-o", "b.pdf", "--margin-mm", "-1"], "the margin is -1 mm"),
+        (["-o", "b.pdf", "--margin-mm", "nan"], "the margin is nan mm"),
+        (["-o", "b.pdf", "--margin-mm", "150"], "no board of 11x7 squares fits on A4"),
+        (["-o", "b.pdf", "--screen-ppi", "96"], "--screen-ppi has no meaning for a .pdf"),
+        (["-o", "b.png"], "needs the screen's pixel size"),
+        (["-o", "b.png", "--screen-ppi", "0"], "0 pixels per mm"),
+        (["-o", "b.png", "--px-per-mm", "nan"], "nan pixels per mm"),
+        (["-o", "b.png", "--px-per-mm", "1e9"], "pixels per mm"),
+        (["-o", "b.png", "--screen-ppi", "96", "--paper", "A4"], "--paper has no meaning for a .png"),
+        (["-o", "b.png", "--screen-ppi", "96", "--square-mm", "1"], "too few to draw the markers"),
+        (["-o", "b.pdf", "--write-spec", "there.pdf"], "is a folder"),
+        (["-o", "b.pdf", "--write-spec", "./b.pdf"], "is the sheet itself"),
+        (["-o", "good.pdf"], "describes another board"),
+    ],
+    ids=lambda value: " ".join(value[1:]) if isinstance(value, list) else "",
+)
+def test_wrong_input_is_one_sentence(
+    argv: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """InputError, and nothing is left behind."""
+    monkeypatch.chdir(tmp_path)
+    Path("there.pdf").mkdir()
+    Path("bad.yaml").write_text("{squares_x: 1, squares_y: 6, square_m: 0.02, marker_m: 0.015}")
+    Path("good.yaml").write_text("{squares_x: 9, squares_y: 6, square_m: 0.02, marker_m: 0.015}")
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(InputError, match=words) as caught:
+        board(*argv)
+    assert caught.value.exit_code == 2
+    assert "\n" not in str(caught.value)
+    assert sorted(tmp_path.iterdir()) == before

@@ -1,0 +1,249 @@
+"""The printable sheet, judged by what another program makes of it: PDFium draws it, OpenCV reads it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pypdfium2
+import pytest
+import yaml
+
+from targets.board import BoardSpec
+from targets.charuco import corner_points, opencv_board
+from targets.sheet_draw import draw, ruler_origin
+from targets.sheet_layout import MARGIN_MM, Layout, largest_square_mm, lay_out
+from targets.sheet_paper import PAPERS_MM, Label, Shape, Stroke, paper_named
+from targets.sheet_pattern import board_shapes, outlines
+from targets.sheet_pdf import as_pdf
+from targets.sheet_svg import as_svg
+from targets.sheet_words import board_id, spec_document, spec_line
+from vbaa_calib.detect.board_file import load_board
+
+A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)
+PITCH_MM = 0.02
+
+
+def drawn(spec: BoardSpec, paper: str, dpi: float) -> tuple[np.ndarray, Layout, np.ndarray]:
+    """The PDF as PDFium draws it, grey; the layout; pixels per mm along x and y."""
+    layout = lay_out(spec, paper_named(paper))
+    page = pypdfium2.PdfDocument(as_pdf(draw(spec, layout)))[0]
+    picture = page.render(scale=dpi / 72, grayscale=True).to_numpy().squeeze()
+    size_mm = np.array(page.get_size()) * 25.4 / 72
+    np.testing.assert_allclose(size_mm, (layout.width, layout.height), atol=1e-3)
+    return picture, layout, np.array(picture.shape[::-1]) / size_mm
+
+
+def detected_mm(picture: np.ndarray, spec: BoardSpec, px_per_mm: np.ndarray) -> np.ndarray:
+    """(corner_count, 2) OpenCV's corners in mm from the page's upper left corner; all of them must be found."""
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(picture)
+    assert ids is not None
+    assert len(ids) == spec.corner_count
+    found = np.zeros((spec.corner_count, 2))
+    found[np.ravel(ids)] = np.reshape(corners, (-1, 2))
+    return (found + 0.5) / px_per_mm
+
+
+CASES = [
+    (A4_BOARD, "A4", 600),
+    (BoardSpec(9, 6, 0.024, 0.018), "Letter", 300),
+    (BoardSpec(9, 6, 0.024, 0.018, legacy_pattern=True), "A4", 300),
+    (BoardSpec(8, 12, 0.0173, 0.0121, "DICT_5X5_50", legacy_pattern=True), "A4", 300),
+    (BoardSpec(7, 5, 0.04, 0.028, "DICT_7X7_1000"), "A3", 200),
+    (BoardSpec(5, 8, 0.0131, 0.0092, "DICT_6X6_250"), "120x190", 400),
+    (BoardSpec(9, 6, 0.012, 0.009), "A4", 400),
+]
+
+
+@pytest.mark.parametrize(("spec", "paper", "dpi"), CASES, ids=lambda value: getattr(value, "dictionary", str(value)))
+def test_corners_stand_where_the_spec_says(spec: BoardSpec, paper: str, dpi: int) -> None:
+    """Every corner's place on the page, and the pitch of the whole board in x and y, within 0.02 mm."""
+    picture, layout, px_per_mm = drawn(spec, paper, dpi)
+    found = detected_mm(picture, spec, px_per_mm)
+    expected = 1e3 * corner_points(spec)[:, :2] + (layout.board_x, layout.board_y)
+    assert np.abs(found - expected).max() < PITCH_MM
+    for axis in (0, 1):
+        first, last = np.argmin(expected[:, axis]), np.argmax(expected[:, axis])
+        assert abs(np.ptp(found[[first, last], axis]) - np.ptp(expected[:, axis])) < PITCH_MM
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_boards_are_drawn_as_opencv_draws_them(seed: int) -> None:
+    """Filled outlines against `generateImage`, pixel by pixel, for random counts, dictionaries and both patterns."""
+    rng = np.random.default_rng(seed)
+    bits, module, gap = int(rng.integers(4, 8)), int(rng.integers(2, 5)), int(rng.integers(2, 9))
+    side = (bits + 2) * module + 2 * gap
+    spec = BoardSpec(
+        int(rng.integers(2, 12)),
+        int(rng.integers(2, 12)),
+        1e-3 * side,
+        1e-3 * (side - 2 * gap),
+        f"DICT_{bits}X{bits}_100",
+        bool(rng.integers(2)),
+    )
+    width, height = spec.squares_x * side, spec.squares_y * side
+    black = np.zeros((height, width), bool)
+    for shape in board_shapes(spec):
+        for loop in shape:
+            corners = np.round(np.array(loop)).astype(int)
+            np.testing.assert_allclose(loop, corners, atol=1e-9)
+            black ^= inside(corners, width, height)
+    picture = np.where(black, 0, 255)
+    reference = opencv_board(spec).generateImage((width, height))
+    assert (picture == reference).all()
+
+
+def inside(corners: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(height, width) bool: pixels inside a polygon of horizontal and vertical edges, by the even-odd rule."""
+    turns = np.zeros((height, width + 1), int)
+    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if ax == bx:
+            turns[min(ay, by) : max(ay, by), ax] += 1
+    return np.cumsum(turns, axis=1)[:, :width] % 2 == 1
+
+
+def test_a_marker_is_one_outline_without_seams() -> None:
+    """Cells that touch along a side share one border; those that touch at a corner may not be joined wrongly."""
+    ring = np.ones((3, 3), bool)
+    ring[1, 1] = False
+    assert sorted(len(loop) for loop in outlines(ring)) == [4, 4]
+    assert sum(len(loop) for loop in outlines(np.eye(2, dtype=bool))) == 8
+    assert outlines(np.zeros((2, 2), bool)) == ()
+
+
+@pytest.mark.parametrize("paper", ["A4", "A3", "200x150"])
+def test_rulers_are_measured_on_the_drawing(paper: str) -> None:
+    """End line to end line along both rulers, and every tick between, in the picture."""
+    spec = BoardSpec(7, 5, 0.012, 0.009)
+    picture, layout, px_per_mm = drawn(spec, paper, 400)
+    x0, y_line, x_line, y0 = ruler_origin(layout)
+    row = picture[round((y_line + 1.0) * px_per_mm[1])]
+    column = picture[:, round((x_line - 1.0) * px_per_mm[0])]
+    left, right = round((x0 - 2) * px_per_mm[0]), round((x0 + layout.ruler_x + 2) * px_per_mm[0])
+    ticks_x = tick_places(row[left:right], left) / px_per_mm[0]
+    top, low = round((y0 - layout.ruler_y - 2) * px_per_mm[1]), round((y0 + 2) * px_per_mm[1])
+    ticks_y = tick_places(column[top:low], top) / px_per_mm[1]
+    for ticks, length in ((ticks_x, layout.ruler_x), (ticks_y, layout.ruler_y)):
+        assert len(ticks) == length + 1
+        assert abs(ticks[-1] - ticks[0] - length) < PITCH_MM
+        assert np.abs(np.diff(ticks) - 1).max() < 2 * PITCH_MM
+
+
+def tick_places(line: np.ndarray, offset: int) -> np.ndarray:
+    """Centres of the dark stretches of one row of pixels, by their darkness."""
+    dark = 255.0 - line
+    starts = np.flatnonzero((dark[1:] > 0) & (dark[:-1] == 0)) + 1
+    ends = np.flatnonzero((dark[1:] == 0) & (dark[:-1] > 0)) + 1
+    places = np.arange(len(dark)) + 0.5
+    return offset + np.array([dark[a:b] @ places[a:b] / dark[a:b].sum() for a, b in zip(starts, ends, strict=True)])
+
+
+@pytest.mark.parametrize("case", CASES[:6], ids=lambda case: case[0].dictionary)
+def test_qr_code_is_a_board_file(case: tuple[BoardSpec, str, int], tmp_path: Path) -> None:
+    """What a reader takes from the print is a board.yaml as it stands."""
+    spec, paper, _ = case
+    picture, layout, px_per_mm = drawn(spec, paper, 300)
+    corner = np.array([layout.width - layout.margin - 25, layout.margin + 25]) * px_per_mm
+    code = picture[: int(corner[1]), int(corner[0]) :]
+    text = cv2.QRCodeDetector().detectAndDecode(code)[0] or cv2.QRCodeDetectorAruco().detectAndDecode(code)[0]
+    assert text == spec_line(spec)
+    (tmp_path / "board.yaml").write_text(text)
+    assert load_board(tmp_path / "board.yaml") == spec
+
+
+def test_text_carries_id_and_spec() -> None:
+    """In the PDF's text, and in its metadata."""
+    layout = lay_out(A4_BOARD, paper_named("A4"))
+    document = pypdfium2.PdfDocument(as_pdf(draw(A4_BOARD, layout)))
+    text = document[0].get_textpage().get_text_bounded()
+    assert board_id(A4_BOARD) in text
+    assert "11 × 7 squares of 20 mm, markers of 15 mm" in text
+    assert yaml.safe_load(text[text.index("{") : text.index("}") + 1]) == A4_BOARD.to_dict()
+    metadata = document.get_metadata_dict()
+    assert metadata["Title"] == f"ChArUco board {board_id(A4_BOARD)}"
+    assert metadata["Subject"] == spec_line(A4_BOARD)
+    assert metadata["Creator"] == "vbaa board"
+
+
+def test_viewers_are_told_not_to_scale() -> None:
+    """PrintScaling none stands in the catalogue, and a sheet is one page, the same bytes each time."""
+    data = as_pdf(draw(A4_BOARD, lay_out(A4_BOARD, paper_named("A4"))))
+    assert pypdfium2.raw.FPDF_VIEWERREF_GetPrintScaling(pypdfium2.PdfDocument(data).raw) == 0
+    assert len(pypdfium2.PdfDocument(data)) == 1
+    assert data == as_pdf(draw(A4_BOARD, lay_out(A4_BOARD, paper_named("A4"))))
+
+
+def test_nothing_enters_the_quiet_zone() -> None:
+    """Around the board is white, as wide as the layout says, and the board is all that is inside."""
+    for spec, paper, _ in CASES:
+        picture, layout, px_per_mm = drawn(spec, paper, 100)
+        inner = (np.array([layout.board_x, layout.board_y]) * px_per_mm).astype(int) - 1
+        outer = inner - np.floor((layout.quiet - 0.5) * px_per_mm).astype(int)
+        size = (np.array([layout.board_width, layout.board_height]) * px_per_mm).astype(int) + 3
+        window = picture[
+            outer[1] : 2 * inner[1] - outer[1] + size[1], outer[0] : 2 * inner[0] - outer[0] + size[0]
+        ].copy()
+        window[inner[1] - outer[1] :, inner[0] - outer[0] :][: size[1], : size[0]] = 255
+        assert (window == 255).all()
+
+
+def test_svg_says_the_same_as_the_pdf() -> None:
+    """The same outlines, lines and texts, in millimetres."""
+    drawing = draw(A4_BOARD, lay_out(A4_BOARD, paper_named("A4")))
+    text = as_svg(drawing)
+    assert 'width="297mm" height="210mm" viewBox="0 0 297 210"' in text
+    page = ElementTree.fromstring(text.encode())
+    shapes = [mark for mark in drawing.marks if isinstance(mark, Shape)]
+    strokes = [mark for mark in drawing.marks if isinstance(mark, Stroke)]
+    texts = [mark.text for mark in drawing.marks if isinstance(mark, Label)]
+    space = "{http://www.w3.org/2000/svg}"
+    paths, lines, labels = (list(page.iter(space + tag)) for tag in ("path", "line", "text"))
+    for path, shape in zip(paths, shapes, strict=True):
+        loops = [re.findall(r"[-\d.]+,[-\d.]+", loop) for loop in path.attrib["d"].split("Z")[:-1]]
+        for drawn_loop, loop in zip(loops, shape.loops, strict=True):
+            np.testing.assert_allclose([list(map(float, point.split(","))) for point in drawn_loop], loop, atol=1e-6)
+    for line, stroke in zip(lines, strokes, strict=True):
+        ends = [float(line.attrib[name]) for name in ("x1", "y1", "x2", "y2", "stroke-width")]
+        np.testing.assert_allclose(ends, [stroke.x0, stroke.y0, stroke.x1, stroke.y1, stroke.width], atol=1e-6)
+    assert [label.text for label in labels] == texts
+
+
+def test_what_does_not_fit_is_refused_with_what_would() -> None:
+    """The largest square named does fit, the next does not, and so does the paper named."""
+    spec = BoardSpec(9, 6, 0.030, 0.022)
+    with pytest.raises(ValueError, match=r"does not fit on A4: the largest square that fits is 24.4 mm; A3 would do"):
+        lay_out(spec, paper_named("A4"))
+    lay_out(spec, paper_named("A3"))
+    assert largest_square_mm(spec, paper_named("A4"), MARGIN_MM) == 24.4
+    lay_out(BoardSpec(9, 6, 0.0244, 0.0183), paper_named("A4"))
+    with pytest.raises(ValueError, match="does not fit"):
+        lay_out(BoardSpec(9, 6, 0.0245, 0.0183), paper_named("A4"))
+
+
+def test_every_paper_has_room_and_its_name() -> None:
+    """By name in any case, by size in any order."""
+    for name, (width, height) in PAPERS_MM.items():
+        assert paper_named(name.upper()) == paper_named(name)
+        assert (paper_named(f"{height}x{width}mm").width_mm, paper_named(name).height_mm) == (width, height)
+    for wrong in ("A9", "", "0x100", "-1x5", "nanxnan", "1e3x5", "100", "6000x100", "59x100"):
+        with pytest.raises(ValueError, match="paper is"):
+            paper_named(wrong)
+
+
+def test_id_is_of_the_print() -> None:
+    """Stable for ever; blind to the mount and to a flag that changes nothing."""
+    assert board_id(A4_BOARD) == "cc20e81f"
+    assert board_id(BoardSpec(11, 7, 0.02, 0.015, legacy_pattern=True, thickness_m=0.003)) == "cc20e81f"
+    even = BoardSpec(11, 6, 0.02, 0.015)
+    assert board_id(even) != board_id(BoardSpec(11, 6, 0.02, 0.015, legacy_pattern=True))
+    assert board_id(BoardSpec(11, 7, 0.02, 0.0151)) != "cc20e81f"
+
+
+def test_board_file_reads_back(tmp_path: Path) -> None:
+    """Keys one a line."""
+    spec = BoardSpec(5, 8, 0.0131, 1e-5, "DICT_6X6_250", True, 0.0031)
+    (tmp_path / "board.yaml").write_text(spec_document(spec, "a remark"))
+    assert load_board(tmp_path / "board.yaml") == spec

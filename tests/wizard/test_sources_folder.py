@@ -1,0 +1,223 @@
+"""Pictures out of a folder that is being filled."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vbaa_calib.errors import InputError
+from vbaa_calib.images import gray_from_bytes, read_gray
+from vbaa_calib.wizard.sources import SourceLost, open_source
+from vbaa_calib.wizard.sources.folder import FolderSource, Pace
+
+QUICK = Pace(look_s=0.02, settle_s=0.05, patience_s=0.25)
+
+
+def picture(seed: int, suffix: str = ".png") -> bytes:
+    noise = np.random.default_rng(seed).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    return cv2.imencode(suffix, cv2.GaussianBlur(noise, (0, 0), 2))[1].tobytes()
+
+
+def put(path: Path, data: bytes, age_s: float = 3600.0) -> None:
+    path.write_bytes(data)
+    os.utime(path, (time.time() - age_s,) * 2)
+
+
+def all_of(source: FolderSource, timeout_s: float = 2.0) -> list[str]:
+    names = []
+    while not source.ended:
+        offered = source.next(timeout_s)
+        if offered is not None:
+            names.append(offered.name)
+    return names
+
+
+def test_pictures_come_by_name_as_their_own_bytes(tmp_path: Path) -> None:
+    for name, suffix in (("b.PNG", ".png"), ("a10.jpg", ".jpg"), ("a9.tif", ".tif"), ("c.bmp", ".bmp")):
+        put(tmp_path / name, picture(len(name), suffix))
+    (tmp_path / "notes.txt").write_text("no picture")
+    (tmp_path / "d.png").mkdir()
+    put(tmp_path / "d.png" / "inside.png", picture(1))
+    source = open_source(str(tmp_path))
+    assert (source.live, source.ended) == (False, False)
+    for name in ("a10.jpg", "a9.tif", "b.PNG", "c.bmp"):
+        offered = source.next(1.0)
+        assert offered is not None
+        data = (tmp_path / name).read_bytes()
+        assert (offered.name, offered.data, offered.time_s) == (name, data, None)
+        assert offered.suffix == Path(name).suffix.lower()
+        assert offered.sha256 == hashlib.sha256(data).hexdigest()
+        np.testing.assert_array_equal(offered.image, read_gray(tmp_path / name))
+    assert source.ended
+    assert source.next(0.0) is None
+    assert source.notes == ()
+
+
+def test_bytes_decode_as_the_file_does_and_errors_name_it(tmp_path: Path) -> None:
+    path = tmp_path / "x.png"
+    path.write_bytes(picture(3))
+    np.testing.assert_array_equal(gray_from_bytes(path.read_bytes(), path), read_gray(path))
+    for data in (b"", b"hello", picture(3)[:-20]):
+        with pytest.raises(InputError, match=r"x\.png"):
+            gray_from_bytes(data, path)
+
+
+def test_what_was_seen_is_not_offered_again(tmp_path: Path) -> None:
+    for name in "abc":
+        put(tmp_path / f"{name}.png", picture(ord(name)))
+    assert all_of(FolderSource(tmp_path, {"a.png", "c.png"}, pace=QUICK)) == ["b.png"]
+    assert open_source(str(tmp_path), {"a.png", "b.png", "c.png"}).ended
+
+
+def test_new_pictures_come_as_they_are_written(tmp_path: Path) -> None:
+    source = FolderSource(tmp_path, wait=True, pace=QUICK)
+    assert source.next(0.0) is None
+    for name in ("z.png", "b.png"):
+        put(tmp_path / name, picture(ord(name[0])), age_s=0)
+        offered = source.next(2.0)
+        assert offered is not None
+        assert offered.name == name
+    assert not source.ended
+    assert source.next(0.1) is None
+
+
+def test_fresh_pictures_that_were_there_first_keep_their_order(tmp_path: Path) -> None:
+    for name, age_s in (("a", 0), ("b", 3600), ("c", 0)):
+        put(tmp_path / f"{name}.png", picture(ord(name)), age_s)
+    assert all_of(FolderSource(tmp_path, pace=QUICK)) == ["a.png", "b.png", "c.png"]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
+def test_a_picture_is_offered_only_when_it_is_written_whole(tmp_path: Path, suffix: str) -> None:
+    """By a program that writes slowly, and by one that sets the file's size first."""
+    data, path = picture(5, suffix), tmp_path / f"x{suffix}"
+    source = FolderSource(tmp_path, wait=True, pace=QUICK)
+
+    def write() -> None:
+        with path.open("wb", buffering=0) as stream:
+            for part in range(0, len(data), len(data) // 8):
+                stream.write(data[part : part + len(data) // 8])
+                time.sleep(0.03)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    offered = source.next(3.0)
+    writer.join()
+    assert offered is not None
+    assert offered.data == data
+    assert source.notes == ()
+
+
+def test_a_half_picture_waits_and_comes_when_the_rest_does(tmp_path: Path) -> None:
+    put(tmp_path / "a.jpg", picture(1, ".jpg")[:400], age_s=0)
+    put(tmp_path / "b.jpg", picture(2, ".jpg"))
+    source = FolderSource(tmp_path, wait=True, pace=Pace(0.02, 0.05, 60.0))
+    names = [offered.name if (offered := source.next(0.3)) else None for _ in range(2)]
+    assert names == ["b.jpg", None]
+    put(tmp_path / "a.jpg", picture(1, ".jpg"), age_s=0)
+    offered = source.next(2.0)
+    assert offered is not None
+    assert offered.name == "a.jpg"
+    assert source.notes == ()
+
+
+@pytest.mark.parametrize("data", [b"", b"not a picture", picture(4)[:-30], b"\xff\xd8\xff\xe0"])
+def test_a_broken_picture_is_told_once_and_offered_when_mended(tmp_path: Path, data: bytes) -> None:
+    put(tmp_path / "bad.png", data)
+    put(tmp_path / "good.png", picture(1))
+    source = FolderSource(tmp_path, wait=True, pace=QUICK)
+    assert [offered and offered.name for offered in (source.next(0.5), source.next(0.5), source.next(0.3))] == [
+        "good.png",
+        None,
+        None,
+    ]
+    (note,) = source.notes
+    assert note.startswith("bad.png: ")
+    put(tmp_path / "bad.png", picture(2), age_s=0)
+    offered = source.next(2.0)
+    assert offered is not None
+    assert offered.name == "bad.png"
+
+
+def test_a_folder_of_broken_pictures_ends(tmp_path: Path) -> None:
+    put(tmp_path / "a.png", b"")
+    put(tmp_path / "b.png", b"x", age_s=0)
+    source = FolderSource(tmp_path, pace=QUICK)
+    assert all_of(source) == []
+    assert len(source.notes) == 2
+
+
+def test_temporary_and_unprintable_names_are_left_alone(tmp_path: Path) -> None:
+    for name in (".hidden.png", "a.png.part", "a.part.png", "b.tmp", "~c.png", "d.crdownload"):
+        put(tmp_path / name, picture(1))
+    put(tmp_path / "two\nlines.png", picture(1))
+    put(Path(os.fsdecode(os.fsencode(tmp_path) + b"/latin\xe4.png")), picture(1))
+    source = FolderSource(tmp_path, wait=True, pace=QUICK)
+    assert source.next(0.2) is None
+    assert len(source.notes) == 2
+    assert all(note.isprintable() and "rename" in note for note in source.notes)
+
+
+def test_a_picture_that_vanishes_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in "abc":
+        put(tmp_path / f"{name}.png", picture(ord(name)))
+    read = Path.read_bytes
+
+    def vanishing(path: Path) -> bytes:
+        if path.name == "b.png":
+            path.unlink(missing_ok=True)
+        return read(path)
+
+    monkeypatch.setattr(Path, "read_bytes", vanishing)
+    assert all_of(FolderSource(tmp_path, pace=QUICK)) == ["a.png", "c.png"]
+
+
+def test_each_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for index in range(5):
+        put(tmp_path / f"{index}.png", picture(index))
+    reads = []
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: (reads.append(path.name), read(path))[1])
+    all_of(FolderSource(tmp_path, pace=QUICK))
+    assert sorted(reads) == [f"{index}.png" for index in range(5)]
+
+
+def test_thousands_of_pictures(tmp_path: Path) -> None:
+    data, first = picture(1), tmp_path / "0000.png"
+    put(first, data)
+    for index in range(1, 2000):
+        os.link(first, tmp_path / f"{index:04d}.png")
+    start_s = time.monotonic()
+    assert len(all_of(FolderSource(tmp_path, pace=QUICK))) == 2000
+    assert time.monotonic() - start_s < 10
+
+
+def test_a_folder_that_goes_away_is_told(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    source = FolderSource(folder, wait=True, pace=QUICK)
+    assert source.next(0.05) is None
+    shutil.rmtree(folder)
+    with pytest.raises(SourceLost, match="check the path"):
+        source.next(1.0)
+
+
+def test_a_folder_without_pictures_or_permission_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match=r"holds no pictures; put \.png"):
+        open_source(str(tmp_path))
+    assert not open_source(str(tmp_path), wait=True).ended
+
+    def denied(_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "scandir", denied)
+    with pytest.raises(InputError, match="Permission denied"):
+        open_source(str(tmp_path), wait=True)

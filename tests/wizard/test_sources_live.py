@@ -1,0 +1,200 @@
+"""Cameras that hang, break and come back: played by a capture that does as it is told."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vbaa_calib.errors import InputError
+from vbaa_calib.wizard.sources import Source, SourceLost, camera
+from vbaa_calib.wizard.sources.camera import CameraWish, open_camera, parse_camera
+from vbaa_calib.wizard.sources.grabber import Patience
+
+QUICK = Patience(open_s=0.6, silence_s=0.4, failures=3)
+
+
+class FakeCamera:
+    """30 frames per second of rising grey; `plays` says what each frame does, the last one for ever."""
+
+    made: list[FakeCamera]
+
+    def __init__(self, plays: list[str], opens: bool = True, autofocus: bool = True) -> None:
+        self.plays, self.opens, self.autofocus = plays, opens, autofocus
+        self.count, self.released = 0, False
+        self.values: dict[int, float] = {cv2.CAP_PROP_FRAME_WIDTH: 64, cv2.CAP_PROP_FRAME_HEIGHT: 48}
+        self.forever = threading.Event()
+
+    def __call__(self, *_: object) -> FakeCamera:
+        if self.plays == ["open hangs"]:
+            self.forever.wait(5)
+        return self
+
+    def isOpened(self) -> bool:
+        return self.opens
+
+    def set(self, key: int, value: float) -> bool:
+        if key == cv2.CAP_PROP_AUTOFOCUS and not self.autofocus:
+            return False
+        if key not in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT):
+            self.values[key] = value
+        return True
+
+    def get(self, key: int) -> float:
+        return self.values.get(key, 0.0)
+
+    def grab(self) -> bool:
+        time.sleep(1 / 30)
+        self.play = self.plays[min(self.count, len(self.plays) - 1)]
+        if self.play == "hang":
+            self.forever.wait(5)
+        if self.play == "raise":
+            raise cv2.error("the driver is unhappy")
+        self.count += self.play != "fail"
+        return self.play != "fail"
+
+    def retrieve(self) -> tuple[bool, np.ndarray | None]:
+        if self.play == "empty":
+            return True, None
+        size = (96, 128) if self.play == "larger" else (48, 64)
+        return True, np.full((*size, 3), self.count % 256, np.uint8)
+
+    def release(self) -> None:
+        self.released = True
+
+
+@pytest.fixture
+def plug(monkeypatch: pytest.MonkeyPatch):
+    """Makes a fake camera the one that OpenCV opens."""
+    plugged = []
+
+    def plug(*args: object, **options: bool) -> FakeCamera:
+        fake = FakeCamera(*args, **options)
+        plugged.append(fake)
+        monkeypatch.setattr(cv2, "VideoCapture", fake)
+        monkeypatch.setattr(camera, "_check_device", lambda *_: None)
+        return fake
+
+    yield plug
+    for fake in plugged:
+        fake.forever.set()
+
+
+def use_up(source: Source) -> None:
+    for _ in range(200):
+        source.next(0.1)
+
+
+def test_the_newest_frame_is_given_and_old_ones_are_dropped(plug) -> None:
+    fake = plug(["go"])
+    source = open_camera(CameraWish(0), patience=QUICK)
+    offered = [source.next(1.0)]
+    for _ in range(3):
+        time.sleep(0.15)
+        before = fake.count
+        offered.append(source.next(1.0))
+        assert offered[-1].image[0, 0] > before - 2
+    assert [each.name for each in offered] == ["frame 0", "frame 1", "frame 2", "frame 3"]
+    times = [each.time_s for each in offered]
+    assert times == sorted(times)
+    source.close()
+    source.close()
+    assert fake.released
+
+
+def test_names_go_on_after_those_that_were_seen(plug) -> None:
+    plug(["go"])
+    source = open_camera(CameraWish(0), {"frame 0", "frame 2"}, QUICK)
+    assert [source.next(1.0).name for _ in range(3)] == ["frame 1", "frame 3", "frame 4"]
+    source.close()
+
+
+def test_no_frame_in_time_is_none(plug) -> None:
+    plug(["go"])
+    source = open_camera(CameraWish(0), patience=QUICK)
+    source.next(1.0)
+    assert source.next(0.0) is None
+    source.close()
+
+
+@pytest.mark.parametrize(("play", "words"), [("fail", "no more pictures"), ("hang", "does not answer"),
+                                             ("raise", "no more pictures"), ("empty", "no more pictures")])  # fmt: skip
+def test_an_unplugged_camera_is_told_soon(plug, play: str, words: str) -> None:
+    fake = plug(["go"] * 5 + [play])
+    source = open_camera(CameraWish(0), patience=QUICK)
+    start_s = time.monotonic()
+    with pytest.raises(SourceLost, match=f"{words}; check cable and plug"):
+        use_up(source)
+    assert time.monotonic() - start_s < 3
+    assert fake.released == (play != "hang")
+
+
+@pytest.mark.parametrize(
+    ("plays", "opens", "words"),
+    [
+        (["go"], False, "cannot be opened"),
+        (["fail"], True, "gives no picture"),
+        (["hang"], True, "does not answer"),
+        (["open hangs"], True, "does not answer"),
+    ],
+)
+def test_a_camera_that_does_not_start_is_refused(plug, plays: list[str], opens: bool, words: str) -> None:
+    plug(plays, opens=opens)
+    start_s = time.monotonic()
+    with pytest.raises(InputError, match=words) as raised:
+        open_camera(CameraWish(0), patience=QUICK)
+    assert raised.value.remedy
+    assert not isinstance(raised.value, SourceLost)
+    assert time.monotonic() - start_s < 3
+
+
+def test_another_resolution_shows_in_the_frames(plug) -> None:
+    plug(["go"] * 3 + ["larger"])
+    source = open_camera(CameraWish(0), patience=QUICK)
+    shapes = [offered.image.shape for _ in range(8) if (offered := source.next(0.5))]
+    assert shapes[0] == (48, 64)
+    assert shapes[-1] == (96, 128)
+    source.close()
+
+
+@pytest.mark.parametrize(("autofocus", "words"), [(True, "is switched off"), (False, "could not be switched off")])
+def test_what_was_asked_of_the_camera_is_told(plug, autofocus: bool, words: str) -> None:
+    fake = plug(["go"], autofocus=autofocus)
+    source = open_camera(parse_camera("0?width=1920&height=1080&fourcc=MJPG&fps=30"), patience=QUICK)
+    assert fake.values[cv2.CAP_PROP_FOURCC] == cv2.VideoWriter.fourcc(*"MJPG")
+    size, focus, exposure = source.notes
+    assert size == "1920x1080 px were asked for, but the camera gives 64x48 px"
+    assert words in focus
+    assert "exposure" in exposure
+    source.close()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["x", "", "-1", "0 ", "٣", "12345", "0?width=0", "0?width=-5", "0?width=1e3", "0?width=", "0?colour=blue",
+     "0?fourcc=MJ", "0?fourcc=MJPÉ", "0?height=99999", "0?width", "video0", "0;rm -rf", "?width=10"],
+)  # fmt: skip
+def test_a_camera_that_is_not_one_is_refused(text: str) -> None:
+    with pytest.raises(InputError) as raised:
+        parse_camera(text)
+    assert raised.value.remedy
+
+
+def test_cameras_are_parsed() -> None:
+    assert parse_camera("0") == CameraWish(0)
+    assert parse_camera("/dev/video2?width=640") == CameraWish("/dev/video2", width=640)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere cameras are no files")
+def test_a_missing_camera_is_told_with_those_that_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera, "list_cameras", lambda: ["/dev/video0 (USB cam)"])
+    with pytest.raises(InputError, match=r"no /dev/video97; there are /dev/video0 \(USB cam\)"):
+        open_camera(CameraWish(97))
+    monkeypatch.setattr(camera, "list_cameras", lambda: [])
+    with pytest.raises(InputError, match="shows no camera"):
+        open_camera(CameraWish(str(Path("/dev/video97"))))

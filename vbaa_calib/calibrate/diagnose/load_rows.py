@@ -1,0 +1,149 @@
+"""Rows of loads.csv that their pictures contradict, and what they would have to say.
+
+The rig is the free antenna's: what was typed for one load must not have bent what another one is judged by. Only EI is
+asked of the loads, of those that agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...diagnosis import Diagnosis
+from ...session import Load
+from ..joint import JointSolution
+from ..joint_problem import Observation
+from .free_base import faithful
+from .readings import Reading, other_readings, row_name
+
+NOMINAL_REACH = 0.3
+"""Logarithm by which EI may differ from what the free antenna and E·πd⁴/64 say: 8 % of the diameter."""
+KNOWN_REACH = 0.03
+"""The same where other loads agree on it."""
+FAR_REACH = 1.0
+"""The same in looking for loads that agree: no wrong unit is as little as this."""
+STEP = 0.05
+CONTRADICTS, FITS = 0.22, 0.08
+"""A reading is wrong whose antenna lies further off the points than this part of the deflection, and right below the
+other. Half a millimetre on the ruler and half a per cent on the balance make 0.02."""
+CLEARER = 3.0
+"""A right reading lies this many times nearer than the noted one."""
+ALIKE = 0.02
+"""Misfits that differ by less tell nothing between two readings."""
+SHOWN_STD = 5.0
+"""Least deflection, in deviations of single points, that tells one reading from another."""
+AGREE = 0.1
+"""Logarithm within which loads agree on EI."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """The best fits of V readings of a load.
+
+    Attributes
+    ----------
+    misfit, log_stiffness : (V,) of each, and the stiffness's logarithm that it takes, less the free antenna's.
+    shown_std : see `Faithful`.
+    """
+
+    misfit: np.ndarray
+    log_stiffness: np.ndarray
+    shown_std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A load whose picture contradicts its row.
+
+    Attributes
+    ----------
+    index : of the load among the loads. reading : what fits instead, None if nothing does.
+    """
+
+    index: int
+    load: Load
+    reading: Reading | None
+
+
+def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_m: float) -> list[Row]:
+    """Every load whose row does not fit its picture, with the reading that does."""
+    loaded = [one for one in observations if isinstance(one.still, Load)]
+    centre, reach = _reference(free, loaded)
+    rows = []
+    for index, one in enumerate(loaded):
+        load = _load(one)
+        noted = _nearest(free, one, [load], centre, reach).misfit[0]
+        if noted <= CONTRADICTS:
+            continue
+        readings = other_readings(load, length_m)
+        others = _nearest(free, one, [reading.load for reading in readings], centre, reach)
+        nearest = float(others.misfit.min())
+        # the commonest of those that fit as well: kilograms before a decimal point
+        best = int(np.flatnonzero(others.misfit <= nearest + ALIKE)[0])
+        right = others.shown_std >= SHOWN_STD and nearest <= FITS and nearest * CLEARER <= noted
+        rows.append(Row(index, load, readings[best] if right else None))
+    return rows
+
+
+def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
+    """The rows that another reading explains, those with the same slip together."""
+    by_slip: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.reading is not None:
+            by_slip.setdefault(row.reading.name, []).append(row)
+    return [_said(same, count) for same in by_slip.values()]
+
+
+def _said(rows: Sequence[Row], count: int) -> Diagnosis:
+    first = rows[0]
+    assert first.reading is not None
+    whole = len(rows) == count and count > 1
+    names = [row_name(row.index, row.load) for row in rows[:4]]
+    which = f"all {count} rows of loads.csv" if whole else "loads.csv " + ", ".join(names)
+    if not whole and len(rows) > 4:
+        which += f" and {len(rows) - 4} more"
+    words = (
+        f"{which}: the picture contradicts the row, and fits if the {first.reading.what} was given {first.reading.how}"
+    )
+    cells = "; ".join(
+        f"{row_name(row.index, row.load)}: {row.reading.remedy(row.load)}" for row in rows[:3] if row.reading
+    )
+    return Diagnosis(f"load_{first.reading.what}_mistyped", words, f"if so, correct {cells}", grave=True)
+
+
+def _load(one: Observation) -> Load:
+    assert isinstance(one.still, Load)
+    return one.still
+
+
+def _nearest(free: JointSolution, one: Observation, loads: Sequence[Load], centre: float, reach: float) -> Nearest:
+    """Each load's best fit with a stiffness within a range about the free antenna's."""
+    steps = centre + np.linspace(-reach, reach, max(3, 2 * round(reach / STEP) + 1))
+    # an antenna that is stiffer bends as if the force were smaller
+    scaled = [
+        replace(load, force_y_N=load.force_y_N * factor, force_z_N=load.force_z_N * factor)
+        for load in loads
+        for factor in np.exp(-steps)
+    ]
+    found = faithful(free, one, scaled)
+    misfit = found.misfit.reshape(len(loads), len(steps))
+    return Nearest(misfit.min(axis=1), steps[misfit.argmin(axis=1)], found.shown_std)
+
+
+def _reference(free: JointSolution, loaded: Sequence[Observation]) -> tuple[float, float]:
+    """EI's logarithm, less the free antenna's, and how far it may be off: by the loads that agree, if two do."""
+    found = [_nearest(free, one, [_load(one)], 0.0, FAR_REACH) for one in loaded]
+    usable = [(one, fit) for one, fit in zip(loaded, found, strict=True) if _usable(fit)]
+    if len(usable) >= 2:
+        middle = float(np.median([fit.log_stiffness[0] for _, fit in usable]))
+        same = [one for one, fit in usable if abs(fit.log_stiffness[0] - middle) <= AGREE]
+        if len(same) >= 2 and 2 * len(same) > len(usable):
+            closer = [_nearest(free, one, [_load(one)], middle, AGREE).log_stiffness[0] for one in same]
+            return float(np.median(closer)), KNOWN_REACH
+    return 0.0, NOMINAL_REACH
+
+
+def _usable(fit: Nearest) -> bool:
+    return bool(fit.misfit[0] <= FITS and fit.shown_std >= SHOWN_STD and abs(fit.log_stiffness[0]) < FAR_REACH)

@@ -1,0 +1,223 @@
+"""The moment sensor against what the pictures and the known loads say it had to read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...diagnosis import Diagnosis
+from ...session import Load
+from ..joint import JointSolution
+from ..joint_checks import Estimate
+
+LEAST_SPREAD_STD = 30.0
+"""The moments must spread by this many of the sensor's deviations, for its gain to be judged."""
+UNITS = (
+    ("N·mm", 1e3, "divide the readings by 1000"),
+    ("mN·m", 1e3, "divide the readings by 1000"),
+    ("N·cm", 1e2, "divide the readings by 100"),
+    ("kgf·m", 1 / 9.80665, "multiply the readings by 9.80665"),
+    ("kgf·cm", 100 / 9.80665, "divide the readings by 10.197"),
+    ("gf·cm", 1e5 / 9.80665, "divide the readings by 10197"),
+    ("kN·m", 1e-3, "multiply the readings by 1000"),
+    ("decimetres for metres", 1e1, "divide the readings by 10"),
+)
+UNIT_REACH = 0.15
+"""Logarithm within which a gain is taken for a unit's: an honest sensor is that good before it is calibrated."""
+USUAL_GAIN = (0.5, 2.0)
+DEAD_GAIN = 0.1
+EXPLAINED = 0.5
+"""Part of the readings' spread that a working sensor's gain and offset explain at least."""
+REPEATED, SHORT_STD = 3, 8.0
+"""Readings that are the same to a tenth of the noise, and how far they must fall short, for a sensor at its end."""
+GAIN_SURE = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """What was read and what had to be.
+
+    Attributes
+    ----------
+    read_Nm, true_Nm : (F,). std_Nm : of the sensor's noise, as the session says.
+    gain, offset_Nm : the line through them that half of them lie nearest to.
+    gain_std : of it, by the scatter about the line.
+    """
+
+    read_Nm: np.ndarray
+    true_Nm: np.ndarray
+    std_Nm: float
+    gain: float
+    offset_Nm: float
+    gain_std: float
+
+    @staticmethod
+    def of(joint: JointSolution, std_Nm: float) -> Readings | None:
+        """Of the stills that took part; None with fewer than 3, or where no moment was read."""
+        _, moments = joint.problem.evaluate(joint.solution.parameters)
+        kept = joint.kept
+        read = np.array([one.still.moment_Nm for one in joint.problem.observations])[kept]
+        true = moments[kept, 0]
+        if len(read) < 3 or not np.isfinite(read).all():
+            return None
+        gain, offset = _line(true, read)
+        scatter = max(1.4826 * float(np.median(np.abs(read - gain * true - offset))), std_Nm)
+        spread = float(np.sqrt(((true - true.mean()) ** 2).sum()))
+        return Readings(read, true, std_Nm, gain, offset, scatter / max(spread, 1e-12))
+
+    @property
+    def spread_std(self) -> float:
+        """Range of the true moments in the sensor's deviations."""
+        return float(np.ptp(self.true_Nm) / self.std_Nm)
+
+
+def sensor_diagnoses(
+    joint: JointSolution, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool = True
+) -> list[Diagnosis]:
+    """What is wrong with the sensor, the most telling first; at most one of wiring, unit and end of range.
+
+    Parameters
+    ----------
+    drift : of its readings, N·m `per` s or row; None where it is not known.
+    moments_known : the loads are what was noted. If not, a sensor that is not connected is all that can be told.
+    """
+    readings = Readings.of(joint, std_Nm)
+    if readings is None or readings.spread_std < LEAST_SPREAD_STD:
+        return []
+    if not moments_known:
+        dead = _unconnected(readings)
+        return [] if dead is None else [dead]
+    loads = np.array([one.load_N for one in joint.problem.observations])[joint.kept]
+    for judged in (
+        _unconnected(readings),
+        _other_axis(readings, joint, loads),
+        _unrelated(readings),
+        _sign(readings),
+        _unit(readings),
+        _saturated(readings),
+    ):
+        if judged is not None:
+            return [judged]
+    if drift is not None and abs(drift.in_std) > GAIN_SURE and _fits(readings):
+        return [
+            Diagnosis(
+                "sensor_drift",
+                f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}",
+                "let it warm up, and zero it again before a recording",
+            )
+        ]
+    return []
+
+
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope and offset that the most points follow, by Theil and Sen's medians."""
+    i, j = np.triu_indices(len(x), 1)
+    far = np.abs(x[j] - x[i]) > 0.2 * np.ptp(x)
+    slope = float(np.median((y[j] - y[i])[far] / (x[j] - x[i])[far]))
+    return slope, float(np.median(y - slope * x))
+
+
+def _explained(readings: Readings) -> float:
+    """Part of the readings' spread that the line explains, by medians."""
+    about = np.median(np.abs(readings.read_Nm - np.median(readings.read_Nm)))
+    left = np.median(np.abs(readings.read_Nm - readings.gain * readings.true_Nm - readings.offset_Nm))
+    return float(1.0 - left / max(about, 1e-15))
+
+
+def _fits(readings: Readings) -> bool:
+    return _explained(readings) > EXPLAINED
+
+
+def _span(readings: Readings) -> str:
+    return f"the true moments span {1e3 * np.ptp(readings.true_Nm):.3g} mN·m"
+
+
+def _unconnected(readings: Readings) -> Diagnosis | None:
+    if np.ptp(readings.read_Nm) > 1e-3 * readings.std_Nm:
+        return None
+    return Diagnosis(
+        "sensor_not_connected",
+        f"all {len(readings.read_Nm)} moment readings are {readings.read_Nm[0]:.4g} N·m, while {_span(readings)}",
+        "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in",
+        grave=True,
+    )
+
+
+def _unrelated(readings: Readings) -> Diagnosis | None:
+    weak = abs(readings.gain) < max(DEAD_GAIN, GAIN_SURE * readings.gain_std)
+    unit = any(abs(np.log(abs(readings.gain) / factor)) < UNIT_REACH for _, factor, _ in UNITS if readings.gain > 0)
+    noise = np.ptp(readings.read_Nm) < GAIN_SURE * 2 * readings.std_Nm
+    if not (noise or (weak and not _fits(readings)) or (weak and not unit)):
+        return None
+    return Diagnosis(
+        "sensor_not_connected",
+        f"the moment readings do not follow the loads: gain {readings.gain:.3g} ± {readings.gain_std:.2g}, while "
+        f"{_span(readings)}",
+        "check that the sensor is connected, sits between clamp and base, and that each row has its own reading",
+        grave=True,
+    )
+
+
+def _other_axis(readings: Readings, joint: JointSolution, loads_N: np.ndarray) -> Diagnosis | None:
+    """Readings that follow the loads' moment about z instead."""
+    stills = [one.still for one, kept in zip(joint.problem.observations, joint.kept, strict=True) if kept]
+    arms = np.array([still.distance_m if isinstance(still, Load) else 0.0 for still in stills])
+    about_z = arms * loads_N[:, 0]
+    if _fits(readings) or np.ptp(about_z) < LEAST_SPREAD_STD * readings.std_Nm:
+        return None
+    gain, offset = _line(about_z, readings.read_Nm)
+    other = Readings(readings.read_Nm, about_z, readings.std_Nm, gain, offset, 0.0)
+    if _explained(other) < 0.8 or abs(gain) < DEAD_GAIN:
+        return None
+    return Diagnosis(
+        "sensor_other_axis",
+        f"the moment readings follow the loads along y (gain {gain:.3g}), not those along z",
+        "turn the sensor so that it reads the moment about y, or check that y and z of the loads are not exchanged",
+        grave=True,
+    )
+
+
+def _sign(readings: Readings) -> Diagnosis | None:
+    if readings.gain > -GAIN_SURE * readings.gain_std or not _fits(readings):
+        return None
+    return Diagnosis(
+        "sensor_sign",
+        f"the moment sensor reads with the wrong sign: gain {readings.gain:.3g} ± {readings.gain_std:.2g}",
+        "exchange its two leads, or turn the sign of moment_Nm round in all tables, the recording's too",
+    )
+
+
+def _unit(readings: Readings) -> Diagnosis | None:
+    gain = readings.gain
+    if USUAL_GAIN[0] < gain < USUAL_GAIN[1] or gain <= 0 or not _fits(readings):
+        return None
+    near = [(unit, remedy) for unit, factor, remedy in UNITS if abs(np.log(gain / factor)) < UNIT_REACH]
+    words = f"the moment sensor's gain is {gain:.4g} ± {readings.gain_std:.2g}"
+    if not near:
+        return Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")
+    units = " or ".join(unit for unit, _ in near)
+    return Diagnosis(
+        "sensor_unit", f"{words}, as if it were read in {units}", f"{near[0][1]}: moment_Nm is in N·m", True
+    )
+
+
+def _saturated(readings: Readings) -> Diagnosis | None:
+    for sign, name in ((1.0, "highest"), (-1.0, "lowest")):
+        read, true = sign * readings.read_Nm, sign * readings.gain * readings.true_Nm + sign * readings.offset_Nm
+        at_end = read > read.max() - 0.1 * readings.std_Nm
+        short = true[at_end] - read[at_end]
+        if at_end.sum() >= REPEATED and (short > SHORT_STD * readings.std_Nm).sum() >= REPEATED - 1:
+            return Diagnosis(
+                "sensor_saturated",
+                f"the {name} moment reading, {sign * read.max():.4g} N·m, stands in {at_end.sum()} rows, where up to "
+                f"{1e3 * short.max():.3g} mN·m more had to be read",
+                "hang lighter loads, or set the amplifier to a wider range",
+                grave=True,
+            )
+    return None
+
+
+def drift_of(checks_drift_per_s: Estimate | None, per_row: Estimate | None) -> tuple[Estimate | None, str]:
+    """The drift that is known, and what it is per."""
+    return (checks_drift_per_s, "s") if checks_drift_per_s is not None else (per_row, "row")

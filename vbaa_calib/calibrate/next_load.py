@@ -1,0 +1,177 @@
+"""How well EI is known by the loads so far, and which weight to hang where next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry import Kinematics
+from ..session import Load, Session
+from .joint import JointSolution
+from .joint_problem import GAIN
+from .next_load_candidates import Candidate, candidates, pulls, uses_pulley
+from .next_load_readings import LOG_STIFFNESS, Planner, ReadingErrors, StiffnessErrors
+from .next_load_words import missing_words, progress_words, suggestion_words
+
+LEAST_LOADS = 3
+"""A load that was noted wrong is seen against two others."""
+GAIN_KNOWN = 0.02
+"""Standard deviation of the moment sensor's gain that is good enough; loads in plane C do not show it."""
+HELPS = 0.05
+"""A load is worth hanging when it lowers EI's standard deviation by more than this part."""
+AHEAD = 6
+"""How many further loads are looked ahead."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadSuggestion:
+    """The load to hang next.
+
+    Attributes
+    ----------
+    mass_kg, distance_m : which weight, and where along the antenna from the clamp.
+    pan_rad, tilt_rad : where the joints stand meanwhile.
+    direction : (2,) unit (y, z) of its pull in the antenna frame. over_pulley : it does not hang straight down.
+    force_y_N, force_z_N : what to note.
+    std_relative, std_relative_with_readings : of EI after it, see `LoadProgress`.
+    """
+
+    mass_kg: float
+    distance_m: float
+    pan_rad: float
+    tilt_rad: float
+    direction: np.ndarray
+    over_pulley: bool
+    force_y_N: float
+    force_z_N: float
+    std_relative: float
+    std_relative_with_readings: float
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class LoadProgress:
+    """How well EI is known.
+
+    Attributes
+    ----------
+    std_relative : of EI by the pictures' noise, as the joint solve has it: the loads count as exact.
+    systematic : of EI by the readings of places and weights. std_relative_with_readings : by everything.
+    reachable_relative : by everything, after the best few loads that these weights allow; NaN without any.
+    loads : how many took part.
+    suggestion : what to hang next; None where no weight helps.
+    enough : the goal is met, or no further load of these weights brings it nearer. reached : the goal is met.
+    missing : what the loads do not show, in words.
+    """
+
+    std_relative: float
+    systematic: float
+    std_relative_with_readings: float
+    goal_relative: float
+    reachable_relative: float
+    loads: int
+    suggestion: LoadSuggestion | None
+    enough: bool
+    reached: bool
+    missing: tuple[str, ...]
+    words: str
+
+
+def load_progress(
+    joint: JointSolution,
+    session: Session,
+    masses_kg: Sequence[float],
+    goal_relative: float = 0.01,
+    distance_std_m: float = 5e-4,
+    mass_std_relative: float = 5e-3,
+    kinematics: Kinematics | None = None,
+) -> LoadProgress:
+    """What the stills so far say of EI, and the load that lowers its uncertainty most.
+
+    Parameters
+    ----------
+    joint : of the stills so far, with or without loads.
+    masses_kg : the weights at hand. One that is used twice counts with the same error.
+    goal_relative : standard deviation of EI to reach, with the readings' errors.
+    distance_std_m, mass_std_relative : how well places and weights are known.
+    kinematics : with what a sweep found of the joints; the session's where it is not given.
+
+    Raises ValueError for a weight or a standard deviation that is not positive.
+    """
+    if min([*masses_kg, goal_relative], default=1.0) <= 0 or min(distance_std_m, mass_std_relative) < 0:
+        raise ValueError("weights and goal must be positive, and deviations not negative")
+    kinematics = session.kinematics if kinematics is None else kinematics
+    offered = candidates(joint, session, kinematics, masses_kg)
+    planner = Planner.of(joint, offered, ReadingErrors(distance_std_m, mass_std_relative))
+    now = planner.now()
+    hung = [
+        one.still
+        for one, kept in zip(joint.problem.observations, joint.kept, strict=True)
+        if kept and isinstance(one.still, Load)
+    ]
+    gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
+    # a load that shows the gain comes first where the gain is not known, if any can
+    wanted = [index for index, one in enumerate(offered) if gain_std <= GAIN_KNOWN or abs(one.direction[1]) > 0.5]
+    wanted = wanted or list(range(len(offered)))
+    after = planner.after_each()
+    best = min(wanted, key=lambda index: after[index].whole) if wanted else None
+    ahead = reachable(planner)
+    few, blind = len(hung) < LEAST_LOADS, gain_std > GAIN_KNOWN and any(abs(o.direction[1]) > 0.5 for o in offered)
+    reached = now.whole <= goal_relative
+    helps = best is not None and ahead < (1 - HELPS) * now.whole
+    enough = not few and not blind and (reached or not helps)
+    suggestion = None
+    if best is not None and (not enough or helps):
+        suggestion = suggested(offered[best], after[best])
+    missing = missing_words(
+        hung, gain_std, GAIN_KNOWN, LEAST_LOADS, pulls(session, kinematics, joint.problem.observations)
+    )
+    return LoadProgress(
+        std_relative=now.noise,
+        systematic=now.readings,
+        std_relative_with_readings=now.whole,
+        goal_relative=goal_relative,
+        reachable_relative=ahead,
+        loads=len(hung),
+        suggestion=suggestion,
+        enough=enough,
+        reached=reached,
+        missing=missing,
+        words=progress_words(now, goal_relative, ahead, enough, reached, suggestion is not None, bool(masses_kg)),
+    )
+
+
+def reachable(planner: Planner) -> float:
+    """EI's relative standard deviation after the best few further loads, one by one; NaN without any."""
+    lowest = np.nan
+    for _ in range(AHEAD):
+        after = [errors.whole for errors in planner.after_each()]
+        if not after:
+            return lowest
+        lowest = float(np.fmin(lowest, min(after)))
+        planner = planner.after(int(np.argmin(after)))
+    return lowest
+
+
+def suggested(one: Candidate, after: StiffnessErrors) -> LoadSuggestion:
+    """A candidate, in words."""
+    load = one.load
+    return LoadSuggestion(
+        mass_kg=one.mass_kg,
+        distance_m=load.distance_m,
+        pan_rad=load.pan_rad,
+        tilt_rad=load.tilt_rad,
+        direction=one.direction,
+        over_pulley=one.over_pulley,
+        force_y_N=load.force_y_N,
+        force_z_N=load.force_z_N,
+        std_relative=after.noise,
+        std_relative_with_readings=after.whole,
+        words=suggestion_words(one, after),
+    )
+
+
+assert LOG_STIFFNESS < GAIN
+__all__ = ["LoadProgress", "LoadSuggestion", "load_progress", "reachable", "uses_pulley"]

@@ -1,0 +1,170 @@
+"""What board pictures tell of the lens, counted where it matters: in points on the plane in which the antenna moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from targets.board import BoardSpec
+from targets.charuco import corner_points
+
+from ..camera import Camera
+from ..geometry import Pose
+from .board_flex import bend
+from .corner_stack import FLEX, Observation, Stack, State, rows
+from .lens_models import LENS_MODELS, LensModel, camera_of
+from .lens_start import widened
+from .next_view_plane import WorkPlane
+
+_FOCAL_PRIOR, _ASPECT_PRIOR, _CENTRE_PRIOR = 0.3, 0.01, 0.05
+_DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
+_TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_SAGITTA_PER_EXTENT = 0.005
+_LEAST_JIG_CORNERS = 6
+_RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
+NOMINAL_FOCAL_PER_WIDTH = 1.1
+"""Of a camera that no picture tells of: a field of view of 49°, as most webcams and machine lenses have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The lens about which the worth of pictures is counted, with more freedom than the lens that was chosen.
+
+    A simple lens that a few pictures chose would be sure of itself for the wrong reason: what it cannot describe it
+    does not doubt. Here it may also be wrong in what the next richer model could describe, within reason.
+
+    Attributes
+    ----------
+    model, intrinsics : the lens, (4 + k,). image_size : (width, height) px.
+    scale : (4 + k + 2, p) intrinsics and sagittas for a unit of each z (p,), of which each is 0 ± 1 before any picture.
+    sigma_px : deviation of a corner, per axis.
+    """
+
+    model: LensModel
+    intrinsics: np.ndarray
+    image_size: tuple[int, int]
+    scale: np.ndarray
+    sigma_px: float
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of this lens, without a covariance."""
+        return camera_of(self.model, self.intrinsics, self.image_size)
+
+
+def nominal_intrinsics(image_size: tuple[int, int], focal_px: float | None = None) -> np.ndarray:
+    """(4,) fx, fy, cx, cy of a camera that no picture tells of."""
+    focal = focal_px or NOMINAL_FOCAL_PER_WIDTH * max(image_size)
+    return np.array([focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
+
+
+def design_about(
+    name: str, intrinsics: np.ndarray, image_size: tuple[int, int], sigma_px: float, spec: BoardSpec, flex: bool
+) -> Design:
+    """A design one step richer than the lens model `name` at its solution (4 + k,).
+
+    flex : the board's sagittas are doubted too.
+    """
+    chosen = LENS_MODELS[name]
+    model = LENS_MODELS[_RICHER.get(name, name)]
+    wide = np.zeros(4 + model.distortion_count)
+    wide[: len(intrinsics)] = intrinsics[: len(wide)]
+    if chosen.camera_model != model.camera_model:
+        wide = widened(intrinsics, model, image_size)
+        if not np.any(wide[4:]):
+            model, wide = chosen, np.array(intrinsics, float)
+    return Design(model, wide, image_size, _prior(model, wide, image_size, spec, flex), sigma_px)
+
+
+def _prior(
+    model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], spec: BoardSpec, flex: bool
+) -> np.ndarray:
+    """`Design.scale`: how wrong each part of a lens may be, from what cameras are like."""
+    size, unit = len(intrinsics), np.eye(len(intrinsics) + FLEX)
+    fx, fy = intrinsics[:2]
+    both, apart = fx * unit[0] + fy * unit[1], fx * unit[0] - fy * unit[1]
+    middle = [_CENTRE_PRIOR * max(image_size) * unit[index] for index in (2, 3)]
+    columns = [_FOCAL_PRIOR * both, _ASPECT_PRIOR * apart, *middle]
+    moved = _largest_shift(model, intrinsics, image_size)
+    half_diagonal = np.hypot(*image_size) / 2
+    for index in model.free:
+        kind = "tangential" if model.parameter_names[4 + index] in _TANGENTIAL else "radial"
+        columns.append(_DISTORTION_PRIOR[kind] * half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
+    if flex:
+        extent = spec.square_m * max(spec.squares_x, spec.squares_y)
+        columns += [_SAGITTA_PER_EXTENT * extent * unit[size + index] for index in range(FLEX)]
+    return np.stack(columns, axis=1)
+
+
+def _largest_shift(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
+    """(4 + k,) px by which a unit of each parameter moves the pixel it moves most, over the picture."""
+    camera = camera_of(model, intrinsics, image_size)
+    columns, lines = (np.linspace(0, length - 1, 9) for length in image_size)
+    pixels = np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2)
+    rays, valid = camera.unproject(pixels)
+    rays = rays[valid & (rays[:, 2] > 0.05)]
+    stack = Stack.of([Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))])
+    state = State(np.concatenate([intrinsics, np.zeros(FLEX)]), np.zeros((1, 6)))
+    by_shared = rows(model, state, stack)[1]
+    return np.linalg.norm(by_shared, axis=1).max(axis=0)[:-FLEX]
+
+
+def view_blocks(design: Design, poses: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
+    """(V, p, p) information in `Design` coordinates of views at poses (V, 6), their own poses eliminated."""
+    stack = Stack.of(observations)
+    state = State(np.concatenate([design.intrinsics, np.zeros(FLEX)]), np.asarray(poses, float))
+    _, by_shared, by_pose = rows(design.model, state, stack)
+    by_shared = by_shared @ design.scale / design.sigma_px
+    blocks = np.zeros((len(observations), design.scale.shape[1], design.scale.shape[1]))
+    for index, (first, last) in enumerate(zip(stack.bounds[:-1], stack.bounds[1:], strict=True)):
+        flat, own = by_shared[first:last].reshape(2 * (last - first), -1), by_pose[first:last].reshape(-1, 6)
+        basis, _ = np.linalg.qr(own)
+        through = basis.T @ flat
+        blocks[index] = flat.T @ flat - through.T @ through
+    return blocks
+
+
+def plane_functional(design: Design, plane: WorkPlane, spec: BoardSpec) -> np.ndarray | None:
+    """(n, 2, p) how far points on the plane come out wrong, m, for a unit of each z, the board in the jig seen exactly.
+
+    The camera's pose is found again with the wrong lens from the board in the jig, which takes up what a pose can.
+    None where plane or board are hardly in the picture.
+    """
+    told = plane.points
+    space = np.column_stack([told, np.zeros(len(told))])
+    inside = _in_picture(design, plane.T_camera_plane @ space)
+    board, sagitta = corner_points(spec), bend(spec)
+    T_camera_board = plane.board_pose(spec)
+    seen = _in_picture(design, T_camera_board @ board)
+    if inside.mean() < 0.5 or seen.sum() < _LEAST_JIG_CORNERS:
+        return None
+    jig_shared, jig_pose, _ = _slopes(design, T_camera_board, Observation(board[seen], board[seen, :2], sagitta[seen]))
+    # the plane's points turn about the board's origin, as the board does
+    on_board = T_camera_board.inverse() @ (plane.T_camera_plane @ space[inside])
+    own_shared, own_pose, by_point = _slopes(design, T_camera_board, Observation(on_board, on_board[:, :2]))
+    taken_up = np.linalg.lstsq(jig_pose.reshape(-1, 6), jig_shared.reshape(len(jig_shared) * 2, -1), rcond=None)[0]
+    in_pixels = own_shared - own_pose @ taken_up
+    in_plane = by_point @ plane.T_camera_plane.rotation[:, :2]
+    return -np.linalg.solve(in_plane, in_pixels)
+
+
+def _slopes(design: Design, pose: Pose, view: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    vector = np.concatenate([pose.rotvec_rad, pose.translation_m])[None]
+    state = State(np.concatenate([design.intrinsics, np.zeros(FLEX)]), vector)
+    _, by_shared, by_pose = rows(design.model, state, Stack.of([view]))
+    return by_shared @ design.scale, by_pose, by_pose[:, :, 3:]
+
+
+def _in_picture(design: Design, points: np.ndarray) -> np.ndarray:
+    pixels, valid = design.camera.project(points)
+    return valid & np.all((pixels > -0.5) & (pixels < np.array(design.image_size) - 0.5), axis=-1)
+
+
+def mean_square(functional: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """(...) mean over the points (n, 2, p) of their squared error, m², under information (..., p, p) with the prior."""
+    flat = functional.reshape(-1, functional.shape[-1])
+    form = flat.T @ flat / len(functional)
+    whole = information + np.eye(form.shape[0])
+    return np.trace(np.linalg.solve(whole, np.broadcast_to(form, whole.shape)), axis1=-2, axis2=-1)

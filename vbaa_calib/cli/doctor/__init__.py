@@ -1,0 +1,1 @@
+"""`vbaa doctor`: is this installation healthy?"""

@@ -1,0 +1,136 @@
+"""What a wizard has been told and shown so far: answers, pictures taken, pictures left, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from ..errors import InputError
+
+SCHEMA = "vbaa.wizard/1"
+STEPS = ("board", "lens", "plane", "noload", "loads", "sensor", "verdict")
+_REMEDY = "move wizard.json away, and the wizard starts from the pictures and tables that are there"
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A picture that was accepted.
+
+    Attributes
+    ----------
+    file : where it is, relative to the session. source : its name where it came from.
+    readings : what was read with it, SI: joint angles, moment, load.
+    """
+
+    file: str
+    source: str
+    sha256: str
+    readings: Mapping[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For wizard.json."""
+        return {"file": self.file, "source": self.source, "sha256": self.sha256, "readings": dict(self.readings)}
+
+
+@dataclass(frozen=True)
+class Left:
+    """A picture that was not accepted, and why."""
+
+    source: str
+    sha256: str
+    why: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """For wizard.json."""
+        return {"source": self.source, "sha256": self.sha256, "why": self.why}
+
+
+@dataclass(frozen=True)
+class Record:
+    """One step. `closed` says how it ended: "enough", "by hand", "all pictures seen"; empty while it is open."""
+
+    taken: tuple[Taken, ...] = ()
+    left: tuple[Left, ...] = ()
+    closed: str = ""
+
+    @property
+    def judged(self) -> frozenset[str]:
+        """Names, where they came from, of all pictures that were taken or left."""
+        return frozenset(one.source for one in self.taken) | frozenset(one.source for one in self.left)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For wizard.json."""
+        return {
+            "taken": [one.to_dict() for one in self.taken],
+            "left": [one.to_dict() for one in self.left],
+            "closed": self.closed,
+        }
+
+
+@dataclass(frozen=True)
+class Journal:
+    """Everything. Changed only by making a new one."""
+
+    answers: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    steps: Mapping[str, Record] = field(default_factory=lambda: MappingProxyType({}))
+    redone: tuple[str, ...] = ()
+
+    def of(self, step: str) -> Record:
+        """The record of a step."""
+        return self.steps.get(step, Record())
+
+    def with_answers(self, answers: Mapping[str, Any]) -> Journal:
+        """With these answers, older ones to the same questions replaced."""
+        return replace(self, answers={**self.answers, **answers})
+
+    def with_step(self, step: str, record: Record) -> Journal:
+        """With this record in place of the step's."""
+        return replace(self, steps={**self.steps, step: record})
+
+    def to_dict(self) -> dict[str, Any]:
+        """wizard.json."""
+        return {
+            "schema": SCHEMA,
+            "answers": dict(self.answers),
+            "steps": {name: record.to_dict() for name, record in self.steps.items()},
+            "redone": list(self.redone),
+        }
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any], path: Path) -> Journal:
+        """From wizard.json. Raises InputError naming what is wrong with it."""
+        if data.get("schema") != SCHEMA:
+            raise InputError(f"schema is {data.get('schema')!r}, {SCHEMA} is needed", where=path, remedy=_REMEDY)
+        try:
+            steps = {name: _record(record) for name, record in data["steps"].items()}
+            answers = {str(key): value for key, value in data["answers"].items()}
+            redone = tuple(str(name) for name in data.get("redone", ()))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"is damaged ({error!r})", where=path, remedy=_REMEDY) from None
+        unknown = [name for name in steps if name not in STEPS]
+        if unknown:
+            raise InputError(f"names a step {unknown[0]!r}", where=path, remedy=_REMEDY)
+        return Journal(answers, steps, redone)
+
+
+def _record(data: Mapping[str, Any]) -> Record:
+    taken = tuple(
+        Taken(
+            _inside(one["file"]),
+            str(one["source"]),
+            str(one["sha256"]),
+            {str(key): float(value) for key, value in one["readings"].items()},
+        )
+        for one in data["taken"]
+    )
+    left = tuple(Left(str(one["source"]), str(one["sha256"]), str(one["why"])) for one in data["left"])
+    return Record(taken, left, str(data["closed"]))
+
+
+def _inside(file: str) -> str:
+    if not isinstance(file, str) or Path(file).is_absolute() or ".." in Path(file).parts or "\0" in file:
+        raise ValueError(f"{file!r} is no file of this session")
+    return file

@@ -1,0 +1,145 @@
+"""The wizard's page, kept up to date: what the terminal says in words, with the live picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+
+from .journal import STEPS
+from .preview import Preview, Snapshot
+from .progress import Progress
+from .questions import Question
+from .steps.step import Step
+from .store import Store
+
+_COLUMNS, _ROWS = 12, 8
+_LOG_LINES = 60
+_WIDEST_PX = 1280
+
+
+class Page:
+    """What is on the page now.
+
+    corners : the (N, 2) corners of all pictures taken for the lens, for the coverage. titles : of the steps by name.
+    """
+
+    def __init__(self, store: Store, titles: dict[str, str], corners: Callable[[], np.ndarray], port: int = 0) -> None:
+        self._store, self._titles, self._corners = store, titles, corners
+        self._preview = Preview(port)
+        self._preview.start()
+        self._step: Step | None = None
+        self._progress = Progress()
+        self._question: dict[str, Any] | None = None
+        self._live: dict[str, Any] | None = None
+        self._jpeg: bytes | None = None
+        self._log: list[str] = []
+        self._words = ""
+        self._report: str | None = None
+
+    @property
+    def url(self) -> str:
+        """To open in a browser on this machine."""
+        return self._preview.url
+
+    def take(self) -> list[tuple[str, Any]]:
+        """Commands given on the page since the last call."""
+        return [(command.kind, command.value) for command in self._preview.take_commands()]
+
+    def begin(self, step: Step) -> None:
+        """A step begins."""
+        self._step, self._progress, self._live, self._jpeg = step, Progress(), None, None
+        self._publish()
+
+    def ask(self, question: Question, words: str, problem: str) -> None:
+        """A question is open."""
+        self._question = question.to_dict() | {"words": words, "problem": problem or None}
+        if self._question["kind"] == "numbers":
+            default = self._question["default"]
+            shown = None if default is None else ", ".join(f"{part:g}" for part in default)
+            self._question |= {"kind": "text", "default": shown}
+        self._publish()
+
+    def answered(self) -> None:
+        """No question is open."""
+        self._question = None
+        self._publish()
+
+    def show(self, step: Step, progress: Progress) -> None:
+        """How far the step is."""
+        self._step, self._progress = step, progress
+        self._publish()
+
+    def live(self, live: Any) -> None:
+        """A live picture with what was found in it."""
+        height, width = live.image.shape
+        target = self._progress.target
+        self._live = {
+            "image_size": [width, height],
+            "corners_px": live.judged.corners_px.tolist(),
+            "coverage": self._coverage(width, height),
+            "suggested_px": None if target is None else target.outline_px.tolist(),
+            "suggestion": (target.words if target else "") + (f" · {live.judged.closer}" if live.judged.closer else ""),
+            "closeness": live.judged.closeness,
+            "hold": live.held,
+            "hints": [hint.to_dict() for hint in live.judged.hints],
+        }
+        shrunk = min(1.0, _WIDEST_PX / width)
+        small = cv2.resize(live.image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
+        self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
+        self._publish()
+
+    def _coverage(self, width: int, height: int) -> dict[str, Any]:
+        u, v = self._corners().T
+        counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
+        return {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()}
+
+    def log(self, line: str) -> None:
+        """A line for the log."""
+        self._log = [*self._log, line][-_LOG_LINES:]
+        self._publish()
+
+    def done(self, words: str, report: str | None) -> None:
+        """The end."""
+        self._words, self._report, self._question, self._live, self._jpeg = words, report, None, None, None
+        self._publish()
+
+    def close(self) -> None:
+        """Stop answering."""
+        self._preview.close()
+
+    def _publish(self) -> None:
+        now = self._step.name if self._step else ""
+        journal, progress = self._store.journal, self._progress
+        steps = []
+        for name in STEPS:
+            record = journal.of(name)
+            status = "now" if name == now and not self._words else "done" if record.closed or self._words else "todo"
+            note = f"{len(record.taken)} pictures" if record.taken else ""
+            steps.append({"name": name, "title": self._titles[name], "status": status, "note": note})
+        state = {
+            "session": str(self._store.root),
+            "steps": steps,
+            "step": {
+                "name": now,
+                "title": self._step.title if self._step else "",
+                "what": self._step.what if self._step else "",
+                "why": self._step.why if self._step else "",
+                "seen": list(progress.seen),
+                "missing": [*progress.missing, *map(str, progress.diagnoses)],
+                "next": progress.next or self._words,
+                "enough": progress.enough,
+                "numbers": [
+                    {"label": one.label, "value": one.value, "goal": one.goal or None, "met": one.met}
+                    for one in progress.numbers
+                ],
+            },
+            "question": self._question,
+            "live": self._live,
+            "log": self._log,
+            "finished": bool(self._words),
+            "report": self._report,
+        }
+        self._preview.show(Snapshot(state, self._jpeg))

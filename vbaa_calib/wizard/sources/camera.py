@@ -1,0 +1,153 @@
+"""A camera at this computer: "camera:0", "camera:/dev/video2", "camera:0?width=1920&height=1080&fourcc=MJPG"."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Callable, Container
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import parse_qsl
+
+import cv2
+
+from ...errors import InputError
+from .grabber import Patience, silence_opencv
+from .live import Advice, LiveSource
+from .words import shown
+
+_KEYS = "width, height, fps and fourcc"
+_LIKE = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"
+_MOST = {"width": 65535, "height": 65535, "fps": 1000}
+_PLUG = "check cable and plug, close other programs that use the camera, then run this again: it goes on where it was"
+_ADVICE = Advice(
+    what={
+        "closed": "the camera cannot be opened",
+        "blank": "the camera opens but gives no picture",
+        "broken": "the camera gives no more pictures",
+        "hung": "the camera does not answer",
+    },
+    remedy={
+        "closed": "close other programs that use it, or name another camera",
+        "blank": "close other programs that use it, try another size or fourcc=MJPG, or name another camera",
+        "broken": _PLUG,
+        "hung": _PLUG,
+    },
+)
+
+
+@dataclass(frozen=True)
+class CameraWish:
+    """Which camera, and what is asked of it; None: as it comes.
+
+    Attributes
+    ----------
+    device : OpenCV's index, or a device file.
+    fourcc : four signs, such as MJPG, without which many cameras are slow at full size.
+    """
+
+    device: int | str
+    width: int | None = None
+    height: int | None = None
+    fps: int | None = None
+    fourcc: str | None = None
+
+
+def parse_camera(text: str) -> CameraWish:
+    """What stands behind "camera:". Raises InputError."""
+    device, _, query = text.partition("?")
+    numbers: dict[str, int] = {}
+    fourcc = None
+    for key, value in parse_qsl(query, keep_blank_values=True):
+        if key == "fourcc" and re.fullmatch(r"[\x20-\x7e]{4}", value):
+            fourcc = value
+        elif key in _MOST and re.fullmatch(r"[0-9]{1,5}", value) and 1 <= int(value) <= _MOST[key]:
+            numbers[key] = int(value)
+        else:
+            known = key in _MOST or key == "fourcc"
+            what = f"{shown(key)} cannot be {shown(value)!r}" if known else f"{shown(key)!r} is not known of a camera"
+            raise InputError(what, where=f"camera:{shown(text)}", remedy=f"{_KEYS} can be asked for; {_LIKE}")
+    if re.fullmatch(r"[0-9]{1,3}", device):
+        return CameraWish(int(device), fourcc=fourcc, **numbers)
+    if device.startswith("/"):
+        return CameraWish(device, fourcc=fourcc, **numbers)
+    raise InputError("is neither a camera's number nor its device", where=f"camera:{shown(text)}", remedy=_LIKE)
+
+
+def list_cameras() -> list[str]:
+    """The camera devices that this computer shows, with their names where the system tells them; Linux only."""
+    found = []
+    for path in sorted(Path("/dev").glob("video*"), key=lambda path: (len(path.name), path.name)):
+        try:
+            title = (Path("/sys/class/video4linux") / path.name / "name").read_text(errors="replace").strip()
+        except OSError:
+            title = ""
+        found.append(f"{path} ({title})" if title else str(path))
+    return found
+
+
+def open_camera(wish: CameraWish, seen: Container[str] = (), patience: Patience | None = None) -> LiveSource:
+    """A camera, running. Raises InputError when it is not there or gives no picture."""
+    name = f"camera:{wish.device}"
+    _check_device(wish.device, name)
+    notes: list[str] = []
+    source = LiveSource(name, _opener(wish, notes), patience or Patience(), _ADVICE, seen)
+    source.say(*notes)
+    return source
+
+
+def _check_device(device: int | str, name: str) -> None:
+    """On Linux a camera is a file, so that what is missing is known without asking the driver."""
+    if not sys.platform.startswith("linux"):
+        return
+    path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
+    if not path.exists():
+        there = list_cameras()
+        remedy = f"there are {', '.join(there)}" if there else "this computer shows no camera: plug one in"
+        raise InputError(f"there is no {shown(str(path))}", where=name, remedy=remedy)
+    if not os.access(path, os.R_OK | os.W_OK):
+        remedy = "let the user use cameras, usually `sudo usermod -aG video $USER`, then log in again"
+        raise InputError(f"{path} may not be used", where=name, remedy=remedy)
+
+
+def _opener(wish: CameraWish, notes: list[str]) -> Callable[[], cv2.VideoCapture]:
+    """Opens the camera as wished, and writes into `notes` what came of it."""
+
+    def opened() -> cv2.VideoCapture:
+        silence_opencv()
+        backend = cv2.CAP_V4L2 if sys.platform.startswith("linux") else cv2.CAP_ANY
+        capture = cv2.VideoCapture(wish.device, backend)
+        if capture.isOpened():
+            notes[:] = [*_ask_size(capture, wish), _stop_autofocus(capture), _EXPOSURE]
+        return capture
+
+    return opened
+
+
+_EXPOSURE = "the camera's automatic exposure is left as it is"
+
+
+def _ask_size(capture: cv2.VideoCapture, wish: CameraWish) -> list[str]:
+    # the pixel format first: it decides which sizes there are
+    if wish.fourcc:
+        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wish.fourcc))
+    sides = {cv2.CAP_PROP_FRAME_WIDTH: wish.width, cv2.CAP_PROP_FRAME_HEIGHT: wish.height}
+    for key, value in {**sides, cv2.CAP_PROP_FPS: wish.fps}.items():
+        if value:
+            capture.set(key, value)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    has = [int(capture.get(key)) for key in sides]
+    if all(asked in (None, given) for asked, given in zip(sides.values(), has, strict=True)):
+        return [f"the camera gives {has[0]}x{has[1]} px"]
+    asked_for = "x".join(str(value or "any") for value in sides.values())
+    return [f"{asked_for} px were asked for, but the camera gives {has[0]}x{has[1]} px"]
+
+
+def _stop_autofocus(capture: cv2.VideoCapture) -> str:
+    if capture.set(cv2.CAP_PROP_AUTOFOCUS, 0) and capture.get(cv2.CAP_PROP_AUTOFOCUS) == 0:
+        return "autofocus is switched off"
+    return (
+        "autofocus could not be switched off; if the camera has one, switch it off in its own program, "
+        "since a lens that focuses anew is another lens"
+    )

@@ -1,0 +1,64 @@
+"""From what the user types to the source that is meant."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Container
+from pathlib import Path
+
+from ...errors import InputError
+from ...images import SUFFIXES
+from .camera import CameraWish, open_camera, parse_camera
+from .folder import FolderSource
+from .offered import Source
+from .stream import open_stream
+from .video import VideoSource
+from .words import shown
+
+_LONGEST = 4096
+_KINDS = "name a folder of pictures, a video, a camera like camera:0, or a stream like rtsp://host/path"
+
+
+def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Source:
+    """The source that `text` means: a folder, a video file, a camera or a stream's URL.
+
+    Parameters
+    ----------
+    text : "camera:0", "/dev/video0", a path, or "rtsp://...", "http://...", "udp://...".
+    seen : names that were judged already; they are not offered again.
+    wait : a folder is watched for more; else it ends once all its pictures were offered.
+
+    Raises InputError for what is not there, cannot be read or is none of these.
+    """
+    if not text.strip():
+        raise InputError("no source of pictures is named", remedy=_KINDS)
+    if len(text) > _LONGEST or "\0" in text:
+        raise InputError("is not a path that can be", where=shown(text), remedy=_KINDS)
+    if text.startswith("camera:"):
+        return open_camera(parse_camera(text.removeprefix("camera:")), seen)
+    if "://" in text:
+        return open_stream(text, seen)
+    path = Path(text)
+    mode = _mode(path, text)
+    if stat.S_ISDIR(mode):
+        return FolderSource(path, seen, wait)
+    if stat.S_ISCHR(mode):
+        return open_camera(CameraWish(str(path.absolute())), seen)
+    if not stat.S_ISREG(mode):
+        raise InputError("is neither folder, video nor camera", where=shown(text), remedy=_KINDS)
+    if path.suffix.lower() in SUFFIXES:
+        raise InputError("is a single picture", where=shown(text), remedy="name the folder that holds the pictures")
+    return VideoSource(path, seen)
+
+
+def _mode(path: Path, text: str) -> int:
+    try:
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        if text.startswith("/dev/video"):
+            open_camera(CameraWish(text))  # raises, with the cameras that are there
+        digits = f"for a camera write camera:{text}; or " if text.isdigit() and len(text) < 4 else ""
+        raise InputError("no such folder or video", where=shown(text), remedy=f"{digits}{_KINDS}") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be read ({why})", where=shown(text), remedy=_KINDS) from None

@@ -1,0 +1,209 @@
+"""A folder that any program may fill while it is watched."""
+
+from __future__ import annotations
+
+import os
+import stat
+import time
+from collections.abc import Callable, Container
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ...errors import InputError
+from ...images import SUFFIXES, gray_from_bytes
+from .offered import Offered, SourceLost
+from .words import shown
+
+_TEMPORARY = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".download", ".filepart", ".swp")
+_MOST_BYTES = 1_000_000_000
+_OLD_S = 10.0
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How a folder is watched.
+
+    Attributes
+    ----------
+    look_s : between two looks at the folder.
+    settle_s : a file that did not change for this long is taken as written.
+    patience_s : a file that did not change for this long and still cannot be read is told as broken.
+    """
+
+    look_s: float = 0.25
+    settle_s: float = 0.5
+    patience_s: float = 3.0
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A file that was not offered yet: what the system said of it, since when that holds; read in vain; told so."""
+
+    state: tuple[int, int]
+    since_s: float
+    failed: bool = False
+    told: bool = False
+
+
+class FolderSource:
+    """The pictures of a folder: those that are there by name, then new ones as they come.
+
+    A picture is offered once it is whole: its size and time stand still and its bytes decode. One that is replaced
+    by another of the same name is not offered again; one that was told as broken is, when it changes.
+    """
+
+    live = False
+
+    def __init__(
+        self,
+        folder: Path,
+        seen: Container[str] = (),
+        wait: bool = False,
+        pace: Pace | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Raises InputError when the folder cannot be read, or is empty and not waited for."""
+        self.name = shown(str(folder))
+        self.notes: tuple[str, ...] = ()
+        self._folder, self._seen, self._wait = folder, seen, wait
+        self._pace, self._clock = pace or Pace(), clock
+        self._given: set[str] = set()
+        self._watched: dict[str, _Watched] = {}
+        self._ready: list[str] = []
+        names = self._names(InputError)
+        if not names and not wait:
+            raise InputError("holds no pictures", where=self.name, remedy=f"put {', '.join(SUFFIXES)} files into it")
+        self._start_s = self._looked_s = clock()
+        self._first_look(names)
+
+    @property
+    def ended(self) -> bool:
+        """All that was there at the start was offered, or told as broken; never while more is waited for."""
+        return not self._wait and all(watched.told or name in self._seen for name, watched in self._watched.items())
+
+    def next(self, timeout_s: float) -> Offered | None:
+        """The next whole picture. Raises SourceLost when the folder is gone."""
+        until_s = self._clock() + timeout_s
+        while True:
+            # thousands of files take long to look at: not as long as some are known to wait
+            if not self._ready:
+                if self._clock() - self._looked_s >= self._pace.look_s:
+                    self._look()
+                self._ready = self._settled()
+            while self._ready:
+                name = self._ready.pop(0)
+                offered = self._read(name) if name not in self._seen else None
+                if offered is not None:
+                    return offered
+            left_s = until_s - self._clock()
+            if self.ended or left_s <= 0:
+                return None
+            time.sleep(min(left_s, self._pace.look_s))
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _settled(self) -> list[str]:
+        """Names, in order, that stand still and were not tried in this state; or once more at the end of patience."""
+        now_s = self._clock()
+        settled = []
+        for name, watched in sorted(self._watched.items()):
+            wait_s = self._pace.patience_s if watched.failed else self._pace.settle_s
+            if now_s - watched.since_s >= wait_s:
+                if not watched.told:
+                    settled.append(name)
+            elif watched.since_s == self._start_s and not watched.failed:
+                break  # it was there at the start, and those are offered by name
+        return settled
+
+    def _read(self, name: str) -> Offered | None:
+        """The picture, from bytes that are read once; None where it is not whole, with a note once patience is over."""
+        path, watched = self._folder / name, self._watched[name]
+        try:
+            data = path.read_bytes() if watched.state[0] <= _MOST_BYTES else None
+            state = _state(path.stat())
+        except FileNotFoundError:
+            del self._watched[name]
+            self._names(SourceLost)
+            return None
+        except OSError as error:
+            return self._failed(name, f"{name}: cannot be read ({error.strerror}); check its permissions")
+        if data is None:
+            return self._failed(name, f"{name}: is larger than {_MOST_BYTES / 1e9:g} GB; export a smaller picture")
+        if state != watched.state or len(data) != state[0]:
+            self._watched[name] = _Watched(state, self._clock())
+            return None
+        try:
+            image = gray_from_bytes(data, Path(name))
+        except InputError as error:
+            return self._failed(name, str(error))
+        del self._watched[name]
+        self._given.add(name)
+        return Offered(name, image, path.suffix.lower(), data)
+
+    def _failed(self, name: str, why: str) -> Offered | None:
+        watched = self._watched[name]
+        over = self._clock() - watched.since_s >= self._pace.patience_s
+        self._watched[name] = replace(watched, failed=True, told=over)
+        if over:
+            self.notes += (why,)
+        return None
+
+    def _first_look(self, names: list[str]) -> None:
+        """What was there for long need not be watched first."""
+        for name in filter(self._is_new, names):
+            status = self._status(name)
+            if status is not None:
+                age_s = time.time() - status.st_mtime
+                since_s = self._start_s - (self._pace.patience_s if age_s > _OLD_S else 0)
+                self._watched[name] = _Watched(_state(status), since_s)
+
+    def _look(self) -> None:
+        now_s = self._looked_s = self._clock()
+        there = set(filter(self._is_new, self._names(SourceLost)))
+        for name in sorted(there if self._wait else there & self._watched.keys()):
+            status = self._status(name)
+            watched = self._watched.get(name)
+            if status is not None and (watched is None or watched.state != _state(status)):
+                self._watched[name] = _Watched(_state(status), now_s)
+        for name in self._watched.keys() - there:
+            del self._watched[name]
+
+    def _names(self, kind: type[InputError]) -> list[str]:
+        """The pictures in the folder by their names. Raises `kind` when it cannot be read."""
+        try:
+            with os.scandir(self._folder) as entries:
+                names = [entry.name for entry in entries]
+        except (FileNotFoundError, NotADirectoryError):
+            raise kind("no such folder", where=self.name, remedy="check the path, and that the disk is there") from None
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise kind(f"cannot be read ({why})", where=self.name, remedy="check its permissions") from None
+        return sorted(filter(self._is_picture, names))
+
+    def _is_picture(self, name: str) -> bool:
+        stem, suffix = os.path.splitext(name)
+        if suffix.lower() not in SUFFIXES:
+            return False
+        temporary = name.startswith((".", "~")) or os.path.splitext(stem)[1].lower() in _TEMPORARY
+        if temporary or name.isprintable():
+            return not temporary
+        if name not in self._given:
+            self._given.add(name)
+            self.notes += (f"{shown(name)}: its name holds signs that cannot be printed; rename it",)
+        return False
+
+    def _is_new(self, name: str) -> bool:
+        return name not in self._given and name not in self._seen
+
+    def _status(self, name: str) -> os.stat_result | None:
+        """None for what is no file, or is gone."""
+        try:
+            status = os.stat(os.path.join(self._folder, name))
+        except OSError:
+            return None
+        return status if stat.S_ISREG(status.st_mode) else None
+
+
+def _state(status: os.stat_result) -> tuple[int, int]:
+    return status.st_size, status.st_mtime_ns

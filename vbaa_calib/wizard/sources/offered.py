@@ -1,0 +1,96 @@
+"""One picture that a source offers, and what every source can do."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from ...errors import InputError
+
+_TO_GRAY = np.array([[3737 / 2**15, 19234 / 2**15, 9797 / 2**15, 2**-16 - 0.5]])
+"""libpng's grey of blue, green and red, which truncates; half a level less makes OpenCV's rounding do that."""
+
+
+class SourceLost(InputError):
+    """A source that was there gives no more pictures: unplugged, broken off, taken away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Offered:
+    """One picture that a source offers.
+
+    Attributes
+    ----------
+    name : unique within the source: a file's name, or "frame 12".
+    image : (H, W) uint8 grey, as `vbaa_calib.images.read_gray` gives it of `data`.
+    suffix : of the file that `data` is stored as: ".png", ".jpg", ...
+    content : a file's own bytes, or a live frame's pixels, (H, W) grey or (H, W, 3) blue, green, red, uint8.
+    time_s : of a frame, since the source was opened or the video began; None for files.
+    """
+
+    name: str
+    image: np.ndarray
+    suffix: str
+    content: bytes | np.ndarray = field(repr=False)
+    time_s: float | None = None
+
+    @cached_property
+    def data(self) -> bytes:
+        """What is stored when the picture is accepted: the file's own bytes, or a live frame as PNG, in colour."""
+        if isinstance(self.content, bytes):
+            return self.content
+        done, png = cv2.imencode(".png", self.content, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        if not done:
+            raise InputError("cannot be stored as PNG", where=self.name, remedy="take the picture again")
+        return png.tobytes()
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hex digest of `data`."""
+        return hashlib.sha256(self.data).hexdigest()
+
+
+class Source(Protocol):
+    """Where pictures come from.
+
+    Attributes
+    ----------
+    name : for the screen; a URL's secrets are left out.
+    live : a stream of frames, of which one is accepted when it is held still; else every picture counts.
+    ended : no more will come.
+    notes : what there was to say so far, in order; it only grows.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def live(self) -> bool: ...
+
+    @property
+    def ended(self) -> bool: ...
+
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+
+    def next(self, timeout_s: float) -> Offered | None:
+        """The next picture; None where there is nothing new within `timeout_s`. Raises SourceLost."""
+        ...
+
+    def close(self) -> None:
+        """Let go of device, file or connection. May be called twice."""
+        ...
+
+
+def frame_offered(name: str, pixels: np.ndarray, time_s: float) -> Offered:
+    """A live frame: (H, W) grey or (H, W, 3) blue, green, red, uint8."""
+    return Offered(name, _gray(pixels), ".png", pixels, time_s)
+
+
+def _gray(pixels: np.ndarray) -> np.ndarray:
+    return pixels if pixels.ndim == 2 else cv2.transform(pixels, _TO_GRAY)

@@ -1,0 +1,90 @@
+"""The board: printed or brought along, and what its print really measures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from targets.sheet_default import fill_in
+from targets.sheet_draw import draw
+from targets.sheet_layout import lay_out
+from targets.sheet_paper import paper_named
+from targets.sheet_pdf import as_pdf
+from targets.sheet_words import board_id, size_words, spec_document
+
+from ...detect.board_file import load_board
+from ...errors import InputError
+from ...files import replacing, write_text
+from ..known import BOARD, Known, scale_of
+from ..progress import Number, Progress
+from ..store import Store
+from .step import Step
+
+SHEET = "board.pdf"
+
+
+def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
+    """Put board.yaml into the session, and a sheet to print where the board is new.
+
+    Returns what is measured on the print, mm, for the journal. Raises InputError for a board.yaml that is none.
+    """
+    path = store.root / BOARD
+    if answers["board"] != "new":
+        spec = load_board(Path(str(answers["board"])))
+        write_text(path, spec_document(spec, f"from {answers['board']}"))
+        return {
+            "measure_x_mm": 1e3 * spec.square_m * spec.squares_x,
+            "measure_y_mm": 1e3 * spec.square_m * spec.squares_y,
+        }
+    paper = paper_named(str(answers["paper"]))
+    spec = fill_in(paper=paper)
+    layout = lay_out(spec, paper)
+    with replacing(store.root / SHEET) as temporary:
+        temporary.write_bytes(as_pdf(draw(spec, layout)))
+    write_text(path, spec_document(spec, f"as the wizard drew it in {SHEET}"))
+    return {"measure_x_mm": layout.ruler_x, "measure_y_mm": layout.ruler_y}
+
+
+def print_words(store: Store, answers: Mapping[str, Any]) -> str:
+    """What to do with the sheet."""
+    if answers["board"] != "new":
+        return "measure the print of your board"
+    return (
+        f"print {store.root / SHEET} at 100 % (not fitted to the page), glue it on something flat and stiff, and "
+        "measure its two rulers from end line to end line"
+    )
+
+
+def check_scale(answers: Mapping[str, Any]) -> None:
+    """Raises InputError for readings that cannot be, or a print that no square board describes."""
+    names = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
+    if all(name in answers for name in names):
+        x, along_x, y, along_y = (float(answers[name]) for name in names)
+        scale = scale_of((x, y), (along_x, along_y))
+        if scale.differs:
+            raise InputError(scale.words, where="board_along_x_mm, board_along_y_mm", remedy=scale.remedy)
+
+
+def look(known: Known) -> Progress:
+    """The board as it was printed."""
+    spec, scale = known.board, known.scale
+    seen = [f"board {board_id(known.nominal_board)}: {size_words(spec)}"]
+    if scale is None:
+        return Progress(tuple(seen), ("two readings of the print",))
+    return Progress(
+        seen=(*seen, scale.words),
+        next=scale.remedy,
+        enough=True,
+        usable=True,
+        numbers=(Number("scale of the print", f"{100 * scale.scale:.2f} ± {100 * scale.std:.2f} %"),),
+    )
+
+
+STEP = Step(
+    "board",
+    "Board",
+    "Print the board at 100 %, glue it flat, and measure the print in both directions.",
+    "The board is the ruler of everything: a print 1 % too small makes every distance 1 % wrong, and EI 3 %.",
+    look,
+)

@@ -1,0 +1,212 @@
+"""The session folder as the wizard's memory: what it says it has is on the disk before it says so.
+
+Each picture is written whole (write, fsync, rename), then wizard.json that names it. Whatever ends the program in
+between leaves a picture that nobody names, which is put aside at the next start. The tables and session.yaml follow
+from wizard.json and are written anew from it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from ..files import read_json, replacing, sha256, write_json
+from ..images import SUFFIXES
+from .journal import Journal, Left, Record, Taken
+from .sources.offered import Offered
+
+NAME = "wizard.json"
+ASIDE = "aside"
+LOCK = ".wizard-lock"
+_HALF_WRITTEN = re.compile(r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-\w+\.\w+")
+FOLDERS = {"lens": "intrinsics", "noload": "noload", "loads": "loads"}
+"""Step → folder of its pictures; plane C's depends on the way that was chosen."""
+WAYS = {"jig": "plane", "sweep": "sweep", "over": "over"}
+
+
+class Store:
+    """A session folder in a wizard's hands. Use as a context: one wizard at a time.
+
+    Raises InputError where the folder cannot be made or written, where another wizard has it, or where wizard.json is
+    damaged.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = Path(root)
+        self.journal = Journal()
+
+    def __enter__(self) -> Store:
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise InputError(f"cannot be made ({why})", where=self.root, remedy="name another folder") from None
+        if not os.access(self.root, os.W_OK | os.X_OK):
+            raise InputError("is read-only", where=self.root, remedy="name a folder that can be written")
+        self._lock = _locked(self.root / LOCK)
+        try:
+            if (self.root / NAME).exists():
+                self.journal = Journal.from_dict(read_json(self.root / NAME), self.root / NAME)
+            self._sweep_up()
+        except BaseException:
+            self._lock.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.close()
+
+    @property
+    def is_new(self) -> bool:
+        """Whether no wizard was here before."""
+        return not (self.root / NAME).exists()
+
+    def folder(self, step: str) -> str:
+        """Name of the folder of a step's pictures."""
+        return FOLDERS.get(step) or WAYS[str(self.journal.answers.get("plane_way", "jig"))]
+
+    def path(self, taken: Taken) -> Path:
+        """Where a picture is."""
+        return self.root / taken.file
+
+    def save(self, journal: Journal) -> None:
+        """Put a journal on the disk, then take it for true."""
+        write_json(self.root / NAME, journal.to_dict())
+        self.journal = journal
+
+    def answer(self, answers: Mapping[str, Any]) -> None:
+        """Keep answers."""
+        if any(self.journal.answers.get(key) != value for key, value in answers.items()):
+            self.save(self.journal.with_answers(answers))
+
+    def take(self, step: str, offered: Offered, readings: Mapping[str, float]) -> Taken:
+        """Keep a picture, with what was read with it."""
+        record = self.journal.of(step)
+        folder = self.root / self.folder(step)
+        folder.mkdir(exist_ok=True)
+        number = 1 + max((_number(one.file) for one in record.taken), default=0)
+        while any((folder / f"{number:04d}{suffix}").exists() for suffix in SUFFIXES):
+            number += 1
+        path = folder / f"{number:04d}{offered.suffix.lower()}"
+        with replacing(path) as temporary:
+            temporary.write_bytes(offered.data)
+        taken = Taken(path.relative_to(self.root).as_posix(), offered.name, offered.sha256, dict(readings))
+        self.save(self.journal.with_step(step, replace(record, taken=(*record.taken, taken))))
+        return taken
+
+    def leave(self, step: str, offered: Offered, why: str) -> None:
+        """Remember that a picture was not taken."""
+        record = self.journal.of(step)
+        left = (*record.left, Left(offered.name, offered.sha256, why))
+        self.save(self.journal.with_step(step, replace(record, left=left)))
+
+    def close(self, step: str, how: str) -> None:
+        """The step is done."""
+        if self.journal.of(step).closed != how:
+            self.save(self.journal.with_step(step, replace(self.journal.of(step), closed=how)))
+
+    def open(self, step: str) -> None:
+        """Go on with a step that was done."""
+        self.close(step, "")
+
+    def drop(self, step: str, taken: Taken) -> Path:
+        """Take a picture back: it goes aside and is not offered again. Where it is now."""
+        record = self.journal.of(step)
+        kept = tuple(one for one in record.taken if one is not taken)
+        left = (*record.left, Left(taken.source, taken.sha256, "taken back"))
+        self.save(self.journal.with_step(step, replace(record, taken=kept, left=left, closed="")))
+        return self._aside(self.path(taken), "dropped")
+
+    def redo(self, step: str) -> Path | None:
+        """Start a step again. What it had goes aside, and where that is comes back; None where it had nothing."""
+        record = self.journal.of(step)
+        again = replace(self.journal.with_step(step, Record()), redone=(*self.journal.redone, step))
+        place = None
+        if record.taken:
+            place = self._new_aside(f"{step}-{again.redone.count(step)}")
+            write_json(place / "was.json", record.to_dict())
+        self.save(again)
+        for taken in record.taken:
+            if place is not None and self.path(taken).exists():
+                self.path(taken).rename(place / Path(taken.file).name)
+        return place
+
+    def missing(self) -> list[Taken]:
+        """Pictures that were taken and are not there any more, or have changed."""
+        every = [one for record in self.journal.steps.values() for one in record.taken]
+        return [one for one in every if not self.path(one).is_file() or sha256(self.path(one)) != one.sha256]
+
+    def forget(self, lost: list[Taken]) -> None:
+        """Go on without pictures that are not there any more."""
+        journal = self.journal
+        for step, record in self.journal.steps.items():
+            kept = tuple(one for one in record.taken if one not in lost)
+            if len(kept) < len(record.taken):
+                journal = journal.with_step(step, replace(record, taken=kept, closed=""))
+        self.save(journal)
+
+    def strangers(self, step: str) -> list[Path]:
+        """Pictures in a step's folder that the journal does not name."""
+        folder = self.root / self.folder(step)
+        named = {one.file for one in self.journal.of(step).taken}
+        if not folder.is_dir():
+            return []
+        pictures = (path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES and path.is_file())
+        return [path for path in pictures if path.relative_to(self.root).as_posix() not in named]
+
+    def put_aside(self, path: Path, why: str) -> Path:
+        """Move a file out of the way, never delete it. Where it is now."""
+        return self._aside(path, why)
+
+    def _aside(self, path: Path, why: str) -> Path:
+        target = self._new_aside(why) / path.name
+        with contextlib.suppress(FileNotFoundError):
+            path.rename(target)
+        return target
+
+    def _new_aside(self, name: str) -> Path:
+        base, number = self.root / ASIDE, 1
+        while True:
+            place = base / (name if number == 1 else f"{name}-{number}")
+            try:
+                place.mkdir(parents=True)
+            except FileExistsError:
+                number += 1
+            else:
+                return place
+
+    def _sweep_up(self) -> None:
+        """Remove what a wizard that was stopped while writing left half-written: nobody was told of it."""
+        for folder in (self.root, *(self.root / name for name in (*FOLDERS.values(), *WAYS.values()))):
+            if folder.is_dir():
+                for path in folder.iterdir():
+                    if _HALF_WRITTEN.fullmatch(path.name):
+                        path.unlink(missing_ok=True)
+
+
+def _number(file: str) -> int:
+    stem = Path(file).stem
+    return int(stem) if stem.isascii() and stem.isdigit() else 0
+
+
+def _locked(path: Path) -> Any:
+    """An open file that is locked until the process ends, however it ends."""
+    stream = path.open("a")
+    try:
+        import fcntl
+
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:  # no such locks there; the files are whole all the same
+        pass
+    except OSError:
+        stream.close()
+        raise InputError(
+            "another wizard works on this session", where=path.parent, remedy="end that one first"
+        ) from None
+    return stream

@@ -1,0 +1,205 @@
+"""Pictures for one step: offered, held still, judged, read, kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import InputError
+from ..session import Still, gravity_antenna
+from .desk import Command, Desk, Interrupted, Live
+from .known import Known
+from .progress import Judged, Progress
+from .questions import Question
+from .readings import Given, asked, complete, in_si, with_last
+from .sources import Offered, Source
+from .steps.step import Step
+from .still import StillGate
+
+WAIT_S = 0.2
+GO_ON = Question("go_on", "", "Go on with the next step?", "enough, more will not help", kind="yesno", default="yes")
+
+
+@dataclass
+class Taking:
+    """A step's pictures being taken. `run` comes back with how it ended: closed, or a command that leaves the step."""
+
+    known: Known
+    desk: Desk
+    step: Step
+    source: Source
+    given: Given
+
+    def __post_init__(self) -> None:
+        self.store = self.known.store
+        self.gate = StillGate()
+        self.progress: Progress | None = None
+        self.declined, self.by_hand, self.noted = False, False, 0
+        record = self.store.journal.of(self.step.name)
+        self.taken_before = {one.source for one in record.taken}
+        self.left_before = {one.source for one in record.left}
+
+    @property
+    def watched(self) -> bool:
+        """Whether progress is of use while pictures come: somebody is there, or the next picture hangs on it."""
+        return self.desk.interactive or (self.source.live and not self.source.ended)
+
+    def run(self) -> Command:
+        """Until the step is closed, or a command leaves it."""
+        while True:
+            self._pass_notes()
+            if self.progress is None and self.watched:
+                self._look()
+                if self._is_enough():
+                    return self._closed("enough")
+            for command in self.desk.commands():
+                leave = self._obeyed(command)
+                if leave is not None:
+                    return leave
+            offered = self.source.next(WAIT_S)
+            if offered is not None:
+                try:
+                    self._offered(offered)
+                except Interrupted as interrupt:
+                    leave = self._obeyed(interrupt.command)
+                    if leave is not None:
+                        return leave
+            elif self.source.ended:
+                return self._all_seen()
+
+    def _pass_notes(self) -> None:
+        for note in self.source.notes[self.noted :]:
+            self.desk.say(note)
+        self.noted = len(self.source.notes)
+
+    def _look(self) -> None:
+        self.progress = self.step.look(self.known)
+        self.desk.show(self.step, self.progress)
+
+    def _is_enough(self) -> bool:
+        assert self.progress is not None
+        if not self.progress.enough or self.declined:
+            return False
+        if not self.desk.interactive:
+            return True
+        try:
+            self.declined = not self.desk.ask(GO_ON, {})
+        except Interrupted as interrupt:
+            if interrupt.command.kind != "enough":
+                raise
+        return not self.declined
+
+    def _obeyed(self, command: Command) -> Command | None:
+        """Do what is wanted. Returns the command where it leaves the step."""
+        if command.kind == "enough":
+            progress = self.step.look(self.known)
+            if progress.usable:
+                return self._closed("by hand")
+            self.desk.say(f"not yet: {'; '.join(progress.missing) or 'nothing was taken'}")
+            return None
+        if command.kind == "drop":
+            taken = self.known.taken(self.step.name)
+            if taken:
+                self.desk.say(f"{taken[-1].file} is put aside: {self.store.drop(self.step.name, taken[-1])}")
+                self.progress = None
+            else:
+                self.desk.say("nothing to take back")
+            return None
+        if command.kind == "take":
+            self.by_hand = True
+            return None
+        return command
+
+    def _offered(self, offered: Offered) -> None:
+        if not self.source.live:
+            self._decide(offered)
+            return
+        judged = self._judged(offered, None)
+        assert offered.time_s is not None
+        held = self.gate.feed(offered.image, offered.time_s)
+        self.desk.live(self.step, Live(offered.image, judged, held.share))
+        if not held.take and not self.by_hand:
+            return
+        self.by_hand = False
+        # a video that is seen again holds still where it did before
+        if offered.name in self.left_before:
+            self.gate.rearm()
+        elif offered.name not in self.taken_before:
+            self._decide(offered)
+
+    def _judged(self, offered: Offered, readings: Mapping[str, float] | None) -> Judged:
+        assert self.step.judge is not None
+        return self.step.judge(self.known, offered, readings)
+
+    def _decide(self, offered: Offered) -> None:
+        """Take a picture or leave it; what becomes of it is on the disk when this returns."""
+        name = self.step.name
+        twin = next((one for one in self.known.taken(name) if one.sha256 == offered.sha256), None)
+        if twin is None:
+            readings = self._readings(offered)
+            judged = self._judged(offered, readings)
+        else:
+            readings, judged = {}, Judged(f"is the same picture as {twin.file}")
+        if judged.refusal:
+            self.store.leave(name, offered, judged.refusal)
+            self.left_before.add(offered.name)
+            self.desk.say(f"left  {offered.name}: {judged.refusal}")
+            self.gate.rearm()
+            return
+        taken = self.store.take(name, offered, readings)
+        self.taken_before.add(offered.name)
+        self.known.write_files()
+        self.desk.say(f"took  {offered.name} as {taken.file}{f', {judged.words}' if judged.words else ''}")
+        self.progress = None
+
+    def _readings(self, offered: Offered) -> dict[str, float]:
+        folder = self.store.folder(self.step.name)
+        questions = asked(folder)
+        if not questions:
+            return {}
+        row = self.given.of(offered.name, len(self.known.taken(self.step.name)))
+        where = f"{self.given.where or self.step.name} {offered.name}"
+        if row is None and not self.desk.interactive:
+            names = ", ".join(question.key for question in questions)
+            raise InputError(
+                f"nothing says what was read with the picture ({names})",
+                where=offered.name,
+                remedy=f"give --{self.step.name}-readings, a CSV with a column image, or write it in --answers FILE",
+            )
+        if row is not None:
+            return complete(folder, row, self._gravity(row, where), where)
+        while True:
+            self.desk.say(f"{offered.name}: what was read with it?")
+            typed = {question.key: self.desk.ask(question, {}) for question in self._with_defaults(questions)}
+            try:
+                return complete(folder, typed, self._gravity(typed, where), where)
+            except InputError as error:
+                self.desk.say(str(error))
+
+    def _with_defaults(self, questions: tuple[Question, ...]) -> list[Question]:
+        """Joints stay where they were unless something else is typed."""
+        last = self.known.taken(self.step.name)[-1:]
+        return [with_last(question, last[0].readings) if last else question for question in questions]
+
+    def _gravity(self, typed: Mapping[str, Any], where: object) -> Any:
+        known = in_si(typed, where)
+        still = Still(None, known.get("pan_rad", 0.0), known.get("tilt_rad", 0.0), 0.0)
+        session = self.known.session
+        return gravity_antenna(session.kinematics, session.gravity_world_m_s2, [still])[0]
+
+    def _closed(self, how: str) -> Command:
+        self.store.close(self.step.name, how)
+        return Command("closed")
+
+    def _all_seen(self) -> Command:
+        """The source has no more."""
+        progress = self.step.look(self.known)
+        self.desk.show(self.step, progress)
+        if not progress.usable:
+            raise InputError(
+                f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}",
+                where=self.source.name,
+                remedy=f"add pictures there and run it again: {progress.next}",
+            )
+        return self._closed("all pictures seen")

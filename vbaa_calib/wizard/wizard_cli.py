@@ -1,0 +1,169 @@
+"""`vbaa wizard SESSION`: guided, resumable calibration."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .catalogue import QUESTIONS, SOURCES, TABLES
+from .journal import STEPS
+
+if TYPE_CHECKING:
+    from .desk import Desk
+    from .known import Known
+    from .store import Store
+
+_OPTIONS = (*QUESTIONS, *SOURCES, *TABLES)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `vbaa wizard`: one for every question."""
+    parser.add_argument("session", type=Path, help="the session folder: made if it is new, gone on with if it is not")
+    parser.add_argument("--answers", type=Path, metavar="FILE", help="YAML or JSON with answers by their keys")
+    parser.add_argument(
+        "--redo", choices=STEPS[:-1], metavar="STEP", help=f"start a step again: {', '.join(STEPS[:-1])}"
+    )
+    parser.add_argument("--reopen", choices=STEPS[:-1], metavar="STEP", help="go on with a step that was closed")
+    parser.add_argument("--batch", action="store_true", help="ask nothing and never wait, as without a terminal")
+    parser.add_argument("--no-page", action="store_true", help="no live page beside the terminal")
+    parser.add_argument("--port", type=int, default=0, help="of the live page on 127.0.0.1 (default: any that is free)")
+    group = parser.add_argument_group("answers", "each is asked for in a terminal where it is not given")
+    for question in _OPTIONS:
+        unit = f" ({question.unit})" if question.unit else ""
+        choices = f": {', '.join(question.choices)}" if question.choices else ""
+        words = question.words.replace("{measure_x_mm:.6g} mm", "so much").replace("{measure_y_mm:.6g} mm", "so much")
+        words = words.replace("{measured_x}", "the ruler along x").replace("{measured_y}", "the ruler along y")
+        group.add_argument(question.flag, dest=f"answer_{question.key}", metavar="...", help=words + choices + unit)
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Walk through the steps. Returns the verdict and where everything is.
+
+    Raises InputError for whatever is wrong or missing, where nobody is there to be asked.
+    """
+    from .known import Known
+    from .store import Store
+
+    given = answers_given(args)
+    with Store(args.session) as store:
+        return _run(args, store, Known(store), given)
+
+
+def answers_given(args: argparse.Namespace) -> dict[str, Any]:
+    """Answers of --answers and of flags, which win; checked. Raises InputError."""
+    from ..errors import InputError
+    from ..files import read_yaml
+
+    known, found = {question.key: question for question in _OPTIONS}, {}
+    for key, value in (read_yaml(args.answers) if args.answers else {}).items():
+        if key not in known:
+            raise InputError(f"unknown key {key!r}", where=args.answers, remedy=f"the keys are {', '.join(known)}")
+        listed = key in {question.key for question in TABLES} and isinstance(value, list)
+        found[key] = value if listed else known[key].read(value, args.answers)
+        base = {question.key for question in (*SOURCES, *TABLES)} | {"board", "source"}
+        if key in base and isinstance(found[key], str):
+            found[key] = _beside(args.answers, found[key])
+    for key, question in known.items():
+        value = getattr(args, f"answer_{key}")
+        if value is not None:
+            found[key] = question.read(value, question.flag)
+    return found
+
+
+def _beside(answers: Path, text: str) -> str:
+    """A path of an answers file is relative to it."""
+    if text == "new" or "://" in text or text.startswith(("camera:", "/")):
+        return text
+    return str(answers.parent / text)
+
+
+def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[str, Any]) -> dict[str, Any]:
+    from .desk import Nobody
+    from .flow import ALL, Quit, adopt, check_together, put_strangers_aside, redo, walk
+    from .page import Page
+    from .terminal import Terminal
+
+    attended = sys.stdin.isatty() and sys.stderr.isatty() and not args.batch
+    page = None
+    if attended and not args.no_page:
+        page = Page(store, {name: step.title for name, step in ALL.items()}, known.lens_corners, args.port)
+    desk: Desk = Terminal(page) if attended else Nobody()
+    try:
+        if page is not None:
+            desk.say(f"live page: {page.url}")
+        adopt(store, desk)
+        put_strangers_aside(store, desk)
+        _forget_lost(store, desk)
+        check_together(store.root, {**store.journal.answers, **given})
+        _reopen(store, desk, given)
+        store.answer(given)
+        if args.redo:
+            redo(store, desk, args.redo)
+        if args.reopen:
+            store.open(args.reopen)
+        try:
+            document = walk(known, desk)
+        except Quit:
+            desk.say(f"stopped; `vbaa wizard {args.session}` goes on here")
+            return _told(store, None)
+        desk.done(f"{document['headline']} {document['words']}", str(store.root / "check.html"))
+        if attended and page is not None:
+            _linger(desk)
+        return _told(store, document)
+    finally:
+        if page is not None:
+            page.close()
+
+
+def _reopen(store: Store, desk: Desk, given: Mapping[str, Any]) -> None:
+    """Another board, or another way to plane C, starts that step again."""
+    from .flow import redo
+
+    before = store.journal.answers
+    if given.get("plane_way", before.get("plane_way")) != before.get("plane_way") and store.journal.of("plane").taken:
+        redo(store, desk, "plane")
+    if "measure_x_mm" in before and any(
+        key in given and given[key] != before.get(key) for key in ("board", "paper") if key in before
+    ):
+        redo(store, desk, "board")
+
+
+def _forget_lost(store: Store, desk: Desk) -> None:
+    lost = store.missing()
+    if lost:
+        store.forget(lost)
+        names = ", ".join(one.file for one in lost[:5]) + (" ..." if len(lost) > 5 else "")
+        desk.say(f"{len(lost)} pictures are gone or have changed, the wizard goes on without them: {names}")
+
+
+def _linger(desk: Desk) -> None:
+    """Keep the page up until it was read."""
+    from .desk import Interrupted
+    from .questions import Question
+
+    try:
+        desk.ask(Question("read", "", "Press Enter when you have read the report", kind="text", default="done"), {})
+    except Interrupted:
+        return
+
+
+def _told(store: Store, document: Mapping[str, Any] | None) -> dict[str, Any]:
+    """For --json."""
+    steps = {
+        name: {"pictures": len(record.taken), "left": len(record.left), "closed": record.closed}
+        for name, record in store.journal.steps.items()
+    }
+    told: dict[str, Any] = {"session": str(store.root), "complete": document is not None, "steps": steps}
+    if document is None:
+        return told
+    return told | {
+        "rig": str(store.root / "rig.json"),
+        "report": str(store.root / "check.html"),
+        "verdict": document["verdict"],
+        "words": document["words"],
+        "findings": [*document["session_findings"], *document["findings"]],
+        "numbers": document["numbers"],
+    }
