@@ -28,7 +28,7 @@ from .checked_rigs import QUALITY, month_later, one_picture_each, rig_document, 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
-    """A rig.json that records board and jig, one that does not, the session's yaml, and two pictures of an unchanged rig."""
+    """A rig.json that records board and jig, one that does not, session.yaml, and two pictures of an unchanged rig."""
     folder = tmp_path_factory.mktemp("pictures")
     (folder / "rig.json").write_text(json.dumps(rig_document(scene())))
     (folder / "old.json").write_text(json.dumps(rig_of(scene()).to_dict() | {"quality": QUALITY}))

@@ -71,7 +71,7 @@ def test_no_arguments_show_the_help(vbaa: Call) -> None:
 @pytest.mark.parametrize(
     ("argv", "words"),
     [
-        (["frobnicate"], "there is no verb 'frobnicate'; the verbs are intrinsics, calibrate"),
+        (["frobnicate"], "there is no verb 'frobnicate'; the verbs are board, wizard, intrinsics, calibrate"),
         (["--frobnicate"], "see vbaa --help"),
         (["--json"], "see vbaa --help"),
         (["schema"], "schema: the following arguments are required: name; see vbaa schema --help"),

@@ -21,7 +21,7 @@ from vbaa_calib.synth.render_board import print_sheet
 
 SPEC = BoardSpec(7, 5, 0.02, 0.014)
 LEGACY = BoardSpec(6, 4, 0.02, 0.014, legacy_pattern=True)
-COARSE = BoardSpec(7, 5, 0.02, 0.0175)
+COARSE = BoardSpec(7, 5, 0.02, 0.016)
 SHEETS = {spec: print_sheet(spec) for spec in (SPEC, LEGACY, COARSE)}
 UPRIGHT = cv2.GaussianBlur(
     np.pad(opencv_board(SPEC).generateImage((385, 275)), 60, constant_values=255).astype(float) * 0.8 + 10.0,

@@ -96,6 +96,7 @@ def test_localhost_is_the_own_address_too(preview: Preview) -> None:
     host = f"localhost:{preview.port}"
     assert ask(preview, "/", {"Host": host, **cookie(preview)}).status == 200
     assert command(preview, b'{"kind": "take"}', Host=host, Origin=f"http://{host}").status == 202
+    assert preview.take_commands() == [Command("take")]
 
 
 @pytest.mark.parametrize(
@@ -164,7 +165,6 @@ def test_known_paths_in_a_wrong_way(preview: Preview) -> None:
     for query in ("after=x", "after=-1", "after=1&after=2", "after=" + "9" * 40, "after=", "after=%D9%A3"):
         assert ask(preview, f"/state?{query}").status == 400
     assert ask(preview, "/picture?n=1.5").status == 400
-    assert ask(preview, "/picture?n=1").status == 404
 
 
 @pytest.mark.parametrize(

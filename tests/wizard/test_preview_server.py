@@ -88,6 +88,7 @@ def test_no_news_is_no_content(preview: Preview, monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_picture_belongs_to_the_state(preview: Preview) -> None:
+    assert ask(preview, "/picture?n=1").status == 404
     for level in (10, 200):
         preview.show(Snapshot(state(), jpeg(level)))
     told = json.loads(ask(preview, "/state?after=0").body)

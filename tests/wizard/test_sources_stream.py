@@ -7,7 +7,8 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from functools import partial
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import cv2
@@ -38,6 +39,11 @@ class Camera(ThreadingHTTPServer):
 
     def handle_error(self, *_: object) -> None:
         """The reader hung up."""
+
+
+class _Files(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        """Silent."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -125,6 +131,19 @@ def test_a_server_that_never_answers_or_is_not_there_is_refused(capfd: pytest.Ca
             assert "geheim" not in str(raised.value)
             assert not isinstance(raised.value, SourceLost)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_video_that_a_server_keeps_is_no_stream(tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "x.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    for grey in range(10):
+        writer.write(np.full((48, 64, 3), 20 * grey, np.uint8))
+    writer.release()
+    handler = partial(_Files, directory=str(tmp_path))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        with pytest.raises(InputError, match="not a live stream; save it and name the file"):
+            open_stream(f"http://127.0.0.1:{server.server_port}/x.avi", patience=QUICK)
+        server.shutdown()
 
 
 @pytest.mark.parametrize(

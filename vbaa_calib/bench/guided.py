@@ -17,10 +17,10 @@ from .guided_rigs import GOAL_MM, Rig, rigs
 from .guided_shots import Photographer, jig_pose
 from .guided_ways import PEOPLE, SUGGESTED, WAYS
 
-COUNTS = (3, 4, 5, 6, 7, 8, 10, 12, 15, 18, 22, 26, 30)
+COUNTS = (3, 4, 6, 8, 10, 12, 15, 18)
 """Numbers of pictures at which lenses are judged."""
 
-ENOUGH_SUGGESTED = 12
+ENOUGH_SUGGESTED = 8
 """Pictures taken where each has to be worked out from those before it."""
 
 _NO_LENS_MM = 100.0

@@ -39,7 +39,7 @@ def as_text(rows: Sequence[Row], draws: int) -> str:
         own = [row for row in rows if (row.rig, row.way) == (rig, way)]
         shown, previous = (rig if rig != previous else ""), rig
         needed, foreseen = (pictures_needed(own, name) for name in ("true_rms_mm", "predicted_mm"))
-        picked = [row for row in own if row.pictures in (3, 6, 8, 12, 18, 30)]
+        picked = [row for row in own if row.pictures in (3, 4, 6, 10, 15, 24)]
         errors = "  ".join(_errors(row) for row in picked)
         lines.append(f"{shown:<36}{way:<24}{_count(needed, own):>8}{_count(foreseen, own):>11}   {errors}")
     return "\n".join([*lines, *(_verdict(rows, rig) for rig in dict.fromkeys(row.rig for row in rows))])
@@ -84,7 +84,7 @@ def write_figure(path: Path, rows: Sequence[Row], force: bool) -> None:
             panel.loglog(counts, [row.true_rms_mm for row in own], "o-", color=colour, markersize=3, lw=1.4, label=way)
             panel.loglog(counts, [row.predicted_mm or float("nan") for row in own], "--", color=colour, lw=0.9)
         panel.set_ylim(0.003, 3.0)
-        panel.set_xticks([3, 5, 8, 12, 20, 30], ["3", "5", "8", "12", "20", "30"])
+        panel.set_xticks([3, 4, 6, 10, 15, 24], ["3", "4", "6", "10", "15", "24"])
         panel.set_title(name, fontsize=9)
         panel.set_xlabel("pictures")
         panel.grid(alpha=0.3)

@@ -15,8 +15,8 @@ from ..synth.scene import PictureSpec
 
 GOAL_MM = 0.1
 _SHEET = BoardSpec(squares_x=11, squares_y=8, square_m=0.015, marker_m=0.011)
-_CARD = BoardSpec(squares_x=9, squares_y=6, square_m=0.012, marker_m=0.009)
-_DIM = PictureSpec(1.2, 6.0, 20.0, 0.35, 0.3, 0.35, 0.3, 0.2, 0.4, 0.0)
+_CARD = BoardSpec(squares_x=6, squares_y=5, square_m=0.025, marker_m=0.019)
+_DIM = PictureSpec(1.2, 6.0, 12.0, 0.35, 0.3, 0.35, 0.3, 0.2, 0.4, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 _AGAIN_PX, _SMOOTHED_PX = 2.0, 0.7
-_FEWEST_PIXELS, _LEAST_SLOPE = 200, 4.0
-_STRONG = 0.6
+_FEWEST_PIXELS, _LEAST_SLOPE = 200, 1.0
+_CREST, _SHARE = 0.6, 0.2
 _BINS = 4
 
 
@@ -40,18 +40,20 @@ def edge_blur(image: np.ndarray) -> EdgeBlur | None:
     again = cv2.GaussianBlur(first, (0, 0), _AGAIN_PX)
     slope_u, slope_v = (cv2.Sobel(first, cv2.CV_32F, *axis, scale=0.125) for axis in ((1, 0), (0, 1)))
     slope = cv2.magnitude(slope_u, slope_v)
-    strong = slope > max(_STRONG * float(np.percentile(slope[::2, ::2], 99.5)), _LEAST_SLOPE / 4.0)
-    if strong.sum() < _FEWEST_PIXELS:
+    chosen = slope > _LEAST_SLOPE
+    if chosen.sum() < _FEWEST_PIXELS:
         return None
     after = cv2.magnitude(*(cv2.Sobel(again, cv2.CV_32F, *axis, scale=0.125) for axis in ((1, 0), (0, 1))))
-    ratio = slope[strong] / np.maximum(after[strong], 1e-3)
-    spread = _AGAIN_PX / np.sqrt(np.maximum(ratio**2 - 1.0, 1e-2))
+    slopes = slope[chosen]
+    spread = _AGAIN_PX / np.sqrt(np.maximum((slopes / np.maximum(after[chosen], 1e-3)) ** 2 - 1.0, 1e-2))
     own = 2.0 * np.sqrt(np.maximum(spread**2 - _SMOOTHED_PX**2, 1.0 / 48.0))
-    bins = np.round(np.arctan2(slope_v[strong], slope_u[strong]) / (np.pi / _BINS)).astype(int) % _BINS
-    known = {
-        one: float(np.median(own[bins == one])) for one in range(_BINS) if (bins == one).sum() > _FEWEST_PIXELS // _BINS
-    }
-    if not known:
-        return None
+    bins = np.round(np.arctan2(slope_v[chosen], slope_u[chosen]) / (np.pi / _BINS)).astype(int) % _BINS
+    known = {}
+    for one in range(_BINS):
+        within = bins == one
+        # blur lowers an edge's slope and leaves their sum
+        if slopes[within].sum() > _SHARE * slopes.sum():
+            crest = slopes[within] > _CREST * np.percentile(slopes[within], 99.0)
+            known[one] = float(np.median(own[within][crest]))
     least, most = min(known, key=lambda one: known[one]), max(known, key=lambda one: known[one])
     return EdgeBlur(known[least], known[most], most * np.pi / _BINS)

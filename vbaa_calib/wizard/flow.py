@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..files import sha256, write_text
 from ..images import list_images, read_picture
 from ..session import Session, load_session, read_loads, read_noload, read_sweep
-from .catalogue import open_questions
+from .catalogue import by_key, open_questions
 from .desk import Command, Desk, Interrupted
 from .journal import STEPS, Journal, Record, Taken
 from .known import Known
@@ -25,6 +25,7 @@ from .taking import GO_ON, Taking
 
 ALL = {one.name: one for one in (s.STEP for s in (board, lens, plane, noload, loads, sensor, verdict))}
 assert tuple(ALL) == STEPS
+BOARD, PAPER = by_key()["board"], by_key()["paper"]
 
 
 class Quit(Exception):
@@ -112,34 +113,41 @@ def _goes_on(known: Known, desk: Desk, step: Step) -> bool:
 def _answered(known: Known, desk: Desk, step: Step) -> None:
     """Ask what the step has to ask, and act on it. Raises Interrupted, InputError."""
     store = known.store
-    while questions := open_questions(step.name, store.journal.answers):
-        question = questions[0]
-        if question.key == "source" and not desk.interactive and known.taken(step.name):
+    while True:
+        if step.name == "board":
+            _make_board(store, desk)
+        questions = open_questions(step.name, store.journal.answers)
+        if not questions or (questions[0].key == "source" and not desk.interactive and known.taken(step.name)):
             return
-        if question.key == "board_along_x_mm":
-            if "measure_x_mm" not in store.journal.answers or not (store.root / "board.yaml").exists():
-                store.answer(board.make_board(store, store.journal.answers))
-            desk.say(board.print_words(store, store.journal.answers))
-        value = desk.ask(question, facts(store.journal.answers))
-        try:
-            check_together(store.root, {**store.journal.answers, question.key: value})
-        except InputError as error:
-            if not desk.interactive:
-                raise
-            desk.say(str(error))
-            _ask_again(store, error)
-            continue
-        store.answer({question.key: value})
+        value = desk.ask(questions[0], facts(store.journal.answers))
+        store.answer({questions[0].key: value})
+        _keep_if_right(store, desk)
 
 
-def _ask_again(store: Store, error: InputError) -> None:
-    """Forget the answers that do not go together."""
-    wrong = {key.strip() for key in str(error.where).split(",")}
-    left = {key: value for key, value in store.journal.answers.items() if key not in wrong}
-    store.save(Journal(left, store.journal.steps, store.journal.redone))
+def _make_board(store: Store, desk: Desk) -> None:
+    """Once it is known which board it is: board.yaml, the sheet, and how long its print should be."""
+    answers = store.journal.answers
+    if "measure_x_mm" in answers or open_questions("board", answers)[:1] in ([BOARD], [PAPER]):
+        return
+    store.answer(board.make_board(store, answers))
+    desk.say(board.print_words(store, answers))
+    _keep_if_right(store, desk)
 
 
-def check_together(root: Path, answers: Mapping[str, Any]) -> None:
+def _keep_if_right(store: Store, desk: Desk) -> None:
+    """Answers that do not go together are asked again where somebody is there. Raises InputError where nobody is."""
+    try:
+        check_together(store.journal.answers)
+    except InputError as error:
+        wrong = {key.strip() for key in str(error.where).split(",")}
+        left = {key: value for key, value in store.journal.answers.items() if key not in wrong}
+        store.save(Journal(left, store.journal.steps, store.journal.redone))
+        if not desk.interactive:
+            raise
+        desk.say(str(error))
+
+
+def check_together(answers: Mapping[str, Any]) -> None:
     """Raises InputError for answers that are right one by one but do not go together; `where` names their keys."""
     if answers.get("board") not in (None, "new") and "measure_x_mm" not in answers:
         try:

@@ -27,7 +27,7 @@ _WEAK_SHARE = 0.1
 """Of the squared slope in a tile's strongest direction, that another must have to be looked along."""
 _UNLIKE_PX = 0.8
 """Unexplained change over slope, small pixels, from which a tile shows something else."""
-_FAR_PX = 8.0
+_FAR_PX = 16.0
 """What such a tile counts as, small pixels."""
 
 
@@ -69,9 +69,9 @@ def look_at(image: np.ndarray, time_s: float, corners_px: np.ndarray | None, ids
     height, width = image.shape
     scale = max(1.0, max(width, height) / _SMALL_PX)
     columns, rows = (max(1, round(side / scale / _TILE_PX)) for side in (width, height))
-    small = cv2.resize(image, (columns * _TILE_PX, rows * _TILE_PX), interpolation=cv2.INTER_AREA).astype(np.float32)
+    means = cv2.resize(image, (columns * _TILE_PX, rows * _TILE_PX), interpolation=cv2.INTER_AREA)
     # area means of sharp edges are rough, and a shift read off rough slopes comes out too large
-    small = cv2.GaussianBlur(small, (3, 3), 0)
+    small = cv2.GaussianBlur(means.astype(np.float32), (3, 3), 0)
     slopes = (cv2.Sobel(small, cv2.CV_32F, 1, 0, scale=1 / 8), cv2.Sobel(small, cv2.CV_32F, 0, 1, scale=1 / 8))
     tiles, along, down = (_cut(each) for each in (small, *slopes))
     light = tiles - tiles.mean(axis=1, keepdims=True)
@@ -88,7 +88,7 @@ def motion_px(look: Look, other: Look) -> float:
     """The largest shift of anything between two frames of one size, px; NaN where nothing is there to see it by.
 
     0 where no shift is larger than noise explains; up to twice too large while small. Those above some 2
-    small pixels are not told apart: they count as 8.
+    small pixels are not told apart: they count as 16.
     """
     shared = _shared_corners(look, other)
     if shared is not None:

@@ -12,12 +12,13 @@ from .motion import Look, look_at, motion_px
 
 @dataclass(frozen=True)
 class StillSettings:
-    """When a scene counts as still.
+    """When a scene counts as still; as it stands, for a board in the hand.
 
     Attributes
     ----------
     hold_s, hold_frames : how long, and in how many frames, it must be.
     step_px : motion from one frame to the next that is still none, up to 1280 px picture length; in proportion above.
+    speed_px_s : the same, by the time between them, whichever is more: 30 px/s blur a picture of 1/60 s by 0.5 px.
     drift_px : the same, against the first frame of the hold: a hand is never quite still.
     clear_px : the same, against the frame that was taken: what has to move before another one is.
     gap_s : a pause between two frames after which nobody knows what happened.
@@ -27,10 +28,15 @@ class StillSettings:
     hold_s: float = 0.7
     hold_frames: int = 4
     step_px: float = 0.5
-    drift_px: float = 3.0
-    clear_px: float = 6.0
+    speed_px_s: float = 30.0
+    drift_px: float = 6.0
+    clear_px: float = 12.0
     gap_s: float = 1.0
     sharp_share: float = 0.9
+
+
+ON_A_STAND = StillSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
+"""For an antenna that a load was hung on: all else stands, and it may still vibrate."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,8 @@ class StillGate:
             return self._restart(look, step_px, "nothing is seen that could be held still: more light, or focus")
         if self._taken is not None and not self._moved:
             self._moved = motion_px(look, self._taken) > self._settings.clear_px * scale
-        if step_px > self._settings.step_px * scale:
+        allowed_px = max(self._settings.step_px, self._settings.speed_px_s * (look.time_s - last.time_s))
+        if step_px > min(allowed_px, self._settings.drift_px) * scale:
             return self._restart(look, step_px, "moving: hold still")
         if not self._moved:
             self._hold = None

@@ -97,7 +97,7 @@ def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[st
         adopt(store, desk)
         put_strangers_aside(store, desk)
         _forget_lost(store, desk)
-        check_together(store.root, {**store.journal.answers, **given})
+        check_together({**store.journal.answers, **given})
         _reopen(store, desk, given)
         store.answer(given)
         if args.redo:
@@ -109,7 +109,7 @@ def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[st
         except Quit:
             desk.say(f"stopped; `vbaa wizard {args.session}` goes on here")
             return _told(store, None)
-        desk.done(f"{document['headline']} {document['words']}", str(store.root / "check.html"))
+        desk.done(document["words"], str(store.root / "check.html"))
         if attended and page is not None:
             _linger(desk)
         return _told(store, document)

@@ -15,7 +15,7 @@ from ..joint import JointSolution, Linearised, noise_scale
 GRAVITY_M_S2 = 9.80665
 FIT_STEPS, SETTLED = 8, 0.02
 """Steps towards what a gravity leaves unexplained: it is compared in large, not to its last digit."""
-BETTER, LEAST_PART = 60.0, 0.3
+BETTER, LEAST_PART = 60.0, 0.1
 """How much less χ² another gravity must leave, in units of the scatter that it leaves and as a part."""
 ALIKE_PART = 0.1
 """Others that lie within this part of the gain fit as well."""

@@ -11,7 +11,7 @@ from .scores import OwnScores
 
 FEWEST_VIEWS = 6
 _LEAST_SIDE = 2
-_DRAWS, _MOST_NUMBERS = 40_000, 8_000_000
+_SEED, _DRAWS, _MOST_NUMBERS = 0, 40_000, 8_000_000
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def drift(count: int) -> np.ndarray:
     return np.linspace(0.0, 1.0, count)[None]
 
 
-def find_change(own: OwnScores, patterns: np.ndarray, variance_px2: float, seed: int = 0) -> Change | None:
+def find_change(own: OwnScores, patterns: np.ndarray, variance_px2: float) -> Change | None:
     """The pattern (K, V) that a parameter's values over the views follow best; None with too few views.
 
     The scatter of the views about the pattern sets the scale, not the corners' noise: a print that is not flat, or a
@@ -62,7 +62,7 @@ def find_change(own: OwnScores, patterns: np.ndarray, variance_px2: float, seed:
     left = float(score @ score) * (1.0 - share[best]) / freedom
     size = float(shapes[best] @ score / strength[seen][best])
     std = float(np.sqrt(max(left, variance_px2)) / strength[seen][best])
-    chance = max(_chance(shapes, float(share[best]), seed), _plain_chance(size / std, len(shapes)))
+    chance = max(_chance(shapes, float(share[best])), _plain_chance(size / std, len(shapes)))
     return Change(int(np.flatnonzero(seen)[best]), size, std, chance)
 
 
@@ -71,9 +71,9 @@ def _shares(shapes: np.ndarray, scores: np.ndarray) -> np.ndarray:
     return (scores @ shapes.T) ** 2 / np.maximum((scores**2).sum(axis=1, keepdims=True), 1e-300)
 
 
-def _chance(shapes: np.ndarray, share: float, seed: int) -> float:
+def _chance(shapes: np.ndarray, share: float) -> float:
     draws = min(_DRAWS, _MOST_NUMBERS // shapes.shape[1])
-    drawn = np.random.default_rng(seed).standard_normal((draws, shapes.shape[1]))
+    drawn = np.random.default_rng(_SEED).standard_normal((draws, shapes.shape[1]))
     return float((1 + (_shares(shapes, drawn).max(axis=1) >= share).sum()) / (1 + draws))
 
 

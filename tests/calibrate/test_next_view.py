@@ -1,0 +1,212 @@
+"""What pictures of the board are worth on plane C, and which to take next."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from targets.charuco import corner_points
+from vbaa_calib.bench.guided_judge import true_error_mm
+from vbaa_calib.bench.guided_rigs import Rig
+from vbaa_calib.calibrate.bundle import Bundle, free_directions
+from vbaa_calib.calibrate.corner_stack import FLEX, Observation
+from vbaa_calib.calibrate.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens_information import information
+from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.next_view import LEAST_VIEWS, WorkPlane, closeness, lens_progress, plane_progress
+from vbaa_calib.calibrate.next_view_plane import WorkPlane as Plane
+from vbaa_calib.calibrate.next_view_poses import candidates, coarse_set, shown_corners
+from vbaa_calib.calibrate.next_view_suggest import best_next
+from vbaa_calib.calibrate.next_view_taken import before_a_lens, with_a_lens
+from vbaa_calib.calibrate.next_view_words import lean_words, place_words, seen_as
+from vbaa_calib.calibrate.next_view_worth import Design, design_about, mean_square, plane_functional, view_blocks
+from vbaa_calib.geometry import Pose
+
+from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board
+
+SIZE = (1280, 720)
+MODEL = LENS_MODELS["opencv5"]
+INTRINSICS = np.array([900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0])
+CAMERA = camera_of(MODEL, INTRINSICS, SIZE)
+PLANE = WorkPlane.about(0.4, float(np.radians(35.0)), 0.24)
+
+
+def views(count: int, seed: int = 0, sigma_px: float = 0.1):
+    rng = np.random.default_rng(seed)
+    poses = [pose_towards(rng, 0.25, 0.7) for _ in range(count)]
+    made = [
+        board_view(f"{index}.png", project_board(MODEL, INTRINSICS, pose), SIZE, rng, sigma_px)
+        for index, pose in enumerate(poses)
+    ]
+    return made, poses
+
+
+def vector(pose: Pose) -> np.ndarray:
+    return np.concatenate([pose.rotvec_rad, pose.translation_m])
+
+
+def design(sigma_px: float = 0.1) -> Design:
+    return design_about("opencv4", INTRINSICS, SIZE, sigma_px, SPEC, flex=False)
+
+
+def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
+    made = design()
+    functional = plane_functional(made, PLANE, SPEC)
+    rig = Rig("", "opencv5", SIZE, INTRINSICS, SPEC, 0.0)
+    for column in range(functional.shape[-1]):
+        step = 1e-3 * made.scale[:-FLEX, column]
+        wrong = camera_of(MODEL, INTRINSICS + step, SIZE)
+        predicted_mm = 1e3 * 1e-3 * np.sqrt(np.mean(np.sum(functional[..., column] ** 2, axis=1)))
+        assert true_error_mm(wrong, rig) == pytest.approx(predicted_mm, rel=0.03, abs=1e-6), column
+
+
+def test_blocks_are_the_information_of_the_solve():
+    made, poses = views(6)
+    own = design()
+    directions = free_directions(MODEL)
+    observations = [Observation(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
+    bundle = Bundle(INTRINSICS, np.array([vector(pose) for pose in poses]), ())
+    known = information(MODEL, bundle, observations, directions)
+    blocks = view_blocks(own, bundle.poses, observations)
+    ours = own.scale @ np.linalg.inv(blocks.sum(axis=0)) @ own.scale.T
+    theirs = own.sigma_px**2 * known.half @ known.half.T
+    assert np.allclose(np.sqrt(np.diag(ours)), np.sqrt(np.diag(theirs)), rtol=1e-4)
+
+
+def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
+    made, _ = views(5)
+    taken = with_a_lens(solve_intrinsics(made, SPEC, "opencv5"), made, SPEC)
+    functional = plane_functional(taken.design, PLANE, SPEC)
+    found = candidates(taken.design, SPEC, coarse_set(taken.design, SPEC, 0.24, 0.6))
+    poses = np.array([candidate.vector for candidate in found])
+    observations = [
+        Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), np.zeros((len(c.ids), 2))) for c in found
+    ]
+    after = np.sqrt(mean_square(functional, taken.information + view_blocks(taken.design, poses, observations)))
+    now = np.sqrt(mean_square(functional, taken.information))
+    suggestion = best_next(taken, PLANE, SPEC, functional)
+    assert after.max() <= now * (1.0 + 1e-9)
+    assert suggestion.std_m / taken.inflation <= after.min() * (1.0 + 1e-6)
+
+
+def test_a_suggested_pose_shows_the_board():
+    made, _ = views(4)
+    for taken in (before_a_lens([], SPEC, SIZE), with_a_lens(solve_intrinsics(made, SPEC, "opencv4"), made, SPEC)):
+        suggestion = best_next(taken, PLANE, SPEC, plane_functional(taken.design, PLANE, SPEC))
+        ids = shown_corners(taken.design.camera, [suggestion.T_camera_board], SPEC)[0]
+        assert len(ids) >= 0.35 * SPEC.corner_count
+        middle, _ = taken.design.camera.project((suggestion.T_camera_board @ (CENTRE + 0.0))[None])
+        inside = cv2.pointPolygonTest(suggestion.outline_px.astype(np.float32), middle[0].tolist(), False)
+        assert inside > 0
+        assert 0.6 * 0.39 < np.linalg.norm(suggestion.T_camera_board @ CENTRE) < 1.7 * 0.41
+
+
+def test_without_a_lens_it_says_so_and_suggests_the_whole_board():
+    progress = lens_progress([], SPEC, PLANE, image_size=SIZE)
+    assert progress.solution is None
+    assert not progress.enough
+    assert np.isnan(progress.std_m)
+    assert "pictures can be used, at least 3" in progress.words
+    assert "partly outside" not in progress.suggestion.words
+    assert np.isnan(progress.suggestion.std_m)
+
+
+def test_enough_once_the_goal_is_reached_and_not_before_the_least_number():
+    made, _ = views(LEAST_VIEWS, sigma_px=0.05)
+    solution = solve_intrinsics(made, SPEC, "opencv4")
+    done = lens_progress(made, SPEC, PLANE, solution=solution)
+    assert done.std_m < 1e-4
+    assert done.enough
+    assert "more will not help" in done.words
+    few = solve_intrinsics(made[:-1], SPEC, "opencv4")
+    early = lens_progress(made[:-1], SPEC, PLANE, solution=few)
+    assert not early.enough
+    assert "one more picture is needed" in early.words
+    strict = lens_progress(made, SPEC, PLANE, goal_m=1e-7, solution=solution)
+    assert not strict.enough
+    assert strict.suggestion.std_m < strict.std_m
+
+
+def test_a_plane_that_is_not_in_the_picture_has_no_number():
+    made, _ = views(8)
+    behind = Plane(Pose(np.eye(3), np.array([2.0, 0.0, 0.4])), 0.24, 0.06)
+    progress = lens_progress(made, SPEC, behind, solution=solve_intrinsics(made, SPEC, "opencv4"))
+    assert np.isnan(progress.std_m)
+    assert not progress.enough
+    assert "hardly in the picture" in progress.words
+
+
+def tilted(rotvec_rad: tuple[float, float, float], middle_m: tuple[float, float, float]) -> Pose:
+    rotation = Pose.from_rotvec(np.array(rotvec_rad), np.zeros(3)).rotation
+    half = SPEC.square_m * np.array([SPEC.squares_x, SPEC.squares_y, 0.0]) / 2
+    return Pose(rotation, np.array(middle_m) - rotation @ half)
+
+
+@pytest.mark.parametrize(
+    ("direction", "words"),
+    [((1, 0), "right edge"), ((-1, 0), "left edge"), ((0, 1), "lower edge"), ((0, -1), "upper edge")],
+)
+def test_the_edge_named_is_the_one_that_is_farther(direction, words):
+    for angle in (-0.6, 0.6):
+        for axis in ((0.0, angle, 0.0), (angle, 0.0, 0.0)):
+            pose = tilted(axis, (0.0, 0.0, 0.3))
+            seen = seen_as(CAMERA, pose, SPEC)
+            far = pose.rotation @ (np.array([*direction, 0.0]) * 0.05)
+            assert (words in lean_words(seen.tilt_rad, seen.away_rad)) == (far[2] > 0.01)
+            assert seen.tilt_rad == pytest.approx(0.6)
+
+
+def test_places_have_names():
+    assert place_words((0.1, 0.1)) == "upper left"
+    assert place_words((0.5, 0.9)) == "lower middle"
+    assert place_words((0.9, 0.5)) == "right"
+    assert place_words((0.5, 0.5)) == "middle"
+
+
+def test_closeness_says_what_to_change_and_is_one_at_the_pose():
+    suggestion = lens_progress([], SPEC, PLANE, image_size=SIZE).suggestion
+    wanted = suggestion.T_camera_board
+    rng = np.random.default_rng(0)
+
+    def judged(pose: Pose) -> tuple[float, str]:
+        view = board_view("live", project_board(MODEL, INTRINSICS, pose), SIZE, rng)
+        return closeness(suggestion, view, SPEC, CAMERA, SIZE)
+
+    share, words = judged(wanted)
+    assert share > 0.95
+    assert words == "hold it there"
+    ray = (wanted @ CENTRE) / np.linalg.norm(wanted @ CENTRE)
+    share, words = judged(Pose(wanted.rotation, wanted.translation_m + 0.4 * np.linalg.norm(wanted @ CENTRE) * ray))
+    assert share < 0.6
+    assert "nearer" in words
+    share, words = judged(Pose(wanted.rotation, wanted.translation_m + np.array([0.05, 0.0, 0.0])))
+    assert share < 0.6
+    assert "further left" in words
+    empty = board_view("live", np.full((SPEC.corner_count, 2), -9.0), SIZE, rng)
+    assert closeness(suggestion, empty, SPEC, None, SIZE) == (0.0, "the board is not seen")
+
+
+def test_jig_pictures_are_judged_with_the_lens():
+    made, _ = views(10)
+    camera = solve_intrinsics(made, SPEC, "opencv4").camera
+    rng = np.random.default_rng(1)
+    pixels = project_board(MODEL, INTRINSICS, PLANE.board_pose(SPEC))
+    jig = [board_view(f"jig {index}", pixels, SIZE, rng, 0.1) for index in range(4)]
+    few = plane_progress(jig[:1], SPEC, camera, None, PLANE)
+    many = plane_progress(jig, SPEC, camera, None, PLANE, goal_m=1e-3)
+    assert not few.enough
+    assert many.enough
+    assert many.std_m == pytest.approx(np.hypot(many.lens_std_m, many.board_std_m))
+    assert many.board_std_m < few.board_std_m
+    assert not plane_progress([], SPEC, camera, None, PLANE).enough
+
+
+@pytest.mark.slow
+def test_predicted_deviation_holds_over_seeds():
+    rig, off = Rig("", "opencv5", SIZE, INTRINSICS, SPEC, 0.1), []
+    for seed in range(40):
+        made, _ = views(9, seed)
+        progress = lens_progress(made, SPEC, PLANE)
+        off.append(true_error_mm(progress.solution.camera, rig) / (1e3 * progress.std_m))
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.25
