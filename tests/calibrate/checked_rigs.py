@@ -12,14 +12,15 @@ import cv2
 import numpy as np
 
 from targets.board import BoardSpec
+from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.recheck_taken import NewPictures
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
-from vbaa_calib.synth.picture import studio
-from vbaa_calib.synth.plan import plan, stream
+from vbaa_calib.synth.picture import Studio, studio
+from vbaa_calib.synth.plan import AntennaShot, BoardShot, plan, stream
 from vbaa_calib.synth.render import render_shot
 from vbaa_calib.synth.render_board import Sheet, print_sheet
-from vbaa_calib.synth.scene import Scene, bundled_scene
+from vbaa_calib.synth.scene import Joints, Scene, bundled_scene, true_rod
 from vbaa_calib.synth.scene_file import load_scene
 from vbaa_calib.synth.write import session_yaml
 
@@ -166,19 +167,34 @@ def _sheet(spec: BoardSpec) -> Sheet:
     return print_sheet(spec)
 
 
+@cache
+def _studio(lens: tuple[bytes, ...], bench: int) -> Studio:
+    """Of the scene with this lens: working out the ray of each pixel takes longer than the pictures."""
+    seen, matrix, distortion = scene(), *(np.frombuffer(part) for part in lens)
+    own = replace(seen.lens, matrix=matrix.reshape(3, 3), distortion=distortion)
+    return studio(own, seen.picture, np.random.default_rng(bench))
+
+
 def one_picture_each(scene: Scene, folder: Path) -> NewPictures:
-    """One picture of the board in its jig and one of the free antenna, as it now is, with the sensor's reading."""
-    planned = plan(scene)
-    place = studio(scene.lens, scene.picture, stream(scene, "bench"))
-    wanted = {}
-    for index, shot in enumerate(planned.shots):
-        part = shot.path.partition("/")[0]
-        if part in ("plane", "noload") and part not in wanted:
-            wanted[part] = folder / f"{part}.png"
-            picture = render_shot(scene, place, _sheet(scene.board), shot, stream(scene, "pictures", index))
-            cv2.imwrite(str(wanted[part]), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    row = planned.tables["noload/noload.csv"][0]
-    return NewPictures(wanted["plane"], wanted["noload"], row["pan_rad"], row["tilt_rad"], row["moment_Nm"])
+    """One picture of the board in its jig and one of the free antenna, as it now is, with the sensor's reading.
+
+    The bench behind them is one of four, by the scene's seed.
+    """
+    joints, rod, sensor = scene.noload[0], true_rod(scene), scene.moment
+    gravity = scene.T_world_antenna(joints).rotation.T @ scene.gravity_world_m_s2
+    shape = solve_rod(rod, gravity[None], np.array([rod.length_m]), np.zeros((1, 3)))
+    in_jig = scene.T_antenna_camera.inverse() @ scene.T_antenna_face
+    shots: tuple[BoardShot | AntennaShot, ...] = (
+        BoardShot("board.png", Joints(0.0, 0.0), in_jig),
+        AntennaShot("free.png", joints, shape.arclength_m[0], shape.points_m[0]),
+    )
+    place = _studio((scene.lens.matrix.tobytes(), scene.lens.distortion.tobytes()), scene.seed % 4)
+    for index, shot in enumerate(shots):
+        picture = render_shot(scene, place, _sheet(scene.board), shot, stream(scene, "pictures", index))
+        cv2.imwrite(str(folder / shot.path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    noise_Nm = sensor.std_Nm * stream(scene, "moments").standard_normal()
+    reading_Nm = sensor.offset_Nm - sensor.gain * float(shape.clamp_moment_Nm[0, 1]) + noise_Nm
+    return NewPictures(folder / "board.png", folder / "free.png", joints.pan_rad, joints.tilt_rad, reading_Nm)
 
 
 def month_later(scene: Scene, folder: Path, parts: tuple[str, ...] = PARTS) -> Path:

@@ -11,7 +11,7 @@ from vbaa_calib.calibrate.joint import JointSolution
 from vbaa_calib.calibrate.joint_problem import Observation, Prior
 from vbaa_calib.calibrate.next_load import LoadSuggestion, load_progress
 from vbaa_calib.calibrate.next_load_readings import Planner, ReadingErrors
-from vbaa_calib.session import Load, Still
+from vbaa_calib.session import Load
 
 from ..rod_scenes import World
 from .still_faults import Faults, before, drawn_world, free_stills, hung_loads, observed, session, solved
@@ -95,15 +95,26 @@ def test_a_reading_that_is_off_carries_the_solve_off_as_far_as_is_predicted(free
             assert abs(moved) == pytest.approx(abs(predicted[2 * load + reading]), rel=0.35, abs=3e-5)
 
 
-def test_long_distances_are_asked_for_where_the_ruler_is_bad(loaded) -> None:
+def test_readings_that_are_weighed_cost_less_than_readings_that_are_believed(loaded) -> None:
+    """And a ruler that is bad matters less far out."""
     _, joint = loaded
-    chosen = [
-        load_progress(joint, session(), MASSES_KG, 1e-4, distance_std_m=ruler, mass_std_relative=1e-6).suggestion
-        for ruler in (1e-6, 5e-3)
-    ]
-    assert chosen[1] is not None
-    assert chosen[1].distance_m > 0.15
-    assert chosen[1].std_relative_with_readings > 10 * chosen[1].std_relative
+    believed, weighed = (
+        load_progress(joint, session(), MASSES_KG, 1e-4, distance_std_m=2e-3, weighed=weighed)
+        for weighed in (False, True)
+    )
+    assert believed.std_relative == weighed.std_relative
+    assert weighed.std_relative < weighed.std_relative_with_readings < believed.std_relative_with_readings
+    chosen = weighed.suggestion
+    assert chosen is not None
+    assert chosen.distance_m > 0.15
+    assert chosen.std_relative_with_readings < weighed.std_relative_with_readings
+
+
+def test_exact_readings_cost_nothing(loaded) -> None:
+    _, joint = loaded
+    for weighed in (False, True):
+        exact = load_progress(joint, session(), MASSES_KG, distance_std_m=0.0, mass_std_relative=0.0, weighed=weighed)
+        assert exact.std_relative_with_readings == pytest.approx(exact.std_relative, rel=1e-6)
 
 
 def test_enough_is_said_and_what_is_not_shown(loaded) -> None:
@@ -167,8 +178,3 @@ def at_random(rng: np.random.Generator) -> Load:
         mass, distance = float(rng.choice(MASSES_KG)), round(float(rng.uniform(0.085, 0.235)), 3)
         if 9.80665 * mass * distance**2 / (2 * 3.9e-3) < np.deg2rad(35):
             return Load(None, 0.0, 0.0, 0.0, distance, 0.0, -9.80665 * mass)
-
-
-def test_a_free_still_is_no_load() -> None:
-    assert not isinstance(free_stills()[0], Load)
-    assert isinstance(free_stills()[0], Still)

@@ -107,7 +107,7 @@ def test_a_picture_of_the_calibration_proves_nothing(made: SimpleNamespace, tmp_
     digest = hashlib.sha256(made.new.board.read_bytes()).hexdigest()
     data = json.loads(made.rig.read_text()) | {"inputs_sha256": {"plane/jig_000.png": digest}}
     (tmp_path / "rig.json").write_text(json.dumps(data))
-    with pytest.raises(InputError, match=r"plane.png: is one of the pictures that .*rig.json was calibrated from"):
+    with pytest.raises(InputError, match=r"board.png: is one of the pictures that .*rig.json was calibrated from"):
         assess(tmp_path / "rig.json", None, made.new)
 
 

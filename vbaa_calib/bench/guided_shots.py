@@ -95,7 +95,7 @@ def _half(rig: Rig) -> np.ndarray:
     return rig.board.square_m * np.array([rig.board.squares_x, rig.board.squares_y, 0.0]) / 2
 
 
-def jig_pose(photographer: Photographer, camera: Camera, pictures: int = 4) -> Pose | None:
+def jig_pose(photographer: Photographer, camera: Camera, pictures: int = 8) -> Pose | None:
     """Of the board in the jig, found with a lens in pictures of their own noise; None where it is not found."""
     rig = photographer.rig
     views = [photographer.picture(rig.plane.board_pose(rig.board)) for _ in range(pictures)]

@@ -11,8 +11,8 @@ from ..geometry import Kinematics
 from ..session import Load, Session
 from .joint import JointSolution
 from .joint_problem import GAIN
-from .next_load_candidates import Candidate, candidates, pulls, uses_pulley
-from .next_load_readings import LOG_STIFFNESS, Planner, ReadingErrors, StiffnessErrors
+from .next_load_candidates import Candidate, candidates, pulls
+from .next_load_readings import Planner, ReadingErrors, StiffnessErrors
 from .next_load_words import missing_words, progress_words, suggestion_words
 
 LEAST_LOADS = 3
@@ -87,6 +87,7 @@ def load_progress(
     distance_std_m: float = 5e-4,
     mass_std_relative: float = 5e-3,
     kinematics: Kinematics | None = None,
+    weighed: bool = False,
 ) -> LoadProgress:
     """What the stills so far say of EI, and the load that lowers its uncertainty most.
 
@@ -97,6 +98,8 @@ def load_progress(
     goal_relative : standard deviation of EI to reach, with the readings' errors.
     distance_std_m, mass_std_relative : how well places and weights are known.
     kinematics : with what a sweep found of the joints; the session's where it is not given.
+    weighed : the joint solve counts places and weights as uncertain. The present one takes them as exact, and what
+        they are off by goes into EI in full; the suggestions then are those that would serve one that weighs them.
 
     Raises ValueError for a weight or a standard deviation that is not positive.
     """
@@ -104,7 +107,10 @@ def load_progress(
         raise ValueError("weights and goal must be positive, and deviations not negative")
     kinematics = session.kinematics if kinematics is None else kinematics
     offered = candidates(joint, session, kinematics, masses_kg)
-    planner = Planner.of(joint, offered, ReadingErrors(distance_std_m, mass_std_relative))
+    readings = ReadingErrors(distance_std_m, mass_std_relative)
+    # which load says most is one question, what the solve at hand makes of it another
+    best_use = Planner.of(joint, offered, readings, weighed=True)
+    planner = best_use if weighed else best_use.unweighed()
     now = planner.now()
     hung = [
         one.still
@@ -115,16 +121,16 @@ def load_progress(
     # a load that shows the gain comes first where the gain is not known, if any can
     wanted = [index for index, one in enumerate(offered) if gain_std <= GAIN_KNOWN or abs(one.direction[1]) > 0.5]
     wanted = wanted or list(range(len(offered)))
-    after = planner.after_each()
-    best = min(wanted, key=lambda index: after[index].whole) if wanted else None
-    ahead = reachable(planner)
+    worth = [errors.whole for errors in best_use.after_each()]
+    best = min(wanted, key=lambda index: worth[index]) if wanted else None
+    ahead, ahead_at_best = reachable(best_use, planner)
     few, blind = len(hung) < LEAST_LOADS, gain_std > GAIN_KNOWN and any(abs(o.direction[1]) > 0.5 for o in offered)
     reached = now.whole <= goal_relative
-    helps = best is not None and ahead < (1 - HELPS) * now.whole
+    helps = best is not None and ahead_at_best < (1 - HELPS) * best_use.now().whole
     enough = not few and not blind and (reached or not helps)
     suggestion = None
     if best is not None and (not enough or helps):
-        suggestion = suggested(offered[best], after[best])
+        suggestion = suggested(offered[best], planner.after(best).now())
     missing = missing_words(
         hung, gain_std, GAIN_KNOWN, LEAST_LOADS, pulls(session, kinematics, joint.problem.observations)
     )
@@ -143,16 +149,19 @@ def load_progress(
     )
 
 
-def reachable(planner: Planner) -> float:
-    """EI's relative standard deviation after the best few further loads, one by one; NaN without any."""
-    lowest = np.nan
+def reachable(best_use: Planner, planner: Planner) -> tuple[float, float]:
+    """EI's relative standard deviation after the best few further loads, one by one; NaN without any.
+
+    As the solve at hand has it (`planner`), and at best.
+    """
+    if not len(best_use.added):
+        return np.nan, np.nan
+    lowest, lowest_at_best = np.inf, np.inf
     for _ in range(AHEAD):
-        after = [errors.whole for errors in planner.after_each()]
-        if not after:
-            return lowest
-        lowest = float(np.fmin(lowest, min(after)))
-        planner = planner.after(int(np.argmin(after)))
-    return lowest
+        index = int(np.argmin([errors.whole for errors in best_use.after_each()]))
+        best_use, planner = best_use.after(index), planner.after(index)
+        lowest, lowest_at_best = min(lowest, planner.now().whole), min(lowest_at_best, best_use.now().whole)
+    return lowest, lowest_at_best
 
 
 def suggested(one: Candidate, after: StiffnessErrors) -> LoadSuggestion:
@@ -171,7 +180,3 @@ def suggested(one: Candidate, after: StiffnessErrors) -> LoadSuggestion:
         std_relative_with_readings=after.whole,
         words=suggestion_words(one, after),
     )
-
-
-assert LOG_STIFFNESS < GAIN
-__all__ = ["LoadProgress", "LoadSuggestion", "load_progress", "reachable", "uses_pulley"]

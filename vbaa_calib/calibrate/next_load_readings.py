@@ -7,7 +7,7 @@ reading that is off by δ moves the residuals by c·δ, and the solution by H⁻
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,8 +66,10 @@ class Planner:
     pushes : (17 + P, K) Jᵀc of every reading: of the loads there are, then of the candidates, in scaled parameters;
         times the reading's standard deviation.
     groups : (K, G) which readings are the same weight or the same place. of_mass : (G,) which of these are weights.
+    grams : (K / 2, 2, 2) cᵀc of each still's two readings, times their standard deviations.
     counts : (K,) how often each reading takes part.
     added : (C, 17 + P, 17 + P) information of each candidate, scaled. own : (C, K) its readings.
+    weighed : the solve knows that the readings are uncertain, and weighs the loads by it.
     """
 
     information: np.ndarray
@@ -75,25 +77,32 @@ class Planner:
     pushes: np.ndarray
     groups: np.ndarray
     of_mass: np.ndarray
+    grams: np.ndarray
     counts: np.ndarray
     added: np.ndarray
     own: np.ndarray
+    weighed: bool
 
     @staticmethod
-    def of(joint: JointSolution, offered: Sequence[Candidate], readings: ReadingErrors) -> Planner:
+    def of(
+        joint: JointSolution, offered: Sequence[Candidate], readings: ReadingErrors, weighed: bool = False
+    ) -> Planner:
         """From a joint solution and what could be hung next."""
         rows = StillRows.of(joint)
         information, _, scale = rows.solution.normal_equations()
-        loads, pushes = _pushes_now(rows)
+        loads, pushes, grams = _pushes_now(rows)
+        stds_once = np.array([readings.distance_std_m, readings.mass_std_relative])
         added = []
         for one in offered:
             own = one.rows / scale
             added.append(own.T @ own)
             pushes += [own.T @ one.by_distance, own.T @ one.by_log_force]
+            both = np.column_stack([one.by_distance, one.by_log_force])
+            grams.append(both.T @ both)
         hung = [*loads, *(one.load for one in offered)]
         keys = [key for load in hung for key in _keys(load)]
         names = list(dict.fromkeys(keys))
-        stds = [readings.distance_std_m, readings.mass_std_relative] * len(hung)
+        stds = np.tile(stds_once, len(hung))
         size, count = len(scale), len(keys)
         groups = np.zeros((count, len(names)))
         groups[np.arange(count), [names.index(key) for key in keys]] = 1.0
@@ -106,10 +115,16 @@ class Planner:
             pushes=np.column_stack(pushes) * stds if count else np.zeros((size, 0)),
             groups=groups,
             of_mass=np.array([name[0] == "mass" for name in names], bool),
+            grams=np.array(grams).reshape(-1, 2, 2) * np.outer(stds_once, stds_once),
             counts=np.repeat([1.0, 0.0], [2 * len(loads), 2 * len(offered)]),
             added=np.array(added).reshape(-1, size, size),
             own=own,
+            weighed=weighed,
         )
+
+    def unweighed(self) -> Planner:
+        """For a solve that takes the readings as exact."""
+        return replace(self, weighed=False)
 
     def now(self) -> StiffnessErrors:
         """With the loads there are."""
@@ -121,20 +136,39 @@ class Planner:
 
     def after(self, index: int) -> Planner:
         """With this candidate hung."""
-        fields = vars(self) | {
-            "information": self.information + self.added[index],
-            "counts": self.counts + self.own[index],
-        }
-        return Planner(**fields)
+        information = self.information + self.added[index]
+        return replace(self, information=information, counts=self.counts + self.own[index])
 
     def _errors(self, information: np.ndarray, counts: np.ndarray) -> list[StiffnessErrors]:
         unit = np.zeros((len(self.scale), 1))
         unit[LOG_STIFFNESS] = 1.0
         towards = np.linalg.solve(information, np.broadcast_to(unit, (len(information), *unit.shape)))[..., 0]
         noise = np.sqrt(towards[:, LOG_STIFFNESS]) / self.scale[LOG_STIFFNESS]
-        squares = (((towards @ self.pushes) * counts) @ self.groups / self.scale[LOG_STIFFNESS]) ** 2
-        place, mass = squares[:, ~self.of_mass].sum(axis=1) ** 0.5, squares[:, self.of_mass].sum(axis=1) ** 0.5
+        if self.weighed:
+            mass = self._weighed(information, counts, self.of_mass)
+            whole = self._weighed(information, counts, np.ones(len(self.of_mass), bool))
+            place = np.sqrt(np.maximum(whole**2 - mass**2, 0.0))
+            mass = np.sqrt(np.maximum(mass**2 - noise**2, 0.0))
+        else:
+            squares = (((towards @ self.pushes) * counts) @ self.groups / self.scale[LOG_STIFFNESS]) ** 2
+            place, mass = squares[:, ~self.of_mass].sum(axis=1) ** 0.5, squares[:, self.of_mass].sum(axis=1) ** 0.5
         return [StiffnessErrors(*map(float, row)) for row in zip(noise, place, mass, strict=True)]
+
+    def _weighed(self, information: np.ndarray, counts: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(C,) standard deviations of EI where these groups of readings are solved for, with what is known of them."""
+        groups = self.groups[:, which]
+        size, count = len(self.scale), groups.shape[1]
+        whole = np.zeros((len(information), size + count, size + count))
+        whole[:, :size, :size] = information
+        mixed = (self.pushes * counts[:, None, :]) @ groups
+        whole[:, :size, size:], whole[:, size:, :size] = mixed, np.swapaxes(mixed, 1, 2)
+        pairs = groups.reshape(-1, 2, count)
+        each = np.einsum("kag,kab,kbh->kgh", pairs, self.grams, pairs)
+        whole[:, size:, size:] = np.eye(count) + np.einsum("ck,kgh->cgh", counts[:, ::2], each)
+        unit = np.zeros((size + count, 1))
+        unit[LOG_STIFFNESS] = 1.0
+        towards = np.linalg.solve(whole, np.broadcast_to(unit, (len(whole), *unit.shape)))
+        return np.asarray(np.sqrt(towards[:, LOG_STIFFNESS, 0]) / self.scale[LOG_STIFFNESS])
 
 
 def _keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
@@ -143,25 +177,27 @@ def _keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
     return ("distance", f"{load.distance_m:.4f}"), ("mass", f"{force:.3g}")
 
 
-def _pushes_now(rows: StillRows) -> tuple[list[Load], list[np.ndarray]]:
-    """The loads that took part, and two pushes each: by distance, by log force."""
+def _pushes_now(rows: StillRows) -> tuple[list[Load], list[np.ndarray], list[np.ndarray]]:
+    """The loads that took part, two pushes each, by distance and by log force, and their (2, 2) products."""
     joint, solution = rows.joint, rows.solution
     observations = joint.problem.observations
     which = [
         index for index, one in enumerate(observations) if isinstance(one.still, Load) and rows.moments[index] >= 0
     ]
     if not which:
-        return [], []
+        return [], [], []
     _, _, scale = solution.normal_equations()
     weighted = solution.jacobian * (solution.weights**2)[:, None] / scale
     nearer = -rows.altered([readings_altered(one)[0] for one in observations], DISTANCE_STEP_M)
     heavier = rows.altered([readings_altered(one)[1] for one in observations], LOG_FORCE_STEP)
-    loads, pushes = [], []
+    loads, pushes, grams = [], [], []
     for index in which:
         mask = rows.of_stills([index])
         load = observations[index].still
         assert isinstance(load, Load)
         loads.append(load)
+        both = np.column_stack([nearer[mask], heavier[mask]]) * solution.weights[mask, None]
+        grams.append(both.T @ both)
         pushes.append(weighted[mask].T @ nearer[mask])
         pushes.append(weighted[mask].T @ heavier[mask])
-    return loads, pushes
+    return loads, pushes, grams

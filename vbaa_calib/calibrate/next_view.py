@@ -17,7 +17,7 @@ from .next_view_jig import PlaneProgress, plane_progress
 from .next_view_plane import WorkPlane
 from .next_view_suggest import Suggestion, best_next
 from .next_view_taken import Taken, before_a_lens, with_a_lens
-from .next_view_worth import mean_square, plane_functional
+from .next_view_worth import mean_square, plane_functional, pulled_square
 
 LEAST_VIEWS = 8
 """Pictures that a lens rests on before it is enough: fewer show no outlier, and no halves to compare."""
@@ -87,7 +87,9 @@ def lens_progress(
     if functional is None:
         words = "Plane C is hardly in the picture as it was described: give its distance and inclination again."
         return LensProgress(solution, np.nan, goal_m, suggestion, False, words)
-    std_m = taken.inflation * float(np.sqrt(mean_square(functional, taken.information)))
+    # a lens that is too simple for its pictures shows by how far a richer one would move the plane
+    moved = pulled_square(functional, taken.information, taken.pull)
+    std_m = taken.inflation * float(np.sqrt(max(mean_square(functional, taken.information), moved)))
     enough, words = _judged(taken, std_m, goal_m, suggestion)
     return LensProgress(solution, std_m, goal_m, suggestion, enough, words)
 

@@ -73,7 +73,7 @@ def _best(
     if not found:
         return None
     poses = np.array([candidate.vector for candidate in found])
-    blocks = view_blocks(taken.design, poses, [observation(candidate, spec) for candidate in found])
+    blocks, _ = view_blocks(taken.design, poses, [observation(candidate, spec) for candidate in found])
     squares = mean_square(aim, taken.information + blocks)
     index = int(np.argmin(squares))
     return found[index], float(squares[index])

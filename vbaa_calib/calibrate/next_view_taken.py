@@ -30,6 +30,7 @@ class Taken:
     Attributes
     ----------
     design : the lens they are judged about. information : (p, p) of all of them, in its coordinates, without the prior.
+    pull : (p,) by how much they ask for another lens of the design, in units of information.
     pictures : how many it rests on. solved : whether it is a solution or a nominal lens.
     inflation : by how much the pictures contradict each other more than their noise explains, at least 1.
     doubt : what forbids to call it enough, in words; empty where nothing does.
@@ -37,6 +38,7 @@ class Taken:
 
     design: Design
     information: np.ndarray
+    pull: np.ndarray
     pictures: int
     solved: bool
     inflation: float
@@ -55,13 +57,15 @@ def with_a_lens(solution: LensSolution, views: Sequence[BoardView], spec: BoardS
         observations.append(Observation(points[ids], view.corners_px[good], rise[ids]))
         poses.append(np.concatenate([used.T_camera_board.rotvec_rad, used.T_camera_board.translation_m]))
     sigma = _sigma_px(solution, sum(len(view.pixels) for view in observations))
-    design = design_about(solution.model, intrinsics, camera.image_size, sigma, spec, solution.board_flex.used)
-    blocks = view_blocks(design, np.array(poses), observations)
+    sagittas = solution.board_flex.sagittas_m if solution.board_flex.used else None
+    design = design_about(solution.model, intrinsics, camera.image_size, sigma, spec, sagittas)
+    blocks, pulls = view_blocks(design, np.array(poses), observations)
     chosen = next((row for row in solution.comparison if row.model == solution.model), None)
     disagree = chosen is not None and not chosen.halves_agree and chosen.halves is not None
     inflation = max(1.0, float(chosen.halves)) if disagree and chosen is not None and chosen.halves else 1.0
     doubt = "the lens folds inside the picture: pictures with the board near the border are missing"
-    return Taken(design, blocks.sum(axis=0), len(poses), True, inflation, "" if solution.monotonic else doubt)
+    whole = blocks.sum(axis=0), pulls.sum(axis=0)
+    return Taken(design, *whole, len(poses), True, inflation, "" if solution.monotonic else doubt)
 
 
 def _sigma_px(solution: LensSolution, corners: int) -> float:
@@ -73,12 +77,12 @@ def _sigma_px(solution: LensSolution, corners: int) -> float:
 def before_a_lens(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> Taken:
     """Of views that are too few for a lens, under a nominal one."""
     intrinsics = nominal_intrinsics(image_size)
-    design = design_about(_NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, spec, False)
+    design = design_about(_NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, spec)
     usable = usable_views(views, spec, MIN_CORNERS)[0] if views else []
     points = corner_points(spec)
     observations = [Observation(points[view.ids], view.corners_px) for view in usable]
     count = design.scale.shape[1]
     if not observations:
-        return Taken(design, np.zeros((count, count)), 0, False, 1.0, "")
-    blocks = view_blocks(design, start_poses(intrinsics, observations), observations)
-    return Taken(design, blocks.sum(axis=0), len(usable), False, 1.0, "")
+        return Taken(design, np.zeros((count, count)), np.zeros(count), 0, False, 1.0, "")
+    blocks, pulls = view_blocks(design, start_poses(intrinsics, observations), observations)
+    return Taken(design, blocks.sum(axis=0), pulls.sum(axis=0), len(usable), False, 1.0, "")

@@ -39,7 +39,7 @@ class Design:
     ----------
     model, intrinsics : the lens, (4 + k,). image_size : (width, height) px.
     scale : (4 + k + 2, p) intrinsics and sagittas for a unit of each z (p,), of which each is 0 ± 1 before any picture.
-    sigma_px : deviation of a corner, per axis.
+    sigma_px : deviation of a corner, per axis. sagittas_m : (2,) of the board.
     """
 
     model: LensModel
@@ -47,6 +47,12 @@ class Design:
     image_size: tuple[int, int]
     scale: np.ndarray
     sigma_px: float
+    sagittas_m: np.ndarray
+
+    @property
+    def shared(self) -> np.ndarray:
+        """(4 + k + 2,) intrinsics and sagittas."""
+        return np.concatenate([self.intrinsics, self.sagittas_m])
 
     @property
     def camera(self) -> Camera:
@@ -61,11 +67,16 @@ def nominal_intrinsics(image_size: tuple[int, int], focal_px: float | None = Non
 
 
 def design_about(
-    name: str, intrinsics: np.ndarray, image_size: tuple[int, int], sigma_px: float, spec: BoardSpec, flex: bool
+    name: str,
+    intrinsics: np.ndarray,
+    image_size: tuple[int, int],
+    sigma_px: float,
+    spec: BoardSpec,
+    sagittas_m: np.ndarray | None = None,
 ) -> Design:
     """A design one step richer than the lens model `name` at its solution (4 + k,).
 
-    flex : the board's sagittas are doubted too.
+    sagittas_m : (2,) of a board that was found to be bent; they are doubted too.
     """
     chosen = LENS_MODELS[name]
     model = LENS_MODELS[_RICHER.get(name, name)]
@@ -75,7 +86,8 @@ def design_about(
         wide = widened(intrinsics, model, image_size)
         if not np.any(wide[4:]):
             model, wide = chosen, np.array(intrinsics, float)
-    return Design(model, wide, image_size, _prior(model, wide, image_size, spec, flex), sigma_px)
+    prior = _prior(model, wide, image_size, spec, sagittas_m is not None)
+    return Design(model, wide, image_size, prior, sigma_px, np.zeros(FLEX) if sagittas_m is None else sagittas_m)
 
 
 def _prior(
@@ -111,19 +123,24 @@ def _largest_shift(model: LensModel, intrinsics: np.ndarray, image_size: tuple[i
     return np.linalg.norm(by_shared, axis=1).max(axis=0)[:-FLEX]
 
 
-def view_blocks(design: Design, poses: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
-    """(V, p, p) information in `Design` coordinates of views at poses (V, 6), their own poses eliminated."""
+def view_blocks(
+    design: Design, poses: np.ndarray, observations: Sequence[Observation]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of views at poses (V, 6): information (V, p, p) in `Design` coordinates and what it pulls with (V, p).
+
+    The views' own poses are eliminated.
+    """
     stack = Stack.of(observations)
-    state = State(np.concatenate([design.intrinsics, np.zeros(FLEX)]), np.asarray(poses, float))
-    _, by_shared, by_pose = rows(design.model, state, stack)
-    by_shared = by_shared @ design.scale / design.sigma_px
-    blocks = np.zeros((len(observations), design.scale.shape[1], design.scale.shape[1]))
+    residuals, by_shared, by_pose = rows(design.model, State(design.shared, np.asarray(poses, float)), stack)
+    whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
+    count = design.scale.shape[1]
+    blocks = np.zeros((len(observations), count + 1, count + 1))
     for index, (first, last) in enumerate(zip(stack.bounds[:-1], stack.bounds[1:], strict=True)):
-        flat, own = by_shared[first:last].reshape(2 * (last - first), -1), by_pose[first:last].reshape(-1, 6)
+        flat, own = whole[first:last].reshape(2 * (last - first), -1), by_pose[first:last].reshape(-1, 6)
         basis, _ = np.linalg.qr(own)
-        through = basis.T @ flat
-        blocks[index] = flat.T @ flat - through.T @ through
-    return blocks
+        left = flat - basis @ (basis.T @ flat)
+        blocks[index] = left.T @ left
+    return blocks[:, :count, :count], blocks[:, :count, count]
 
 
 def plane_functional(design: Design, plane: WorkPlane, spec: BoardSpec) -> np.ndarray | None:
@@ -152,8 +169,7 @@ def plane_functional(design: Design, plane: WorkPlane, spec: BoardSpec) -> np.nd
 
 def _slopes(design: Design, pose: Pose, view: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     vector = np.concatenate([pose.rotvec_rad, pose.translation_m])[None]
-    state = State(np.concatenate([design.intrinsics, np.zeros(FLEX)]), vector)
-    _, by_shared, by_pose = rows(design.model, state, Stack.of([view]))
+    _, by_shared, by_pose = rows(design.model, State(design.shared, vector), Stack.of([view]))
     return by_shared @ design.scale, by_pose, by_pose[:, :, 3:]
 
 
@@ -168,3 +184,12 @@ def mean_square(functional: np.ndarray, information: np.ndarray) -> np.ndarray:
     form = flat.T @ flat / len(functional)
     whole = information + np.eye(form.shape[0])
     return np.trace(np.linalg.solve(whole, np.broadcast_to(form, whole.shape)), axis1=-2, axis2=-1)
+
+
+def pulled_square(functional: np.ndarray, information: np.ndarray, pull: np.ndarray) -> float:
+    """Mean square, m², by which points on the plane (n, 2, p) would move if the richer lens of the design were taken.
+
+    pull : (p,) of all views. Where the lens that was chosen is right, it is no more than `mean_square` says.
+    """
+    step = np.linalg.solve(information + np.eye(len(information)), pull)
+    return float(np.mean(np.sum((functional @ step) ** 2, axis=1)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from targets.board import BoardSpec
 from targets.scale import PrintScale, print_scale, rescaled
 
+from ..calibrate.diagnose import still_diagnoses
 from ..calibrate.intrinsics import LensSolution, solve_intrinsics
 from ..calibrate.joint import JointSolution, solve_joint
 from ..calibrate.joint_problem import Observation
@@ -21,6 +23,7 @@ from ..calibrate.ways import fused
 from ..detect.board_file import load_board
 from ..detect.corners import BoardView, detect_corners
 from ..detect.paint import Paint
+from ..diagnosis import Diagnosis
 from ..errors import InputError, VbaaError
 from ..geometry import Kinematics
 from ..images import read_gray, read_picture
@@ -113,6 +116,12 @@ class Known:
         journal = self.store.journal
         answers = tuple(sorted((key, repr(value)) for key, value in journal.answers.items()))
         return answers, tuple((step, tuple(one.sha256 for one in journal.of(step).taken)) for step in steps)
+
+    def still_diagnoses(self) -> list[Diagnosis]:
+        """What is wrong, or looks wrong, with the pictures of the antenna and what was typed with them."""
+        cause = self.cause("lens", "plane", "noload", "loads")
+        make = partial(still_diagnoses, self.session, self.kinematics, self.joint())
+        return self.once("diagnoses", cause, make)
 
     def lens_corners(self) -> np.ndarray:
         """(N, 2) px of all corners of the lens' pictures."""

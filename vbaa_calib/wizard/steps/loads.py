@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...calibrate.diagnose import still_diagnoses
 from ...calibrate.next_load import load_progress
 from ...errors import VbaaError
 from ...session import Load
@@ -32,7 +31,7 @@ def look(known: Known) -> Progress:
         joint, session = known.joint(), known.session
         now = load_progress(joint, session, masses, GOAL)
     except VbaaError as error:
-        return Progress(tuple(seen), (str(error),), "hang a weight on the antenna", usable=len(taken) >= LEAST)
+        return Progress(tuple(seen), (str(error),), "hang a weight on the antenna")
     loaded = any(isinstance(still, Load) for still in known.stills())
     enough = now.enough and len(taken) >= LEAST
     suggested = now.suggestion.words if now.suggestion else ""
@@ -50,7 +49,7 @@ def look(known: Known) -> Progress:
                 bool(now.std_relative <= GOAL) if loaded else None,
             ),
         ),
-        diagnoses=tuple(still_diagnoses(session, known.kinematics, joint)) if loaded else (),
+        diagnoses=tuple(known.still_diagnoses()) if loaded else (),
     )
 
 

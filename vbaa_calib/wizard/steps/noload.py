@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...calibrate.diagnose import still_diagnoses
 from ...errors import VbaaError
 from ..known import Known
 from ..progress import Judged, Progress
@@ -33,10 +32,11 @@ def look(known: Known) -> Progress:
         missing.append(f"{ENOUGH - len(taken)} more pictures")
     if taken and np.ptp(tilts) < 20.0:
         missing.append("another tilt: how the antenna sags under its weight shows gravity and the moment sensor's gain")
-    diagnoses = []
+    diagnoses, solved = [], False
     if len(taken) >= LEAST:
         try:
-            diagnoses = still_diagnoses(known.session, known.kinematics, known.joint())
+            diagnoses = known.still_diagnoses()
+            solved = True
         except VbaaError as error:
             missing.append(str(error))
     pan, tilt = NEXT[min(len(taken), len(NEXT) - 1)]
@@ -46,7 +46,7 @@ def look(known: Known) -> Progress:
         missing=tuple(missing),
         next="enough, more will not help" if enough else f"free antenna at pan {pan:g}°, tilt {tilt:g}°, at rest",
         enough=enough,
-        usable=len(taken) >= LEAST,
+        usable=solved,
         diagnoses=tuple(diagnoses),
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...calibrate.diagnose import still_diagnoses
 from ...calibrate.joint_problem import GAIN, OFFSET
 from ..known import Known
 from ..progress import Number, Progress
@@ -17,11 +16,7 @@ def look(known: Known) -> Progress:
     gain, offset = joint.sensor_gain_offset
     std = np.sqrt(np.diag(joint.covariance))[[GAIN, OFFSET]]
     scatter = float(np.sqrt(np.mean(joint.moment_residuals_Nm**2)))
-    diagnoses = [
-        one
-        for one in still_diagnoses(known.session, known.kinematics, joint)
-        if "sensor" in one.name or "moment" in one.name
-    ]
+    diagnoses = [one for one in known.still_diagnoses() if "sensor" in one.name or "moment" in one.name]
     return Progress(
         seen=(f"{len(joint.moment_residuals_Nm)} readings, {1e3 * scatter:.3g} mN·m off the model (rms)",),
         next="" if not diagnoses else diagnoses[0].remedy,

@@ -1,0 +1,83 @@
+"""The benchmark of suggested poses: its cameras, its judge and its counting."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from targets.charuco import corner_points
+from vbaa_calib.bench.guided import Row, session
+from vbaa_calib.bench.guided_judge import true_error_mm
+from vbaa_calib.bench.guided_report import as_text, pictures_needed, write_figure
+from vbaa_calib.bench.guided_rigs import rigs
+from vbaa_calib.bench.guided_shots import Photographer, wanted_pose
+from vbaa_calib.bench.guided_ways import PEOPLE, SUGGESTED, WAYS
+from vbaa_calib.calibrate.next_view import lens_progress
+from vbaa_calib.geometry import Pose
+
+
+def row(way: str, pictures: int, true_mm: float, predicted_mm: float | None = None) -> Row:
+    return Row("rig", way, pictures, 2, true_mm, true_mm, None, predicted_mm, None, None, 0.0, "")
+
+
+def test_needed_is_where_the_error_stays_small():
+    rows = [row(PEOPLE, count, error) for count, error in ((3, 0.09), (4, 0.2), (6, 0.1), (8, 0.05))]
+    assert pictures_needed(rows, "true_rms_mm") == 6
+    assert pictures_needed(rows[:2], "true_rms_mm") is None
+    assert pictures_needed(rows, "predicted_mm") is None
+
+
+def test_verdict_weighs_suggested_against_random():
+    ours = [row(SUGGESTED, 4, 0.05), row(SUGGESTED, 6, 0.05)]
+    assert "met: 0.67" in as_text([*ours, row(PEOPLE, 6, 0.05)], 2)
+    assert "missed: 1.00" in as_text([*ours, row(PEOPLE, 4, 0.05)], 2)
+    assert "missed: suggested poses" in as_text([row(SUGGESTED, 6, 0.5), row(PEOPLE, 6, 0.05)], 2)
+
+
+def test_the_judge_knows_the_truth_and_takes_up_what_a_pose_can():
+    rig = rigs()[0]
+    assert true_error_mm(rig.camera, rig) < 1e-6
+    moved = replace(rig.camera, matrix=rig.camera.matrix + np.array([[0, 0, 4.0], [0, 0, 0], [0, 0, 0]]))
+    found_again = true_error_mm(moved, rig)
+    told = true_error_mm(moved, rig, rig.plane.board_pose(rig.board))
+    assert found_again < 0.3 * told
+
+
+def test_rendered_corners_are_where_the_board_is():
+    rig = rigs()[1]
+    photographer = Photographer(rig, 0)
+    pose = rig.plane.board_pose(rig.board)
+    nearer = Pose(pose.rotation, 0.7 * pose.translation_m)
+    view = photographer.picture(nearer)
+    true, _ = rig.camera.project(nearer @ corner_points(rig.board)[view.ids])
+    assert len(view.ids) > 10
+    assert np.sqrt(np.mean((view.corners_px - true) ** 2)) < 0.5
+
+
+def test_an_outline_is_obeyed_before_there_is_a_lens():
+    rig = rigs()[0]
+    suggestion = lens_progress([], rig.board, rig.plane, image_size=rig.image_size).suggestion
+    pose = wanted_pose(suggestion, rig, None)
+    middle = rig.board.square_m * np.array([rig.board.squares_x, rig.board.squares_y, 0.0]) / 2
+    pixel, _ = rig.camera.project((pose @ middle)[None])
+    assert np.linalg.norm(pixel[0] - suggestion.outline_px.mean(axis=0)) < 25.0
+
+
+@pytest.mark.parametrize("way", list(WAYS))
+def test_every_way_takes_pictures(way):
+    photographer = Photographer(rigs()[0], 1)
+    views = []
+    for _ in range(3):
+        views.append(WAYS[way](photographer, views, None))
+    assert all(len(view.ids) >= 7 for view in views)
+
+
+def test_a_session_reaches_the_goal_with_few_suggested_pictures(monkeypatch, tmp_path):
+    monkeypatch.setattr("vbaa_calib.bench.guided.ENOUGH_SUGGESTED", 4)
+    judged = session(rigs()[3], SUGGESTED, 0)
+    assert judged[4].true < 0.1
+    assert judged[4].predicted < 0.1
+    write_figure(tmp_path / "figure.png", [row(SUGGESTED, 3, 0.1, 0.1)], force=False)
+    assert (tmp_path / "figure.png").stat().st_size > 1000
