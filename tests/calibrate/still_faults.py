@@ -1,4 +1,4 @@
-"""Sessions' stills without pictures: what the static rod does, seen through OpenCV, and rows that say something else."""
+"""Stills of a session without pictures: what the static rod does, seen through OpenCV, and rows that say otherwise."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
@@ -133,9 +132,3 @@ def session(gravity_world_m_s2: np.ndarray = GRAVITY_WORLD) -> Session:
         | {"dictionary": "DICT_4X4_100", "legacy_pattern": False, "thickness_m": 0.0}
     )
     return Session(Path("."), board, NOMINAL, None, Kinematics(), gravity_world_m_s2, 2e-5)
-
-
-def rolled(still: Load, angle_rad: float) -> Load:
-    """The load turned about the antenna."""
-    y, z = Rotation.from_euler("z", angle_rad).as_matrix()[:2, :2] @ [still.force_y_N, still.force_z_N]
-    return replace(still, force_y_N=float(y), force_z_N=float(z))

@@ -16,6 +16,7 @@ from vbaa_calib.bench.detector_pictures import Conditions, DrawnBoard, draw_boar
 from vbaa_calib.detect.corners import detect_corners
 from vbaa_calib.detect.picture_hints import picture_hints, wrong_board
 from vbaa_calib.detect.picture_hints_blur import blur_ellipse
+from vbaa_calib.detect.picture_hints_edges import edge_blur
 from vbaa_calib.diagnosis import Diagnosis
 from vbaa_calib.synth.render_board import print_sheet
 
@@ -114,10 +115,18 @@ def test_motion_that_hides_the_board_is_told_by_all_edges(angle_deg: int) -> Non
     """Squares that stand upright in the picture, so that some edges run along the movement."""
     angle = np.radians(angle_deg)
     flat = dataclasses.replace(drawn(0), grey=UPRIGHT)
-    found = hints(picture(smeared(flat, (24.0 * np.cos(angle), 24.0 * np.sin(angle)))))
-    assert found[0].name in ("no_board", "few_corners")
-    assert ("sideways", "up or down")[angle_deg // 90] in the_one(found, "motion_blur").words
-    assert "motion_blur" not in names(hints(picture(flat)))
+    image = picture(smeared(flat, (24.0 * np.cos(angle), 24.0 * np.sin(angle))))
+    edges, still = edge_blur(image), edge_blur(picture(flat))
+    assert edges is not None
+    assert still is not None
+    assert edges.most_px > 4.0 * edges.least_px
+    assert edges.direction_rad == pytest.approx(angle)
+    assert still.most_px < 1.5
+    view = detect_corners(image, SPEC)
+    assert names(picture_hints(image, view, SPEC))[0] in ("no_board", "few_corners")
+    one_marker = dataclasses.replace(view, marker_ids=np.zeros(1, int), marker_corners_px=np.zeros((1, 4, 2)))
+    told = the_one(picture_hints(image, one_marker, SPEC), "motion_blur")
+    assert ("sideways", "up or down")[angle_deg // 90] in told.words
 
 
 def test_light() -> None:

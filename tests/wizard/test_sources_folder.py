@@ -97,7 +97,6 @@ def test_fresh_pictures_that_were_there_first_keep_their_order(tmp_path: Path) -
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
 def test_a_picture_is_offered_only_when_it_is_written_whole(tmp_path: Path, suffix: str) -> None:
-    """By a program that writes slowly, and by one that sets the file's size first."""
     data, path = picture(5, suffix), tmp_path / f"x{suffix}"
     source = FolderSource(tmp_path, wait=True, pace=QUICK)
 
@@ -114,6 +113,45 @@ def test_a_picture_is_offered_only_when_it_is_written_whole(tmp_path: Path, suff
     assert offered is not None
     assert offered.data == data
     assert source.notes == ()
+
+
+def test_a_file_whose_size_is_set_before_it_is_filled_is_waited_for(tmp_path: Path) -> None:
+    """A TIFF without compression, that decodes from its head and tail on, with black for what is missing."""
+    pixels = np.random.default_rng(6).integers(1, 256, (48, 64), dtype=np.uint8)
+    done, encoded = cv2.imencode(".tif", pixels, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    assert done
+    data, path, now_s = encoded.tobytes(), tmp_path / "x.tif", [0.0]
+    source = FolderSource(tmp_path, wait=True, pace=Pace(0.02, 0.05, 3.0), clock=lambda: now_s[0])
+    for written in range(8, len(data) - 400, 500):
+        path.write_bytes(data[:written] + bytes(len(data) - 400 - written) + data[-400:])
+        os.utime(path, ns=(written, written))
+        now_s[0] += 0.03
+        assert source.next(0.0) is None
+    path.write_bytes(data)
+    found = []
+    for _ in range(5):
+        now_s[0] += 0.03
+        found.append(source.next(0.0))
+    (offered,) = [each for each in found if each is not None]
+    np.testing.assert_array_equal(offered.image, pixels)
+
+
+def test_a_picture_that_is_replaced_while_it_is_read_is_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, read, whole = tmp_path / "x.png", Path.read_bytes, picture(2) + b"longer"
+    put(path, picture(1))
+
+    def replaced(path: Path) -> bytes:
+        data = read(path)
+        if data != whole:
+            put(path, whole, age_s=60)
+        return data
+
+    monkeypatch.setattr(Path, "read_bytes", replaced)
+    offered = FolderSource(tmp_path, pace=QUICK).next(2.0)
+    assert offered is not None
+    assert offered.data == whole
 
 
 def test_a_half_picture_waits_and_comes_when_the_rest_does(tmp_path: Path) -> None:

@@ -155,14 +155,26 @@ def test_a_refused_picture_may_be_taken_again() -> None:
     assert len(taken(held(gate, filmed(lambda _: BOARD, 1.2 + clock(10, 1.2))))) == 1
 
 
-def test_a_blurred_end_of_the_hold_is_not_taken() -> None:
-    """The lens hunts: what is taken is nearly as sharp as the hold's best."""
-    blurred = cv2.GaussianBlur(BOARD, (0, 0), 1.4)
-    steps = [cv2.addWeighted(BOARD, 1 - share, blurred, share, 0) for share in (0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25)]
-    results = held(StillGate(), filmed(lambda at_s: steps[round(20 * at_s / 2) % 8], clock(20, 2.4), noise=1.0))
-    times = taken(results)
-    assert len(times) <= 1
-    assert all(round(20 * time_s / 2) % 8 in (0, 1, 7) for time_s in times)
+def taken_while_focusing(sharp: Callable[[float], bool]) -> list[tuple[float, Held]]:
+    """By the corners nothing moves; only the picture's sharpness changes."""
+    gate, corners = StillGate(), np.arange(20.0).reshape(10, 2)
+    pictures = {True: BOARD.astype(np.uint8), False: cv2.GaussianBlur(BOARD, (0, 0), 2).astype(np.uint8)}
+    return [
+        (time_s, gate.feed(pictures[sharp(time_s)], time_s, corners, np.arange(10))) for time_s in np.arange(50) / 20
+    ]
+
+
+def test_a_frame_that_is_less_sharp_than_the_hold_s_best_is_not_taken() -> None:
+    results = taken_while_focusing(lambda time_s: not 0.62 < time_s < 0.98)
+    assert taken(results) == [1.0]
+    assert {result.words for time_s, result in results if 0.72 < time_s < 0.98} == {
+        "hold still: waiting for a sharp frame"
+    }
+
+
+def test_a_lens_that_stays_refocused_starts_anew() -> None:
+    (time_s,) = taken(taken_while_focusing(lambda time_s: time_s < 0.62))
+    assert 2.1 < time_s < 2.3
 
 
 def corner_frames(shift: Callable[[float], float], times_s: np.ndarray) -> list[tuple[float, np.ndarray, np.ndarray]]:

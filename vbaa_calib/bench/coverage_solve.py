@@ -10,7 +10,7 @@ import numpy as np
 from ..calibrate.intrinsics import solve_intrinsics
 from ..calibrate.jig import jig_estimate
 from ..calibrate.joint import JointSolution, solve_joint
-from ..calibrate.joint_problem import Observation
+from ..calibrate.joint_given import Observation
 from ..calibrate.plane import solve_board_pose
 from ..calibrate.session_rig import prior
 from ..camera import Camera

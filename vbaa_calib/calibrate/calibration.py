@@ -48,7 +48,7 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
     views = read_views(session)
     lens = solve_intrinsics(detect_folder(session.root / "intrinsics", session.board), session.board, lens_model)
     plane = find_plane(session, lens.camera, lens.board_flex, views)
-    before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone)
+    before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings)
     joint, observations = solve_antenna(session, plane.kinematics, before)
     rig = make_rig(session, plane.kinematics, joint, observations)
     return Calibration(session, rig, lens, plane, joint, check(joint), stills)

@@ -56,6 +56,17 @@ class Linearised:
         """A problem at its parameters."""
         return Linearised(parameters, *problem.residuals(parameters), problem.certain)
 
+    def exact_loads(self, readings: int) -> Linearised:
+        """The same with the loads' readings, the last so many parameters, held where they are."""
+        if not readings:
+            return self
+        rows = slice(0, len(self.residuals) - readings)
+        kept = slice(0, len(self.parameters) - readings)
+        certain = self.certain - readings
+        return Linearised(
+            self.parameters[kept], self.residuals[rows], self.jacobian[rows, kept], certain, self.converged
+        )
+
     @property
     def weights(self) -> np.ndarray:
         """(R,) factors on residuals and Jacobian that make least squares of the robust cost."""
@@ -179,7 +190,8 @@ def _solved(
             "the joint solve of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
             "distances, and gravity"
         )
-    inverse = solution.covariance()
+    # of the loads' readings nobody asks further
+    inverse = solution.covariance()[: problem.lens.stop, : problem.lens.stop]
     # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
     inverse = inverse + (share**-2 - 1.0) * inverse[:, RIG:] @ inverse[RIG:, :]
     covariance = _in_own_units(inverse, prior.lens_axes)

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..antenna.shape import PARAMETERS, Curves, bend
 from ..camera import Camera
-from ..detect.paint import Paint
 from ..errors import SolveError
 from ..geometry import Pose
-from ..geometry.independent_axes import independent_axes
-from ..reprojection import ImageCurves, SeenPoints, image_curves, see, whitened_with_lens, with_slopes_on_curve
+from ..reprojection import (
+    ImageCurves,
+    SeenPoints,
+    image_curves,
+    see,
+    whitened_residuals,
+    whitened_with_lens,
+    with_slopes_on_curve,
+)
 from ..rig import RIG_PARAMETERS, RIG_STEPS
-from ..session import Load, Still
+from ..session import Load
+from .joint_given import Observation, Prior
+from .load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP, ReadingGroups, readings_altered
 from .pose_estimate import PoseEstimate
 
 POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
@@ -28,64 +35,20 @@ SWEEPS = 4
 """Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """One still of the antenna: what was seen, what was read, and the load on it, if any.
-
-    Attributes
-    ----------
-    points_px : (N, 2) on the centreline. sigma_px : (N,) their standard deviations across it.
-    gravity_m_s2 : (3,) antenna frame.
-    paint : what tells the antenna from its background. height : of its line above that, grey levels.
-    """
-
-    still: Still
-    points_px: np.ndarray
-    sigma_px: np.ndarray
-    gravity_m_s2: np.ndarray
-    paint: Paint = field(default_factory=Paint)
-    height: float = 0.0
-
-    @property
-    def load_N(self) -> np.ndarray:
-        """(2,) force components y, z."""
-        return np.array([self.still.force_y_N, self.still.force_z_N]) if isinstance(self.still, Load) else np.zeros(2)
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """What is known before the stills.
-
-    Attributes
-    ----------
-    poses : the camera's pose by one or several ways.
-    start : camera pose from which the solution's steps are counted.
-    camera : the lens; one without a covariance counts as exact.
-    mean, std : (11,) of the antenna's parameters, gain and offset.
-    """
-
-    poses: Sequence[PoseEstimate]
-    start: Pose
-    camera: Camera
-    mean: np.ndarray
-    std: np.ndarray
-
-    @cached_property
-    def lens_axes(self) -> np.ndarray:
-        """(P, P): along its columns the lens varies independently, by unit deviations; (0, 0) for an exact one."""
-        return np.zeros((0, 0)) if self.camera.covariance is None else independent_axes(self.camera.covariance)
-
-
 class LensLost(SolveError):
     """A step of the lens within its covariance led to one that is none: its covariance is not to be trusted so far."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The residuals of everything, for parameters (17 + P,): `RIG_PARAMETERS`, then steps along `lens_axes`.
+    """The residuals of everything, for parameters (17 + P + K,).
+
+    These are `RIG_PARAMETERS`, then steps along `lens_axes`, then what the loads' readings are off by, in deviations.
 
     Attributes
     ----------
+    observations : with the loads as the parameters had them at the last `relinearised`.
+    groups : what the readings have in common. readings_at : (K,) parameters that are in `observations` already.
     seen_at_lens : every observation's points, through the lens that is `lens_at` (P,) steps away.
     noise_scale : factor on the deviations that the points claim.
     kept : (F,) which observations take part.
@@ -99,26 +62,36 @@ class Problem:
     moment_std_Nm: float
     noise_scale: float
     kept: np.ndarray
+    groups: ReadingGroups
+    readings_at: np.ndarray
 
     @staticmethod
     def of(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> Problem:
         """With all observations in, their points' deviations as claimed, and the lens as it is."""
         count = len(observations)
-        blank = Problem(observations, prior, (), np.zeros(0), length_m, moment_std_Nm, 1.0, np.ones(count, bool))
+        groups = ReadingGroups.of([one.still for one in observations], prior.readings)
+        kept, at = np.ones(count, bool), np.zeros(groups.count)
+        blank = Problem(observations, prior, (), np.zeros(0), length_m, moment_std_Nm, 1.0, kept, groups, at)
         return blank.relinearised(blank.begin)
 
     @property
     def begin(self) -> np.ndarray:
-        """(17 + P,) parameters before anything was seen."""
-        return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(len(self.prior.lens_axes))])
+        """(17 + P + K,) parameters before anything was seen."""
+        return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(len(self.prior.lens_axes) + self.groups.count)])
+
+    @property
+    def lens(self) -> slice:
+        """Where the lens' steps are among the parameters; the readings come after them."""
+        return slice(RIG, RIG + len(self.prior.lens_axes))
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
-        """The same with all points seen through the lens that the parameters ask for.
+        """The same with all points seen through the lens, and all loads as they are, that the parameters ask for.
 
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
         camera = self.camera(parameters)
-        curves, view = self.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse()
+        here = replace(self._loaded(parameters), readings_at=parameters[self.lens.stop :])
+        curves, view = here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse()
         seen = [
             with_slopes_on_curve(
                 see(camera, one.points_px, one.sigma_px), camera, image_curves(curves.picked(np.array([index])), view)
@@ -127,11 +100,11 @@ class Problem:
         ]
         if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
             raise LensLost("the lens that the stills ask for folds inside the picture")
-        return replace(self, seen_at_lens=seen, lens_at=parameters[RIG:])
+        return replace(here, seen_at_lens=seen, lens_at=parameters[self.lens])
 
     def camera(self, parameters: np.ndarray) -> Camera:
         """The lens that the parameters ask for; its covariance is still the prior's."""
-        camera, step = self.prior.camera, self.prior.lens_axes @ parameters[RIG:]
+        camera, step = self.prior.camera, self.prior.lens_axes @ parameters[self.lens]
         if not len(step):
             return camera
         matrix = camera.matrix.copy()
@@ -141,7 +114,7 @@ class Problem:
     @property
     def certain(self) -> int:
         """How many residuals, the last ones, are the priors': they are what they say, and are never weighed down."""
-        return 6 * len(self.prior.poses) + len(self.prior.mean) + len(self.prior.lens_axes)
+        return 6 * len(self.prior.poses) + len(self.prior.mean) + len(self.prior.lens_axes) + self.groups.count
 
     def pose(self, parameters: np.ndarray) -> Pose:
         """Camera pose in the antenna frame."""
@@ -149,7 +122,7 @@ class Problem:
 
     def seen(self, parameters: np.ndarray) -> list[SeenPoints]:
         """The points of every observation through the lens that the parameters ask for, to first order."""
-        step = self.prior.lens_axes @ (parameters[RIG:] - self.lens_at)
+        step = self.prior.lens_axes @ (parameters[self.lens] - self.lens_at)
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
     def curves(self, antennas: np.ndarray, compliance: np.ndarray | None = None) -> Curves:
@@ -175,21 +148,55 @@ class Problem:
         )
 
     def evaluate(self, parameters: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """Per observation (N, 16 + P): whitened distances, their slopes by pose, antenna and lens; (F, 10) moments.
+        """Per observation (N, 16 + P + K): whitened distances, their slopes by pose, antenna, lens and readings;
+        (F, 10 + K) moments.
 
-        The moments are those of the antenna and of one a step further along each of its parameters.
+        The moments are those of the antenna and of one a step further along each of its parameters, then slopes by the
+        readings.
         """
+        here = self._loaded(parameters)
         antennas = np.repeat(parameters[None, ANTENNA], BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
         pose = self.pose(parameters)
         views = [each.inverse() for each in [pose, *map(pose.retract, np.diag(RIG_STEPS[:6]))]]
-        curves = self.curves(antennas)
+        curves = here.curves(antennas)
         order = np.array([0] * 7 + list(range(1, BENT)))
-        blocks = []
-        for index, points in enumerate(self.seen(parameters)):
+        seen, blocks = self.seen(parameters), []
+        for index, points in enumerate(seen):
             images = image_curves(curves.picked(BENT * index + order), [*views, *[views[0]] * (BENT - 1)])
             blocks.append(self._with_slopes(points, images))
-        return blocks, curves.moment_Nm.reshape(len(self.observations), BENT)
+        moments = curves.moment_Nm.reshape(len(self.observations), BENT)
+        if not self.groups.count:
+            return blocks, moments
+        by_readings = here.slopes_by_readings(parameters, seen)
+        blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_readings, strict=True)]
+        return blocks, np.hstack([moments, [rows[-1] for rows in by_readings]])
+
+    def _loaded(self, parameters: np.ndarray) -> Problem:
+        """With the loads as the parameters have them."""
+        errors = parameters[self.lens.stop :] - self.readings_at
+        if not errors.any():
+            return self
+        stills = self.groups.corrected([one.still for one in self.observations], errors)
+        loaded = [replace(one, still=still) for one, still in zip(self.observations, stills, strict=True)]
+        return replace(self, observations=loaded)
+
+    def slopes_by_readings(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
+        """Per observation (N + 1, K): slopes of the whitened distances, and of the moment, by the loads' errors."""
+        three = [
+            replace(one, still=still)
+            for one in self.observations
+            for still in ([one.still, *readings_altered(one.still)] if isinstance(one.still, Load) else [one.still] * 3)
+        ]
+        curves = replace(self, observations=three).curves(parameters[None, ANTENNA])
+        view, found = [self.pose(parameters).inverse()] * 3, []
+        for index, points in enumerate(seen):
+            which = np.arange(3 * index, 3 * index + 3)
+            distances = whitened_residuals(points, image_curves(curves.picked(which), view))
+            whole = np.vstack([distances, curves.moment_Nm[which]])
+            by_distance = (whole[:, 0] - whole[:, 1]) / DISTANCE_STEP_M
+            found.append(self.groups.columns(index, by_distance, (whole[:, 2] - whole[:, 0]) / LOG_FORCE_STEP))
+        return found
 
     def _with_slopes(self, points: SeenPoints, images: ImageCurves) -> np.ndarray:
         distances, by_lens = whitened_with_lens(points, images)
@@ -197,7 +204,7 @@ class Problem:
         return np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes])
 
     def residuals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P): points, moments, camera poses, then antenna to lens."""
+        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, antenna to readings."""
         distances, moments = self.evaluate(parameters)
         parts = [self._points(distances), self._moments(parameters, moments)]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
@@ -213,7 +220,8 @@ class Problem:
 
     def _moments(self, parameters: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rows = np.zeros((len(moments), len(parameters)))
-        rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:] - moments[:, :1]) / RIG_STEPS[6:]
+        rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:BENT] - moments[:, :1]) / RIG_STEPS[6:]
+        rows[:, self.lens.stop :] = parameters[GAIN] * moments[:, BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
         misfit = -self.moment_residuals_Nm(parameters, moments)
         return misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm
@@ -228,10 +236,10 @@ class Problem:
         away = self.pose(parameters).tangent_from(estimate.T_antenna_camera)
         rows = np.zeros((6, len(parameters)))
         rows[:, POSE] = whiten
-        if len(parameters) > RIG:
+        if len(self.prior.lens_axes):
             by_lens = estimate.lens_sensitivity @ self.prior.lens_axes
-            rows[:, RIG:] = -whiten @ by_lens
-            away = away - by_lens @ parameters[RIG:]
+            rows[:, self.lens] = -whiten @ by_lens
+            away = away - by_lens @ parameters[self.lens]
         return whiten @ away, rows
 
 

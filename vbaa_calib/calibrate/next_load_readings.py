@@ -162,7 +162,7 @@ class Planner:
         whole[:, :size, :size] = information
         mixed = (self.pushes * counts[:, None, :]) @ groups
         whole[:, :size, size:], whole[:, size:, :size] = mixed, np.swapaxes(mixed, 1, 2)
-        pairs = groups.reshape(-1, 2, count)
+        pairs = groups.reshape(len(groups) // 2, 2, count)
         each = np.einsum("kag,kab,kbh->kgh", pairs, self.grams, pairs)
         whole[:, size:, size:] = np.eye(count) + np.einsum("ck,kgh->cgh", counts[:, ::2], each)
         unit = np.zeros((size + count, 1))

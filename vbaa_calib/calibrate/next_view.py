@@ -89,7 +89,7 @@ def lens_progress(
         return LensProgress(solution, np.nan, goal_m, suggestion, False, words)
     # a lens that is too simple for its pictures shows by how far a richer one would move the plane
     moved = pulled_square(functional, taken.information, taken.pull)
-    std_m = taken.inflation * float(np.sqrt(max(mean_square(functional, taken.information), moved)))
+    std_m = taken.inflation * float(np.sqrt(max(float(mean_square(functional, taken.information)), moved)))
     enough, words = _judged(taken, std_m, goal_m, suggestion)
     return LensProgress(solution, std_m, goal_m, suggestion, enough, words)
 

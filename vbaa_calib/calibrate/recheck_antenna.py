@@ -12,7 +12,7 @@ from ..rig import Rig
 from ..session import Load
 from .recheck_change import Change, Information, estimated_change, joint_covariance
 from .recheck_finding import HOLDS, Evidence, Finding, judged, not_given, plus_minus
-from .recheck_stills import ANTENNA, GAIN, LENS, OFFSET, HeldStill, free_shape_moved_mm
+from .recheck_stills import ANTENNA, GAIN, LENS, OFFSET, HeldStill, free_shape_moved_mm, tip_std_mm
 
 CLAMP, BOW, STIFFNESS = np.arange(6, 10), np.arange(10, 12), 12
 FREE_SHAPE = np.concatenate([CLAMP, BOW])
@@ -21,6 +21,8 @@ STIFFNESS_FLOOR_PERCENT, GAIN_FLOOR_PERCENT = 0.5, 0.5
 _SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 1e-3, 0.05])
 """Changes worth knowing of, for pose, antenna and gain; the offset's is ten times the sensor's noise."""
 WRONG_ROW_STD = 5.0
+UNSEEN_MM = 2.0
+"""A direction in which the tip is known no better than this is one that the pictures do not show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +156,8 @@ def _shape(rig: Rig, found: AntennaEvidence, camera_known: bool) -> Finding:
         f"off by {evidence.size:.2f} mm at the most" if evidence.size > 0 else "no difference beyond its uncertainty"
     )
     words += f"; single points lie within {worst:.2f} mm"
+    if tip_std_mm(rig, change.covariance) > UNSEEN_MM:
+        words += "; how far the tip lies along the line of sight does not show"
     if evidence.level == HOLDS:
         return judged(name, question, words, "", evidence)
     remedy = "straighten or replace the wire, then calibrate again"

@@ -130,6 +130,17 @@ def free_shape_moved_mm(rig: Rig, step: np.ndarray) -> float:
     return 1e3 * float(np.linalg.norm(curves.points_m[1] - curves.points_m[0], axis=1).max())
 
 
+def tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
+    """Standard deviation of the free tip in its worst direction, by the (6, 6) covariance of clamp and bow."""
+    steps = np.vstack([np.zeros(9), np.diag(RIG_STEPS[ANTENNA])[:6]])
+    curves = bend(
+        rig.antenna.parameters + steps, rig.antenna.length_m, np.zeros((7, 3)), np.full(7, 0.1), np.zeros((7, 2))
+    )
+    tips = curves.points_m[:, -1]
+    slopes = ((tips[1:] - tips[0]) / RIG_STEPS[ANTENNA][:6, None]).T
+    return 1e3 * float(np.sqrt(np.linalg.eigvalsh(slopes @ covariance @ slopes.T)[-1]))
+
+
 def _predicted(rig: Rig, observations: Sequence[Observation], count: int, loaded: bool = True) -> Curves:
     """For each still the curve of the rig's antenna, then one with a step along each of its parameters."""
     antenna = np.repeat(rig.antenna.parameters[None], count + 1, axis=0)

@@ -191,8 +191,10 @@ def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.
 
 
 def print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, np.ndarray]:
-    """Direction (1, 6) and deviation (1,): a print larger than measured puts the camera further from the board, or, in a
-    sweep and over a board, further from where the antenna's frame is."""
+    """Direction (1, 6) and deviation (1,): a print larger than measured puts the camera further away.
+
+    From the board in the jig; in a sweep and over a board from where the antenna's frame is.
+    """
     camera_m = estimate.T_antenna_camera.translation_m
     jig = session.T_antenna_board if estimate.way == "jig" else None
     reach_m = camera_m if jig is None else camera_m - jig.translation_m

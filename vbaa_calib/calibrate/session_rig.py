@@ -9,10 +9,12 @@ import numpy as np
 from ..camera import Camera
 from ..geometry import Kinematics
 from ..rig import Antenna, AntennaImage, MomentSensor, Rig
-from ..session import Load, NominalAntenna, Session, read_loads, read_noload
+from ..session import Load, LoadReadings, NominalAntenna, Session, read_loads, read_noload
 from .joint import JointSolution, solve_joint
 from .joint_checks import check
-from .joint_problem import ANTENNA, Observation, Prior
+from .joint_given import Observation, Prior
+from .joint_problem import ANTENNA
+from .load_readings import EXACT
 from .pose_estimate import PoseEstimate
 from .stills import observe
 from .ways import fused
@@ -36,7 +38,13 @@ def nominal_parameters(antenna: NominalAntenna) -> np.ndarray:
     return np.array([0.0] * 6 + [np.log(antenna.stiffness_Nm2), np.log(antenna.mass_per_length_kg_m), 0.0])
 
 
-def prior(antenna: NominalAntenna, camera: Camera, poses: Sequence[PoseEstimate], own_frame: bool = False) -> Prior:
+def prior(
+    antenna: NominalAntenna,
+    camera: Camera,
+    poses: Sequence[PoseEstimate],
+    own_frame: bool = False,
+    readings: LoadReadings = EXACT,
+) -> Prior:
     """What is known before the stills.
 
     own_frame : plane C was found by the antenna alone, so that its clamp lies on the x axis of its frame, and along it,
@@ -51,6 +59,7 @@ def prior(antenna: NominalAntenna, camera: Camera, poses: Sequence[PoseEstimate]
         camera=camera,
         mean=np.concatenate([nominal_parameters(antenna), [1.0, 0.0]]),
         std=np.array([*clamp, *rest]),
+        readings=readings,
     )
 
 

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..geometry import Kinematics, Pose
 from ..images import read_picture
 from ..session import Load, NominalAntenna, Session, Still, gravity_antenna
-from .joint_problem import Observation
+from .joint_given import Observation
 
 LEAST_SEEN_FREE = 0.6
 """Nothing hides the free antenna: less than this fraction seen means that something is wrong."""

@@ -18,8 +18,8 @@ from .picture_hints_map import BoardMap, board_map
 from .view_quality_screen import CLIPPED, GROWN, LEAST_CORNERS, MOST_BLUR_PER_GAP, NOISY_PX, corner_std_px
 
 _NEAR_LIMIT = 0.7
-_MOVED, _MOVED_LEAST_PX = 1.6, 1.0
-_UNSHARP_PX, _MOVED_EDGES = 1.6, 2.0
+_MOVED, _MOVED_LEAST_PX = 1.6, 1.3
+_UNSHARP_PX, _MOVED_EDGES = 1.6, 3.0
 _DARK, _BRIGHT, _PALE = 80.0, 170.0, 60.0
 _SMALL_SQUARE_PX, _SMALL_SHARE = 16.0, 0.05
 _FEW_SHARE = 0.5
@@ -82,9 +82,10 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
     edges = edge_blur(image)
     if edges is None or edges.most_px < _UNSHARP_PX:
         return [missing]
-    if edges.most_px > _MOVED_EDGES * edges.least_px:
-        words = f"edges are blurred by {edges.most_px:.1f} px {_direction(edges.direction_rad)}: something moved"
-        return [missing, Diagnosis("motion_blur", words, "hold board and camera still, or add light", grave=True)]
+    if view.marker_count and edges.most_px > _MOVED_EDGES * edges.least_px:
+        # where no marker is seen it may well be other things' edges that are soft
+        words = f"edges are blurred by {edges.most_px:.1f} px {_direction(edges.direction_rad)}, others are sharp"
+        return [missing, Diagnosis("motion_blur", words, "if something moved: hold board and camera still")]
     if edges.least_px < _UNSHARP_PX:
         return [missing]
     words = f"nothing in the picture is sharp: its edges are blurred by {edges.least_px:.1f} px or more"
@@ -99,7 +100,7 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis
     ellipse = blur_ellipse(image, view, spec)
     grave = quality.mean_blur_px > limit
     moving = ellipse is not None and ellipse.motion > _MOVED and ellipse.long_px > _MOVED_LEAST_PX
-    if ellipse is not None and moving and (grave or ellipse.long_px > _NEAR_LIMIT * limit or ellipse.long_px > 2.0):
+    if ellipse is not None and moving:
         smear = _SMEAR_PER_STD * np.sqrt(max(ellipse.long_px**2 - ellipse.short_px**2, 0.0))
         words = f"moved by about {smear:.0f} px {_direction(ellipse.direction_rad)} while it was taken"
         return [Diagnosis("motion_blur", words, "hold board and camera still, or add light", grave)]

@@ -5,6 +5,7 @@ from .rows import Frame, Load, Still, SweepPicture
 from .sensor import MomentSensor
 from .settings import (
     SCHEMA,
+    LoadReadings,
     NominalAntenna,
     OverBoard,
     Session,
@@ -21,6 +22,7 @@ __all__ = [
     "SCHEMA",
     "Frame",
     "Load",
+    "LoadReadings",
     "MomentSensor",
     "NominalAntenna",
     "OverBoard",

@@ -23,6 +23,9 @@ from .sensor import MomentSensor
 SCHEMA = "vbaa.session/1"
 TILT_ZERO_STD_RAD = 0.01
 OVER_HEIGHT_STD_M = 1e-4
+RULER_STD_M, WEIGHT_STD_RELATIVE = 5e-4, 5e-3
+"""How well a load's place and weight are known where session.yaml does not say: a ruler, and weights as they are sold.
+"""
 CLAMP_STD_PX = 20.0
 
 
@@ -65,6 +68,19 @@ class OverBoard:
     clamp_std_px: float = CLAMP_STD_PX
 
 
+@dataclass(frozen=True)
+class LoadReadings:
+    """How well the known loads are known, as standard deviations; 0: exactly.
+
+    Attributes
+    ----------
+    distance_std_m : of a load's place along the antenna. force_std_relative : of its force, relative.
+    """
+
+    distance_std_m: float = 0.0
+    force_std_relative: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Session:
     """session.yaml, checked.
@@ -77,6 +93,7 @@ class Session:
     jig_translation_std_m, jig_rotation_std_rad : how well the jig's place on the base is known, per axis; 0: exactly.
     tilt_zero_std_rad : how well the tilt encoder's zero is known before calibration.
     print_scale_std : relative standard deviation of the board's printed size, as far as it was measured; 0: exact.
+    load_readings : how well places and forces of the known loads are known.
     over : how the antenna is held over the board in over/, or None where session.yaml does not say.
     second_moment_sensor : about z, calibrated elsewhere; None where there is none.
     """
@@ -92,6 +109,7 @@ class Session:
     jig_rotation_std_rad: float = 0.0
     tilt_zero_std_rad: float = TILT_ZERO_STD_RAD
     print_scale_std: float = 0.0
+    load_readings: LoadReadings = LoadReadings()
     over: OverBoard | None = None
     second_moment_sensor: MomentSensor | None = None
 
@@ -141,9 +159,16 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         jig_translation_std_m=float((jig or {}).get("translation_std_m", 0.0)),
         jig_rotation_std_rad=float((jig or {}).get("rotation_std_rad", 0.0)),
         tilt_zero_std_rad=float(kinematics.get("tilt_zero_std_rad", TILT_ZERO_STD_RAD)),
+        load_readings=_load_readings(data.get("load_readings") or {}),
         print_scale_std=float(data.get("print_scale_std", 0.0)),
         over=None if over is None else _over(over),
         second_moment_sensor=None if second is None else MomentSensor.from_dict(second),
+    )
+
+
+def _load_readings(data: Mapping[str, Any]) -> LoadReadings:
+    return LoadReadings(
+        float(data.get("distance_std_m", RULER_STD_M)), float(data.get("force_std_relative", WEIGHT_STD_RELATIVE))
     )
 
 

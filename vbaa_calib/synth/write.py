@@ -150,5 +150,7 @@ def session_yaml(scene: Scene) -> str:
         **_over_key(scene),
         "gravity_world": _floats(scene.gravity_world_m_s2) if scene.gravity_world_m_s2.any() else None,
         "moment_sensor": {"std_Nm": scene.moment.std_Nm},
+        # nobody reads a ruler here
+        "load_readings": {"distance_std_m": 0.0, "force_std_relative": 0.0},
     }
     return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110)

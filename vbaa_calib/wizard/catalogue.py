@@ -95,8 +95,8 @@ QUESTIONS = (
     Question(
         "plane_way",
         "plane",
-        "How shall the camera's place on the antenna's base be found: by a board in a jig, a sweep of the joints before "
-        "a fixed board, or the antenna over a board?",
+        "How shall the camera's place on the antenna's base be found: by a board in a jig, a sweep of the joints "
+        "before a fixed board, or the antenna over a board?",
         "jig: one picture, and as exact as the jig; sweep: no jig, but 10 pictures with their joint angles; over: a "
         "board flat under the free antenna",
         kind="choice",
@@ -246,6 +246,25 @@ QUESTIONS = (
         low=0.001,
         high=100_000.0,
     ),
+    Question(
+        "distance_std_mm",
+        "loads",
+        "How exactly is a load's place along the antenna read off (one standard deviation)?",
+        "half a millimetre with a ruler, a tenth with a caliper; it limits EI more than anything else",
+        unit="mm",
+        default=0.5,
+        low=0.0,
+        high=50.0,
+    ),
+    Question(
+        "mass_std_percent",
+        "loads",
+        "And how well are the masses known?",
+        unit="%",
+        default=0.5,
+        low=0.0,
+        high=50.0,
+    ),
 )
 
 
@@ -261,6 +280,15 @@ TABLES = tuple(
     for step in ("plane", "noload", "loads")
 )
 """Never asked as a whole; a picture's readings are asked one by one."""
+
+
+BOARD_ANSWERS = (
+    *(question.key for question in QUESTIONS if question.step == "board"),
+    "measure_x_mm",
+    "measure_y_mm",
+    "board_given",
+)
+"""What is known of the board, with what follows from its answers; another board makes all of it void."""
 
 
 def by_key() -> Mapping[str, Question]:

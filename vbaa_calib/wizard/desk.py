@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -42,11 +42,12 @@ class Interrupted(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Live:
-    """A live picture: (H, W) uint8, what was found in it, how long it is held still (0..1)."""
+    """A live picture: (H, W) uint8, what was found in it, how long it is held still (0..1), and words about that."""
 
     image: np.ndarray
     judged: Judged
     held: float
+    words: str = ""
 
 
 class Desk(Protocol):
@@ -59,12 +60,20 @@ class Desk(Protocol):
         """An answer, checked. Raises Interrupted for a command, InputError where nobody is there."""
         ...
 
+    def greet(self, paragraphs: Sequence[str]) -> None:
+        """The first words."""
+        ...
+
     def begin(self, step: Step) -> None:
         """A step begins."""
         ...
 
     def show(self, step: Step, progress: Progress) -> None:
         """How far the step is."""
+        ...
+
+    def working(self, words: str) -> None:
+        """Something takes a while; what is told next stands in its place."""
         ...
 
     def live(self, step: Step, live: Live) -> None:
@@ -79,8 +88,12 @@ class Desk(Protocol):
         """What came in since the last call; does not wait."""
         ...
 
-    def done(self, words: str, report: str | None) -> None:
-        """The end."""
+    def done(self, document: Mapping[str, Any], report: str) -> None:
+        """The end. document : check.json's content. report : its page."""
+        ...
+
+    def close(self) -> None:
+        """Nothing more is told or asked."""
         ...
 
 
@@ -99,6 +112,9 @@ class Nobody:
             remedy=f"give {question.flag}, or {question.key}: in --answers FILE, or run it in a terminal",
         )
 
+    def greet(self, paragraphs: Sequence[str]) -> None:
+        """Nobody is there."""
+
     def begin(self, step: Step) -> None:
         """A heading."""
         say(f"{step.title}")
@@ -107,6 +123,9 @@ class Nobody:
         """The step's numbers."""
         for line in lines_of(progress):
             say(f"  {line}")
+
+    def working(self, words: str) -> None:
+        """Nobody waits."""
 
     def live(self, step: Step, live: Live) -> None:
         """Nobody watches."""
@@ -119,9 +138,12 @@ class Nobody:
         """None."""
         return []
 
-    def done(self, words: str, report: str | None) -> None:
+    def done(self, document: Mapping[str, Any], report: str) -> None:
         """The verdict."""
-        say(words)
+        say(document["words"])
+
+    def close(self) -> None:
+        """Nothing is open."""
 
 
 def lines_of(progress: Progress) -> list[str]:

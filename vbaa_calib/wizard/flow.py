@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..detect.board_file import load_board
-from ..errors import InputError
-from ..files import sha256, write_text
+from ..errors import InputError, VbaaError
+from ..files import read_text, sha256, write_text
 from ..images import list_images, read_picture
 from ..session import Session, load_session, read_loads, read_noload, read_sweep
-from .catalogue import by_key, open_questions
+from .asking import answer_all, take_back
+from .catalogue import BOARD_ANSWERS, SOURCES, by_key
 from .desk import Command, Desk, Interrupted
-from .journal import STEPS, Journal, Record, Taken
+from .journal import STEPS, Record, Taken
 from .known import Known
+from .questions import Question
 from .readings import Given, from_list, from_table
-from .session_file import answers_of
-from .sources import Source, open_source
+from .session_file import COLUMNS, answers_of
+from .sources import Source, SourceLost, open_source
 from .steps import board, lens, loads, noload, plane, sensor, verdict
 from .steps.step import Step
 from .store import ASIDE, FOLDERS, WAYS, Store
@@ -25,7 +27,15 @@ from .taking import GO_ON, Taking
 
 ALL = {one.name: one for one in (s.STEP for s in (board, lens, plane, noload, loads, sensor, verdict))}
 assert tuple(ALL) == STEPS
-BOARD, PAPER = by_key()["board"], by_key()["paper"]
+AGAIN = Question("again", "", "Press Enter to try again", "what was taken is kept", kind="text", default="again")
+GO_BACK = Question(
+    "go_back",
+    "",
+    "Press Enter to go back to the step before",
+    "other pictures there may mend it",
+    "text",
+    default="back",
+)
 
 
 class Quit(Exception):
@@ -35,141 +45,146 @@ class Quit(Exception):
 def walk(known: Known, desk: Desk) -> dict[str, Any]:
     """All steps that are open, to the verdict; its document. Raises Quit, InputError, SolveError."""
     at, store = 0, known.store
-    steps = [ALL[name] for name in STEPS[:-1]]
-    while at < len(steps):
+    steps = [ALL[name] for name in STEPS]
+    while True:
         step = steps[at]
         if store.journal.of(step.name).closed:
             at += 1
             continue
         desk.begin(step)
-        command = _through(known, desk, step)
+        try:
+            if step is steps[-1]:
+                return _concluded(known, desk)
+            command = _through(known, desk, step)
+        except Interrupted as interrupt:
+            command = interrupt.command
+        except VbaaError as error:
+            if not desk.interactive or step.judge is not None:
+                raise
+            command = _stuck(desk, error)
         if command.kind == "quit":
             raise Quit
         if command.kind == "back":
-            at = max(at - 1, 0)
-            store.open(steps[at].name)
+            at = _before(known, desk, at)
         elif command.kind == "redo":
             redo(store, desk, step.name)
-    last = ALL[STEPS[-1]]
-    desk.begin(last)
-    desk.show(last, last.look(known))
+
+
+def _before(known: Known, desk: Desk, at: int) -> int:
+    """The step to go back to, opened again: one with pictures, or with an answer to take back."""
+    for index in range(at - 1, -1, -1):
+        step = ALL[STEPS[index]]
+        if step.judge is not None or take_back(known.store, step.name):
+            known.store.open(step.name)
+            return index
+        known.store.open(step.name)
+    desk.say("there is nothing before this")
+    return at
+
+
+def _stuck(desk: Desk, error: VbaaError) -> Command:
+    desk.say(str(error))
+    try:
+        desk.ask(GO_BACK, {})
+    except Interrupted as interrupt:
+        return interrupt.command
+    return Command("back")
+
+
+def _concluded(known: Known, desk: Desk) -> dict[str, Any]:
+    step, store = ALL[STEPS[-1]], known.store
+    desk.show(step, step.look(known))
     known.write_files()
+    # the calibration reads whole folders: what came into them meanwhile was judged by nobody
+    put_strangers_aside(store, desk)
+    desk.working("everything in one solve")
     return verdict.conclude(store.root)
 
 
 def redo(store: Store, desk: Desk, step: str) -> None:
     """Start a step again, and say where the old one is."""
-    place = store.redo(step)
-    forgotten = {key: value for key, value in store.journal.answers.items() if key not in _asked_again(step)}
-    if len(forgotten) < len(store.journal.answers):
-        store.save(Journal(forgotten, store.journal.steps, store.journal.redone))
+    place = store.redo(step, _asked_again(step))
     desk.say(f"{ALL[step].title}: starts again" + (f", what it had is in {place}" if place else ""))
 
 
 def _asked_again(step: str) -> tuple[str, ...]:
     return {
-        "board": ("board", "paper", "measure_x_mm", "measure_y_mm", "board_along_x_mm", "board_along_y_mm"),
+        "board": BOARD_ANSWERS,
         "plane": ("plane_way", "jig_given", "over_given"),
     }.get(step, ())
 
 
 def _through(known: Known, desk: Desk, step: Step) -> Command:
-    """One step from its questions to its end. Returns `closed` or the command that leaves it."""
-    try:
-        _answered(known, desk, step)
-        if step.judge is None:
-            desk.show(step, step.look(known))
-            known.store.close(step.name, "done")
+    """One step from its questions to its end. Returns `closed`, or raises Interrupted for a command that leaves it."""
+    answer_all(known, desk, step)
+    if step.judge is None:
+        desk.show(step, step.look(known))
+        known.store.close(step.name, "done")
+        return Command("closed")
+    wants_more = False
+    if known.taken(step.name):
+        done, wants_more = _goes_on(known, desk, step)
+        if done:
             return Command("closed")
-        if known.taken(step.name) and _goes_on(known, desk, step):
-            return Command("closed")
-        source = source_of(known.store, step.name, desk.interactive)
+    while True:
+        source = _opened(known, desk, step)
         try:
             desk.say(f"pictures from {source.name}")
-            return Taking(known, desk, step, source, given_of(known.store, step.name)).run()
+            given = given_of(known.store, step.name)
+            return Taking(known, desk, step, source, given, wants_more).run()
+        except SourceLost as error:
+            if not desk.interactive:
+                raise
+            desk.say(str(error))
         finally:
             source.close()
-    except Interrupted as interrupt:
-        return interrupt.command
+        desk.ask(AGAIN, {})
 
 
-def _goes_on(known: Known, desk: Desk, step: Step) -> bool:
-    """Whether what was there when the step began will do, so that no source is opened."""
+def _opened(known: Known, desk: Desk, step: Step) -> Source:
+    """The step's source; asked for again where somebody is there and it cannot be opened."""
+    store = known.store
+    while True:
+        try:
+            return source_of(store, step.name, desk.interactive)
+        except InputError as error:
+            if not desk.interactive:
+                raise
+            desk.say(str(error))
+        question = next(question for question in SOURCES if question.step == step.name)
+        if step.name == "lens" and question.key not in store.journal.answers:
+            question = by_key()["source"]
+        store.answer({question.key: desk.ask(question, {})})
+
+
+def _goes_on(known: Known, desk: Desk, step: Step) -> tuple[bool, bool]:
+    """Whether what was there when the step began will do, so that no source is opened; whether more was wanted."""
     unattended = not desk.interactive and not source_text(known.store, step.name)
     if not unattended and not desk.interactive:
-        return False
+        return False, False
     progress = step.look(known)
     if unattended and not progress.usable:
         raise InputError(
             f"{step.title}: {'; '.join(progress.missing)}", remedy="give --source, where more pictures come from"
         )
-    if not unattended and not (progress.enough and desk.ask(GO_ON, {})):
-        return False
+    if not unattended and not progress.enough:
+        return False, False
     desk.show(step, progress)
+    if not unattended and not _is_done(desk):
+        return False, True
     known.store.close(step.name, "there already")
-    return True
+    return True, False
 
 
-def _answered(known: Known, desk: Desk, step: Step) -> None:
-    """Ask what the step has to ask, and act on it. Raises Interrupted, InputError."""
-    store = known.store
-    while True:
-        if step.name == "board":
-            _make_board(store, desk)
-        questions = open_questions(step.name, store.journal.answers)
-        if not questions or (questions[0].key == "source" and not desk.interactive and known.taken(step.name)):
-            return
-        value = desk.ask(questions[0], facts(store.journal.answers))
-        store.answer({questions[0].key: value})
-        _keep_if_right(store, desk)
-
-
-def _make_board(store: Store, desk: Desk) -> None:
-    """Once it is known which board it is: board.yaml, the sheet, and how long its print should be."""
-    answers = store.journal.answers
-    if "measure_x_mm" in answers or open_questions("board", answers)[:1] in ([BOARD], [PAPER]):
-        return
-    store.answer(board.make_board(store, answers))
-    desk.say(board.print_words(store, answers))
-    _keep_if_right(store, desk)
-
-
-def _keep_if_right(store: Store, desk: Desk) -> None:
-    """Answers that do not go together are asked again where somebody is there. Raises InputError where nobody is."""
+def _is_done(desk: Desk) -> bool:
     try:
-        check_together(store.journal.answers)
-    except InputError as error:
-        wrong = {key.strip() for key in str(error.where).split(",")}
-        left = {key: value for key, value in store.journal.answers.items() if key not in wrong}
-        store.save(Journal(left, store.journal.steps, store.journal.redone))
-        if not desk.interactive:
+        return bool(desk.ask(GO_ON, {}))
+    except Interrupted as interrupt:
+        if interrupt.command.kind in ("take", "drop"):
+            return False
+        if interrupt.command.kind != "enough":
             raise
-        desk.say(str(error))
-
-
-def check_together(answers: Mapping[str, Any]) -> None:
-    """Raises InputError for answers that are right one by one but do not go together; `where` names their keys."""
-    if answers.get("board") not in (None, "new") and "measure_x_mm" not in answers:
-        try:
-            load_board(Path(str(answers["board"])))
-        except InputError as error:
-            raise InputError(f"{error.where}: {error.what}", where="board", remedy=error.remedy) from None
-    board.check_scale(answers)
-    x, y = answers.get("jig_board_x"), answers.get("jig_board_y")
-    if x and y and x.lstrip("-") == y.lstrip("-"):
-        what = f"the board's x runs along {x} and its y along {y}"
-        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
-
-
-def facts(answers: Mapping[str, Any]) -> dict[str, Any]:
-    """What questions name in their words."""
-    new = answers.get("board", "new") == "new"
-    return {
-        "measured_x": "the ruler along the sheet's lower edge" if new else "the pattern along x, from edge to edge",
-        "measured_y": "the ruler along the sheet's left edge" if new else "the pattern along y, from edge to edge",
-        "measure_x_mm": answers.get("measure_x_mm", float("nan")),
-        "measure_y_mm": answers.get("measure_y_mm", float("nan")),
-    }
+        return True
 
 
 def source_text(store: Store, step: str) -> str:
@@ -179,21 +194,21 @@ def source_text(store: Store, step: str) -> str:
     if own:
         return str(own)
     text = str(answers.get("source", ""))
-    inside = Path(text) / store.folder(step)
-    return str(inside) if "://" not in text and inside.is_dir() else text
+    inside = os.path.join(text, store.folder(step))
+    return inside if "://" not in text and os.path.isdir(inside) else text
 
 
 def source_of(store: Store, step: str, wait: bool) -> Source:
     """The source of a step's pictures, those that were judged already left out. Raises InputError."""
     text, record = source_text(store, step), store.journal.of(step)
     folder = Path(text)
-    if "://" not in text and folder.is_dir() and folder.resolve().is_relative_to(store.root.resolve()):
+    if "://" not in text and os.path.isdir(text) and folder.resolve().is_relative_to(store.root.resolve()):
         raise InputError(
             "lies inside the session, where the wizard keeps what it took",
             where=text,
             remedy="let the camera's program write into another folder",
         )
-    return open_source(text, () if folder.is_file() else record.judged, wait)
+    return open_source(text, () if os.path.isfile(text) else record.judged, wait)
 
 
 def given_of(store: Store, step: str) -> Given:
@@ -204,7 +219,7 @@ def given_of(store: Store, step: str) -> Given:
     if named:
         return from_table(Path(str(named)))
     beside = Path(source_text(store, step)) / f"{store.folder(step)}.csv"
-    return from_table(beside) if beside.is_file() else Given()
+    return from_table(beside) if os.path.isfile(beside) else Given()
 
 
 def adopt(store: Store, desk: Desk) -> None:
@@ -215,7 +230,10 @@ def adopt(store: Store, desk: Desk) -> None:
     session, found = load_session(store.root), answers_of(path)
     given = store.root / ASIDE / "given"
     given.mkdir(parents=True, exist_ok=True)
-    write_text(given / path.name, path.read_text(encoding="utf-8-sig"))
+    tables = [folder / f"{folder.name}.csv" for folder in map(store.root.joinpath, COLUMNS)]
+    for file in (path, *tables):
+        if file.is_file():
+            write_text(given / file.name, read_text(file))
     made = board.make_board(store, found)
     journal = store.journal.with_answers({**made, **found})
     for step in ("lens", "plane", "noload", "loads"):
@@ -239,14 +257,15 @@ def _adopted(store: Store, session: Session, step: str, way: str) -> tuple[Taken
     elif folder.name == "sweep":
         rows = read_sweep(session)
     else:
-        return tuple(_taken(store, image, {}) for image in list_images(folder))
-    return tuple(_taken(store, row.image, _row_readings(row)) for row in rows)
+        return tuple(_taken(folder, image, {}) for image in list_images(folder))
+    return tuple(_taken(folder, row.image, _row_readings(row)) for row in rows)
 
 
-def _taken(store: Store, image: Path, readings: Mapping[str, float]) -> Taken:
+def _taken(folder: Path, image: Path, readings: Mapping[str, float]) -> Taken:
     read_picture(image)
-    file = image.resolve().relative_to(store.root.resolve()).as_posix()
-    return Taken(file, image.name, sha256(image), readings)
+    if image.parent.resolve() != folder.resolve():
+        raise InputError(f"lies outside {folder}", where=image, remedy="move it there, and mend its row in the table")
+    return Taken(f"{folder.name}/{image.name}", image.name, sha256(image), readings)
 
 
 def _row_readings(row: Any) -> dict[str, float]:
@@ -256,7 +275,9 @@ def _row_readings(row: Any) -> dict[str, float]:
 
 def put_strangers_aside(store: Store, desk: Desk) -> None:
     """Pictures in the session's folders that nobody was told of: left by a stop, or put there by hand."""
-    for step in ("lens", "plane", "noload", "loads"):
-        for path in store.strangers(step):
-            place = store.put_aside(path, "found")
-            desk.say(f"{path.relative_to(store.root)} is not one that the wizard took; it is now {place}")
+    strangers = store.strangers()
+    if strangers:
+        names = [path.relative_to(store.root).as_posix() for path in strangers]
+        place = store.put_aside(strangers, "found")
+        shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+        desk.say(f"not taken by the wizard, and put aside into {place}: {shown}")

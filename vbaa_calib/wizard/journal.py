@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,10 +10,26 @@ from types import MappingProxyType
 from typing import Any
 
 from ..errors import InputError
+from .catalogue import QUESTIONS, SOURCES, TABLES
 
 SCHEMA = "vbaa.wizard/1"
 STEPS = ("board", "lens", "plane", "noload", "loads", "sensor", "verdict")
-_REMEDY = "move wizard.json away, and the wizard starts from the pictures and tables that are there"
+READINGS: Mapping[str, tuple[str, ...]] = {
+    "sweep": ("pan_rad", "tilt_rad"),
+    "noload": ("pan_rad", "tilt_rad", "moment_Nm"),
+    "loads": ("pan_rad", "tilt_rad", "moment_Nm", "distance_m", "force_y_N", "force_z_N"),
+}
+"""Folder → what is read with each of its pictures."""
+_REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
+_FOLLOWING = {"measure_x_mm": "number", "measure_y_mm": "number"} | {
+    f"{name}_given": "yesno" for name in ("board", "jig", "over", "gravity")
+}
+_KINDS = (
+    {question.key: question.kind for question in (*QUESTIONS, *SOURCES)}
+    | {question.key: "table" for question in TABLES}
+    | _FOLLOWING
+)
+_CHOICES = {question.key: question.choices for question in QUESTIONS if question.choices}
 
 
 @dataclass(frozen=True)
@@ -106,7 +123,7 @@ class Journal:
             raise InputError(f"schema is {data.get('schema')!r}, {SCHEMA} is needed", where=path, remedy=_REMEDY)
         try:
             steps = {name: _record(record) for name, record in data["steps"].items()}
-            answers = {str(key): value for key, value in data["answers"].items()}
+            answers = {key: _answer(key, value) for key, value in data["answers"].items()}
             redone = tuple(str(name) for name in data.get("redone", ()))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f"is damaged ({error!r})", where=path, remedy=_REMEDY) from None
@@ -122,12 +139,36 @@ def _record(data: Mapping[str, Any]) -> Record:
             _inside(one["file"]),
             str(one["source"]),
             str(one["sha256"]),
-            {str(key): float(value) for key, value in one["readings"].items()},
+            {key: _finite(value) for key, value in one["readings"].items()},
         )
         for one in data["taken"]
     )
+    for one in taken:
+        missing = [name for name in READINGS.get(Path(one.file).parent.name, ()) if name not in one.readings]
+        if missing:
+            raise ValueError(f"{one.file} has no {missing[0]}")
     left = tuple(Left(str(one["source"]), str(one["sha256"]), str(one["why"])) for one in data["left"])
     return Record(taken, left, str(data["closed"]))
+
+
+def _answer(key: str, value: Any) -> Any:
+    """An answer as the wizard keeps it; its range was checked when it was given."""
+    kind = _KINDS.get(key)
+    if kind is None:
+        raise ValueError(f"{key!r} is no question")
+    if isinstance(value, list) and kind in ("numbers", "table"):
+        return [_finite(one) for one in value] if kind == "numbers" else value
+    if kind == "number":
+        return _finite(value)
+    if not isinstance(value, bool if kind == "yesno" else str) or value not in _CHOICES.get(key, (value,)):
+        raise ValueError(f"{key} is {value!r}")
+    return value
+
+
+def _finite(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is no number")
+    return float(value)
 
 
 def _inside(file: str) -> str:

@@ -14,7 +14,7 @@ from targets.scale import PrintScale, print_scale, rescaled
 from ..calibrate.diagnose import still_diagnoses
 from ..calibrate.intrinsics import LensSolution, solve_intrinsics
 from ..calibrate.joint import JointSolution, solve_joint
-from ..calibrate.joint_problem import Observation
+from ..calibrate.joint_given import Observation
 from ..calibrate.next_view import WorkPlane
 from ..calibrate.session_plane import PlaneC, PlaneViews, find_plane
 from ..calibrate.session_rig import nominal_parameters, prior
@@ -89,7 +89,7 @@ class Known:
     @property
     def scale_std(self) -> float:
         """Of the print's scale, relative; 0 where the board came with the session, as it says."""
-        given = "jig_given" in self.store.journal.answers
+        given = "board_given" in self.store.journal.answers
         return 0.0 if self.scale is None or given else self.scale.std
 
     @property
@@ -208,7 +208,8 @@ class Known:
 
     def _joint(self) -> JointSolution:
         session, plane = self.session, self.plane()
-        before = prior(session.antenna, self.lens().camera, plane.estimates, plane.by_antenna_alone)
+        camera, readings = self.lens().camera, session.load_readings
+        before = prior(session.antenna, camera, plane.estimates, plane.by_antenna_alone, readings)
         seen = [self.observation(step, one) for step in ("noload", "loads") for one in self.taken(step)]
         if not seen:
             raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import cv2
@@ -36,8 +36,10 @@ class Page:
         self._live: dict[str, Any] | None = None
         self._jpeg: bytes | None = None
         self._log: list[str] = []
-        self._words = ""
+        self._verdict: dict[str, Any] | None = None
         self._report: str | None = None
+        self._doing = ""
+        self._number = self._since = self._asked = 0
 
     @property
     def url(self) -> str:
@@ -45,12 +47,37 @@ class Page:
         return self._preview.url
 
     def take(self) -> list[tuple[str, Any]]:
-        """Commands given on the page since the last call."""
-        return [(command.kind, command.value) for command in self._preview.take_commands()]
+        """Commands given on the page since the last call, but for those that were meant for what was there before."""
+        taken: list[tuple[str, Any]] = []
+        for command in self._preview.take_commands():
+            seen = self._number if command.seen is None else command.seen
+            if command.kind == "answer":
+                fits = self._question is not None and seen >= self._asked
+            else:
+                fits = command.kind in self._can() and (command.kind in ("take", "quit") or seen >= self._since)
+            if fits:
+                taken.append((command.kind, command.value))
+                # a second click came before the page showed what the first one did
+                self._since = self._number + 1
+        return taken
+
+    def _can(self) -> list[str]:
+        """What may be done now."""
+        if self._verdict is not None:
+            return ["quit"]
+        name = self._step.name if self._step else STEPS[0]
+        can = ["quit"] if name == STEPS[0] else ["back", "quit"]
+        if self._step is None or self._step.judge is None:
+            return ["redo", *can] if name == STEPS[0] else can
+        if self._store.journal.of(name).taken:
+            can = ["enough", "drop", *can]
+        return (["take"] if self._live is not None else []) + ["redo", *can]
 
     def begin(self, step: Step) -> None:
         """A step begins."""
-        self._step, self._progress, self._live, self._jpeg = step, Progress(), None, None
+        self._step, self._progress, self._doing = step, Progress(), ""
+        self._live, self._jpeg, self._question = None, None, None
+        self._since = self._number + 1
         self._publish()
 
     def ask(self, question: Question, words: str, problem: str) -> None:
@@ -60,6 +87,7 @@ class Page:
             default = self._question["default"]
             shown = None if default is None else ", ".join(f"{part:g}" for part in default)
             self._question |= {"kind": "text", "default": shown}
+        self._doing, self._asked = "", self._number + 1
         self._publish()
 
     def answered(self) -> None:
@@ -67,9 +95,14 @@ class Page:
         self._question = None
         self._publish()
 
+    def working(self, words: str) -> None:
+        """Something takes a while."""
+        self._doing = words
+        self._publish()
+
     def show(self, step: Step, progress: Progress) -> None:
         """How far the step is."""
-        self._step, self._progress = step, progress
+        self._step, self._progress, self._doing = step, progress, ""
         self._publish()
 
     def live(self, live: Any) -> None:
@@ -101,9 +134,10 @@ class Page:
         self._log = [*self._log, line][-_LOG_LINES:]
         self._publish()
 
-    def done(self, words: str, report: str | None) -> None:
-        """The end."""
-        self._words, self._report, self._question, self._live, self._jpeg = words, report, None, None, None
+    def done(self, document: Mapping[str, Any], report: str | None) -> None:
+        """The end: check.json's content, and where its page is."""
+        self._verdict = {"level": document["verdict"], "words": document["words"]}
+        self._report, self._question, self._live, self._jpeg = report, None, None, None
         self._publish()
 
     def close(self) -> None:
@@ -111,26 +145,19 @@ class Page:
         self._preview.close()
 
     def _publish(self) -> None:
-        now = self._step.name if self._step else ""
-        journal, progress = self._store.journal, self._progress
-        steps = []
-        for name in STEPS:
-            record = journal.of(name)
-            status = "now" if name == now and not self._words else "done" if record.closed or self._words else "todo"
-            note = f"{len(record.taken)} pictures" if record.taken else ""
-            steps.append({"name": name, "title": self._titles[name], "status": status, "note": note})
+        step, progress, finished = self._step, self._progress, self._verdict is not None
         state = {
             "session": str(self._store.root),
-            "steps": steps,
+            "steps": self._steps(),
             "step": {
-                "name": now,
-                "title": self._step.title if self._step else "",
-                "what": self._step.what if self._step else "",
-                "why": self._step.why if self._step else "",
+                "name": step.name if step else "",
+                "title": step.title if step else "",
+                "what": step.what if step else "",
+                "why": step.why if step else "",
                 "seen": list(progress.seen),
                 "missing": [*progress.missing, *map(str, progress.diagnoses)],
-                "next": progress.next or self._words,
-                "enough": progress.enough,
+                "next": f"working: {self._doing} …" if self._doing else progress.next,
+                "enough": progress.enough and not self._doing,
                 "numbers": [
                     {"label": one.label, "value": one.value, "goal": one.goal or None, "met": one.met}
                     for one in progress.numbers
@@ -139,7 +166,26 @@ class Page:
             "question": self._question,
             "live": self._live,
             "log": self._log,
-            "finished": bool(self._words),
+            "finished": finished,
+            "verdict": self._verdict,
             "report": self._report,
+            "can": self._can(),
         }
-        self._preview.show(Snapshot(state, self._jpeg))
+        self._number = self._preview.show(Snapshot(state, self._jpeg))
+
+    def _steps(self) -> list[dict[str, str]]:
+        finished, journal = self._verdict is not None, self._store.journal
+        steps = []
+        for name in STEPS:
+            record = journal.of(name)
+            now = self._step is not None and name == self._step.name and not finished
+            count = len(record.taken)
+            steps.append(
+                {
+                    "name": name,
+                    "title": self._titles[name],
+                    "status": "now" if now else "done" if record.closed or finished else "todo",
+                    "note": f"{count} picture{'' if count == 1 else 's'}" if count else "",
+                }
+            )
+        return steps

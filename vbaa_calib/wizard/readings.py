@@ -88,6 +88,7 @@ def from_table(path: Path) -> Given:
         if name in rows:
             raise InputError(f"{name} stands twice", where=f"{path} line {row['line']}", remedy="a row per picture")
         rows[name] = {key: cell for key, cell in row.items() if key in COLUMNS and cell}
+        in_si(rows[name], f"{path} line {row['line']}")
     return Given(rows, (), path)
 
 
@@ -105,8 +106,12 @@ def from_list(rows: Sequence[Any], where: object) -> Given:
                     f"unknown key {key!r}", where=place, remedy=f"the keys are image, {', '.join(COLUMNS)}"
                 )
         numbers = {key: value for key, value in row.items() if key != "image"}
+        in_si(numbers, place)
         if "image" in row:
-            name = Path(str(row["image"])).name
+            if not isinstance(row["image"], str) or not (name := Path(row["image"]).name):
+                raise InputError(
+                    "image is no name of a picture", where=place, remedy="name the picture, or leave it out"
+                )
             if name in by_image:
                 raise InputError(f"{name} stands twice", where=place, remedy="a row per picture")
             by_image[name] = numbers
@@ -125,15 +130,19 @@ def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
         for name in given:
             value = Question(name, "", name).read(typed[name], where)
             found[next(iter(names))] = value * names[name]
+    for name in ("distance_m", "mass_kg"):
+        if not found.get(name, 1.0) > 0:
+            raise InputError(f"{name} is {found[name]:g}", where=where, remedy="it is more than zero: measure it again")
     return found
 
 
 def complete(
-    folder: str, typed: Mapping[str, Any], gravity_antenna_m_s2: np.ndarray, where: object
+    folder: str, typed: Mapping[str, Any], gravity_antenna_m_s2: np.ndarray, length_m: float, where: object
 ) -> dict[str, float]:
     """Readings of a picture as the tables of a session want them.
 
-    gravity_antenna_m_s2 : (3,) at these joint angles: a mass pulls along it. Raises InputError naming what is missing.
+    gravity_antenna_m_s2 : (3,) at these joint angles: a mass pulls along it. length_m : of the antenna, where no load
+    hangs beyond. Raises InputError naming what is missing.
     """
     known = in_si(typed, where)
     needed = {
@@ -148,7 +157,12 @@ def complete(
     for name in ("pan_rad", "tilt_rad"):
         if abs(known.get(name, 0.0)) > 2 * np.pi:
             raise InputError(f"{name} is {known[name]:g}, more than a turn", where=where, remedy="are these degrees?")
-    return known | _force(known, gravity_antenna_m_s2, where) if folder == "loads" else known
+    if folder != "loads":
+        return known
+    if known["distance_m"] > length_m:
+        what = f"distance_m is {known['distance_m']:g}, the antenna {length_m:g} m long"
+        raise InputError(what, where=where, remedy="measure from the clamp along the antenna; is the unit right?")
+    return known | _force(known, gravity_antenna_m_s2, where)
 
 
 def _force(known: Mapping[str, float], gravity: np.ndarray, where: object) -> dict[str, float]:

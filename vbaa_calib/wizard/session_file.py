@@ -18,16 +18,12 @@ from ..errors import InputError
 from ..files import read_yaml, write_text
 from ..session import SCHEMA, Session, has_sweep, load_session, session_from
 from .catalogue import by_key
-from .journal import Journal, Taken
+from .journal import READINGS, Journal, Taken
 from .store import Store
 
 GRAVITY_M_S2 = 9.80665
 DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
-COLUMNS = {
-    "sweep": ("image", "pan_rad", "tilt_rad"),
-    "noload": ("image", "pan_rad", "tilt_rad", "moment_Nm"),
-    "loads": ("image", "pan_rad", "tilt_rad", "moment_Nm", "distance_m", "force_y_N", "force_z_N"),
-}
+COLUMNS = {folder: ("image", *names) for folder, names in READINGS.items()}
 
 
 def session_data(
@@ -49,12 +45,21 @@ def session_data(
         },
         "moment_sensor": dict(before.get("moment_sensor") or {}) | {"std_Nm": 1e-3 * value["moment_std_mNm"]},
     }
+    if "distance_std_mm" in answers or "load_readings" not in before:
+        data["load_readings"] = {
+            "distance_std_m": 1e-3 * value["distance_std_mm"],
+            "force_std_relative": 1e-2 * value["mass_std_percent"],
+        }
     if print_scale_std:
         data["print_scale_std"] = round(print_scale_std, 9)
     if "gravity" in answers or "gravity_world" not in before:
         down = DIRECTIONS.get(value["gravity"])
         data["gravity_world"] = None if down is None else [GRAVITY_M_S2 * float(part) for part in down]
     way = value["plane_way"]
+    # the calibration takes every way that session.yaml names: one that was chosen before must not stay
+    for other in {"jig", "over"} - {way}:
+        if not answers.get(f"{other}_given"):
+            data.pop(other, None)
     if way == "jig" and value["jig_translation_mm"] is not None:
         data["jig"] = _jig(value)
         data["board"]["thickness_m"] = 1e-3 * value["board_thickness_mm"]
@@ -132,6 +137,9 @@ def answers_of(session_yaml: Path) -> dict[str, Any]:
         "youngs_modulus_GPa": 1e-9 * session.antenna.youngs_modulus_Pa,
         "density_kg_m3": session.antenna.density_kg_m3,
         "moment_std_mNm": 1e3 * session.moment_std_Nm,
+        "distance_std_mm": 1e3 * session.load_readings.distance_std_m,
+        "mass_std_percent": 1e2 * session.load_readings.force_std_relative,
+        "board_given": True,
         "gravity_given": True,
         "jig_given": ways["jig"],
         "over_given": ways["over"],

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from .sources.offered import Offered
 NAME = "wizard.json"
 ASIDE = "aside"
 LOCK = ".wizard-lock"
-_HALF_WRITTEN = re.compile(r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-\w+\.\w+")
+_HALF_WRITTEN = re.compile(r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+")
 FOLDERS = {"lens": "intrinsics", "noload": "noload", "loads": "loads"}
 """Step → folder of its pictures; plane C's depends on the way that was chosen."""
 WAYS = {"jig": "plane", "sweep": "sweep", "over": "over"}
@@ -123,10 +123,14 @@ class Store:
         self.save(self.journal.with_step(step, replace(record, taken=kept, left=left, closed="")))
         return self._aside(self.path(taken), "dropped")
 
-    def redo(self, step: str) -> Path | None:
-        """Start a step again. What it had goes aside, and where that is comes back; None where it had nothing."""
+    def redo(self, step: str, forget: Collection[str] = ()) -> Path | None:
+        """Start a step again, these answers forgotten.
+
+        What it had goes aside, and where that is comes back; None where it had nothing.
+        """
         record = self.journal.of(step)
-        again = replace(self.journal.with_step(step, Record()), redone=(*self.journal.redone, step))
+        answers = {key: value for key, value in self.journal.answers.items() if key not in forget}
+        again = replace(self.journal.with_step(step, Record()), answers=answers, redone=(*self.journal.redone, step))
         place = None
         if record.taken:
             place = self._new_aside(f"{step}-{again.redone.count(step)}")
@@ -151,18 +155,29 @@ class Store:
                 journal = journal.with_step(step, replace(record, taken=kept, closed=""))
         self.save(journal)
 
-    def strangers(self, step: str) -> list[Path]:
-        """Pictures in a step's folder that the journal does not name."""
-        folder = self.root / self.folder(step)
-        named = {one.file for one in self.journal.of(step).taken}
-        if not folder.is_dir():
-            return []
-        pictures = (path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES and path.is_file())
-        return [path for path in pictures if path.relative_to(self.root).as_posix() not in named]
+    def strangers(self) -> list[Path]:
+        """Pictures in the steps' folders that the journal does not name, and folders of ways that were not chosen.
 
-    def put_aside(self, path: Path, why: str) -> Path:
-        """Move a file out of the way, never delete it. Where it is now."""
-        return self._aside(path, why)
+        The calibration takes every way to plane C that it finds; those that came with a session are meant.
+        """
+        named = {one.file for record in self.journal.steps.values() for one in record.taken}
+        folders = [self.root / self.folder(step) for step in ("lens", "plane", "noload", "loads")]
+        pictures = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
+        found = [path for path in pictures if path.suffix.lower() in SUFFIXES and path.is_file()]
+        strange = [path for path in found if path.relative_to(self.root).as_posix() not in named]
+        if "jig_given" in self.journal.answers:
+            return strange
+        ways = (self.root / way for way in WAYS.values() if way != self.folder("plane"))
+        return strange + [folder for folder in ways if folder.is_dir()]
+
+    def put_aside(self, paths: Sequence[Path], why: str) -> Path:
+        """Move files or folders out of the way, never delete them. The folder where they are now."""
+        place = self._new_aside(why)
+        for path in paths:
+            target = place / path.relative_to(self.root)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path.rename(target)
+        return place
 
     def _aside(self, path: Path, why: str) -> Path:
         target = self._new_aside(why) / path.name
@@ -197,16 +212,20 @@ def _number(file: str) -> int:
 
 def _locked(path: Path) -> Any:
     """An open file that is locked until the process ends, however it ends."""
-    stream = path.open("a")
+    try:
+        stream = path.open("a")
+    except OSError as error:
+        why = f"cannot be written ({error.strerror})"
+        raise InputError(why, where=path.parent, remedy="name a folder that can be written") from None
     try:
         import fcntl
 
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except ImportError:  # no such locks there; the files are whole all the same
-        pass
-    except OSError:
+    except BlockingIOError:
         stream.close()
         raise InputError(
             "another wizard works on this session", where=path.parent, remedy="end that one first"
         ) from None
+    except (ImportError, OSError):  # no such locks there, as on some network drives; the files are whole all the same
+        pass
     return stream

@@ -18,7 +18,9 @@ from .steps.step import Step
 from .still import StillGate
 
 WAIT_S = 0.2
-GO_ON = Question("go_on", "", "Go on with the next step?", "enough, more will not help", kind="yesno", default="yes")
+GO_ON = Question(
+    "go_on", "", "Go on with the next step?", "no: more pictures may be taken", kind="yesno", default="yes"
+)
 
 
 @dataclass
@@ -30,12 +32,14 @@ class Taking:
     step: Step
     source: Source
     given: Given
+    declined: bool = False
 
     def __post_init__(self) -> None:
         self.store = self.known.store
         self.gate = StillGate()
         self.progress: Progress | None = None
-        self.declined, self.by_hand, self.noted = False, False, 0
+        self.pending: Offered | None = None
+        self.by_hand, self.noted, self.doubted = False, 0, ""
         record = self.store.journal.of(self.step.name)
         self.taken_before = {one.source for one in record.taken}
         self.left_before = {one.source for one in record.left}
@@ -48,25 +52,30 @@ class Taking:
     def run(self) -> Command:
         """Until the step is closed, or a command leaves it."""
         while True:
-            self._pass_notes()
-            if self.progress is None and self.watched:
-                self._look()
-                if self._is_enough():
-                    return self._closed("enough")
-            for command in self.desk.commands():
-                leave = self._obeyed(command)
-                if leave is not None:
-                    return leave
-            offered = self.source.next(WAIT_S)
-            if offered is not None:
-                try:
-                    self._offered(offered)
-                except Interrupted as interrupt:
-                    leave = self._obeyed(interrupt.command)
-                    if leave is not None:
-                        return leave
-            elif self.source.ended:
-                return self._all_seen()
+            try:
+                ended = self._once()
+            except Interrupted as interrupt:
+                ended = self._obeyed(interrupt.command)
+            if ended is not None:
+                return ended
+
+    def _once(self) -> Command | None:
+        """What came meanwhile, and one picture. Raises Interrupted for a command where something was asked."""
+        self._pass_notes()
+        if self.progress is None and self.watched:
+            self._look()
+            if self._is_enough():
+                return self._closed("enough")
+        for command in self.desk.commands():
+            ended = self._obeyed(command)
+            if ended is not None:
+                return ended
+        offered = self.pending or self.source.next(WAIT_S)
+        if offered is not None:
+            self._offered(offered)
+        elif self.source.ended:
+            return self._all_seen()
+        return None
 
     def _pass_notes(self) -> None:
         for note in self.source.notes[self.noted :]:
@@ -74,6 +83,7 @@ class Taking:
         self.noted = len(self.source.notes)
 
     def _look(self) -> None:
+        self.desk.working("what the pictures are worth, and which one to take next")
         self.progress = self.step.look(self.known)
         self.desk.show(self.step, self.progress)
 
@@ -98,6 +108,9 @@ class Taking:
                 return self._closed("by hand")
             self.desk.say(f"not yet: {'; '.join(progress.missing) or 'nothing was taken'}")
             return None
+        if command.kind == "drop" and self.pending is not None:
+            self._left(self.pending, "not wanted")
+            return None
         if command.kind == "drop":
             taken = self.known.taken(self.step.name)
             if taken:
@@ -112,29 +125,40 @@ class Taking:
         return command
 
     def _offered(self, offered: Offered) -> None:
-        if not self.source.live:
+        if not self.source.live or offered is self.pending:
             self._decide(offered)
             return
         judged = self._judged(offered, None)
         assert offered.time_s is not None
         held = self.gate.feed(offered.image, offered.time_s)
-        self.desk.live(self.step, Live(offered.image, judged, held.share))
-        if not held.take and not self.by_hand:
+        self.desk.live(self.step, Live(offered.image, judged, held.share, held.words))
+        by_hand, self.by_hand = self.by_hand, False
+        if not held.take and not by_hand:
             return
-        self.by_hand = False
         # a video that is seen again holds still where it did before
         if offered.name in self.left_before:
             self.gate.rearm()
         elif offered.name not in self.taken_before:
-            self._decide(offered)
+            if judged.refusal and not by_hand:
+                self._doubted(offered)
+            else:
+                self._decide(offered)
+
+    def _doubted(self, offered: Offered) -> None:
+        """A frame that is held still, but is not good: why, once; it is not kept in mind, others like it follow."""
+        why = self._judged(offered, {}).refusal
+        if why and why != self.doubted:
+            self.doubted = why
+            self.desk.say(f"not taken: {why}")
+        self.gate.rearm()
 
     def _judged(self, offered: Offered, readings: Mapping[str, float] | None) -> Judged:
         assert self.step.judge is not None
         return self.step.judge(self.known, offered, readings)
 
     def _decide(self, offered: Offered) -> None:
-        """Take a picture or leave it; what becomes of it is on the disk when this returns."""
-        name = self.step.name
+        """Take a picture or leave it: on the disk when this returns, pending till then."""
+        name, self.pending = self.step.name, offered
         twin = next((one for one in self.known.taken(name) if one.sha256 == offered.sha256), None)
         if twin is None:
             readings = self._readings(offered)
@@ -142,16 +166,21 @@ class Taking:
         else:
             readings, judged = {}, Judged(f"is the same picture as {twin.file}")
         if judged.refusal:
-            self.store.leave(name, offered, judged.refusal)
-            self.left_before.add(offered.name)
-            self.desk.say(f"left  {offered.name}: {judged.refusal}")
-            self.gate.rearm()
+            self._left(offered, judged.refusal)
             return
         taken = self.store.take(name, offered, readings)
+        self.pending = None
         self.taken_before.add(offered.name)
         self.known.write_files()
-        self.desk.say(f"took  {offered.name} as {taken.file}{f', {judged.words}' if judged.words else ''}")
+        self.desk.say(f"took      {offered.name} as {taken.file}{f', {judged.words}' if judged.words else ''}")
         self.progress = None
+
+    def _left(self, offered: Offered, why: str) -> None:
+        self.store.leave(self.step.name, offered, why)
+        self.pending = None
+        self.left_before.add(offered.name)
+        self.desk.say(f"left      {offered.name}: {why}")
+        self.gate.rearm()
 
     def _readings(self, offered: Offered) -> dict[str, float]:
         folder = self.store.folder(self.step.name)
@@ -168,12 +197,12 @@ class Taking:
                 remedy=f"give --{self.step.name}-readings, a CSV with a column image, or write it in --answers FILE",
             )
         if row is not None:
-            return complete(folder, row, self._gravity(row, where), where)
+            return complete(folder, row, self._gravity(row, where), self._length_m, where)
         while True:
             self.desk.say(f"{offered.name}: what was read with it?")
             typed = {question.key: self.desk.ask(question, {}) for question in self._with_defaults(questions)}
             try:
-                return complete(folder, typed, self._gravity(typed, where), where)
+                return complete(folder, typed, self._gravity(typed, where), self._length_m, where)
             except InputError as error:
                 self.desk.say(str(error))
 
@@ -181,6 +210,10 @@ class Taking:
         """Joints stay where they were unless something else is typed."""
         last = self.known.taken(self.step.name)[-1:]
         return [with_last(question, last[0].readings) if last else question for question in questions]
+
+    @property
+    def _length_m(self) -> float:
+        return self.known.session.antenna.length_m
 
     def _gravity(self, typed: Mapping[str, Any], where: object) -> Any:
         known = in_si(typed, where)

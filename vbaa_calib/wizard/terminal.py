@@ -6,19 +6,22 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..console import say
 from ..errors import InputError
 from .desk import COMMANDS, Command, Interrupted, Live, lines_of
+from .journal import STEPS
 from .page import Page
 from .progress import Progress
-from .questions import Question, Value
+from .questions import Question, Value, shown
+from .screen import Screen
 from .steps.step import Step
 
 _TICK_S = 0.1
-_LINE_EVERY_S = 0.4
+_STATUS_EVERY_S = 0.25
+_LABEL = 12 * " "
+_STYLES = {"next": "next", "WRONG": "wrong", "look": "doubt"}
 
 
 class Terminal:
@@ -27,16 +30,18 @@ class Terminal:
     interactive = True
 
     def __init__(self, page: Page | None = None) -> None:
-        self._page = page
+        self._page, self._screen = page, Screen()
         self._typed: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._bold = ("\033[1m", "\033[0m") if sys.stderr.isatty() else ("", "")
-        self._lived, self._open_line = 0.0, False
+        self._told: tuple[str, tuple[str, ...]] = ("", ())
+        self._status, self._status_s = "", 0.0
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
-        # a thread of its own: nothing else reads a terminal without waiting on every system
-        for line in sys.stdin:
-            self._typed.put(line.strip())
+        # A thread of its own: nothing else reads a terminal without waiting on every system. And past Python's buffer,
+        # whose lock a thread that waits would still hold when the program ends.
+        with open(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as raw:
+            while line := raw.readline():
+                self._typed.put(line.decode(sys.stdin.encoding or "utf-8", "replace").strip())
         self._typed.put(None)
 
     def _next_line(self) -> str | None:
@@ -45,92 +50,105 @@ class Terminal:
             line = self._typed.get_nowait()
         except queue.Empty:
             return None
+        if line is not None:
+            self._screen.entered()
         return "quit" if line is None else line
 
     def ask(self, question: Question, facts: Mapping[str, Any]) -> Value:
         """Ask until the answer is one."""
         words = question.words.format_map(facts)
-        self._write(f"{self._bold[0]}{words}{self._bold[1]}")
+        self._write("")
+        self._write(words, "bold")
         if question.why:
-            self._write(f"  ({question.why})")
+            self._write(f"({question.why})", "dim", "  ", "   ")
         problem = ""
         while True:
             if self._page is not None:
                 self._page.ask(question, words, problem)
-            self._prompt(question)
             given = self._answer(question)
             try:
                 value = question.read(given)
             except InputError as error:
-                problem = str(error)
-                self._write(f"  {problem}")
+                problem = f"{error.what.removeprefix(f'{question.key} is ')}; {error.remedy}"
+                self._write(problem, "doubt", "  ")
                 continue
             if self._page is not None:
                 self._page.answered()
             return value
 
-    def _prompt(self, question: Question) -> None:
-        unit = f" [{question.unit}]" if question.unit else ""
-        choices = f" [{'/'.join(question.choices)}]" if question.choices else ""
-        default = "" if question.default is None else f" (Enter: {_shown(question.default)})"
-        print(f"  {question.key}{unit}{choices}{default}: ", end="", file=sys.stderr, flush=True)
-        self._open_line = True
-
     def _answer(self, question: Question) -> object:
         while True:
+            self._screen.below(_prompt(question))
             line = self._next_line()
             if line is not None:
-                self._open_line = False
-                if line == "help":
+                command = _command(line)
+                if command == "help":
                     self._help()
-                elif line in COMMANDS and line not in question.choices:
-                    raise Interrupted(Command(line))
+                elif command and line not in question.choices:
+                    raise self._interrupted(command)
                 elif line or question.default is None:
                     return line
                 else:
                     return question.default
-                self._prompt(question)
                 continue
             if self._page is not None:
                 for kind, value in self._page.take():
                     if kind == "answer" and question.key in value:
-                        self._write("")
+                        self._write(f"on the page: {shown(value[question.key])}", "", "  ")
                         return value[question.key]
-                    if kind != "answer":
-                        raise Interrupted(Command(kind))
+                    if kind not in ("answer", "take"):
+                        raise self._interrupted(kind)
             time.sleep(_TICK_S)
+
+    def _interrupted(self, kind: str) -> Interrupted:
+        if self._page is not None:
+            self._page.answered()
+        return Interrupted(Command(kind))
+
+    def greet(self, paragraphs: Sequence[str]) -> None:
+        """The first words, a blank line after each."""
+        for paragraph in paragraphs:
+            self._write(f"{paragraph}\n")
 
     def begin(self, step: Step) -> None:
         """A heading, and what and why."""
-        self._write(f"\n{self._bold[0]}── {step.title} {'─' * max(60 - len(step.title), 3)}{self._bold[1]}")
-        self._write(f"{step.what}\n{step.why}")
+        title = f"── {STEPS.index(step.name) + 1} of {len(STEPS)} · {step.title} "
+        self._write(f"\n{title.ljust(min(self._screen.width, 79), '─')}", "bold")
+        self._write(step.what)
+        self._write(step.why, "dim")
+        self._told, self._status = ("", ()), ""
         if self._page is not None:
             self._page.begin(step)
 
     def show(self, step: Step, progress: Progress) -> None:
-        """How far the step is."""
-        for line in lines_of(progress):
-            self._write(f"  {line}")
+        """How far the step is: what has changed since it was shown before, and what is next."""
+        lines = tuple(lines_of(progress))
+        before = self._told[1] if self._told[0] == step.name else ()
+        for line in lines:
+            label = line.split(maxsplit=1)[0]
+            if line not in before or label == "next":
+                self._write(line, _STYLES.get(label, ""), "  ", _LABEL)
+        self._told = (step.name, lines)
         if self._page is not None:
             self._page.show(step, progress)
 
+    def working(self, words: str) -> None:
+        """Something takes a while."""
+        self._screen.passing(f"  … {words}")
+        if self._page is not None:
+            self._page.working(words)
+
     def live(self, step: Step, live: Live) -> None:
-        """A line that is written over, and the picture on the page."""
+        """The picture on the page, and a line about it above the prompt."""
         if self._page is not None:
             self._page.live(live)
         now = time.monotonic()
-        if now - self._lived < _LINE_EVERY_S:
-            return
-        self._lived = now
-        hint = live.judged.refusal or next((one.words for one in live.judged.hints), "")
-        held = "▮" * round(4 * live.held) + "▯" * (4 - round(4 * live.held))
-        line = f"  {held} {len(live.judged.corners_px)} corners  {hint or live.judged.closer or 'good; hold it still'}"
-        print(f"\r{line[:118]:118s}", end="", file=sys.stderr, flush=True)
-        self._open_line = True
+        if now - self._status_s >= _STATUS_EVERY_S:
+            self._status, self._status_s = f"  {live_words(live)}", now
 
     def say(self, line: str) -> None:
         """A line."""
-        self._write(f"  {line}")
+        self._write(line, "", "  ", "    ")
         if self._page is not None:
             self._page.log(line)
 
@@ -138,39 +156,74 @@ class Terminal:
         """Typed and clicked."""
         found = []
         while (line := self._next_line()) is not None:
-            self._open_line = False
-            if line == "help":
+            command = _command(line)
+            if command == "help":
                 self._help()
-            elif line in COMMANDS:
-                found.append(Command(line))
+            elif command:
+                found.append(Command(command))
             elif line:
-                self._write(f"  {line!r} is no command; they are {', '.join(COMMANDS)}")
-            if line == "quit":
+                self._write(f"{line!r} is none of {', '.join(COMMANDS)}", "doubt", "  ")
+            if command == "quit":
                 break
         if self._page is not None:
             found += [Command(kind) for kind, _ in self._page.take() if kind != "answer"]
+        if self._status:
+            self._screen.below("  take, enough, drop, back, redo, quit, help: ", self._status)
+        else:
+            self._screen.below("  waiting for pictures (or: enough, drop, back, redo, quit, help): ")
         return found
 
-    def done(self, words: str, report: str | None) -> None:
+    def done(self, document: Mapping[str, Any], report: str) -> None:
         """The verdict."""
-        self._write(f"\n{self._bold[0]}{words}{self._bold[1]}")
+        self._write("")
+        self._write(document["words"], "bold")
+        self._write(f"report    {report}", "", "  ", _LABEL)
         if self._page is not None:
-            self._page.done(words, report)
+            self._page.done(document, report)
+
+    def close(self) -> None:
+        """Leave the terminal as it was, and the page."""
+        self._screen.close()
+        if self._page is not None:
+            self._page.close()
 
     def _help(self) -> None:
         for name, words in COMMANDS.items():
-            self._write(f"  {name:8s} {words}")
+            self._write(f"{name:9s} {words}", "", "  ", _LABEL)
+        self._write("An answer of before is given anew with its flag: vbaa wizard --help lists them.", "", "  ")
 
-    def _write(self, text: str) -> None:
-        if self._open_line:
-            print(file=sys.stderr)
-            self._open_line = False
-        say(text)
+    def _write(self, text: str, style: str = "", indent: str = "", hang: str | None = None) -> None:
+        self._screen.write(text, style, indent, hang)
 
 
-def _shown(value: Value) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list | tuple):
-        return ", ".join(f"{part:g}" for part in value)
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
+def live_words(live: Live) -> str:
+    """A live picture in a line: how long it is held, what is seen, what to change."""
+    held = "▮" * round(4 * live.held) + "▯" * (4 - round(4 * live.held))
+    judged, parts = live.judged, []
+    if len(judged.corners_px):
+        parts.append(f"{len(judged.corners_px)} corners")
+    if judged.hints:
+        parts.append(judged.hints[0].words)
+    elif judged.refusal:
+        parts.append(judged.refusal)
+    if not judged.refusal:
+        if judged.closeness is not None:
+            parts.append(f"match {100 * judged.closeness:.0f} %: {judged.closer}")
+        parts.append(live.words or "hold it still")
+    return f"{held} {' · '.join(parts)}"
+
+
+def _command(line: str) -> str:
+    """The command that a line is, "" where it is none."""
+    word = line.lower()
+    return "help" if word == "?" else word if word in COMMANDS else ""
+
+
+def _prompt(question: Question) -> str:
+    parts = [question.unit] if question.unit else []
+    choices = ("yes", "no") if question.kind == "yesno" else question.choices
+    if choices:
+        parts.append(" / ".join(choices))
+    if question.default is not None:
+        parts.append(f"Enter for {shown(question.default)}")
+    return f"  {', '.join(parts) or 'answer'}: "

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .catalogue import QUESTIONS, SOURCES, TABLES
+from .catalogue import BOARD_ANSWERS, QUESTIONS, SOURCES, TABLES
 from .journal import STEPS
 
 if TYPE_CHECKING:
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
     from .store import Store
 
 _OPTIONS = (*QUESTIONS, *SOURCES, *TABLES)
+_PATHS = {"board", "source"} | {question.key for question in (*SOURCES, *TABLES)}
+_LAST_PORT = 65535
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +34,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--batch", action="store_true", help="ask nothing and never wait, as without a terminal")
     parser.add_argument("--no-page", action="store_true", help="no live page beside the terminal")
     parser.add_argument("--port", type=int, default=0, help="of the live page on 127.0.0.1 (default: any that is free)")
-    group = parser.add_argument_group("answers", "each is asked for in a terminal where it is not given")
+    group = parser.add_argument_group(
+        "answers",
+        "each is asked for in a terminal where it is not given; a value that begins with a minus needs an equals sign, "
+        "like --jig-board-y=-y",
+    )
     for question in _OPTIONS:
         unit = f" ({question.unit})" if question.unit else ""
         choices = f": {', '.join(question.choices)}" if question.choices else ""
@@ -42,66 +50,94 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Walk through the steps. Returns the verdict and where everything is.
 
-    Raises InputError for whatever is wrong or missing, where nobody is there to be asked.
+    Raises InputError for whatever is wrong or missing, where nobody is there to be asked; VbaaError for a disk that is
+    full or gone.
     """
+    from ..console import say
+    from ..errors import InputError, VbaaError
     from .known import Known
     from .store import Store
 
+    if not 0 <= args.port <= _LAST_PORT:
+        raise InputError(f"there is no port {args.port}", where="--port", remedy=f"0 for any, or up to {_LAST_PORT}")
     given = answers_given(args)
-    with Store(args.session) as store:
-        return _run(args, store, Known(store), given)
+    try:
+        with Store(args.session) as store:
+            return _run(args, store, Known(store), given)
+    except KeyboardInterrupt:
+        say(f"stopped; `vbaa wizard {args.session}` goes on here, with all that it said it took")
+        raise
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        where, why = error.filename or args.session, error.strerror or error
+        remedy = "mend that and run it again: it goes on with all that it said it took"
+        raise VbaaError(f"{where}: cannot be read or written ({why}); {remedy}") from error
 
 
 def answers_given(args: argparse.Namespace) -> dict[str, Any]:
     """Answers of --answers and of flags, which win; checked. Raises InputError."""
     from ..errors import InputError
     from ..files import read_yaml
+    from .readings import from_list
 
-    known, found = {question.key: question for question in _OPTIONS}, {}
+    known = {question.key: question for question in _OPTIONS}
+    found: dict[str, Any] = {}
     for key, value in (read_yaml(args.answers) if args.answers else {}).items():
         if key not in known:
-            raise InputError(f"unknown key {key!r}", where=args.answers, remedy=f"the keys are {', '.join(known)}")
-        listed = key in {question.key for question in TABLES} and isinstance(value, list)
-        found[key] = value if listed else known[key].read(value, args.answers)
-        base = {question.key for question in (*SOURCES, *TABLES)} | {"board", "source"}
-        if key in base and isinstance(found[key], str):
-            found[key] = _beside(args.answers, found[key])
+            close = difflib.get_close_matches(str(key), known, n=1)
+            remedy = f"do you mean {close[0]}?" if close else f"the keys are {', '.join(known)}"
+            raise InputError(f"unknown key {key!r}", where=args.answers, remedy=remedy)
+        if key in {question.key for question in TABLES} and isinstance(value, list):
+            from_list(value, f"{args.answers}: {key}")
+            found[key] = value
+        else:
+            found[key] = known[key].read(value, args.answers)
+        if key in _PATHS and isinstance(found[key], str):
+            found[key] = _absolute(args.answers.parent, found[key])
     for key, question in known.items():
         value = getattr(args, f"answer_{key}")
         if value is not None:
             found[key] = question.read(value, question.flag)
+            if key in _PATHS:
+                found[key] = _absolute(Path(), found[key])
     return found
 
 
-def _beside(answers: Path, text: str) -> str:
-    """A path of an answers file is relative to it."""
-    if text == "new" or "://" in text or text.startswith(("camera:", "/")):
+def _absolute(folder: Path, text: str) -> str:
+    """A path, from then on wherever the wizard is called; what names nothing in `folder` is left for its own errors."""
+    path = os.path.abspath(folder / text)
+    if text == "new" or "://" in text or text.startswith("camera:") or not os.path.exists(path):
         return text
-    return str(answers.parent / text)
+    return path
 
 
 def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[str, Any]) -> dict[str, Any]:
+    from .asking import check_together
     from .desk import Nobody
-    from .flow import ALL, Quit, adopt, check_together, put_strangers_aside, redo, walk
+    from .flow import ALL, Quit, adopt, put_strangers_aside, redo, walk
+    from .greeting import greeting
     from .page import Page
     from .terminal import Terminal
 
-    attended = sys.stdin.isatty() and sys.stderr.isatty() and not args.batch
-    page = None
+    # without one of them where they were closed
+    attended = not args.batch and all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr))
+    page, titles = None, {name: step.title for name, step in ALL.items()}
     if attended and not args.no_page:
-        page = Page(store, {name: step.title for name, step in ALL.items()}, known.lens_corners, args.port)
+        page = Page(store, titles, known.lens_corners, args.port)
     desk: Desk = Terminal(page) if attended else Nobody()
     try:
-        if page is not None:
-            desk.say(f"live page: {page.url}")
+        desk.greet(greeting(store, args.session, "" if page is None else page.url, titles))
         adopt(store, desk)
-        put_strangers_aside(store, desk)
+        # first: a picture that was changed is a stranger from then on
         _forget_lost(store, desk)
-        check_together({**store.journal.answers, **given})
+        put_strangers_aside(store, desk)
+        check_together(_merged(store.journal.answers, given))
         _reopen(store, desk, given)
-        store.answer(given)
+        # first: what is given now is meant for the step as it starts again
         if args.redo:
             redo(store, desk, args.redo)
+        store.answer(given)
         if args.reopen:
             store.open(args.reopen)
         try:
@@ -109,13 +145,12 @@ def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[st
         except Quit:
             desk.say(f"stopped; `vbaa wizard {args.session}` goes on here")
             return _told(store, None)
-        desk.done(document["words"], str(store.root / "check.html"))
+        desk.done(document, str(store.root / "check.html"))
         if attended and page is not None:
             _linger(desk)
         return _told(store, document)
     finally:
-        if page is not None:
-            page.close()
+        desk.close()
 
 
 def _reopen(store: Store, desk: Desk, given: Mapping[str, Any]) -> None:
@@ -125,10 +160,19 @@ def _reopen(store: Store, desk: Desk, given: Mapping[str, Any]) -> None:
     before = store.journal.answers
     if given.get("plane_way", before.get("plane_way")) != before.get("plane_way") and store.journal.of("plane").taken:
         redo(store, desk, "plane")
-    if "measure_x_mm" in before and any(
-        key in given and given[key] != before.get(key) for key in ("board", "paper") if key in before
-    ):
+    if _is_another_board(before, given):
         redo(store, desk, "board")
+
+
+def _is_another_board(before: Mapping[str, Any], given: Mapping[str, Any]) -> bool:
+    keys = ("board", "paper") if given.get("board", before.get("board")) == "new" else ("board",)
+    return "measure_x_mm" in before and any(key in given and given[key] != before.get(key) for key in keys)
+
+
+def _merged(before: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """All answers as they will be; what was measured on another board is none of them."""
+    stale = BOARD_ANSWERS if _is_another_board(before, given) else ()
+    return {key: value for key, value in before.items() if key not in stale} | dict(given)
 
 
 def _forget_lost(store: Store, desk: Desk) -> None:

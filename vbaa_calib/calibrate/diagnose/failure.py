@@ -8,10 +8,12 @@ from ...diagnosis import Diagnosis
 from ...errors import InputError, SolveError
 from ...geometry import Kinematics
 from ...session import Load, Session, read_loads
+from ..joint import solve_joint
 from ..joint_problem import Observation, Prior
-from .free_base import solve_free
+from .free_base import DEAF, solve_free
 from .gravity import gravity_diagnosis
 from .load_rows import row_diagnoses, wrong_rows
+from .still_diagnoses import still_diagnoses
 from .typed_loads import typed_load_doubts
 
 
@@ -31,7 +33,7 @@ def explain_failure(
     Raises nothing: a table that cannot be read has said so itself.
     """
     kinematics = session.kinematics if kinematics is None else kinematics
-    loads = [one.still for one in observations if isinstance(one.still, Load)]
+    loads: list[Load] = [one.still for one in observations if isinstance(one.still, Load)]
     if not loads:
         try:
             loads = read_loads(session)
@@ -40,13 +42,17 @@ def explain_failure(
     found = typed_load_doubts(loads, session.antenna)
     if before is None or not observations:
         return found
+    length, std = session.antenna.length_m, session.moment_std_Nm
     try:
-        free = solve_free(observations, before, session.antenna.length_m, session.moment_std_Nm)
-        gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2)
-        if gravity is not None:
-            return [*found, gravity]
-        rows = wrong_rows(free, observations, session.antenna.length_m)
+        # without the sensor, which may be what is wrong
+        return still_diagnoses(session, kinematics, solve_joint(observations, before, length, DEAF * std)) or found
+    except SolveError:
+        pass
+    try:
+        free = solve_free(observations, before, length, std)
     except SolveError:
         return found
-    named = row_diagnoses(rows, len(loads))
-    return named or found
+    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2)
+    if gravity is not None:
+        return [gravity]
+    return row_diagnoses(wrong_rows(free, observations, length), len(loads)) or found

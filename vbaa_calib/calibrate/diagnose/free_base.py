@@ -15,6 +15,8 @@ from ...session import Load
 from ..joint import JointSolution, solve_joint
 from ..joint_problem import ANTENNA, Observation, Prior
 
+DEAF = 1e6
+"""Factor on the moment sensor's noise that leaves it out of a solve."""
 MOST_BENT = 6.0
 """f·l²/EI beyond which an antenna hangs along its load: more looks the same."""
 
@@ -34,11 +36,14 @@ class Faithful:
 
 
 def solve_free(observations: Sequence[Observation], before: Prior, length_m: float, std_Nm: float) -> JointSolution:
-    """The joint solve of the no-load frames alone. Raises SolveError when there are none, or it does not converge."""
+    """The solve of the no-load frames alone, the moment sensor left out: it may be what is wrong.
+
+    Raises SolveError when there are none, or it does not converge.
+    """
     free = [one for one in observations if not isinstance(one.still, Load)]
     if not free:
         raise SolveError("there is no no-load frame")
-    return solve_joint(free, before, length_m, std_Nm)
+    return solve_joint(free, before, length_m, DEAF * std_Nm)
 
 
 def faithful(free: JointSolution, observation: Observation, loads: Sequence[Load]) -> Faithful:

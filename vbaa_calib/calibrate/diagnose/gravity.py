@@ -9,6 +9,7 @@ import numpy as np
 
 from ...diagnosis import Diagnosis
 from ...geometry import Kinematics
+from ...reprojection import robust_cost
 from ...session import Still, gravity_antenna
 from ..joint import JointSolution, Linearised, noise_scale
 
@@ -47,7 +48,7 @@ class Left:
 
     Attributes
     ----------
-    squares : twice the robust cost, the points' deviations as claimed.
+    squares : twice the robust cost of the points, their deviations as claimed.
     noise_scale : scatter of the points over these.
     """
 
@@ -100,7 +101,8 @@ def left_by(free: JointSolution, gravity_m_s2: np.ndarray) -> Left:
         if after > (1 - SETTLED) * before:
             break
     blocks, _ = problem.evaluate(now.parameters)
-    return Left(2.0 * now.cost, noise_scale([block[:, 0] for block in blocks]))
+    # the points' own: a bow that is not ordinary is no sign of another gravity
+    return Left(2.0 * robust_cost(now.residuals[: -now.certain]), noise_scale([block[:, 0] for block in blocks]))
 
 
 def otherwise(

@@ -14,7 +14,7 @@ import numpy as np
 from ...diagnosis import Diagnosis
 from ...session import Load
 from ..joint import JointSolution
-from ..joint_problem import Observation
+from ..joint_problem import ANTENNA, Observation
 from .free_base import faithful
 from .readings import Reading, other_readings, row_name
 
@@ -30,8 +30,8 @@ CONTRADICTS, FITS = 0.22, 0.08
 other. Half a millimetre on the ruler and half a per cent on the balance make 0.02."""
 CLEARER = 3.0
 """A right reading lies this many times nearer than the noted one."""
-ALIKE = 0.02
-"""Misfits that differ by less tell nothing between two readings."""
+SAME_VALUE = 0.03
+"""Readings that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
 SHOWN_STD = 5.0
 """Least deflection, in deviations of single points, that tells one reading from another."""
 AGREE = 0.1
@@ -80,11 +80,22 @@ def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_
         readings = other_readings(load, length_m)
         others = _nearest(free, one, [reading.load for reading in readings], centre, reach)
         nearest = float(others.misfit.min())
-        # the commonest of those that fit as well: kilograms before a decimal point
-        best = int(np.flatnonzero(others.misfit <= nearest + ALIKE)[0])
+        best = _commonest(readings, others.misfit)
         right = others.shown_std >= SHOWN_STD and nearest <= FITS and nearest * CLEARER <= noted
         rows.append(Row(index, load, readings[best] if right else None))
     return rows
+
+
+def _commonest(readings: Sequence[Reading], misfit: np.ndarray) -> int:
+    """The reading that fits best, or the commonest of those that say nearly the same: kilograms, not a lost digit."""
+    best = readings[int(np.argmin(misfit))].load
+    for index, reading in enumerate(readings):
+        one = reading.load
+        apart = np.hypot(one.force_y_N - best.force_y_N, one.force_z_N - best.force_z_N)
+        size = np.hypot(best.force_y_N, best.force_z_N)
+        if apart <= SAME_VALUE * size and abs(one.distance_m - best.distance_m) <= SAME_VALUE * best.distance_m:
+            return index
+    return int(np.argmin(misfit))
 
 
 def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
@@ -134,16 +145,20 @@ def _nearest(free: JointSolution, one: Observation, loads: Sequence[Load], centr
 
 def _reference(free: JointSolution, loaded: Sequence[Observation]) -> tuple[float, float]:
     """EI's logarithm, less the free antenna's, and how far it may be off: by the loads that agree, if two do."""
-    found = [_nearest(free, one, [_load(one)], 0.0, FAR_REACH) for one in loaded]
-    usable = [(one, fit) for one, fit in zip(loaded, found, strict=True) if _usable(fit)]
+    start = float(free.problem.prior.mean[6] - free.parameters[ANTENNA][6])
+    # a sag that asks for quite another antenna has another cause: gravity, or the mass
+    start = start if abs(start) > NOMINAL_REACH else 0.0
+    found = [_nearest(free, one, [_load(one)], start, FAR_REACH) for one in loaded]
+    usable = [(one, fit) for one, fit in zip(loaded, found, strict=True) if _usable(fit, start)]
     if len(usable) >= 2:
         middle = float(np.median([fit.log_stiffness[0] for _, fit in usable]))
         same = [one for one, fit in usable if abs(fit.log_stiffness[0] - middle) <= AGREE]
         if len(same) >= 2 and 2 * len(same) > len(usable):
             closer = [_nearest(free, one, [_load(one)], middle, AGREE).log_stiffness[0] for one in same]
             return float(np.median(closer)), KNOWN_REACH
-    return 0.0, NOMINAL_REACH
+    return start, NOMINAL_REACH
 
 
-def _usable(fit: Nearest) -> bool:
-    return bool(fit.misfit[0] <= FITS and fit.shown_std >= SHOWN_STD and abs(fit.log_stiffness[0]) < FAR_REACH)
+def _usable(fit: Nearest, start: float) -> bool:
+    at_end = abs(fit.log_stiffness[0] - start) >= FAR_REACH - 0.5 * STEP
+    return bool(fit.misfit[0] <= FITS and fit.shown_std >= SHOWN_STD and not at_end)

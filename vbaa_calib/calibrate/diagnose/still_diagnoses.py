@@ -46,11 +46,11 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSoluti
     found = row_diagnoses(rows, sum(isinstance(one.still, Load) for one in problem.observations))
     # rows that are wrong, and took part, have moved everything: the free antenna alone is asked then
     kept = [keep for one, keep in zip(problem.observations, joint.kept, strict=True) if isinstance(one.still, Load)]
-    misled = any(kept[row.index] for row in rows)
+    misled = any(kept[row.index] and row.reading is not None for row in rows)
     asked = free if free is not None and misled else joint
     linear = StillRows.of(asked)
     if asked is joint and free is not None:
-        linear = linear.with_readings(DISTANCE_STD_M, FORCE_STD, free.noise_scale)
+        linear = linear.with_readings(DISTANCE_STD_M, FORCE_STD, min(free.noise_scale, joint.noise_scale))
     moved = step_diagnosis(asked, linear)
     held = [moved, bent_diagnosis(asked, linear) if moved is None else None]
     if asked is joint:

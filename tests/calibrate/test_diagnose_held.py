@@ -1,0 +1,119 @@
+"""Antennas that bend, clamps that slip, sensors and gravity that are not as noted: each injected, each named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vbaa_calib.calibrate.diagnose import explain_failure, still_diagnoses
+from vbaa_calib.calibrate.joint_problem import Observation, Prior
+from vbaa_calib.diagnosis import Diagnosis
+from vbaa_calib.errors import SolveError
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.session import Load, gravity_antenna
+
+from ..rod_scenes import GRAVITY_WORLD
+from .still_faults import Faults, before, bowed, drawn_world, free_stills, hung_loads, observed, session, solved, turned
+
+G = 9.80665
+
+
+@pytest.fixture(scope="module")
+def good() -> tuple[Prior, list[Observation]]:
+    """A session in which nothing is wrong but what a ruler and a balance always are."""
+    rng = np.random.default_rng(0)
+    world = drawn_world(rng)
+    return before(world, rng), observed(world, [*free_stills(), *hung_loads(rng)], rng)
+
+
+def diagnosed(known: Prior, observations: list[Observation], gravity: np.ndarray = GRAVITY_WORLD) -> list[Diagnosis]:
+    return still_diagnoses(session(gravity), Kinematics(), solved(observations, known))
+
+
+def injected(seed: int, faults: Faults) -> list[Diagnosis]:
+    """What is said of a session with a fault in it."""
+    rng = np.random.default_rng(seed)
+    world = drawn_world(rng)
+    observations = observed(world, [*free_stills(), *hung_loads(rng)], rng, faults)
+    return diagnosed(before(world, rng), observations)
+
+
+def reread(observations: list[Observation], sensor: Callable[[int, float], float]) -> list[Observation]:
+    return [
+        replace(one, still=replace(one.still, moment_Nm=sensor(index, one.still.moment_Nm)))
+        for index, one in enumerate(observations)
+    ]
+
+
+SENSORS: dict[str, tuple[Callable[[int, float], float], str, str]] = {
+    "sign": (lambda index, read: -read, "sensor_sign", "wrong sign"),
+    "not connected": (lambda index, read: 0.0, "sensor_not_connected", "all 8 moment readings"),
+    "noise": (lambda index, read: 2e-5 * np.sin(7.0 * index), "sensor_not_connected", "do not follow"),
+    "millinewton metres": (lambda index, read: 1e3 * read, "sensor_unit", "mN·m"),
+}
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_a_sensor_that_is_wrong_is_named(good, name: str) -> None:
+    known, observations = good
+    sensor, called, words = SENSORS[name]
+    read = reread(observations, sensor)
+    try:
+        found = diagnosed(known, read)
+    except SolveError:
+        found = explain_failure(session(), None, read, known)
+    assert [one.name for one in found] == [called]
+    assert words in found[0].words
+
+
+def test_a_sensor_that_is_right_is_not(good) -> None:
+    assert diagnosed(*good) == []
+
+
+def regravitated(observations: list[Observation], gravity_world: np.ndarray) -> list[Observation]:
+    pulls = gravity_antenna(Kinematics(), gravity_world, [one.still for one in observations])
+    return [replace(one, gravity_m_s2=pull) for one, pull in zip(observations, pulls, strict=True)]
+
+
+@pytest.mark.parametrize("noted", [(0.0, 0.0, G), (G, 0.0, 0.0)])
+def test_gravity_that_points_elsewhere_is_named(good, noted: tuple[float, float, float]) -> None:
+    known, observations = good
+    gravity = np.array(noted)
+    found = diagnosed(known, regravitated(observations, gravity), gravity)
+    assert found[0].name == "gravity_direction"
+    assert "−z of the world" in found[0].words
+    assert "-9.80665" in found[0].remedy
+
+
+def test_joints_in_degrees_are_named(good) -> None:
+    known, observations = good
+    degrees = [replace(one, still=replace(one.still, tilt_rad=np.rad2deg(one.still.tilt_rad))) for one in observations]
+    found = diagnosed(known, regravitated(degrees, GRAVITY_WORLD))
+    assert found[0].name == "joint_readings_wrong"
+    assert "degrees" in found[0].words
+
+
+def test_a_clamp_that_slips_is_named() -> None:
+    slipping = Faults(world=lambda index, world: turned(world, 0.012, -0.010) if index >= 3 else world)
+    found = injected(21, slipping)
+    assert [one.name for one in found] == ["clamp_slipped"]
+    assert found[0].grave
+
+
+def test_an_antenna_that_is_bowed_is_named() -> None:
+    found = injected(22, Faults(world=lambda index, world: bowed(world, 0.3, 1.6)))
+    assert "antenna_bent" in [one.name for one in found]
+
+
+@pytest.mark.slow
+def test_clean_sessions_raise_nothing() -> None:
+    said = [injected(seed, Faults()) for seed in range(100, 150)]
+    assert sum(map(bool, said)) <= 1, said
+
+
+def test_loads_are_stills_of_their_own(good) -> None:
+    _, observations = good
+    assert sum(isinstance(one.still, Load) for one in observations) == 5

@@ -1,0 +1,146 @@
+"""Rows of loads.csv with every slip of the pen: named before the solve where they are absurd, by their picture else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vbaa_calib.calibrate.diagnose import explain_failure, still_diagnoses, typed_load_doubts
+from vbaa_calib.calibrate.diagnose.free_base import solve_free
+from vbaa_calib.calibrate.diagnose.load_rows import row_diagnoses, wrong_rows
+from vbaa_calib.calibrate.diagnose.readings import other_readings
+from vbaa_calib.calibrate.joint import JointSolution
+from vbaa_calib.calibrate.joint_problem import Observation, Prior
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.session import Load
+
+from ..rod_scenes import LENGTH_M
+from .still_faults import NOMINAL, before, drawn_world, free_stills, hung_loads, observed, session, solved
+
+G = 9.80665
+
+
+def scaled(factor: float) -> Callable[[Load], Load]:
+    return lambda load: replace(load, force_y_N=factor * load.force_y_N, force_z_N=factor * load.force_z_N)
+
+
+def exchanged(load: Load) -> Load:
+    return replace(load, force_y_N=load.force_z_N, force_z_N=load.force_y_N)
+
+
+def from_tip(load: Load) -> Load:
+    return replace(load, distance_m=LENGTH_M - load.distance_m)
+
+
+SLIPS: dict[str, tuple[Callable[[Load], Load], str]] = {
+    "grams": (scaled(1e3 / G), "in grams"),
+    "kilograms": (scaled(1 / G), "in kilograms"),
+    "millinewtons": (scaled(1e3), "in millinewtons"),
+    "sign": (scaled(-1.0), "with its sign turned round"),
+    "exchanged": (exchanged, "with y and z exchanged"),
+    "from the tip": (from_tip, "from the tip"),
+    "a tenth": (lambda load: replace(load, distance_m=0.1 * load.distance_m), "a decimal place too small"),
+}
+
+
+@pytest.fixture(scope="module")
+def good() -> tuple[Prior, list[Observation], JointSolution]:
+    """A session in which nothing is wrong but what a ruler and a balance always are."""
+    rng = np.random.default_rng(11)
+    world = drawn_world(rng)
+    observations, known = observed(world, [*free_stills(), *hung_loads(rng)], rng), before(world, rng)
+    return known, observations, solve_free(observations, known, LENGTH_M, 2e-5)
+
+
+def renoted(observations: list[Observation], slip: Callable[[Load], Load], which: set[int]) -> list[Observation]:
+    """The same pictures with other rows for some of the loads, counted from 0."""
+    found, index = [], -1
+    for one in observations:
+        if isinstance(one.still, Load):
+            index += 1
+            found.append(replace(one, still=slip(one.still)) if index in which else one)
+        else:
+            found.append(one)
+    return found
+
+
+@pytest.mark.parametrize("rows", [{1}, {0, 1, 2, 3, 4}], ids=["one row", "all rows"])
+@pytest.mark.parametrize("name", SLIPS)
+def test_a_slip_is_named_with_its_row_and_the_value_that_fits(good, name: str, rows: set[int]) -> None:
+    _, observations, free = good
+    slip, how = SLIPS[name]
+    wrong = renoted(observations, slip, rows)
+    found = row_diagnoses(wrong_rows(free, wrong, LENGTH_M), 5)
+    said = [one for one in found if how in one.words]
+    assert said, [str(one) for one in found]
+    assert said[0].grave
+    if len(rows) == 1:
+        assert found == said
+        assert "row 2 (loads_001.png)" in said[0].words
+        true = next(one.still for one in observations if one.still.image and one.still.image.name == "loads_001.png")
+        assert isinstance(true, Load)
+        value = true.distance_m if "distance" in said[0].name else true.force_y_N
+        shown = [float(part.split("→")[1].split(",")[0]) for part in said[0].remedy.split(": ")[1].split(", ")]
+        # a kilogram is 9.81 N, a slip of the decimal point 10
+        assert shown[0] == pytest.approx(value, rel=0.03)
+    else:
+        assert "rows" in said[0].words or said[0].words.count("row") >= 3
+
+
+def test_rows_that_are_right_raise_nothing(good) -> None:
+    known, observations, free = good
+    assert wrong_rows(free, observations, LENGTH_M) == []
+    assert still_diagnoses(session(), Kinematics(), solved(observations, known)) == []
+
+
+def test_a_wrong_row_is_said_once_and_explains_the_rest(good) -> None:
+    known, observations, _ = good
+    wrong = renoted(observations, scaled(1e3 / G), {2})
+    found = still_diagnoses(session(), Kinematics(), solved(wrong, known))
+    assert [one.name for one in found] == ["load_force_mistyped"]
+    assert found == [one for one in explain_failure(session(), None, wrong, known) if one.name != "load_force_unit"]
+
+
+def test_typed_loads_that_are_right_raise_nothing() -> None:
+    rng = np.random.default_rng(0)
+    down = np.tile([0.0, 0.0, -G], (5, 1))
+    for _ in range(50):
+        assert typed_load_doubts(hung_loads(rng), NOMINAL) == []
+        assert typed_load_doubts(hung_loads(rng, pulley=False), NOMINAL, down, hung=True) == []
+
+
+def test_typed_loads_that_cannot_be_are_named() -> None:
+    loads = hung_loads(np.random.default_rng(1))
+    grams = typed_load_doubts([scaled(1e3 / G)(load) for load in loads], NOMINAL)
+    assert [one.name for one in grams] == ["load_force_unit"]
+    assert "all 5 rows" in grams[0].words
+    assert "in grams" in grams[0].remedy
+    (centimetres,) = typed_load_doubts([replace(loads[0], distance_m=15.0), *loads[1:]], NOMINAL)
+    assert centimetres.name == "load_distance_unit"
+    assert "row 1" in centimetres.words
+    assert "in centimetres" in centimetres.remedy
+    (millimetres,) = typed_load_doubts([replace(loads[0], distance_m=150.0), *loads[1:]], NOMINAL)
+    assert "in millimetres" in millimetres.remedy
+    (small,) = typed_load_doubts([scaled(1e-3)(loads[0])], NOMINAL)
+    assert small.name == "load_too_small"
+
+
+def test_weights_hang_down() -> None:
+    down = np.tile([0.0, 0.0, -G], (3, 1))
+    loads = hung_loads(np.random.default_rng(2), 3, pulley=False)
+    (up,) = typed_load_doubts([scaled(-1.0)(loads[0]), *loads[1:]], NOMINAL, down, hung=True)
+    assert up.name == "load_not_along_gravity"
+    assert f"force_z_N {loads[0].force_z_N:.4g}" in up.remedy
+    lean = np.tile([-G * np.sin(0.5), 0.0, -G * np.cos(0.5)], (3, 1))
+    assert {one.name for one in typed_load_doubts(loads, NOMINAL, lean, hung=True)} == {"load_along_antenna"}
+
+
+def test_no_other_reading_is_the_row_itself() -> None:
+    for load in hung_loads(np.random.default_rng(3)):
+        readings = other_readings(load, LENGTH_M)
+        assert all(reading.load != load for reading in readings)
+        assert all(0 < reading.load.distance_m <= LENGTH_M for reading in readings)
+        assert len({(r.load.distance_m, r.load.force_y_N, r.load.force_z_N) for r in readings}) == len(readings)

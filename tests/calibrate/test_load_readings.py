@@ -1,0 +1,129 @@
+"""Loads whose places and weights are read off: the joint solve finds what they are off by, and EI says so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vbaa_calib.calibrate.joint import JointSolution, solve_joint
+from vbaa_calib.calibrate.joint_given import Observation
+from vbaa_calib.calibrate.joint_problem import Problem
+from vbaa_calib.calibrate.load_readings import EXACT, ReadingGroups, reading_keys, readings_altered
+from vbaa_calib.calibrate.pose_estimate import PoseEstimate
+from vbaa_calib.calibrate.session_rig import prior
+from vbaa_calib.session import Load, LoadReadings, Still
+
+from ..rod_scenes import LENGTH_M
+from .test_joint import CAMERA, NOMINAL, POSE_COVARIANCE, TRUE, errors, observed
+
+RULER = LoadReadings(5e-4, 5e-3)
+LOG_STIFFNESS = 12
+
+
+def misread(observations: Sequence[Observation], known: LoadReadings, rng: np.random.Generator) -> list[Observation]:
+    """The observations with their places and weights noted wrong, the same one always by the same."""
+    off: dict[tuple[str, str], float] = {}
+    noted = []
+    for one in observations:
+        still = one.still
+        if isinstance(still, Load):
+            place, weight = reading_keys(still)
+            further = off.setdefault(place, rng.normal(0.0, known.distance_std_m))
+            heavier = np.exp(off.setdefault(weight, rng.normal(0.0, known.force_std_relative)))
+            still = replace(
+                still,
+                distance_m=still.distance_m + further,
+                force_y_N=heavier * still.force_y_N,
+                force_z_N=heavier * still.force_z_N,
+            )
+        noted.append(replace(one, still=still))
+    return noted
+
+
+def solved(observations: Sequence[Observation], known: LoadReadings) -> JointSolution:
+    """From the true pose as its prior."""
+    poses = [PoseEstimate("jig", TRUE.T_antenna_camera, POSE_COVARIANCE, np.zeros((6, 8)))]
+    before = prior(NOMINAL, CAMERA, poses, readings=known)
+    return solve_joint(list(observations), before, LENGTH_M, TRUE.sensor.std_Nm)
+
+
+def draw(seed: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Error and deviation of log EI, by a solve that weighs the readings and by one that takes them as exact."""
+    rng = np.random.default_rng(seed)
+    seen = misread(observed(TRUE, rng), RULER, rng)
+    found = []
+    for known in (RULER, EXACT):
+        joint = solved(seen, known)
+        found.append((errors(joint)[LOG_STIFFNESS], float(np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS]))))
+    return found[0], found[1]
+
+
+def judged(draws: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> tuple[float, float, float]:
+    """rms error over rms deviation, the share of 95 % intervals that hold, and rms error over that of exact loads."""
+    weighed, exact = np.array([one[0] for one in draws]), np.array([one[1] for one in draws])
+    rms, std, naive = (float(np.sqrt((column**2).mean())) for column in (*weighed.T, exact[:, 0]))
+    return rms / std, float((np.abs(weighed[:, 0]) < 1.96 * weighed[:, 1]).mean()), rms / naive
+
+
+def test_misread_loads_are_weighed_by_what_is_known_of_them() -> None:
+    off, held, better = judged([draw(seed) for seed in range(2)])
+    assert off < 2.5
+    assert held >= 0.5
+    assert better < 0.5
+
+
+@pytest.mark.slow
+def test_the_deviation_of_stiffness_holds_when_loads_are_misread() -> None:
+    off, held, better = judged([draw(seed) for seed in range(40)])
+    assert 0.75 < off < 1.25
+    assert held >= 0.88
+    assert better < 0.4
+
+
+def test_exact_loads_have_no_unknowns_and_known_ones_change_little() -> None:
+    rng = np.random.default_rng(3)
+    seen = observed(TRUE, rng)
+    exact, hardly = solved(seen, EXACT), solved(seen, LoadReadings(1e-9, 1e-9))
+    assert exact.problem.groups.count == 0
+    assert hardly.problem.groups.count == 8
+    np.testing.assert_allclose(hardly.parameters, exact.parameters, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(hardly.covariance, exact.covariance, rtol=1e-4, atol=1e-16)
+
+
+def test_slopes_by_the_readings_are_those_of_the_residuals() -> None:
+    rng = np.random.default_rng(4)
+    poses = [PoseEstimate("jig", TRUE.T_antenna_camera, POSE_COVARIANCE, np.zeros((6, 8)))]
+    problem = Problem.of(observed(TRUE, rng), prior(NOMINAL, CAMERA, poses, readings=RULER), LENGTH_M, 2e-5)
+    start = problem.begin
+    start[6:15] = TRUE.parameters
+    problem = problem.relinearised(start)
+    _, jacobian = problem.residuals(start)
+    for column in range(len(start) - problem.groups.count, len(start)):
+        ends = [start.copy(), start.copy()]
+        ends[0][column] -= 0.05
+        ends[1][column] += 0.05
+        difference = (problem.residuals(ends[1])[0] - problem.residuals(ends[0])[0]) / 0.1
+        np.testing.assert_allclose(jacobian[:, column], difference, atol=2e-3 * np.abs(difference).max())
+
+
+def test_equal_numbers_are_one_reading_and_free_stills_have_none() -> None:
+    load = Load(None, 0.0, 0.0, 0.0, 0.1, 0.05, 0.0)
+    stills = [Still(None, 0.0, 0.0, 0.0), load, replace(load, force_y_N=-0.05), replace(load, distance_m=0.2)]
+    groups = ReadingGroups.of(stills, RULER)
+    assert groups.count == 3
+    assert groups.distance.tolist() == [-1, 0, 0, 2]
+    assert groups.force.tolist() == [-1, 1, 1, 1]
+    moved = groups.corrected(stills, np.array([2.0, 0.0, 0.0]))
+    assert moved[0] == stills[0]
+    assert [one.distance_m for one in moved[1:] if isinstance(one, Load)] == pytest.approx([0.101, 0.101, 0.2])
+    assert ReadingGroups.of(stills, LoadReadings(0.0, 0.01)).count == 1
+
+
+def test_a_step_is_towards_the_clamp_and_heavier() -> None:
+    load = Load(None, 0.0, 0.0, 0.0, 0.1, 0.05, -0.02)
+    nearer, heavier = readings_altered(load)
+    assert nearer.distance_m < load.distance_m
+    assert np.hypot(heavier.force_y_N, heavier.force_z_N) > np.hypot(load.force_y_N, load.force_z_N)

@@ -1,0 +1,89 @@
+"""A small rendered rig, made once a test run, and the answers with which a wizard walks through it without asking."""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import hashlib
+import io
+import shutil
+import tempfile
+from collections.abc import Mapping
+from contextlib import redirect_stderr
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from vbaa_calib.cli.main import main
+from vbaa_calib.files import read_yaml
+from vbaa_calib.synth.scene import bundled_scene
+
+LENS_PICTURES = 5
+
+
+def small_scene() -> dict[str, Any]:
+    """The demo's scene with few and small pictures."""
+    scene = read_yaml(bundled_scene("demo"))
+    scene["name"] = "small"
+    scene["camera"]["image_size"] = [480, 360]
+    scene["camera"]["matrix"] = [[502.0, 0.0, 238.3], [0.0, 500.5, 181.6], [0.0, 0.0, 1.0]]
+    scene["intrinsics"]["pictures"] = LENS_PICTURES
+    scene["jig"]["pictures"] = 1
+    scene["noload"] = scene["noload"][:3]
+    scene["loads"] = [scene["loads"][index] for index in (1, 3, 8)]
+    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
+    return scene
+
+
+@functools.cache
+def rendered() -> Path:
+    """The session as a camera's program would leave it, with session.yaml and tables. Never to be written to."""
+    folder = Path(tempfile.mkdtemp(prefix="small-rig-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene()))
+    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
+    shutil.rmtree(folder / "session" / "recording")
+    return folder / "session"
+
+
+def answers(source: Path) -> dict[str, Any]:
+    """All that the wizard asks about the small rig, its pictures in `source`."""
+    board = read_yaml(source / "session.yaml")["board"]
+    return {
+        "board": str(source / "session.yaml"),
+        "board_along_x_mm": 1e3 * board["square_m"] * board["squares_x"],
+        "board_along_y_mm": 1e3 * board["square_m"] * board["squares_y"],
+        "source": str(source),
+        "antenna_length_mm": 240,
+        "camera_distance_mm": 370,
+        "camera_inclination_deg": 30,
+        "plane_way": "jig",
+        "jig_translation_mm": [28, 61, -9],
+        "jig_board_x": "x",
+        "jig_board_y": "-y",
+        "jig_turn_deg": [0, 0, 1],
+        "antenna_diameter_mm": 0.8,
+    }
+
+
+def answers_file(path: Path, given: Mapping[str, Any]) -> Path:
+    """An answers file."""
+    path.write_text(yaml.safe_dump(dict(given)))
+    return path
+
+
+def call(*argv: object) -> tuple[int, str]:
+    """`vbaa wizard ... --batch` in this process: exit code, and what it said on stderr."""
+    said = io.StringIO()
+    with redirect_stderr(said):
+        code = main(["wizard", *map(str, argv), "--batch"])
+    return code, said.getvalue()
+
+
+def tree(root: Path) -> dict[str, str]:
+    """File → hash of everything that counts: what was put aside and the lock do not."""
+    paths = (path for path in sorted(root.rglob("*")) if path.is_file())
+    names = {path.relative_to(root).as_posix(): path for path in paths}
+    kept = {name: path for name, path in names.items() if not name.startswith(("aside/", ".wizard-lock"))}
+    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in kept.items()}

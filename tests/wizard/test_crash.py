@@ -1,0 +1,76 @@
+"""Ended at any moment, the wizard has lost nothing that it said it took, and comes to the same end when called again."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from vbaa_calib.files import read_yaml
+from vbaa_calib.synth.scene import bundled_scene
+
+from .small_session import answers, answers_file
+
+ROOT = Path(__file__).parents[2]
+ROWS = {
+    "noload": "image,pan_rad,tilt_rad,moment_Nm\n1.png,0,0,0.001\n2.png,0,0.3,0.002\n",
+    "loads": "image,pan_rad,tilt_rad,moment_Nm,distance_m,force_y_N,force_z_N\n1.png,0,0,0.01,0.1,0,-0.05\n",
+    "sweep": "image,pan_rad,tilt_rad\n1.png,0,0\n2.png,0.1,0\n",
+}
+PICTURES = {"intrinsics": ("1", "2", "bad", "3"), "plane": ("1",), "noload": ("1", "2"), "loads": ("1",), "sweep": "12"}
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """Folders of tiny pictures with their tables; nothing looks at them here."""
+    rng = np.random.default_rng(3)
+    for folder, names in PICTURES.items():
+        (tmp_path / "source" / folder).mkdir(parents=True)
+        for name in names:
+            path = tmp_path / "source" / folder / f"{name}.png"
+            assert cv2.imwrite(str(path), rng.integers(0, 255, (12, 16), np.uint8))
+            os.utime(path, (1e9, 1e9))
+        if folder in ROWS:
+            (tmp_path / "source" / folder / f"{folder}.csv").write_text(ROWS[folder])
+    board = read_yaml(bundled_scene("demo"))["board"]
+    (tmp_path / "source" / "session.yaml").write_text(yaml.safe_dump({"board": board}))
+    return tmp_path / "source"
+
+
+def found(tmp_path: Path, **plan: Any) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """What the driver found: the run that nothing ended, and one entry per place of death."""
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps({"root": str(tmp_path / "session"), "start": str(tmp_path / "none")} | plan))
+    command = [sys.executable, "-m", "tests.wizard.crash_driver", str(path)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    whole, *deaths = json.loads(path.with_suffix(".found.json").read_text())
+    return whole, deaths
+
+
+def expect_same_end(whole: dict[str, Any], deaths: list[dict[str, Any]], but: tuple[str, ...] = ()) -> None:
+    assert whole["code"] == 0, whole["said"]
+    for death in deaths:
+        assert death["code"] == 9
+        assert not death["broken"]
+        assert death["again"] == 0, (death["last"], death["said"])
+        differing = {
+            name
+            for name in {*whole["tree"], *death["tree"]}
+            if whole["tree"].get(name) != death["tree"].get(name) and name not in but
+        }
+        assert not differing, (death["last"], differing)
+
+
+def test_the_first_run(source: Path, tmp_path: Path) -> None:
+    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
+    whole, deaths = found(tmp_path, argv=argv, again=argv)
+    assert len(deaths) > 200
+    expect_same_end(whole, deaths)

@@ -1,0 +1,94 @@
+"""How well the loads' places and forces are known, and which of them share an error.
+
+A ruler is read to half a millimetre and a weight is known to half a per cent. Taken as exact, a load that is half a
+millimetre off bends the antenna otherwise than the model says, and where the clamp may give that turns into per cents
+of EI. So the joint solve finds what every place and weight is off by, within what is known of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..session import Load, LoadReadings, Still
+
+DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3
+"""Finite-difference steps of a load's distance, towards the clamp, and of the logarithm of its force."""
+
+EXACT = LoadReadings()
+
+
+def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
+    """What a place and a weight are known by: equal numbers are the same one, and off by the same."""
+    force = float(np.hypot(load.force_y_N, load.force_z_N))
+    return ("distance", f"{load.distance_m:.4f}"), ("mass", f"{force:.3g}")
+
+
+def readings_altered(load: Load) -> tuple[Load, Load]:
+    """The load a step nearer to the clamp, and a step heavier."""
+    heavier = float(np.exp(LOG_FORCE_STEP))
+    return (
+        replace(load, distance_m=load.distance_m - DISTANCE_STEP_M),
+        replace(load, force_y_N=heavier * load.force_y_N, force_z_N=heavier * load.force_z_N),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingGroups:
+    """The unknown errors of the readings of F stills, K in all, each in its standard deviations.
+
+    Attributes
+    ----------
+    std : (K,) of each: m of a place, relative of a weight.
+    distance, force : (F,) which of the K a still's place and weight are; −1 for none.
+    """
+
+    std: np.ndarray
+    distance: np.ndarray
+    force: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """K."""
+        return len(self.std)
+
+    @staticmethod
+    def of(stills: Sequence[Still], known: LoadReadings) -> ReadingGroups:
+        """Which readings of these stills are uncertain."""
+        stds: Mapping[str, float] = {"distance": known.distance_std_m, "mass": known.force_std_relative}
+        numbers: dict[tuple[str, str], int] = {}
+        found = {"distance": np.full(len(stills), -1), "mass": np.full(len(stills), -1)}
+        for index, still in enumerate(stills):
+            for key in reading_keys(still) if isinstance(still, Load) else ():
+                if stds[key[0]] > 0:
+                    found[key[0]][index] = numbers.setdefault(key, len(numbers))
+        return ReadingGroups(np.array([stds[kind] for kind, _ in numbers]), found["distance"], found["mass"])
+
+    def corrected(self, stills: Sequence[Still], errors: np.ndarray) -> list[Still]:
+        """The stills with their loads moved and made heavier by errors (K,)."""
+        if not self.count:
+            return list(stills)
+        return [self._one(still, index, errors * self.std) for index, still in enumerate(stills)]
+
+    def _one(self, still: Still, index: int, steps: np.ndarray) -> Still:
+        if not isinstance(still, Load):
+            return still
+        place, weight = self.distance[index], self.force[index]
+        heavier = 1.0 if weight < 0 else float(np.exp(steps[weight]))
+        further = 0.0 if place < 0 else float(steps[place])
+        return replace(
+            still,
+            distance_m=still.distance_m + further,
+            force_y_N=heavier * still.force_y_N,
+            force_z_N=heavier * still.force_z_N,
+        )
+
+    def columns(self, index: int, by_distance: np.ndarray, by_log_force: np.ndarray) -> np.ndarray:
+        """(..., K) slopes by the errors, from those (...) of a still by its distance (per m) and log force."""
+        slopes = np.zeros((*np.shape(by_distance), self.count))
+        for group, slope in ((self.distance[index], by_distance), (self.force[index], by_log_force)):
+            if group >= 0:
+                slopes[..., group] = slope * self.std[group]
+        return slopes
