@@ -56,6 +56,16 @@ QUESTIONS = (
         high=5000.0,
     ),
     Question(
+        "board_reading_std_mm",
+        "board",
+        "How exact are these two readings (one standard deviation)?",
+        "a quarter of a millimetre with a ruler, 0.05 mm with a caliper; no length will be better than this",
+        unit="mm",
+        default=0.25,
+        low=0.001,
+        high=5.0,
+    ),
+    Question(
         "source",
         "lens",
         "Where do the pictures come from? camera:0, a folder that a program fills, a video, or a stream's URL",

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from targets.board import BoardSpec
-from targets.scale import PrintScale, print_scale, rescaled
+from targets.scale import READING_STD_MM, PrintScale, print_scale, rescaled
 
 from ..calibrate.diagnose import still_diagnoses
 from ..calibrate.intrinsics import LensSolution, solve_intrinsics
@@ -74,7 +74,7 @@ class Known:
         if any(name not in answers for name in names):
             return None
         x, y, along_x, along_y = (float(answers[name]) for name in names)
-        return scale_of((x, y), (along_x, along_y))
+        return scale_of((x, y), (along_x, along_y), float(answers.get("board_reading_std_mm", READING_STD_MM)))
 
     @property
     def board(self) -> BoardSpec:
@@ -224,10 +224,12 @@ class Known:
         return [self.still(step, one) for step in ("noload", "loads") for one in self.taken(step)]
 
 
-def scale_of(nominal_mm: tuple[float, float], read_mm: tuple[float, float]) -> PrintScale:
+def scale_of(
+    nominal_mm: tuple[float, float], read_mm: tuple[float, float], std_mm: float = READING_STD_MM
+) -> PrintScale:
     """The print's scale. Raises InputError for readings that cannot be."""
     try:
-        return print_scale(nominal_mm[0], read_mm[0], nominal_mm[1], read_mm[1])
+        return print_scale(nominal_mm[0], read_mm[0], nominal_mm[1], read_mm[1], std_mm)
     except ValueError as error:
         raise InputError(str(error), where="board_along_x_mm, board_along_y_mm", remedy="measure it again") from None
 

@@ -13,6 +13,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
+from targets.scale import READING_STD_MM
 
 from ..errors import InputError
 from ..files import read_yaml, write_text
@@ -132,6 +133,7 @@ def answers_of(session_yaml: Path) -> dict[str, Any]:
         "measure_y_mm": y_mm,
         "board_along_x_mm": x_mm,
         "board_along_y_mm": y_mm,
+        "board_reading_std_mm": READING_STD_MM,
         "antenna_length_mm": 1e3 * session.antenna.length_m,
         "antenna_diameter_mm": 1e3 * session.antenna.diameter_m,
         "youngs_modulus_GPa": 1e-9 * session.antenna.youngs_modulus_Pa,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from targets.scale import READING_STD_MM
 from targets.sheet_default import fill_in
 from targets.sheet_draw import draw
 from targets.sheet_layout import lay_out
@@ -61,7 +62,7 @@ def check_scale(answers: Mapping[str, Any]) -> None:
     names = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
     if all(name in answers for name in names):
         x, along_x, y, along_y = (float(answers[name]) for name in names)
-        scale = scale_of((x, y), (along_x, along_y))
+        scale = scale_of((x, y), (along_x, along_y), float(answers.get("board_reading_std_mm", READING_STD_MM)))
         if scale.differs:
             raise InputError(scale.words, where="board_along_x_mm, board_along_y_mm", remedy=scale.remedy)
 
