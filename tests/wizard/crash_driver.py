@@ -1,16 +1,17 @@
-"""Runs a wizard that ends itself before its n-th lasting operation, for many n, each in a process of its own.
+"""What a wizard leaves behind when it is killed, at every moment of a run, and what becomes of it afterwards.
 
-Called as `python -m tests.wizard.crash_driver PLAN.json`; writes what came of it beside the plan. A process of its own,
-since the runs are forks and the tests' own process has threads.
+Called as `python -m tests.wizard.crash_driver PLAN.json`; writes what it found beside the plan. A process of its own,
+since each run is a fork and the tests' own process has threads.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from vbaa_calib.wizard.steps import verdict
 from .small_session import tree
 
 LASTING = ("os.rename", "os.mkdir", "os.remove", "os.chmod", "os.truncate")
-KILLED = 9
+TEMPORARY = re.compile(r"-[a-z0-9_]{8}(?=\.\w+$)")
 
 
 def without_seeing() -> None:
@@ -47,32 +48,35 @@ def without_seeing() -> None:
     setattr(verdict, "conclude", conclude)
 
 
-def dying(root: Path, last: int) -> Callable[[], int]:
-    """Ends this process before the operation number `last`; returns what counts the operations so far."""
-    count, fsync = 0, os.fsync
+def watched(root: Path, moments: Path, said: Path) -> None:
+    """From now on, before each operation in `root` that lasts, keep what a kill at that moment would leave behind.
 
-    def step() -> None:
+    moments : new folder of numbered copies, each with what had been said until then.
+    """
+    count = 0
+    seen: set[tuple[tuple[str, str], ...]] = set()
+
+    def keep() -> None:
         nonlocal count
+        state = tuple(sorted((TEMPORARY.sub("-", name), digest) for name, digest in tree(root, "").items()))
+        if state not in seen:
+            seen.add(state)
+            shutil.copytree(root, moments / f"{count:04d}" / "session")
+            shutil.copy(said, moments / f"{count:04d}" / "said")
         count += 1
-        if count == last:
-            os._exit(KILLED)
 
     def hook(event: str, args: tuple[Any, ...]) -> None:
         writes = event == "open" and isinstance(args[2], int) and args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
-        if (writes or event in LASTING) and str(args[0]).startswith(str(root)):
-            step()
+        if (writes or event in LASTING) and Path(str(args[0])).is_relative_to(root) and root.exists():
+            keep()
 
-    def synced(handle: int) -> None:
-        step()
-        fsync(handle)
-
+    # syncing is for power cuts, which nothing here can show, and takes most of the time
+    setattr(os, "fsync", lambda handle: keep())
     sys.addaudithook(hook)
-    setattr(os, "fsync", synced)
-    return lambda: count
 
 
 def forked(work: Callable[[], int], said: Path) -> int:
-    """What `work` returns, done in a fork whose words go to a file; KILLED where it ended itself."""
+    """What `work` returns, done in a fork whose words go to a file."""
     child = os.fork()
     if child:
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
@@ -85,17 +89,17 @@ def forked(work: Callable[[], int], said: Path) -> int:
         os._exit(code)
 
 
-def wizard(root: Path, argv: list[str], last: int = 0, count_to: Path | None = None) -> Callable[[], int]:
-    """A wizard's run, which ends before its operation number `last` where that is not 0."""
+def wizard(root: Path, argv: Sequence[str], moments: Path | None = None) -> tuple[int, str]:
+    """A wizard's run: its exit code and what it said."""
+    said = Path(f"{root}.said")
 
     def work() -> int:
-        counted = dying(root, last)
-        code = main(["wizard", str(root), *argv, "--batch"])
-        if count_to is not None:
-            count_to.write_text(str(counted()))
-        return code
+        setattr(os, "fsync", lambda handle: None)
+        if moments is not None:
+            watched(root, moments, said)
+        return main(["wizard", str(root), *argv, "--batch"])
 
-    return work
+    return forked(work, said), said.read_text()
 
 
 def promised(said: str) -> list[str]:
@@ -114,29 +118,22 @@ def broken_promises(root: Path, said: str) -> list[str]:
     return [file for file in wanted if file not in named or sha256(root / file) != named[file]]
 
 
-def deaths(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """One entry per place of death: promises that were broken, and how the run that went on differs from `whole`."""
-    start, root, said = Path(plan["start"]), Path(plan["root"]), Path(plan["root"] + ".said")
-
-    def anew() -> None:
-        shutil.rmtree(root, ignore_errors=True)
-        if start.exists():
-            shutil.copytree(start, root)
-
-    anew()
-    counted = said.with_suffix(".count")
-    code = forked(wizard(root, plan["argv"], 0, counted), said)
-    yield {"operations": int(counted.read_text()), "code": code, "said": said.read_text(), "tree": tree(root)}
-    for last in range(1, int(counted.read_text()) + 1, plan.get("stride", 1)):
-        anew()
-        code = forked(wizard(root, plan["argv"], last), said)
-        broken = broken_promises(root, said.read_text())
-        again = forked(wizard(root, plan["again"]), said)
-        yield {"last": last, "code": code, "broken": broken, "again": again, "said": said.read_text(), "tree": tree(root)}
+def ends(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """First the run that nothing ended, then one entry per moment: broken promises, and how it ended when gone on."""
+    root, moments = Path(plan["root"]), Path(plan["root"] + "-moments")
+    shutil.rmtree(moments, ignore_errors=True)
+    code, said = wizard(root, plan["argv"], moments)
+    yield {"code": code, "said": said, "tree": tree(root)}
+    for moment in sorted(moments.iterdir())[plan.get("first", 0) :: plan.get("stride", 1)]:
+        shutil.rmtree(root)
+        shutil.copytree(moment / "session", root)
+        broken = broken_promises(root, (moment / "said").read_text())
+        code, said = wizard(root, plan["again"])
+        yield {"moment": moment.name, "broken": broken, "code": code, "said": said, "tree": tree(root)}
 
 
 if __name__ == "__main__":
     without_seeing()
     plan_path = Path(sys.argv[1])
-    found = list(deaths(json.loads(plan_path.read_text())))
+    found = list(ends(json.loads(plan_path.read_text())))
     plan_path.with_suffix(".found.json").write_text(json.dumps(found))

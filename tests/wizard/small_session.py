@@ -6,6 +6,7 @@ import atexit
 import functools
 import hashlib
 import io
+import os
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ import yaml
 from vbaa_calib.cli.main import main
 from vbaa_calib.files import read_yaml
 from vbaa_calib.synth.scene import bundled_scene
+from vbaa_calib.wizard.store import LOCK
 
 LENS_PICTURES = 5
 
@@ -81,9 +83,13 @@ def call(*argv: object) -> tuple[int, str]:
     return code, said.getvalue()
 
 
-def tree(root: Path) -> dict[str, str]:
-    """File → hash of everything that counts: what was put aside and the lock do not."""
-    paths = (path for path in sorted(root.rglob("*")) if path.is_file())
-    names = {path.relative_to(root).as_posix(): path for path in paths}
-    kept = {name: path for name, path in names.items() if not name.startswith(("aside/", ".wizard-lock"))}
-    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in kept.items()}
+def tree(root: Path, besides: str = "aside/") -> dict[str, str]:
+    """File → hash of everything that counts: the lock does not, nor what lies under `besides`."""
+    found = {}
+    for folder, _, names in os.walk(root):
+        for path in (os.path.join(folder, name) for name in names if name != LOCK):
+            name = os.path.relpath(path, root)
+            if not (besides and name.startswith(besides)):
+                with open(path, "rb") as stream:
+                    found[name] = hashlib.sha256(stream.read()).hexdigest()
+    return found

@@ -58,8 +58,8 @@ def rigs() -> list[Rig]:
     mild = np.array([900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0])
     vga, hd = (640, 480), (1280, 720)
     return [
-        Rig("VGA, barrel, small board, 0.3 px", "opencv5", vga, barrel, _CARD, 0.3, every=True),
-        Rig("VGA, barrel, small board, rendered", "opencv5", vga, barrel, _CARD, 0.0, _DIM),
-        Rig("wide rational, small board, 0.3 px", "rational", hd, wide, _CARD, 0.3),
+        Rig("VGA, barrel, 15 cm board, 0.3 px", "opencv5", vga, barrel, _CARD, 0.3, every=True),
+        Rig("VGA, barrel, 15 cm board, rendered", "opencv5", vga, barrel, _CARD, 0.0, _DIM),
+        Rig("wide rational, 15 cm board, 0.3 px", "rational", hd, wide, _CARD, 0.3),
         Rig("f 900, A4 board, 0.15 px", "opencv5", hd, mild, _SHEET, 0.15),
     ]

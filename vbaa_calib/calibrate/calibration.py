@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..detect.corners import detect_folder
+from ..diagnosis import Diagnosis
 from ..images import list_images, read_gray
 from ..rig import Rig
 from ..session import Session, Still, check_pictures, read_loads, read_noload
+from .diagnose_views import view_set_diagnoses
 from .intrinsics import LensSolution, solve_intrinsics
 from .joint import JointSolution
 from .joint_checks import Checks, check
@@ -23,6 +25,7 @@ class Calibration:
     Attributes
     ----------
     stills : no-load frames and loads, in the order of the joint solve.
+    lens_diagnoses : what the lens' pictures, taken together, show to be wrong.
     """
 
     session: Session
@@ -32,6 +35,7 @@ class Calibration:
     joint: JointSolution
     checks: Checks
     stills: Sequence[Still]
+    lens_diagnoses: Sequence[Diagnosis]
 
 
 def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
@@ -46,12 +50,14 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
     _require_one_size(session, stills)
     # plane C first: one picture tells whether the board is the one described
     views = read_views(session)
-    lens = solve_intrinsics(detect_folder(session.root / "intrinsics", session.board), session.board, lens_model)
+    pictures = detect_folder(session.root / "intrinsics", session.board)
+    lens = solve_intrinsics(pictures, session.board, lens_model)
+    doubted = view_set_diagnoses(pictures, lens, session.board)
     plane = find_plane(session, lens.camera, lens.board_flex, views)
     before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings)
     joint, observations = solve_antenna(session, plane.kinematics, before)
     rig = make_rig(session, plane.kinematics, joint, observations)
-    return Calibration(session, rig, lens, plane, joint, check(joint), stills)
+    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(doubted))
 
 
 def _require_one_size(session: Session, stills: Sequence[Still]) -> None:

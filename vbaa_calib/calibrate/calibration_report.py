@@ -139,7 +139,7 @@ def plane_doubts(plane: PlaneC) -> list[str]:
 def doubts(calibration: Calibration) -> list[str]:
     """What a person should look at, in words."""
     session, rig, plane = calibration.session, calibration.rig, calibration.plane
-    found = plane_doubts(plane)
+    found = [*map(str, calibration.lens_diagnoses), *plane_doubts(plane)]
     found += prior_doubts(calibration.joint)
     found += still_doubts(calibration.joint, calibration.stills)
     found += antenna_doubts(session.antenna, rig, calibration.checks)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from targets.board import BoardSpec
 
     from ..camera import Camera
+    from ..diagnosis import Diagnosis
     from .intrinsics import LensSolution
 
 MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "tilted", "fisheye")
@@ -42,6 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Detect, solve, write camera.json. Returns its numbers."""
     from ..detect.board_file import load_board
     from ..detect.corners import detect_folder
+    from .diagnose_views import view_set_diagnoses
     from .intrinsics import solve_intrinsics
 
     refuse_overwrite(args.output, args.force)
@@ -50,9 +53,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     spec = load_board(args.board)
     views = detect_folder(args.images, spec)
     solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
-    document = camera_document(solution, spec)
+    found = view_set_diagnoses(views, solution, spec)
+    document = camera_document(solution, spec) | {"diagnoses": [one.to_dict() for one in found]}
     write_json(args.output, document, args.force)
-    report(solution)
+    report(solution, found)
     say(f"wrote {args.output}")
     return {"output": str(args.output), **document}
 
@@ -128,8 +132,8 @@ def uncertainty_document(camera: Camera) -> dict[str, Any]:
     }
 
 
-def report(solution: LensSolution) -> None:
-    """The result in a few lines of prose."""
+def report(solution: LensSolution, diagnoses: Sequence[Diagnosis] = ()) -> None:
+    """The result in a few lines of prose; a grave diagnosis of the set of views overrules the lens' own verdict."""
     matrix, covariance = solution.camera.matrix, solution.camera.covariance
     assert covariance is not None
     std = covariance.diagonal().clip(0.0) ** 0.5
@@ -160,4 +164,7 @@ def report(solution: LensSolution) -> None:
     say(f"board      {'bent, solved with that' if solution.board_flex.used else 'flat'}: {solution.board_flex.reason}")
     for warning in solution.warnings:
         say(f"warning    {warning}")
-    say(f"verdict    {solution.verdict}")
+    for one in diagnoses:
+        say(f"{'wrong' if one.grave else 'look at':10s} {one}")
+    grave = [one.words for one in diagnoses if one.grave]
+    say(f"verdict    {f'Do not use this lens yet: {grave[0]}.' if grave else solution.verdict}")

@@ -71,7 +71,8 @@ def _make_board(store: Store, desk: Desk) -> None:
     if "measure_x_mm" in answers or open_questions("board", answers)[:1] in ([BOARD], [PAPER]):
         return
     store.answer(board.make_board(store, answers))
-    desk.say(board.print_words(store, answers))
+    if "board_along_x_mm" not in answers:
+        desk.say(board.print_words(store, answers))
     _keep_if_right(store, desk)
 
 

@@ -22,8 +22,8 @@ QUESTIONS = (
     Question(
         "board",
         "board",
-        "A ChArUco board: 'new' to print one, or the board.yaml of one that you have",
-        "every length comes from the board",
+        "Which board do you use? 'new' makes a sheet to print; or name the board.yaml of one that you have",
+        "if unsure: new",
         kind="text",
         default="new",
     ),
@@ -69,7 +69,7 @@ QUESTIONS = (
         "source",
         "lens",
         "Where do the pictures come from? camera:0, a folder that a program fills, a video, or a stream's URL",
-        "pictures of a camera, video or stream are taken when you hold still",
+        "from a camera, video or stream a picture is taken whenever you hold still",
         kind="text",
         default="camera:0",
         needed=lambda answers: "lens_source" not in answers,
@@ -78,7 +78,7 @@ QUESTIONS = (
         "antenna_length_mm",
         "lens",
         "How long is the antenna, from the clamp to its tip?",
-        "the lens has to be right where the antenna moves",
+        "the lens has to be known where the antenna moves",
         unit="mm",
         low=1.0,
         high=10_000.0,
@@ -87,7 +87,7 @@ QUESTIONS = (
         "camera_distance_mm",
         "lens",
         "About how far is the camera from the middle of the antenna?",
-        "roughly: it says where the board should be shown",
+        "a rough number will do: it says where the board should be shown",
         unit="mm",
         low=5.0,
         high=20_000.0,
@@ -95,8 +95,8 @@ QUESTIONS = (
     Question(
         "camera_inclination_deg",
         "lens",
-        "About how far does the camera look aslant at the plane in which the antenna bends? 0 is straight down on it",
-        "roughly",
+        "How far is the camera tilted from looking straight at the plane in which the antenna bends (plane C)?",
+        "a rough number will do; 0: it looks straight at it",
         unit="degrees",
         default=0.0,
         low=0.0,
@@ -105,10 +105,9 @@ QUESTIONS = (
     Question(
         "plane_way",
         "plane",
-        "How shall the camera's place on the antenna's base be found: by a board in a jig, a sweep of the joints "
-        "before a fixed board, or the antenna over a board?",
-        "jig: one picture, and as exact as the jig; sweep: no jig, but 10 pictures with their joint angles; over: a "
-        "board flat under the free antenna",
+        "How shall the camera's place on the antenna's base be found?",
+        "jig: the board in a holder at a known place on the base, a few pictures; sweep: the board fixed in the world, "
+        "10 pictures at other joint angles; over: the board flat under the free antenna, whose height is known",
         kind="choice",
         default="jig",
         choices=("jig", "sweep", "over"),
@@ -116,8 +115,9 @@ QUESTIONS = (
     Question(
         "jig_translation_mm",
         "plane",
-        "Where is the board's first corner (its outline, top left) in the antenna frame: x, y, z?",
-        "from the clamp, x along the antenna, z out of plane C; of the board's back, its thickness is added",
+        "Where does the jig hold the top left corner of the pattern, in the antenna frame: x, y, z?",
+        "the frame begins at the clamp: x along the antenna, z out of plane C. Of the board's back: its thickness is "
+        "asked for. Top left as one reads the print",
         kind="numbers",
         unit="mm",
         low=-5000.0,
@@ -128,7 +128,7 @@ QUESTIONS = (
     Question(
         "jig_board_x",
         "plane",
-        "Along which axis of the antenna frame does the board's x (its columns, from the first corner) run?",
+        "Along which axis of the antenna frame does the pattern's upper edge run, from left to right?",
         kind="choice",
         default="x",
         choices=AXES,
@@ -137,7 +137,7 @@ QUESTIONS = (
     Question(
         "jig_board_y",
         "plane",
-        "And the board's y, from the first corner down?",
+        "And its left edge, from the top down?",
         kind="choice",
         default="-y",
         choices=AXES,
@@ -146,8 +146,8 @@ QUESTIONS = (
     Question(
         "jig_turn_deg",
         "plane",
-        "By how much is the board turned from these axes, about the antenna's x, y, z (a rotation vector)?",
-        "zeros for a jig that is true",
+        "By how much is the board turned out of these axes, about the antenna's x, y, z?",
+        "zeros for a jig that is true; a rotation vector",
         kind="numbers",
         unit="degrees",
         default=[0.0, 0.0, 0.0],
@@ -191,7 +191,7 @@ QUESTIONS = (
     Question(
         "over_height_mm",
         "plane",
-        "How high is the antenna's axis over the printed face?",
+        "How high is the middle of the antenna above the printed face?",
         unit="mm",
         low=0.0,
         high=500.0,

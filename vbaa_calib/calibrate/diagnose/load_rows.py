@@ -30,6 +30,8 @@ CONTRADICTS, FITS = 0.22, 0.08
 other. Half a millimetre on the ruler and half a per cent on the balance make 0.02."""
 CLEARER = 3.0
 """A right reading lies this many times nearer than the noted one."""
+ALIKE = 0.01
+"""Misfits that differ by less tell nothing between two readings."""
 SAME_VALUE = 0.03
 """Readings that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
 SHOWN_STD = 5.0
@@ -60,11 +62,13 @@ class Row:
     Attributes
     ----------
     index : of the load among the loads. reading : what fits instead, None if nothing does.
+    also : how else it may have been given: what the picture does not tell from that.
     """
 
     index: int
     load: Load
     reading: Reading | None
+    also: tuple[str, ...] = ()
 
 
 def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_m: float) -> list[Row]:
@@ -82,20 +86,28 @@ def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_
         nearest = float(others.misfit.min())
         best = _commonest(readings, others.misfit)
         right = others.shown_std >= SHOWN_STD and nearest <= FITS and nearest * CLEARER <= noted
-        rows.append(Row(index, load, readings[best] if right else None))
+        alike = np.flatnonzero(others.misfit <= nearest + ALIKE)
+        also = tuple(
+            readings[other].how for other in alike if other != best and _apart(readings[other], readings[best])
+        )
+        rows.append(Row(index, load, readings[best] if right else None, also))
     return rows
 
 
 def _commonest(readings: Sequence[Reading], misfit: np.ndarray) -> int:
-    """The reading that fits best, or the commonest of those that say nearly the same: kilograms, not a lost digit."""
-    best = readings[int(np.argmin(misfit))].load
-    for index, reading in enumerate(readings):
-        one = reading.load
-        apart = np.hypot(one.force_y_N - best.force_y_N, one.force_z_N - best.force_z_N)
-        size = np.hypot(best.force_y_N, best.force_z_N)
-        if apart <= SAME_VALUE * size and abs(one.distance_m - best.distance_m) <= SAME_VALUE * best.distance_m:
-            return index
-    return int(np.argmin(misfit))
+    """The commonest of the readings that the picture does not tell from the best one."""
+    best = int(np.argmin(misfit))
+    alike = np.flatnonzero(misfit <= misfit[best] + ALIKE)
+    same_kind = [int(i) for i in alike if readings[i].is_turn == readings[best].is_turn]
+    return next(i for i in same_kind if readings[best].is_turn or not _apart(readings[i], readings[best]))
+
+
+def _apart(one: Reading, other: Reading) -> bool:
+    """Whether two readings say different numbers."""
+    a, b = one.load, other.load
+    apart = np.hypot(a.force_y_N - b.force_y_N, a.force_z_N - b.force_z_N)
+    size = np.hypot(b.force_y_N, b.force_z_N)
+    return bool(apart > SAME_VALUE * size or abs(a.distance_m - b.distance_m) > SAME_VALUE * b.distance_m)
 
 
 def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
@@ -118,6 +130,9 @@ def _said(rows: Sequence[Row], count: int) -> Diagnosis:
     words = (
         f"{which}: the picture contradicts the row, and fits if the {first.reading.what} was given {first.reading.how}"
     )
+    also = sorted({how for row in rows for how in row.also})
+    if also:
+        words += f" (or {' or '.join(also[:2])}: the picture does not tell)"
     cells = "; ".join(
         f"{row_name(row.index, row.load)}: {row.reading.remedy(row.load)}" for row in rows[:3] if row.reading
     )

@@ -19,9 +19,9 @@ UNITS = (
 LENGTHS = (("in centimetres", 1e-2), ("in millimetres", 1e-3), ("a decimal place too small", 10.0))
 LENGTHS_SMALL = (("a decimal place too large", 0.1),)
 TURNS = (
+    ("with its sign turned round", (-1, 0, 0, -1)),
     ("with the sign of y turned round", (-1, 0, 0, 1)),
     ("with the sign of z turned round", (1, 0, 0, -1)),
-    ("with its sign turned round", (-1, 0, 0, -1)),
     ("with y and z exchanged", (0, 1, 1, 0)),
     ("with y and z exchanged, and the sign turned round", (0, -1, -1, 0)),
     ("with y and z exchanged, and the sign of one of them turned round", (0, 1, -1, 0)),
@@ -48,6 +48,11 @@ class Reading:
     def name(self) -> str:
         """For comparing rows: the same slip has the same name."""
         return f"{self.what} {self.how}"
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether the force only points elsewhere."""
+        return any(self.how == how for how, _ in TURNS)
 
     def remedy(self, noted: Load) -> str:
         """The cells that would fit."""

@@ -18,6 +18,8 @@ from .boards import judged
 from .step import Step
 
 GOAL_M = 1e-4
+LEAST = 3
+"""Pictures below which no lens is solved for."""
 
 
 def judge(known: Known, offered: Offered, readings: Mapping[str, float] | None) -> Judged:
@@ -58,7 +60,7 @@ def worth(known: Known) -> LensProgress:
 def look(known: Known) -> Progress:
     """How far the lens is."""
     views = known.views("lens")
-    seen = [f"{len(views)} pictures, {sum(len(view.ids) for view in views)} corners"]
+    seen = [f"{len(views)} picture{'' if len(views) == 1 else 's'}, {sum(len(view.ids) for view in views)} corners"]
     try:
         now = worth(known)
     except VbaaError as error:
@@ -73,7 +75,7 @@ def look(known: Known) -> Progress:
     known_std = np.isfinite(now.std_m)
     return Progress(
         seen=tuple(seen),
-        missing=() if now.enough else (now.words,),
+        missing=() if now.enough else (now.words if len(views) >= LEAST else _before_a_lens(LEAST - len(views)),),
         next="enough, more will not help" if now.enough else (target.words if target else ""),
         enough=now.enough,
         usable=now.solution is not None,
@@ -88,6 +90,10 @@ def look(known: Known) -> Progress:
         target=target,
         diagnoses=tuple(diagnoses),
     )
+
+
+def _before_a_lens(more: int) -> str:
+    return f"{more} more picture{'' if more == 1 else 's'}, then there is a first lens"
 
 
 STEP = Step(

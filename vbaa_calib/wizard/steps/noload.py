@@ -25,11 +25,12 @@ def judge(known: Known, offered: Offered, readings: Mapping[str, float] | None) 
 def look(known: Known) -> Progress:
     """How far the free antenna is."""
     taken = known.taken("noload")
-    seen = [f"{len(taken)} pictures of the free antenna"]
+    seen = [f"{len(taken)} picture{'' if len(taken) == 1 else 's'} of the free antenna"]
     tilts = [np.degrees(one.readings["tilt_rad"]) for one in taken]
     missing = []
     if len(taken) < ENOUGH:
-        missing.append(f"{ENOUGH - len(taken)} more pictures")
+        more = ENOUGH - len(taken)
+        missing.append(f"{more} more picture{'' if more == 1 else 's'}")
     if taken and np.ptp(tilts) < 20.0:
         missing.append("another tilt: how the antenna sags under its weight shows gravity and the moment sensor's gain")
     diagnoses, solved = [], False
