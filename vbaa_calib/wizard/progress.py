@@ -52,7 +52,7 @@ class Judged:
 
     Attributes
     ----------
-    refusal : why it is not taken; empty where it is. corners_px : (N, 2) what was found of the board.
+    refusal : why it is not taken; empty where it is. corners_px : (N, 2) what was found of the board, ids : (N,) which.
     hints : what could be better. words : what it shows, for the log.
     closeness : to the pose that is wanted, 0..1, and what to change; None where none is wanted.
     """
@@ -63,3 +63,4 @@ class Judged:
     words: str = ""
     closeness: float | None = None
     closer: str = ""
+    ids: np.ndarray = field(default_factory=lambda: np.zeros(0, int))

@@ -15,7 +15,7 @@ from .questions import Question
 from .readings import Given, asked, complete, in_si, with_last
 from .sources import Offered, Source
 from .steps.step import Step
-from .still import StillGate
+from .still import ON_A_STAND, StillGate
 
 WAIT_S = 0.2
 GO_ON = Question(
@@ -36,7 +36,8 @@ class Taking:
 
     def __post_init__(self) -> None:
         self.store = self.known.store
-        self.gate = StillGate()
+        # a board is in a hand, the antenna on a stand
+        self.gate = StillGate(None if self.step.name in ("lens", "plane") else ON_A_STAND)
         self.progress: Progress | None = None
         self.pending: Offered | None = None
         self.by_hand, self.noted, self.doubted = False, 0, ""
@@ -130,7 +131,7 @@ class Taking:
             return
         judged = self._judged(offered, None)
         assert offered.time_s is not None
-        held = self.gate.feed(offered.image, offered.time_s)
+        held = self.gate.feed(offered.image, offered.time_s, judged.corners_px, judged.ids)
         self.desk.live(self.step, Live(offered.image, judged, held.share, held.words))
         by_hand, self.by_hand = self.by_hand, False
         if not held.take and not by_hand:

@@ -86,7 +86,7 @@ def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_
         nearest = float(others.misfit.min())
         best = _commonest(readings, others.misfit)
         right = others.shown_std >= SHOWN_STD and nearest <= FITS and nearest * CLEARER <= noted
-        alike = np.flatnonzero(others.misfit <= nearest + ALIKE)
+        alike = np.flatnonzero(others.misfit <= nearest + ALIKE).tolist()
         also = tuple(
             readings[other].how for other in alike if other != best and _apart(readings[other], readings[best])
         )

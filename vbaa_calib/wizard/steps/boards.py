@@ -21,7 +21,7 @@ def judged(known: Known, offered: Offered, live: bool) -> tuple[BoardView, Judge
     first = known.image_size
     changed = None if first is None else resolution_changed(view.image_size, first)
     if changed is not None:
-        return view, Judged(str(changed), view.corners_px, (changed,))
+        return view, Judged(str(changed), view.corners_px, (changed,), ids=view.ids)
     hints = list(picture_hints(image, view, known.board))
     other = None if live or len(view.ids) >= LEAST_CORNERS else wrong_board(image, view, known.board)
     if other is not None:
@@ -30,4 +30,4 @@ def judged(known: Known, offered: Offered, live: bool) -> tuple[BoardView, Judge
     refusal = "" if grave is None else str(grave)
     if not refusal and len(view.ids) < LEAST_CORNERS:
         refusal = f"{len(view.ids)} corners of the board are seen; show more of it"
-    return view, Judged(refusal, view.corners_px, tuple(hints), f"{len(view.ids)} corners")
+    return view, Judged(refusal, view.corners_px, tuple(hints), f"{len(view.ids)} corners", ids=view.ids)
