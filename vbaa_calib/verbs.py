@@ -12,5 +12,6 @@ VERBS = {
     "simulate": ("vbaa_calib.synth.simulate_cli", "a synthetic session from a scene file, with truth.json"),
     "selftest": ("vbaa_calib.bench.selftest_cli", "draw your board with known corners: how far off is this OpenCV?"),
     "bench": ("vbaa_calib.bench.bench_cli", "speed against error, with the alternatives in the same run"),
+    "convert": ("vbaa_calib.formats.convert_cli", "the camera to and from ROS, OpenCV, Kalibr, mrcal and COLMAP files"),
     "schema": ("vbaa_calib.formats.schema_cli", "print the JSON Schema of session.yaml or rig.json"),
 }

@@ -121,7 +121,11 @@ def broken_promises(root: Path, said: str) -> list[str]:
 def ends(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """First the run that nothing ended, then one entry per moment: broken promises, and how it ended when gone on."""
     root, moments = Path(plan["root"]), Path(plan["root"] + "-moments")
-    shutil.rmtree(moments, ignore_errors=True)
+    if "start" in plan:
+        shutil.copytree(plan["start"], root)
+    for argv in plan.get("before", ()):
+        code, said = wizard(root, argv)
+        assert code == 0, said
     code, said = wizard(root, plan["argv"], moments)
     yield {"code": code, "said": said, "tree": tree(root)}
     for moment in sorted(moments.iterdir())[plan.get("first", 0) :: plan.get("stride", 1)]:

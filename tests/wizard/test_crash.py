@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -67,8 +68,60 @@ def expect_same_end(whole: dict[str, Any], deaths: list[dict[str, Any]], but: Se
         assert not differing, (death["moment"], differing)
 
 
-def test_the_first_run(source: Path, tmp_path: Path) -> None:
+@pytest.fixture(params=[pytest.param((0, 1), marks=pytest.mark.slow, id="all"), pytest.param((3, 12), id="some")])
+def moments(request: pytest.FixtureRequest) -> dict[str, int]:
+    """All moments of a run that leave something different behind, or a few of them."""
+    return dict(zip(("first", "stride"), request.param, strict=True))
+
+
+def test_the_first_run(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
     argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
-    whole, deaths = found(tmp_path, argv=argv, again=argv)
-    print(len(deaths))
+    expect_same_end(*found(tmp_path, argv=argv, again=argv, **moments))
+
+
+@pytest.mark.parametrize("step", ["board", "lens", "plane", "noload", "loads"])
+def test_a_step_that_starts_again(step: str, source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
+    """Called again without --redo: what was gone is taken again, what was not gone is as it was."""
+    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
+    whole, deaths = found(tmp_path, before=[argv], argv=[*argv, "--redo", step], again=argv, **moments)
+    expect_same_end(whole, deaths, but=["wizard.json"])
+    assert all(step in json.loads((tmp_path / "session" / "wizard.json").read_text())["redone"] for _ in deaths[-1:])
+
+
+def test_another_way_to_plane_c(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
+    jig = answers(source)
+    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", jig))]
+    sweep = ["--answers", str(answers_file(tmp_path / "b.yaml", jig | {"plane_way": "sweep"}))]
+    whole, deaths = found(tmp_path, before=[argv], argv=sweep, again=sweep, **moments)
     expect_same_end(whole, deaths)
+    assert "jig" not in read_yaml(tmp_path / "session" / "session.yaml")
+    assert not (tmp_path / "session" / "plane").exists()
+
+
+def test_another_board(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
+    other = read_yaml(source / "session.yaml")["board"] | {"square_m": 0.012, "marker_m": 0.009}
+    (source / "other.yaml").write_text(yaml.safe_dump({"board": other}))
+    changed = {"board": str(source / "other.yaml"), "board_along_x_mm": 132.0, "board_along_y_mm": 96.0}
+    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
+    again = ["--answers", str(answers_file(tmp_path / "b.yaml", answers(source) | changed))]
+    expect_same_end(*found(tmp_path, before=[argv], argv=again, again=again, **moments))
+    assert read_yaml(tmp_path / "session" / "session.yaml")["board"]["square_m"] == pytest.approx(0.012, rel=1e-6)
+
+
+def test_a_session_that_was_made_by_hand(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
+    """Adopted as it is: its pictures stay, and what the wizard writes anew is kept as it was."""
+    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
+    by_hand = tmp_path / "by-hand"
+    whole, _ = found(tmp_path, before=[], argv=argv, again=argv, stride=1000)
+    shutil.copytree(tmp_path / "session", by_hand)
+    (by_hand / "wizard.json").unlink()
+    (by_hand / "noload" / "noload.csv").write_text("remark," + ROWS["noload"].replace("\n", "\nx,")[:-2])
+    shutil.rmtree(tmp_path / "session")
+    shutil.rmtree(tmp_path / "session-moments")
+    whole, deaths = found(tmp_path, start=str(by_hand), argv=[], again=[], **moments)
+    expect_same_end(whole, deaths)
+    pictures = [name for name in whole["tree"] if name.endswith(".png")]
+    assert len(pictures) == 7
+    given = tmp_path / "session" / "aside" / "given"
+    assert (given / "noload.csv").read_text().startswith("remark,")
+    assert (given / "session.yaml").read_bytes() == (by_hand / "session.yaml").read_bytes()

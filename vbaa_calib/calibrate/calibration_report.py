@@ -184,10 +184,12 @@ def summary(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]
 def evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
     """What rig.json's quality section holds: the summary, and what it rests on, part by part."""
     nominal, rig = calibration.session.antenna, calibration.rig
-    lens = camera_document(calibration.lens, calibration.session.board)
+    lens, jig = camera_document(calibration.lens, calibration.session.board), calibration.session.T_antenna_board
     return summary(calibration, warnings) | {
         "lens": {key: value for key, value in lens.items() if key not in calibration.lens.camera.to_dict()},
         "plane": calibration.plane.to_dict(),
+        # the board's printed face, so that one picture of it tells later whether the camera is where it was
+        "jig": None if jig is None else {"T_antenna_board": jig.to_dict()},
         "stills": [_row(calibration, index, still) for index, still in enumerate(calibration.stills)],
         "antenna": {
             "nominal_stiffness_Nm2": nominal.stiffness_Nm2,

@@ -84,7 +84,7 @@ def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_
         readings = other_readings(load, length_m)
         others = _nearest(free, one, [reading.load for reading in readings], centre, reach)
         nearest = float(others.misfit.min())
-        best = _commonest(readings, others.misfit)
+        best = int(_commonest(readings, others.misfit))
         right = others.shown_std >= SHOWN_STD and nearest <= FITS and nearest * CLEARER <= noted
         alike = np.flatnonzero(others.misfit <= nearest + ALIKE).tolist()
         also = tuple(
@@ -97,8 +97,8 @@ def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_
 def _commonest(readings: Sequence[Reading], misfit: np.ndarray) -> int:
     """The commonest of the readings that the picture does not tell from the best one."""
     best = int(np.argmin(misfit))
-    alike = np.flatnonzero(misfit <= misfit[best] + ALIKE)
-    same_kind = [int(i) for i in alike if readings[i].is_turn == readings[best].is_turn]
+    alike = [int(i) for i in np.flatnonzero(misfit <= misfit[best] + ALIKE)]
+    same_kind = [i for i in alike if readings[i].is_turn == readings[best].is_turn]
     return next(i for i in same_kind if readings[best].is_turn or not _apart(readings[i], readings[best]))
 
 
