@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 from vbaa_calib.cli.main import main
 from vbaa_calib.files import sha256, write_json, write_text
@@ -45,7 +46,7 @@ def without_seeing() -> None:
     for name in ("lens", "plane", "noload", "loads"):
         flow.ALL[name] = replace(flow.ALL[name], judge=judge, look=look)
     flow.ALL["sensor"] = replace(flow.ALL["sensor"], look=look)
-    setattr(verdict, "conclude", conclude)
+    mock.patch.object(verdict, "conclude", conclude).start()
 
 
 def watched(root: Path, moments: Path, said: Path) -> None:
@@ -71,7 +72,7 @@ def watched(root: Path, moments: Path, said: Path) -> None:
             keep()
 
     # syncing is for power cuts, which nothing here can show, and takes most of the time
-    setattr(os, "fsync", lambda handle: keep())
+    mock.patch.object(os, "fsync", lambda handle: keep()).start()
     sys.addaudithook(hook)
 
 
@@ -94,7 +95,7 @@ def wizard(root: Path, argv: Sequence[str], moments: Path | None = None) -> tupl
     said = Path(f"{root}.said")
 
     def work() -> int:
-        setattr(os, "fsync", lambda handle: None)
+        mock.patch.object(os, "fsync", lambda handle: None).start()
         if moments is not None:
             watched(root, moments, said)
         return main(["wizard", str(root), *argv, "--batch"])
@@ -121,6 +122,7 @@ def broken_promises(root: Path, said: str) -> list[str]:
 def ends(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """First the run that nothing ended, then one entry per moment: broken promises, and how it ended when gone on."""
     root, moments = Path(plan["root"]), Path(plan["root"] + "-moments")
+    shutil.rmtree(moments, ignore_errors=True)
     if "start" in plan:
         shutil.copytree(plan["start"], root)
     for argv in plan.get("before", ()):
@@ -139,5 +141,5 @@ def ends(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 if __name__ == "__main__":
     without_seeing()
     plan_path = Path(sys.argv[1])
-    found = list(ends(json.loads(plan_path.read_text())))
+    found = [list(ends(plan)) for plan in json.loads(plan_path.read_text())]
     plan_path.with_suffix(".found.json").write_text(json.dumps(found))

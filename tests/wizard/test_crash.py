@@ -1,10 +1,9 @@
-"""Ended at any moment, the wizard has lost nothing that it said it took, and comes to the same end when called again."""
+"""Ended at any moment, the wizard has lost nothing that it said it took; called again, it comes to the same end."""
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ import yaml
 
 from vbaa_calib.files import read_yaml
 from vbaa_calib.synth.scene import bundled_scene
+from vbaa_calib.wizard.journal import STEPS
 
 from .small_session import answers, answers_file
 
@@ -47,14 +47,16 @@ def source(tmp_path: Path) -> Path:
     return tmp_path / "source"
 
 
-def found(tmp_path: Path, **plan: Any) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """What the driver found: the run that nothing ended, and one entry per place of death."""
+Ends = tuple[dict[str, Any], list[dict[str, Any]]]
+
+
+def found(tmp_path: Path, *plans: dict[str, Any]) -> list[Ends]:
+    """What the driver found for each plan: the run that nothing ended, and one entry per moment of death."""
     path = tmp_path / "plan.json"
-    path.write_text(json.dumps({"root": str(tmp_path / "session")} | plan))
+    path.write_text(json.dumps([{"root": str(tmp_path / f"session{n}")} | plan for n, plan in enumerate(plans)]))
     command = [sys.executable, "-m", "tests.wizard.crash_driver", str(path)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
-    whole, *deaths = json.loads(path.with_suffix(".found.json").read_text())
-    return whole, deaths
+    return [(whole, deaths) for whole, *deaths in json.loads(path.with_suffix(".found.json").read_text())]
 
 
 def expect_same_end(whole: dict[str, Any], deaths: list[dict[str, Any]], but: Sequence[str] = ()) -> None:
@@ -68,7 +70,7 @@ def expect_same_end(whole: dict[str, Any], deaths: list[dict[str, Any]], but: Se
         assert not differing, (death["moment"], differing)
 
 
-@pytest.fixture(params=[pytest.param((0, 1), marks=pytest.mark.slow, id="all"), pytest.param((3, 12), id="some")])
+@pytest.fixture(params=[pytest.param((0, 1), marks=pytest.mark.slow, id="all"), pytest.param((3, 20), id="some")])
 def moments(request: pytest.FixtureRequest) -> dict[str, int]:
     """All moments of a run that leave something different behind, or a few of them."""
     return dict(zip(("first", "stride"), request.param, strict=True))
@@ -76,52 +78,50 @@ def moments(request: pytest.FixtureRequest) -> dict[str, int]:
 
 def test_the_first_run(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
     argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
-    expect_same_end(*found(tmp_path, argv=argv, again=argv, **moments))
+    [ends] = found(tmp_path, moments | {"argv": argv, "again": argv})
+    expect_same_end(*ends)
 
 
-@pytest.mark.parametrize("step", ["board", "lens", "plane", "noload", "loads"])
-def test_a_step_that_starts_again(step: str, source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
+def test_a_step_that_starts_again(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
     """Called again without --redo: what was gone is taken again, what was not gone is as it was."""
     argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
-    whole, deaths = found(tmp_path, before=[argv], argv=[*argv, "--redo", step], again=argv, **moments)
-    expect_same_end(whole, deaths, but=["wizard.json"])
-    assert all(step in json.loads((tmp_path / "session" / "wizard.json").read_text())["redone"] for _ in deaths[-1:])
+    steps = STEPS[:-2] if moments["stride"] == 1 else ("board", "lens")
+    plans = (moments | {"before": [argv], "argv": [*argv, "--redo", step], "again": argv} for step in steps)
+    for step, ends in zip(steps, found(tmp_path, *plans), strict=True):
+        expect_same_end(*ends, but=["wizard.json"])
+        assert "starts again, what it had is in" in ends[0]["said"] or step == "board"
 
 
-def test_another_way_to_plane_c(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
-    jig = answers(source)
-    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", jig))]
-    sweep = ["--answers", str(answers_file(tmp_path / "b.yaml", jig | {"plane_way": "sweep"}))]
-    whole, deaths = found(tmp_path, before=[argv], argv=sweep, again=sweep, **moments)
-    expect_same_end(whole, deaths)
-    assert "jig" not in read_yaml(tmp_path / "session" / "session.yaml")
-    assert not (tmp_path / "session" / "plane").exists()
-
-
-def test_another_board(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
-    other = read_yaml(source / "session.yaml")["board"] | {"square_m": 0.012, "marker_m": 0.009}
-    (source / "other.yaml").write_text(yaml.safe_dump({"board": other}))
-    changed = {"board": str(source / "other.yaml"), "board_along_x_mm": 132.0, "board_along_y_mm": 96.0}
-    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
-    again = ["--answers", str(answers_file(tmp_path / "b.yaml", answers(source) | changed))]
-    expect_same_end(*found(tmp_path, before=[argv], argv=again, again=again, **moments))
-    assert read_yaml(tmp_path / "session" / "session.yaml")["board"]["square_m"] == pytest.approx(0.012, rel=1e-6)
+def test_other_answers(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
+    """Another way to plane C and another board start those steps again, and nothing of the old ones is left."""
+    old = read_yaml(source / "session.yaml")["board"]
+    (source / "other.yaml").write_text(yaml.safe_dump({"board": old | {"square_m": 0.012, "marker_m": 0.009}}))
+    board = {"board": str(source / "other.yaml"), "board_along_x_mm": 132.0, "board_along_y_mm": 96.0}
+    first = ["--answers", str(answers_file(tmp_path / "first.yaml", answers(source)))]
+    files = {name: tmp_path / f"{name}.yaml" for name in ("sweep", "board")}
+    answers_file(files["sweep"], answers(source) | {"plane_way": "sweep"})
+    answers_file(files["board"], answers(source) | board)
+    then = [["--answers", str(file)] for file in files.values()]
+    for ends in found(tmp_path, *(moments | {"before": [first], "argv": argv, "again": argv} for argv in then)):
+        expect_same_end(*ends)
+    by_sweep, by_board = (read_yaml(tmp_path / name / "session.yaml") for name in ("session0", "session1"))
+    assert "jig" not in by_sweep
+    assert not (tmp_path / "session0" / "plane").exists()
+    assert by_board["board"]["square_m"] == pytest.approx(0.012, rel=1e-6)
 
 
 def test_a_session_that_was_made_by_hand(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
     """Adopted as it is: its pictures stay, and what the wizard writes anew is kept as it was."""
     argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
-    by_hand = tmp_path / "by-hand"
-    whole, _ = found(tmp_path, before=[], argv=argv, again=argv, stride=1000)
-    shutil.copytree(tmp_path / "session", by_hand)
+    by_hand = tmp_path / "session0"
+    found(tmp_path, {"argv": argv, "again": argv, "first": 999})
+    by_hand = by_hand.rename(tmp_path / "by-hand")
     (by_hand / "wizard.json").unlink()
-    (by_hand / "noload" / "noload.csv").write_text("remark," + ROWS["noload"].replace("\n", "\nx,")[:-2])
-    shutil.rmtree(tmp_path / "session")
-    shutil.rmtree(tmp_path / "session-moments")
-    whole, deaths = found(tmp_path, start=str(by_hand), argv=[], again=[], **moments)
+    header, *rows = (by_hand / "noload" / "noload.csv").read_text().split()
+    (by_hand / "noload" / "noload.csv").write_text("\n".join([f"remark,{header}", *(f"x,{row}" for row in rows)]))
+    [(whole, deaths)] = found(tmp_path, moments | {"start": str(by_hand), "argv": [], "again": []})
     expect_same_end(whole, deaths)
-    pictures = [name for name in whole["tree"] if name.endswith(".png")]
-    assert len(pictures) == 7
-    given = tmp_path / "session" / "aside" / "given"
+    assert len([name for name in whole["tree"] if name.endswith(".png")]) == 7
+    given = tmp_path / "session0" / "aside" / "given"
     assert (given / "noload.csv").read_text().startswith("remark,")
     assert (given / "session.yaml").read_bytes() == (by_hand / "session.yaml").read_bytes()

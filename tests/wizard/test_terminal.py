@@ -1,0 +1,227 @@
+"""The wizard in a terminal, typed to as a newcomer would."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from .pseudo_terminal import PseudoTerminal
+from .small_session import answers, answers_file, call, rendered
+
+Start = Callable[..., PseudoTerminal]
+MAIN = "import sys; from vbaa_calib.cli.main import main; sys.exit(main(['wizard', *sys.argv[1:]]))"
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Starts `vbaa wizard rig` with more arguments, in a terminal; ends it with the test."""
+    begun: list[PseudoTerminal] = []
+
+    def begin(*arguments: object, **more: str) -> PseudoTerminal:
+        begun.append(PseudoTerminal(["wizard", "rig", *map(str, arguments)], tmp_path, **more))
+        return begun[-1]
+
+    yield begin
+    for one in begun:
+        one.close()
+
+
+def journal(tmp_path: Path) -> dict:
+    """What is on the disk."""
+    return json.loads((tmp_path / "rig" / "wizard.json").read_text())
+
+
+def put(number: int, folder: Path) -> None:
+    """A picture of the board, as a camera's program writes it."""
+    name = sorted((rendered() / "intrinsics").iterdir())[number].name
+    shutil.copy(rendered() / "intrinsics" / name, folder / f"{number}.png")
+
+
+def test_the_first_minutes_of_a_newcomer(start: Start, tmp_path: Path) -> None:
+    shutil.copy(rendered() / "session.yaml", tmp_path / "board.yaml")
+    camera = tmp_path / "camera"
+    camera.mkdir()
+    wizard = start()
+    greeting = wizard.until("half an hour")
+    assert "You need: the camera" in greeting
+    wizard.until("http://127.0.0.1:")
+    wizard.until("1 of 7 · Board")
+    wizard.until("Which board do you use?")
+    wizard.type("help")
+    wizard.until("quit stop here; run the wizard again to go on")
+    wizard.type("board.jaml")
+    wizard.until("no such file")
+    wizard.until("Enter for new:")
+    wizard.type("board.yaml")
+    wizard.until("How long is the pattern along x")
+    for typed, reason in (
+        ("165,1", "the decimal sign is a point"),
+        ("165 mm", "leave the unit out"),
+        ("0", "0 mm cannot be"),
+    ):
+        wizard.type(typed)
+        wizard.until(reason)
+        wizard.until("mm:")
+    wizard.type("165.1")
+    wizard.until("along y")
+    wizard.type("back")
+    wizard.until("along x")
+    wizard.until("Enter for 165.1:")
+    wizard.type("165")
+    wizard.until("mm:")
+    wizard.type("120")
+    wizard.until("How exact are these two readings")
+    wizard.until(":")
+    wizard.type("")
+    wizard.until("2 of 7 · Lens")
+    wizard.until("Enter for camera:0:")
+    wizard.type("enough")
+    wizard.until("enough is for pictures")
+    wizard.type("nowhere")
+    for typed in ("240", "370", "30"):
+        wizard.until("degrees" if typed == "30" else "mm:")
+        wizard.type(typed)
+    wizard.until("no such folder or video")
+    wizard.until("Enter for camera:0:")
+    wizard.type("camera")
+    wizard.until("3 more pictures, then there is a first lens")
+    wizard.until("next board")
+    put(0, camera)
+    wizard.until("took 0.png as intrinsics/0001.png")
+    assert "seen 1 picture" in " ".join(wizard.until("2 more pictures").split())
+    wizard.type("drop")
+    wizard.until("intrinsics/0001.png is put aside")
+    wizard.type("dorp")
+    wizard.until("'dorp' is none of enough, take, drop")
+    wizard.press(b"\x03")
+    assert wizard.ended() == 130
+    assert "`vbaa wizard rig` goes on here" in wizard.screen
+    assert "Traceback" not in wizard.raw
+    assert all(len(line) <= 80 or "token=" in line for line in wizard.screen.splitlines())
+    kept = journal(tmp_path)
+    assert kept["answers"]["board_along_x_mm"] == 165 and kept["answers"]["antenna_length_mm"] == 240
+    assert [one["why"] for one in kept["steps"]["lens"]["left"]] == ["taken back"]
+
+
+def began(tmp_path: Path, **more: object) -> None:
+    """A session with the lens and the jig done, by nobody's typing."""
+    known = answers(rendered()) | more
+    left = {key: value for key, value in known.items() if key != "antenna_diameter_mm"}
+    code, said = call(tmp_path / "rig", "--answers", answers_file(tmp_path / "answers.yaml", left))
+    assert code == 2 and "antenna_diameter_mm is not answered" in said, said
+
+
+def test_a_session_goes_on_and_a_picture_with_its_readings_is_typed(start: Start, tmp_path: Path) -> None:
+    began(tmp_path)
+    camera = tmp_path / "camera"
+    camera.mkdir()
+    wizard = start("--no-page", "--noload-source", camera, "--antenna-diameter-mm", "0.8", "--density-kg-m3", "7900")
+    resumed = wizard.until("4 of 7 · Free antenna")
+    assert "rig goes on with: Free antenna. Done: Board, Lens, Plane C." in " ".join(resumed.split())
+    assert "5 of the board for the lens" in " ".join(resumed.split())
+    assert "http://" not in resumed and "half an hour" not in resumed
+    for words in ("Enter for 193:", "Enter for -z:", "Enter for 0.02:"):
+        wizard.until(words)
+        wizard.type("")
+    wizard.until("waiting for pictures")
+    shutil.copy(rendered() / "noload" / "noload_000.png", camera)
+    wizard.until("what was read with it?")
+    wizard.until("Enter for 0:")
+    wizard.type("ten")
+    wizard.until("that is not a number; give a number in degrees from -360 to 360")
+    wizard.type("enough")
+    wizard.until("not yet")
+    wizard.until("Pan angle")
+    wizard.type("drop")
+    wizard.until("left noload_000.png: not wanted")
+    shutil.copy(rendered() / "noload" / "noload_000.png", camera / "again.png")
+    for words, typed in (("Pan angle", ""), ("Tilt angle", "0"), ("Moment sensor's reading", "-1.02")):
+        wizard.until(words)
+        wizard.until(":")
+        wizard.type(typed)
+    wizard.until("took again.png as noload/0001.png")
+    wizard.until("next free antenna at pan 0°, tilt 20°")
+    wizard.resize(50, 20)
+    wizard.type("back")
+    wizard.until("3 of 7 · Plane C")
+    wizard.until("waiting for pictures")
+    wizard.press(b"\x04")
+    wizard.until("`vbaa wizard rig` goes on here")
+    assert wizard.ended() == 0
+    steps = journal(tmp_path)["steps"]
+    assert [one["why"] for one in steps["noload"]["left"]] == ["not wanted"]
+    assert steps["noload"]["taken"][0]["readings"]["moment_Nm"] == pytest.approx(-1.02e-3)
+    assert steps["plane"]["closed"] == "" and len(steps["plane"]["taken"]) == 1
+
+
+@pytest.mark.slow
+def test_all_is_typed_to_the_verdict(start: Start, tmp_path: Path) -> None:
+    source = rendered()
+    wizard = start("--no-page")
+    typed = answers(source) | {"board_reading_std_mm": 0.25}
+    wizard.until("Which board")
+    for key in ("board", "board_along_x_mm", "board_along_y_mm", "board_reading_std_mm"):
+        wizard.until(":")
+        wizard.type(str(typed[key]))
+        wizard.until(str(typed[key]))
+    wizard.until("2 of 7")
+    for key in ("source", "antenna_length_mm", "camera_distance_mm", "camera_inclination_deg"):
+        wizard.until("camera:0:" if key == "source" else "mm:" if key.endswith("mm") else "Enter for 0:")
+        wizard.type(str(typed[key]))
+    wizard.until("waiting for pictures")
+    wizard.type("enough")
+    wizard.until("3 of 7")
+    wizard.until("Enter for jig:")
+    wizard.type("")
+    wizard.until("mm:")
+    wizard.type("28 61 -9")
+    for words, answer in (("x:", ""), ("-y:", ""), ("0, 0, 0:", "0, 0, 1"), ("0.1:", ""), ("0.1:", ""), ("0:", "")):
+        wizard.until(f"Enter for {words}")
+        wizard.type(answer)
+    wizard.until("waiting for pictures")
+    wizard.type("enough")
+    wizard.until("4 of 7")
+    wizard.until("mm:")
+    wizard.type("0.8")
+    while "waiting" not in wizard.until(":"):
+        wizard.type("")
+    wizard.type("enough")
+    wizard.until("5 of 7")
+    while "waiting" not in wizard.until(":"):
+        wizard.type("")
+    wizard.type("enough")
+    wizard.until("6 of 7")
+    wizard.until("7 of 7")
+    wizard.until("report", 240)
+    assert wizard.ended(240) == 0
+    assert (tmp_path / "rig" / "rig.json").exists() and (tmp_path / "rig" / "check.html").exists()
+
+
+def test_without_a_terminal_it_never_waits(tmp_path: Path) -> None:
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "TERM": "xterm"}
+    command = [sys.executable, "-c", MAIN, "rig"]
+    piped = subprocess.run(command, input="new\n", text=True, capture_output=True, cwd=tmp_path, env=environment)
+    assert piped.returncode == 2 and "\033" not in piped.stderr
+    assert "board_along_x_mm is not answered" in piped.stderr
+    closed = subprocess.run(
+        ["/bin/sh", "-c", 'exec "$@" <&-', "sh", *command],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=environment,
+    )
+    assert closed.returncode == 2 and "board_along_x_mm is not answered" in closed.stderr
+
+
+def test_in_a_terminal_batch_never_waits(start: Start) -> None:
+    wizard = start("--batch")
+    assert wizard.ended() == 2
+    assert "board_along_x_mm is not answered" in " ".join(wizard.screen.split())
+    assert "\033" not in wizard.raw and "http://" not in wizard.raw
