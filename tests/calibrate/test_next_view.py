@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -135,6 +137,16 @@ def test_a_plane_that_is_not_in_the_picture_has_no_number():
     assert np.isnan(progress.std_m)
     assert not progress.enough
     assert "hardly in the picture" in progress.words
+
+
+def test_a_lens_without_rays_has_no_number_and_still_a_next_picture():
+    made, _ = views(4)
+    solution = solve_intrinsics(made, SPEC, "opencv4")
+    folded = camera_of(LENS_MODELS["opencv4"], np.array([150.0, 150.0, 640.0, 360.0, -2.0, 0.0, 0.0, 0.0]), SIZE)
+    progress = lens_progress(made, SPEC, PLANE, solution=replace(solution, camera=folded))
+    assert np.isnan(progress.std_m)
+    assert not progress.enough
+    assert progress.suggestion is not None
 
 
 def tilted(rotvec_rad: tuple[float, float, float], middle_m: tuple[float, float, float]) -> Pose:

@@ -72,7 +72,7 @@ def watched(root: Path, moments: Path, said: Path) -> None:
             keep()
 
     # syncing is for power cuts, which nothing here can show, and takes most of the time
-    mock.patch.object(os, "fsync", lambda handle: keep()).start()
+    mock.patch.object(os, "fsync", new=lambda handle: keep()).start()
     sys.addaudithook(hook)
 
 
@@ -95,7 +95,7 @@ def wizard(root: Path, argv: Sequence[str], moments: Path | None = None) -> tupl
     said = Path(f"{root}.said")
 
     def work() -> int:
-        mock.patch.object(os, "fsync", lambda handle: None).start()
+        mock.patch.object(os, "fsync", new=lambda handle: None).start()
         if moments is not None:
             watched(root, moments, said)
         return main(["wizard", str(root), *argv, "--batch"])

@@ -23,7 +23,7 @@ from ..reprojection import (
 from ..rig import RIG_PARAMETERS, RIG_STEPS
 from ..session import Load
 from .joint_given import Observation, Prior
-from .load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP, ReadingGroups, readings_altered
+from .load_readings import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, ReadingGroups, readings_altered
 from .pose_estimate import PoseEstimate
 
 POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
@@ -73,6 +73,13 @@ class Problem:
         kept, at = np.ones(count, bool), np.zeros(groups.count)
         blank = Problem(observations, prior, (), np.zeros(0), length_m, moment_std_Nm, 1.0, kept, groups, at)
         return blank.relinearised(blank.begin)
+
+    def over(self, observations: Sequence[Observation]) -> Problem:
+        """The same rig over other stills, their loads exact, none seen yet."""
+        kept, groups = np.ones(len(observations), bool), ReadingGroups.of([], EXACT)
+        return replace(
+            self, observations=observations, seen_at_lens=(), kept=kept, groups=groups, readings_at=np.zeros(0)
+        )
 
     @property
     def begin(self) -> np.ndarray:

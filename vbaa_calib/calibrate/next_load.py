@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import Kinematics
-from ..session import Load, Session
+from ..session import Load, LoadReadings, Session
 from .joint import JointSolution
 from .joint_problem import GAIN
 from .next_load_candidates import Candidate, candidates, pulls
-from .next_load_readings import Planner, ReadingErrors, StiffnessErrors
+from .next_load_readings import Planner, StiffnessErrors
 from .next_load_words import missing_words, progress_words, suggestion_words
 
 LEAST_LOADS = 3
@@ -84,10 +84,8 @@ def load_progress(
     session: Session,
     masses_kg: Sequence[float],
     goal_relative: float = 0.01,
-    distance_std_m: float = 5e-4,
-    mass_std_relative: float = 5e-3,
     kinematics: Kinematics | None = None,
-    weighed: bool = False,
+    readings: LoadReadings | None = None,
 ) -> LoadProgress:
     """What the stills so far say of EI, and the load that lowers its uncertainty most.
 
@@ -96,20 +94,20 @@ def load_progress(
     joint : of the stills so far, with or without loads.
     masses_kg : the weights at hand. One that is used twice counts with the same error.
     goal_relative : standard deviation of EI to reach, with the readings' errors.
-    distance_std_m, mass_std_relative : how well places and weights are known.
     kinematics : with what a sweep found of the joints; the session's where it is not given.
-    weighed : the joint solve counts places and weights as uncertain. The present one takes them as exact, and what
-        they are off by goes into EI in full; the suggestions then are those that would serve one that weighs them.
+    readings : how well places and weights are known, where the joint solve took them as exact: what they are off by then
+        goes into EI in full. None: as the joint solve has them, and weighs the loads by it.
 
     Raises ValueError for a weight or a standard deviation that is not positive.
     """
-    if min([*masses_kg, goal_relative], default=1.0) <= 0 or min(distance_std_m, mass_std_relative) < 0:
+    weighed = readings is None
+    known = joint.problem.prior.readings if readings is None else readings
+    if min([*masses_kg, goal_relative], default=1.0) <= 0 or min(known.distance_std_m, known.force_std_relative) < 0:
         raise ValueError("weights and goal must be positive, and deviations not negative")
     kinematics = session.kinematics if kinematics is None else kinematics
     offered = candidates(joint, session, kinematics, masses_kg)
-    readings = ReadingErrors(distance_std_m, mass_std_relative)
     # which load says most is one question, what the solve at hand makes of it another
-    best_use = Planner.of(joint, offered, readings, weighed=True)
+    best_use = Planner.of(joint, offered, known, weighed=True)
     planner = best_use if weighed else best_use.unweighed()
     now = planner.now()
     hung = [

@@ -11,9 +11,11 @@ from ..geometry import Kinematics
 from ..reprojection import image_curves, whitened_residuals
 from ..rig import RIG_STEPS
 from ..session import Load, Session, Still, gravity_antenna
-from .diagnose.rows import DISTANCE_STEP_M, LOG_FORCE_STEP, readings_altered
+from .diagnose.rows import with_readings_altered
 from .joint import JointSolution
-from .joint_problem import ANTENNA, GAIN, OFFSET, RIG, Observation, Problem
+from .joint_given import Observation
+from .joint_problem import ANTENNA, GAIN, OFFSET, RIG
+from .load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 STEEPEST_RAD = np.deg2rad(35.0)
@@ -144,7 +146,7 @@ def _predicted(joint: JointSolution, wanted: Sequence[Observation]) -> tuple[lis
     sigma = float(np.median(np.concatenate([one.sigma_px for one in usual])))
     inside = [bool(own >= LEAST_VISIBLE * visible[0] > 0) for own in visible[1:]]
     placed = []
-    for index in np.flatnonzero(inside) + 1:
+    for index in (np.flatnonzero(inside) + 1).tolist():
         # a node stands for all the points of its piece of the antenna
         which = seen[index]
         each = sigma / np.sqrt(np.maximum(points * share[index, which], 1e-3))
@@ -152,15 +154,10 @@ def _predicted(joint: JointSolution, wanted: Sequence[Observation]) -> tuple[lis
     return placed, inside
 
 
-def _with(problem: Problem, observations: Sequence[Observation]) -> Problem:
-    kept = np.ones(len(observations), bool)
-    return replace(problem, observations=observations, seen_at_lens=(), kept=kept)
-
-
 def _rows(joint: JointSolution, placed: Sequence[Observation]) -> list[np.ndarray]:
     """Per still (N + 1, 17 + P): whitened rows of points and moment."""
-    parameters = joint.solution.parameters
-    problem = _with(joint.problem, placed).relinearised(parameters)
+    parameters = joint.solution.parameters[: joint.problem.lens.stop]
+    problem = joint.problem.over(placed).relinearised(parameters)
     blocks, moments = problem.evaluate(parameters)
     found = []
     for block, moment in zip(blocks, moments, strict=True):
@@ -177,9 +174,9 @@ def _rows(joint: JointSolution, placed: Sequence[Observation]) -> list[np.ndarra
 
 def _by_readings(joint: JointSolution, placed: Sequence[Observation]) -> list[tuple[np.ndarray, np.ndarray]]:
     """Per still (N + 1,) twice: how its residuals move with its distance and with the logarithm of its force."""
-    parameters = joint.solution.parameters
-    problem = _with(joint.problem, [each for one in placed for each in (one, *readings_altered(one))])
-    seen = _with(joint.problem, placed).relinearised(parameters).seen_at_lens
+    parameters = joint.solution.parameters[: joint.problem.lens.stop]
+    problem = joint.problem.over([each for one in placed for each in (one, *with_readings_altered(one))])
+    seen = joint.problem.over(placed).relinearised(parameters).seen_at_lens
     curves = problem.curves(parameters[None, ANTENNA])
     view = [joint.T_antenna_camera.inverse()] * 3
     found = []

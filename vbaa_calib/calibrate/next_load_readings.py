@@ -11,26 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..session import Load
-from .diagnose.rows import DISTANCE_STEP_M, LOG_FORCE_STEP, StillRows, readings_altered
+from ..session import Load, LoadReadings
+from .diagnose.rows import StillRows, with_readings_altered
 from .joint import JointSolution
 from .joint_problem import ANTENNA
+from .load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP, reading_keys
 from .next_load_candidates import Candidate
 
 LOG_STIFFNESS = ANTENNA.start + 6
-
-
-@dataclass(frozen=True)
-class ReadingErrors:
-    """How well the loads' readings are known.
-
-    Attributes
-    ----------
-    distance_std_m : of a place read off a ruler. mass_std_relative : of a weight.
-    """
-
-    distance_std_m: float = 5e-4
-    mass_std_relative: float = 5e-3
 
 
 @dataclass(frozen=True)
@@ -85,13 +73,13 @@ class Planner:
 
     @staticmethod
     def of(
-        joint: JointSolution, offered: Sequence[Candidate], readings: ReadingErrors, weighed: bool = False
+        joint: JointSolution, offered: Sequence[Candidate], readings: LoadReadings, weighed: bool = False
     ) -> Planner:
         """From a joint solution and what could be hung next."""
         rows = StillRows.of(joint)
         information, _, scale = rows.solution.normal_equations()
         loads, pushes, grams = _pushes_now(rows)
-        stds_once = np.array([readings.distance_std_m, readings.mass_std_relative])
+        stds_once = np.array([readings.distance_std_m, readings.force_std_relative])
         added = []
         for one in offered:
             own = one.rows / scale
@@ -100,7 +88,7 @@ class Planner:
             both = np.column_stack([one.by_distance, one.by_log_force])
             grams.append(both.T @ both)
         hung = [*loads, *(one.load for one in offered)]
-        keys = [key for load in hung for key in _keys(load)]
+        keys = [key for load in hung for key in reading_keys(load)]
         names = list(dict.fromkeys(keys))
         stds = np.tile(stds_once, len(hung))
         size, count = len(scale), len(keys)
@@ -171,12 +159,6 @@ class Planner:
         return np.asarray(np.sqrt(towards[:, LOG_STIFFNESS, 0]) / self.scale[LOG_STIFFNESS])
 
 
-def _keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
-    """What a place and a weight are known by: equal numbers are the same one."""
-    force = float(np.hypot(load.force_y_N, load.force_z_N))
-    return ("distance", f"{load.distance_m:.4f}"), ("mass", f"{force:.3g}")
-
-
 def _pushes_now(rows: StillRows) -> tuple[list[Load], list[np.ndarray], list[np.ndarray]]:
     """The loads that took part, two pushes each, by distance and by log force, and their (2, 2) products."""
     joint, solution = rows.joint, rows.solution
@@ -188,8 +170,8 @@ def _pushes_now(rows: StillRows) -> tuple[list[Load], list[np.ndarray], list[np.
         return [], [], []
     _, _, scale = solution.normal_equations()
     weighted = solution.jacobian * (solution.weights**2)[:, None] / scale
-    nearer = -rows.altered([readings_altered(one)[0] for one in observations], DISTANCE_STEP_M)
-    heavier = rows.altered([readings_altered(one)[1] for one in observations], LOG_FORCE_STEP)
+    nearer = -rows.altered([with_readings_altered(one)[0] for one in observations], DISTANCE_STEP_M)
+    heavier = rows.altered([with_readings_altered(one)[1] for one in observations], LOG_FORCE_STEP)
     loads, pushes, grams = [], [], []
     for index in which:
         mask = rows.of_stills([index])

@@ -17,7 +17,7 @@ from .next_view_jig import PlaneProgress, plane_progress
 from .next_view_plane import WorkPlane
 from .next_view_suggest import Suggestion, best_next
 from .next_view_taken import Taken, before_a_lens, with_a_lens
-from .next_view_worth import mean_square, plane_functional, pulled_square
+from .next_view_worth import has_rays, mean_square, plane_functional, pulled_square
 
 LEAST_VIEWS = 8
 """Pictures that a lens rests on before it is enough: fewer show no outlier, and no halves to compare."""
@@ -80,6 +80,11 @@ def lens_progress(
     if solution is None:
         solution, reason = _solved(views, spec, model)
     taken = before_a_lens(views, spec, size) if solution is None else with_a_lens(solution, views, spec)
+    if solution is not None and not has_rays(taken.design):
+        words = "The lens found so far gives most of the picture no direction: more pictures are needed."
+        nominal = before_a_lens(views, spec, size)
+        suggestion = best_next(nominal, plane, spec, plane_functional(nominal.design, plane, spec))
+        return LensProgress(solution, np.nan, goal_m, suggestion, False, words)
     functional = plane_functional(taken.design, plane, spec)
     suggestion = best_next(taken, plane, spec, functional)
     if solution is None:

@@ -23,6 +23,7 @@ _DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
 _TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _SAGITTA_PER_EXTENT = 0.005
 _LEAST_JIG_CORNERS = 6
+_LEAST_RAYS = 0.5
 _RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
 NOMINAL_FOCAL_PER_WIDTH = 1.1
 """Of a camera that no picture tells of: a field of view of 49°, as most webcams and machine lenses have."""
@@ -90,6 +91,13 @@ def design_about(
     return Design(model, wide, image_size, prior, sigma_px, np.zeros(FLEX) if sagittas_m is None else sagittas_m)
 
 
+def has_rays(design: Design) -> bool:
+    """Whether most of the picture has a ray: a lens from too few pictures may have hardly any."""
+    columns, lines = (np.linspace(0, length - 1, 9) for length in design.image_size)
+    _, valid = design.camera.unproject(np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2))
+    return bool(valid.mean() > _LEAST_RAYS)
+
+
 def _prior(
     model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], spec: BoardSpec, flex: bool
 ) -> np.ndarray:
@@ -117,6 +125,8 @@ def _largest_shift(model: LensModel, intrinsics: np.ndarray, image_size: tuple[i
     pixels = np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2)
     rays, valid = camera.unproject(pixels)
     rays = rays[valid & (rays[:, 2] > 0.05)]
+    if not len(rays):
+        return np.zeros(len(intrinsics))
     stack = Stack.of([Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))])
     state = State(np.concatenate([intrinsics, np.zeros(FLEX)]), np.zeros((1, 6)))
     by_shared = rows(model, state, stack)[1]

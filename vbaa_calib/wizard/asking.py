@@ -9,7 +9,7 @@ from typing import Any
 
 from ..detect.board_file import load_board
 from ..errors import InputError
-from .catalogue import BOARD_ANSWERS, QUESTIONS, by_key, open_questions
+from .catalogue import BOARD_ANSWERS, QUESTIONS, by_key, keeps_jig, open_questions
 from .desk import Desk, Interrupted
 from .journal import Journal
 from .known import Known
@@ -17,6 +17,7 @@ from .steps import board
 from .steps.step import Step
 from .store import Store
 
+_JIG = {key for key in by_key() if key.startswith("jig_")} | {"board_thickness_mm"}
 BOARD, PAPER = by_key()["board"], by_key()["paper"]
 
 
@@ -97,6 +98,10 @@ def check_together(answers: Mapping[str, Any]) -> None:
         except InputError as error:
             raise InputError(f"{error.where}: {error.what}", where="board", remedy=error.remedy) from None
     board.check_scale(answers)
+    ignored = [key for key in answers if key in _JIG and keeps_jig(answers)]
+    if ignored:
+        remedy = "give jig_translation_mm and the other answers about the jig too, or mend jig: in session.yaml"
+        raise InputError("the jig is the one that session.yaml describes", where=ignored[0], remedy=remedy)
     x, y = answers.get("jig_board_x"), answers.get("jig_board_y")
     if x and y and x.lstrip("-") == y.lstrip("-"):
         what = f"the board's x runs along {x} and its y along {y}"

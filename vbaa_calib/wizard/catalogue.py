@@ -10,8 +10,13 @@ from .questions import Answers, Question
 AXES = ("x", "-x", "y", "-y", "z", "-z")
 
 
+def keeps_jig(answers: Answers) -> bool:
+    """Whether the jig is the one that came with the session, and no other was described."""
+    return bool(answers.get("jig_given")) and "jig_translation_mm" not in answers
+
+
 def _jig(answers: Answers) -> bool:
-    return answers.get("plane_way") == "jig" and not answers.get("jig_given")
+    return answers.get("plane_way") == "jig" and not keeps_jig(answers)
 
 
 def _over(answers: Answers) -> bool:

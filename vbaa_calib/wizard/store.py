@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shutil
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -169,6 +170,15 @@ class Store:
             return strange
         ways = (self.root / way for way in WAYS.values() if way != self.folder("plane"))
         return strange + [folder for folder in ways if folder.is_dir()]
+
+    def replace(self, name: str, data: bytes) -> None:
+        """Write a file that is not the wizard's alone; what it held before is kept aside."""
+        path = self.root / name
+        if path.exists() and path.read_bytes() != data:
+            shutil.copy2(path, self._new_aside("replaced") / name)
+        if not path.exists() or path.read_bytes() != data:
+            with replacing(path) as temporary:
+                temporary.write_bytes(data)
 
     def put_aside(self, paths: Sequence[Path], why: str) -> Path:
         """Move files or folders out of the way, never delete them. The folder where they are now."""

@@ -15,10 +15,10 @@ from scipy.stats import chi2
 from ...reprojection import image_curves, whitened_residuals
 from ...session import Load
 from ..joint import JointSolution, Linearised
-from ..joint_problem import ANTENNA, GAIN, Observation
+from ..joint_given import Observation
+from ..joint_problem import ANTENNA, GAIN
+from ..load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP, readings_altered
 
-DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3
-"""Finite-difference steps of a load's distance, towards the clamp, and of the logarithm of its force."""
 DEAD_DIRECTION = 1e-9
 """Part of a further parameter's information that must be left beside the others', for it to be estimated."""
 
@@ -50,10 +50,12 @@ class StillRows:
         problem, kept = joint.problem, joint.kept
         sizes = [len(seen) if inside else 0 for seen, inside in zip(problem.seen_at_lens, kept, strict=True)]
         ends = np.cumsum([0, *sizes])
-        solution = joint.solution
+        solution, readings = joint.solution, problem.groups.count
         if len(solution.residuals) != ends[-1] + int(kept.sum()) + problem.certain:
             # the last pass may have ended on other stills than it began with
             solution = Linearised.of(problem, solution.parameters)
+        # with the loads held where the solve had them; `with_readings` lets go of them again
+        solution = solution.exact_loads(readings)
         moments = np.where(kept, ends[-1] + np.cumsum(kept) - 1, -1)
         points = [slice(a, b) for a, b in pairwise(ends)]
         return StillRows(joint, solution, points, moments, solution.weights, np.zeros((len(solution.residuals), 0)))
@@ -190,7 +192,7 @@ def _weighted(rows: StillRows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return jacobian, rows.solution.residuals * rows.factor, known
 
 
-def readings_altered(one: Observation) -> tuple[Observation, Observation]:
+def with_readings_altered(one: Observation) -> tuple[Observation, Observation]:
     """A loaded still with its load a step nearer to the clamp, and with a little more force."""
     return _with_other(one, "distance"), _with_other(one, "force")
 
@@ -199,7 +201,5 @@ def _with_other(one: Observation, what: str) -> Observation:
     load = one.still
     if not isinstance(load, Load):
         return one
-    if what == "distance":
-        return replace(one, still=replace(load, distance_m=load.distance_m - DISTANCE_STEP_M))
-    factor = float(np.exp(LOG_FORCE_STEP))
-    return replace(one, still=replace(load, force_y_N=factor * load.force_y_N, force_z_N=factor * load.force_z_N))
+    nearer, heavier = readings_altered(load)
+    return replace(one, still=nearer if what == "distance" else heavier)

@@ -16,7 +16,6 @@ from targets.sheet_words import board_id, size_words, spec_document
 
 from ...detect.board_file import load_board
 from ...errors import InputError
-from ...files import replacing, write_text
 from ..known import BOARD, Known, scale_of
 from ..progress import Number, Progress
 from ..store import Store
@@ -30,10 +29,9 @@ def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
 
     Returns what is measured on the print, mm, for the journal. Raises InputError for a board.yaml that is none.
     """
-    path = store.root / BOARD
     if answers["board"] != "new":
         spec = load_board(Path(str(answers["board"])))
-        write_text(path, spec_document(spec, f"from {answers['board']}"))
+        store.replace(BOARD, spec_document(spec, f"from {answers['board']}").encode())
         return {
             "measure_x_mm": 1e3 * spec.square_m * spec.squares_x,
             "measure_y_mm": 1e3 * spec.square_m * spec.squares_y,
@@ -41,9 +39,8 @@ def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
     paper = paper_named(str(answers["paper"]))
     spec = fill_in(paper=paper)
     layout = lay_out(spec, paper)
-    with replacing(store.root / SHEET) as temporary:
-        temporary.write_bytes(as_pdf(draw(spec, layout)))
-    write_text(path, spec_document(spec, f"as the wizard drew it in {SHEET}"))
+    store.replace(SHEET, as_pdf(draw(spec, layout)))
+    store.replace(BOARD, spec_document(spec, f"as the wizard drew it in {SHEET}").encode())
     return {"measure_x_mm": layout.ruler_x, "measure_y_mm": layout.ruler_y}
 
 
