@@ -165,6 +165,13 @@ def test_a_session_goes_on_and_a_picture_with_its_readings_is_typed(start: Start
     assert len(steps["plane"]["taken"]) == 1
 
 
+def all_taken(wizard: PseudoTerminal, last: str) -> None:
+    """Close a step once its last picture was taken."""
+    wizard.until(f"as {last}")
+    wizard.until("waiting for pictures")
+    wizard.type("enough")
+
+
 @pytest.mark.slow
 def test_all_is_typed_to_the_verdict(start: Start, tmp_path: Path) -> None:
     source = rendered()
@@ -179,8 +186,7 @@ def test_all_is_typed_to_the_verdict(start: Start, tmp_path: Path) -> None:
     for key in ("source", "antenna_length_mm", "camera_distance_mm", "camera_inclination_deg"):
         wizard.until("camera:0:" if key == "source" else "mm:" if key.endswith("mm") else "Enter for 0:")
         wizard.type(str(typed[key]))
-    wizard.until("waiting for pictures")
-    wizard.type("enough")
+    all_taken(wizard, "intrinsics/0005.png")
     wizard.until("3 of 7")
     wizard.until("Enter for jig:")
     wizard.type("")
@@ -189,18 +195,19 @@ def test_all_is_typed_to_the_verdict(start: Start, tmp_path: Path) -> None:
     for words, answer in (("x:", ""), ("-y:", ""), ("0, 0, 0:", "0, 0, 1"), ("0.1:", ""), ("0.1:", ""), ("0:", "")):
         wizard.until(f"Enter for {words}")
         wizard.type(answer)
-    wizard.until("waiting for pictures")
-    wizard.type("enough")
+    all_taken(wizard, "plane/0001.png")
     wizard.until("4 of 7")
     wizard.until("mm:")
     wizard.type("0.8")
-    while "waiting" not in wizard.until(":"):
+    for words in ("193:", "7900:", "-z:", "0.02:"):
+        wizard.until(f"Enter for {words}")
         wizard.type("")
-    wizard.type("enough")
+    all_taken(wizard, "noload/0003.png")
     wizard.until("5 of 7")
-    while "waiting" not in wizard.until(":"):
+    for words in ("5, 10, 20:", "0.5:", "0.5:"):
+        wizard.until(f"Enter for {words}")
         wizard.type("")
-    wizard.type("enough")
+    all_taken(wizard, "loads/0003.png")
     wizard.until("6 of 7")
     wizard.until("7 of 7")
     wizard.until("report", 240)

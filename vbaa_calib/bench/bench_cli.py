@@ -11,10 +11,11 @@ from ..console import say
 from ..errors import InputError
 from ..files import refuse_overwrite
 
-SUBJECTS = ("metric", "calibration", "coverage", "vision", "estimator", "object", "paper")
+SUBJECTS = ("metric", "calibration", "guided", "coverage", "vision", "estimator", "object", "paper")
 POINTS, QUICK_POINTS = 1_000_000, 100_000
 DRAWS = {
     "calibration": (20, 3),
+    "guided": (20, 1),
     "coverage": (500, 20),
     "vision": (40, 4),
     "estimator": (400, 12),
@@ -22,8 +23,8 @@ DRAWS = {
     "paper": (16, 2),
 }
 """Subject → noise draws (vision: pictures of each hardship; estimator and object: of each cell), and with --quick."""
-LEAST_DRAWS = {"calibration": 1, "coverage": 2, "vision": 1, "estimator": 4, "object": 1, "paper": 1}
-FIGURES = ("metric", "coverage", "vision", "estimator", "object")
+LEAST_DRAWS = {"calibration": 1, "guided": 1, "coverage": 2, "vision": 1, "estimator": 4, "object": 1, "paper": 1}
+FIGURES = ("metric", "guided", "coverage", "vision", "estimator", "object")
 FREE_FRAMES_PER_DRAW = 2_000
 """Frames without contact in which a first contact would be a false alarm, for each of object's draws."""
 HOSTILE_PER_DRAW = 25
@@ -31,7 +32,7 @@ HOSTILE_PER_DRAW = 25
 PACKAGES = {
     "metric": ("numpy", "opencv-contrib-python-headless", "torch", "kornia"),
     "calibration": ("numpy", "scipy", "opencv-contrib-python-headless"),
-    "coverage": ("numpy", "scipy", "opencv-contrib-python-headless", "torch"),
+    **dict.fromkeys(("guided", "coverage"), ("numpy", "scipy", "opencv-contrib-python-headless", "torch")),
     "vision": ("numpy", "scipy", "opencv-contrib-python-headless"),
     **dict.fromkeys(("estimator", "object", "paper"), ("numpy", "scipy", "torch")),
 }
@@ -43,7 +44,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "subject",
         choices=SUBJECTS,
         help="metric: undistortion by OpenCV, kornia and the metric layer; calibration: lens solves by OpenCV, "
-        "lensboy and mrcal (where an interpreter has them: VBAA_PEER_PYTHON) and ours, in mm on plane C; coverage: "
+        "lensboy and mrcal (where an interpreter has them: VBAA_PEER_PYTHON) and ours, in mm on plane C; guided: "
+        "pictures for the lens at suggested and at random poses, until plane C is known; coverage: "
         "whether the deviations that whole calibrations predict are those that sampling shows; vision: the antenna in "
         "hard pictures, beside other methods; estimator: contacts against the Cramér-Rao bound, speed against error, "
         "hard cases, random scenes; object: objects stroked by the antenna: surface, normals, friction, stiffness, "
@@ -78,7 +80,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         refuse_overwrite(path, args.force)
     named = machine(PACKAGES[args.subject])
     subjects = {"metric": _metric, "calibration": _calibration, "coverage": _coverage, "vision": _vision}
-    measure = (subjects | {"estimator": _estimator, "object": _object, "paper": _paper})[args.subject]
+    measure = (subjects | {"guided": _guided, "estimator": _estimator, "object": _object, "paper": _paper})[
+        args.subject
+    ]
     table, result = measure(args, files)
     table = f"{named}, seed {args.seed}\n{table}"
     if args.json:
@@ -126,6 +130,19 @@ def _calibration(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict
     rows = measure(draws, args.seed)
     if files:
         write_csv(files[0], rows, args.force)
+    return as_text(rows, draws), {"draws": draws, "rows": [asdict(row) for row in rows]}
+
+
+def _guided(args: argparse.Namespace, files: list[Path]) -> tuple[str, dict[str, Any]]:
+    from .guided import run as measure
+    from .guided_report import as_text, write_figure
+    from .rows import write_csv
+
+    draws = _draws(args)
+    rows = measure(draws, args.seed)
+    if files:
+        write_csv(files[0], rows, args.force)
+        write_figure(files[1], rows, args.force)
     return as_text(rows, draws), {"draws": draws, "rows": [asdict(row) for row in rows]}
 
 
