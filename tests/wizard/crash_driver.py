@@ -12,41 +12,19 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 from vbaa_calib.cli.main import main
-from vbaa_calib.files import sha256, write_json, write_text
+from vbaa_calib.files import sha256
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.progress import Judged, Progress
 from vbaa_calib.wizard.steps import verdict
 
-from .small_session import tree
+from .small_session import tree, unseen_conclude, unseen_steps
 
 LASTING = ("os.rename", "os.mkdir", "os.remove", "os.chmod", "os.truncate")
 TEMPORARY = re.compile(r"-[a-z0-9_]{8}(?=\.\w+$)")
-
-
-def without_seeing() -> None:
-    """Every picture is good but those named bad, every step has enough, the verdict is a file: what is left is fast."""
-
-    def judge(known: Any, offered: Any, readings: Any) -> Judged:
-        return Judged("is bad" if offered.name.startswith("bad") else "")
-
-    def look(known: Any) -> Progress:
-        return Progress(usable=True)
-
-    def conclude(root: Path) -> dict[str, Any]:
-        write_json(root / verdict.RIG, {"pictures": sorted(name for name in tree(root) if name.endswith(".png"))})
-        write_text(root / verdict.REPORT, "report")
-        return {"words": "done", "verdict": "trust", "session_findings": [], "findings": [], "numbers": {}}
-
-    for name in ("lens", "plane", "noload", "loads"):
-        flow.ALL[name] = replace(flow.ALL[name], judge=judge, look=look)
-    flow.ALL["sensor"] = replace(flow.ALL["sensor"], look=look)
-    mock.patch.object(verdict, "conclude", conclude).start()
 
 
 def watched(root: Path, moments: Path, said: Path) -> None:
@@ -72,7 +50,7 @@ def watched(root: Path, moments: Path, said: Path) -> None:
             keep()
 
     # syncing is for power cuts, which nothing here can show, and takes most of the time
-    mock.patch.object(os, "fsync", new=lambda handle: keep()).start()
+    mock.patch.object(os, "fsync", side_effect=lambda handle: keep()).start()
     sys.addaudithook(hook)
 
 
@@ -95,7 +73,7 @@ def wizard(root: Path, argv: Sequence[str], moments: Path | None = None) -> tupl
     said = Path(f"{root}.said")
 
     def work() -> int:
-        mock.patch.object(os, "fsync", new=lambda handle: None).start()
+        mock.patch.object(os, "fsync").start()
         if moments is not None:
             watched(root, moments, said)
         return main(["wizard", str(root), *argv, "--batch"])
@@ -139,7 +117,8 @@ def ends(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    without_seeing()
+    flow.ALL.update(unseen_steps())
+    mock.patch.object(verdict, "conclude", unseen_conclude).start()
     plan_path = Path(sys.argv[1])
     found = [list(ends(plan)) for plan in json.loads(plan_path.read_text())]
     plan_path.with_suffix(".found.json").write_text(json.dumps(found))

@@ -10,41 +10,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 import yaml
 
 from vbaa_calib.files import read_yaml
-from vbaa_calib.synth.scene import bundled_scene
 from vbaa_calib.wizard.journal import STEPS
 
-from .small_session import answers, answers_file
+from .small_session import answers, answers_file, tiny_source
 
 ROOT = Path(__file__).parents[2]
-ROWS = {
-    "noload": "image,pan_rad,tilt_rad,moment_Nm\n1.png,0,0,0.001\n2.png,0,0.3,0.002\n",
-    "loads": "image,pan_rad,tilt_rad,moment_Nm,distance_m,force_y_N,force_z_N\n1.png,0,0,0.01,0.1,0,-0.05\n",
-    "sweep": "image,pan_rad,tilt_rad\n1.png,0,0\n2.png,0.1,0\n",
-}
-PICTURES = {"intrinsics": ("1", "2", "bad", "3"), "plane": ("1",), "noload": ("1", "2"), "loads": ("1",), "sweep": "12"}
 
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    """Folders of tiny pictures with their tables; nothing looks at them here."""
-    rng = np.random.default_rng(3)
-    for folder, names in PICTURES.items():
-        (tmp_path / "source" / folder).mkdir(parents=True)
-        for name in names:
-            path = tmp_path / "source" / folder / f"{name}.png"
-            assert cv2.imwrite(str(path), rng.integers(0, 255, (12, 16), np.uint8))
-            os.utime(path, (1e9, 1e9))
-        if folder in ROWS:
-            (tmp_path / "source" / folder / f"{folder}.csv").write_text(ROWS[folder])
-    board = read_yaml(bundled_scene("demo"))["board"]
-    (tmp_path / "source" / "session.yaml").write_text(yaml.safe_dump({"board": board}))
-    return tmp_path / "source"
+    """Tiny pictures; nothing looks at them here."""
+    return tiny_source(tmp_path / "source")
 
 
 Ends = tuple[dict[str, Any], list[dict[str, Any]]]

@@ -258,7 +258,7 @@ def _adopted(store: Store, session: Session, step: str, way: str) -> tuple[Taken
         rows = read_sweep(session)
     else:
         return tuple(_taken(folder, image, {}) for image in list_images(folder))
-    return tuple(_taken(folder, row.image, _row_readings(row)) for row in rows)
+    return tuple(_taken(folder, Path(row.image), _row_readings(row)) for row in rows)
 
 
 def _taken(folder: Path, image: Path, readings: Mapping[str, float]) -> Taken:

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..calibrate.diagnose import typed_load_doubts
+from ..diagnosis import Diagnosis
 from ..errors import InputError
-from ..session import Still, gravity_antenna
+from ..session import Load, Still, gravity_antenna
 from .desk import Command, Desk, Interrupted, Live
-from .known import Known
+from .known import Known, still_of
 from .progress import Judged, Progress
 from .questions import Question
 from .readings import Given, asked, complete, in_si, with_last
@@ -18,6 +20,7 @@ from .steps.step import Step
 from .still import ON_A_STAND, StillGate
 
 WAIT_S = 0.2
+KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
 GO_ON = Question(
     "go_on", "", "Go on with the next step?", "no: more pictures may be taken", kind="yesno", default="yes"
 )
@@ -198,14 +201,32 @@ class Taking:
                 remedy=f"give --{self.step.name}-readings, a CSV with a column image, or write it in --answers FILE",
             )
         if row is not None:
-            return complete(folder, row, self._gravity(row, where), self._length_m, where)
+            readings = complete(folder, row, self._gravity(row, where), self._length_m, where)
+            doubts = self._doubts(readings)
+            if doubts and doubts[0].grave:
+                raise InputError(doubts[0].words, where=where, remedy=doubts[0].remedy)
+            return readings
         while True:
             self.desk.say(f"{offered.name}: what was read with it?")
             typed = {question.key: self.desk.ask(question, {}) for question in self._with_defaults(questions)}
             try:
-                return complete(folder, typed, self._gravity(typed, where), self._length_m, where)
+                readings = complete(folder, typed, self._gravity(typed, where), self._length_m, where)
             except InputError as error:
                 self.desk.say(str(error))
+                continue
+            doubts = self._doubts(readings)
+            for doubt in doubts:
+                self.desk.say(str(doubt))
+            if not doubts or self.desk.ask(KEEP, {}):
+                return readings
+
+    def _doubts(self, readings: Mapping[str, float]) -> list[Diagnosis]:
+        """What was typed for a load that cannot be, or hardly, before anything is solved."""
+        if self.step.name != "loads":
+            return []
+        load = still_of("loads", None, readings)
+        assert isinstance(load, Load)
+        return typed_load_doubts([load], self.known.session.antenna)
 
     def _with_defaults(self, questions: tuple[Question, ...]) -> list[Question]:
         """Joints stay where they were unless something else is typed."""

@@ -29,7 +29,7 @@ def look(known: Known) -> Progress:
     masses = [1e-3 * float(mass) for mass in known.store.journal.answers["weights_g"]]
     try:
         joint, session = known.joint(), known.session
-        now = load_progress(joint, session, masses, GOAL)
+        now = load_progress(joint, session, masses, GOAL, known.kinematics)
     except VbaaError as error:
         return Progress(tuple(seen), (str(error),), "hang a weight on the antenna")
     loaded = any(isinstance(still, Load) for still in known.stills())
@@ -37,16 +37,16 @@ def look(known: Known) -> Progress:
     suggested = now.suggestion.words if now.suggestion else ""
     return Progress(
         seen=tuple(seen),
-        missing=() if enough else (now.words,),
+        missing=(*(() if enough else (now.words,)), *now.missing),
         next="enough, more will not help" if enough else suggested,
         enough=enough,
         usable=len(taken) >= LEAST,
         numbers=(
             Number(
                 "stiffness EI, one standard deviation",
-                f"{100 * now.std_relative:.2f} %" if loaded else "not known yet",
+                f"{100 * now.std_relative_with_readings:.2f} %" if loaded else "not known yet",
                 f"{100 * GOAL:.0f} %",
-                bool(now.std_relative <= GOAL) if loaded else None,
+                now.reached if loaded else None,
             ),
         ),
         diagnoses=tuple(known.still_diagnoses()) if loaded else (),
