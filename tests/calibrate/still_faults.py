@@ -16,12 +16,14 @@ from vbaa_calib.calibrate.pose_estimate import PoseEstimate
 from vbaa_calib.calibrate.session_rig import prior
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load, NominalAntenna, Session, Still, gravity_antenna
+from vbaa_calib.session import Load, LoadReadings, NominalAntenna, Session, Still, gravity_antenna
 
 from ..rod_scenes import BROWN, GRAVITY_WORLD, LENGTH_M, MATRIX, World, along, camera_pose, seen
 
 NOMINAL = NominalAntenna(LENGTH_M, 0.8e-3, 193e9, 7900.0)
 POSE_COVARIANCE = np.diag([3e-4**2] * 3 + [1e-4**2] * 3)
+WEIGHED = LoadReadings(5e-4, 5e-3)
+"""As a session has them that does not say."""
 POINTS, SIGMA_PX = 120, 0.05
 TILTS = (0.0, 0.35, -0.35)
 HUNG = ((0.10, 0.08), (0.15, 0.06), (0.20, 0.035), (0.21, 0.02), (0.16, 0.03))
@@ -113,11 +115,11 @@ def observed(
     return found
 
 
-def before(world: World, rng: np.random.Generator) -> Prior:
-    """What the jig says of the camera's pose."""
+def before(world: World, rng: np.random.Generator, readings: LoadReadings = WEIGHED) -> Prior:
+    """What the jig says of the camera's pose, and how well ruler and balance are known."""
     start = world.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
     camera = Camera("opencv", (960, 720), MATRIX, BROWN)
-    return prior(NOMINAL, camera, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))])
+    return prior(NOMINAL, camera, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))], readings=readings)
 
 
 def solved(observations: Sequence[Observation], known: Prior) -> JointSolution:

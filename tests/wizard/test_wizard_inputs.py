@@ -1,4 +1,4 @@
-"""Every answer that cannot be: exit 2 and one line that names the place and what is expected, before anything is made."""
+"""Every answer that cannot be: exit 2 and one line with the place and what is expected, before anything is made."""
 
 from __future__ import annotations
 
