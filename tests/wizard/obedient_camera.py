@@ -18,26 +18,30 @@ from vbaa_calib.wizard.sources.offered import Offered, frame_offered
 
 RIG = rigs()[1]
 FPS = 6.0
-MOVING_FRAMES, PATIENCE_FRAMES = 3, 9
+PATIENCE_FRAMES = 9
 _DOWN = np.diag([1.0, -1.0, -1.0])
 _TREMBLE_M, _TREMBLE_RAD = 3e-5, 1e-4
 _SLIP_RAD, _SLIP_SHARE = np.radians(4.0), 0.03
-_EXPOSURE = 0.5
+_EXPOSURE = 0.4
+"""Of the time from frame to frame."""
 
 
 class ObedientCamera:
     """A live source of rendered frames of `RIG`. `wanted` says where the board should be; it ends after `frames`.
 
-    Whoever holds the board goes to the pose that is wanted in a few frames and stays there, trembling; when nothing
+    Whoever holds the board goes to the pose that is wanted in `moving` frames and stays there, trembling; when nothing
     happens, somewhere beside it. The first frame shows no board. Depends on nothing but the seed and what is wanted.
     """
 
     live = True
 
-    def __init__(self, wanted: Callable[[], LensProgress], frames: int, seed: int = 0, rig: Rig = RIG) -> None:
-        self.name, self.notes = "obedient", ()
+    def __init__(
+        self, wanted: Callable[[], LensProgress], frames: int, seed: int = 0, moving: int = 3, rig: Rig = RIG
+    ) -> None:
+        self.name = "obedient"
+        self.notes: tuple[str, ...] = ()
         self.ended, self.number = False, 0
-        self._wanted, self._frames, self._rig = wanted, frames, rig
+        self._wanted, self._frames, self._moving, self._rig = wanted, frames, moving, rig
         self._rng = np.random.default_rng(seed)
         camera = rig.camera
         assert rig.picture is not None
@@ -65,7 +69,7 @@ class ObedientCamera:
 
     def _frame(self) -> np.ndarray:
         now = self._wanted()
-        if now.suggestion is not self._for or self._since > MOVING_FRAMES + PATIENCE_FRAMES:
+        if now.suggestion is not self._for or self._since > self._moving + PATIENCE_FRAMES:
             beside = now.suggestion is self._for
             self._for, self._since, self._from = now.suggestion, 0, self._at
             if now.suggestion is not None:
@@ -73,9 +77,9 @@ class ObedientCamera:
                 wanted = WorkPose.of(wanted_pose(now.suggestion, self._rig, camera))
                 self._to = wanted.moved(self._rng, _SLIP_RAD, _SLIP_SHARE * wanted.shift[2]) if beside else wanted
         before, self._since = self._at, self._since + 1
-        part = min(self._since / MOVING_FRAMES, 1.0)
+        part = min(self._since / self._moving, 1.0)
         self._at = self._from.towards(self._to, part)
-        if part < 1.0 or self._since == MOVING_FRAMES:
+        if part < 1.0 or self._since == self._moving:
             return self._shot([before.towards(self._at, share) for share in np.linspace(1 - _EXPOSURE, 1, 3)])
         self._at = self._to.moved(self._rng, _TREMBLE_RAD, _TREMBLE_M)
         return self._shot([self._at])

@@ -30,8 +30,6 @@ from vbaa_calib.wizard.steps import verdict
 from vbaa_calib.wizard.steps.step import Step
 from vbaa_calib.wizard.store import LOCK
 
-LENS_PICTURES = 5
-
 
 def small_scene() -> dict[str, Any]:
     """The demo's scene with few and small pictures."""
@@ -39,10 +37,10 @@ def small_scene() -> dict[str, Any]:
     scene["name"] = "small"
     scene["camera"]["image_size"] = [480, 360]
     scene["camera"]["matrix"] = [[502.0, 0.0, 238.3], [0.0, 500.5, 181.6], [0.0, 0.0, 1.0]]
-    scene["intrinsics"]["pictures"] = LENS_PICTURES
+    scene["intrinsics"]["pictures"] = 5
     scene["jig"]["pictures"] = 1
-    scene["noload"] = scene["noload"][:3]
-    scene["loads"] = [scene["loads"][index] for index in (1, 3, 8)]
+    scene["noload"] = scene["noload"][:2]
+    scene["loads"] = [scene["loads"][index] for index in (1, 8)]
     scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
     return scene
 

@@ -207,7 +207,10 @@ def test_all_is_typed_to_the_verdict(start: Start, tmp_path: Path) -> None:
     for words in ("5, 10, 20:", "0.5:", "0.5:"):
         wizard.until(f"Enter for {words}")
         wizard.type("")
-    all_taken(wizard, "loads/0003.png")
+    wizard.until("as loads/0003.png")
+    wizard.until("Go on with the next step?")
+    wizard.until("Enter for yes:")
+    wizard.type("")
     wizard.until("6 of 7")
     wizard.until("7 of 7")
     wizard.until("report", 240)

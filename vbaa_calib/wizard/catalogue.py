@@ -285,7 +285,7 @@ QUESTIONS = (
 
 SOURCES = tuple(
     Question(
-        f"{step}_source", step, f"Where the pictures of the step {step} come from, if not from source", kind="text"
+        f"{step}_source", step, f"Where do the pictures of the step {step} come from, if not from source?", kind="text"
     )
     for step in ("lens", "plane", "noload", "loads")
 )

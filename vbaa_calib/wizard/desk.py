@@ -147,13 +147,13 @@ class Nobody:
 
 
 def lines_of(progress: Progress) -> list[str]:
-    """A step's progress in lines for a terminal."""
+    """A step's progress in lines for a terminal, what is wrong before what is doubtful, what is next last."""
     lines = [f"seen      {line}" for line in progress.seen]
     for number in progress.numbers:
         goal = f" (goal {number.goal}{', reached' if number.met else ''})" if number.goal else ""
         lines.append(f"          {number.label}: {number.value}{goal}")
     lines += [f"missing   {line}" for line in progress.missing]
-    for diagnosis in progress.diagnoses:
+    for diagnosis in sorted(progress.diagnoses, key=lambda one: not one.grave):
         lines.append(f"{'WRONG' if diagnosis.grave else 'look at':9s} {diagnosis.words}")
         lines.append(f"          → {diagnosis.remedy}")
     if progress.next:

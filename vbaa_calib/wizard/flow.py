@@ -23,7 +23,7 @@ from .sources import Source, SourceLost, open_source
 from .steps import board, lens, loads, noload, plane, sensor, verdict
 from .steps.step import Step
 from .store import ASIDE, FOLDERS, WAYS, Store
-from .taking import GO_ON, Taking
+from .taking import GO_ON, NoMore, Taking
 
 ALL = {one.name: one for one in (s.STEP for s in (board, lens, plane, noload, loads, sensor, verdict))}
 assert tuple(ALL) == STEPS
@@ -132,29 +132,36 @@ def _through(known: Known, desk: Desk, step: Step) -> Command:
             desk.say(f"pictures from {source.name}")
             given = given_of(known.store, step.name)
             return Taking(known, desk, step, source, given, wants_more).run()
-        except SourceLost as error:
+        except (SourceLost, NoMore) as error:
             if not desk.interactive:
                 raise
             desk.say(str(error))
+            lost = isinstance(error, SourceLost)
         finally:
             source.close()
-        desk.ask(AGAIN, {})
+        if lost:
+            desk.ask(AGAIN, {})
+        else:
+            _ask_for_source(known.store, desk, step)
 
 
 def _opened(known: Known, desk: Desk, step: Step) -> Source:
     """The step's source; asked for again where somebody is there and it cannot be opened."""
-    store = known.store
     while True:
         try:
-            return source_of(store, step.name, desk.interactive)
+            return source_of(known.store, step.name, desk.interactive)
         except InputError as error:
             if not desk.interactive:
                 raise
             desk.say(str(error))
-        question = next(question for question in SOURCES if question.step == step.name)
-        if step.name == "lens" and question.key not in store.journal.answers:
-            question = by_key()["source"]
-        store.answer({question.key: desk.ask(question, {})})
+        _ask_for_source(known.store, desk, step)
+
+
+def _ask_for_source(store: Store, desk: Desk, step: Step) -> None:
+    question = next(question for question in SOURCES if question.step == step.name)
+    if step.name == "lens" and question.key not in store.journal.answers:
+        question = by_key()["source"]
+    store.answer({question.key: desk.ask(question, {})})
 
 
 def _goes_on(known: Known, desk: Desk, step: Step) -> tuple[bool, bool]:
@@ -249,16 +256,19 @@ def _adopted(store: Store, session: Session, step: str, way: str) -> tuple[Taken
     folder = store.root / FOLDERS.get(step, way)
     if not folder.is_dir():
         return ()
-    rows: Sequence[Any]  # stills and pictures of a sweep have image and joints in common
-    if step == "noload":
-        rows = read_noload(session)
-    elif step == "loads":
-        rows = read_loads(session)
-    elif folder.name == "sweep":
-        rows = read_sweep(session)
-    else:
+    rows = _rows(session, folder.name)
+    if rows is None:
         return tuple(_taken(folder, image, {}) for image in list_images(folder))
-    return tuple(_taken(folder, Path(row.image), _row_readings(row)) for row in rows)
+    return tuple(_taken(folder, row.image, _row_readings(row)) for row in rows)
+
+
+def _rows(session: Session, folder: str) -> Sequence[Any] | None:
+    """The table of a folder; None where its pictures have none."""
+    if folder == "noload":
+        return read_noload(session)
+    if folder == "loads":
+        return read_loads(session)
+    return read_sweep(session) if folder == "sweep" else None
 
 
 def _taken(folder: Path, image: Path, readings: Mapping[str, float]) -> Taken:

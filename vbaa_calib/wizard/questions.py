@@ -59,7 +59,7 @@ class Question:
             "numbers": f"give {self.length or 'some'} numbers{self._unit()}{self._range()}, commas between them",
             "choice": f"give one of {', '.join(self.choices)}",
             "yesno": "give yes or no",
-            "text": "give a text",
+            "text": f"give a text: {self.words}",
         }
         return expected[self.kind]
 
@@ -78,6 +78,8 @@ class Question:
 
 
 def _short(given: object) -> str:
+    if given is None:
+        return "empty"
     try:
         text = repr(given)
     except ValueError:  # Python writes out no number of thousands of digits

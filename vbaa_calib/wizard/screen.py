@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import textwrap
+from typing import TextIO
 
 _WIDEST = 100
 _NARROWEST = 40
@@ -40,13 +41,14 @@ def clipped(text: str, width: int) -> str:
 
 
 class Screen:
-    """Standard error, where it is a terminal. What is written goes above the prompt, which `below` draws again.
+    """A terminal, standard error where none is named. What is written goes above the prompt, which `below` draws again.
 
     Without a cursor that can be moved (TERM=dumb) nothing is written over, and NO_COLOR leaves the styles out.
     """
 
-    def __init__(self) -> None:
-        self._moves = sys.stderr.isatty() and os.environ.get("TERM", "dumb") not in ("", "dumb")
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._moves = self._stream.isatty() and os.environ.get("TERM", "dumb") not in ("", "dumb")
         self._styled = self._moves and not os.environ.get("NO_COLOR")
         self._status: str | None = None
         self._prompt: str | None = None
@@ -54,7 +56,11 @@ class Screen:
     @property
     def width(self) -> int:
         """Columns to write on, now: a window may be resized."""
-        return max(min(shutil.get_terminal_size((80, 24)).columns, _WIDEST + 1) - 1, _NARROWEST)
+        try:
+            columns = os.get_terminal_size(self._stream.fileno()).columns
+        except (OSError, ValueError):
+            columns = 0
+        return max(min(columns or shutil.get_terminal_size().columns, _WIDEST + 1) - 1, _NARROWEST)
 
     @property
     def moves(self) -> bool:
@@ -110,6 +116,6 @@ class Screen:
 
     def _put(self, text: str) -> None:
         # not all encodings of a terminal have every sign
-        encoding = sys.stderr.encoding or "ascii"
-        sys.stderr.write(text.encode(encoding, "replace").decode(encoding))
-        sys.stderr.flush()
+        encoding = self._stream.encoding or "ascii"
+        self._stream.write(text.encode(encoding, "replace").decode(encoding))
+        self._stream.flush()

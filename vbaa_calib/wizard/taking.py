@@ -26,6 +26,10 @@ GO_ON = Question(
 )
 
 
+class NoMore(InputError):
+    """The source has ended, and what it gave is not enough to go on."""
+
+
 @dataclass
 class Taking:
     """A step's pictures being taken. `run` comes back with how it ended: closed, or a command that leaves the step."""
@@ -252,7 +256,7 @@ class Taking:
         progress = self.step.look(self.known)
         self.desk.show(self.step, progress)
         if not progress.usable:
-            raise InputError(
+            raise NoMore(
                 f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}",
                 where=self.source.name,
                 remedy=f"add pictures there and run it again: {progress.next}",

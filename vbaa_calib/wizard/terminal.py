@@ -203,7 +203,7 @@ def live_words(live: Live) -> str:
     if len(judged.corners_px):
         parts.append(f"{len(judged.corners_px)} corners")
     if judged.hints:
-        parts.append(judged.hints[0].words)
+        parts.append(f"{judged.hints[0].words} → {judged.hints[0].remedy}" if judged.refusal else judged.hints[0].words)
     elif judged.refusal:
         parts.append(judged.refusal)
     if not judged.refusal:

@@ -1,0 +1,216 @@
+"""The lens from a live camera: whoever obeys the wizard and holds still needs no key to reach the end of the step."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from targets.sheet_words import spec_document
+from vbaa_calib.wizard.desk import Command, Live, Nobody
+from vbaa_calib.wizard.flow import ALL
+from vbaa_calib.wizard.journal import Record
+from vbaa_calib.wizard.known import Known
+from vbaa_calib.wizard.page import Page
+from vbaa_calib.wizard.progress import Progress
+from vbaa_calib.wizard.readings import Given
+from vbaa_calib.wizard.sources import Offered, Source, open_source
+from vbaa_calib.wizard.steps import lens
+from vbaa_calib.wizard.steps.step import Step
+from vbaa_calib.wizard.store import Store
+from vbaa_calib.wizard.taking import Taking
+
+from .obedient_camera import FPS, RIG, ObedientCamera
+
+MOST_FRAMES = 150
+
+
+@dataclass
+class Watching(Nobody):
+    """Nobody to answer, and all that is told is kept."""
+
+    lives: list[Live] = field(default_factory=list)
+    shown: list[Progress] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    page: Page | None = None
+
+    def live(self, step: Step, live: Live) -> None:
+        self.lives.append(live)
+        if self.page is not None:
+            self.page.live(live)
+
+    def show(self, step: Step, progress: Progress) -> None:
+        self.shown.append(progress)
+        if self.page is not None:
+            self.page.show(step, progress)
+
+    def say(self, line: str) -> None:
+        self.said.append(line)
+
+
+@contextmanager
+def rig(root: Path) -> Iterator[Known]:
+    """A session in which all is answered before the lens."""
+    with Store(root) as store:
+        (root / "board.yaml").write_text(spec_document(RIG.board, "of the test"))
+        width, height = (1e3 * RIG.board.square_m * n for n in (RIG.board.squares_x, RIG.board.squares_y))
+        answers: dict[str, Any] = {
+            "board": "new",
+            "paper": "A4",
+            "measure_x_mm": width,
+            "measure_y_mm": height,
+            "board_along_x_mm": width,
+            "board_along_y_mm": height,
+            "antenna_length_mm": 240.0,
+            "camera_distance_mm": 400.0,
+            "camera_inclination_deg": 35.0,
+        }
+        store.answer(answers)
+        known = Known(store)
+        known.live_size = RIG.image_size
+        yield known
+
+
+@dataclass
+class Seen:
+    """What a run of the lens' step came to."""
+
+    end: Command
+    desk: Watching
+    record: Record
+    last: Progress
+    pixels: list[np.ndarray]
+
+
+class Filming:
+    """The same source, its frames kept."""
+
+    live = True
+
+    def __init__(self, camera: ObedientCamera) -> None:
+        self._camera, self.name, self.notes = camera, camera.name, camera.notes
+        self.pixels: list[np.ndarray] = []
+
+    @property
+    def ended(self) -> bool:
+        return self._camera.ended
+
+    def next(self, timeout_s: float) -> Offered | None:
+        offered = self._camera.next(timeout_s)
+        if offered is not None:
+            self.pixels.append(offered.image)
+        return offered
+
+    def close(self) -> None:
+        self._camera.close()
+
+
+@pytest.fixture(scope="module")
+def obeyed(tmp_path_factory: pytest.TempPathFactory) -> Seen:
+    """The lens by an obedient camera, the page looking on."""
+    with rig(tmp_path_factory.mktemp("obeyed")) as known:
+        page = Page(known.store, {name: step.title for name, step in ALL.items()}, known.lens_corners)
+        try:
+            page.begin(lens.STEP)
+            desk = Watching(page=page)
+            film = Filming(ObedientCamera(lambda: lens.worth(known), MOST_FRAMES))
+            end = Taking(known, desk, lens.STEP, film, Given()).run()
+            return Seen(end, desk, known.store.journal.of("lens"), lens.look(known), film.pixels)
+        finally:
+            page.close()
+
+
+def test_obeying_and_holding_still_is_enough(obeyed: Seen) -> None:
+    assert (obeyed.end.kind, obeyed.record.closed) == ("closed", "enough")
+    assert len(obeyed.pixels) < MOST_FRAMES
+    assert 8 <= len(obeyed.record.taken) <= 12
+    assert obeyed.last.enough
+    assert obeyed.last.numbers[0].met
+    assert not obeyed.record.left
+
+
+def test_only_frames_that_are_held_still_are_taken(obeyed: Seen) -> None:
+    by_name = {f"frame {index}": live for index, live in enumerate(obeyed.desk.lives)}
+    for one in obeyed.record.taken:
+        live = by_name[one.source]
+        assert live.held == 1.0
+        assert not live.judged.refusal
+    moving = [live for live in obeyed.desk.lives if live.words.startswith("moving")]
+    assert len(moving) >= 2 * len(obeyed.record.taken)
+    assert {hint.name for live in moving for hint in live.judged.hints} & {"motion_blur", "out_of_focus"}
+
+
+def test_it_is_said_when_the_board_is_not_seen(obeyed: Seen) -> None:
+    first = obeyed.desk.lives[0].judged
+    assert first.hints[0].name == "no_board"
+    assert first.hints[0].remedy
+
+
+def test_the_match_rises_on_the_way_to_the_pose_that_is_wanted(tmp_path: Path) -> None:
+    with rig(tmp_path / "rig") as known:
+        camera = ObedientCamera(lambda: lens.worth(known), 12, moving=8)
+        frames = [camera.next(0.0) for _ in range(12)]
+        judged = [lens.judge(known, frame, None) for frame in frames if frame is not None]
+    match = [one.closeness for one in judged if one.closeness is not None]
+    assert len(match) >= 5
+    assert all(later > earlier - 0.02 for earlier, later in itertools.pairwise(match))
+    assert match[0] < 0.6 < 0.9 < match[-1]
+    closer = [one.closer for one in judged if one.closeness is not None]
+    assert closer[0] != closer[-1] == "hold it there"
+
+
+def film(path: Path, pixels: list[np.ndarray]) -> None:
+    """A video of these frames, as cameras write them."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), FPS, RIG.image_size, False)
+    assert writer.isOpened()
+    for one in pixels:
+        writer.write(one)
+    writer.release()
+
+
+class Cut:
+    """A source that is lost after some frames."""
+
+    live = True
+
+    def __init__(self, source: Source, frames: int) -> None:
+        self._source, self._left, self.name = source, frames, source.name
+        self.notes: tuple[str, ...] = ()
+
+    @property
+    def ended(self) -> bool:
+        return self._source.ended
+
+    def next(self, timeout_s: float) -> Offered | None:
+        self._left -= 1
+        if self._left < 0:
+            raise KeyboardInterrupt
+        return self._source.next(timeout_s)
+
+    def close(self) -> None:
+        self._source.close()
+
+
+def test_a_video_gives_the_same_pictures_again_and_after_a_stop(obeyed: Seen, tmp_path: Path) -> None:
+    film(tmp_path / "lens.avi", obeyed.pixels[:46])
+
+    def run(name: str, frames: int = 1000) -> Record:
+        with rig(tmp_path / name) as known:
+            source = open_source(str(tmp_path / "lens.avi"))
+            Taking(known, Watching(), lens.STEP, Cut(source, frames), Given()).run()
+            return known.store.journal.of("lens")
+
+    whole = run("whole")
+    assert len(whole.taken) >= 4
+    with pytest.raises(KeyboardInterrupt):
+        run("stopped", 30)
+    with rig(tmp_path / "stopped") as known:
+        assert 0 < len(known.taken("lens")) < len(whole.taken)
+    assert run("stopped").taken == whole.taken
