@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from vbaa_calib.calibrate.recheck import assess
 from vbaa_calib.calibrate.recheck_change import Information, estimated_change
@@ -194,6 +195,38 @@ def test_a_load_noted_wrong_is_named(made: SimpleNamespace, tmp_path: Path) -> N
     assert [row["look_at"] for row in table] == [True, False]
     # a fifth less force than noted bends a fifth less
     assert table[0]["seen_deflection_mm"] / table[0]["predicted_deflection_mm"] == pytest.approx(1 / 1.2, rel=0.04)
+
+
+def test_a_load_hung_as_well_as_a_ruler_tells_is_not_laid_on_the_antenna(made: SimpleNamespace, tmp_path: Path) -> None:
+    """0.7 mm further out than noted: an antenna of another EI where the places count as exact, else nothing."""
+    session = only(made.session, tmp_path / "loads", ("noload", "loads"))
+    path = session / "loads" / "loads.csv"
+    rows = list(csv.DictReader(path.open()))
+    for row in rows:
+        row["distance_m"] = str(float(row["distance_m"]) + 7e-4)
+    with path.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    assert "stiffness" in broken(assess(made.rig, session))
+    settings = yaml.safe_load((session / "session.yaml").read_text(encoding="utf-8"))
+    del settings["load_readings"]
+    (session / "session.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
+    found = assess(made.rig, session)
+    assert "stiffness" not in broken(found)
+    assert [row["look_at"] for row in found.to_dict()["session"]["loads"]] == [False, False]
+
+
+def test_unknowns_of_the_data_alone_are_what_further_parameters_would_be() -> None:
+    """Data with unknowns of their own say what all say together when those are solved for, known to one deviation."""
+    rng = np.random.default_rng(5)
+    jacobian, residuals, unknown = rng.normal(size=(40, 3)), rng.normal(size=40), 3.0 * rng.normal(size=(40, 2))
+    found = Information.of(jacobian, residuals, unknown)
+    whole = np.vstack([np.hstack([jacobian, unknown]), np.hstack([np.zeros((2, 3)), np.eye(2)])])
+    right = np.concatenate([residuals, [0.0, 0.0]])
+    np.testing.assert_allclose(np.linalg.inv(found.matrix), np.linalg.inv(whole.T @ whole)[:3, :3], rtol=1e-9)
+    step = np.linalg.lstsq(whole, right, rcond=None)[0][:3]
+    np.testing.assert_allclose(np.linalg.solve(found.matrix, found.score), step, rtol=1e-9)
 
 
 def test_other_resolutions_other_antennas_and_empty_sessions_are_refused(made: SimpleNamespace, tmp_path: Path) -> None:

@@ -54,6 +54,26 @@ def watched(root: Path, moments: Path, said: Path) -> None:
     sys.addaudithook(hook)
 
 
+def failing(root: Path, number: int, first: int) -> None:
+    """From its operation `first` on, nothing can be written into `root`: the disk is full, or read-only."""
+    count = 0
+
+    def fail(path: object) -> None:
+        nonlocal count
+        count += 1
+        if count >= first:
+            raise OSError(number, os.strerror(number), str(path))
+
+    def hook(event: str, args: tuple[Any, ...]) -> None:
+        writes = event == "open" and isinstance(args[2], int) and args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+        if writes and Path(str(args[0])).is_relative_to(root):
+            fail(args[0])
+
+    # a full disk may tell so late
+    mock.patch.object(os, "fsync", side_effect=lambda handle: fail(root)).start()
+    sys.addaudithook(hook)
+
+
 def forked(work: Callable[[], int], said: Path) -> int:
     """What `work` returns, done in a fork whose words go to a file."""
     child = os.fork()
@@ -68,14 +88,18 @@ def forked(work: Callable[[], int], said: Path) -> int:
         os._exit(code)
 
 
-def wizard(root: Path, argv: Sequence[str], moments: Path | None = None) -> tuple[int, str]:
-    """A wizard's run: its exit code and what it said."""
+def wizard(
+    root: Path, argv: Sequence[str], moments: Path | None = None, fault: tuple[int, int] | None = None
+) -> tuple[int, str]:
+    """A wizard's run: its exit code and what it said. fault : errno and operation for `failing`."""
     said = Path(f"{root}.said")
 
     def work() -> int:
         mock.patch.object(os, "fsync").start()
         if moments is not None:
             watched(root, moments, said)
+        if fault is not None:
+            failing(root, *fault)
         return main(["wizard", str(root), *argv, "--batch"])
 
     return forked(work, said), said.read_text()
@@ -101,11 +125,11 @@ def ends(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """First the run that nothing ended, then one entry per moment: broken promises, and how it ended when gone on."""
     root, moments = Path(plan["root"]), Path(plan["root"] + "-moments")
     shutil.rmtree(moments, ignore_errors=True)
-    if "start" in plan:
-        shutil.copytree(plan["start"], root)
     for argv in plan.get("before", ()):
         code, said = wizard(root, argv)
         assert code == 0, said
+    if plan.get("by_hand"):
+        forget_the_wizard(root)
     code, said = wizard(root, plan["argv"], moments)
     yield {"code": code, "said": said, "tree": tree(root)}
     for moment in sorted(moments.iterdir())[plan.get("first", 0) :: plan.get("stride", 1)]:
@@ -116,9 +140,34 @@ def ends(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         yield {"moment": moment.name, "broken": broken, "code": code, "said": said, "tree": tree(root)}
 
 
+def forget_the_wizard(root: Path) -> None:
+    """Make a session as if by hand of a wizard's: no wizard.json, and a table with a column of its own."""
+    (root / "wizard.json").unlink()
+    header, *rows = (root / "noload" / "noload.csv").read_text().split()
+    (root / "noload" / "noload.csv").write_text("\n".join([f"remark,{header}", *(f"x,{row}" for row in rows)]))
+
+
+def faults(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """As `ends`, with a disk that fails from some operation on instead of a kill."""
+    root, first, code = Path(plan["root"]), plan["first"] + 1, 1
+    whole, said = wizard(root, plan["argv"])
+    yield {"code": whole, "said": said, "tree": tree(root)}
+    while code:
+        shutil.rmtree(root)
+        code, failed = wizard(root, plan["argv"], fault=(plan["errno"], first))
+        broken = broken_promises(root, failed)
+        again, said = wizard(root, plan["argv"])
+        yield {"moment": first, "fault": code, "failed": failed, "broken": broken} | {
+            "code": again,
+            "said": said,
+            "tree": tree(root),
+        }
+        first += plan["stride"]
+
+
 if __name__ == "__main__":
     flow.ALL.update(unseen_steps())
     mock.patch.object(verdict, "conclude", unseen_conclude).start()
     plan_path = Path(sys.argv[1])
-    found = [list(ends(plan)) for plan in json.loads(plan_path.read_text())]
+    found = [list((faults if "errno" in plan else ends)(plan)) for plan in json.loads(plan_path.read_text())]
     plan_path.with_suffix(".found.json").write_text(json.dumps(found))

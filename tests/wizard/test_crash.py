@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,34 +15,62 @@ import pytest
 import yaml
 
 from vbaa_calib.files import read_yaml
-from vbaa_calib.wizard.journal import STEPS
 
 from .small_session import answers, answers_file, tiny_source
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    """Tiny pictures; nothing looks at them here."""
-    return tiny_source(tmp_path / "source")
-
-
+STEPS = ("board", "lens", "plane", "noload", "loads")
 Ends = tuple[dict[str, Any], list[dict[str, Any]]]
+Found = Mapping[str, Ends]
+QUICK = ("first run", "redo lens", "other way", "by hand", "full")
 
 
-def found(tmp_path: Path, *plans: dict[str, Any]) -> list[Ends]:
-    """What the driver found for each plan: the run that nothing ended, and one entry per moment of death."""
-    path = tmp_path / "plan.json"
-    path.write_text(json.dumps([{"root": str(tmp_path / f"session{n}")} | plan for n, plan in enumerate(plans)]))
-    command = [sys.executable, "-m", "tests.wizard.crash_driver", str(path)]
+def plans(folder: Path) -> dict[str, dict[str, Any]]:
+    """What is run, and what is run again where it was ended."""
+    source = tiny_source(folder / "source")
+    old = read_yaml(source / "session.yaml")["board"]
+    (source / "other.yaml").write_text(yaml.safe_dump({"board": old | {"square_m": 0.012, "marker_m": 0.009}}))
+    board = {"board": str(source / "other.yaml"), "board_along_x_mm": 132.0, "board_along_y_mm": 96.0}
+    changes: dict[str, dict[str, Any]] = {"first": {}, "sweep": {"plane_way": "sweep"}, "board": board}
+    files = {name: answers_file(folder / f"{name}.yaml", answers(source) | change) for name, change in changes.items()}
+    first, sweep, board_changed = (["--answers", str(file)] for file in files.values())
+    made: dict[str, dict[str, Any]] = {
+        "first run": {"argv": first, "again": first},
+        "other way": {"before": [first], "argv": sweep, "again": sweep},
+        "other board": {"before": [first], "argv": board_changed, "again": board_changed},
+        "by hand": {"before": [first], "by_hand": True, "argv": [], "again": []},
+        "full": {"argv": first, "errno": errno.ENOSPC},
+        "read-only": {"argv": first, "errno": errno.EROFS},
+    }
+    redone = {f"redo {step}": {"before": [first], "argv": [*first, "--redo", step], "again": first} for step in STEPS}
+    return made | redone
+
+
+@pytest.fixture(scope="module", params=[pytest.param(1, marks=pytest.mark.slow, id="all"), pytest.param(25, id="some")])
+def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the driver worked: every moment that leaves something different behind, or a few of them of a few plans."""
+    folder = tmp_path_factory.mktemp("crash")
+    which = {"first": min(request.param - 1, 3), "stride": request.param}
+    all_plans = [which | {"root": str(folder / name)} | plan for name, plan in plans(folder).items()]
+    all_plans = [plan for plan in all_plans if request.param == 1 or Path(plan["root"]).name in QUICK]
+    (folder / "plan.json").write_text(json.dumps(all_plans))
+    command = [sys.executable, "-m", "tests.wizard.crash_driver", str(folder / "plan.json")]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
-    return [(whole, deaths) for whole, *deaths in json.loads(path.with_suffix(".found.json").read_text())]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> Found:
+    """Plan → the run that nothing ended, and one entry per moment of death."""
+    made = json.loads((folder / "plan.found.json").read_text())
+    names = [Path(plan["root"]).name for plan in json.loads((folder / "plan.json").read_text())]
+    return {name: (whole, deaths) for name, (whole, *deaths) in zip(names, made, strict=True)}
 
 
 def expect_same_end(whole: dict[str, Any], deaths: list[dict[str, Any]], but: Sequence[str] = ()) -> None:
     """Every promise was kept, and every file is the same in the end."""
     assert whole["code"] == 0, whole["said"]
+    assert deaths
     for death in deaths:
         assert not death["broken"], death
         assert death["code"] == 0, (death["moment"], death["said"])
@@ -50,58 +79,51 @@ def expect_same_end(whole: dict[str, Any], deaths: list[dict[str, Any]], but: Se
         assert not differing, (death["moment"], differing)
 
 
-@pytest.fixture(params=[pytest.param((0, 1), marks=pytest.mark.slow, id="all"), pytest.param((3, 20), id="some")])
-def moments(request: pytest.FixtureRequest) -> dict[str, int]:
-    """All moments of a run that leave something different behind, or a few of them."""
-    return dict(zip(("first", "stride"), request.param, strict=True))
+def test_the_first_run(found: Found) -> None:
+    expect_same_end(*found["first run"])
 
 
-def test_the_first_run(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
-    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
-    [ends] = found(tmp_path, moments | {"argv": argv, "again": argv})
-    expect_same_end(*ends)
-
-
-def test_a_step_that_starts_again(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
+def test_a_step_that_starts_again(found: Found) -> None:
     """Called again without --redo: what was gone is taken again, what was not gone is as it was."""
-    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
-    steps = STEPS[:-2] if moments["stride"] == 1 else ("board", "lens")
-    plans = (moments | {"before": [argv], "argv": [*argv, "--redo", step], "again": argv} for step in steps)
-    for step, ends in zip(steps, found(tmp_path, *plans), strict=True):
-        expect_same_end(*ends, but=["wizard.json"])
-        assert "starts again, what it had is in" in ends[0]["said"] or step == "board"
+    redone = [name for name in found if name.startswith("redo ")]
+    assert redone
+    for name in redone:
+        expect_same_end(*found[name], but=["wizard.json"])
+        assert "starts again" in found[name][0]["said"]
 
 
-def test_other_answers(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
-    """Another way to plane C and another board start those steps again, and nothing of the old ones is left."""
-    old = read_yaml(source / "session.yaml")["board"]
-    (source / "other.yaml").write_text(yaml.safe_dump({"board": old | {"square_m": 0.012, "marker_m": 0.009}}))
-    board = {"board": str(source / "other.yaml"), "board_along_x_mm": 132.0, "board_along_y_mm": 96.0}
-    first = ["--answers", str(answers_file(tmp_path / "first.yaml", answers(source)))]
-    files = {name: tmp_path / f"{name}.yaml" for name in ("sweep", "board")}
-    answers_file(files["sweep"], answers(source) | {"plane_way": "sweep"})
-    answers_file(files["board"], answers(source) | board)
-    then = [["--answers", str(file)] for file in files.values()]
-    for ends in found(tmp_path, *(moments | {"before": [first], "argv": argv, "again": argv} for argv in then)):
-        expect_same_end(*ends)
-    by_sweep, by_board = (read_yaml(tmp_path / name / "session.yaml") for name in ("session0", "session1"))
-    assert "jig" not in by_sweep
-    assert not (tmp_path / "session0" / "plane").exists()
-    assert by_board["board"]["square_m"] == pytest.approx(0.012, rel=1e-6)
+def test_other_answers(found: Found, folder: Path) -> None:
+    """The calibration takes every way to plane C that it finds: nothing of the old one may be left."""
+    expect_same_end(*found["other way"])
+    assert "jig" not in read_yaml(folder / "other way" / "session.yaml")
+    assert not (folder / "other way" / "plane").exists()
+    if "other board" in found:
+        expect_same_end(*found["other board"])
+        board = read_yaml(folder / "other board" / "session.yaml")["board"]
+        assert board["square_m"] == pytest.approx(0.012, rel=1e-6)
 
 
-def test_a_session_that_was_made_by_hand(source: Path, tmp_path: Path, moments: dict[str, int]) -> None:
+def test_a_session_that_was_made_by_hand(found: Found, folder: Path) -> None:
     """Adopted as it is: its pictures stay, and what the wizard writes anew is kept as it was."""
-    argv = ["--answers", str(answers_file(tmp_path / "a.yaml", answers(source)))]
-    by_hand = tmp_path / "session0"
-    found(tmp_path, {"argv": argv, "again": argv, "first": 999})
-    by_hand = by_hand.rename(tmp_path / "by-hand")
-    (by_hand / "wizard.json").unlink()
-    header, *rows = (by_hand / "noload" / "noload.csv").read_text().split()
-    (by_hand / "noload" / "noload.csv").write_text("\n".join([f"remark,{header}", *(f"x,{row}" for row in rows)]))
-    [(whole, deaths)] = found(tmp_path, moments | {"start": str(by_hand), "argv": [], "again": []})
+    whole, deaths = found["by hand"]
     expect_same_end(whole, deaths)
     assert len([name for name in whole["tree"] if name.endswith(".png")]) == 7
-    given = tmp_path / "session0" / "aside" / "given"
+    given = folder / "by hand" / "aside" / "given"
     assert (given / "noload.csv").read_text().startswith("remark,")
-    assert (given / "session.yaml").read_bytes() == (by_hand / "session.yaml").read_bytes()
+    assert (given / "session.yaml").exists()
+
+
+def test_a_disk_that_fails(found: Found) -> None:
+    """From any write on: one line that says so, nothing lost, and with the disk mended the same end."""
+    faults = {"full": "No space left on device", "read-only": "Read-only file system"}
+    for name in faults.keys() & found.keys():
+        whole, ends = found[name]
+        expect_same_end(whole, ends)
+        *failed, last = ends
+        assert last["fault"] == 0
+        for end in failed:
+            assert end["fault"] in (1, 2)
+            line = end["failed"].strip().splitlines()[-1]
+            assert line.startswith("vbaa: ")
+            assert faults[name] in line
+            assert "; " in line

@@ -167,7 +167,7 @@ def test_a_session_goes_on_and_a_picture_with_its_readings_is_typed(start: Start
 
 def all_taken(wizard: PseudoTerminal, last: str) -> None:
     """Close a step once its last picture was taken."""
-    wizard.until(f"as {last}")
+    wizard.until(f"as {last}", 200)
     wizard.until("waiting for pictures")
     wizard.type("enough")
 
@@ -207,7 +207,7 @@ def test_all_is_typed_to_the_verdict(start: Start, tmp_path: Path) -> None:
     for words in ("5, 10, 20:", "0.5:", "0.5:"):
         wizard.until(f"Enter for {words}")
         wizard.type("")
-    wizard.until("as loads/0003.png")
+    wizard.until("as loads/0003.png", 200)
     wizard.until("Go on with the next step?")
     wizard.until("Enter for yes:")
     wizard.type("")

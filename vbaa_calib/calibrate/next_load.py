@@ -95,8 +95,8 @@ def load_progress(
     masses_kg : the weights at hand. One that is used twice counts with the same error.
     goal_relative : standard deviation of EI to reach, with the readings' errors.
     kinematics : with what a sweep found of the joints; the session's where it is not given.
-    readings : how well places and weights are known, where the joint solve took them as exact: what they are off by then
-        goes into EI in full. None: as the joint solve has them, and weighs the loads by it.
+    readings : how well places and weights are known, where the joint solve took them as exact: what they are off by
+        then goes into EI in full. None: as the joint solve has them, and weighs the loads by it.
 
     Raises ValueError for a weight or a standard deviation that is not positive.
     """

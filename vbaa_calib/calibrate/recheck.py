@@ -212,7 +212,7 @@ def _held(rig: Rig, taken: Taken) -> tuple[list[HeldStill], list[HeldStill]]:
         "antenna",
         Paint(rig.image.bright, rig.image.weights),
     )
-    held = hold(rig, seen)
+    held = hold(rig, seen, taken.session.load_readings)
     free = [one for one in held if not isinstance(one.still, Load)]
     return free, [one for one in held if isinstance(one.still, Load)]
 

@@ -88,7 +88,7 @@ def loads_table(rig: Rig, found: AntennaEvidence) -> list[dict[str, Any]]:
     for held, (step, std) in zip(found.loaded, found.by_load, strict=True):
         load, residual = held.still, held.moment_residual_Nm(rig)
         assert isinstance(load, Load)
-        wrong = abs(step) > max(WRONG_ROW_STD * std, 0.02) or abs(residual) > WRONG_ROW_STD * rig.moment_sensor.std_Nm
+        wrong = abs(step) > max(WRONG_ROW_STD * std, 0.02) or abs(residual) > WRONG_ROW_STD * held.moment_std_Nm(rig)
         rows.append(
             {
                 "image": held.name,

@@ -29,9 +29,17 @@ class Information:
     score: np.ndarray
 
     @staticmethod
-    def of(jacobian: np.ndarray, residuals: np.ndarray) -> Information:
-        """From whitened derivatives (N, P) of the predictions and whitened residuals (N,), seen less predicted."""
-        return Information(jacobian.T @ jacobian, jacobian.T @ residuals)
+    def of(jacobian: np.ndarray, residuals: np.ndarray, unknown: np.ndarray | None = None) -> Information:
+        """From whitened derivatives (N, P) of the predictions and whitened residuals (N,), seen less predicted.
+
+        unknown : (N, K) how the predictions move with K unknowns of these data alone, of unit deviation each.
+        """
+        if unknown is None:
+            return Information(jacobian.T @ jacobian, jacobian.T @ residuals)
+        both = unknown.T @ np.column_stack([jacobian, residuals])
+        left = np.linalg.solve(np.eye(unknown.shape[1]) + unknown.T @ unknown, both)
+        taken = both[:, :-1].T @ left
+        return Information(jacobian.T @ jacobian - taken[:, :-1], jacobian.T @ residuals - taken[:, -1])
 
     @staticmethod
     def none(count: int) -> Information:

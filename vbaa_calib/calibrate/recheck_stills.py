@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from ..antenna.shape import CONTACT, Curves, bend
-from ..reprojection import feet, image_curves, see, whitened_with_lens, with_slopes_on_curve
+from ..reprojection import feet, image_curves, see, whitened_residuals, whitened_with_lens, with_slopes_on_curve
 from ..rig import RIG_STEPS, Rig
-from ..session import Load, Still
-from .joint_problem import ANTENNA, GAIN, OFFSET, POSE, SWEEPS, Observation
+from ..session import Load, LoadReadings, Still
+from .joint_given import Observation
+from .joint_problem import ANTENNA, GAIN, OFFSET, POSE, SWEEPS
 from .joint_problem import RIG as LENS
+from .load_readings import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, readings_altered
 from .recheck_change import Information
 
 _WINDOW, _FAR = 25, 5.0
@@ -32,6 +34,8 @@ class HeldStill:
     jacobian : (N, 17 + P) of the whitened residual (negative: of the prediction) by the rig's parameters.
     moment_Nm : predicted, before gain and offset. moment_by_antenna : (9,).
     deflection_m : predicted at the load, against the free antenna; 0 where there is none.
+    by_readings : (N, 2) of the whitened prediction by the errors of a load's place and weight, each in its deviations.
+    moment_by_readings : (2,) of the predicted moment.
     """
 
     still: Still
@@ -42,6 +46,8 @@ class HeldStill:
     moment_Nm: float
     moment_by_antenna: np.ndarray
     deflection_m: float
+    by_readings: np.ndarray
+    moment_by_readings: np.ndarray
 
     @property
     def name(self) -> str:
@@ -61,12 +67,17 @@ class HeldStill:
     @property
     def points(self) -> Information:
         """What its points say of the rig's parameters."""
-        return Information.of(self.jacobian, self.residual_std)
+        return Information.of(self.jacobian, self.residual_std, self.by_readings)
 
     def moment_residual_Nm(self, rig: Rig) -> float:
         """The sensor's reading less what the rig predicts for it."""
         sensor = rig.moment_sensor
         return self.still.moment_Nm - sensor.gain * self.moment_Nm - sensor.offset_Nm
+
+    def moment_std_Nm(self, rig: Rig) -> float:
+        """Of that residual: the sensor's noise, and what the load's readings leave open."""
+        sensor = rig.moment_sensor
+        return float(np.linalg.norm([sensor.std_Nm, *(sensor.gain * self.moment_by_readings)]))
 
     def reading(self, rig: Rig) -> Information:
         """What the sensor's reading says of the rig's parameters."""
@@ -74,14 +85,20 @@ class HeldStill:
         row = np.zeros((1, self.jacobian.shape[1]))
         row[0, ANTENNA] = sensor.gain * self.moment_by_antenna
         row[0, GAIN], row[0, OFFSET] = self.moment_Nm, 1.0
-        return Information.of(row / sensor.std_Nm, np.array([self.moment_residual_Nm(rig) / sensor.std_Nm]))
+        unknown = sensor.gain * self.moment_by_readings[None] / sensor.std_Nm
+        return Information.of(row / sensor.std_Nm, np.array([self.moment_residual_Nm(rig) / sensor.std_Nm]), unknown)
 
 
-def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
-    """Every still against the rig's prediction, and how that moves with the rig's parameters."""
+def hold(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[HeldStill]:
+    """Every still against the rig's prediction, and how that moves with the rig's parameters.
+
+    readings : how well the loads are known.
+    """
     count = ANTENNA.stop - ANTENNA.start
     curves = _predicted(rig, observations, count)
     free = _predicted(rig, observations, count, loaded=False)
+    altered = _predicted(rig, [other for one in observations for other in _misread(one)], 0)
+    steps = np.array([-readings.distance_std_m / DISTANCE_STEP_M, readings.force_std_relative / LOG_FORCE_STEP])
     poses = [rig.T_antenna_camera, *(rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[POSE]))]
     inverse = [pose.inverse() for pose in poses]
     order = np.array([0] * 7 + list(range(1, count + 1)))
@@ -96,6 +113,9 @@ def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
         whitened, slopes = whitened_with_lens(points, projected)
         whitened = whitened / rig.image.noise_scale
         near = _undisturbed(whitened[:, 0])
+        pair = np.array([2 * index, 2 * index + 1])
+        misread = whitened_residuals(points, image_curves(altered.picked(pair), [inverse[0]] * 2))
+        misread = misread / rig.image.noise_scale
         seen = points.picked(near)
         by_lens = np.zeros((len(seen), len(rig.camera.parameter_names)))
         if seen.by_lens is not None:
@@ -118,9 +138,21 @@ def hold(rig: Rig, observations: Sequence[Observation]) -> list[HeldStill]:
                 float(moments[0]),
                 (moments[1:] - moments[0]) / RIG_STEPS[ANTENNA],
                 float(bent) if isinstance(observation.still, Load) else 0.0,
+                -(misread[near] - whitened[near, :1]) * steps,
+                (altered.moment_Nm[pair] - moments[0]) * steps,
             )
         )
     return held
+
+
+def _misread(observation: Observation) -> list[Observation]:
+    """The still with its load a step nearer to the clamp, and a step heavier."""
+    still = observation.still
+    return (
+        [replace(observation, still=other) for other in readings_altered(still)]
+        if isinstance(still, Load)
+        else [observation] * 2
+    )
 
 
 def free_shape_moved_mm(rig: Rig, step: np.ndarray) -> float:
@@ -142,9 +174,9 @@ def tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
 
 
 def _predicted(rig: Rig, observations: Sequence[Observation], count: int, loaded: bool = True) -> Curves:
-    """For each still the curve of the rig's antenna, then one with a step along each of its parameters."""
+    """For each still the curve of the rig's antenna, then one with a step along each of its first parameters."""
     antenna = np.repeat(rig.antenna.parameters[None], count + 1, axis=0)
-    antenna[1:] += np.diag(RIG_STEPS[ANTENNA])
+    antenna[1:] += np.diag(RIG_STEPS[ANTENNA])[:count]
     length_m = rig.antenna.length_m
     stills = [observation.still for observation in observations]
     contact = [still.distance_m if isinstance(still, Load) else 0.5 * length_m for still in stills]

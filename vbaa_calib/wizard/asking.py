@@ -87,7 +87,7 @@ def _keep_if_right(store: Store, desk: Desk) -> None:
         store.save(Journal(left, store.journal.steps, store.journal.redone))
         if not desk.interactive:
             raise
-        desk.say(f"{error.what}; {error.remedy}")
+        desk.wrong(f"{error.what}; {error.remedy}")
 
 
 def check_together(answers: Mapping[str, Any]) -> None:

@@ -84,6 +84,10 @@ class Desk(Protocol):
         """A line for the log."""
         ...
 
+    def wrong(self, line: str) -> None:
+        """Something is wrong, and what is asked next is about it."""
+        ...
+
     def commands(self) -> list[Command]:
         """What came in since the last call; does not wait."""
         ...
@@ -133,6 +137,10 @@ class Nobody:
     def say(self, line: str) -> None:
         """To stderr."""
         say(f"  {line}")
+
+    def wrong(self, line: str) -> None:
+        """To stderr."""
+        self.say(line)
 
     def commands(self) -> list[Command]:
         """None."""

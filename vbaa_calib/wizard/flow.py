@@ -83,7 +83,7 @@ def _before(known: Known, desk: Desk, at: int) -> int:
 
 
 def _stuck(desk: Desk, error: VbaaError) -> Command:
-    desk.say(str(error))
+    desk.wrong(str(error))
     try:
         desk.ask(GO_BACK, {})
     except Interrupted as interrupt:
@@ -135,7 +135,7 @@ def _through(known: Known, desk: Desk, step: Step) -> Command:
         except (SourceLost, NoMore) as error:
             if not desk.interactive:
                 raise
-            desk.say(str(error))
+            desk.wrong(str(error))
             lost = isinstance(error, SourceLost)
         finally:
             source.close()
@@ -153,7 +153,7 @@ def _opened(known: Known, desk: Desk, step: Step) -> Source:
         except InputError as error:
             if not desk.interactive:
                 raise
-            desk.say(str(error))
+            desk.wrong(str(error))
         _ask_for_source(known.store, desk, step)
 
 

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ..errors import InputError
+from ..files import read_json
 from .catalogue import QUESTIONS, SOURCES, TABLES
 
 SCHEMA = "vbaa.wizard/1"
@@ -115,6 +116,15 @@ class Journal:
             "steps": {name: record.to_dict() for name, record in self.steps.items()},
             "redone": list(self.redone),
         }
+
+    @staticmethod
+    def read(path: Path) -> Journal:
+        """wizard.json. Raises InputError naming what is wrong with it."""
+        try:
+            data = read_json(path)
+        except InputError as error:
+            raise InputError(error.what, where=error.where, remedy=_REMEDY) from None
+        return Journal.from_dict(data, path)
 
     @staticmethod
     def from_dict(data: Mapping[str, Any], path: Path) -> Journal:

@@ -231,7 +231,10 @@ def scale_of(
     try:
         return print_scale(nominal_mm[0], read_mm[0], nominal_mm[1], read_mm[1], std_mm)
     except ValueError as error:
-        raise InputError(str(error), where="board_along_x_mm, board_along_y_mm", remedy="measure it again") from None
+        # targets.scale knows its own parameters, not what they are called here
+        what = str(error).replace("reading_std", "board_reading_std")
+        what = what.replace("reading_x", "board_along_x").replace("reading_y", "board_along_y")
+        raise InputError(what, where="board_along_x_mm, board_along_y_mm", remedy="measure it again") from None
 
 
 def still_of(step: str, path: Any, readings: Any) -> Still:

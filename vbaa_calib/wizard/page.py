@@ -12,6 +12,7 @@ from .journal import STEPS
 from .preview import Preview, Snapshot
 from .progress import Progress
 from .questions import Question
+from .questions import shown as typed
 from .steps.step import Step
 from .store import Store
 
@@ -71,7 +72,8 @@ class Page:
             return ["redo", *can] if name == STEPS[0] else can
         if self._store.journal.of(name).taken:
             can = ["enough", "drop", *can]
-        return (["take"] if self._live is not None else []) + ["redo", *can]
+        watching = self._live is not None and self._question is None
+        return (["take"] if watching else []) + ["redo", *can]
 
     def begin(self, step: Step) -> None:
         """A step begins."""
@@ -83,11 +85,17 @@ class Page:
     def ask(self, question: Question, words: str, problem: str) -> None:
         """A question is open."""
         self._question = question.to_dict() | {"words": words, "problem": problem or None}
-        if self._question["kind"] == "numbers":
-            default = self._question["default"]
-            shown = None if default is None else ", ".join(f"{part:g}" for part in default)
-            self._question |= {"kind": "text", "default": shown}
+        if question.kind == "numbers":
+            self._question["kind"] = "text"
+            if question.default is not None:
+                self._question["default"] = typed(question.default)
+        if question.kind == "yesno" and question.default is not None:
+            self._question["default"] = question.read(question.default)
         self._doing, self._asked = "", self._number + 1
+        if self._live is not None:
+            # it stands still until the answer
+            still: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
+            self._live = self._live | still
         self._publish()
 
     def answered(self) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..files import read_json, replacing, sha256, write_json
+from ..files import replacing, sha256, write_json
 from ..images import SUFFIXES
 from .journal import Journal, Left, Record, Taken
 from .sources.offered import Offered
@@ -53,7 +53,7 @@ class Store:
         self._lock = _locked(self.root / LOCK)
         try:
             if (self.root / NAME).exists():
-                self.journal = Journal.from_dict(read_json(self.root / NAME), self.root / NAME)
+                self.journal = Journal.read(self.root / NAME)
             self._sweep_up()
         except BaseException:
             self._lock.close()

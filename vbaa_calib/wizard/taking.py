@@ -216,7 +216,7 @@ class Taking:
             try:
                 readings = complete(folder, typed, self._gravity(typed, where), self._length_m, where)
             except InputError as error:
-                self.desk.say(str(error))
+                self.desk.wrong(f"{error.what}; {error.remedy}")
                 continue
             doubts = self._doubts(readings)
             for doubt in doubts:

@@ -33,6 +33,7 @@ class Terminal:
         self._page, self._screen = page, Screen()
         self._typed: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._told: tuple[str, tuple[str, ...]] = ("", ())
+        self._problem = ""
         self._status, self._status_s = "", 0.0
         threading.Thread(target=self._read, daemon=True).start()
 
@@ -61,7 +62,7 @@ class Terminal:
         self._write(words, "bold")
         if question.why:
             self._write(f"({question.why})", "dim", "  ", "   ")
-        problem = ""
+        problem, self._problem = self._problem, ""
         while True:
             if self._page is not None:
                 self._page.ask(question, words, problem)
@@ -152,6 +153,13 @@ class Terminal:
         if self._page is not None:
             self._page.log(line)
 
+    def wrong(self, line: str) -> None:
+        """A line, and beside the next question on the page."""
+        self._write(line, "doubt", "  ", "    ")
+        self._problem = line
+        if self._page is not None:
+            self._page.log(line)
+
     def commands(self) -> list[Command]:
         """Typed and clicked."""
         found = []
@@ -202,14 +210,13 @@ def live_words(live: Live) -> str:
     judged, parts = live.judged, []
     if len(judged.corners_px):
         parts.append(f"{len(judged.corners_px)} corners")
-    if judged.hints:
-        parts.append(f"{judged.hints[0].words} → {judged.hints[0].remedy}" if judged.refusal else judged.hints[0].words)
-    elif judged.refusal:
-        parts.append(judged.refusal)
-    if not judged.refusal:
+    if judged.refusal:
+        grave = next((hint for hint in judged.hints if hint.grave), None)
+        parts.append(judged.refusal if grave is None else f"{grave.words} → {grave.remedy}")
+    else:
         if judged.closeness is not None:
             parts.append(f"match {100 * judged.closeness:.0f} %: {judged.closer}")
-        parts.append(live.words or "hold it still")
+        parts += [live.words or "hold still", *(hint.words for hint in judged.hints)]
     return f"{held} {' · '.join(parts)}"
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from ...antenna.shape import PARAMETERS, Curves
 from ...diagnosis import Diagnosis
 from ...reprojection import image_curves, whitened_residuals
-from ...session import Load
 from ..joint import JointSolution
 from ..joint_problem import ANTENNA
 from .rows import Further, StillRows, further
+from .scatter import fits, scatter_after
 
 USUAL = 3.0
 """Standard deviations of what a careful builder's wire has, beyond which a bow is said."""
@@ -35,24 +35,30 @@ class Kink:
         return float(np.linalg.norm(self.found.values))
 
 
-def bent_diagnosis(joint: JointSolution, rows: StillRows) -> Diagnosis | None:
-    """A bow beyond the ordinary, or a kink.
+def kink_diagnosis(joint: JointSolution, rows: StillRows, own: float) -> Diagnosis | None:
+    """A kink, where it explains what the pictures show.
 
-    Parameters
-    ----------
-    rows : of the joint solution; free antennas only are asked for a kink.
+    own : scatter of the points that no model explains, see `own_scatter`.
     """
-    length = joint.problem.length_m
     kink = sharpest_kink(rows)
-    if kink is not None and kink.angle_rad > KINK_RAD and kink.found.statistic > KINK_SURE:
-        tip_mm = 1e3 * kink.angle_rad * (length - kink.at_m)
-        return Diagnosis(
-            "antenna_kinked",
-            f"the free antenna is kinked by {np.rad2deg(kink.angle_rad):.1f}° about {1e3 * kink.at_m:.0f} mm from the "
-            f"clamp, {tip_mm:.1f} mm at the tip, beside an even bow",
-            "straighten or replace the wire: the model knows an even bow only",
-            grave=tip_mm > 0.02e3 * length,
-        )
+    if kink is None or kink.angle_rad < KINK_RAD or kink.found.statistic < KINK_SURE:
+        return None
+    if not fits(scatter_after(rows, kinked(rows, kink.at_m), np.inf), own, joint.noise_scale):
+        return None
+    length = joint.problem.length_m
+    tip_mm = 1e3 * kink.angle_rad * (length - kink.at_m)
+    return Diagnosis(
+        "antenna_kinked",
+        f"the free antenna is kinked by {np.rad2deg(kink.angle_rad):.1f}° about {1e3 * kink.at_m:.0f} mm from the "
+        f"clamp, {tip_mm:.1f} mm at the tip",
+        "straighten or replace the wire: the model knows an even bow only",
+        grave=tip_mm > 0.02e3 * length,
+    )
+
+
+def bow_diagnosis(joint: JointSolution) -> Diagnosis | None:
+    """A bow beyond the ordinary."""
+    length = joint.problem.length_m
     first = ANTENNA.start + PARAMETERS.index("bow_about_y_per_m")
     bow = joint.parameters[first : first + 2]
     std = np.sqrt(np.diag(joint.covariance)[first : first + 2])
@@ -74,14 +80,14 @@ def sharpest_kink(rows: StillRows) -> Kink | None:
     found = []
     for part in PLACES:
         at_m = float(part) * rows.joint.problem.length_m
-        change = further(rows, _kinked(rows, at_m))
+        change = further(rows, kinked(rows, at_m))
         if change is not None:
             found.append(Kink(at_m, change))
     return max(found, key=lambda kink: kink.found.statistic, default=None)
 
 
-def _kinked(rows: StillRows, at_m: float) -> np.ndarray:
-    """(R, 2) columns of a kink about y and about z."""
+def kinked(rows: StillRows, at_m: float) -> np.ndarray:
+    """(R, 2) columns of a kink about y and about z, of the same angles in every still."""
     problem, parameters = rows.joint.problem, rows.solution.parameters
     curves = problem.curves(parameters[None, ANTENNA])
     beyond = np.clip(curves.arclength_m - at_m, 0.0, None)
@@ -91,7 +97,7 @@ def _kinked(rows: StillRows, at_m: float) -> np.ndarray:
     columns = np.zeros((len(rows.solution.residuals), 2))
     seen = problem.seen(parameters)
     for index, span in enumerate(rows.points):
-        if rows.moments[index] < 0 or isinstance(problem.observations[index].still, Load):
+        if rows.moments[index] < 0:
             continue
         one = curves.picked(np.array([index] * 3))
         moved = replace(

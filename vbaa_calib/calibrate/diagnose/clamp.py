@@ -13,12 +13,15 @@ from ...session import Load, Still
 from ..joint import JointSolution
 from ..joint_problem import ANTENNA
 from .rows import Further, StillRows, further
+from .scatter import fits, scatter_after
 
 SURE = 50.0
 """χ² beyond which a change between stills is no chance, however many were asked."""
 LEAST = {"turn": 4e-3, "place": 3e-4, "bow": 0.04}
 """Least changes worth a word, rad, m and per m: a millimetre at the tip of 240 mm. Half a millimetre on the ruler and
 half a per cent on the balance look like a quarter of that."""
+MOST = {"turn": 0.15, "place": 5e-3, "bow": 1.5}
+"""Greatest changes that are taken for what they look like: beyond, rows are wrong, or gravity."""
 PLAUSIBLE = {"turn": 0.05, "place": 1e-3, "bow": 0.3}
 """Standard deviations of what may have happened."""
 CLEARER = 1.5
@@ -38,11 +41,13 @@ class Step:
     Attributes
     ----------
     kind : what changed, of `KINDS`. first : index of the first still after it. found : by how much.
+    columns : (R, 2) along which it moves the residuals.
     """
 
     kind: str
     first: int
     found: Further
+    columns: np.ndarray
 
     @property
     def size(self) -> float:
@@ -59,9 +64,10 @@ def steps(rows: StillRows) -> list[Step]:
         columns = [ANTENNA.start + PARAMETERS.index(name) for name in names]
         found = []
         for split in range(1, len(order)):
-            change = further(rows, np.column_stack([rows.own(one, order[split:]) for one in columns]), PLAUSIBLE[kind])
+            own = np.column_stack([rows.own(one, order[split:]) for one in columns])
+            change = further(rows, own, PLAUSIBLE[kind])
             if change is not None:
-                found.append(Step(kind, order[split], change))
+                found.append(Step(kind, order[split], change, own))
         if found:
             best.append(max(found, key=lambda step: step.found.statistic))
     return best
@@ -75,12 +81,19 @@ def in_time(stills: Sequence[Still]) -> list[int]:
     return [int(index) for index in np.argsort(np.array(times, float), kind="stable")]
 
 
-def step_diagnosis(joint: JointSolution, rows: StillRows) -> Diagnosis | None:
-    """A slip of the clamp or a bend of the antenna between two stills, whichever explains the pictures better."""
+def step_diagnosis(joint: JointSolution, rows: StillRows, own: float) -> Diagnosis | None:
+    """A slip of the clamp or a bend of the antenna between two stills, whichever explains the pictures better.
+
+    own : scatter of the points that no model explains, see `own_scatter`. None where neither explains it all.
+    """
     found = sorted(steps(rows), key=lambda step: step.found.statistic, reverse=True)
-    if not found or found[0].found.statistic < SURE or found[0].size < LEAST[found[0].kind]:
+    if not found or found[0].found.statistic < SURE:
         return None
     best = found[0]
+    if not LEAST[best.kind] <= best.size <= MOST[best.kind]:
+        return None
+    if not fits(scatter_after(rows, best.columns, PLAUSIBLE[best.kind]), own, joint.noise_scale):
+        return None
     rivals = [
         step for step in found[1:] if step.kind != best.kind and step.found.statistic * CLEARER > best.found.statistic
     ]

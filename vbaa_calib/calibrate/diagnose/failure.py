@@ -12,7 +12,8 @@ from ..joint import solve_joint
 from ..joint_problem import Observation, Prior
 from .free_base import DEAF, solve_free
 from .gravity import gravity_diagnosis
-from .load_rows import row_diagnoses, wrong_rows
+from .load_rows import row_diagnoses, unexplained, wrong_rows
+from .scatter import own_scatter
 from .still_diagnoses import still_diagnoses
 from .typed_loads import typed_load_doubts
 
@@ -52,7 +53,8 @@ def explain_failure(
         free = solve_free(observations, before, length, std)
     except SolveError:
         return found
-    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2)
+    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, own_scatter(observations))
     if gravity is not None:
         return [gravity]
-    return row_diagnoses(wrong_rows(free, observations, length), len(loads)) or found
+    rows = wrong_rows(free, observations, length)
+    return row_diagnoses(rows, len(loads)) or found or unexplained(rows)

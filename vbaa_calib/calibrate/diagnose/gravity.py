@@ -12,6 +12,7 @@ from ...geometry import Kinematics
 from ...reprojection import robust_cost
 from ...session import Still, gravity_antenna
 from ..joint import JointSolution, Linearised, noise_scale
+from .scatter import fits
 
 GRAVITY_M_S2 = 9.80665
 FIT_STEPS, SETTLED = 8, 0.02
@@ -56,22 +57,31 @@ class Left:
     noise_scale: float
 
 
-def gravity_diagnosis(free: JointSolution, kinematics: Kinematics, gravity_world_m_s2: np.ndarray) -> Diagnosis | None:
-    """Another direction of gravity, or another reading of the joints, that the free antenna's sag fits clearly better.
+def gravity_diagnosis(
+    free: JointSolution, kinematics: Kinematics, gravity_world_m_s2: np.ndarray, own: float
+) -> Diagnosis | None:
+    """Another direction of gravity, or another reading of the joints, that the pictures fit as well as they can.
+
+    One that fits better only, and not well, is not named: a clamp that slips, or a kink, is fitted better by many.
 
     Parameters
     ----------
-    free : joint solution of the no-load frames.
+    free : joint solution of the no-load frames, or of all stills, the moment sensor left out.
+    own : scatter of the points that no model explains, see `own_scatter`.
     """
     observations = free.problem.observations
     noted = np.array([one.gravity_m_s2 for one in observations])
-    others = otherwise([one.still for one in observations], kinematics, gravity_world_m_s2, noted)
     now = left_by(free, noted)
+    if fits(now.noise_scale, own):
+        return None
+    others = otherwise([one.still for one in observations], kinematics, gravity_world_m_s2, noted)
     tried = sorted(((left_by(free, other.gravity_m_s2), other) for other in others), key=lambda one: one[0].squares)
     if not tried:
         return None
     least, best = tried[0]
     gain = now.squares - least.squares
+    if not fits(least.noise_scale, own):
+        return None
     if gain < max(BETTER * max(least.noise_scale, 1.0) ** 2, LEAST_PART * now.squares):
         return None
     # several may do as well: what they have in common is that the noted one is wrong
@@ -93,7 +103,11 @@ def left_by(free: JointSolution, gravity_m_s2: np.ndarray) -> Left:
         # plain squares: far from the antenna nearly all points would count as false
         scale = np.linalg.norm(now.jacobian, axis=0)
         step = -np.linalg.lstsq(now.jacobian / scale, now.residuals, rcond=None)[0] / scale
-        moved = Linearised.of(problem, now.parameters + step)
+        try:
+            moved = Linearised.of(problem, now.parameters + step)
+        except ValueError:
+            # an antenna wound up by what cannot be: no further
+            break
         before, after = float(now.residuals @ now.residuals), float(moved.residuals @ moved.residuals)
         if not after < before:
             break

@@ -119,6 +119,36 @@ def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
     return [_said(same, count) for same in by_slip.values()]
 
 
+def unexplained(rows: Sequence[Row]) -> list[Diagnosis]:
+    """The rows that their pictures contradict and no usual slip explains."""
+    if not rows:
+        return []
+    names = ", ".join(row_name(row.index, row.load) for row in rows[:4])
+    more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
+    return [
+        Diagnosis(
+            "load_row_unexplained",
+            f"loads.csv {names}{more}: the picture contradicts the row by a fifth of the deflection or more, and no "
+            "usual slip explains it",
+            "check distance_m, force and sign of the row, that the picture belongs to it, and that the clamp held",
+            grave=True,
+        )
+    ]
+
+
+def corrected(observations: Sequence[Observation], rows: Sequence[Row]) -> list[Observation]:
+    """With the readings that fit; without the rows that none fits."""
+    by_index, found, index = {row.index: row for row in rows}, [], -1
+    for one in observations:
+        index += isinstance(one.still, Load)
+        row = by_index.get(index) if isinstance(one.still, Load) else None
+        if row is None:
+            found.append(one)
+        elif row.reading is not None:
+            found.append(replace(one, still=replace(row.reading.load, moment_Nm=one.still.moment_Nm)))
+    return found
+
+
 def _said(rows: Sequence[Row], count: int) -> Diagnosis:
     first = rows[0]
     assert first.reading is not None
@@ -128,7 +158,8 @@ def _said(rows: Sequence[Row], count: int) -> Diagnosis:
     if not whole and len(rows) > 4:
         which += f" and {len(rows) - 4} more"
     words = (
-        f"{which}: the picture contradicts the row, and fits if the {first.reading.what} was given {first.reading.how}"
+        f"{which}: the picture contradicts the row, and would fit if the {first.reading.what} was given "
+        f"{first.reading.how}"
     )
     also = sorted({how for row in rows for how in row.also})
     if also:
@@ -136,6 +167,7 @@ def _said(rows: Sequence[Row], count: int) -> Diagnosis:
     cells = "; ".join(
         f"{row_name(row.index, row.load)}: {row.reading.remedy(row.load)}" for row in rows[:3] if row.reading
     )
+    words += f". Is it {first.reading.question(first.load)}?"
     return Diagnosis(f"load_{first.reading.what}_mistyped", words, f"if so, correct {cells}", grave=True)
 
 

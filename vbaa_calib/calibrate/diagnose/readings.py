@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from ...session import Load
@@ -54,6 +55,17 @@ class Reading:
         """Whether the force only points elsewhere."""
         return any(self.how == how for how, _ in TURNS)
 
+    def question(self, noted: Load) -> str:
+        """What was typed, in the words that it was meant in."""
+        if self.what == "distance":
+            size = 1e3 * self.load.distance_m
+            return f"{size:.4g} mm from the clamp that was typed as distance_m {noted.distance_m:.4g}"
+        if self.is_turn:
+            y, z = self.load.force_y_N, self.load.force_z_N
+            return f"({y:.4g}, {z:.4g}) N in (y, z) that was typed as ({noted.force_y_N:.4g}, {noted.force_z_N:.4g})"
+        typed, meant = _size_N(noted), _size_N(self.load)
+        return f"{1e3 * meant / G:.4g} g, which is {meant:.4g} N, that was typed as {typed:.4g} newtons"
+
     def remedy(self, noted: Load) -> str:
         """The cells that would fit."""
         if self.what == "distance":
@@ -86,6 +98,10 @@ def other_readings(load: Load, length_m: float) -> list[Reading]:
 def row_name(index: int, load: Load) -> str:
     """How a row of loads.csv is called, its first load being row 1."""
     return f"row {index + 1}" + (f" ({load.image.name})" if load.image else "")
+
+
+def _size_N(load: Load) -> float:
+    return math.hypot(load.force_y_N, load.force_z_N)
 
 
 def _with_force(load: Load, y: float, z: float) -> Load:

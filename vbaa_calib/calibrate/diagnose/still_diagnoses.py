@@ -1,23 +1,36 @@
-"""All that the stills say against what was typed and how the antenna is held, the cause before its consequences."""
+"""All that the stills say against what was typed and how the antenna is held, the cause before its consequences.
+
+A cause is named only where the pictures fit with it. Where they do not fit, and no one cause makes them, that is said:
+a wrong explanation sends a person the wrong way.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from ...diagnosis import Diagnosis
 from ...errors import SolveError
 from ...geometry import Kinematics
 from ...session import Load, Session
-from ..joint import JointSolution
+from ..joint import JointSolution, solve_joint
 from ..joint_checks import check
-from .bent import bent_diagnosis
+from ..joint_given import Observation
+from .bent import bow_diagnosis, kink_diagnosis
 from .clamp import soft_clamp, step_diagnosis
-from .free_base import solve_free
+from .free_base import DEAF, solve_free
 from .gravity import gravity_diagnosis
-from .load_rows import row_diagnoses, wrong_rows
+from .load_rows import Row, corrected, row_diagnoses, unexplained, wrong_rows
 from .rows import StillRows
+from .scatter import fits, own_scatter
 from .sensor import drift_of, sensor_diagnoses
 
 DISTANCE_STD_M, FORCE_STD = 7e-4, 7e-3
 """How well places and weights of loads are taken to be known: a little less well than they usually are."""
+CONTRADICTS = 5.0
+"""Scatter of the points, over their pictures' own, beyond which the stills contradict each other."""
 
 
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSolution) -> list[Diagnosis]:
@@ -32,6 +45,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSoluti
     joint : of all stills, as `solve_antenna` gives it.
     """
     problem = joint.problem
+    own = own_scatter(problem.observations)
     try:
         free: JointSolution | None = solve_free(
             problem.observations, problem.prior, problem.length_m, problem.moment_std_Nm
@@ -39,23 +53,71 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSoluti
     except SolveError:
         free = None
     if free is not None:
-        gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2)
+        gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, own)
         if gravity is not None:
-            return [gravity, *_sensor(session, joint, gravity is None)]
+            return [gravity, *_sensor(session, joint, False)]
     rows = wrong_rows(free, problem.observations, problem.length_m) if free is not None else []
-    found = row_diagnoses(rows, sum(isinstance(one.still, Load) for one in problem.observations))
-    # rows that are wrong, and took part, have moved everything: the free antenna alone is asked then
-    kept = [keep for one, keep in zip(problem.observations, joint.kept, strict=True) if isinstance(one.still, Load)]
-    misled = any(kept[row.index] and row.reading is not None for row in rows)
-    asked = free if free is not None and misled else joint
-    linear = StillRows.of(asked)
-    if asked is joint and free is not None:
+    named = [row for row in rows if row.reading is not None]
+    if named:
+        if _fit_corrected(joint, rows, own):
+            count = sum(isinstance(one.still, Load) for one in problem.observations)
+            left_out = unexplained([row for row in rows if row.reading is None])
+            return [*row_diagnoses(named, count), *left_out, *_sensor(session, joint, False)]
+        return [_contradiction(joint, own, rows), *_sensor(session, joint, False)]
+    held = _held(session, kinematics, joint, free, own)
+    if rows and not any(one.grave for one in held):
+        held = [*unexplained(rows), *held]
+    elif not held and (not joint.kept.all() or joint.noise_scale > CONTRADICTS * own):
+        held = [_contradiction(joint, own, rows)]
+    return [*held, *_sensor(session, joint, not held)]
+
+
+def _held(
+    session: Session, kinematics: Kinematics, joint: JointSolution, free: JointSolution | None, own: float
+) -> list[Diagnosis]:
+    """What moved, and how the antenna is held."""
+    linear = StillRows.of(joint)
+    if free is not None:
         linear = linear.with_readings(DISTANCE_STD_M, FORCE_STD, min(free.noise_scale, joint.noise_scale))
-    moved = step_diagnosis(asked, linear)
-    held = [moved, bent_diagnosis(asked, linear) if moved is None else None]
-    if asked is joint:
-        held.append(soft_clamp(linear) if moved is None else None)
-    return [*found, *(one for one in held if one is not None), *_sensor(session, joint, not misled)]
+    if not fits(joint.noise_scale, own) or not joint.kept.all():
+        moved = step_diagnosis(joint, linear, own) or kink_diagnosis(joint, linear, own)
+        if moved is not None:
+            return [moved]
+        deaf = replace(joint, problem=replace(joint.problem, moment_std_Nm=DEAF * joint.problem.moment_std_Nm))
+        gravity = gravity_diagnosis(deaf, kinematics, session.gravity_world_m_s2, own)
+        return [] if gravity is None else [gravity]
+    moved = step_diagnosis(joint, linear, own)
+    found = [moved] if moved is not None else [bow_diagnosis(joint), soft_clamp(linear)]
+    return [one for one in found if one is not None]
+
+
+def _fit_corrected(joint: JointSolution, rows: Sequence[Row], own: float) -> bool:
+    """Whether all stills fit one antenna once the rows are what their pictures ask for."""
+    problem = joint.problem
+    observations: list[Observation] = corrected(problem.observations, rows)
+    try:
+        right = solve_joint(observations, problem.prior, problem.length_m, DEAF * problem.moment_std_Nm)
+    except SolveError:
+        return False
+    return bool(right.kept.all()) and fits(right.noise_scale, own, joint.noise_scale)
+
+
+def _contradiction(joint: JointSolution, own: float, rows: Sequence[Row]) -> Diagnosis:
+    names = [
+        one.still.image.name if one.still.image else f"no {index + 1}"
+        for index, (one, kept) in enumerate(zip(joint.problem.observations, joint.kept, strict=True))
+        if not kept
+    ]
+    names += [row.load.image.name for row in rows if row.load.image and row.load.image.name not in names]
+    off = max(float(joint.noise_scale), float(np.max(joint.point_rms) * joint.noise_scale)) / own
+    which = f", {', '.join(names[:3])} the most" if names else ""
+    return Diagnosis(
+        "stills_contradict",
+        f"the stills do not fit one antenna: the points lie up to {off:.0f} times further off it than their own "
+        f"scatter{which}; no single cause explains it",
+        "check unit, sign and place of every load, the joints' angles (rad), gravity_world, and that nothing moved",
+        grave=True,
+    )
 
 
 def _sensor(session: Session, joint: JointSolution, moments_known: bool) -> list[Diagnosis]:

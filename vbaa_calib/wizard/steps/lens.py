@@ -66,7 +66,7 @@ def look(known: Known) -> Progress:
     except VbaaError as error:
         return Progress(tuple(seen), (str(error),), "show the board in another pose")
     target = None
-    if now.suggestion is not None:
+    if now.suggestion is not None and not now.enough:
         target = Target(now.suggestion.outline_px, now.suggestion.words)
     diagnoses = []
     if now.solution is not None:

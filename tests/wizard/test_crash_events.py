@@ -1,0 +1,174 @@
+"""What may happen to a wizard while it works: sources that go, Ctrl-C, a second wizard, files that others touch."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vbaa_calib.wizard import flow
+from vbaa_calib.wizard.journal import Journal
+from vbaa_calib.wizard.progress import Judged
+from vbaa_calib.wizard.sources.offered import Offered, SourceLost, frame_offered
+from vbaa_calib.wizard.store import Store
+
+from .small_session import call, tree
+from .tiny_wizard import Tiny, expect_refused, finished, pictures, tiny
+
+__all__ = ["finished", "tiny"]
+
+
+def on_picture(patch: pytest.MonkeyPatch, step: str, number: int, event: Callable[[], object]) -> None:
+    """Something happens while the picture `number` of a step is judged."""
+    seen = 0
+
+    def judge(known: Any, offered: Offered, readings: Any) -> Judged:
+        nonlocal seen
+        seen += 1
+        if seen == number:
+            event()
+        return Judged("is bad" if offered.name.startswith("bad") else "")
+
+    patch.setitem(flow.ALL, step, replace(flow.ALL[step], judge=judge))
+
+
+def journal(tiny: Tiny) -> Journal:
+    return Journal.read(tiny.session / "wizard.json")
+
+
+def test_the_source_goes(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.rmtree(tiny.session)
+    folder = tiny.source / "intrinsics"
+    on_picture(monkeypatch, "lens", 2, lambda: folder.rename(tiny.source / "gone"))
+    code, said = call(tiny.session, "--answers", tiny.answers)
+    assert code == 2
+    assert said.strip().splitlines()[-1].startswith("vbaa: ")
+    assert "no such folder" in said
+    assert len(journal(tiny).of("lens").taken) == 2
+    (tiny.source / "gone").rename(folder)
+    assert call(tiny.session)[0] == 0
+    assert len(journal(tiny).of("lens").taken) == 3
+
+
+class Unplugged:
+    """A camera that gives the same still picture for a while, then is gone."""
+
+    live, ended, name, notes = True, False, "camera:0", ()
+
+    def __init__(self, frames: int) -> None:
+        self.left, self.frames = frames, frames
+        self.pixels = np.random.default_rng(4).integers(0, 255, (60, 80), np.uint8)
+
+    def next(self, timeout_s: float) -> Offered:
+        if not self.left:
+            raise SourceLost("is unplugged", where=self.name, remedy="plug it in and run the wizard again")
+        self.left -= 1
+        return frame_offered(f"frame {self.left}", self.pixels, 0.1 * (self.frames - self.left))
+
+    def close(self) -> None:
+        self.left = 0
+
+
+def test_the_camera_is_unplugged(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flow, "open_source", lambda *_: Unplugged(80))
+    found = replace(flow.ALL["lens"], look=lambda known: flow.ALL["plane"].look(known))
+    monkeypatch.setitem(flow.ALL, "lens", found)
+    before = len(journal(tiny).of("lens").taken)
+    outcome = call(tiny.session, "--reopen", "lens")
+    expect_refused(tiny, outcome, "camera:0", "is unplugged", "plug it in")
+    assert len(journal(tiny).of("lens").taken) >= before
+
+
+def test_ctrl_c(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exit 130 with how to go on; what was taken stays."""
+    shutil.rmtree(tiny.session)
+    on_picture(monkeypatch, "noload", 2, lambda: signal.raise_signal(signal.SIGINT))
+    code, said = call(tiny.session, "--answers", tiny.answers)
+    assert code == 130
+    assert f"`vbaa wizard {tiny.session}` goes on here" in said
+    assert len(journal(tiny).of("noload").taken) == 1
+    assert call(tiny.session)[0] == 0
+
+
+def test_two_at_once(tiny: Tiny) -> None:
+    before = tree(tiny.session, "")
+    with Store(tiny.session):
+        expect_refused(tiny, call(tiny.session, "--redo", "lens"), "another wizard", "end that one first")
+    assert tree(tiny.session, "") == before
+
+
+def test_pictures_that_are_lost_or_changed(tiny: Tiny) -> None:
+    """They are told, put aside where they are something else now, and taken again where the source has them."""
+    (tiny.session / "intrinsics" / "0001.png").unlink()
+    (tiny.session / "noload" / "0002.png").write_bytes(b"something else")
+    code, said = call(tiny.session)
+    assert code == 0
+    assert "2 pictures are gone or have changed" in said
+    assert "intrinsics/0001.png" in said
+    assert sorted(one.source for one in journal(tiny).of("lens").taken) == ["1.png", "2.png", "3.png"]
+    assert sorted(one.source for one in journal(tiny).of("noload").taken) == ["1.png", "2.png"]
+    assert [path.read_bytes() for path in tiny.session.glob("aside/**/0002.png")] == [b"something else"]
+    assert "something else" not in "".join(tree(tiny.session))
+
+
+def test_strangers(tiny: Tiny) -> None:
+    """What others put among the pictures is not calibrated with, and not lost."""
+    for name in ("intrinsics/mine.png", "noload/0009.JPG", "plane/0002.png"):
+        (tiny.session / name).write_bytes(name.encode())
+    (tiny.session / "intrinsics" / "notes.txt").write_text("mine")
+    before = tree(tiny.session)
+    code, said = call(tiny.session)
+    assert code == 0
+    assert "intrinsics/mine.png" in said
+    assert set(before) - set(tree(tiny.session)) == {"intrinsics/mine.png", "noload/0009.JPG", "plane/0002.png"}
+    place = tiny.session / "aside" / "found"
+    assert (place / "intrinsics" / "mine.png").read_bytes() == b"intrinsics/mine.png"
+
+
+def test_strangers_that_come_meanwhile(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The calibration reads whole folders: none comes in between the last picture and the verdict."""
+    on_picture(monkeypatch, "loads", 1, lambda: (tiny.session / "intrinsics" / "late.png").write_bytes(b"late"))
+    assert call(tiny.session, "--redo", "loads")[0] == 0
+    assert "intrinsics/late.png" not in tree(tiny.session)
+
+
+def test_a_picture_that_was_taken_back_is_not_offered_again(tiny: Tiny) -> None:
+    with Store(tiny.session) as store:
+        store.drop("lens", store.journal.of("lens").taken[1])
+    code, said = call(tiny.session)
+    assert code == 0
+    assert "took" not in said
+    assert [one.source for one in journal(tiny).of("lens").taken] == ["1.png", "3.png"]
+    assert pictures(tiny.session) >= set(tree(tiny.source / "intrinsics").values()) - {
+        tree(tiny.source)["intrinsics/bad.png"]
+    }
+
+
+def test_a_step_that_is_opened_again_takes_what_is_new(tiny: Tiny) -> None:
+    shutil.copy(tiny.source / "sweep" / "1.png", tiny.source / "intrinsics" / "4.png")
+    assert call(tiny.session)[0] == 0
+    assert len(journal(tiny).of("lens").taken) == 3
+    assert call(tiny.session, "--reopen", "lens")[0] == 0
+    assert [one.source for one in journal(tiny).of("lens").taken] == ["1.png", "2.png", "3.png", "4.png"]
+
+
+def test_what_is_given_with_redo_is_for_the_step_as_it_starts_again(tiny: Tiny) -> None:
+    """It must not be forgotten with the old answers: the default would be taken in its place."""
+    before = journal(tiny).answers
+    for step in ("board", "plane"):
+        code, said = call(tiny.session, "--redo", step, "--answers", tiny.answers)
+        assert code == 0, said
+    assert journal(tiny).answers == before
+
+
+def test_paths_hold_wherever_it_is_called(tiny: Tiny, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tiny.source.parent)
+    assert call("session", "--reopen", "lens", "--source", tiny.source.name)[0] == 0
+    monkeypatch.chdir("/")
+    assert call(tiny.session, "--reopen", "lens")[0] == 0

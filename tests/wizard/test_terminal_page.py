@@ -1,0 +1,211 @@
+"""The page of a wizard that runs: what it shows, and that what is done on it is meant for what it showed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vbaa_calib.diagnosis import Diagnosis
+from vbaa_calib.wizard.desk import Live
+from vbaa_calib.wizard.flow import ALL
+from vbaa_calib.wizard.page import Page
+from vbaa_calib.wizard.preview import Command, Snapshot
+from vbaa_calib.wizard.progress import Judged, Progress, Target
+from vbaa_calib.wizard.questions import Question
+from vbaa_calib.wizard.sources.offered import frame_offered
+from vbaa_calib.wizard.steps import board, lens
+from vbaa_calib.wizard.store import Store
+from vbaa_calib.wizard.taking import GO_ON
+
+from .preview_browser import BROWSER, Browser
+from .pseudo_terminal import PseudoTerminal
+from .small_session import answers, answers_file, rendered
+
+
+class Shown:
+    """A preview without a server: what it was told last, and commands to take."""
+
+    url = "http://127.0.0.1:0/"
+
+    def __init__(self, port: int = 0) -> None:
+        self.number, self.state = 0, dict[str, Any]()
+        self.jpeg: bytes | None = None
+        self.commands: list[Command] = []
+
+    def start(self) -> None:
+        """Nothing to start."""
+
+    def show(self, snapshot: Snapshot) -> int:
+        self.number += 1
+        self.state, self.jpeg = json.loads(json.dumps(snapshot.state)), snapshot.jpeg
+        return self.number
+
+    def take_commands(self) -> list[Command]:
+        taken, self.commands = self.commands, []
+        return taken
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Page, Shown, Store]]:
+    monkeypatch.setattr("vbaa_calib.wizard.page.Preview", Shown)
+    with Store(tmp_path / "rig") as store:
+        made = Page(store, {name: step.title for name, step in ALL.items()}, lambda: np.array([[5.0, 5.0]]))
+        shown = made._preview
+        assert isinstance(shown, Shown)
+        yield made, shown, store
+
+
+def live(judged: Judged) -> Live:
+    """A small live picture."""
+    return Live(np.full((90, 160), 100, np.uint8), judged, 0.5)
+
+
+def taken(store: Store) -> None:
+    """A picture of the lens."""
+    store.take("lens", frame_offered("frame 1", np.zeros((4, 4), np.uint8), 0.0), {})
+
+
+def test_only_what_can_be_done_is_offered(page: tuple[Page, Shown, Store]) -> None:
+    made, shown, store = page
+    made.begin(board.STEP)
+    assert shown.state["can"] == ["redo", "quit"]
+    made.begin(lens.STEP)
+    assert shown.state["can"] == ["redo", "back", "quit"]
+    taken(store)
+    made.live(live(Judged()))
+    assert shown.state["can"] == ["take", "redo", "enough", "drop", "back", "quit"]
+    made.ask(GO_ON, "Go on?", "")
+    assert "take" not in shown.state["can"]
+    assert shown.state["question"]["default"] is True
+    made.done({"verdict": "holds", "words": "The rig holds."}, "check.html")
+    assert shown.state["can"] == ["quit"]
+    assert shown.state["verdict"] == {"level": "holds", "words": "The rig holds."}
+    assert {step["status"] for step in shown.state["steps"]} == {"done"}
+
+
+def test_a_second_click_before_the_first_was_seen_does_nothing(page: tuple[Page, Shown, Store]) -> None:
+    made, shown, store = page
+    made.begin(lens.STEP)
+    taken(store)
+    made.log("took one")
+    seen = shown.number
+    shown.commands = [Command("drop", None, seen), Command("drop", None, seen), Command("quit", None, seen)]
+    assert made.take() == [("drop", None), ("quit", None)]
+    made.log("dropped")
+    shown.commands = [Command("drop", None, shown.number)]
+    assert made.take() == [("drop", None)]
+
+
+def test_a_command_for_the_step_before_does_nothing(page: tuple[Page, Shown, Store]) -> None:
+    made, shown, _ = page
+    made.begin(board.STEP)
+    seen = shown.number
+    made.begin(lens.STEP)
+    shown.commands = [Command("redo", None, seen)]
+    assert made.take() == []
+
+
+def test_an_answer_is_for_the_question_that_was_seen(page: tuple[Page, Shown, Store]) -> None:
+    made, shown, _ = page
+    mass = Question("mass_g", "loads", "Mass?", unit="g")
+    made.ask(mass, "Mass?", "")
+    first = shown.number
+    made.answered()
+    made.ask(mass, "Mass?", "too heavy")
+    assert shown.state["question"]["problem"] == "too heavy"
+    shown.commands = [Command("answer", {"mass_g": 5.0}, first)]
+    assert made.take() == []
+    shown.commands = [Command("answer", {"mass_g": 6.0}, shown.number)]
+    assert made.take() == [("answer", {"mass_g": 6.0})]
+
+
+def test_a_live_picture_with_all_about_it(page: tuple[Page, Shown, Store]) -> None:
+    made, shown, _ = page
+    made.begin(lens.STEP)
+    outline = np.array([[1.0, 1.0], [9.0, 1.0], [9.0, 9.0], [1.0, 9.0]])
+    made.show(lens.STEP, Progress(target=Target(outline, "board in the left")))
+    hint = Diagnosis("blur", "blurred", "hold still")
+    made.live(live(Judged(corners_px=np.ones((3, 2)), hints=(hint,), closeness=0.4, closer="nearer")))
+    now = shown.state["live"]
+    assert now["image_size"] == [160, 90]
+    assert now["suggested_px"] == outline.tolist()
+    assert now["suggestion"] == "board in the left · nearer"
+    assert sum(map(sum, now["coverage"]["counts"])) == 1
+    assert now["hints"] == [hint.to_dict()]
+    assert shown.jpeg is not None
+    made.working("sums")
+    assert shown.state["step"]["next"] == "working: sums …"
+    made.show(lens.STEP, Progress(next="go on"))
+    assert shown.state["step"]["next"] == "go on"
+
+
+def address(wizard: PseudoTerminal) -> str:
+    """The page's."""
+    wizard.until("http://127.0.0.1:")
+    wizard.until("1 of 7")
+    found = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", wizard.screen)
+    assert found is not None
+    return found.group(0)
+
+
+def until_text(browser: Browser, words: str) -> None:
+    """Once they stand on the page."""
+    browser.until(f"document.body?.innerText.includes({json.dumps(words)})", 60)
+
+
+def answer(browser: Browser, key_words: str, typed: str) -> None:
+    """Type into the field of the question with these words, and Enter."""
+    until_text(browser, key_words)
+    browser.value("document.querySelector('#field').select()")
+    browser.type(typed)
+    browser.press("Enter", 13)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
+def test_the_wizard_is_led_from_its_page(tmp_path: Path) -> None:
+    given: Mapping[str, Any] = {
+        key: value for key, value in answers(rendered()).items() if key.startswith(("board", "antenna_length"))
+    }
+    file = answers_file(tmp_path / "answers.yaml", dict(given) | {"board_reading_std_mm": 0.25})
+    wizard = PseudoTerminal(["wizard", "rig", "--answers", str(file)], tmp_path)
+    browser = Browser(tmp_path / "profile")
+    try:
+        browser.open(address(wizard))
+        answer(browser, "Where do the pictures come from?", str(tmp_path / "nowhere"))
+        answer(browser, "About how far is the camera", "near")
+        until_text(browser, "that is not a number")
+        answer(browser, "About how far is the camera", "370")
+        answer(browser, "How far is the camera tilted", "30")
+        until_text(browser, "no such folder or video")
+        answer(browser, "Where do the pictures come from?", str(rendered()))
+        wizard.until("as intrinsics/0005.png")
+        until_text(browser, "5 pictures")
+        browser.click("[data-kind=drop]")
+        browser.click("[data-kind=drop]")
+        wizard.until("intrinsics/0005.png is put aside")
+        until_text(browser, "4 pictures")
+        browser.click("[data-kind=enough]")
+        wizard.until("3 of 7")
+        until_text(browser, "How shall the camera's place")
+        browser.click("[data-kind=quit]")
+        browser.click("#yes")
+        wizard.until("goes on here")
+        assert wizard.ended() == 0
+        # one line of the console is of the page that asks when nobody answers any more
+        assert not [one for one in browser.complaints() if "ERR_CONNECTION" not in one]
+    finally:
+        browser.close()
+        wizard.close()
+    kept = json.loads((tmp_path / "rig" / "wizard.json").read_text())
+    assert len(kept["steps"]["lens"]["taken"]) == 4
+    assert kept["answers"]["camera_distance_mm"] == 370

@@ -1,0 +1,91 @@
+"""Tables of what was read with the pictures: what is wrong in them is named before a picture is taken with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from .small_session import call
+from .tiny_wizard import Tiny, expect_refused, finished, tiny
+
+__all__ = ["finished", "tiny"]
+
+FREE = "image,pan_rad,tilt_rad,moment_Nm\n"
+LOAD = "image,pan_deg,tilt_deg,moment_mNm,distance_mm,mass_g,force_y_mN,force_z_mN\n"
+TABLES: dict[str, tuple[str, str | bytes, tuple[str, ...]]] = {
+    "empty": ("noload", "", ("is empty", "image")),
+    "no rows": ("noload", FREE, ("has a header but no rows",)),
+    "no image": ("noload", "pan_rad,tilt_rad,moment_Nm\n0,0,0\n", ("column image is missing",)),
+    "no pan": ("noload", "image,tilt_rad,moment_Nm\n1.png,0,0\n", ("pan_rad is missing", "pan_deg")),
+    "no moment": ("noload", "image,pan_rad,tilt_rad\n1.png,0,0\n", ("moment_Nm is missing", "moment_mNm")),
+    "semicolons": ("noload", FREE.replace(",", ";") + "1.png;0;0;0\n", ("separate the cells by commas",)),
+    "a cell too few": ("noload", FREE + "1.png,0,0\n", ("line 2", "3 cells")),
+    "a picture without row": ("noload", FREE + "1.png,0,0,0\n", ("2.png", "nothing says", "noload-readings")),
+    "other names": ("noload", FREE + "a.png,0,0,0\nb.png,0,0,0\n", ("1.png", "nothing says")),
+    "a picture twice": ("noload", FREE + "1.png,0,0,0\n1.png,0,0,0\n", ("line 3", "1.png stands twice")),
+    "no name": ("noload", FREE + ",0,0,0\n", ("line 2", "image is empty")),
+    "NaN": ("noload", FREE + "1.png,0,0,0\n2.png,0,nan,0\n", ("line 3", "tilt_rad is 'nan'", "give a number")),
+    "text": ("noload", FREE + "1.png,0,0,much\n", ("line 2", "moment_Nm is 'much'", "give a number")),
+    "decimal comma": ("noload", FREE + '1.png,0,"0,3",0\n', ("line 2", "the decimal sign is a point")),
+    "unit typed": ("noload", FREE + "1.png,0,20°,0\n", ("line 2", "tilt_rad is '20°'")),
+    "degrees": ("noload", FREE + "1.png,0,20,0\n2.png,0,0,0\n", ("1.png", "more than a turn", "degrees?")),
+    "both units": ("noload", "image,pan_rad,pan_deg\n1.png,0,0\n", ("line 2", "pan_rad and pan_deg", "give one")),
+    "empty cell": ("noload", FREE + "1.png,,0,0\n2.png,0,0,0\n", ("1.png", "pan_rad is missing")),
+    "binary": ("noload", b"\x00\xff\xfe", ("is not UTF-8 text",)),
+    "mass and force": ("loads", LOAD + "1.png,0,0,1,100,5,0,-49\n", ("1.png", "both mass and force")),
+    "neither": ("loads", LOAD + "1.png,0,0,1,100,,,\n", ("1.png", "neither a mass nor a force", "mass_g")),
+    "no force": ("loads", LOAD + "1.png,0,0,1,100,,0,0\n", ("1.png", "the force is zero")),
+    "no mass": ("loads", LOAD + "1.png,0,0,1,100,0,,\n", ("line 2", "mass_kg is 0")),
+    "negative mass": ("loads", LOAD + "1.png,0,0,1,100,-5,,\n", ("line 2", "mass_kg is -0.005")),
+    "no distance": ("loads", LOAD + "1.png,0,0,1,,5,,\n", ("1.png", "distance_m is missing", "distance_mm")),
+    "before the clamp": ("loads", LOAD + "1.png,0,0,1,-100,5,,\n", ("line 2", "distance_m is -0.1")),
+    "beyond the tip": ("loads", LOAD + "1.png,0,0,1,300,5,,\n", ("1.png", "distance_m is 0.3", "0.24 m long")),
+    "distance in m": ("loads", "image,distance_m\n1.png,100\n", ("1.png", "is missing")),
+    "along the antenna": ("loads", LOAD + "1.png,0,90,1,100,5,,\n", ("1.png", "of the weight pull along", "level")),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table(name: str, tiny: Tiny, tmp_path: Path) -> None:
+    step, content, words = TABLES[name]
+    table = tmp_path / "readings.csv"
+    table.write_bytes(content if isinstance(content, bytes) else content.encode())
+    outcome = call(tiny.session, "--redo", step, f"--{step}-readings", table)
+    expect_refused(tiny, outcome, *words)
+
+
+@pytest.mark.parametrize("step", ["noload", "loads"])
+def test_a_table_that_is_none(step: str, tiny: Tiny) -> None:
+    for table, words in (("/none.csv", "no such file"), ("/tmp", "is a folder")):
+        expect_refused(tiny, call(tiny.session, "--redo", step, f"--{step}-readings", table), table, words)
+
+
+def test_a_mass_without_gravity(tiny: Tiny, tmp_path: Path) -> None:
+    (tmp_path / "readings.csv").write_text(LOAD + "1.png,0,0,1,100,5,,\n")
+    argv = ("--redo", "loads", "--loads-readings", tmp_path / "readings.csv", "--gravity", "none")
+    expect_refused(tiny, call(tiny.session, *argv), "pulls nowhere without gravity", "force_y_N")
+
+
+@pytest.mark.parametrize("step", ["noload", "loads"])
+def test_rows_of_an_answers_file(step: str, tiny: Tiny, tmp_path: Path) -> None:
+    """Rows without names are for the pictures as they come; one too few is told at its picture."""
+    row = {"pan_deg": 0, "tilt_deg": 0, "moment_mNm": 1} | ({"distance_mm": 100} if step == "loads" else {})
+    file = tmp_path / "rows.yaml"
+    file.write_text(yaml.safe_dump({f"{step}_readings": [row]}))
+    words = ("1.png", "neither a mass nor a force") if step == "loads" else ("2.png", "nothing says")
+    expect_refused(tiny, call(tiny.session, "--redo", step, "--answers", file), *words)
+
+
+def test_mended_it_goes_on(tiny: Tiny, tmp_path: Path) -> None:
+    """What was taken before the wrong row stays, and the mended table ends the step."""
+    table = tmp_path / "readings.csv"
+    table.write_text(FREE + "1.png,0,0,0.001\n2.png,0,20,0.002\n")
+    expect_refused(tiny, call(tiny.session, "--redo", "noload", "--noload-readings", table), "2.png")
+    table.write_text(FREE + "1.png,0,0,0.001\n2.png,0,0.2,0.002\n")
+    code, said = call(tiny.session)
+    assert code == 0, said
+    assert "took      1.png" not in said
+    rows = (tiny.session / "noload" / "noload.csv").read_text().split()
+    assert rows[1:] == ["0001.png,0.0,0.0,0.001", "0002.png,0.0,0.2,0.002"]
