@@ -9,15 +9,16 @@ import pytest
 
 from vbaa_calib.calibrate.joint import JointSolution
 from vbaa_calib.calibrate.joint_problem import Observation, Prior
+from vbaa_calib.calibrate.load_readings import EXACT
 from vbaa_calib.calibrate.next_load import LoadSuggestion, load_progress
-from vbaa_calib.calibrate.next_load_readings import Planner, ReadingErrors
-from vbaa_calib.session import Load
+from vbaa_calib.calibrate.next_load_readings import Planner
+from vbaa_calib.session import Load, LoadReadings
 
 from ..rod_scenes import World
-from .still_faults import Faults, before, drawn_world, free_stills, hung_loads, observed, session, solved
+from .still_faults import WEIGHED, Faults, before, drawn_world, free_stills, hung_loads, observed, session, solved
 
 MASSES_KG = (0.002, 0.005, 0.008)
-EXACT = Faults(ruler_std_m=0.0, balance_std=0.0)
+TRUE_READINGS = Faults(ruler_std_m=0.0, balance_std=0.0)
 LOG_STIFFNESS = 12
 
 
@@ -26,7 +27,7 @@ def free() -> tuple[World, Prior, list[Observation], JointSolution]:
     """A rig of which the free antenna alone was seen."""
     rng = np.random.default_rng(3)
     world = drawn_world(rng)
-    observations, known = observed(world, free_stills(), rng), before(world, rng)
+    observations, known = observed(world, free_stills(), rng), before(world, rng, EXACT)
     return world, known, observations, solved(observations, known)
 
 
@@ -35,7 +36,7 @@ def loaded(free) -> tuple[list[Observation], JointSolution]:
     """The same with four loads to all sides."""
     world, known, seen, _ = free
     rng = np.random.default_rng(4)
-    seen = [*seen, *observed(world, hung_loads(rng, 4), rng, EXACT)]
+    seen = [*seen, *observed(world, hung_loads(rng, 4), rng, TRUE_READINGS)]
     return seen, solved(seen, known)
 
 
@@ -57,7 +58,7 @@ def test_the_first_load_is_suggested_and_worth_what_was_predicted(free) -> None:
     progress = load_progress(joint, session(), MASSES_KG)
     assert progress.loads == 0
     assert not progress.enough
-    assert progress.systematic == 0.0
+    assert progress.systematic == pytest.approx(0.0, abs=1e-6)
     assert progress.std_relative == pytest.approx(np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS]))
     assert any("0 of 3 loads" in words for words in progress.missing)
     first = progress.suggestion
@@ -67,7 +68,7 @@ def test_the_first_load_is_suggested_and_worth_what_was_predicted(free) -> None:
     assert first.force_z_N == pytest.approx(-9.80665 * first.mass_kg)
     assert f"{1e3 * first.distance_m:.0f} mm" in first.words
     rng = np.random.default_rng(5)
-    after = solved([*seen, *observed(world, [hung(first)], rng, EXACT)], known)
+    after = solved([*seen, *observed(world, [hung(first)], rng, TRUE_READINGS)], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
     assert std == pytest.approx(first.std_relative, rel=0.25)
     assert std < 0.5 * progress.std_relative
@@ -76,7 +77,7 @@ def test_the_first_load_is_suggested_and_worth_what_was_predicted(free) -> None:
 def test_a_reading_that_is_off_carries_the_solve_off_as_far_as_is_predicted(free, loaded) -> None:
     _, known, _, _ = free
     seen, joint = loaded
-    planner = Planner.of(joint, [], ReadingErrors(1e-5, 1e-4))
+    planner = Planner.of(joint, [], LoadReadings(1e-5, 1e-4))
     unit = np.zeros(len(planner.scale))
     unit[LOG_STIFFNESS] = 1.0
     predicted = np.linalg.solve(planner.information, unit) @ planner.pushes / planner.scale[LOG_STIFFNESS]
@@ -95,14 +96,13 @@ def test_a_reading_that_is_off_carries_the_solve_off_as_far_as_is_predicted(free
             assert abs(moved) == pytest.approx(abs(predicted[2 * load + reading]), rel=0.35, abs=3e-5)
 
 
-def test_readings_that_are_weighed_cost_less_than_readings_that_are_believed(loaded) -> None:
+def test_readings_that_are_weighed_cost_less_than_readings_that_are_believed(free, loaded) -> None:
     """And a ruler that is bad matters less far out."""
-    _, joint = loaded
-    believed, weighed = (
-        load_progress(joint, session(), MASSES_KG, 1e-4, distance_std_m=2e-3, weighed=weighed)
-        for weighed in (False, True)
-    )
-    assert believed.std_relative == weighed.std_relative
+    _, known, _, _ = free
+    seen, joint = loaded
+    ruler = LoadReadings(2e-3, 5e-3)
+    believed = load_progress(joint, session(), MASSES_KG, 1e-4, readings=ruler)
+    weighed = load_progress(solved(seen, replace(known, readings=ruler)), session(), MASSES_KG, 1e-4)
     assert weighed.std_relative < weighed.std_relative_with_readings < believed.std_relative_with_readings
     chosen = weighed.suggestion
     assert chosen is not None
@@ -112,9 +112,27 @@ def test_readings_that_are_weighed_cost_less_than_readings_that_are_believed(loa
 
 def test_exact_readings_cost_nothing(loaded) -> None:
     _, joint = loaded
-    for weighed in (False, True):
-        exact = load_progress(joint, session(), MASSES_KG, distance_std_m=0.0, mass_std_relative=0.0, weighed=weighed)
+    for readings in (None, EXACT):
+        exact = load_progress(joint, session(), MASSES_KG, readings=readings)
         assert exact.std_relative_with_readings == pytest.approx(exact.std_relative, rel=1e-6)
+
+
+def test_what_is_said_of_weighed_readings_is_what_the_solve_says(free, loaded) -> None:
+    """Of EI now, and after the suggested load."""
+    world, known, _, _ = free
+    seen, _ = loaded
+    known = replace(known, readings=WEIGHED)
+    joint = solved(seen, known)
+    assert joint.problem.groups.count
+    progress = load_progress(joint, session(), MASSES_KG, 1e-4)
+    std = np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
+    assert progress.std_relative_with_readings == pytest.approx(std, rel=0.03)
+    assert progress.std_relative < 0.8 * std
+    assert progress.suggestion is not None
+    more = observed(world, [hung(progress.suggestion)], np.random.default_rng(7), TRUE_READINGS)
+    after = solved([*seen, *more], known)
+    std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
+    assert progress.suggestion.std_relative_with_readings == pytest.approx(std, rel=0.15)
 
 
 def test_enough_is_said_and_what_is_not_shown(loaded) -> None:
@@ -129,7 +147,7 @@ def test_enough_is_said_and_what_is_not_shown(loaded) -> None:
 def test_hanging_weights_do_not_show_equal_compliance(free) -> None:
     world, known, seen, _ = free
     rng = np.random.default_rng(6)
-    joint = solved([*seen, *observed(world, hung_loads(rng, 3, pulley=False), rng, EXACT)], known)
+    joint = solved([*seen, *observed(world, hung_loads(rng, 3, pulley=False), rng, TRUE_READINGS)], known)
     missing = load_progress(joint, session(), MASSES_KG).missing
     assert any("no load along y" in words and "pulley" in words for words in missing)
 

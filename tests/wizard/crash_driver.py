@@ -27,22 +27,21 @@ LASTING = ("os.rename", "os.mkdir", "os.remove", "os.chmod", "os.truncate")
 TEMPORARY = re.compile(r"-[a-z0-9_]{8}(?=\.\w+$)")
 
 
-def watched(root: Path, moments: Path, said: Path) -> None:
+def watched(root: Path, moments: Path, said: Path, which: slice) -> None:
     """From now on, before each operation in `root` that lasts, keep what a kill at that moment would leave behind.
 
-    moments : new folder of numbered copies, each with what had been said until then.
+    moments : new folder of numbered copies, each with what had been said until then. which : of those that differ.
     """
-    count = 0
     seen: set[tuple[tuple[str, str], ...]] = set()
 
     def keep() -> None:
-        nonlocal count
         state = tuple(sorted((TEMPORARY.sub("-", name), digest) for name, digest in tree(root, "").items()))
         if state not in seen:
             seen.add(state)
-            shutil.copytree(root, moments / f"{count:04d}" / "session")
-            shutil.copy(said, moments / f"{count:04d}" / "said")
-        count += 1
+            if len(seen) - 1 not in range(which.start, len(seen), which.step):
+                return
+            shutil.copytree(root, moments / f"{len(seen):04d}" / "session")
+            shutil.copy(said, moments / f"{len(seen):04d}" / "said")
 
     def hook(event: str, args: tuple[Any, ...]) -> None:
         writes = event == "open" and isinstance(args[2], int) and args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
@@ -89,15 +88,18 @@ def forked(work: Callable[[], int], said: Path) -> int:
 
 
 def wizard(
-    root: Path, argv: Sequence[str], moments: Path | None = None, fault: tuple[int, int] | None = None
+    root: Path,
+    argv: Sequence[str],
+    moments: tuple[Path, slice] | None = None,
+    fault: tuple[int, int] | None = None,
 ) -> tuple[int, str]:
-    """A wizard's run: its exit code and what it said. fault : errno and operation for `failing`."""
+    """A wizard's run: its exit code and what it said. moments : for `watched`. fault : errno and operation."""
     said = Path(f"{root}.said")
 
     def work() -> int:
         mock.patch.object(os, "fsync").start()
         if moments is not None:
-            watched(root, moments, said)
+            watched(root, moments[0], said, moments[1])
         if fault is not None:
             failing(root, *fault)
         return main(["wizard", str(root), *argv, "--batch"])
@@ -130,9 +132,9 @@ def ends(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         assert code == 0, said
     if plan.get("by_hand"):
         forget_the_wizard(root)
-    code, said = wizard(root, plan["argv"], moments)
+    code, said = wizard(root, plan["argv"], (moments, slice(plan["first"], None, plan["stride"])))
     yield {"code": code, "said": said, "tree": tree(root)}
-    for moment in sorted(moments.iterdir())[plan.get("first", 0) :: plan.get("stride", 1)]:
+    for moment in sorted(moments.iterdir()):
         shutil.rmtree(root)
         shutil.copytree(moment / "session", root)
         broken = broken_promises(root, (moment / "said").read_text())

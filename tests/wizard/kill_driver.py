@@ -66,6 +66,7 @@ def killed(root: Path, argv: Sequence[str], kills: int, seed: int) -> dict[str, 
             differing += [name for name in {*whole, *last} if whole.get(name) != last.get(name)]
             flows += 1
             shutil.rmtree(root)
+            print(f"{done} kills, {flows} flows, {promises} pictures promised, {len(broken)} lost", flush=True)
     found = {"kills": done, "flows": flows, "whole_s": whole_s, "promises": promises}
     return found | {"broken": broken, "differing": differing}
 

@@ -43,8 +43,8 @@ class PseudoTerminal:
 
     @property
     def screen(self) -> str:
-        """All that was written so far, line ends as in a file."""
-        return _MOVES.sub("", self.raw).replace("\r\n", "\n")
+        """All that was written so far, line ends as in a file; what was written over stands on a line of its own."""
+        return _MOVES.sub("", self.raw.replace("\r\x1b[K", "\n")).replace("\r\n", "\n")
 
     def until(self, words: str, timeout_s: float = 60.0) -> str:
         """What came since the last call up to and with `words`, blanks and line ends taken for the same."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard import flow
+from vbaa_calib.wizard import flow, opening
 from vbaa_calib.wizard.journal import Journal
 from vbaa_calib.wizard.progress import Judged
 from vbaa_calib.wizard.sources.offered import Offered, SourceLost, frame_offered
@@ -76,7 +76,7 @@ class Unplugged:
 
 
 def test_the_camera_is_unplugged(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flow, "open_source", lambda *_: Unplugged(80))
+    monkeypatch.setattr(opening, "open_source", lambda *_: Unplugged(80))
     found = replace(flow.ALL["lens"], look=lambda known: flow.ALL["plane"].look(known))
     monkeypatch.setitem(flow.ALL, "lens", found)
     before = len(journal(tiny).of("lens").taken)
@@ -154,12 +154,13 @@ def test_a_step_that_is_opened_again_takes_what_is_new(tiny: Tiny) -> None:
     shutil.copy(tiny.source / "sweep" / "1.png", tiny.source / "intrinsics" / "4.png")
     assert call(tiny.session)[0] == 0
     assert len(journal(tiny).of("lens").taken) == 3
-    assert call(tiny.session, "--reopen", "lens")[0] == 0
+    assert call(tiny.session, "--reopen", "lens", "--source", tiny.source)[0] == 0
     assert [one.source for one in journal(tiny).of("lens").taken] == ["1.png", "2.png", "3.png", "4.png"]
 
 
 def test_what_is_given_with_redo_is_for_the_step_as_it_starts_again(tiny: Tiny) -> None:
     """It must not be forgotten with the old answers: the default would be taken in its place."""
+    assert call(tiny.session, "--answers", tiny.answers)[0] == 0
     before = journal(tiny).answers
     for step in ("board", "plane"):
         code, said = call(tiny.session, "--redo", step, "--answers", tiny.answers)

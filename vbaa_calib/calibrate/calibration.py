@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 from ..detect.corners import detect_folder
 from ..diagnosis import Diagnosis
+from ..errors import SolveError
 from ..images import list_images, read_gray
 from ..rig import Rig
 from ..session import Session, Still, check_pictures, read_loads, read_noload
+from .diagnose import still_diagnoses, with_cause
 from .diagnose_views import view_set_diagnoses
 from .intrinsics import LensSolution, solve_intrinsics
 from .joint import JointSolution
@@ -25,7 +27,7 @@ class Calibration:
     Attributes
     ----------
     stills : no-load frames and loads, in the order of the joint solve.
-    lens_diagnoses : what the lens' pictures, taken together, show to be wrong.
+    lens_diagnoses : what the lens' pictures, taken together, show to be wrong. still_diagnoses : what the stills do.
     """
 
     session: Session
@@ -36,6 +38,7 @@ class Calibration:
     checks: Checks
     stills: Sequence[Still]
     lens_diagnoses: Sequence[Diagnosis]
+    still_diagnoses: Sequence[Diagnosis]
 
 
 def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
@@ -44,7 +47,7 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
     Raises
     ------
     InputError : whatever is wrong with the session, and ways to plane C that contradict each other.
-    SolveError : a solver that did not arrive.
+    SolveError : a solver that did not arrive, with the likely cause; an InputError where a typed row is that.
     """
     stills = [*read_noload(session), *read_loads(session)]
     _require_one_size(session, stills)
@@ -55,9 +58,13 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
     doubted = view_set_diagnoses(pictures, lens, session.board)
     plane = find_plane(session, lens.camera, lens.board_flex, views)
     before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings)
-    joint, observations = solve_antenna(session, plane.kinematics, before)
+    try:
+        joint, observations = solve_antenna(session, plane.kinematics, before)
+    except SolveError as error:
+        raise with_cause(session, plane.kinematics, before, error) from error
+    held = still_diagnoses(session, plane.kinematics, joint)
     rig = make_rig(session, plane.kinematics, joint, observations)
-    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(doubted))
+    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(doubted), tuple(held))
 
 
 def _require_one_size(session: Session, stills: Sequence[Still]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ SIGNIFICANT = 3.0
 """Standard deviations beyond which an assumption counts as broken."""
 SCATTERED = 5.0
 """Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
+EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
+"""How the names of the diagnoses begin that say why the shapes scatter."""
 ANISOTROPY_MATTERS = 0.01
 """Part by which the compliances must differ at least: a wire drawn 0.25 % out of round."""
 
@@ -46,8 +48,11 @@ def still_doubts(joint: JointSolution, stills: Sequence[Still]) -> list[str]:
     return found
 
 
-def prior_doubts(joint: JointSolution) -> list[str]:
-    """What the antenna's pictures say against what was known before them: the ways to plane C, the clamp, the loads."""
+def prior_doubts(joint: JointSolution, said: Collection[str] = ()) -> list[str]:
+    """What the antenna's pictures say against what was known before them: the ways to plane C, the clamp, the loads.
+
+    said : names of the diagnoses that were said already; their consequences are not repeated.
+    """
     problem, found = joint.problem, []
     first = len(joint.solution.residuals) - problem.certain
     for index, estimate in enumerate(problem.prior.poses):
@@ -59,12 +64,13 @@ def prior_doubts(joint: JointSolution) -> list[str]:
             )
     known = problem.prior.mean[:6], problem.prior.std[:6]
     for name, value, mean, std in zip(PARAMETERS[:6], joint.parameters[6:12], *known, strict=True):
-        if abs(value - mean) > SIGNIFICANT * std:
+        told = "antenna_bent" in said and name.startswith("bow")
+        if abs(value - mean) > SIGNIFICANT * std and not told:
             found.append(
                 f"{name} is {value:.3g}, {abs(value - mean) / std:.1f} times what a careful builder misses it by: is "
                 "plane C right, and the antenna straight in its clamp?"
             )
-    if joint.noise_scale > SCATTERED:
+    if joint.noise_scale > SCATTERED and not any(name.startswith(EXPLAINS_SCATTER) for name in said):
         found.append(
             f"the shapes scatter {joint.noise_scale:.0f} times more about the model than their pictures explain: check "
             "the unit and the sign of forces and distances, and gravity"
@@ -137,13 +143,22 @@ def plane_doubts(plane: PlaneC) -> list[str]:
 
 
 def doubts(calibration: Calibration) -> list[str]:
-    """What a person should look at, in words."""
+    """What a person should look at, in words; a doubt that a diagnosis explains is left to that."""
     session, rig, plane = calibration.session, calibration.rig, calibration.plane
-    found = [*map(str, calibration.lens_diagnoses), *plane_doubts(plane)]
-    found += prior_doubts(calibration.joint)
-    found += still_doubts(calibration.joint, calibration.stills)
-    found += antenna_doubts(session.antenna, rig, calibration.checks)
-    return found + sensor_doubts(session, rig, calibration.checks)
+    diagnoses = calibration.still_diagnoses
+    said = {one.name for one in diagnoses}
+    found = [*map(str, calibration.lens_diagnoses), *plane_doubts(plane), *map(str, diagnoses)]
+    found += prior_doubts(calibration.joint, said)
+    named = "\n".join(one.words for one in diagnoses)
+    pictures = [still.image.name for still in calibration.stills if still.image and still.image.name in named]
+    for line in still_doubts(calibration.joint, calibration.stills):
+        if not any(f" {picture}:" in line for picture in pictures):
+            found.append(line)
+    if not any(one.grave for one in diagnoses):
+        found += antenna_doubts(session.antenna, rig, calibration.checks)
+    if not any(name.startswith("sensor_") for name in said):
+        found += sensor_doubts(session, rig, calibration.checks)
+    return found
 
 
 def report(calibration: Calibration, warnings: Sequence[str]) -> None:

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, VbaaError
-from ..files import read_text, sha256, write_text
-from ..images import list_images, read_picture
-from ..session import Session, load_session, read_loads, read_noload, read_sweep
+from .adopting import put_strangers_aside
 from .asking import answer_all, take_back
-from .catalogue import BOARD_ANSWERS, SOURCES, by_key
+from .catalogue import BOARD_ANSWERS
 from .desk import Command, Desk, Interrupted
-from .journal import STEPS, Record, Taken
+from .journal import STEPS
 from .known import Known
+from .opening import ask_for_source, given_of, opened, source_text
 from .questions import Question
-from .readings import Given, from_list, from_table
-from .session_file import COLUMNS, answers_of
-from .sources import Source, SourceLost, open_source
+from .sources import SourceLost
 from .steps import board, lens, loads, noload, plane, sensor, verdict
 from .steps.step import Step
-from .store import ASIDE, FOLDERS, WAYS, Store
+from .store import Store
 from .taking import GO_ON, NoMore, Taking
 
 ALL = {one.name: one for one in (s.STEP for s in (board, lens, plane, noload, loads, sensor, verdict))}
@@ -127,7 +121,7 @@ def _through(known: Known, desk: Desk, step: Step) -> Command:
         if done:
             return Command("closed")
     while True:
-        source = _opened(known, desk, step)
+        source = opened(known, desk, step)
         try:
             desk.say(f"pictures from {source.name}")
             given = given_of(known.store, step.name)
@@ -142,26 +136,7 @@ def _through(known: Known, desk: Desk, step: Step) -> Command:
         if lost:
             desk.ask(AGAIN, {})
         else:
-            _ask_for_source(known.store, desk, step)
-
-
-def _opened(known: Known, desk: Desk, step: Step) -> Source:
-    """The step's source; asked for again where somebody is there and it cannot be opened."""
-    while True:
-        try:
-            return source_of(known.store, step.name, desk.interactive)
-        except InputError as error:
-            if not desk.interactive:
-                raise
-            desk.wrong(str(error))
-        _ask_for_source(known.store, desk, step)
-
-
-def _ask_for_source(store: Store, desk: Desk, step: Step) -> None:
-    question = next(question for question in SOURCES if question.step == step.name)
-    if step.name == "lens" and question.key not in store.journal.answers:
-        question = by_key()["source"]
-    store.answer({question.key: desk.ask(question, {})})
+            ask_for_source(known.store, desk, step)
 
 
 def _goes_on(known: Known, desk: Desk, step: Step) -> tuple[bool, bool]:
@@ -192,102 +167,3 @@ def _is_done(desk: Desk) -> bool:
         if interrupt.command.kind != "enough":
             raise
         return True
-
-
-def source_text(store: Store, step: str) -> str:
-    """Where a step's pictures come from: its own source, or the folder of its name in the source of all; "" unknown."""
-    answers = store.journal.answers
-    own = answers.get(f"{step}_source")
-    if own:
-        return str(own)
-    text = str(answers.get("source", ""))
-    inside = os.path.join(text, store.folder(step))
-    return inside if "://" not in text and os.path.isdir(inside) else text
-
-
-def source_of(store: Store, step: str, wait: bool) -> Source:
-    """The source of a step's pictures, those that were judged already left out. Raises InputError."""
-    text, record = source_text(store, step), store.journal.of(step)
-    folder = Path(text)
-    if "://" not in text and os.path.isdir(text) and folder.resolve().is_relative_to(store.root.resolve()):
-        raise InputError(
-            "lies inside the session, where the wizard keeps what it took",
-            where=text,
-            remedy="let the camera's program write into another folder",
-        )
-    return open_source(text, () if os.path.isfile(text) else record.judged, wait)
-
-
-def given_of(store: Store, step: str) -> Given:
-    """Readings that were written down beforehand: those named, or the table in the folder of the pictures."""
-    named = store.journal.answers.get(f"{step}_readings")
-    if isinstance(named, list):
-        return from_list(named, f"{step}_readings")
-    if named:
-        return from_table(Path(str(named)))
-    beside = Path(source_text(store, step)) / f"{store.folder(step)}.csv"
-    return from_table(beside) if os.path.isfile(beside) else Given()
-
-
-def adopt(store: Store, desk: Desk) -> None:
-    """Begin with a session that was made without the wizard: what it says and shows counts as answered and taken."""
-    path = store.root / "session.yaml"
-    if not store.is_new or not path.exists():
-        return
-    session, found = load_session(store.root), answers_of(path)
-    given = store.root / ASIDE / "given"
-    given.mkdir(parents=True, exist_ok=True)
-    tables = [folder / f"{folder.name}.csv" for folder in map(store.root.joinpath, COLUMNS)]
-    for file in (path, *tables):
-        if file.is_file():
-            write_text(given / file.name, read_text(file))
-    made = board.make_board(store, found)
-    journal = store.journal.with_answers({**made, **found})
-    for step in ("lens", "plane", "noload", "loads"):
-        taken = _adopted(store, session, step, WAYS.get(str(found.get("plane_way")), "plane"))
-        if taken:
-            journal = journal.with_step(step, Record(taken))
-            desk.say(f"{ALL[step].title}: {len(taken)} pictures are there already")
-    # at once: a stop in between must not leave half of it to be taken for strangers
-    store.save(journal)
-
-
-def _adopted(store: Store, session: Session, step: str, way: str) -> tuple[Taken, ...]:
-    folder = store.root / FOLDERS.get(step, way)
-    if not folder.is_dir():
-        return ()
-    rows = _rows(session, folder.name)
-    if rows is None:
-        return tuple(_taken(folder, image, {}) for image in list_images(folder))
-    return tuple(_taken(folder, row.image, _row_readings(row)) for row in rows)
-
-
-def _rows(session: Session, folder: str) -> Sequence[Any] | None:
-    """The table of a folder; None where its pictures have none."""
-    if folder == "noload":
-        return read_noload(session)
-    if folder == "loads":
-        return read_loads(session)
-    return read_sweep(session) if folder == "sweep" else None
-
-
-def _taken(folder: Path, image: Path, readings: Mapping[str, float]) -> Taken:
-    read_picture(image)
-    if image.parent.resolve() != folder.resolve():
-        raise InputError(f"lies outside {folder}", where=image, remedy="move it there, and mend its row in the table")
-    return Taken(f"{folder.name}/{image.name}", image.name, sha256(image), readings)
-
-
-def _row_readings(row: Any) -> dict[str, float]:
-    names = ("pan_rad", "tilt_rad", "moment_Nm", "distance_m", "force_y_N", "force_z_N", "time_s")
-    return {name: getattr(row, name) for name in names if getattr(row, name, None) is not None}
-
-
-def put_strangers_aside(store: Store, desk: Desk) -> None:
-    """Pictures in the session's folders that nobody was told of: left by a stop, or put there by hand."""
-    strangers = store.strangers()
-    if strangers:
-        names = [path.relative_to(store.root).as_posix() for path in strangers]
-        place = store.put_aside(strangers, "found")
-        shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-        desk.say(f"not taken by the wizard, and put aside into {place}: {shown}")

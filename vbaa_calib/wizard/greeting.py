@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from .journal import STEPS, Journal
+from .journal import PICTURES, STEPS, Journal
 from .store import Store
-
-PICTURES = {"lens": "of the board for the lens", "plane": "for plane C", "noload": "free", "loads": "loaded"}
 
 
 def greeting(store: Store, session: Path, page: str, titles: Mapping[str, str]) -> list[str]:

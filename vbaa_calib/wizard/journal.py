@@ -15,6 +15,8 @@ from .catalogue import QUESTIONS, SOURCES, TABLES
 
 SCHEMA = "vbaa.wizard/1"
 STEPS = ("board", "lens", "plane", "noload", "loads", "sensor", "verdict")
+PICTURES = {"lens": "for the lens", "plane": "for plane C", "noload": "of the free antenna", "loads": "of loads"}
+"""Steps that take pictures, and of what those are."""
 READINGS: Mapping[str, tuple[str, ...]] = {
     "sweep": ("pan_rad", "tilt_rad"),
     "noload": ("pan_rad", "tilt_rad", "moment_Nm"),

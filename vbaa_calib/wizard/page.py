@@ -94,7 +94,13 @@ class Page:
         self._doing, self._asked = "", self._number + 1
         if self._live is not None:
             # it stands still until the answer
-            still: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
+            still: dict[str, Any] = {
+                "hold": 0.0,
+                "suggested_px": None,
+                "suggestion": "",
+                "closeness": None,
+                "hints": [],
+            }
             self._live = self._live | still
         self._publish()
 

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from ..calibrate.diagnose import typed_load_doubts
-from ..diagnosis import Diagnosis
 from ..errors import InputError
-from ..session import Load, Still, gravity_antenna
 from .desk import Command, Desk, Interrupted, Live
-from .known import Known, still_of
+from .known import Known
+from .picture_readings import readings_of
 from .progress import Judged, Progress
 from .questions import Question
-from .readings import Given, asked, complete, in_si, with_last
+from .readings import Given
 from .sources import Offered, Source
 from .steps.step import Step
 from .still import ON_A_STAND, StillGate
 
 WAIT_S = 0.2
-KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
 GO_ON = Question(
     "go_on", "", "Go on with the next step?", "no: more pictures may be taken", kind="yesno", default="yes"
 )
@@ -45,9 +41,12 @@ class Taking:
         self.store = self.known.store
         # a board is in a hand, the antenna on a stand
         self.gate = StillGate(None if self.step.name in ("lens", "plane") else ON_A_STAND)
+        # a jig is taken several times as it stands, all else in another pose
+        self.as_it_stands = self.store.folder(self.step.name) == "plane"
         self.progress: Progress | None = None
         self.pending: Offered | None = None
-        self.by_hand, self.noted, self.doubted = False, 0, ""
+        self.by_hand, self.noted = False, 0
+        self.doubts: frozenset[str] | None = None
         record = self.store.journal.of(self.step.name)
         self.taken_before = {one.source for one in record.taken}
         self.left_before = {one.source for one in record.left}
@@ -82,6 +81,7 @@ class Taking:
         if offered is not None:
             self._offered(offered)
         elif self.source.ended:
+            self._pass_notes()
             return self._all_seen()
         return None
 
@@ -106,6 +106,8 @@ class Taking:
         except Interrupted as interrupt:
             if interrupt.command.kind != "enough":
                 raise
+        if self.declined:
+            self.desk.say("more pictures, then; enough goes on when you are done")
         return not self.declined
 
     def _obeyed(self, command: Command) -> Command | None:
@@ -148,16 +150,20 @@ class Taking:
             self.gate.rearm()
         elif offered.name not in self.taken_before:
             if judged.refusal and not by_hand:
-                self._doubted(offered)
+                self._doubted(offered, frozenset(hint.name for hint in judged.hints if hint.grave))
             else:
                 self._decide(offered)
+        if self.as_it_stands:
+            self.gate.rearm()
 
-    def _doubted(self, offered: Offered) -> None:
-        """A frame that is held still, but is not good: why, once; it is not kept in mind, others like it follow."""
-        why = self._judged(offered, {}).refusal
-        if why and why != self.doubted:
-            self.doubted = why
-            self.desk.say(f"not taken: {why}")
+    def _doubted(self, offered: Offered, why: frozenset[str]) -> None:
+        """A frame that is held still, but is not good: said once, not kept in mind, for others like it follow.
+
+        why : the preview's reasons. The slow search for more is made when they are others than before.
+        """
+        if why != self.doubts:
+            self.doubts = why
+            self.desk.say(f"not taken: {self._judged(offered, {}).refusal or 'try again'}")
         self.gate.rearm()
 
     def _judged(self, offered: Offered, readings: Mapping[str, float] | None) -> Judged:
@@ -169,7 +175,7 @@ class Taking:
         name, self.pending = self.step.name, offered
         twin = next((one for one in self.known.taken(name) if one.sha256 == offered.sha256), None)
         if twin is None:
-            readings = self._readings(offered)
+            readings = readings_of(self.known, self.desk, name, self.given, offered.name)
             judged = self._judged(offered, readings)
         else:
             readings, judged = {}, Judged(f"is the same picture as {twin.file}")
@@ -189,63 +195,6 @@ class Taking:
         self.left_before.add(offered.name)
         self.desk.say(f"left      {offered.name}: {why}")
         self.gate.rearm()
-
-    def _readings(self, offered: Offered) -> dict[str, float]:
-        folder = self.store.folder(self.step.name)
-        questions = asked(folder)
-        if not questions:
-            return {}
-        row = self.given.of(offered.name, len(self.known.taken(self.step.name)))
-        where = f"{self.given.where or self.step.name} {offered.name}"
-        if row is None and not self.desk.interactive:
-            names = ", ".join(question.key for question in questions)
-            raise InputError(
-                f"nothing says what was read with the picture ({names})",
-                where=offered.name,
-                remedy=f"give --{self.step.name}-readings, a CSV with a column image, or write it in --answers FILE",
-            )
-        if row is not None:
-            readings = complete(folder, row, self._gravity(row, where), self._length_m, where)
-            doubts = self._doubts(readings)
-            if doubts and doubts[0].grave:
-                raise InputError(doubts[0].words, where=where, remedy=doubts[0].remedy)
-            return readings
-        while True:
-            self.desk.say(f"{offered.name}: what was read with it?")
-            typed = {question.key: self.desk.ask(question, {}) for question in self._with_defaults(questions)}
-            try:
-                readings = complete(folder, typed, self._gravity(typed, where), self._length_m, where)
-            except InputError as error:
-                self.desk.wrong(f"{error.what}; {error.remedy}")
-                continue
-            doubts = self._doubts(readings)
-            for doubt in doubts:
-                self.desk.say(str(doubt))
-            if not doubts or self.desk.ask(KEEP, {}):
-                return readings
-
-    def _doubts(self, readings: Mapping[str, float]) -> list[Diagnosis]:
-        """What was typed for a load that cannot be, or hardly, before anything is solved."""
-        if self.step.name != "loads":
-            return []
-        load = still_of("loads", None, readings)
-        assert isinstance(load, Load)
-        return typed_load_doubts([load], self.known.session.antenna)
-
-    def _with_defaults(self, questions: tuple[Question, ...]) -> list[Question]:
-        """Joints stay where they were unless something else is typed."""
-        last = self.known.taken(self.step.name)[-1:]
-        return [with_last(question, last[0].readings) if last else question for question in questions]
-
-    @property
-    def _length_m(self) -> float:
-        return self.known.session.antenna.length_m
-
-    def _gravity(self, typed: Mapping[str, Any], where: object) -> Any:
-        known = in_si(typed, where)
-        still = Still(None, known.get("pan_rad", 0.0), known.get("tilt_rad", 0.0), 0.0)
-        session = self.known.session
-        return gravity_antenna(session.kinematics, session.gravity_world_m_s2, [still])[0]
 
     def _closed(self, how: str) -> Command:
         self.store.close(self.step.name, how)

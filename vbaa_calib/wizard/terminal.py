@@ -186,6 +186,9 @@ class Terminal:
         self._write("")
         self._write(document["words"], "bold")
         self._write(f"report    {report}", "", "  ", _LABEL)
+        self._write(f"rig       {document['rig']}", "", "  ", _LABEL)
+        after = "vbaa estimate finds contacts in a recording; vbaa check says in a month whether the rig still holds"
+        self._write(f"next      {after}", "next", "  ", _LABEL)
         if self._page is not None:
             self._page.done(document, report)
 

@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise
     except OSError as error:
         where, why = error.filename or args.session, error.strerror or error
-        remedy = "mend that and run it again: it goes on with all that it said it took"
+        remedy = "make room or mend that, and run it again: it goes on with all that it said it took"
         raise VbaaError(f"{where}: cannot be read or written ({why}); {remedy}") from error
 
 
@@ -113,9 +113,10 @@ def _absolute(folder: Path, text: str) -> str:
 
 
 def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[str, Any]) -> dict[str, Any]:
+    from .adopting import adopt, put_strangers_aside
     from .asking import check_together
     from .desk import Nobody
-    from .flow import ALL, Quit, adopt, put_strangers_aside, redo, walk
+    from .flow import ALL, Quit, redo, walk
     from .greeting import greeting
     from .page import Page
     from .terminal import Terminal

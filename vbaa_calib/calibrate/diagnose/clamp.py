@@ -13,7 +13,7 @@ from ...session import Load, Still
 from ..joint import JointSolution
 from ..joint_problem import ANTENNA
 from .rows import Further, StillRows, further
-from .scatter import fits, scatter_after
+from .scatter import fits, scatter_with_step
 
 SURE = 50.0
 """χ² beyond which a change between stills is no chance, however many were asked."""
@@ -41,13 +41,13 @@ class Step:
     Attributes
     ----------
     kind : what changed, of `KINDS`. first : index of the first still after it. found : by how much.
-    columns : (R, 2) along which it moves the residuals.
+    after : indices of the stills after it, in time.
     """
 
     kind: str
     first: int
     found: Further
-    columns: np.ndarray
+    after: tuple[int, ...]
 
     @property
     def size(self) -> float:
@@ -58,7 +58,8 @@ class Step:
 def steps(rows: StillRows) -> list[Step]:
     """For each kind the change, at the place in time, that explains most; stills without times are taken in order."""
     stills = [one.still for one in rows.joint.problem.observations]
-    order = [index for index in in_time(stills) if rows.moments[index] >= 0]
+    whole = in_time(stills)
+    order = [index for index in whole if rows.moments[index] >= 0]
     best = []
     for kind, names in KINDS.items():
         columns = [ANTENNA.start + PARAMETERS.index(name) for name in names]
@@ -67,7 +68,7 @@ def steps(rows: StillRows) -> list[Step]:
             own = np.column_stack([rows.own(one, order[split:]) for one in columns])
             change = further(rows, own, PLAUSIBLE[kind])
             if change is not None:
-                found.append(Step(kind, order[split], change, own))
+                found.append(Step(kind, order[split], change, tuple(whole[whole.index(order[split]) :])))
         if found:
             best.append(max(found, key=lambda step: step.found.statistic))
     return best
@@ -92,7 +93,8 @@ def step_diagnosis(joint: JointSolution, rows: StillRows, own: float) -> Diagnos
     best = found[0]
     if not LEAST[best.kind] <= best.size <= MOST[best.kind]:
         return None
-    if not fits(scatter_after(rows, best.columns, PLAUSIBLE[best.kind]), own, joint.noise_scale):
+    which = [ANTENNA.start + PARAMETERS.index(name) for name in KINDS[best.kind]]
+    if not fits(scatter_with_step(joint, which, best.after, PLAUSIBLE[best.kind]), own):
         return None
     rivals = [
         step for step in found[1:] if step.kind != best.kind and step.found.statistic * CLEARER > best.found.statistic
@@ -110,7 +112,7 @@ def step_diagnosis(joint: JointSolution, rows: StillRows, own: float) -> Diagnos
     slip = next((step for step in found if step.kind != "bow"), best)
     other = ", or the antenna was bent" if any(step.kind == "bow" for step in (*rivals, best)) else ""
     return Diagnosis(
-        "clamp_slipped",
+        "clamp_slipped_or_antenna_bent" if other else "clamp_slipped",
         f"the clamp {_slip(slip)} {since}, which the loads do not explain{other}",
         "tighten the clamp, then take no-load frames and loads anew",
         grave=True,

@@ -149,6 +149,20 @@ def corrected(observations: Sequence[Observation], rows: Sequence[Row]) -> list[
     return found
 
 
+def all_by_commonest(named: Sequence[Row], observations: Sequence[Observation], length_m: float) -> list[Row]:
+    """Every load with the slip that most rows have: some pictures look alike either way. Empty where few have it."""
+    loads = [_load(one) for one in observations if isinstance(one.still, Load)]
+    slips = [row.reading.name for row in named if row.reading is not None]
+    name = max(set(slips), key=slips.count, default="")
+    if 2 * slips.count(name) <= len(loads) or len(loads) < 2:
+        return []
+    rows = []
+    for index, load in enumerate(loads):
+        same = [reading for reading in other_readings(load, length_m) if reading.name == name]
+        rows += [Row(index, load, reading) for reading in same]
+    return rows
+
+
 def _said(rows: Sequence[Row], count: int) -> Diagnosis:
     first = rows[0]
     assert first.reading is not None

@@ -76,6 +76,12 @@ class StillRows:
         factor[: self.points[-1].stop] *= self.joint.noise_scale / noise_scale
         return replace(self, factor=factor, readings=np.array(columns).reshape(-1, len(factor)).T)
 
+    def without_sensor(self) -> StillRows:
+        """The same with the moment readings left out: what is wrong with them is not to be taken for something else."""
+        factor = self.factor.copy()
+        factor[self.moments[self.moments >= 0]] = 0.0
+        return replace(self, factor=factor)
+
     def resolved(self) -> tuple[np.ndarray, np.ndarray]:
         """(17 + P,) parameters and their covariance, to first order, with the loads' readings as they are known."""
         jacobian, residuals, known = _weighted(self)

@@ -1,23 +1,24 @@
-"""How well an explanation fits: the points' scatter that it leaves, beside the scatter that the pictures have anyway."""
+"""How well an explanation fits: the scatter that it leaves, beside the scatter that the pictures have anyway."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from ...reprojection import robust_weights
-from ..joint import noise_scale
+from ..joint import JointSolution, noise_scale
 from ..joint_given import Observation
-from .rows import StillRows
+from .free_base import DEAF
 
 DEGREE = 7
-"""Of the smooth curve that any bent antenna is in the picture, kinks nearly included."""
+"""Of the smooth curve that any bent antenna is in the picture."""
 FITS = 1.5
 """An explanation fits that leaves no more than this much of the pictures' own scatter."""
-MOST_OF_IT = 0.15
-"""Or no more than this part of the scatter that was to be explained: small motions are judged to first order."""
-ROUNDS = 3
+ROUNDS, PLAIN, SETTLED = 10, 4, 0.02
+"""Of a solve: so many, the first ones by plain squares, the others until the scatter falls by less than this part."""
 
 
 def own_scatter(observations: Sequence[Observation]) -> float:
@@ -29,26 +30,58 @@ def own_scatter(observations: Sequence[Observation]) -> float:
     return max(1.4826 * float(np.median(np.abs(np.concatenate(left)))), 0.2) if left else 0.2
 
 
-def fits(left: float, own: float, before: float = 0.0) -> bool:
-    """Whether a scatter that is left is the pictures' own, or little of what it was."""
-    return bool(left <= max(FITS * own, MOST_OF_IT * before))
+def fits(left: float, own: float) -> bool:
+    """Whether a scatter that is left is the pictures' own."""
+    return bool(left <= FITS * own)
 
 
-def scatter_after(rows: StillRows, columns: np.ndarray, prior_std: float) -> float:
-    """The points' scatter, over their claimed deviations, once the residuals may move along columns (R, K) as well."""
-    solution = rows.solution
-    certain = solution.certain
-    jacobian = np.hstack([solution.jacobian, rows.readings, columns])
-    scale = np.linalg.norm(jacobian, axis=0)
-    known = np.repeat([0.0, 1.0, prior_std**-2], [solution.jacobian.shape[1], rows.readings.shape[1], columns.shape[1]])
-    weights, residuals = rows.factor, solution.residuals
-    for _ in range(ROUNDS):
-        scaled = jacobian / scale * weights[:, None]
-        step = np.linalg.solve(scaled.T @ scaled + np.diag(known / scale**2), scaled.T @ (solution.residuals * weights))
-        residuals = solution.residuals - jacobian @ (step / scale)
-        weights = np.concatenate([robust_weights(residuals[:-certain]), np.ones(certain)])
-    blocks = [residuals[span] for span in rows.points if span.stop > span.start]
-    return noise_scale(blocks) * rows.joint.noise_scale
+def worst_still(joint: JointSolution) -> float:
+    """Scatter of the points of the still that fits worst, over their claimed deviations."""
+    return float(joint.point_rms.max() * joint.noise_scale)
+
+
+def scatter_with_step(joint: JointSolution, which: Sequence[int], after: Sequence[int], prior_std: float) -> float:
+    """The points' scatter, over their claimed deviations, with parameters that differ from some still on.
+
+    Solved anew, for these parameters and all others, the moment sensor left out: it may be what is wrong.
+
+    Parameters
+    ----------
+    which : of the parameters. after : indices of the stills from the change on.
+    prior_std : of the changes, about 0.
+    """
+    problem = joint.problem
+    everything = np.ones_like(problem.kept)
+    problem = replace(problem, kept=everything, noise_scale=1.0, moment_std_Nm=DEAF * problem.moment_std_Nm)
+    ends = np.cumsum([0, *map(len, problem.seen_at_lens)])
+    later = np.zeros(ends[-1] + len(ends) - 1 + problem.certain, bool)
+    for index in after:
+        later[ends[index] : ends[index + 1]] = True
+        later[ends[-1] + index] = True
+    spans = [slice(a, b) for a, b in pairwise(ends)]
+    parameters, change = joint.solution.parameters, np.zeros(len(which))
+    least, certain = np.inf, problem.certain
+    for turn in range(ROUNDS):
+        moved = parameters.copy()
+        moved[list(which)] += change
+        (before, slopes), (beyond, other) = problem.residuals(parameters), problem.residuals(moved)
+        residuals = np.where(later, beyond, before)
+        jacobian = np.where(later[:, None], other, slopes)
+        jacobian = np.hstack([jacobian, np.where(later[:, None], other[:, list(which)], 0.0)])
+        scale = noise_scale([residuals[span] for span in spans])
+        if scale > (1 - SETTLED) * least and turn > PLAIN:
+            break
+        least = min(least, scale)
+        # at first none of the points counts as false: whole stills are far off
+        robust = robust_weights(residuals[:-certain] / scale) if turn >= PLAIN else np.ones(len(residuals) - certain)
+        weights = np.concatenate([robust / scale, np.ones(certain)])
+        size = np.linalg.norm(jacobian, axis=0)
+        scaled = jacobian / size * weights[:, None]
+        known = np.concatenate([np.zeros(len(parameters)), np.full(len(which), prior_std**-2)])
+        slope = scaled.T @ (residuals * weights) + known * np.concatenate([0 * parameters, change]) / size
+        step = -np.linalg.solve(scaled.T @ scaled + np.diag(known / size**2), slope) / size
+        parameters, change = parameters + step[: len(parameters)], change + step[len(parameters) :]
+    return min(scale, least)
 
 
 def _off_smooth(one: Observation) -> np.ndarray:

@@ -13,6 +13,7 @@ from ...calibrate.calibration_report import doubts
 from ...calibrate.recheck import assess
 from ...files import write_json, write_text
 from ...session import load_session
+from ..journal import PICTURES
 from ..known import Known
 from ..progress import Progress
 from .step import Step
@@ -36,8 +37,8 @@ def conclude(root: Path) -> dict[str, Any]:
 
 def look(known: Known) -> Progress:
     """What is there for the verdict."""
-    counts = [f"{len(known.taken(step))} pictures for {step}" for step in ("lens", "plane", "noload", "loads")]
-    return Progress(seen=tuple(counts), next="everything is solved together; this takes a minute")
+    counts = [f"{len(known.taken(step))} {words}" for step, words in PICTURES.items()]
+    return Progress(seen=(f"pictures: {', '.join(counts)}",), next="everything is solved together; this takes a minute")
 
 
 STEP = Step(

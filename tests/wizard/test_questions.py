@@ -1,0 +1,78 @@
+"""An answer means the same whether it is typed, written or clicked."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from vbaa_calib.errors import InputError
+from vbaa_calib.wizard.catalogue import QUESTIONS, SOURCES, TABLES, by_key, open_questions
+from vbaa_calib.wizard.questions import Question
+
+RNG_SEED = 11
+
+
+@pytest.mark.parametrize("question", [q for q in QUESTIONS if q.kind == "number"], ids=lambda question: question.key)
+def test_a_number_typed_is_the_number_written(question: Question) -> None:
+    rng = np.random.default_rng(RNG_SEED)
+    for value in rng.uniform(question.low, question.high, 20).tolist():
+        assert question.read(repr(value)) == question.read(value) == value
+        assert question.read(f"  {value!r} ") == value
+
+
+def test_numbers_with_any_separator() -> None:
+    question = Question("q", "", "", kind="numbers", length=3)
+    for typed in ("1,-2.5,3e-1", "1, -2.5, 3e-1", "1;-2.5;3e-1", "1 -2.5 3e-1", [1, "-2.5", 0.3], (1, -2.5, 0.3)):
+        assert question.read(typed) == [1.0, -2.5, 0.3]
+    assert Question("q", "", "", kind="numbers").read(5) == [5.0]
+
+
+def test_choices_by_their_beginnings() -> None:
+    paper, way, axis = by_key()["paper"], by_key()["plane_way"], by_key()["gravity"]
+    assert [paper.read(text) for text in ("a4", "A3", "let", " LETTER ")] == ["A4", "A3", "Letter", "Letter"]
+    assert [way.read(text) for text in ("j", "s", "ov")] == ["jig", "sweep", "over"]
+    assert [axis.read(text) for text in ("x", "-x", "n")] == ["x", "-x", "none"]
+
+
+def test_yes_and_no() -> None:
+    question = Question("q", "", "", kind="yesno")
+    assert all(question.read(text) for text in ("y", "Yes", "true", True))
+    assert not any(question.read(text) for text in ("n", "NO", "false", False))
+    for text in ("", "maybe", "1", 1, None):
+        with pytest.raises(InputError, match="give yes or no"):
+            question.read(text)
+
+
+def test_defaults_are_answers() -> None:
+    for question in QUESTIONS:
+        if question.default is not None:
+            assert question.read(question.default) == question.default
+
+
+def test_answers_can_be_kept() -> None:
+    """Whatever is read goes into JSON and comes back the same, and reads the same again."""
+    for question in QUESTIONS:
+        value = question.read(
+            {"number": question.low, "choice": (question.choices or ("",))[0]}.get(
+                question.kind,
+                [max(question.low, 1.0)] * (question.length or 2) if question.kind == "numbers" else "text",
+            )
+        )
+        assert question.read(json.loads(json.dumps(value))) == value
+
+
+def test_every_key_and_flag_is_its_own() -> None:
+    every = (*QUESTIONS, *SOURCES, *TABLES)
+    assert len({q.key for q in every}) == len({q.flag for q in every}) == len(every)
+
+
+def test_each_way_to_plane_c_asks_for_what_it_needs() -> None:
+    asked = {way: {q.key for q in open_questions("plane", {"plane_way": way})} for way in ("jig", "sweep", "over")}
+    assert "jig_translation_mm" in asked["jig"]
+    assert asked["sweep"] == set()
+    assert asked["over"] == {"over_height_mm"}
+    given = {"plane_way": "jig", "jig_given": True}
+    assert open_questions("plane", given) == []
+    assert "jig_board_x" in {q.key for q in open_questions("plane", given | {"jig_translation_mm": [0, 0, 0]})}

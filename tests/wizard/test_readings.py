@@ -1,0 +1,80 @@
+"""What is read with a picture means the same in whichever unit it is given."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vbaa_calib.errors import InputError
+from vbaa_calib.wizard.readings import UNITS, Given, asked, complete, from_list, from_table, in_si, with_last
+
+DOWN = np.array([0.0, 0.0, -9.80665])
+
+
+@pytest.mark.parametrize("names", UNITS.values(), ids=UNITS)
+def test_units_agree(names: dict[str, float]) -> None:
+    """A turn is 360 degrees, a metre 1000 mm: the same quantity in each unit gives the same number in SI."""
+    per_si = {"rad": 1.0, "deg": 180 / math.pi, "m": 1.0, "mm": 1e3, "Nm": 1.0, "mNm": 1e3, "kg": 1.0, "g": 1e3}
+    per_si |= {"N": 1.0, "mN": 1e3, "s": 1.0}
+    first = next(iter(names))
+    for name in names:
+        [(key, value)] = in_si({name: 0.25 * per_si[name.rpartition("_")[2]]}, None).items()
+        assert key == first
+        assert value == pytest.approx(0.25, rel=1e-15)
+
+
+def test_a_mass_is_its_weight() -> None:
+    """Whatever way gravity lies across the antenna; the part along it, if small, is not in the table."""
+    common = {"pan_deg": 0, "tilt_deg": 0, "moment_mNm": 3, "distance_mm": 200}
+    rng = np.random.default_rng(2)
+    for angle in rng.uniform(0, 2 * np.pi, 10):
+        gravity = 9.8 * np.array([0.05, np.cos(angle), np.sin(angle)])
+        by_mass = complete("loads", common | {"mass_g": 20}, gravity, 0.24, None)
+        forces = {"force_y_mN": 20 * gravity[1], "force_z_N": 0.02 * gravity[2]}
+        by_force = complete("loads", common | forces, DOWN, 0.24, None)
+        assert [by_mass[k] for k in ("force_y_N", "force_z_N")] == pytest.approx(
+            [by_force[k] for k in by_mass if "force" in k]
+        )
+        assert by_mass["distance_m"] == pytest.approx(0.2)
+
+
+def test_the_tip_is_the_last_place() -> None:
+    row = {"pan_rad": 0, "tilt_rad": 0, "moment_Nm": 0, "mass_kg": 0.01}
+    assert complete("loads", row | {"distance_m": 0.24}, DOWN, 0.24, None)["distance_m"] == 0.24
+    with pytest.raises(InputError, match=r"distance_m is 0\.2401, the antenna 0\.24 m long"):
+        complete("loads", row | {"distance_m": 0.2401}, DOWN, 0.24, None)
+
+
+def test_each_folder_has_what_it_needs() -> None:
+    assert complete("plane", {}, DOWN, 0.24, None) == {}
+    for folder in ("sweep", "noload", "loads"):
+        typed = {question.key: 1.0 for question in asked(folder)}
+        whole = complete(folder, typed, DOWN, 0.24, None)
+        for key in typed:
+            with pytest.raises(InputError, match=r"is missing|neither a mass nor a force"):
+                complete(folder, {k: v for k, v in typed.items() if k != key}, DOWN, 0.24, None)
+        assert all(math.isfinite(value) for value in whole.values())
+
+
+def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
+    rows = [{"pan_deg": 1}, {"image": "folder/b.png", "pan_deg": 2}, {"pan_deg": 3}]
+    given = from_list(rows, "answers")
+    assert [given.of(name, taken) for name, taken in (("a.png", 0), ("b.png", 1), ("c.png", 1), ("d.png", 2))] == [
+        {"pan_deg": 1},
+        {"pan_deg": 2},
+        {"pan_deg": 3},
+        None,
+    ]
+    (tmp_path / "t.csv").write_text("image,remark,pan_deg\nsub/a.png,good,1\n\nb.png,,2\n")
+    assert from_table(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
+    assert Given().of("a.png", 0) is None
+
+
+def test_joints_stay_where_they_were() -> None:
+    pan, tilt, moment = asked("noload")
+    last = {"pan_rad": math.radians(20), "tilt_rad": math.radians(-12.5), "moment_Nm": 1.0}
+    assert (with_last(pan, last).default, with_last(tilt, last).default) == (20.0, -12.5)
+    assert with_last(moment, last).default is None
