@@ -15,7 +15,7 @@ LEAST_PRECISION = 0.01
 """Standard deviation of a scale beyond which it is not taken."""
 REACH_MM = 240.0
 """The length for which errors are told in words: a usual antenna's."""
-_RANGE = (0.5, 2.0)
+_RANGE = (0.8, 1.25)
 _SHORT_MM = 100.0
 _SLIPS = {
     0.1: "centimetres were read, it seems",
@@ -117,7 +117,11 @@ def _refuse_senseless(rulers: tuple[float, float], readings: tuple[float, float]
             continue
         slip = next((words for factor, words in _SLIPS.items() if abs(ratio / factor - 1) < 0.1), None)
         meant = next((factor for factor in _SLIPS if abs(ratio / factor - 1) < 0.1), None)
-        hint = f": {slip}, {reading / meant:.5g} mm would do" if slip and meant else ": read it again, in mm"
+        hint = (
+            f": {slip}, {reading / meant:.5g} mm would do"
+            if slip and meant
+            else ": read it again, in mm, or print the sheet at 100 %"
+        )
         raise ValueError(f"reading_{axis}_mm is {reading:g} where about {ruler:g} is expected{hint}")
 
 

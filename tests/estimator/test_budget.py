@@ -128,7 +128,7 @@ def test_common_errors_are_those_of_a_recording() -> None:
     """Another route to the same: `shared_errors` from the table of contacts."""
     touches = three_touches()
     known, _, given = linearised(RIG_AXES, touches, 0.2)
-    seen = scenes(RIG_AXES, touches.distance_m, touches.push_N, pan_rad=0.2, tilt_rad=0.3, sigma_px=0.05, points=POINTS)
+    seen = scenes(RIG_AXES, touches.distance_m, touches.push_N, pan_rad=0.2, tilt_rad=0.3, points=POINTS, made_by=rod_shapes)
     shared = shared_errors(RIG_AXES, table_of(seen)).point_m[..., :-1]
     said = answer(given).by_errors[:, 3:]
     np.testing.assert_allclose((shared**2).sum(axis=(1, 2)), (said**2).sum(axis=(1, 2)), rtol=0.06)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".pdf", ".svg", ".png")
 _FINE_MODULE_MM = 0.5
 _MM_PER_INCH = 25.4
+_LARGEST_MM = 10_000.0
 _OF_THE_BOARD = ("squares", "square_mm", "marker_mm", "dictionary", "legacy", "thickness_mm")
 _OF_PAPER, _OF_SCREENS = ("paper", "margin_mm"), ("px_per_mm", "screen_ppi")
 
@@ -150,6 +151,13 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
     if args.spec is not None:
         _refuse_flags(args, _OF_THE_BOARD, "and --spec both describe the board")
         return load_board(args.spec)
+    for name in ("square_mm", "marker_mm"):
+        length = getattr(args, name)
+        if length is not None and not 0 < length < _LARGEST_MM:
+            what = f"--{name.replace('_', '-')} is {length:g}"
+            raise InputError(
+                what, where="vbaa board", remedy=f"give millimetres, more than 0 and below {_LARGEST_MM:g}"
+            )
     given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")}
     return fill_in(
         _counts(args.squares), **given, legacy_pattern=bool(args.legacy), thickness_mm=args.thickness_mm or 0.0, **room

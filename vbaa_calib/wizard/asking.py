@@ -9,7 +9,8 @@ from typing import Any
 
 from ..detect.board_file import load_board
 from ..errors import InputError
-from .catalogue import BOARD_ANSWERS, QUESTIONS, by_key, keeps_jig, open_questions
+from .catalogue import BOARD_ANSWERS, QUESTIONS, by_key, open_questions
+from .catalogue_plane import keeps_jig
 from .desk import Desk, Interrupted
 from .journal import Journal
 from .known import Known
