@@ -153,7 +153,8 @@ def error_budget(
     now = answer(here)
     by_cause = {cause: part for cause, part in parts(space, now).items() if part.any()}
     results = _results(space, now, by_cause)
-    missing = tuple(cause for cause in NAMES if cause not in (*by_cause, FORCE_PRIOR))
+    aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
+    missing = tuple(cause for cause in NAMES if cause not in (*by_cause, *aside))
     return Budget(touches.picked(told), len(told), results, by_cause, missing, tuple(_notes(rig, with_moment)))
 
 

@@ -193,7 +193,8 @@ def parts(space: ErrorSpace, given: Answer) -> dict[str, np.ndarray]:
     """(B, 6) variance by every cause; they add up to `Answer.variance`."""
     errors = given.by_errors
     shared = np.einsum("bqi,gij,bqj->gbq", errors, space.shares, errors, optimize=True)
-    return given.by_noise | dict(zip(space.causes, shared, strict=True))
+    # rounding leaves what is nothing a little below it
+    return given.by_noise | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
 
 
 def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:

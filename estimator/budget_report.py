@@ -22,7 +22,8 @@ SCHEMA = "vbaa.budget/1"
 
 def table(budget: Budget) -> str:
     """The budget of distance, force and point for people."""
-    lines = [f"{len(budget.touches)} of {budget.asked} contacts would come with numbers; deviations are rms over them."]
+    many = "contact" if budget.asked == 1 else "contacts"
+    lines = [f"{len(budget.touches)} of {budget.asked} {many} would come with numbers; deviations are rms over them."]
     for name in TABLES:
         lines += ["", *_table(budget, name)]
     if budget.exact:
@@ -37,7 +38,10 @@ def advice(budget: Budget) -> list[str]:
     if budget.gain(first) < WORTHWHILE:
         words = f"No cause stands out: half of {NAMES[first]} would take {100 * budget.gain(first):.1f} % off."
     else:
-        words = f"Improve first: {NAMES[first]}. To do so, {REMEDIES[first]}."
+        words = (
+            f"Improve first: {NAMES[first]}. Half of it takes {100 * budget.gain(first):.0f} % off, on average. "
+            f"To do so, {REMEDIES[first]}."
+        )
     lines.append(words)
     leads = budget.leads("distance_m")
     if len(leads) > 1:
@@ -45,8 +49,8 @@ def advice(budget: Budget) -> list[str]:
         lines.append(f"The largest part of the distance's error is {told} of {len(budget.touches)} contacts.")
     if of_rig is not None and of_rig != first:
         lines.append(
-            f"Of the calibration, {NAMES[of_rig]} first: half of it takes {100 * budget.gain(of_rig):.1f} % off. "
-            f"To do so, {REMEDIES[of_rig]}."
+            f"Of the calibration, {NAMES[of_rig]} first: half of it takes {100 * budget.gain(of_rig):.1f} % off, on "
+            f"average. To do so, {REMEDIES[of_rig]}."
         )
     shared = [name for name in ADVISED if abs(budget.results[name].in_common) > CORRELATED]
     if shared:
@@ -112,7 +116,7 @@ def _table(budget: Budget, name: str) -> list[str]:
         lines.append(f"  {NAMES[cause]:<18}" + "{:>10.3g}{:>10.1f}{:>11.3g}{:>11.3g}".format(*numbers))
     if small:
         std, share = 1e3 * np.sqrt(sum(part.std**2 for part in small)), 100 * sum(part.share for part in small)
-        lines.append(f"  {f'{len(small)} others':<18}{std:>10.3g}{share:>10.1f}")
+        lines.append(f"  {'another' if len(small) == 1 else f'{len(small)} others':<18}{std:>10.3g}{share:>10.1f}")
     return lines
 
 

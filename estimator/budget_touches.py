@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vbaa_calib.antenna.shape import CONTACT
 from vbaa_calib.rig import Rig
 
 from .solve.frames import Frames, frames_from_pixels
 from .solve.known import UNKNOWNS, Known
 from .solve.view import antennas, look, readings
 
-RUNG = "elastica"
-"""Friction bends it, and it costs little; the others' covariances are as good as the same."""
+RUNG = "rod"
+"""What a fit on a lower rung would say is as good as the same where that rung would be taken."""
 DISTANCES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 """Parts of the length."""
 SLOPES_DEG = (5.0, 15.0, 30.0)
@@ -22,6 +23,9 @@ STRONGEST_AT = 0.5
 """Nearer to the clamp than this part of the length the force stays what gives that slope here: who presses there with
 a force that bends the antenna as much presses several times as hard."""
 DIRECTIONS = 8
+STEEPEST_RAD = np.radians(45.0)
+"""Slopes beyond it are not compared with the rod."""
+FORCE_TOLERANCE = 1e-6
 MOST_POINTS = 400
 _FORCE_STEPS = 6
 
@@ -68,7 +72,7 @@ def unknowns_of(known: Known, touches: Touches) -> np.ndarray:
 
 
 def of_force(known: Known, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float) -> Touches:
-    """The one contact whose lateral force in the antenna frame is `force_N` (2,); its push may not be found: NaN."""
+    """The one contact whose lateral force, antenna frame, is `force_N` (2,); of a push NaN where it bends too far."""
     touch = Touches(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
     empty = _empty(known, touch)
     unknowns = unknowns_of(known, touch)
@@ -77,10 +81,14 @@ def of_force(known: Known, distance_m: float, force_N: np.ndarray, pan_rad: floa
             view = look(empty, RUNG, unknowns)
             slopes = view.by_touch[:, 4:6, 1:3]
             if not np.isfinite(slopes).all():
-                return replace(touch, push_N=np.full((1, 2), np.nan))
-            off = force_N - view.touch[:, 4:6]
-            unknowns[:, 1:3] += np.linalg.solve(slopes, off[..., None])[..., 0]
-    return replace(touch, push_N=unknowns[:, 1:3] * known.force_unit_N)
+                break
+            unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - view.touch[:, 4:6])[..., None])[..., 0]
+        view = look(empty, RUNG, unknowns)
+        found = np.abs(view.touch[0, 4:6] - force_N).max() <= FORCE_TOLERANCE * np.hypot(*force_N)
+        ordinary = view.tangents[0, CONTACT] @ view.tangents[0, 0] >= np.cos(STEEPEST_RAD)
+    return replace(
+        touch, push_N=unknowns[:, 1:3] * known.force_unit_N if found and ordinary else np.full((1, 2), np.nan)
+    )
 
 
 def as_seen(known: Known, touches: Touches, with_moment: bool = True) -> Frames:

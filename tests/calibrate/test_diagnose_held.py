@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.diagnose import explain_failure, still_diagnoses
+from vbaa_calib.calibrate.diagnose.scatter import own_scatter
 from vbaa_calib.calibrate.joint_problem import Observation, Prior
 from vbaa_calib.diagnosis import Diagnosis
 from vbaa_calib.errors import SolveError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, gravity_antenna
 
-from ..rod_scenes import GRAVITY_WORLD
+from ..rod_scenes import GRAVITY_WORLD, LENGTH_M
 from .still_faults import Faults, before, bowed, drawn_world, free_stills, hung_loads, observed, session, solved, turned
 
 G = 9.80665
@@ -56,7 +57,9 @@ SENSORS: dict[str, tuple[Callable[[int, float], float], str, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", SENSORS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if "metres" in name else []) for name in SENSORS]
+)
 def test_a_sensor_that_is_wrong_is_named(good, name: str) -> None:
     known, observations = good
     sensor, called, words = SENSORS[name]
@@ -78,7 +81,7 @@ def regravitated(observations: list[Observation], gravity_world: np.ndarray) -> 
     return [replace(one, gravity_m_s2=pull) for one, pull in zip(observations, pulls, strict=True)]
 
 
-@pytest.mark.parametrize("noted", [(0.0, 0.0, G), (G, 0.0, 0.0)])
+@pytest.mark.parametrize("noted", [(0.0, 0.0, G), pytest.param((G, 0.0, 0.0), marks=pytest.mark.slow)])
 def test_gravity_that_points_elsewhere_is_named(good, noted: tuple[float, float, float]) -> None:
     known, observations = good
     gravity = np.array(noted)
@@ -88,6 +91,7 @@ def test_gravity_that_points_elsewhere_is_named(good, noted: tuple[float, float,
     assert "-9.80665" in found[0].remedy
 
 
+@pytest.mark.slow
 def test_joints_in_degrees_are_named(good) -> None:
     known, observations = good
     degrees = [replace(one, still=replace(one.still, tilt_rad=np.rad2deg(one.still.tilt_rad))) for one in observations]
@@ -101,6 +105,20 @@ def test_a_clamp_that_slips_is_named() -> None:
     found = injected(21, slipping)
     assert [one.name for one in found] == ["clamp_slipped"]
     assert found[0].grave
+
+
+@pytest.mark.slow
+def test_a_kink_is_taken_for_nothing_else() -> None:
+    """The model knows no kink: what is said is that the stills do not fit, not a wrong cause."""
+    found = injected(0, Faults(kink=(0.4 * LENGTH_M, 0.03, 0.03)))
+    assert [one.name for one in found] == ["stills_contradict"]
+
+
+def test_the_pictures_own_scatter_knows_nothing_of_the_model(good) -> None:
+    _, observations = good
+    assert own_scatter(observations) == pytest.approx(1.0, abs=0.1)
+    doubled = [replace(one, sigma_px=0.5 * one.sigma_px) for one in observations]
+    assert own_scatter(doubled) == pytest.approx(2.0 * own_scatter(observations))
 
 
 def test_an_antenna_that_is_bowed_is_named() -> None:

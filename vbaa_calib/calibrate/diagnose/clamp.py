@@ -26,6 +26,7 @@ PLAUSIBLE = {"turn": 0.05, "place": 1e-3, "bow": 0.3}
 """Standard deviations of what may have happened."""
 CLEARER = 1.5
 """χ² of a slip over that of a bend, or the other way round, for one to be named instead of the other."""
+CLEAR_STD = 4.0
 GIVE_SURE = 3.0
 KINDS = {
     "turn": ("clamp_about_y_rad", "clamp_about_z_rad"),
@@ -92,6 +93,9 @@ def step_diagnosis(joint: JointSolution, rows: StillRows, own: float) -> Diagnos
         return None
     best = found[0]
     if not LEAST[best.kind] <= best.size <= MOST[best.kind]:
+        return None
+    if fits(joint.noise_scale, own) and not (np.abs(best.found.values) > CLEAR_STD * best.found.std).any():
+        # the stills fit as they are: only a change that is clear in itself is one
         return None
     which = [ANTENNA.start + PARAMETERS.index(name) for name in KINDS[best.kind]]
     if not fits(scatter_with_step(joint, which, best.after, PLAUSIBLE[best.kind]), own):

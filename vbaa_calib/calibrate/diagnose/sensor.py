@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...diagnosis import Diagnosis
-from ...session import Load
 from ..joint import JointSolution
 from ..joint_checks import Estimate
 
@@ -29,8 +28,6 @@ USUAL_GAIN = (0.5, 2.0)
 DEAD_GAIN = 0.1
 EXPLAINED = 0.5
 """Part of the readings' spread that a working sensor's gain and offset explain at least."""
-REPEATED, SHORT_STD = 3, 8.0
-"""Readings that are the same to a tenth of the noise, and how far they must fall short, for a sensor at its end."""
 GAIN_SURE = 4.0
 
 
@@ -75,7 +72,7 @@ class Readings:
 def sensor_diagnoses(
     joint: JointSolution, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool = True
 ) -> list[Diagnosis]:
-    """What is wrong with the sensor, the most telling first; at most one of wiring, unit and end of range.
+    """What is wrong with the sensor, the most telling first; at most one of wiring, sign and unit.
 
     Parameters
     ----------
@@ -88,14 +85,11 @@ def sensor_diagnoses(
     if not moments_known:
         dead = _unconnected(readings)
         return [] if dead is None else [dead]
-    loads = np.array([one.load_N for one in joint.problem.observations])[joint.kept]
     for judged in (
         _unconnected(readings),
-        _other_axis(readings, joint, loads),
         _unrelated(readings),
         _sign(readings),
         _unit(readings),
-        _saturated(readings),
     ):
         if judged is not None:
             return [judged]
@@ -103,8 +97,9 @@ def sensor_diagnoses(
         return [
             Diagnosis(
                 "sensor_drift",
-                f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}",
-                "let it warm up, and zero it again before a recording",
+                f"the moment readings run off by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}: the "
+                "moment sensor drifts, or a few readings are wrong",
+                "let it warm up, zero it again before a recording, and check that it is not at the end of its range",
             )
         ]
     return []
@@ -159,25 +154,6 @@ def _unrelated(readings: Readings) -> Diagnosis | None:
     )
 
 
-def _other_axis(readings: Readings, joint: JointSolution, loads_N: np.ndarray) -> Diagnosis | None:
-    """Readings that follow the loads' moment about z instead."""
-    stills = [one.still for one, kept in zip(joint.problem.observations, joint.kept, strict=True) if kept]
-    arms = np.array([still.distance_m if isinstance(still, Load) else 0.0 for still in stills])
-    about_z = arms * loads_N[:, 0]
-    if _fits(readings) or np.ptp(about_z) < LEAST_SPREAD_STD * readings.std_Nm:
-        return None
-    gain, offset = _line(about_z, readings.read_Nm)
-    other = Readings(readings.read_Nm, about_z, readings.std_Nm, gain, offset, 0.0)
-    if _explained(other) < 0.8 or abs(gain) < DEAD_GAIN:
-        return None
-    return Diagnosis(
-        "sensor_other_axis",
-        f"the moment readings follow the loads along y (gain {gain:.3g}), not those along z",
-        "turn the sensor so that it reads the moment about y, or check that y and z of the loads are not exchanged",
-        grave=True,
-    )
-
-
 def _sign(readings: Readings) -> Diagnosis | None:
     if readings.gain > -GAIN_SURE * readings.gain_std or not _fits(readings):
         return None
@@ -200,22 +176,6 @@ def _unit(readings: Readings) -> Diagnosis | None:
     return Diagnosis(
         "sensor_unit", f"{words}, as if it were read in {units}", f"{near[0][1]}: moment_Nm is in N·m", True
     )
-
-
-def _saturated(readings: Readings) -> Diagnosis | None:
-    for sign, name in ((1.0, "highest"), (-1.0, "lowest")):
-        read, true = sign * readings.read_Nm, sign * readings.gain * readings.true_Nm + sign * readings.offset_Nm
-        at_end = read > read.max() - 0.1 * readings.std_Nm
-        short = true[at_end] - read[at_end]
-        if at_end.sum() >= REPEATED and (short > SHORT_STD * readings.std_Nm).sum() >= REPEATED - 1:
-            return Diagnosis(
-                "sensor_saturated",
-                f"the {name} moment reading, {sign * read.max():.4g} N·m, stands in {at_end.sum()} rows, where up to "
-                f"{1e3 * short.max():.3g} mN·m more had to be read",
-                "hang lighter loads, or set the amplifier to a wider range",
-                grave=True,
-            )
-    return None
 
 
 def drift_of(checks_drift_per_s: Estimate | None, per_row: Estimate | None) -> tuple[Estimate | None, str]:

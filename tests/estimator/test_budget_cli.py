@@ -1,0 +1,125 @@
+"""`vbaa budget`: tables, files, figure, and what it refuses."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.budget_cli import configure, run
+from vbaa_calib.errors import InputError
+from vbaa_calib.rig import Rig
+
+from .budget_draws import correlated_rig
+
+ONE = ("--distance", "140", "--force-y", "60", "--force-z", "-40")
+
+
+def arguments(*words: str | Path) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    parser.add_argument("--force", action="store_true")
+    configure(parser)
+    return parser.parse_args([str(word) for word in words])
+
+
+def written(path: Path, rig: Rig | None = None) -> Path:
+    path.write_text(json.dumps((correlated_rig() if rig is None else rig).to_dict()))
+    return path
+
+
+def test_the_whole_antenna(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = written(tmp_path / "rig.json")
+    result = run(arguments(rig, "-o", tmp_path / "budget.json", "--figure", tmp_path / "budget.png"))
+    assert json.loads(json.dumps(result, allow_nan=False)) == result
+    assert result["asked"] == 144
+    for name in ("distance_m", "force_y_N", "force_z_N", "point_m"):
+        causes = result["results"][name]["causes"]
+        assert sum(cause["share"] for cause in causes.values()) == pytest.approx(1.0)
+        assert result["results"][name]["improve_first"] in causes
+    whole = json.loads((tmp_path / "budget.json").read_text())
+    assert whole["schema"] == "vbaa.budget/1"
+    assert len(whole["by_contact"]) == result["contacts"]
+    mean = np.mean([contact["std"]["distance_m"] ** 2 for contact in whole["by_contact"]])
+    assert np.sqrt(mean) == pytest.approx(result["results"]["distance_m"]["std"])
+    one = whole["by_contact"][0]
+    parts = [part["point_m"] ** 2 for part in one["by_cause"].values()]
+    assert np.sqrt(sum(parts)) == pytest.approx(one["std"]["point_m"])
+    picture = cv2.imread(str(tmp_path / "budget.png"))
+    assert picture is not None
+    assert picture.std() > 10.0
+    said = capsys.readouterr().err
+    assert "distance l:" in said
+    assert "first. Half of it would make" in said
+    assert "counted as exact: clamp give, joint axes" in said
+    with pytest.raises(InputError, match="exists"):
+        run(arguments(rig, "-o", tmp_path / "budget.json"))
+
+
+def test_one_contact(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = run(arguments(written(tmp_path / "rig.json"), *ONE, "--tilt", "20", "--figure", tmp_path / "one.svg"))
+    assert result["contacts"] == 1
+    assert result["tilt_rad"] == pytest.approx(np.radians(20.0))
+    assert (tmp_path / "one.svg").read_text().startswith("<?xml")
+    assert "1 of 1 contact would" in capsys.readouterr().err
+
+
+def test_a_rig_without_lens_or_errors_is_said_to_be_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(arguments(written(tmp_path / "rig.json", correlated_rig(lens=False)), *ONE))
+    assert "without the lens" in capsys.readouterr().err
+    exact = replace(correlated_rig(lens=False), covariance=np.zeros((17, 17)))
+    path = written(tmp_path / "exact.json", exact)
+    result = run(arguments(path, *ONE, "--friction", "0", "--figure", tmp_path / "exact.png"))
+    assert "says that the whole rig is exact" in capsys.readouterr().err
+    assert result["improve_first"]["of_calibration"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("--distance", "140"), "needs --distance, --force-y and --force-z"),
+        (("--force-y", "1", "--force-z", "1"), "needs --distance"),
+        (("--distance", "300", "--force-y", "50", "--force-z", "0"), "not on the antenna"),
+        (("--distance", "-5", "--force-y", "50", "--force-z", "0"), "not on the antenna"),
+        (("--distance", "1", "--force-y", "50", "--force-z", "0"), "not on the antenna"),
+        (("--distance", "nan", "--force-y", "50", "--force-z", "0"), "--distance is nan"),
+        (("--distance", "140", "--force-y", "inf", "--force-z", "0"), "--force-y is inf"),
+        (("--distance", "140", "--force-y", "50000", "--force-z", "0"), "bends the antenna further"),
+        (("--distance", "140", "--force-y", "1e300", "--force-z", "0"), "bends the antenna further"),
+        (("--distance", "140", "--force-y", "0", "--force-z", "0"), "no numbers"),
+        (("--distance", "140", "--force-y", "0.0001", "--force-z", "0"), "no numbers"),
+        (("--friction", "-1"), "--friction is -1"),
+        (("--friction", "nan"), "--friction is nan"),
+        (("--pan", "inf"), "--pan is inf"),
+        (("--tilt", "nan"), "--tilt is nan"),
+        (("-o", "budget.csv"), "is not a .json"),
+        (("--figure", "budget.xyz"), "is none of"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(words: tuple[str, ...], what: str, tmp_path: Path) -> None:
+    rig = written(tmp_path / "rig.json")
+    with pytest.raises(InputError, match=what):
+        run(arguments(rig, *words))
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.json"]
+
+
+def test_files_that_are_no_rig_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        run(arguments(tmp_path / "rig.json"))
+    (tmp_path / "rig.json").write_text("{}")
+    with pytest.raises(InputError):
+        run(arguments(tmp_path / "rig.json"))
+    rig = written(tmp_path / "rig.json")
+    with pytest.raises(InputError):
+        run(arguments(rig, "-o", rig, "--force"))
+
+
+def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
+    rig = written(tmp_path / "rig.json")
+    with pytest.raises(InputError, match="nowhere"):
+        run(arguments(rig, *ONE, "-o", tmp_path / "nowhere" / "budget.json"))
+    assert not (tmp_path / "nowhere").exists()
