@@ -21,7 +21,13 @@ CALLS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "square is NaN": (("--square-mm", "nan"), ("nan",)),
     "square is endless": (("--square-mm", "1e400"), ()),
     "square is zero": (("--square-mm", "0"), ("0",)),
-    "square is negative": (("--square-mm=-15",), ("-15", "millimetres",)),
+    "square is negative": (
+        ("--square-mm=-15",),
+        (
+            "-15",
+            "millimetres",
+        ),
+    ),
     "square larger than the paper": (("--square-mm", "150"), ("does not fit on A4", "the largest square that fits is")),
     "marker as large as its square": (("--square-mm", "15", "--marker-mm", "15"), ("marker",)),
     "marker without square": (("--marker-mm", "0"), ("marker",)),

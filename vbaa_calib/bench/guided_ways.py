@@ -77,9 +77,9 @@ def covering(photographer: Photographer, views: Sequence[BoardView], solution: L
             place = (np.array(np.unravel_index(index, _CELLS)) + 0.5) / _CELLS
             around = rng.uniform(0, 2 * np.pi)
             tilt = rng.uniform(0.0, _TILT_RAD) * np.array([np.cos(around), np.sin(around), 0.0])
-            view = _picture(photographer, place, Rotation.from_rotvec(tilt).as_matrix(), facing=True)
-            if view is not None:
-                return view
+            taken = _picture(photographer, place, Rotation.from_rotvec(tilt).as_matrix(), facing=True)
+            if taken is not None:
+                return taken
 
 
 def most_determinant(

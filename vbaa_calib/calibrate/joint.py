@@ -225,6 +225,15 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
     return float(max(spread, 1.4826 * np.median(np.abs(np.concatenate(residuals))), 0.2))
 
 
+def _tried(problem: Problem, parameters: np.ndarray) -> Linearised | None:
+    """Where a step leads; None where it winds the antenna up until it has no shape."""
+    try:
+        trial = Linearised.of(problem, parameters)
+    except ValueError:
+        return None
+    return trial if np.isfinite(trial.residuals).all() and np.isfinite(trial.jacobian).all() else None
+
+
 def _descend(problem: Problem, start: np.ndarray) -> Linearised:
     """Parameters of least robust cost, by Levenberg and Marquardt's steps."""
     now, damping = Linearised.of(problem, start), 0.0
@@ -233,9 +242,9 @@ def _descend(problem: Problem, start: np.ndarray) -> Linearised:
         step = -np.linalg.solve(information + damping * np.eye(len(slope)), slope)
         promise = -float(slope @ step + 0.5 * step @ information @ step)
         moved = now.parameters + step / scale
-        trial = Linearised.of(problem, moved)
-        better = trial.cost <= now.cost
-        now = trial if better else now
+        trial = _tried(problem, moved)
+        better = trial is not None and trial.cost <= now.cost
+        now = trial if trial is not None and better else now
         if promise < STANDSTILL:
             return replace(now, converged=True)
         damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)

@@ -44,7 +44,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices = f": {', '.join(question.choices)}" if question.choices else ""
         words = question.words.replace("{measure_x_mm:.6g} mm", "so much").replace("{measure_y_mm:.6g} mm", "so much")
         words = words.replace("{measured_x}", "the ruler along x").replace("{measured_y}", "the ruler along y")
-        group.add_argument(question.flag, dest=f"answer_{question.key}", metavar="...", help=words + choices + unit)
+        told = (words + choices + unit).replace("%", "%%")
+        group.add_argument(question.flag, dest=f"answer_{question.key}", metavar="...", help=told)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
