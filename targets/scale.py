@@ -94,7 +94,9 @@ def print_scale(
     aspect_std = (x / y) * math.hypot(std_x / x, std_y / y)
     differs = abs(aspect) > max(SIGNIFICANT * aspect_std, MOST_ASPECT)
     both = (weight_x * x + weight_y * y) / (weight_x + weight_y)
-    scale, std = (math.nan, math.nan) if differs else (both, (weight_x + weight_y) ** -0.5)
+    # a difference of the axes that is let pass stays in the squares, half of it to either side
+    unseen = min(abs(aspect), MOST_ASPECT) / 2
+    scale, std = (math.nan, math.nan) if differs else (both, math.hypot((weight_x + weight_y) ** -0.5, unseen))
     words, remedy = _judged(x, std_x, y, std_y, scale, std, aspect, aspect_std, min(rulers))
     return PrintScale(x, y, std_x, std_y, scale, std, aspect, aspect_std, differs, words, remedy)
 

@@ -127,3 +127,44 @@ def test_a_step_is_towards_the_clamp_and_heavier() -> None:
     nearer, heavier = readings_altered(load)
     assert nearer.distance_m < load.distance_m
     assert np.hypot(heavier.force_y_N, heavier.force_z_N) > np.hypot(load.force_y_N, load.force_z_N)
+
+
+@pytest.mark.parametrize("seed", [101, 102])
+def test_loads_of_their_own_place_and_weight_are_kept_unless_far_off(seed: int) -> None:
+    """Ordinary readings, each with its own error: none is thrown out. A place 8 mm off is."""
+    rng = np.random.default_rng(seed)
+    noted = []
+    for number, one in enumerate(observed(TRUE, rng)):
+        still = one.still
+        if isinstance(still, Load):
+            heavier = np.exp(rng.normal(0.0, RULER.force_std_relative))
+            far = 8e-3 if seed == 102 and number == 6 else 0.0
+            still = replace(
+                still,
+                distance_m=still.distance_m + rng.normal(0.0, RULER.distance_std_m) + far,
+                force_y_N=heavier * still.force_y_N,
+                force_z_N=heavier * still.force_z_N,
+            )
+        noted.append(replace(one, still=still))
+    joint = solved(noted, RULER)
+    assert np.flatnonzero(~joint.kept).tolist() == ([6] if seed == 102 else [])
+    assert [one.still for one in joint.noted] == [one.still for one in noted]
+
+
+def test_a_load_on_the_tip_is_solved_for() -> None:
+    """Moved outwards it would leave the antenna: its place is held on the tip, and the solve converges."""
+    rng = np.random.default_rng(100)
+    poses = [PoseEstimate("jig", TRUE.T_antenna_camera, POSE_COVARIANCE, np.zeros((6, 8)))]
+    noted = []
+    for one in observed(TRUE, rng):
+        still = one.still
+        at_tip = isinstance(still, Load) and still.distance_m > 0.2
+        # what hung a little inside was noted as on the tip, which the solve can mend; and the other way round it cannot
+        noted.append(replace(one, still=replace(still, distance_m=LENGTH_M)) if at_tip else one)
+    loose = LoadReadings(1.0e-2, 5e-3)
+    joint = solve_joint(noted, prior(NOMINAL, CAMERA, poses, readings=loose), LENGTH_M, TRUE.sensor.std_Nm)
+    assert all(one.still.distance_m <= LENGTH_M for one in joint.problem.observations if isinstance(one.still, Load))
+    problem = Problem.of(noted, prior(NOMINAL, CAMERA, poses, readings=loose), LENGTH_M, 2e-5)
+    beyond = problem.begin
+    beyond[problem.lens.stop :] = 3.0
+    assert (np.minimum(beyond, problem.upper)[problem.lens.stop :] < 3.0).any()

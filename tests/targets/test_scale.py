@@ -35,7 +35,8 @@ def test_the_longer_ruler_weighs_more() -> None:
     scale = print_scale(200, 200.0, 100, 100.3)
     assert (scale.std_x, scale.std_y) == pytest.approx((0.25 / 200, 0.25 / 100))
     assert scale.scale == pytest.approx((4 * 1.0 + 1 * 1.003) / 5)
-    assert scale.std == pytest.approx(0.25 / math.hypot(200, 100))
+    # and squares that may be a tenth of a per cent out of square leave half of it open
+    assert scale.std == pytest.approx(math.hypot(0.25 / math.hypot(200, 100), MOST_ASPECT / 2))
     assert not scale.differs
 
 

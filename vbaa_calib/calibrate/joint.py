@@ -17,7 +17,9 @@ from ..camera import Camera
 from ..errors import SolveError
 from ..geometry import Pose
 from ..reprojection import robust_cost, robust_weights
-from .joint_problem import GAIN, OFFSET, RIG, LensLost, Observation, Prior, Problem
+from .joint_given import Observation, Prior
+from .joint_problem import GAIN, OFFSET, RIG, LensLost, Problem
+from .still_outliers import fitting
 
 RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
@@ -28,8 +30,6 @@ SEES_LESS = 1e-3
 """Part of the picture that a moved lens may see less of."""
 SETTLED = 0.02
 """The passes end when the points' scatter changes by less than this part."""
-FALSE_STILL = 3.0
-"""A still whose points lie this many times further off than the median still's is left out."""
 STANDSTILL = 1e-5
 """A step that promises less than this much of the cost is the last: a few thousandths of a standard deviation."""
 
@@ -99,7 +99,8 @@ class JointSolution:
 
     Attributes
     ----------
-    problem, solution : what was solved, and the linearised end of it.
+    problem, solution : what was solved, and the linearised end of it; its loads are as the solve found them.
+    noted : the observations as they came, with the loads as they were noted.
     parameters : (17,) `RIG_PARAMETERS`; the pose's six are steps from the prior's start.
     camera : the lens as all pictures together have it, with its covariance.
     covariance : (17 + P, 17 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
@@ -108,6 +109,7 @@ class JointSolution:
     """
 
     problem: Problem
+    noted: Sequence[Observation]
     solution: Linearised
     parameters: np.ndarray
     T_antenna_camera: Pose
@@ -181,14 +183,15 @@ def _solved(
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         distances, moments = problem.evaluate(parameters)
-        rms = np.array([np.sqrt((block[:, 0] ** 2).mean()) for block in distances]) / scale
-        problem = replace(problem, kept=rms < FALSE_STILL * np.median(rms))
+        readings = parameters[problem.lens.stop :]
+        fits, rms = fitting(distances, scale, problem.groups, readings, kept)
+        problem = replace(problem, kept=fits)
         if settled and (problem.kept == kept).all():
             break
     if not solution.converged:
         raise SolveError(
             "the joint solve of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
-            "distances, and gravity"
+            "distances, gravity, and what is said of the jig"
         )
     # of the loads' readings nobody asks further
     inverse = solution.covariance()[: problem.lens.stop, : problem.lens.stop]
@@ -201,6 +204,7 @@ def _solved(
         solution=solution,
         parameters=parameters[:RIG],
         T_antenna_camera=problem.pose(parameters),
+        noted=tuple(observations),
         camera=camera if len(covariance) == RIG else replace(camera, covariance=covariance[RIG:, RIG:]),
         covariance=covariance,
         point_rms=rms,
@@ -234,14 +238,27 @@ def _tried(problem: Problem, parameters: np.ndarray) -> Linearised | None:
     return trial if np.isfinite(trial.residuals).all() and np.isfinite(trial.jacobian).all() else None
 
 
+def _step(information: np.ndarray, slope: np.ndarray, damping: float, at_end: np.ndarray) -> np.ndarray:
+    """(N,) Levenberg and Marquardt's, without what is at its upper end and would go further."""
+    whole = information + damping * np.eye(len(slope))
+    step = -np.linalg.solve(whole, slope)
+    free = ~(at_end & (step > 0.0))
+    if free.all():
+        return step
+    held = np.zeros(len(slope))
+    held[free] = -np.linalg.solve(whole[np.ix_(free, free)], slope[free])
+    return held
+
+
 def _descend(problem: Problem, start: np.ndarray) -> Linearised:
     """Parameters of least robust cost, by Levenberg and Marquardt's steps."""
-    now, damping = Linearised.of(problem, start), 0.0
+    upper = problem.upper
+    now, damping = Linearised.of(problem, np.minimum(start, upper)), 0.0
     for _ in range(ITERATIONS):
         information, slope, scale = now.normal_equations()
-        step = -np.linalg.solve(information + damping * np.eye(len(slope)), slope)
+        step = _step(information, slope, damping, now.parameters >= upper)
         promise = -float(slope @ step + 0.5 * step @ information @ step)
-        moved = now.parameters + step / scale
+        moved = np.minimum(now.parameters + step / scale, upper)
         trial = _tried(problem, moved)
         better = trial is not None and trial.cost <= now.cost
         now = trial if trial is not None and better else now

@@ -31,6 +31,8 @@ GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
 BENT = 1 + len(PARAMETERS)
 """Curves in each still: the antenna, and one a step further along each of its parameters."""
 RIG = len(RIG_PARAMETERS)
+INSIDE = 1.0 - 1e-5
+"""Part of the length beyond which a load counts as on the tip, where moving it further changes nothing."""
 SWEEPS = 4
 """Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
 
@@ -80,6 +82,15 @@ class Problem:
         return replace(
             self, observations=observations, seen_at_lens=(), kept=kept, groups=groups, readings_at=np.zeros(0)
         )
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(17 + P + K,) upper ends of the parameters: no load hangs beyond the tip."""
+        ends = np.full(self.lens.stop + self.groups.count, np.inf)
+        ends[self.lens.stop :] = self.groups.ends(
+            [one.still for one in self.observations], self.readings_at, INSIDE * self.length_m
+        )
+        return ends
 
     @property
     def begin(self) -> np.ndarray:

@@ -85,6 +85,15 @@ class ReadingGroups:
             force_z_N=heavier * still.force_z_N,
         )
 
+    def ends(self, stills: Sequence[Still], at: np.ndarray, farthest_m: float) -> np.ndarray:
+        """(K,) the largest errors for which no load of these stills, corrected by errors `at`, hangs further out."""
+        ends = np.full(self.count, np.inf)
+        for still, place in zip(stills, self.distance, strict=True):
+            if isinstance(still, Load) and place >= 0:
+                room = at[place] + (farthest_m - still.distance_m) / self.std[place]
+                ends[place] = min(ends[place], room)
+        return ends
+
     def columns(self, index: int, by_distance: np.ndarray, by_log_force: np.ndarray) -> np.ndarray:
         """(..., K) slopes by the errors, from those (...) of a still by its distance (per m) and log force."""
         slopes = np.zeros((*np.shape(by_distance), self.count))

@@ -111,9 +111,7 @@ def load_progress(
     planner = best_use if weighed else best_use.unweighed()
     now = planner.now()
     hung = [
-        one.still
-        for one, kept in zip(joint.problem.observations, joint.kept, strict=True)
-        if kept and isinstance(one.still, Load)
+        one.still for one, kept in zip(joint.noted, joint.kept, strict=True) if kept and isinstance(one.still, Load)
     ]
     gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
     # a load that shows the gain comes first where the gain is not known, if any can

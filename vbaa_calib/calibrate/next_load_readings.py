@@ -175,7 +175,8 @@ def _pushes_now(rows: StillRows) -> tuple[list[Load], list[np.ndarray], list[np.
     loads, pushes, grams = [], [], []
     for index in which:
         mask = rows.of_stills([index])
-        load = observations[index].still
+        # as it was noted: what it was corrected to is no number that another load can share
+        load = joint.noted[index].still
         assert isinstance(load, Load)
         loads.append(load)
         both = np.column_stack([nearer[mask], heavier[mask]]) * solution.weights[mask, None]

@@ -12,7 +12,7 @@ from ..rig import Rig
 from ..session import Load
 from .recheck_change import Change, Information, estimated_change, joint_covariance
 from .recheck_finding import HOLDS, Evidence, Finding, judged, not_given, plus_minus
-from .recheck_stills import ANTENNA, GAIN, LENS, OFFSET, HeldStill, free_shape_moved_mm, tip_std_mm
+from .recheck_stills import ANTENNA, GAIN, LENS, OFFSET, HeldStill, free_shape_moved_mm, loads_information, tip_std_mm
 
 CLAMP, BOW, STIFFNESS = np.arange(6, 10), np.arange(10, 12), 12
 FREE_SHAPE = np.concatenate([CLAMP, BOW])
@@ -62,17 +62,18 @@ def check_antenna(rig: Rig, free: Sequence[HeldStill], loaded: Sequence[HeldStil
     if shape is not None and _shape_evidence(rig, shape).level != HOLDS:
         loose += FREE_SHAPE.tolist()
     single = [ask(data + held.points, [STIFFNESS]) for held in loaded]
-    data = sum((held.points for held in loaded), data)
-    stiffness = ask(data, [STIFFNESS]) if loaded else None
+    # the points of the loads come in again with their readings, of which they share the errors
+    bent = data + loads_information(rig, loaded, moments=False) if loaded else data
+    stiffness = ask(bent, [STIFFNESS]) if loaded else None
     if stiffness is not None and _stiffness_evidence(stiffness).level != HOLDS:
         loose.append(STIFFNESS)
     read = [held for held in free if held.is_read]
-    data = sum((held.reading(rig) for held in read), data)
-    offset = ask(data, [OFFSET]) if read else None
+    zero = sum((held.reading(rig) for held in read), Information.none(len(covariance)))
+    offset = ask(bent + zero, [OFFSET]) if read else None
     if offset is None or _offset_evidence(rig, offset).level != HOLDS:
         loose.append(OFFSET)
-    data = sum((held.reading(rig) for held in loaded), data)
-    gain = ask(data, [GAIN]) if loaded else None
+    whole = data + zero + loads_information(rig, loaded, moments=True) if loaded else data
+    gain = ask(whole, [GAIN]) if loaded else None
     by_load = [(float(change.step[0]), float(change.std[0])) for change in single]
     return AntennaEvidence(free, loaded, shape, clamp, bow, stiffness, offset, gain, by_load)
 

@@ -15,7 +15,7 @@ from ..session import Load, LoadReadings, Still
 from .joint_given import Observation
 from .joint_problem import ANTENNA, GAIN, OFFSET, POSE, SWEEPS
 from .joint_problem import RIG as LENS
-from .load_readings import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, readings_altered
+from .load_readings import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, reading_keys, readings_altered
 from .recheck_change import Information
 
 _WINDOW, _FAR = 25, 5.0
@@ -81,12 +81,43 @@ class HeldStill:
 
     def reading(self, rig: Rig) -> Information:
         """What the sensor's reading says of the rig's parameters."""
+        row, residual, unknown = self.reading_rows(rig)
+        return Information.of(row, np.array([residual]), unknown)
+
+    def reading_rows(self, rig: Rig) -> tuple[np.ndarray, float, np.ndarray]:
+        """The sensor's reading, whitened: row (1, 17 + P), residual, and row (1, 2) by the load's readings."""
         sensor = rig.moment_sensor
         row = np.zeros((1, self.jacobian.shape[1]))
         row[0, ANTENNA] = sensor.gain * self.moment_by_antenna
         row[0, GAIN], row[0, OFFSET] = self.moment_Nm, 1.0
         unknown = sensor.gain * self.moment_by_readings[None] / sensor.std_Nm
-        return Information.of(row / sensor.std_Nm, np.array([self.moment_residual_Nm(rig) / sensor.std_Nm]), unknown)
+        return row / sensor.std_Nm, self.moment_residual_Nm(rig) / sensor.std_Nm, unknown
+
+
+def loads_information(rig: Rig, loaded: Sequence[HeldStill], moments: bool) -> Information:
+    """What loads say of the rig's parameters together, by their points and, if asked for, by the sensor's readings.
+
+    A place or weight that several loads share is off by the same in all of them.
+    """
+    keys = [key for held in loaded for key in _keys(held.still)]
+    names = list(dict.fromkeys(keys))
+    jacobians, residuals, unknowns = [], [], []
+    for index, held in enumerate(loaded):
+        columns = [names.index(key) for key in keys[2 * index : 2 * index + 2]]
+        row, residual, by_readings = held.reading_rows(rig)
+        rows = np.vstack([held.jacobian, row]) if moments else held.jacobian
+        own = np.vstack([held.by_readings, by_readings]) if moments else held.by_readings
+        unknown = np.zeros((len(rows), len(names)))
+        unknown[:, columns] = own
+        jacobians.append(rows)
+        residuals.append(np.append(held.residual_std, residual) if moments else held.residual_std)
+        unknowns.append(unknown)
+    return Information.of(np.vstack(jacobians), np.concatenate(residuals), np.vstack(unknowns))
+
+
+def _keys(still: Still) -> tuple[tuple[str, str], tuple[str, str]]:
+    assert isinstance(still, Load)
+    return reading_keys(still)
 
 
 def hold(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[HeldStill]:

@@ -196,8 +196,13 @@ def print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, n
     From the board in the jig; in a sweep and over a board from where the antenna's frame is.
     """
     camera_m = estimate.T_antenna_camera.translation_m
-    jig = session.T_antenna_board if estimate.way == "jig" else None
-    reach_m = camera_m if jig is None else camera_m - jig.translation_m
+    origin_m = np.zeros(3)
+    if estimate.way == "jig" and session.T_antenna_board is not None:
+        origin_m = session.T_antenna_board.translation_m
+    elif estimate.way == "sweep":
+        # the sweep sees the camera from the joints' crossing
+        origin_m = session.kinematics.T_actuator_antenna.inverse().translation_m
+    reach_m = camera_m - origin_m
     return np.concatenate([np.zeros(3), reach_m])[None], np.array([session.print_scale_std])
 
 

@@ -90,7 +90,7 @@ class Known:
     def scale_std(self) -> float:
         """Of the print's scale, relative; 0 where the board came with the session, as it says."""
         given = "board_given" in self.store.journal.answers
-        return 0.0 if self.scale is None or given else self.scale.std
+        return 0.0 if self.scale is None or given else self.scale.std / self.scale.scale
 
     @property
     def session(self) -> Session:

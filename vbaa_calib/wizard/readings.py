@@ -26,7 +26,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Quantity → names under which it may be given, and what makes SI of it. The first one is what is kept."""
 COLUMNS = tuple(name for names in UNITS.values() for name in names)
-STEADY_PART = 0.1
+STEADY_PART = 0.02
 """Part of a weight's pull that may go along the antenna: a load of a session has no such component."""
 
 JOINTS = (

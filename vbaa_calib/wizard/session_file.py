@@ -46,13 +46,15 @@ def session_data(
         },
         "moment_sensor": dict(before.get("moment_sensor") or {}) | {"std_Nm": 1e-3 * value["moment_std_mNm"]},
     }
-    if "distance_std_mm" in answers or "load_readings" not in before:
+    if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
         data["load_readings"] = {
             "distance_std_m": 1e-3 * value["distance_std_mm"],
             "force_std_relative": 1e-2 * value["mass_std_percent"],
         }
     if print_scale_std:
         data["print_scale_std"] = round(print_scale_std, 9)
+    elif "board_given" not in answers:
+        data.pop("print_scale_std", None)
     if "gravity" in answers or "gravity_world" not in before:
         down = DIRECTIONS.get(value["gravity"])
         data["gravity_world"] = None if down is None else [GRAVITY_M_S2 * float(part) for part in down]

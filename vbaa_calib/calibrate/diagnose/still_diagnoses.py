@@ -45,22 +45,20 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSoluti
     joint : of all stills, as `solve_antenna` gives it.
     """
     problem = joint.problem
-    own = own_scatter(problem.observations)
+    own = own_scatter(joint.noted)
     try:
-        free: JointSolution | None = solve_free(
-            problem.observations, problem.prior, problem.length_m, problem.moment_std_Nm
-        )
+        free: JointSolution | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
     except SolveError:
         free = None
     if free is not None:
         gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, own)
         if gravity is not None:
             return [gravity, *_sensor(session, joint, False)]
-    rows = wrong_rows(free, problem.observations, problem.length_m) if free is not None else []
+    rows = wrong_rows(free, joint.noted, problem.length_m) if free is not None else []
     named = [row for row in rows if row.reading is not None]
     if named:
-        count = sum(isinstance(one.still, Load) for one in problem.observations)
-        for tried in (rows, all_by_commonest(named, problem.observations, problem.length_m)):
+        count = sum(isinstance(one.still, Load) for one in joint.noted)
+        for tried in (rows, all_by_commonest(named, joint.noted, problem.length_m)):
             if tried and _fit_corrected(joint, tried, own):
                 right, odd = [[row for row in tried if (row.reading is None) == none] for none in (False, True)]
                 return [*row_diagnoses(right, count), *unexplained(odd), *_sensor(session, joint, False)]
@@ -93,7 +91,7 @@ def _held(
 def _fit_corrected(joint: JointSolution, rows: Sequence[Row], own: float) -> bool:
     """Whether all stills fit one antenna once the rows are what their pictures ask for."""
     problem = joint.problem
-    observations: list[Observation] = corrected(problem.observations, rows)
+    observations: list[Observation] = corrected(joint.noted, rows)
     try:
         right = solve_joint(observations, problem.prior, problem.length_m, DEAF * problem.moment_std_Nm)
     except SolveError:
