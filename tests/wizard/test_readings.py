@@ -31,7 +31,7 @@ def test_a_mass_is_its_weight() -> None:
     common = {"pan_deg": 0, "tilt_deg": 0, "moment_mNm": 3, "distance_mm": 200}
     rng = np.random.default_rng(2)
     for angle in rng.uniform(0, 2 * np.pi, 10):
-        gravity = 9.8 * np.array([0.05, np.cos(angle), np.sin(angle)])
+        gravity = 9.8 * np.array([0.015, np.cos(angle), np.sin(angle)])
         by_mass = complete("loads", common | {"mass_g": 20}, gravity, 0.24, None)
         forces = {"force_y_mN": 20 * gravity[1], "force_z_N": 0.02 * gravity[2]}
         by_force = complete("loads", common | forces, DOWN, 0.24, None)
