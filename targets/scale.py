@@ -147,8 +147,7 @@ def _judged(
             "same; if the readings were rough, measure again",
         )
     words = (
-        f"printed at {_percent(scale, std)} ({axes}): lengths of {REACH_MM:g} mm are known to {REACH_MM * std:.2g} mm, "
-        f"EI to {300 * std:.2g} % from this alone"
+        f"printed at {_percent(scale, std)} ({axes}): lengths of {REACH_MM:g} mm are known to {REACH_MM * std:.2g} mm"
     )
     if SIGNIFICANT * aspect_std > MOST_ASPECT:
         words += f"; a difference of the axes below {100 * SIGNIFICANT * aspect_std:.1f} % would not show"

@@ -58,7 +58,11 @@ def expect_line(outcome: tuple[int, str], *words: str) -> None:
         assert word in last, f"{word!r} is not in {last!r}"
 
 
-@pytest.mark.parametrize(("question", "typed"), [(q, text) for q in EVERY for text in TYPED[q.kind]], ids=str)
+@pytest.mark.parametrize(
+    ("question", "typed"),
+    [(q, text) for q in EVERY for text in TYPED[q.kind]],
+    ids=lambda one: getattr(one, "key", ascii(one)),
+)
 def test_a_flag(question: Question, typed: str, tmp_path: Path) -> None:
     expect_line(call(tmp_path / "s", f"{question.flag}={typed}"), question.flag, "give ", question.unit)
     assert not (tmp_path / "s").exists()

@@ -116,8 +116,21 @@ def _plane_c(rig: Rig, along: AlongAntenna) -> Finding:
     if not seen.all():
         level = max(level, LOOK, key=(HOLDS, LOOK, FAILS).index)
         words += f"; {int((~seen).sum())} of {len(seen)} places along it are outside the picture"
-    remedy = None if level == HOLDS else "add pictures of the board near the antenna, tilted by 30 to 45 degrees"
+    remedy = None if level == HOLDS else _to_know_better(rig)
     return Finding(name, question, level, words, remedy)
+
+
+def _to_know_better(rig: Rig) -> str:
+    """What limits plane C most: how the camera stands, as the jig and the print have it, or the lens."""
+    turned_mm = (
+        1e3
+        * float(np.sqrt(np.diag(rig.covariance)[:3].max()))
+        * float(np.linalg.norm(rig.T_antenna_camera.translation_m))
+    )
+    placed_mm = 1e3 * float(np.sqrt(np.diag(rig.covariance)[3:6].max()))
+    if max(turned_mm, placed_mm) > PLANE_LOOK_MM / 2:
+        return "know the jig's place and angles, and the print's size, better, or take a sweep of the joints besides"
+    return "add pictures of the board near the antenna, tilted by 30 to 45 degrees"
 
 
 def _lens_whole(rig: Rig, plane: PictureMap) -> Finding:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -48,8 +49,18 @@ def answer_all(known: Known, desk: Desk, step: Step) -> None:
             if kind != "back":
                 desk.say(f"{kind} is for pictures, and they come after the questions")
             continue
+        if question.key in ("board", "source"):
+            value = absolute(Path(), str(value))
         store.answer({question.key: value})
         _keep_if_right(store, desk)
+
+
+def absolute(folder: Path, text: str) -> str:
+    """A path, from then on wherever the wizard is called; what names nothing in `folder` is left for its own errors."""
+    path = os.path.abspath(folder / text)
+    if text == "new" or "://" in text or text.startswith("camera:") or not os.path.exists(path):
+        return text
+    return path
 
 
 def take_back(store: Store, step: str) -> dict[str, Any]:

@@ -49,6 +49,7 @@ def walk(known: Known, desk: Desk) -> dict[str, Any]:
         try:
             if step is steps[-1]:
                 return _concluded(known, desk)
+            _put_results_aside(store, desk)
             command = _through(known, desk, step)
         except Interrupted as interrupt:
             command = interrupt.command
@@ -92,7 +93,19 @@ def _concluded(known: Known, desk: Desk) -> dict[str, Any]:
     # the calibration reads whole folders: what came into them meanwhile was judged by nobody
     put_strangers_aside(store, desk)
     desk.working("everything in one solve")
-    return verdict.conclude(store.root)
+    try:
+        return verdict.conclude(store.root)
+    except VbaaError:
+        _put_results_aside(store, desk)
+        raise
+
+
+def _put_results_aside(store: Store, desk: Desk) -> None:
+    """A rig that was solved from something else must not be taken for this session's."""
+    for name in (verdict.RIG, verdict.REPORT):
+        if (store.root / name).exists():
+            place = store.put_aside(store.root / name, "before")
+            desk.say(f"{name} is of an earlier state and is now {place}")
 
 
 def redo(store: Store, desk: Desk, step: str) -> None:

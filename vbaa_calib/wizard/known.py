@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from targets.board import BoardSpec
 from targets.scale import READING_STD_MM, PrintScale, print_scale, rescaled
 
+from ..calibrate.calibration_report import prior_doubts
 from ..calibrate.diagnose import still_diagnoses
 from ..calibrate.intrinsics import LensSolution, solve_intrinsics
 from ..calibrate.joint import JointSolution, solve_joint
@@ -120,8 +120,11 @@ class Known:
     def still_diagnoses(self) -> list[Diagnosis]:
         """What is wrong, or looks wrong, with the pictures of the antenna and what was typed with them."""
         cause = self.cause("lens", "plane", "noload", "loads")
-        make = partial(still_diagnoses, self.session, self.kinematics, self.joint())
-        return self.once("diagnoses", cause, make)
+        joint = self.joint()
+        return self.once("diagnoses", cause, lambda: [*_against_plane(joint), *self._still_diagnoses(joint)])
+
+    def _still_diagnoses(self, joint: JointSolution) -> list[Diagnosis]:
+        return still_diagnoses(self.session, self.kinematics, joint)
 
     def lens_corners(self) -> np.ndarray:
         """(N, 2) px of all corners of the lens' pictures."""
@@ -222,6 +225,12 @@ class Known:
     def stills(self) -> list[Still]:
         """All pictures of the antenna, in the order of the joint solve."""
         return [self.still(step, one) for step in ("noload", "loads") for one in self.taken(step)]
+
+
+def _against_plane(joint: JointSolution) -> list[Diagnosis]:
+    """Where the antenna contradicts what plane C and its clamp were before it was seen."""
+    remedy = "check what was said of the jig (place, axes, turn, how well it is known) and the clamp"
+    return [Diagnosis("antenna_contradicts_plane", words, remedy, grave=True) for words in prior_doubts(joint)]
 
 
 def scale_of(

@@ -83,8 +83,14 @@ class Store:
 
     def answer(self, answers: Mapping[str, Any]) -> None:
         """Keep answers."""
-        if any(self.journal.answers.get(key) != value for key, value in answers.items()):
-            self.save(self.journal.with_answers(answers))
+        before = self.journal.answers
+        changed = [key for key, value in answers.items() if before.get(key) != value]
+        if not changed:
+            return
+        journal = self.journal.with_answers(answers)
+        if any(key in before and not key.endswith(("source", "readings")) for key in changed):
+            journal = _looked_at_again(journal)
+        self.save(journal)
 
     def take(self, step: str, offered: Offered, readings: Mapping[str, float]) -> Taken:
         """Keep a picture, with what was read with it."""
@@ -213,6 +219,15 @@ class Store:
                 for path in folder.iterdir():
                     if _HALF_WRITTEN.fullmatch(path.name):
                         path.unlink(missing_ok=True)
+
+
+def _looked_at_again(journal: Journal) -> Journal:
+    """With the pictures of the antenna that were left offered again: why they were may have been a wrong answer."""
+    for step in ("noload", "loads"):
+        record = journal.of(step)
+        if record.left:
+            journal = journal.with_step(step, replace(record, left=()))
+    return journal
 
 
 def _number(file: str) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import difflib
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -80,6 +79,7 @@ def answers_given(args: argparse.Namespace) -> dict[str, Any]:
     """Answers of --answers and of flags, which win; checked. Raises InputError."""
     from ..errors import InputError
     from ..files import read_yaml
+    from .asking import absolute
     from .readings import from_list
 
     known = {question.key: question for question in _OPTIONS}
@@ -95,22 +95,14 @@ def answers_given(args: argparse.Namespace) -> dict[str, Any]:
         else:
             found[key] = known[key].read(value, args.answers)
         if key in _PATHS and isinstance(found[key], str):
-            found[key] = _absolute(args.answers.parent, found[key])
+            found[key] = absolute(args.answers.parent, found[key])
     for key, question in known.items():
         value = getattr(args, f"answer_{key}")
         if value is not None:
             found[key] = question.read(value, question.flag)
             if key in _PATHS:
-                found[key] = _absolute(Path(), found[key])
+                found[key] = absolute(Path(), found[key])
     return found
-
-
-def _absolute(folder: Path, text: str) -> str:
-    """A path, from then on wherever the wizard is called; what names nothing in `folder` is left for its own errors."""
-    path = os.path.abspath(folder / text)
-    if text == "new" or "://" in text or text.startswith("camera:") or not os.path.exists(path):
-        return text
-    return path
 
 
 def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -83,6 +83,6 @@ STEP = Step(
     "board",
     "Board",
     "Print the board at 100 %, glue it flat, and measure the print in both directions.",
-    "The board is the ruler of everything: a print 1 % too small makes every distance 1 % wrong, and EI 3 %.",
+    "The board is the ruler of everything: a print 1 % too small makes every distance 1 % wrong, and EI with it.",
     look,
 )

@@ -64,7 +64,10 @@ def _jig(known: Known, plane: PlaneC, seen: list[str]) -> Progress:
         next="enough, more will not help" if now.enough else SHOOT["plane"],
         enough=now.enough,
         usable=True,
-        numbers=(Number("plane C by lens and jig's pictures", f"± {1e3 * now.std_m:.3f} mm"), *_numbers(known, plane)),
+        numbers=(
+            *([Number("plane C by lens and jig's pictures", f"± {1e3 * now.std_m:.3f} mm")] if now.std_m >= 0 else []),
+            *_numbers(known, plane),
+        ),
     )
 
 
@@ -76,8 +79,8 @@ def _numbers(known: Known, plane: PlaneC) -> tuple[Number, ...]:
         covariance = covariance + estimate.lens_sensitivity @ lens @ estimate.lens_sensitivity.T
     std = np.sqrt(np.diag(covariance))
     return (
-        Number("camera's place", f"± {1e3 * std[3:].max():.2f} mm"),
-        Number("camera's angles", f"± {1e3 * std[:3].max():.2f} mrad"),
+        Number("camera's place, with what the jig itself is worth", f"± {1e3 * std[3:].max():.2f} mm"),
+        Number("camera's angles, the same", f"± {1e3 * std[:3].max():.2f} mrad"),
     )
 
 
