@@ -32,7 +32,7 @@ QUESTIONS = (
         "board_along_x_mm",
         "board",
         "How long is {measured_x}, as printed? It says {measure_x_mm:.6g} mm",
-        "printers scale; a board 1 % off makes every distance 1 % wrong, and EI with it: use a caliper or a steel ruler",
+        "printers scale; a board 1 % off makes every distance 1 % wrong, and EI: use a caliper or a steel ruler",
         unit="mm",
         low=1.0,
         high=5000.0,

@@ -102,10 +102,10 @@ def _concluded(known: Known, desk: Desk) -> dict[str, Any]:
 
 def _put_results_aside(store: Store, desk: Desk) -> None:
     """A rig that was solved from something else must not be taken for this session's."""
-    for name in (verdict.RIG, verdict.REPORT):
-        if (store.root / name).exists():
-            place = store.put_aside(store.root / name, "before")
-            desk.say(f"{name} is of an earlier state and is now {place}")
+    there = [path for path in (store.root / verdict.RIG, store.root / verdict.REPORT) if path.exists()]
+    if there:
+        place = store.put_aside(there, "before")
+        desk.say(f"{' and '.join(path.name for path in there)} of an earlier state: now in {place}")
 
 
 def redo(store: Store, desk: Desk, step: str) -> None:

@@ -29,10 +29,6 @@ def found_antenna(known: Known, step: str, offered: Offered, readings: Mapping[s
     try:
         seen = known.observe(still_of(step, path, readings), step, picture_from_bytes(offered.data, path))
     except InputError as error:
-        first = (
-            "; or what was said of the jig is wrong, so that it is looked for elsewhere"
-            if not known.taken(step)
-            else ""
-        )
-        return Judged(f"{error.what}; shoot it again with the antenna lit and wholly in view{first}")
+        jig = "" if known.taken(step) else "; or what was said of the jig is wrong, so that it is looked for elsewhere"
+        return Judged(f"{error.what}; shoot it again with the antenna lit and wholly in view{jig}")
     return Judged(words=f"antenna seen at {len(seen.points_px)} points")

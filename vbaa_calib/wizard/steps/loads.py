@@ -31,13 +31,8 @@ def look(known: Known) -> Progress:
         joint, session = known.joint(), known.session
         now = load_progress(joint, session, masses, GOAL, known.kinematics)
     except VbaaError as error:
-        return Progress(
-            tuple(seen),
-            (str(error),),
-            "what is said above has to be mended first; `back` leads to it"
-            if taken
-            else "hang a weight on the antenna",
-        )
+        then = "mend what is said above; `back` leads to it" if taken else "hang a weight on the antenna"
+        return Progress(tuple(seen), (str(error),), then)
     loaded = any(isinstance(still, Load) for still in known.stills())
     enough = now.enough and len(taken) >= LEAST
     suggested = now.suggestion.words if now.suggestion else ""
