@@ -26,7 +26,11 @@ class PseudoTerminal:
         self._ours, theirs = pty.openpty()
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 80, 0, 0))
         environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "LINES", "NO_COLOR")}
-        code = "import sys; from vbaa_calib.cli.main import main; sys.exit(main())"
+        # a shell that runs the tests in the background has Ctrl-C ignored, and children inherit that
+        code = (
+            "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+            "from vbaa_calib.cli.main import main; sys.exit(main())"
+        )
         self.process = subprocess.Popen(
             [sys.executable, "-c", code, *arguments],
             stdin=theirs,

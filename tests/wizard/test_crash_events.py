@@ -89,7 +89,12 @@ def test_ctrl_c(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exit 130 with how to go on; what was taken stays."""
     shutil.rmtree(tiny.session)
     on_picture(monkeypatch, "noload", 2, lambda: signal.raise_signal(signal.SIGINT))
-    code, said = call(tiny.session, "--answers", tiny.answers)
+    # a shell that runs the tests in the background has the signal ignored
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        code, said = call(tiny.session, "--answers", tiny.answers)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert code == 130
     assert f"`vbaa wizard {tiny.session}` goes on here" in said
     assert len(journal(tiny).of("noload").taken) == 1
