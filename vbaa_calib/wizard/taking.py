@@ -138,6 +138,10 @@ class Taking:
         if not self.source.live or offered is self.pending:
             self._decide(offered)
             return
+        height, width = offered.image.shape
+        if (width, height) != self.known.live_size:
+            # what is to be shown next is told for pictures of this size
+            self.known.live_size, self.progress = (width, height), None
         judged = self._judged(offered, None)
         assert offered.time_s is not None
         held = self.gate.feed(offered.image, offered.time_s, judged.corners_px, judged.ids)
