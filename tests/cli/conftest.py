@@ -13,9 +13,9 @@ import pytest
 import yaml
 
 from vbaa_calib.cli.main import main
-from vbaa_calib.files import read_yaml
-from vbaa_calib.synth.scene import bundled_scene
 from viz import report_pictures
+
+from ..small_scene import small_scene
 
 
 @dataclass(frozen=True)
@@ -50,25 +50,11 @@ def vbaa(capfd: pytest.CaptureFixture[str]) -> Call:
     return call
 
 
-def small_scene() -> dict[str, Any]:
-    """The demo's scene with few and small pictures."""
-    scene = read_yaml(bundled_scene("demo"))
-    scene["name"] = "small"
-    scene["camera"]["image_size"] = [480, 360]
-    scene["camera"]["matrix"] = [[502.0, 0.0, 238.3], [0.0, 500.5, 181.6], [0.0, 0.0, 1.0]]
-    scene["intrinsics"]["pictures"] = 5
-    scene["jig"]["pictures"] = 1
-    scene["noload"] = scene["noload"][:3]
-    scene["loads"] = [scene["loads"][index] for index in (1, 3, 8, 9)]
-    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
-    return scene
-
-
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with scene.yaml, session/ and rig.json, never to be written to."""
     folder = tmp_path_factory.mktemp("made")
-    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene()))
+    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=3, loads=(1, 3, 8, 9))))
     assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
     assert main(["calibrate", str(folder / "session"), "-o", str(folder / "rig.json")]) == 0
     return folder

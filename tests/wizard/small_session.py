@@ -30,19 +30,7 @@ from vbaa_calib.wizard.steps import verdict
 from vbaa_calib.wizard.steps.step import Step
 from vbaa_calib.wizard.store import LOCK
 
-
-def small_scene() -> dict[str, Any]:
-    """The demo's scene with few and small pictures."""
-    scene = read_yaml(bundled_scene("demo"))
-    scene["name"] = "small"
-    scene["camera"]["image_size"] = [480, 360]
-    scene["camera"]["matrix"] = [[502.0, 0.0, 238.3], [0.0, 500.5, 181.6], [0.0, 0.0, 1.0]]
-    scene["intrinsics"]["pictures"] = 5
-    scene["jig"]["pictures"] = 1
-    scene["noload"] = scene["noload"][:2]
-    scene["loads"] = [scene["loads"][index] for index in (1, 8)]
-    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
-    return scene
+from ..small_scene import small_scene
 
 
 @functools.cache
@@ -50,7 +38,7 @@ def rendered() -> Path:
     """The session as a camera's program would leave it, with session.yaml and tables. Never to be written to."""
     folder = Path(tempfile.mkdtemp(prefix="small-rig-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene()))
+    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=2, loads=(1, 8))))
     assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
     shutil.rmtree(folder / "session" / "recording")
     return folder / "session"

@@ -186,7 +186,8 @@ class Problem:
         moments = curves.moment_Nm.reshape(len(self.observations), BENT)
         if not self.groups.count:
             return blocks, moments
-        by_readings = here.slopes_by_readings(parameters, seen)
+        by_load = here.slopes_by_load(parameters, seen)
+        by_readings = [self.groups.columns(index, *slopes.T) for index, slopes in enumerate(by_load)]
         blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_readings, strict=True)]
         return blocks, np.hstack([moments, [rows[-1] for rows in by_readings]])
 
@@ -199,8 +200,11 @@ class Problem:
         loaded = [replace(one, still=still) for one, still in zip(self.observations, stills, strict=True)]
         return replace(self, observations=loaded)
 
-    def slopes_by_readings(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
-        """Per observation (N + 1, K): slopes of the whitened distances, and of the moment, by the loads' errors."""
+    def slopes_by_load(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
+        """Per observation (N + 1, 2): slopes of the whitened distances, and of the moment, by its own load.
+
+        By its place along the antenna, per m, and by the logarithm of its force; zero for a free one.
+        """
         three = [
             replace(one, still=still)
             for one in self.observations
@@ -208,12 +212,12 @@ class Problem:
         ]
         curves = replace(self, observations=three).curves(parameters[None, ANTENNA])
         view, found = [self.pose(parameters).inverse()] * 3, []
+        steps = np.array([-DISTANCE_STEP_M, LOG_FORCE_STEP])
         for index, points in enumerate(seen):
             which = np.arange(3 * index, 3 * index + 3)
             distances = whitened_residuals(points, image_curves(curves.picked(which), view))
             whole = np.vstack([distances, curves.moment_Nm[which]])
-            by_distance = (whole[:, 0] - whole[:, 1]) / DISTANCE_STEP_M
-            found.append(self.groups.columns(index, by_distance, (whole[:, 2] - whole[:, 0]) / LOG_FORCE_STEP))
+            found.append((whole[:, 1:] - whole[:, :1]) / steps)
         return found
 
     def _with_slopes(self, points: SeenPoints, images: ImageCurves) -> np.ndarray:

@@ -8,14 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry import Kinematics
-from ..reprojection import image_curves, whitened_residuals
 from ..rig import RIG_STEPS
 from ..session import Load, Session, Still, gravity_antenna
-from .diagnose.rows import with_readings_altered
 from .joint import JointSolution
 from .joint_given import Observation
-from .joint_problem import ANTENNA, GAIN, OFFSET, RIG
-from .load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP
+from .joint_problem import ANTENNA, GAIN, OFFSET, RIG, Problem
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 STEEPEST_RAD = np.deg2rad(35.0)
@@ -122,8 +119,9 @@ def candidates(
     chosen = [item for item, seen in zip(wanted, inside, strict=True) if seen]
     if not chosen:
         return []
-    rows = _rows(joint, placed)
-    readings = _by_readings(joint, placed)
+    problem = joint.problem.over(placed).relinearised(joint.solution.parameters[: joint.problem.lens.stop])
+    rows = _rows(joint, problem)
+    readings = _by_readings(joint, problem)
     return [
         Candidate(load, mass, pull.direction, pull.over_pulley, jacobian, *own)
         for (mass, pull, load), jacobian, own in zip(chosen, rows, readings, strict=True)
@@ -154,10 +152,9 @@ def _predicted(joint: JointSolution, wanted: Sequence[Observation]) -> tuple[lis
     return placed, inside
 
 
-def _rows(joint: JointSolution, placed: Sequence[Observation]) -> list[np.ndarray]:
+def _rows(joint: JointSolution, problem: Problem) -> list[np.ndarray]:
     """Per still (N + 1, 17 + P): whitened rows of points and moment."""
-    parameters = joint.solution.parameters[: joint.problem.lens.stop]
-    problem = joint.problem.over(placed).relinearised(parameters)
+    parameters = joint.solution.parameters[: problem.lens.stop]
     blocks, moments = problem.evaluate(parameters)
     found = []
     for block, moment in zip(blocks, moments, strict=True):
@@ -172,19 +169,11 @@ def _rows(joint: JointSolution, placed: Sequence[Observation]) -> list[np.ndarra
     return found
 
 
-def _by_readings(joint: JointSolution, placed: Sequence[Observation]) -> list[tuple[np.ndarray, np.ndarray]]:
+def _by_readings(joint: JointSolution, problem: Problem) -> list[tuple[np.ndarray, np.ndarray]]:
     """Per still (N + 1,) twice: how its residuals move with its distance and with the logarithm of its force."""
-    parameters = joint.solution.parameters[: joint.problem.lens.stop]
-    problem = joint.problem.over([each for one in placed for each in (one, *with_readings_altered(one))])
-    seen = joint.problem.over(placed).relinearised(parameters).seen_at_lens
-    curves = problem.curves(parameters[None, ANTENNA])
-    view = [joint.T_antenna_camera.inverse()] * 3
-    found = []
-    for index, points in enumerate(seen):
-        three = np.arange(3 * index, 3 * index + 3)
-        distances = whitened_residuals(points, image_curves(curves.picked(three), view)) / problem.noise_scale
-        moments = parameters[GAIN] * curves.moment_Nm[three] / problem.moment_std_Nm
-        whole = np.vstack([distances, moments])
-        by_distance = (whole[:, 0] - whole[:, 1]) / DISTANCE_STEP_M
-        found.append((by_distance, (whole[:, 2] - whole[:, 0]) / LOG_FORCE_STEP))
+    parameters, found = joint.solution.parameters[: problem.lens.stop], []
+    for slopes in problem.slopes_by_load(parameters, problem.seen_at_lens):
+        slopes[:-1] /= problem.noise_scale
+        slopes[-1] *= parameters[GAIN] / problem.moment_std_Nm
+        found.append((slopes[:, 0], slopes[:, 1]))
     return found

@@ -15,6 +15,7 @@ from .catalogue_plane import keeps_jig
 from .desk import Desk, Interrupted
 from .journal import Journal
 from .known import Known
+from .session_file import check_jig_axes
 from .steps import board
 from .steps.step import Step
 from .store import Store
@@ -115,9 +116,8 @@ def check_together(answers: Mapping[str, Any]) -> None:
         remedy = "give jig_translation_mm and the other answers about the jig too, or mend jig: in session.yaml"
         raise InputError("the jig is the one that session.yaml describes", where=ignored[0], remedy=remedy)
     x, y = answers.get("jig_board_x"), answers.get("jig_board_y")
-    if x and y and x.lstrip("-") == y.lstrip("-"):
-        what = f"the board's x runs along {x} and its y along {y}"
-        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
+    if x and y:
+        check_jig_axes(x, y)
 
 
 def facts(answers: Mapping[str, Any]) -> dict[str, Any]:

@@ -71,14 +71,16 @@ def session_data(
     return data
 
 
+def check_jig_axes(x: str, y: str) -> None:
+    """Raises InputError for axes of the board that run along the same line."""
+    if x.lstrip("-") == y.lstrip("-"):
+        what = f"the board's x runs along {x} and its y along {y}"
+        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
+
+
 def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
+    check_jig_axes(value["jig_board_x"], value["jig_board_y"])
     x, y = (np.array(DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
-    if abs(x @ y) > 0.5:
-        raise InputError(
-            f"the board's x runs along {value['jig_board_x']} and its y along {value['jig_board_y']}",
-            where="jig_board_y",
-            remedy="the two are at right angles: answer one of them anew",
-        )
     turn = Rotation.from_rotvec(value["jig_turn_deg"], degrees=True)
     rotation = turn * Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
     return {

@@ -112,6 +112,7 @@ def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[st
     from .flow import ALL, Quit, redo, walk
     from .greeting import greeting
     from .page import Page
+    from .steps.verdict import REPORT
     from .terminal import Terminal
 
     # without one of them where they were closed
@@ -139,7 +140,7 @@ def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[st
         except Quit:
             desk.say(f"stopped; `vbaa wizard {args.session}` goes on here")
             return _told(store, None)
-        desk.done(document, str(store.root / "check.html"))
+        desk.done(document, str(store.root / REPORT))
         if attended and page is not None:
             _linger(desk)
         return _told(store, document)
@@ -190,6 +191,8 @@ def _linger(desk: Desk) -> None:
 
 def _told(store: Store, document: Mapping[str, Any] | None) -> dict[str, Any]:
     """For --json."""
+    from .steps.verdict import REPORT, RIG
+
     steps = {
         name: {"pictures": len(record.taken), "left": len(record.left), "closed": record.closed}
         for name, record in store.journal.steps.items()
@@ -198,8 +201,8 @@ def _told(store: Store, document: Mapping[str, Any] | None) -> dict[str, Any]:
     if document is None:
         return told
     return told | {
-        "rig": str(store.root / "rig.json"),
-        "report": str(store.root / "check.html"),
+        "rig": str(store.root / RIG),
+        "report": str(store.root / REPORT),
         "verdict": document["verdict"],
         "words": document["words"],
         "findings": [*document["session_findings"], *document["findings"]],
