@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow lint install gl clean
+.PHONY: demo test test-slow docs lint install gl clean
 .DEFAULT_GOAL := test
 
 install: $(INSTALLED)
@@ -33,10 +33,14 @@ test: $(INSTALLED) gl
 test-slow: $(INSTALLED) gl
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
+# the documentation as a site: docs/_build/index.html
+docs: $(INSTALLED)
+	$(BIN)/python -m sphinx -W --keep-going -n -q -j auto -b html docs docs/_build
+
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
 clean:
-	rm -rf $(VENV) demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) demo docs/_build .pytest_cache .mypy_cache .ruff_cache
