@@ -14,9 +14,8 @@ import numpy as np
 
 from .budget_space import ErrorSpace
 from .budget_touches import RUNG, Touches, as_seen, unknowns_of, world_rotation
-from .solve.descend import begin
+from .solve.descend import begin, evaluated
 from .solve.known import UNKNOWNS, Known
-from .solve.settle import evaluated
 from .solve.view import look, rig_table
 
 PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"

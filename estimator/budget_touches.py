@@ -91,7 +91,7 @@ def of_force(known: Known, distance_m: float, force_N: np.ndarray, pan_rad: floa
     )
 
 
-def as_seen(known: Known, touches: Touches, with_moment: bool = True) -> Frames:
+def as_seen(known: Known, touches: Touches, with_moment: bool) -> Frames:
     """Noise-free frames of the contacts: a point a pixel along what is in the picture, and the reading."""
     rig, empty = known.rig, _empty(known, touches)
     shapes = antennas(empty, RUNG, unknowns_of(known, touches)[:, None])

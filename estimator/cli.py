@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
+from array import array
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,9 +75,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     frames = _frames(session, rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    rows = list(_rows(args, estimator, session, frames))
-    write_contacts(args.output, rows, args.force)
-    result = _summary(rows)
+    tally = Tally()
+    write_contacts(args.output, tally.counted(_rows(args, estimator, session, frames)), args.force)
+    result = _summary(tally)
     say(f"wrote {args.output}")
     if args.overlay is not None:
         say(f"wrote {args.overlay}: open {args.overlay / 'index.html'} to see what was seen in each frame")
@@ -89,11 +91,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def check_outputs(args: argparse.Namespace) -> None:
     """Raises InputError for outputs that cannot be written, before any work."""
     from vbaa_calib.files import refuse_overwrite
+    from vbaa_calib.session import refuse_measured
 
     from .overlay_folder import refuse_folder
     from .table import check_format
 
     refuse_overwrite(args.output, args.force, (args.rig, args.background))
+    refuse_measured(args.output, args.session)
     check_format(args.output)
     if args.overlay is not None:
         refuse_folder(args.overlay, args.force)
@@ -140,20 +144,38 @@ def _rows(
             yield ContactRow.of(item.frame, item.contact)
 
 
-def _summary(rows: Sequence[ContactRow]) -> dict[str, Any]:
+class Tally:
+    """What became of the rows that have passed: a few numbers of each are kept."""
+
+    def __init__(self) -> None:
+        self.status: Counter[str] = Counter()
+        self.models: Counter[str] = Counter()
+        self.distance_std_m = array("d")
+
+    def counted(self, rows: Iterable[ContactRow]) -> Iterator[ContactRow]:
+        """The same rows."""
+        for row in rows:
+            self.status[row.status] += 1
+            self.models[row.model] += 1
+            if math.isfinite(row.distance_std_m):
+                self.distance_std_m.append(row.distance_std_m)
+            yield row
+
+
+def _summary(tally: Tally) -> dict[str, Any]:
     """What became of the frames, said and returned."""
     import numpy as np
 
     from vbaa_calib.console import say
 
-    counts = Counter(row.status for row in rows)
-    say(f"{len(rows)} frames: " + ", ".join(f"{count} {status}" for status, count in counts.most_common()))
-    located = [row.distance_std_m for row in rows if np.isfinite(row.distance_std_m)]
-    if located:
-        say(f"contact distance known to {1e3 * float(np.median(located)):.2f} mm (median standard deviation)")
+    frames = tally.status.total()
+    say(f"{frames} frames: " + ", ".join(f"{count} {status}" for status, count in tally.status.most_common()))
+    located = float(np.median(tally.distance_std_m)) if tally.distance_std_m else None
+    if located is not None:
+        say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
     return {
-        "frames": len(rows),
-        "status": dict(counts),
-        "models": dict(Counter(row.model for row in rows)),
-        "distance_std_median_m": float(np.median(located)) if located else None,
+        "frames": frames,
+        "status": dict(tally.status),
+        "models": dict(tally.models),
+        "distance_std_median_m": located,
     }

@@ -159,6 +159,12 @@ class ContactTable:
         """The same rows, at least one, as columns."""
         return ContactTable(**{f.name: np.array([getattr(row, f.name) for row in rows]) for f in fields(ContactTable)})
 
+    @staticmethod
+    def joined(parts: Sequence[ContactTable]) -> ContactTable:
+        """The rows of several tables, at least one, one after the other."""
+        names = [f.name for f in fields(ContactTable)]
+        return ContactTable(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
     def __len__(self) -> int:
         return len(self.frame)
 

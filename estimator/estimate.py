@@ -158,7 +158,7 @@ class ContactEstimator:
         frames = self._frames(self._known, *stacked([measured]))
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
-        unknowns = explore(frames).floors[:, 0]
+        unknowns = explore(frames, descended=True).floors[:, 0]
         return Rough(unknowns[0], look(frames, EXPLORER, unknowns).points_m[0])
 
     def shape(self, measured: Measured) -> np.ndarray | None:

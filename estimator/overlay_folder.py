@@ -62,7 +62,7 @@ class Entry:
 
 def refuse_folder(path: Path, force: bool) -> None:
     """Raises InputError unless debug pictures may be written to `path`; a folder of other things is never replaced."""
-    parent = path.resolve().parent
+    parent = Path(os.path.realpath(path)).parent
     if not parent.is_dir():
         raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
     if not os.access(parent, os.W_OK | os.X_OK):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import csv
-import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from vbaa_calib.csv_rows import csv_rows
 from vbaa_calib.errors import InputError
-from vbaa_calib.files import read_csv, write_text
+from vbaa_calib.files import replacing
 
 from .contact_row import LOCATED, STATUSES, ContactRow, ContactTable
 from .parquet import read_parquet, require_arrow, write_parquet
@@ -29,6 +29,8 @@ __all__ = [
 ]
 
 PARQUET = ".parquet"
+TOGETHER = 1024
+"""Rows that are put into columns at once: as columns they take a fifth of the room."""
 
 
 def check_format(path: Path) -> None:
@@ -39,21 +41,22 @@ def check_format(path: Path) -> None:
         raise InputError("is neither .csv nor .parquet", where=path, remedy="the suffix chooses the format")
 
 
-def write_contacts(path: Path, rows: Sequence[ContactRow], force: bool = False) -> None:
+def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) -> None:
     """Write the rows, at least one, whole or not at all, as Parquet or CSV (nine digits) by suffix.
+
+    Each is written as it comes: a generator of rows may be longer than the memory.
 
     Raises InputError when the file exists and `force` is off.
     """
     path = Path(path)
-    table = [cells(row) for row in rows]
     if path.suffix == PARQUET:
-        write_parquet(path, {name: [line[name] for line in table] for name in table[0]}, force)
+        write_parquet(path, map(cells, rows), force)
         return
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*COLUMNS, *EXTRA_COLUMNS])
-    writer.writerows([_text(name, value) for name, value in line.items()] for line in table)
-    write_text(path, text.getvalue(), force)
+    with replacing(path, force) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([*COLUMNS, *EXTRA_COLUMNS])
+        for row in rows:
+            writer.writerow([_text(name, value) for name, value in cells(row).items()])
 
 
 def _text(name: str, value: Cell) -> str:
@@ -72,22 +75,27 @@ def read_contacts(path: Path) -> ContactTable:
         backwards, a covariance that is none; with file, line and remedy.
     """
     path = Path(path)
-    read = read_parquet if path.suffix == PARQUET else read_csv
+    read = read_parquet if path.suffix == PARQUET else csv_rows
     records: Iterable[dict[str, str]] = read(path, COLUMNS, EXTRA_COLUMNS)
     rows: list[ContactRow] = []
+    parts: list[ContactTable] = []
     lines: dict[int, str] = {}
+    time_s = -np.inf
     for record in records:
         row, where = row_of(record, path), f"{path} line {record['line']}"
         if row.frame in lines:
             raise InputError(
                 f"frame {row.frame} stands already in line {lines[row.frame]}", where=where, remedy="keep one of them"
             )
-        if rows and row.time_s < rows[-1].time_s:
-            raise InputError(
-                f"time_s runs backwards, {rows[-1].time_s:g} to {row.time_s:g}", where=where, remedy="sort by time"
-            )
-        lines[row.frame] = record["line"]
+        if row.time_s < time_s:
+            raise InputError(f"time_s runs backwards, {time_s:g} to {row.time_s:g}", where=where, remedy="sort by time")
+        lines[row.frame], time_s = record["line"], row.time_s
         rows.append(row)
-    if not rows:
+        if len(rows) == TOGETHER:
+            parts.append(ContactTable.from_rows(rows))
+            rows.clear()
+    if rows:
+        parts.append(ContactTable.from_rows(rows))
+    if not parts:
         raise InputError("has no rows", where=path, remedy="one for every frame is needed")
-    return ContactTable.from_rows(rows)
+    return ContactTable.joined(parts)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import torch
+from drawing import BLUE, ORANGE, canvas, figures_folder, save
 
 from vbaa_calib import Camera
 from vbaa_calib.camera import CameraOnPlane
@@ -25,3 +26,19 @@ for point, spread, good in zip(xy.tolist(), std.tolist(), valid.tolist(), strict
 
 xy.sum().backward()
 print("moved by one pixel to the right, the second point moves by", f"{1e3 * pixels.grad[1, 0]:.3f} mm in x + y")
+
+if folder := figures_folder():
+    v, u = np.mgrid[0:720:24, 0:1280:24] + 12.0
+    grid = np.stack([u, v], axis=-1)
+    on_plane_mm = 1e3 * layer.project(grid)[0]
+    worst_mm = 1e3 * np.sqrt(np.linalg.eigvalsh(layer.covariance(grid, sigma_px=0.1))[..., -1])
+    figure, (left, right) = canvas(2, 3.0)
+    left.plot(*on_plane_mm[::2].transpose(2, 1, 0), ".", color=BLUE, markersize=2)
+    left.plot([0, 240], [0, 0], color=ORANGE, linewidth=2.5, label="antenna, straight")
+    left.set(xlabel="x on plane C, mm", ylabel="y, mm", title="every 24th pixel on plane C", aspect="equal")
+    left.legend(loc="lower right")
+    shades = right.pcolormesh(u, v, worst_mm, cmap="viridis", shading="nearest")
+    figure.colorbar(shades, ax=right, label="mm", shrink=0.62)
+    right.set(xlabel="u, px", ylabel="v, px", title="what 0.1 px is worth on plane C", aspect="equal")
+    right.invert_yaxis()
+    save(figure, folder, __file__)

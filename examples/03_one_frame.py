@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from drawing import BLUE, DARK, ORANGE, canvas, figures_folder, save
 
 from estimator import ContactEstimator
 from vbaa_calib import Camera, Rig
@@ -11,7 +12,7 @@ from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor
 
 stiffness_Nm2, mass_kg_m, length_m = 3.9e-3, 4.0e-3, 0.24
 gravity = np.array([0.0, 0.0, -9.80665])
-tilted = Pose.from_rotvec(np.array([np.pi + 0.5, 0.0, 0.0]), np.array([0.12, 0.2, 0.35]))
+tilted = Pose.from_rotvec(np.array([np.pi - 0.5, 0.0, 0.0]), np.array([0.12, 0.15, 0.27]))
 rig = Rig(
     camera=Camera("opencv", (960, 720), np.array([[1000.0, 0, 480], [0, 1000.0, 360], [0, 0, 1]]), np.zeros(0)),
     T_antenna_camera=tilted,
@@ -41,3 +42,19 @@ print(f"{contact.status}: l = {1e3 * contact.distance_m:.2f} ± {1e3 * contact.d
 print("force", (1e3 * contact.force_N).round(2), "±", (1e3 * contact.force_std_N).round(2), "mN")
 print("true ", (1e3 * force_N[0]).round(2))
 print("contact point in the world", (1e3 * contact.point_world_m).round(2), "mm;", contact.reason)
+
+if folder := figures_folder():
+    figure, (left, right) = canvas(2)
+    left.plot(*pixels.T, ".", color=BLUE, markersize=3, label="seen points")
+    touch_px = rig.camera.project(tilted.inverse() @ contact.point_antenna_m[None])[0][0]
+    left.plot(*touch_px, "o", color=ORANGE, markersize=8, fillstyle="none", label="contact found")
+    left.set(xlim=(0, 960), ylim=(720, 0), xlabel="u, px", ylabel="v, px", title="the picture", aspect="equal")
+    for axis, name, color in ((1, "y", BLUE), (2, "z", ORANGE)):
+        right.plot(*1e3 * points[0][:, [0, axis]].T, color=color, label=f"{name} of the antenna, true")
+        mean, std = 1e3 * contact.point_antenna_m, 1e3 * np.sqrt(np.diag(contact.covariance_world_m2))
+        right.errorbar(mean[0], mean[axis], 10 * std[axis], 10 * std[0], "o", color=color, capsize=3)
+    right.plot([], [], "o", color=DARK, label="contact found, bars of 10 deviations")
+    right.set(xlabel="x, mm", ylabel="y and z, mm", title="in the antenna frame")
+    left.legend(loc="upper left")
+    right.legend()
+    save(figure, folder, __file__)

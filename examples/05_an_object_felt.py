@@ -1,6 +1,7 @@
 """An object felt: the antenna strokes a ball there and back; out come its shape, its normals and its friction."""
 
 import numpy as np
+from drawing import BLUE, DARK, GREY, ORANGE, canvas, figures_folder, save
 
 from estimator.felt import feel
 from vbaa_calib.bench.estimator_setup import Setup
@@ -42,3 +43,24 @@ print(f"normals off by {np.median(lean):.1f}°; said: {np.degrees(np.median(felt
 print(f"stiffness: {felt.compliance.reason}")
 for event in felt.track.events[:4]:
     print(" ", event.words)
+
+if folder := figures_folder():
+    figure, (left, right) = canvas(2)
+    touched, center = 1e3 * surface.touched_m, 1e3 * ball.center_world_m
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    left.plot(center[1] + 40 * np.cos(turn), center[2] + 40 * np.sin(turn), color=GREY, label="the ball")
+    left.plot(touched[:, 1], touched[:, 2], ".", color=BLUE, label="touched")
+    left.quiver(
+        *touched[::4, 1:].T, *felt.normals.normal[::4, 1:].T, color=ORANGE, width=0.006, scale=12, label="normals"
+    )
+    left.set(
+        xlabel="Y, mm", ylabel="Z, mm", xlim=(-30, 30), ylim=(-22, 4), title="seen along the antenna", aspect="equal"
+    )
+    height = np.linalg.norm(surface.touched_m - ball.center_world_m, axis=1) - ball.radius_m
+    std = surface.touched_std_m
+    right.errorbar(touched[:, 1], 1e3 * height, 2e3 * std, fmt=".", color=BLUE, ecolor=GREY, label="two deviations")
+    right.axhline(0.0, color=DARK, linewidth=0.8)
+    right.set(xlabel="Y, mm", ylabel="above the true surface, mm", title="the surface")
+    left.legend()
+    right.legend()
+    save(figure, folder, __file__)

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from vbaa_calib.bench import calibration_peers
-from vbaa_calib.bench.calibration import run
+from vbaa_calib.bench.calibration import headline
+from vbaa_calib.bench.calibration_figure import STYLES, write_figure
 from vbaa_calib.bench.calibration_judge import error_mm, plane_c
 from vbaa_calib.bench.calibration_methods import SOLVERS, screening, solve_oracle
-from vbaa_calib.bench.calibration_peers import INTERPRETERS, absence, interpreter_of, solve_with
+from vbaa_calib.bench.calibration_peers import INTERPRETERS, absence, interpreter_of, solve_with, versions
 from vbaa_calib.bench.calibration_report import as_text
 from vbaa_calib.bench.calibration_rigs import SIGMA_PX, draw, rigs
+from vbaa_calib.bench.calibration_run import Row, run
 from vbaa_calib.bench.rows import write_csv
 
 
@@ -54,6 +56,7 @@ def test_a_peer_that_is_not_there_is_named_with_where_to_get_it(
     monkeypatch.setattr(calibration_peers, "_SYSTEM_PYTHON", str(tmp_path / "none_here"))
     monkeypatch.setattr("sys.executable", str(tmp_path / "nor_here"))
     assert interpreter_of("mrcal") is None
+    assert versions() == {"lensboy": "absent", "mrcal": "absent"}
     assert "apt install" in absence("mrcal")
     assert INTERPRETERS in absence("lensboy")
 
@@ -62,6 +65,10 @@ def test_a_peer_is_driven_in_the_interpreter_that_has_it(monkeypatch: pytest.Mon
     """A lensboy of our own, which answers the true focal length and fails on the second draw."""
     (tmp_path / "lensboy.py").write_text(LENSBOY)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv(INTERPRETERS, str(tmp_path / "python"))
+    (tmp_path / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    (tmp_path / "python").chmod(0o755)
+    assert versions()["lensboy"] == f"3.1 ({tmp_path / 'python'})"
     draws = [draw(rigs()[3], seed) for seed in (51, 52)]
     first, second = solve_with("lensboy", sys.executable, draws)
     assert first.intrinsics is not None
@@ -78,6 +85,7 @@ LENSBOY = """
 from types import SimpleNamespace
 import numpy as np
 from types import SimpleNamespace as OpenCVConfig
+__version__ = "3.1"
 solved = 0
 def Frame(ids, corners):
     return SimpleNamespace(ids=ids, corners=corners)
@@ -91,6 +99,18 @@ def calibrate_camera(points, frames, config):
     seen = [SimpleNamespace(inlier_mask=np.arange(len(frame.ids)) > 0) for frame in frames]
     return SimpleNamespace(camera_model=camera, frame_diagnostics=seen)
 """
+
+
+def test_the_figure_shows_every_method_and_the_headline_who_fails(tmp_path: Path) -> None:
+    assert {*SOLVERS, *calibration_peers.PEERS} == set(STYLES)
+    told = {"error_mm": 0.2, "jig_error_mm": 0.003, "seconds": 0.1, "rms_ratio": 1.2}
+    rows = [Row(rig.name, method, **told) for rig in rigs() for method in ("ours, auto", "OpenCV, default", "mrcal")]
+    rows[1] = Row(rows[1].rig, "OpenCV, default", note="it fails")
+    write_figure(tmp_path / "calibration.png", rows, 3, force=False)
+    assert (tmp_path / "calibration.png").stat().st_size > 10_000
+    assert headline(rows) == (
+        "rms error over the oracle's: ours 1.20 to 1.20, OpenCV 1.20 to 1.20, no lens on 1 of 5 rigs"
+    )
 
 
 @pytest.mark.slow

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from vbaa_calib.bench import coverage
-from vbaa_calib.bench.coverage import JUDGED, Outcome, errors_of, outcome, outcomes, run
+from vbaa_calib.bench import coverage_run
+from vbaa_calib.bench.coverage import headline
 from vbaa_calib.bench.coverage_draw import MOMENT_NM, draw, drawn_truth
 from vbaa_calib.bench.coverage_report import as_text, write_figure
 from vbaa_calib.bench.coverage_rigs import BOARD, GRID, T_ANTENNA_JIG, coverage_rigs
+from vbaa_calib.bench.coverage_run import JUDGED, Outcome, errors_of, outcome, outcomes, run
 from vbaa_calib.bench.coverage_solve import Solved
 from vbaa_calib.bench.coverage_statistics import Errors, Statistics, statistics
 from vbaa_calib.bench.rows import write_csv
@@ -174,7 +175,7 @@ def test_a_draw_that_cannot_be_solved_is_counted_and_named(monkeypatch) -> None:
     def solve(given: object) -> Solved:
         raise SolveError("no way")
 
-    monkeypatch.setattr(coverage, "solve", solve)
+    monkeypatch.setattr(coverage_run, "solve", solve)
     rows, (rig,) = run(draws=2, seed=0, chosen=[4])
     assert rows == []
     assert (rig.draws, rig.failed, rig.failures) == (0, 2, ("no way",))
@@ -194,7 +195,7 @@ def made_up(task: tuple[int, int, int]) -> Outcome:
 
 
 def test_table_csv_and_figure_hold_every_row(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(coverage, "outcome", made_up)
+    monkeypatch.setattr(coverage_run, "outcome", made_up)
     rows, rigs = run(draws=400, seed=0)
     assert {row.rig for row in rows} == {rig.name for rig in RIGS}
     assert {(row.draws, row.failed) for row in rows} == {(320, 80)}
@@ -203,6 +204,9 @@ def test_table_csv_and_figure_hold_every_row(monkeypatch, tmp_path) -> None:
     text = as_text(rows, rigs, 400)
     assert text.count("\n") == 2 + len(rows) + len(rigs)
     assert "80 of 400 failed: made up" in text
+    met = sum(row.met for row in rows if row.judged)
+    assert headline(rows).startswith(f"goal met by {met} of {3 * len(RIGS)}; sampled over predicted deviation ")
+    assert headline([]) == "no rig could be calibrated twice"
     write_csv(tmp_path / "coverage.csv", rows, force=False)
     with (tmp_path / "coverage.csv").open() as stream:
         assert len(list(csv.DictReader(stream))) == len(rows)
@@ -212,7 +216,12 @@ def test_table_csv_and_figure_hold_every_row(monkeypatch, tmp_path) -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [["coverage", "--draws", "1"], ["coverage", "--jobs", "0"], ["metric", "--draws", "5"], ["metric", "--jobs", "2"]],
+    [
+        ["coverage", "--draws", "1"],
+        ["coverage", "--jobs", "0"],
+        ["metric", "--draws", "199"],
+        ["metric", "--jobs", "2"],
+    ],
 )
 def test_numbers_that_make_no_sense_are_refused(wrong: list[str], capsys) -> None:
     assert main(["bench", *wrong]) == 2

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from vbaa_calib.bench import estimator_grid, estimator_rods
+from vbaa_calib.bench.estimator import headline
 from vbaa_calib.bench.estimator_bound import bound
 from vbaa_calib.bench.estimator_grid import FROM_TIP_STD, LARGEST_BOUND, planned
 from vbaa_calib.bench.estimator_grid_report import grid_text, rod_text, write_figure
@@ -20,6 +22,7 @@ from vbaa_calib.bench.estimator_scenes import (
     scenes,
 )
 from vbaa_calib.bench.estimator_setup import Setup
+from vbaa_calib.bench.estimator_speed import ESTIMATOR, SpeedRow
 from vbaa_calib.bench.estimator_statistics import (
     QUANTITIES,
     Estimates,
@@ -88,6 +91,13 @@ def test_the_grid_finds_an_efficient_estimator_efficient(monkeypatch, tmp_path) 
     for line in lines:
         expected = {"of_bound": 1.0, "bias": 0.0, "covered": 0.95}[line.measure]
         assert abs(line.pooled - expected) < 4.5 * line.pooled_error, line
+    timed = [SpeedRow("auto", ESTIMATOR, "exact", n, us, 1.0, 1.0, 1.0, 1.0) for n, us in ((1, 2e4), (300, 500.0))]
+    assert re.fullmatch(
+        r"distance: rms error (0\.9\d|1\.0\d) × the bound over 45 kinds of scene, 9[456] % covered; up to "
+        r"2000 frames/s",
+        headline(lines, timed),
+    )
+    assert headline([], timed) == "no kind of scene could be judged"
     text = grid_text(rows, lines)
     assert "45 of 45 cells, 300 draws each" in text
     assert "left out" not in text

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from targets.charuco import corner_points
-from vbaa_calib.bench.guided import Row, session
+from vbaa_calib.bench.guided import headline
 from vbaa_calib.bench.guided_judge import true_error_mm
 from vbaa_calib.bench.guided_report import as_text, pictures_needed, write_figure
 from vbaa_calib.bench.guided_rigs import rigs
+from vbaa_calib.bench.guided_run import Row, session
 from vbaa_calib.bench.guided_shots import Photographer, wanted_pose
 from vbaa_calib.bench.guided_ways import PEOPLE, SUGGESTED, WAYS
 from vbaa_calib.calibrate.next_view import lens_progress
@@ -34,6 +35,11 @@ def test_verdict_weighs_suggested_against_random():
     assert "met: 0.67" in as_text([*ours, row(PEOPLE, 6, 0.05)], 2)
     assert "missed: 1.00" in as_text([*ours, row(PEOPLE, 4, 0.05)], 2)
     assert "missed: suggested poses" in as_text([row(SUGGESTED, 6, 0.5), row(PEOPLE, 6, 0.05)], 2)
+
+
+def test_the_headline_tells_what_each_way_needs():
+    rows = [row(SUGGESTED, 4, 0.05), row(SUGGESTED, 6, 0.05), row(PEOPLE, 12, 0.5)]
+    assert headline(rows) == "0.1 mm on plane C takes 4 suggested pictures, > 12 at random"
 
 
 def test_the_judge_knows_the_truth_and_takes_up_what_a_pose_can():
@@ -76,7 +82,7 @@ def test_every_way_takes_pictures(way):
 
 
 def test_three_suggested_pictures_go_a_long_way(monkeypatch, tmp_path):
-    monkeypatch.setattr("vbaa_calib.bench.guided.ENOUGH_SUGGESTED", 3)
+    monkeypatch.setattr("vbaa_calib.bench.guided_run.ENOUGH_SUGGESTED", 3)
     judged = session(rigs()[0], SUGGESTED, 0)
     assert judged[3].true < 0.15
     assert judged[3].predicted < 0.15

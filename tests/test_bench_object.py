@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.bench import object as bench
+from vbaa_calib.bench import object_run as bench
+from vbaa_calib.bench.averages import rms_known
 from vbaa_calib.bench.estimator_setup import drawn_truth
+from vbaa_calib.bench.object import headline
 from vbaa_calib.bench.object_cases import AXIS, CASES, CENTRE, SETUP, SOFT, Case
-from vbaa_calib.bench.object_judge import covered, judge, rms
+from vbaa_calib.bench.object_judge import covered, judge
+from vbaa_calib.bench.object_onset import AlarmRow
 from vbaa_calib.bench.object_report import as_text, write_figure
 from vbaa_calib.bench.object_scenes import Recorded, contacts, play
 from vbaa_calib.bench.rows import write_csv
@@ -68,7 +71,7 @@ def test_what_the_estimator_makes_of_it_is_near_the_truth(played: Recorded) -> N
     assert both.sum() > 0.8 * played.truth.in_contact.sum()
     assert not (table.located & ~played.truth.in_contact).any()
     miss = ((table.point_world_m - played.truth.point_world_m) * played.truth.normal_world).sum(axis=1)[both]
-    assert rms(miss) < 1e-4
+    assert rms_known(miss) < 1e-4
     np.testing.assert_array_equal(table.pan_rad, played.pan_rad)
 
 
@@ -76,10 +79,10 @@ def test_the_judge_sees_a_given_rig_that_is_off(played: Recorded) -> None:
     rng = np.random.default_rng(3)
     given = drawn_truth(replace(SETUP, exact=False).rig(), rng)
     off, exact = judge(played.noisy(rng, given)), judge(played.noisy(rng))
-    assert rms(off.point_std_m) > 1.2 * rms(exact.point_std_m)
+    assert rms_known(off.point_std_m) > 1.2 * rms_known(exact.point_std_m)
     assert off.contacts > 15
-    assert rms(exact.normal_rad) < math.radians(3.0)
-    assert rms(exact.surface_m) < 2e-4
+    assert rms_known(exact.normal_rad) < math.radians(3.0)
+    assert rms_known(exact.surface_m) < 2e-4
 
 
 def test_rows_text_table_and_figure(tmp_path: Path) -> None:
@@ -102,7 +105,11 @@ def test_a_row_names_the_goals_that_it_misses() -> None:
         *(0.01, 1.0, 1.0, 0.05, 1.0, 1.0, 1.0, 1.0, 1.0),
     )
     assert good.misses == ()
-    assert replace(good, surface_mm=0.11).misses == ("surface",)
+    bad = replace(good, surface_mm=0.11)
+    assert headline([good, bad], [AlarmRow("exact", "steady", 1, 200, 1, 2)]) == (
+        "1 of 2 cells meet every goal; surface within 0.11 mm rms; 1 first contacts imagined in 200 free frames"
+    )
+    assert bad.misses == ("surface",)
     assert replace(good, surface_mm=1.2, point_std_mm=1.0).misses == ("surface",)
     assert replace(good, normal_deg=3.1).misses == ("normals",)
     assert replace(good, force_deg=5.0).misses == ()
@@ -122,7 +129,15 @@ def test_every_object_is_felt_rigid_and_soft_with_all_frictions() -> None:
         assert 150 <= sum(stroke.frames for stroke in case.strokes) <= 230
 
 
+def test_a_first_look_is_a_part_of_the_whole() -> None:
+    looked, every = bench.few_cells(), bench.cells()
+    assert 0 < len(looked) < len(every)
+    assert all(cell in every for cell in looked)
+    assert {cell.exact for cell in looked} == {True, False}
+    assert {math.isfinite(cell.stiffness_N_m) for cell in looked} == {True, False}
+
+
 def test_shares_and_means_leave_out_what_is_unknown() -> None:
-    assert rms(np.array([3.0, np.nan, 4.0])) == pytest.approx(math.sqrt(12.5))
-    assert math.isnan(rms(np.array([np.nan])))
+    assert rms_known(np.array([3.0, np.nan, 4.0])) == pytest.approx(math.sqrt(12.5))
+    assert math.isnan(rms_known(np.array([np.nan])))
     assert covered(np.array([1.0, 3.0, 9.0]), np.array([1.0, 1.0, np.nan])) == 0.5

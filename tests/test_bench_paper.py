@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ from estimator.baselines import Ring
 from estimator.baselines.ringing import fit_ringing
 from tests.estimator import vibrations
 from vbaa_calib.bench import paper_drag, paper_friction, paper_sensing, paper_yielding
-from vbaa_calib.bench.paper import PARTS, Found
-from vbaa_calib.bench.paper_figure import figure_paths, write_figures
+from vbaa_calib.bench.figures import save
+from vbaa_calib.bench.paper import headline
+from vbaa_calib.bench.paper_figure import fig5, fig7, yielding
 from vbaa_calib.bench.paper_friction import Cone, Trace, cone
-from vbaa_calib.bench.paper_report import as_text
+from vbaa_calib.bench.paper_report import friction_text, sensing_text, yielding_text
 from vbaa_calib.bench.paper_rig import free_shape, paper_rig, taken
 from vbaa_calib.bench.paper_ring import ring_down
 from vbaa_calib.bench.paper_sensing import ALL_POINTS, TWO_POINTS
@@ -24,7 +26,7 @@ from vbaa_calib.bench.rows import write_csv
 
 
 @cache
-def found() -> Found:
+def found() -> SimpleNamespace:
     """All experiments at their smallest: two distances, one coefficient, two stiffnesses, two draws."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper_sensing, "DISTANCES_M", np.array([0.1, 0.18]))
@@ -38,7 +40,9 @@ def found() -> Found:
         for module in (paper_sensing, paper_friction, paper_yielding):
             patch.setattr(module, "TRUE_RIGS", 1)
         friction, path = paper_friction.run(1, 1, (0.3,), slip_scale_m=1e-5)
-        return Found(paper_sensing.run(2, 1), friction, path, paper_yielding.run(2, 1))
+        return SimpleNamespace(
+            sensing=paper_sensing.run(2, 1), friction=friction, path=path, yielding=paper_yielding.run(2, 1)
+        )
 
 
 def test_the_picture_holds_the_antenna_at_half_a_millimetre_a_pixel() -> None:
@@ -122,11 +126,15 @@ def test_a_yielding_object_misleads_the_active_antenna_alone() -> None:
 
 
 def test_tables_and_figures(tmp_path: Path) -> None:
-    text = as_text(found())
+    rows = found()
+    text = sensing_text(rows.sensing) + friction_text(rows.friction) + yielding_text(rows.yielding)
     assert all(words in text for words in ("Fig. 7", "Fig. 5", "give way", "Dynamic Active Antenna"))
-    for part in PARTS:
-        write_csv(tmp_path / f"{part}.csv", getattr(found(), part), force=False)
-        with (tmp_path / f"{part}.csv").open() as lines:
-            assert len(list(csv.DictReader(lines))) == len(getattr(found(), part))
-    write_figures(tmp_path, found(), force=False)
-    assert all(path.stat().st_size > 10_000 for path in figure_paths(tmp_path))
+    for name, part in vars(rows).items():
+        write_csv(tmp_path / f"{name}.csv", part, force=False)
+        with (tmp_path / f"{name}.csv").open() as lines:
+            assert len(list(csv.DictReader(lines))) == len(part)
+    drawn = {"7": fig7(rows.sensing), "5": fig5(rows.path, rows.friction), "yielding": yielding(rows.yielding)}
+    for name, figure in drawn.items():
+        save(figure, tmp_path / f"{name}.png", force=False)
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+    assert headline(rows.sensing, rows.friction).startswith("all points, 0.1 px: distance ")

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from vbaa_calib.bench.rows import write_csv
-from vbaa_calib.bench.vision import hardships, hostile, methods
+from vbaa_calib.bench.vision import headline
 from vbaa_calib.bench.vision_hard import HARDSHIPS, good, mixed
 from vbaa_calib.bench.vision_judge import bound_px, score
 from vbaa_calib.bench.vision_paths import Bend, aside_px, path_px
 from vbaa_calib.bench.vision_report import as_text, write_figure
+from vbaa_calib.bench.vision_run import hardships, hostile, methods
 from vbaa_calib.bench.vision_scenes import Block, Shot, light, truth
 from vbaa_calib.detect.centreline import Centreline
 
@@ -113,7 +114,9 @@ def test_outputs(tmp_path) -> None:
     ours = [row for row in compared if row.method == "this finder"]
     for row in compared:
         assert row in ours or row.rms_px > 1.5 * ours[0].rms_px
-    text = as_text(compared, hard, hostile(1, 0))
+    mixed = hostile(1, 0)
+    text = as_text(compared, hard, mixed)
+    assert f"at {ours[0].rms_px:.3f} px; confident and false in 0.0 %" in headline(compared, mixed)
     assert all(name in text for name in ("RidgeDetectionFilter", "clutter", "no antenna"))
     write_csv(tmp_path / "vision.csv", hard, force=False)
     with (tmp_path / "vision.csv").open() as stream:

@@ -396,10 +396,12 @@ class TestDigest:
         assert sha256(path) == "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
 
     def test_what_cannot_be_read(self, tmp_path: Path) -> None:
-        for path in (tmp_path, tmp_path / "none"):
+        os.mkfifo(tmp_path / "pipe")
+        words = {"": "is a folder", "none": "no such file", "pipe": "is a pipe or a device"}
+        for name, said in words.items():
             with pytest.raises(InputError) as caught:
-                sha256(path)
-            refused(caught, path, "cannot be read")
+                sha256(tmp_path / name)
+            refused(caught, tmp_path / name, said)
 
 
 def test_an_input_is_never_an_output(tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+_LONGEST = 600
+"""Characters of each part of an error."""
+
 
 class VbaaError(Exception):
     """Root of every error this project raises on purpose."""
@@ -23,8 +26,14 @@ class InputError(VbaaError):
 
     def __init__(self, what: str, *, where: object = None, remedy: str | None = None) -> None:
         self.what, self.where, self.remedy = what, where, remedy
-        line = what if where is None else f"{where}: {what}"
-        super().__init__(f"{line}; {remedy}" if remedy else line)
+        line = clipped(what) if where is None else f"{clipped(str(where))}: {clipped(what)}"
+        super().__init__(f"{line}; {clipped(remedy)}" if remedy else line)
+
+
+def clipped(text: str) -> str:
+    """The text without its middle where nobody would read all of it: a value out of a file may have any length."""
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
 class SolveError(VbaaError):

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import csv
+import errno
 import hashlib
 import io
 import json
 import math
 import os
-import re
 import stat
 import tempfile
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,74 +19,58 @@ from typing import Any
 import yaml
 
 from .errors import InputError
+from .unique_yaml import UniqueKeyLoader
+
+MOST_BYTES = 2_000_000_000
+MOST_YAML_BYTES = 1_000_000
+"""What people write by hand; PyYAML takes seconds for it."""
+MOST_JSON_BYTES = 256_000_000
 
 
-def read_text(path: Path) -> str:
-    """The file's text, UTF-8. Raises InputError when it is missing, a folder, unreadable or not text."""
+def read_bytes(path: Path, kind: str = "file", most: int = MOST_BYTES) -> bytes:
+    """The contents of a file. Raises InputError as `require_file` does, and when it cannot be read."""
+    require_file(path, kind, most)
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
+        return Path(path).read_bytes()
+    except OSError as error:
+        what = f"cannot be read ({error.strerror})"
+        raise InputError(what, where=path, remedy="check the path and its permissions") from None
+
+
+def require_file(path: Path, kind: str = "file", most: float = math.inf) -> None:
+    """Raises InputError for what is missing, a folder, a pipe or device (it may never end), or over `most` bytes.
+
+    `kind` is what the error calls it.
+    """
+    try:
+        status = Path(path).stat()
     except FileNotFoundError:
-        raise InputError("no such file", where=path, remedy="check the path") from None
-    except IsADirectoryError:
-        raise InputError("is a folder, not a file", where=path, remedy="name the file inside it") from None
-    except UnicodeDecodeError:
-        raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
+        raise InputError(f"no such {kind}", where=path, remedy="check the path") from None
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise InputError(f"cannot be read ({why})", where=path, remedy="check the path and its permissions") from None
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(f"is a folder, not a {kind}", where=path, remedy=f"name the {kind} inside it")
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError("is a pipe or a device", where=path, remedy="write its contents to a file first")
+    if status.st_size > most:
+        what = f"holds {status.st_size / 1e6:.0f} MB, more than {most / 1e6:.0f} MB"
+        raise InputError(what, where=path, remedy=f"is this the {kind} that is meant?")
 
 
-_MOST_VALUES = 1e6
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML without silent surprises: a key given twice is an error, not the last one wins."""
-
-    def get_single_node(self) -> yaml.Node | None:
-        """As SafeLoader's, but a small file whose aliases make it endless is refused."""
-        node = super().get_single_node()
-        if node is not None and _size(node, {}) > _MOST_VALUES:
-            raise yaml.composer.ComposerError(None, None, "its aliases never end", node.start_mark)
-        return node
-
-
-def _size(node: yaml.Node, sizes: dict[int, float]) -> float:
-    """How many values a node stands for with all aliases written out; infinite where it holds itself."""
-    if id(node) not in sizes:
-        sizes[id(node)] = math.inf  # what is found on coming back here before the sum is known
-        pairs = isinstance(node, yaml.MappingNode)
-        parts = [part for pair in node.value for part in pair] if pairs else node.value
-        sizes[id(node)] = 1 + sum(_size(part, sizes) for part in parts if isinstance(part, yaml.Node))
-    return sizes[id(node)]
-
-
-def _unique_mapping(loader: _UniqueKeyLoader, node: yaml.MappingNode, deep: bool = False) -> dict:
-    seen: set[Hashable] = set()
-    for key_node, _ in node.value:
-        if key_node.tag == "tag:yaml.org,2002:merge":
-            continue
-        key = loader.construct_object(key_node, deep=True)
-        if not isinstance(key, Hashable):
-            break  # construct_mapping below refuses it
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} stands twice", key_node.start_mark)
-        seen.add(key)
-    return loader.construct_mapping(node, deep)
-
-
-_UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
-# YAML 1.1 reads 193.0e9 (no sign in the exponent) as text; everyone who types a Young's modulus means a number.
-_UniqueKeyLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+0123456789."),
-)
+def read_text(path: Path, most: int = MOST_BYTES) -> str:
+    """The file's text, UTF-8. Raises InputError as `read_bytes` does, and when it is not text."""
+    try:
+        text = read_bytes(path, most=most).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
+    return io.IncrementalNewlineDecoder(None, translate=True).decode(text, final=True)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
     """A YAML mapping. Raises InputError naming the line of what is wrong."""
     try:
-        data = yaml.load(read_text(path), Loader=_UniqueKeyLoader)
+        data = yaml.load(read_text(path, MOST_YAML_BYTES), Loader=UniqueKeyLoader)
     except RecursionError:
         raise InputError("is not valid YAML (nested too deeply)", where=path, remedy="write it again") from None
     except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -103,7 +87,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object. Raises InputError naming the line of what is wrong."""
     try:
-        data = json.loads(read_text(path), object_pairs_hook=_unique_object)
+        data = json.loads(read_text(path, MOST_JSON_BYTES), object_pairs_hook=_unique_object)
     except json.JSONDecodeError as error:
         where, problem = f"{path} line {error.lineno}", error.msg
     except RecursionError:
@@ -190,6 +174,7 @@ def whole_number(row: Mapping[str, str], column: str, path: Path) -> int:
 
 def sha256(path: Path) -> str:
     """Hex digest of a file's bytes. Raises InputError when it cannot be read."""
+    require_file(path)
     try:
         with Path(path).open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -249,16 +234,33 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
     os.close(handle)
     temporary = Path(name)
     try:
-        yield temporary
-        with temporary.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(target)
-        _sync_folder(target.parent)
+        with disk_told(path):
+            yield temporary
+            with temporary.open("rb+") as stream:
+                os.fsync(stream.fileno())
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            temporary.replace(target)
+            _sync_folder(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+_DISK = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
+
+
+@contextmanager
+def disk_told(path: Path) -> Iterator[None]:
+    """Raises InputError naming `path` in place of a disk's error: full, over a quota or a limit, read-only."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _DISK:
+            raise
+        do = _DISK[error.errno]
+        remedy = f"{do} more space, or write somewhere else" if do else "write somewhere else"
+        raise InputError(f"cannot be written ({error.strerror})", where=path, remedy=remedy) from None
 
 
 def _sync_folder(folder: Path) -> None:

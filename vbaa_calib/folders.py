@@ -9,6 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from .errors import InputError
+from .files import disk_told
+
 
 @contextmanager
 def replacing_folder(path: Path) -> Iterator[Path]:
@@ -17,9 +20,13 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     Whether what is there may be replaced is for the caller to settle before.
     """
     parent = path.resolve().parent
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
     try:
-        yield temporary
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
+    except OSError as error:
+        raise InputError(f"cannot be made ({error.strerror})", where=path, remedy="take another name") from None
+    try:
+        with disk_told(path):
+            yield temporary
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o777 & ~umask)

@@ -11,9 +11,12 @@ import cv2
 import numpy as np
 
 from .errors import InputError
+from .files import read_bytes
+from .picture_size import picture_size
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _SENSOR_BITS = (10, 12, 14, 16)
+_MOST_PIXELS = 200_000_000
 _AGAIN = "copy or export the picture again, or remove it"
 _log_level = threading.Lock()
 
@@ -44,7 +47,7 @@ def read_gray(path: Path) -> np.ndarray:
     Colour is turned to gray. A 16-bit picture is scaled by the smallest usual sensor depth (10, 12, 14, 16 bit) that
     holds its brightest pixel. Raises InputError naming the file when it is missing, empty, truncated or damaged.
     """
-    return gray_from_bytes(_read_bytes(Path(path)), Path(path))
+    return gray_from_bytes(read_bytes(Path(path), "picture"), Path(path))
 
 
 def gray_from_bytes(data: bytes, path: Path) -> np.ndarray:
@@ -59,7 +62,7 @@ def read_picture(path: Path) -> np.ndarray:
     uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
     Raises InputError as `read_gray` does.
     """
-    return picture_from_bytes(_read_bytes(Path(path)), Path(path))
+    return picture_from_bytes(read_bytes(Path(path), "picture"), Path(path))
 
 
 def picture_from_bytes(data: bytes, path: Path) -> np.ndarray:
@@ -72,6 +75,11 @@ def _pixels(data: bytes, path: Path, colours: int) -> np.ndarray:
     if not data:
         raise InputError("is an empty file", where=path, remedy=_AGAIN)
     _refuse_truncated(data, path)
+    width, height = picture_size(data)
+    if width * height > _MOST_PIXELS:
+        # a small file may announce pixels that fill the memory
+        what = f"is {width}x{height} px, more than {_MOST_PIXELS / 1e6:.0f} million"
+        raise InputError(what, where=path, remedy="export a smaller picture, or remove it")
     pixels = _decode(data, colours)
     if pixels is not None and pixels.ndim == 3:
         pixels = pixels[..., :3] if pixels.shape[2] > 2 else pixels[..., 0]
@@ -82,17 +90,6 @@ def _pixels(data: bytes, path: Path, colours: int) -> np.ndarray:
             f"holds pixels of type {pixels.dtype}", where=path, remedy="save it with 8 or 16 bits per channel"
         )
     return pixels
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("no such picture", where=path, remedy="check the path") from None
-    except IsADirectoryError:
-        raise InputError("is a folder, not a picture", where=path, remedy="name a picture inside it") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read ({error})", where=path, remedy="check the path and its permissions") from None
 
 
 def _decode(data: bytes, colours: int) -> np.ndarray | None:

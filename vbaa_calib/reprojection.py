@@ -152,7 +152,7 @@ def with_slopes_on_curve(seen: SeenPoints, camera: Camera, image: ImageCurves) -
 
 
 def robust_cost(residuals: np.ndarray) -> float:
-    """Half the summed Huber squares of whitened residuals."""
+    """Half the summed Huber squares of whitened residuals (N,)."""
     size = np.abs(residuals)
     return float(np.where(size <= ROBUST, 0.5 * size**2, ROBUST * size - 0.5 * ROBUST**2).sum())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
@@ -12,6 +11,7 @@ from .check_plots import LEVEL_COLOURS, gauge
 from .check_session import session_sections
 from .check_style import STYLE
 from .check_tables import NOT_RECORDED, at, listing, number, records, scaled, table, with_std
+from .markup import prose, section
 
 
 def page(document: Mapping[str, Any]) -> str:
@@ -66,16 +66,6 @@ def _header(document: Mapping[str, Any], given: Sequence[Mapping], own: Sequence
         f'<header style="--level:{LEVEL_COLOURS[verdict]}"><h1>{escape(document["rig"])}</h1>'
         f'<div class="verdict">{escape(document["headline"])}</div>{told}</header>'
     )
-
-
-def prose(text: str) -> str:
-    """Plain text as HTML; what stands in backquotes is a command."""
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
-
-
-def section(heading: str, how: str, body: str) -> str:
-    """A heading, how to read what follows, and that."""
-    return f'<section><h2>{escape(heading)}</h2><p class="how">{escape(how)}</p>{body}</section>'
 
 
 def _findings(heading: str, how: str, findings: Sequence[Mapping[str, Any]]) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from .contours import contour, levels
 from .svg import Axes
+from .svg_marks import INK, dots
 
 _STOPS = ("#f3faf7", "#bfe3d8", "#6cbfb4", "#23878f", "#15506f", "#1b2a4e")
 _INNER = 420.0
@@ -70,7 +71,7 @@ def coverage(corners_px: np.ndarray, image_size: Sequence[float]) -> str:
         label = f"<title>{counts[column, row]} corners</title>"
         parts.append(f'<rect x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}" fill="{fill}">{label}</rect>')
     parts += axes.frame(title, "u, px", "v, px", y_ticks=4)
-    parts.append(f'<path d="{_dots(axes, corners_px)}" stroke="#12355b" stroke-width="2.4" stroke-linecap="round"/>')
+    parts.append(dots(axes, *corners_px.T, "#12355b", 2.4))
     return axes.drawing(parts, title)
 
 
@@ -90,8 +91,8 @@ def arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> 
             pieces = np.stack([corners[chosen], corners[chosen] + factor * residuals[chosen]], axis=1)
             if len(pieces):
                 parts.append(f'<path d="{_path(axes, pieces)}" stroke="{paint}" stroke-width="1.3"/>')
-        parts.append(f'<path d="{_dots(axes, corners)}" stroke="#1f2937" stroke-width="1.8" stroke-linecap="round"/>')
-    parts.append(_ruler(axes, image_size, factor, float(np.quantile(lengths, 0.95))))
+        parts.append(dots(axes, *corners.T, INK, 1.8))
+    parts.append(_ruler(axes, factor, float(np.quantile(lengths, 0.95))))
     return axes.drawing(parts, title)
 
 
@@ -99,7 +100,7 @@ def _array(rows: Sequence[Sequence[float]]) -> np.ndarray:
     return np.array(rows, float).reshape(-1, 2)
 
 
-def _ruler(axes: Axes, image_size: Sequence[float], factor: float, long_px: float) -> str:
+def _ruler(axes: Axes, factor: float, long_px: float) -> str:
     shown = _round_down(max(long_px, 1e-6))
     end = axes.width - axes.right
     start = end - float(axes.across(factor * shown) - axes.across(0.0))
@@ -119,12 +120,6 @@ def _round_down(value: float) -> float:
 def _path(axes: Axes, pieces: np.ndarray) -> str:
     x, y = axes.across(pieces[..., 0]), axes.down(pieces[..., 1])
     return "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}" for (a, c), (b, d) in zip(x, y, strict=True))
-
-
-def _dots(axes: Axes, points: np.ndarray) -> str:
-    return "".join(
-        f"M{x:.1f} {y:.1f}h0" for x, y in zip(axes.across(points[:, 0]), axes.down(points[:, 1]), strict=True)
-    )
 
 
 def _colour(share: float) -> str:
@@ -175,7 +170,7 @@ def _antenna(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> str:
     points = np.array([[row["u_px"], row["v_px"]] for row in seen])
     parts = [
         f'<path d="{_path(axes, np.stack([points[:-1], points[1:]], axis=1))}" stroke="#ea580c" stroke-width="2.4"/>',
-        f'<path d="{_dots(axes, points)}" stroke="#ea580c" stroke-width="8" stroke-linecap="round"/>',
+        dots(axes, *points.T, "#ea580c", 8.0),
     ]
     for row, (u, v) in list(zip(seen, points, strict=True))[::2]:
         place = f'x="{float(axes.across(u)):.1f}" y="{float(axes.down(v)) - 9:.1f}" text-anchor="middle"'

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from .svg import Axes, span
+from .svg_marks import INK, Entry, band, bars, dots, legend, level, line
 
-TEAL, AMBER, RED, INK = "#0f766e", "#b45309", "#dc2626", "#1f2937"
+TEAL, AMBER, RED = "#0f766e", "#b45309", "#dc2626"
 LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": "#64748b"}
 _STILLS = ("#0f766e", "#1d4ed8", "#b45309", "#7c3aed", "#be185d", "#475569")
 _MOST_VIEWS = 30
+_NOISE, _BAR = "#7fccc0", 1.6
 
 
 def gauge(evidence: Mapping[str, Any]) -> str:
@@ -46,16 +48,16 @@ def by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence[float]) -
     axes = Axes((0.0, 1.05 * float(radius.max())), (-1.1 * reach, 1.1 * reach))
     title = "residuals by distance from the centre"
     parts = axes.frame(title, "distance from the lens' centre, px", "outward residual, px")
-    parts.append(_dots(axes, radius[good], outward[good], "#6cbfb4", 2.6))
+    parts.append(dots(axes, radius[good], outward[good], "#6cbfb4", 2.6))
     edges = np.quantile(radius[good], np.linspace(0, 1, 11)) if good.any() else np.zeros(0)
     rings = [good & (radius >= low) & (radius <= high) for low, high in pairwise(edges)]
     rings = [ring for ring in rings if ring.sum() >= 3]
     middle = np.array([radius[ring].mean() for ring in rings])
     mean = np.array([outward[ring].mean() for ring in rings])
     error = np.array([2 * outward[ring].std() / np.sqrt(ring.sum()) for ring in rings])
-    parts.append(_bars(axes, middle, mean - error, mean + error, INK))
-    parts.append(_polyline(axes, middle, mean, INK))
-    parts.append(_key(axes, (("#6cbfb4", "corner"), (INK, "mean ± 2 std"))))
+    parts.append(bars(axes, middle, mean - error, mean + error, INK, _BAR))
+    parts.append(line(axes, middle, mean, INK, 2.0))
+    parts.append(legend(axes, (Entry("#6cbfb4", "corner"), Entry(INK, "mean ± 2 std", "line"))))
     return axes.drawing(parts, title)
 
 
@@ -81,7 +83,8 @@ def views_rms(boards: Sequence[Mapping[str, Any]], expected_px: float | None) ->
         x = float(axes.across(expected_px))
         low, high = axes.top - 4, axes.height - axes.bottom
         parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{low}" y2="{high}" stroke="{INK}" stroke-dasharray="5 3"/>')
-    parts.append(_key(axes, ((TEAL, "intrinsics"), (AMBER, "jig"), *(((INK, "expected"),) if expected_px else ()))))
+    expected = (Entry(INK, "expected", "dashes"),) if expected_px else ()
+    parts.append(legend(axes, (Entry(TEAL, "intrinsics"), Entry(AMBER, "jig"), *expected)))
     return axes.drawing(parts, title)
 
 
@@ -94,11 +97,11 @@ def free_residuals(rows: Sequence[Mapping[str, Any]], length_mm: float) -> str:
     parts = axes.frame(title, "distance from the clamp, mm", "residual across it, mm")
     for index, row in enumerate(rows):
         colour = _STILLS[index % len(_STILLS)]
-        parts.append(_polyline(axes, np.array(row["arclength_mm"]), np.array(row["residual_mm"]), colour, 1.6))
-    keyed = [(_STILLS[index], str(row["image"])[-16:]) for index, row in enumerate(rows[:3])]
+        parts.append(line(axes, np.array(row["arclength_mm"]), np.array(row["residual_mm"]), colour, 1.6))
+    named = [(_STILLS[index], str(row["image"])[-16:]) for index, row in enumerate(rows[:3])]
     if len(rows) > 3:
-        keyed = [(_STILLS[0], f"{len(rows)} pictures, a colour each")]
-    parts.append(_key(axes, keyed))
+        named = [(_STILLS[0], f"{len(rows)} pictures, a colour each")]
+    parts.append(legend(axes, [Entry(colour, words, "line") for colour, words in named]))
     return axes.drawing(parts, title)
 
 
@@ -111,11 +114,11 @@ def stiffness_by_load(loads: Sequence[Mapping[str, Any]]) -> str:
     axes = Axes((0.4, len(loads) + 0.6), span(np.concatenate([step - 2 * std, step + 2 * std, [0.0]])))
     title = "EI by each load, against the rig's"
     parts = axes.frame(title, "load", "difference of EI, %", x_ticks=min(len(loads) + 1, 12))
-    parts.append(_level(axes, 0.0))
+    parts.append(level(axes, 0.0))
     for chosen, colour in ((~odd, TEAL), (odd, RED)):
-        parts.append(_bars(axes, number[chosen], (step - 2 * std)[chosen], (step + 2 * std)[chosen], colour))
-        parts.append(_dots(axes, number[chosen], step[chosen], colour, 8.0))
-    parts.append(_key(axes, ((TEAL, "± 2 std"), (RED, "look at"))))
+        parts.append(bars(axes, number[chosen], (step - 2 * std)[chosen], (step + 2 * std)[chosen], colour, _BAR))
+        parts.append(dots(axes, number[chosen], step[chosen], colour, 8.0))
+    parts.append(legend(axes, (Entry(TEAL, "± 2 std"), Entry(RED, "look at"))))
     return axes.drawing(parts, title)
 
 
@@ -127,47 +130,11 @@ def moments(rows: Sequence[Mapping[str, Any]], std_Nm: float) -> str:
     axes = Axes((0.4, len(rows) + 0.6), span(np.concatenate([residual, [3 * std, -3 * std]])))
     title = "moment: read less predicted"
     parts = [
-        _band(axes, -2 * std, 2 * std),
+        band(axes, np.array(axes.x), np.full(2, -2 * std), np.full(2, 2 * std), _NOISE, 0.35),
         *axes.frame(title, "picture", "residual, µN·m", x_ticks=min(len(rows) + 1, 12)),
     ]
-    parts.append(_level(axes, 0.0))
+    parts.append(level(axes, 0.0))
     for chosen, colour in ((~loaded, TEAL), (loaded, AMBER)):
-        parts.append(_dots(axes, number[chosen], residual[chosen], colour, 8.0))
-    parts.append(_key(axes, ((TEAL, "free"), (AMBER, "loaded"), ("#ccebe5", "noise ± 2 std"))))
+        parts.append(dots(axes, number[chosen], residual[chosen], colour, 8.0))
+    parts.append(legend(axes, (Entry(TEAL, "free"), Entry(AMBER, "loaded"), Entry(_NOISE, "noise ± 2 std", "band"))))
     return axes.drawing(parts, title)
-
-
-def _dots(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str, size: float) -> str:
-    path = "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(axes.across(x), axes.down(y), strict=True))
-    return f'<path d="{path}" stroke="{colour}" stroke-width="{size}" stroke-linecap="round"/>' if path else ""
-
-
-def _bars(axes: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: str) -> str:
-    places = zip(axes.across(x), axes.down(low), axes.down(high), strict=True)
-    path = "".join(f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in places)
-    return f'<path d="{path}" stroke="{colour}" stroke-width="1.6"/>' if path else ""
-
-
-def _polyline(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str, width: float = 2.0) -> str:
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(axes.across(x), axes.down(y), strict=True))
-    return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width}" stroke-linejoin="round"/>'
-
-
-def _level(axes: Axes, value: float) -> str:
-    y = float(axes.down(value))
-    return f'<line x1="{axes.left}" x2="{axes.width - axes.right}" y1="{y:.1f}" y2="{y:.1f}" stroke="{INK}"/>'
-
-
-def _band(axes: Axes, low: float, high: float) -> str:
-    top, bottom = float(axes.down(high)), float(axes.down(low))
-    width = axes.width - axes.left - axes.right
-    return f'<rect x="{axes.left}" y="{top:.1f}" width="{width}" height="{bottom - top:.1f}" fill="#ccebe5"/>'
-
-
-def _key(axes: Axes, entries: Sequence[tuple[str, str]]) -> str:
-    parts, right = [], axes.width - axes.right
-    for colour, text in reversed(entries):
-        right -= 7.2 * len(text) + 22
-        parts.append(f'<rect x="{right:.0f}" y="{axes.top - 14}" width="10" height="10" rx="2" fill="{colour}"/>')
-        parts.append(f'<text x="{right + 14:.0f}" y="{axes.top - 5}" class="key">{escape(text)}</text>')
-    return "".join(parts)

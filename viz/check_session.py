@@ -11,6 +11,7 @@ import numpy as np
 from .check_pictures import arrows, coverage
 from .check_plots import by_radius, free_residuals, moments, stiffness_by_load, views_rms
 from .check_tables import fixed, records, table
+from .markup import section
 
 
 def session_sections(document: Mapping[str, Any]) -> list[str]:
@@ -22,10 +23,6 @@ def session_sections(document: Mapping[str, Any]) -> list[str]:
     return [_boards(session, numbers["lens"]), _pose(session["camera_pose"]), _antenna(session, numbers)]
 
 
-def _section(heading: str, how: str, body: str) -> str:
-    return f'<section><h2>{escape(heading)}</h2><p class="how">{escape(how)}</p>{body}</section>'
-
-
 def _missing(what: str) -> str:
     return f'<p class="none">not given: {escape(what)}</p>'
 
@@ -33,7 +30,7 @@ def _missing(what: str) -> str:
 def _boards(session: Mapping[str, Any], lens: Mapping[str, Any]) -> str:
     boards, size = session["boards"], lens["image_size"]
     if not boards:
-        return _section("Pictures of the board", "", _missing("a usable picture of the board in intrinsics/ or plane/"))
+        return section("Pictures of the board", "", _missing("a usable picture of the board in intrinsics/ or plane/"))
     corners = np.concatenate([np.array(view["corners_px"], float).reshape(-1, 2) for view in boards])
     figures = (
         coverage(corners, size),
@@ -52,12 +49,12 @@ def _boards(session: Mapping[str, Any], lens: Mapping[str, Any]) -> str:
         "arrows that agree with their neighbours are a lens that is off. Orange: the board in the jig; red: outliers. "
         "A pink field has no corner in these pictures: they say nothing of the lens there."
     )
-    return _section("Pictures of the board", how, body)
+    return section("Pictures of the board", how, body)
 
 
 def _pose(pose: Mapping[str, Any] | None) -> str:
     if pose is None:
-        return _section("The camera against the antenna", "", _missing("a board in the jig (plane/)"))
+        return section("The camera against the antenna", "", _missing("a board in the jig (plane/)"))
     rows = [
         [f"{what} {axis}", fixed(value, 3), fixed(std, 3), f"{abs(value) / std:.1f}", unit]
         for what, unit, values, stds in (
@@ -72,7 +69,7 @@ def _pose(pose: Mapping[str, Any] | None) -> str:
         "chance allows: of the calibration, of the lens, and of the new picture. Shift and turn go together, so the "
         "verdict rests on all six at once, not on single rows."
     )
-    return _section("The camera against the antenna", how, body)
+    return section("The camera against the antenna", how, body)
 
 
 def _antenna(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
@@ -112,4 +109,4 @@ def _antenna(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
         "The free antenna's centreline against the rig's prediction; each load's own EI against the rig's; and the "
         "moment sensor's readings. One load alone off the others has a wrong row; all together, the rig has changed."
     )
-    return _section("Antenna and moment sensor", how, body)
+    return section("Antenna and moment sensor", how, body)

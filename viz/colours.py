@@ -46,7 +46,7 @@ def contact_scale(scene: Scene, mode: str) -> Scale:
 
 
 def surface_scale(std_m: np.ndarray) -> Scale:
-    """The scale of a reconstructed surface by its standard deviation: the paler, the less is known."""
+    """The scale of a reconstructed surface by its standard deviation (N,): the paler, the less is known."""
     return scale(1e3 * std_m, "std of the surface", "mm", "GnBu_r", (0.08, 0.8))
 
 
@@ -57,7 +57,7 @@ def object_scale(scene: Scene) -> Scale | None:
 
 
 def scale(values: np.ndarray, title: str, unit: str, name: str, part: tuple[float, float] = (0.0, 0.96)) -> Scale:
-    """`part` of matplotlib's colour map `name` over the values, between round ends."""
+    """`part` of matplotlib's colour map `name` over the values (N,), between round ends."""
     ticks = round_ticks(values)
     low, high = ticks[0], ticks[-1]
     colours = colormaps[name](np.linspace(*part, 256))[:, :3]
@@ -70,7 +70,7 @@ def scale(values: np.ndarray, title: str, unit: str, name: str, part: tuple[floa
 
 
 def round_ticks(values: np.ndarray) -> tuple[float, ...]:
-    """A handful of evenly spaced round numbers, the first and last of which hold all values. Without values: 0, 1."""
+    """A handful of evenly spaced round numbers, the first and last of which hold all values (N,). Without any: 0, 1."""
     if not np.isfinite(values).any():
         return 0.0, 1.0
     low, high = float(np.nanmin(values)), float(np.nanmax(values))

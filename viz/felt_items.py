@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .markup import sentence
 from .scene import Touch
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def touch_of(felt: Felt) -> Touch:
         facts=(
             _friction(felt.friction),
             _stiffness(felt.compliance),
-            *(_sentence(note) for note in felt.surface.notes),
+            *(sentence(note) for note in felt.surface.notes),
         ),
     )
 
@@ -37,17 +38,12 @@ def _friction(friction: Friction) -> str:
     low, high = friction.interval
     if friction.told:
         return f"Friction: μ = {friction.mu:.3f} ± {friction.std:.3f} (95 %: {low:.3f} to {high:.3f})."
-    return f"Friction cannot be told: {_sentence(friction.reason)}"
+    return f"Friction cannot be told: {sentence(friction.reason)}"
 
 
 def _stiffness(compliance: Compliance) -> str:
     if not compliance.told:
-        return _sentence(compliance.reason)
+        return sentence(compliance.reason)
     low, high = compliance.interval_N_m
     ends = f"{low:.3g} to {high:.3g} N/m" if np.isfinite(high) else f"{low:.3g} N/m upwards"
     return f"The object's stiffness: {compliance.stiffness_N_m:.3g} N/m (95 %: {ends})."
-
-
-def _sentence(text: str) -> str:
-    text = text.strip().rstrip(".")
-    return f"{text[:1].upper()}{text[1:]}."

@@ -65,7 +65,7 @@ def packed(made: dict[str, Any], blob: bytes, suffix: str) -> bytes:
 
 
 def linear(rgb: np.ndarray) -> np.ndarray:
-    """sRGB from 0 to 1 as the linear light that glTF's factors and vertex colours are in."""
+    """sRGB (..., 3) from 0 to 1 as the linear light that glTF's factors and vertex colours are in."""
     return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
 
 

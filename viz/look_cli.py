@@ -67,6 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _check(args: argparse.Namespace) -> None:
     import math
+    import os
 
     from vbaa_calib.errors import InputError
     from vbaa_calib.files import refuse_overwrite
@@ -79,7 +80,7 @@ def _check(args: argparse.Namespace) -> None:
         return
     if args.output.suffix.lower() not in SUFFIXES:
         raise InputError("is not a .png or .jpg", where=args.output, remedy="the suffix chooses the format")
-    if args.output.resolve() in [path.resolve() for path in (args.image, args.background) if path is not None]:
+    if os.path.realpath(args.output) in [os.path.realpath(path) for path in (args.image, args.background) if path]:
         raise InputError("is a picture that is looked at", where=args.output, remedy="take another name")
     refuse_overwrite(args.output, args.force)
 

@@ -14,7 +14,7 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from estimator.surface import Surface
 from vbaa_calib.errors import InputError
-from vbaa_calib.files import replacing
+from vbaa_calib.files import read_bytes, replacing
 
 from .object_glb import glb_bytes, read_glb
 from .ply import is_whole, ply_bytes
@@ -95,18 +95,17 @@ def read_object(path: Path) -> ObjectMesh:
     Raises InputError when there is nothing in it.
     """
     check_suffix(path)
-    if not path.is_file():
-        raise InputError("no such file", where=path, remedy="write it with vbaa reconstruct")
+    data = read_bytes(path)
     suffix = path.suffix.lower()
     if suffix == ".glb":
-        found = read_glb(path.read_bytes())
+        found = read_glb(data)
         if found is None or not len(found.points_m):
             raise InputError("holds no mesh of ours", where=path, remedy=REMEDY)
         return found
     if suffix == ".vtp":
         mesh = _read(vtkXMLPolyDataReader(), path)
     else:
-        mesh = _read(vtkPLYReader(), path) if is_whole(path.read_bytes()) else pv.PolyData()
+        mesh = _read(vtkPLYReader(), path) if is_whole(data) else pv.PolyData()
     if not mesh.n_points or not np.isfinite(mesh.points).all() or not _cells_have_points(mesh):
         raise InputError("holds no mesh", where=path, remedy=REMEDY)
     faces = mesh.triangulate().regular_faces if mesh.faces.size else np.empty((0, 3), int)

@@ -19,7 +19,7 @@ def ticks(low: float, high: float, number: int = 5) -> list[float]:
 
 
 def runs(known: np.ndarray) -> list[np.ndarray]:
-    """Indices of the unbroken stretches of True."""
+    """Indices of the unbroken stretches of True in known (N,)."""
     index = np.flatnonzero(known)
     return [run for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(run)]
 

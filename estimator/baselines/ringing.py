@@ -63,7 +63,7 @@ def dynamic_active_antenna(press: Press) -> Reading:
     return distance_by_frequency(press.wire, found.natural_rad_s, found.omega_std_rad_s)
 
 
-def fit_ringing(ring: Ring, band_rad_s: tuple[float, float] = (0.0, np.inf)) -> Ringing | str:
+def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
     """The strongest damped sinusoid over a constant, by least squares; in words why there is none.
 
     It is looked for in the band, within which a first mode can be: higher modes may be louder.

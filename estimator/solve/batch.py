@@ -48,6 +48,18 @@ def written(whole: T, rows: Array, part: T) -> T:
     return replace(_data(whole), **made)
 
 
+def gathered(parts: list[T], order: Array) -> T:
+    """Parts of a whole, one after the other and then in this order."""
+    xp, made = namespace(order), {}
+    for f in fields(_data(parts[0])):
+        values = [getattr(part, f.name) for part in parts]
+        if is_dataclass(values[0]):
+            made[f.name] = gathered(values, order)
+        elif hasattr(values[0], "ndim"):
+            made[f.name] = xp.concat(values)[order]
+    return replace(_data(parts[0]), **made)
+
+
 def _overwritten(values: Array, rows: Array, new: Array) -> Array:
     changed = values.clone() if hasattr(values, "clone") else values.copy()
     changed[rows] = new

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from vbaa_calib.arrays import Array, counted, namespace
+from vbaa_calib.arrays import Array, counted, namespace, places
 
-from .batch import chosen, picked, written
+from .batch import chosen, gathered, picked, written
 from .frames import Frames
 from .known import UNKNOWNS, Known
 from .match import match, nearest_feet
-from .normal import Equations, Problem, equations, problem, solved
+from .normal import Equations, Problem, cost, equations, problem, solved
 from .view import TIP, RigTable, View, look
 
 ITERATIONS, COARSE_ITERATIONS = 40, 5
@@ -18,6 +18,8 @@ NEAREST = 0.03
 """Least contact distance that is looked for, in antenna lengths."""
 STANDSTILL, COARSE_STANDSTILL = 1e-4, 1e-2
 """A step that promises less than this much of the cost is the last: a hundredth of a standard deviation, or a tenth."""
+QUIET = 0.1
+"""One that promises less than this part of that is not even taken."""
 STEEPEST = 4.0
 """Friction angles beyond so many of its deviations are not looked for."""
 SHRINK = 0.9
@@ -70,6 +72,37 @@ def begin(frames: Frames, view: View, unknowns: Array, feet_m: Array | None = No
     return State(unknowns, frames.known.still(len(frames)), feet, no, ones, no, xp.inf * ones)
 
 
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """B frames fitted on one rung, or on their way.
+
+    Attributes
+    ----------
+    state : where they stand.
+    view, table : the prediction there, and the rig's influence as it is used.
+    problem, equations : linearised there, the rig's steps in the residuals.
+    """
+
+    frames: Frames
+    rung: str
+    state: State
+    view: View
+    table: RigTable
+    problem: Problem
+    equations: Equations
+
+    @property
+    def plain_cost(self) -> Array:
+        """(B,) the cost with the deviations that the points came with: only these compare between fits."""
+        plain = replace(self.problem, scatter=namespace(self.state.scatter).ones_like(self.state.scatter))
+        return cost(plain, self.state.values)
+
+    def having(self, rows: Array, part: Settled) -> Settled:
+        """The same with some fits, of these indices in rising order, replaced by others."""
+        parts = ("state", "view", "table", "problem", "equations")
+        return replace(self, **{name: written(getattr(self, name), rows, getattr(part, name)) for name in parts})
+
+
 def linearised(frames: Frames, rung: str, table: RigTable, state: State, view: View | None = None) -> Problem:
     """The problem about a state, the rig's steps in its residuals."""
     view = look(frames, rung, state.unknowns) if view is None else view
@@ -77,35 +110,30 @@ def linearised(frames: Frames, rung: str, table: RigTable, state: State, view: V
     return problem(frames.known, view, table, found, state.scatter).stepped(state.steps)
 
 
-def descend(
-    frames: Frames,
-    rung: str,
-    table: RigTable,
-    state: State,
-    standstill: float = STANDSTILL,
-    iterations: int = ITERATIONS,
-) -> State:
-    """The floors below B states, each `converged` or not."""
-    xp = namespace(state.unknowns)
-    result, todo = state, counted(state.scatter, len(frames))
-    here = equations(linearised(frames, rung, table, state), state.values)
-    walk = Walk(state, here, state, here, xp.zeros_like(state.scatter), state.at_tip & ~state.at_tip)
+def evaluated(frames: Frames, rung: str, table: RigTable, state: State, view: View | None = None) -> Settled:
+    """What fits look like where they stand; nothing is searched for. Feet come out nearer to the right ones."""
+    view = look(frames, rung, state.unknowns) if view is None else view
+    about = linearised(frames, rung, table, state, view)
+    here = equations(about, state.values)
+    return Settled(frames, rung, replace(state, foot_m=about.found.foot_m, cost=here.cost), view, table, about, here)
+
+
+def descend(start: Settled, standstill: float = STANDSTILL, iterations: int = ITERATIONS) -> Settled:
+    """The floors below B fits, each `converged` or not."""
+    walk, todo, arrived = _begun(start), counted(start.state.scatter, len(start.frames)), []
     for _ in range(iterations):
-        step, promise = _step(frames.known, walk.here, walk.now, walk.damping)
-        trial = _moved(frames.known, walk.now, step)
-        about = linearised(frames, rung, table, trial)
-        there = equations(about, trial.values)
-        done = (promise < standstill) & ~walk.astray
-        walk = _walked(walk, replace(trial, foot_m=about.found.foot_m), there, promise)
-        walk = replace(walk, lowest=replace(walk.lowest, converged=done, cost=walk.there.cost))
-        going = ~done
+        step, promise = _step(walk, walk.damping)
+        walk = replace(walk, done=walk.done | ((promise < QUIET * standstill) & ~walk.astray))
+        going = ~walk.done | walk.aside
         left = int(going.sum())
         if left == 0:
             break
-        if left <= SHRINK * len(done):
-            result = written(result, todo, walk.lowest)
-            frames, table, todo, walk = frames.picked(going), picked(table, going), todo[going], picked(walk, going)
-    return written(result, todo, walk.lowest)
+        if left <= SHRINK * len(going):
+            arrived.append((todo[~going], _ended(picked(walk, ~going))))
+            walk, todo, step, promise = picked(walk, going), todo[going], step[going], promise[going]
+        walk = _walked(walk, step, promise, promise < standstill)
+    arrived.append((todo, _ended(walk)))
+    return _joined(start, arrived)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,34 +145,66 @@ class Walk:
 
     Attributes
     ----------
-    now, here : the states and their equations.
-    lowest, there : the lowest so far.
+    now : the fits; those that went back have only their state and equations, and are `aside`.
+    lowest, there : the lowest states so far, and their equations.
     damping : (B,) of the next step.
     astray : (B,) bool, the last step did not lower the cost.
+    aside : (B,) bool, the view is not the lowest state's.
+    done : (B,) bool, nothing is left to be gained.
     """
 
-    now: State
-    here: Equations
+    now: Settled
     lowest: State
     there: Equations
     damping: Array
     astray: Array
+    aside: Array
+    done: Array
 
 
-def _walked(walk: Walk, trial: State, there: Equations, promise: Array) -> Walk:
-    """After a step."""
-    xp = namespace(promise)
-    better = there.cost <= walk.there.cost
-    kept = (walk.here.cost - there.cost) / xp.clip(promise, 1e-300, None)
+def _begun(start: Settled) -> Walk:
+    xp, no = namespace(start.state.scatter), start.state.at_tip & ~start.state.at_tip
+    none = xp.zeros_like(start.state.scatter)
+    return Walk(start, start.state, start.equations, none, no, no, no)
+
+
+def _walked(walk: Walk, step: Array, promise: Array, last: Array) -> Walk:
+    """After a step, the last one for some (B,); who is done stays at the lowest state."""
+    xp, before = namespace(promise), walk.now
+    step = xp.where(walk.done[:, None], xp.zeros_like(step), step)
+    state = _moved(before.frames.known, before.state, step)
+    trial = evaluated(before.frames, before.rung, before.table, state)
+    better, done = (trial.state.cost <= walk.lowest.cost) | walk.done, walk.done | (last & ~walk.astray)
+    kept = (before.state.cost - trial.state.cost) / xp.clip(promise, 1e-300, None)
     eased = xp.where(kept > 0.75, 0.1 * walk.damping, walk.damping)
     eased = xp.where(kept < 0.25, xp.clip(4.0 * walk.damping, DAMPING, None), eased)
     if bool(better.all()):
-        return Walk(trial, there, trial, there, eased, ~better)
-    lowest, lowest_there = chosen(better, trial, walk.lowest), chosen(better, there, walk.there)
-    back = ~better & (walk.astray | ~(there.cost < FAR * walk.there.cost))
-    now, here = chosen(back, lowest, trial), chosen(back, lowest_there, there)
+        return Walk(trial, trial.state, trial.equations, eased, ~better, ~better, done)
+    lowest, there = chosen(better, trial.state, walk.lowest), chosen(better, trial.equations, walk.there)
+    back = ~better & (walk.astray | done | ~(trial.state.cost < FAR * walk.lowest.cost))
+    now = replace(trial, state=chosen(back, lowest, trial.state), equations=chosen(back, there, trial.equations))
     damping = xp.where(better, eased, xp.where(back, xp.clip(10.0 * walk.damping, DAMPING, None), walk.damping))
-    return Walk(now, here, lowest, lowest_there, damping, ~better & ~back)
+    return Walk(now, lowest, there, damping, ~better & ~back, ~better, done)
+
+
+def _ended(walk: Walk) -> Settled:
+    """The fits at the lowest states."""
+    found = replace(walk.now, state=replace(walk.lowest, converged=walk.done))
+    if bool(walk.aside.any()):
+        rows = places(walk.aside)
+        part = picked(found, rows)
+        found = found.having(rows, evaluated(part.frames, part.rung, part.table, part.state))
+    return found
+
+
+def _joined(start: Settled, arrived: list[tuple[Array, Settled]]) -> Settled:
+    """All fits, in the order in which they began."""
+    if len(arrived) == 1:
+        return arrived[0][1]
+    xp = namespace(start.state.scatter)
+    order = xp.argsort(xp.concat([rows for rows, _ in arrived]))
+    parts = ("state", "view", "problem", "equations")
+    return replace(start, **{name: gathered([getattr(one, name) for _, one in arrived], order) for name in parts})
 
 
 def moved_unknowns(known: Known, unknowns: Array, step: Array) -> Array:
@@ -174,8 +234,9 @@ def _moved(known: Known, now: State, step: Array) -> State:
     return replace(now, unknowns=unknowns, steps=now.steps + step[:, UNKNOWNS:])
 
 
-def _step(known: Known, here: Equations, now: State, damping: Array) -> tuple[Array, Array]:
+def _step(walk: Walk, damping: Array) -> tuple[Array, Array]:
     """Levenberg–Marquardt steps (B, K), and how much of the cost each promises to take (B,)."""
+    here, now, known = walk.now.equations, walk.now.state, walk.now.frames.known
     xp = namespace(damping)
     step = solved(here.information, here.pull, damping)
     distance = now.unknowns[:, 0]

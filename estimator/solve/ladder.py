@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.arrays import Array, counted, namespace, places
 
 from .batch import picked
-from .descend import begin
+from .descend import Settled
 from .frames import Frames
 from .rivals import Best, different, one_sided, other_sides
 from .second import second_force
-from .settle import Settled, evaluated, explored, settle
+from .settle import explored, settle
 from .starts import Free, Trials, free_antenna, tried
-from .view import LEANING, look, rig_table
+from .view import LEANING, look
 from .worth import REFERENCE, Worth, evidence, held_against, predicted_bias, stretched, worth
 
 EXPLORER = "linear"
 """The rung on which valleys are told apart."""
+USUAL = "elastica"
+"""The rung that most scenes need: on it `auto` finds out which one is."""
 STARTS = 2
 EXPLORED = 64
 """About so many points of a frame are enough to find its valleys."""
@@ -79,41 +83,57 @@ class Ground:
     floors: Array
     costs: Array
 
+    def below(self, found: Solved) -> Ground:
+        """The same with the floors, the best and its rival, that were found on a rung."""
+        xp, unknowns = namespace(self.costs), found.fits.state.unknowns
+        floors = xp.stack([unknowns, found.rival_unknowns], 1)
+        return replace(self, floors=floors, costs=xp.stack([xp.zeros_like(found.rival), found.rival], -1))
 
-def explore(frames: Frames, warm: Array | None = None) -> Ground:
-    """The valleys of each frame. `warm` (B, 4), unknowns near the truth where finite, may take their place."""
+
+def explore(frames: Frames, warm: Array | None = None, descended: bool = False) -> Ground:
+    """The valleys of each frame. `warm` (B, 4), unknowns near the truth where finite, may take their place.
+
+    Frames with several are descended on a low rung, to see which of them are worth it; on demand, all are.
+    """
+    xp = namespace(frames.points)
     free = free_antenna(frames, REFERENCE)
     few, kept = frames.thinned(EXPLORED)
-    feet = free.feet_m[counted(kept, len(kept))[:, None], kept]
-    trials = tried(few, replace(free, feet_m=feet))
+    found = free.found.thinned(kept)
+    trials = tried(few, free, found)
     starts, costs = trials.lowest(STARTS)
     if warm is not None:
         starts, costs = trials.warmed(starts, costs, warm)
-    floors, costs = explored(few, EXPLORER, starts, costs, feet)
-    return Ground(free, trials, floors, costs)
+    several = places(xp.isfinite(costs[:, -1]) | descended)
+    if len(several):
+        part = few.picked(several), EXPLORER, starts[several], costs[several], found.foot_m[several]
+        starts[several], costs[several] = explored(*part)
+    return Ground(free, trials, starts, costs)
 
 
 def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solved]:
     """Fit B frames; frames on the same rung come together. `warm` as in `explore`."""
     xp = namespace(frames.points)
-    ground = explore(frames, warm)
+    ground, every = explore(frames, warm), counted(frames.points, len(frames))
     if model != "auto":
-        return [_solved(frames, ground, model, counted(ground.costs, len(frames)), {})]
-    bias = _biases_at(frames, ground)
-    level = xp.zeros_like(ground.costs[:, 0])
+        return [_solved(frames, ground, model, every, (model,))]
+    first = _solved(frames, ground, USUAL, every, RUNGS)
+    bias, level = first.bias, xp.zeros_like(ground.costs[:, 0])
     for index, rung in enumerate(RUNGS[:-1]):
         level = xp.where((level == index) & ~(bias[rung] <= SMALL), level + 1.0, level)
+    ground = ground.below(first)
     found = []
     for index, rung in enumerate(RUNGS):
         rows = places(level == index)
-        if len(rows):
+        if rung == USUAL and len(rows):
+            found.append(first if len(rows) == len(frames) else picked(first, rows))
+        elif len(rows):
             found += _climbed(frames, ground, rung, rows, bias)
     return found
 
 
 def _climbed(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[str, Array]) -> list[Solved]:
     """Some frames on their rung, those for which it proves too low on a higher one."""
-    first = _solved(frames, ground, rung, rows, {each: bias[each][rows] for each in bias})
+    first = _solved(frames, ground, rung, rows, (rung,), {each: bias[each][rows] for each in bias})
     low = first.bias[rung] > SMALL
     if rung == REFERENCE or not bool(low.any()):
         return [first]
@@ -129,12 +149,22 @@ def _told(bias: dict[str, Array], rows: Array, found: Array, rung: str) -> dict[
     return {rung: told}
 
 
-def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[str, Array]) -> Solved:
-    """These rows of the frames settled on a rung, in the best of the valleys that are worth it."""
+def _solved(
+    frames: Frames,
+    ground: Ground,
+    rung: str,
+    rows: Array,
+    weighed: tuple[str, ...],
+    bias: Mapping[str, Array] = MappingProxyType({}),
+) -> Solved:
+    """These rows of the frames settled on a rung, in the best of the valleys that are worth it.
+
+    `bias` is what was found already, `weighed` the rungs whose bias is asked for.
+    """
     xp = namespace(rows)
     part, here = frames.picked(rows), picked(ground, rows)
     telling = xp.amax(here.trials.gains, -1) > FAINT
-    best = Best.of(settle(part, rung, here.floors[:, 0], here.free.feet_m))
+    best = Best.of(settle(part, rung, here.floors[:, 0], here.free.found.foot_m))
     for other in range(1, here.floors.shape[1]):
         best = best.beside(xp.isfinite(here.costs[:, other]) & telling, here.floors[:, other])
     best = _found_again(part, rung, here, best, telling)
@@ -149,13 +179,14 @@ def _solved(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[s
         best = best.beside(turned, *other_sides(part, best.fits.state.unknowns))
         known = stretched(best.fits, worth(best.fits), blind)
     fits = best.fits
-    if rung == REFERENCE:
-        about = fits.problem
-    else:
-        about = held_against(fits, look(part, REFERENCE, fits.state.unknowns))
-        bias = bias | predicted_bias(fits, known, (rung,))
-    told = evidence(fits, about, here.free), bias, best.rival, best.rival_unknowns, blind
-    return Solved(rows, fits, known, here.free, *told, *second_force(fits, about, known))
+    about, told = fits.problem, dict(bias)
+    if rung != REFERENCE:
+        reference = look(part, REFERENCE, fits.state.unknowns, slopes=False)
+        about = held_against(fits, reference)
+        told |= predicted_bias(fits, known, reference, weighed)
+    contact = evidence(fits, about, here.free)
+    others = best.rival, best.rival_unknowns, blind, *second_force(fits, about, known)
+    return Solved(rows, fits, known, here.free, contact, told, *others)
 
 
 def _found_again(frames: Frames, rung: str, ground: Ground, best: Best, telling: Array) -> Best:
@@ -174,12 +205,3 @@ def _found_again(frames: Frames, rung: str, ground: Ground, best: Best, telling:
 def _lost(best: Best) -> Array:
     state = best.fits.state
     return ~state.converged | (state.scatter > LOST) | (abs(state.unknowns[:, 3]) > LEANT)
-
-
-def _biases_at(frames: Frames, ground: Ground) -> dict[str, Array]:
-    """Every rung's predicted bias (B,) at the rough floors."""
-    unknowns = ground.floors[:, 0]
-    view = look(frames, EXPLORER, unknowns)
-    table = rig_table(frames, EXPLORER, unknowns, view)
-    rough = evaluated(frames, EXPLORER, table, begin(frames, view, unknowns, ground.free.feet_m))
-    return predicted_bias(rough, worth(rough, rough=True))

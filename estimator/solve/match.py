@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vbaa_calib.arrays import Array, as_index, namespace, taken
+from vbaa_calib.arrays import Array, as_index, counted, namespace, taken
 
 from .cubics import INNER, LAST, cubic, spacing
 from .frames import Frames
@@ -35,6 +35,15 @@ class Match:
     share: Array
     distance: Array
     precision: Array
+
+    def picked(self, which: Array) -> Match:
+        """Some of the frames, by index or mask."""
+        return Match(*(values[which] for values in vars(self).values()))
+
+    def thinned(self, places: Array) -> Match:
+        """Some of each frame's points, by their places (B, W)."""
+        rows = counted(places, len(places))[:, None]
+        return self.picked((rows, places))
 
     def between(self, nodes: Array) -> Array:
         """Values on the nodes (B, M) at the feet (B, N)."""
@@ -79,16 +88,16 @@ def nearest_feet(frames: Frames, view: View) -> Array:
     return foot
 
 
-def along_chord(frames: Frames, view: View) -> Array:
-    """`nearest_feet` of curves that are nearly straight, such as the free antenna's: from where points lie along their
-    chord."""
+def along_chord(frames: Frames, view: View) -> Match:
+    """Hold the points against curves that are nearly straight, such as the free antenna's.
+
+    Feet are then near where points lie along the straight line from clamp to tip, seen in perspective.
+    """
     xp = namespace(view.nodes)
     start, chord = view.nodes[:, :1], view.nodes[:, -1:] - view.nodes[:, :1]
-    part = dot(frames.points - start, chord) / dot(chord, chord)
-    foot = xp.clip(part, 0.0, 1.0) * view.length_m
-    for _ in range(FOOT_STEPS + 1):
-        foot = match(frames, view, foot).foot_m
-    return foot
+    near, far = view.depth[:, 0], view.depth[:, -1]
+    seen = xp.clip(dot(frames.points - start, chord) / dot(chord, chord), 0.0, 1.0)
+    return match(frames, view, seen * near / (far - (far - near) * seen) * view.length_m)
 
 
 def match(frames: Frames, view: View, foot_m: Array) -> Match:

@@ -11,6 +11,8 @@ from .known import LIKELY_SWAY, Known
 from .match import Match, Sums, sums
 from .view import RigTable, View
 
+SETTLED = 1e-4
+"""Part of a cost: linear problems are solved once no frame's reweighted step promises more."""
 EASE = 1e-12
 """Added to the diagonal of scaled normal equations: what nothing holds stays where it is."""
 
@@ -137,9 +139,12 @@ def solved_columns(information: Array, pulls: Array, damping: Array | None = Non
 
 def least_cost(this: Problem, at: Array, rounds: int) -> tuple[Array, Array]:
     """The small move (B, K) of least cost with everything taken as linear, and that cost (B,); `at` (B, K) is where
-    the priors stand before it."""
+    the priors stand before it. It is reweighted so many times at most."""
     moved = namespace(at).zeros_like(at)
     for _ in range(rounds):
         now = equations(this, at + moved, moved)
-        moved = moved + solved(now.information, now.pull)
+        step = solved(now.information, now.pull)
+        moved = moved + step
+        if bool(((now.pull * step).sum(-1) < SETTLED * (1.0 + now.cost)).all()):
+            break
     return moved, cost(this, at + moved, moved)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from vbaa_calib.arrays import Array, counted, like, namespace, places
 
 from .batch import picked
+from .descend import Settled
 from .frames import Frames
-from .settle import Settled, replaced, settle
+from .settle import settle
 from .view import RigTable
 
 SAME, SAME_FORCE = 1e-2, 0.05
@@ -67,8 +68,7 @@ class Best:
         rival_unknowns[rows] = xp.where(nearer[:, None], lost, rival_unknowns[rows])
         if not bool(better.any()):
             return Best(self.fits, rival_cost, rival_unknowns)
-        fits = replaced(self.fits, rows[better], picked(theirs, better), picked(others.table, better))
-        return Best(fits, rival_cost, rival_unknowns)
+        return Best(self.fits.having(rows[better], picked(others, better)), rival_cost, rival_unknowns)
 
 
 def different(first: Array, second: Array) -> Array:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from vbaa_calib.arrays import Array, counted, namespace, places
 
-from .batch import picked, written
-from .descend import COARSE_ITERATIONS, COARSE_STANDSTILL, State, begin, descend, linearised
+from .batch import picked
+from .descend import COARSE_ITERATIONS, COARSE_STANDSTILL, Settled, State, begin, descend, evaluated
 from .frames import Frames
 from .known import UNKNOWNS, Known
-from .normal import Equations, Problem, cost, equations
-from .view import TIP, RigTable, View, look, rig_table
+from .normal import Problem
+from .view import TIP, look, rig_table
 
 NEAR_TIP, TIP_OBJECTION = 0.03, 2.0
 """A distance this near to the tip is held there if that costs no more than this: if it lies within two deviations."""
@@ -29,42 +29,14 @@ SAME_VALLEY = 1e-2
 """Distances closer than this, in antenna lengths, are taken for the same valley."""
 
 
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """B fitted frames on one rung.
-
-    Attributes
-    ----------
-    state : where they stand.
-    view, table : the prediction there, and the rig's influence as it was used.
-    problem, equations : linearised there, the rig's steps in the residuals.
-    """
-
-    frames: Frames
-    rung: str
-    state: State
-    view: View
-    table: RigTable
-    problem: Problem
-    equations: Equations
-
-    @property
-    def plain_cost(self) -> Array:
-        """(B,) the cost with the deviations that the points came with: only these compare between fits."""
-        plain = replace(self.problem, scatter=namespace(self.state.scatter).ones_like(self.state.scatter))
-        return cost(plain, self.state.values)
-
-
 def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = None) -> Settled:
     """The floors of the valleys that unknowns (B, 4) lie in. `feet_m` (B, N): feet near the right ones, if known.
 
     What neither noise nor rig explains — a second contact, a kink — must not be fitted as if it were exact, nor must
     most points count as outliers for it: such frames are fitted again with what their points scatter.
     """
-    view = look(frames, rung, unknowns)
-    table = rig_table(frames, rung, unknowns, view)
-    fits = evaluated(frames, rung, table, descend(frames, rung, table, begin(frames, view, unknowns, feet_m)))
-    for _ in range(ROUNDS):
+    fits = descend(_begun(frames, rung, unknowns, feet_m))
+    for _ in range(ROUNDS if frames.known.axes.shape[1] else 0):
         far = _far(frames.known, unknowns, fits.state.unknowns)
         if not bool(far.any()):
             break
@@ -79,11 +51,11 @@ def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = No
     return _held_at_tip(fits, near) if bool(near.any()) else fits
 
 
-def evaluated(frames: Frames, rung: str, table: RigTable, state: State) -> Settled:
-    """What fits look like where they stand; nothing is searched for."""
-    view = look(frames, rung, state.unknowns)
-    about = linearised(frames, rung, table, state, view)
-    return Settled(frames, rung, state, view, table, about, equations(about, state.values))
+def _begun(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None) -> Settled:
+    """Fits at unknowns (B, 4), with the rig's influence taken there."""
+    view = look(frames, rung, unknowns)
+    table = rig_table(frames, rung, unknowns, view)
+    return evaluated(frames, rung, table, begin(frames, view, unknowns, feet_m), view)
 
 
 def explored(
@@ -105,12 +77,9 @@ def explored(
         return starts, xp.full_like(costs, xp.inf)
     index = places(worth)
     several = frames.picked(index // width)
-    unknowns = starts.reshape(-1, UNKNOWNS)[worth]
-    view = look(several, rung, unknowns)
-    table = rig_table(several, rung, unknowns, view)
     feet = None if feet_m is None else feet_m[index // width]
-    first = begin(several, view, unknowns, feet)
-    state = descend(several, rung, table, first, COARSE_STANDSTILL, iterations)
+    first = _begun(several, rung, starts.reshape(-1, UNKNOWNS)[worth], feet)
+    state = descend(first, COARSE_STANDSTILL, iterations).state
     floors, total = starts.reshape(-1, UNKNOWNS) + 0.0, xp.full_like(costs.reshape(-1), xp.inf)
     floors[worth] = state.unknowns
     total[worth] = state.cost
@@ -146,33 +115,25 @@ def _far(known: Known, start: Array, end: Array) -> Array:
 def _with_own_table(fits: Settled, which: Array) -> Settled:
     """Some of the fits once more, with the rig's influence taken where they stand."""
     rows = places(which)
-    frames, state, view = fits.frames.picked(rows), picked(fits.state, rows), picked(fits.view, rows)
-    table = rig_table(frames, fits.rung, state.unknowns, view)
-    return replaced(fits, rows, descend(frames, fits.rung, table, state), table)
+    part = picked(fits, rows)
+    table = rig_table(part.frames, part.rung, part.state.unknowns, part.view)
+    return fits.having(rows, descend(evaluated(part.frames, part.rung, table, part.state, part.view)))
 
 
 def _anew(fits: Settled, which: Array, begun: State) -> Settled:
-    """Some of the fits descended once more, from other states."""
+    """Some of the fits descended once more, from other states of the same unknowns."""
     rows = places(which)
-    frames, table = fits.frames.picked(rows), picked(fits.table, rows)
-    return replaced(fits, rows, descend(frames, fits.rung, table, picked(begun, rows)), table)
-
-
-def replaced(fits: Settled, rows: Array, states: State, table: RigTable) -> Settled:
-    """Fits with the states and tables of some rows replaced by others."""
-    part = evaluated(fits.frames.picked(rows), fits.rung, table, states)
-    parts = ("state", "view", "table", "problem", "equations")
-    return replace(fits, **{name: written(getattr(fits, name), rows, getattr(part, name)) for name in parts})
+    part = picked(fits, rows)
+    return fits.having(rows, descend(evaluated(part.frames, part.rung, part.table, picked(begun, rows), part.view)))
 
 
 def _held_at_tip(fits: Settled, near: Array) -> Settled:
     """Distances that the data cannot tell from the tip are held there."""
     xp = namespace(near)
     rows = places(near)
-    frames, table, free = fits.frames.picked(rows), picked(fits.table, rows), picked(fits.state, rows)
-    unknowns = xp.concat([xp.ones_like(free.unknowns[:, :1]) * TIP, free.unknowns[:, 1:]], -1)
-    held = descend(frames, fits.rung, table, replace(free, unknowns=unknowns, at_tip=near[rows]))
-    better = held.cost <= free.cost + TIP_OBJECTION
-    if not bool(better.any()):
-        return fits
-    return replaced(fits, rows[better], picked(held, better), picked(table, better))
+    free = picked(fits, rows)
+    unknowns = xp.concat([xp.ones_like(free.state.unknowns[:, :1]) * TIP, free.state.unknowns[:, 1:]], -1)
+    state = replace(free.state, unknowns=unknowns, at_tip=near[rows])
+    held = descend(evaluated(free.frames, free.rung, free.table, state))
+    better = held.state.cost <= free.state.cost + TIP_OBJECTION
+    return fits.having(rows[better], picked(held, better)) if bool(better.any()) else fits

@@ -11,7 +11,7 @@ from vbaa_calib.arrays import Array, counted, like, namespace
 from .cubics import cubic, cubics
 from .frames import Frames
 from .known import LIKELY_SWAY, Known
-from .match import Sums, along_chord, between_nodes, match, rows, sums
+from .match import Match, Sums, along_chord, between_nodes, rows, sums
 from .normal import huber_weights
 from .view import RigTable, View, by_point, look, rig_table
 
@@ -28,19 +28,19 @@ FREE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Free:
-    """The free antennas of B frames: their views, and the rig's influence on them."""
+    """The free antennas of B frames: their views, the rig's influence on them, and the points held against them."""
 
     unknowns: Array
     view: View
     table: RigTable
-    feet_m: Array
+    found: Match
 
 
 def free_antenna(frames: Frames, rung: str) -> Free:
     """The free antennas; the rig's influence on them is that of small deflections."""
     xp = namespace(frames.points)
     unknowns = xp.zeros_like(frames.gravity_m_s2[:, :1]) + FREE * frames.known.trials[1]
-    view = look(frames, rung, unknowns)
+    view = look(frames, rung, unknowns, slopes=False)
     return Free(unknowns, view, rig_table(frames, "linear", unknowns, view), along_chord(frames, view))
 
 
@@ -73,7 +73,23 @@ class Trials:
         costs = xp.where(floor, costs, xp.full_like(costs, xp.inf))
         order = xp.argsort(costs, -1)[:, :count]
         every = counted(costs, len(costs))[:, None]
-        return self._unknowns(self.grid[every, order], self.forces[every, order]), costs[every, order]
+        return self._unknowns(*self._between(every, order)), costs[every, order]
+
+    def _between(self, every: Array, order: Array) -> tuple[Array, Array]:
+        """Distances (B, S) and forces (B, S, 2) at the floors of parabolas about minima (B, S) of the grid."""
+        xp, last = namespace(self.gains), self.gains.shape[1] - 1
+        inside = xp.clip(order, 1, last - 1)
+        before, there, after = (self.gains[every, inside + side] for side in (-1, 0, 1))
+        bend = 2.0 * there - before - after
+        part = xp.where((order == inside) & (bend > 0.0), 0.5 * (after - before) / bend, 0.0 * bend)
+        part = xp.clip(xp.nan_to_num(part, nan=0.0), -0.5, 0.5)
+        beside = xp.where(part < 0.0, inside - 1, inside + 1)
+        beside = xp.where(order == inside, beside, order)
+        here, there = self.grid[every, order], self.grid[every, beside]
+        distance = here + xp.abs(part) * (there - here)
+        # what the tip sways changes little from one distance to the next, the force much
+        sway, sway_there = (self.forces[every, at] * _sway(self.grid[every, at]) for at in (order, beside))
+        return distance, (sway + xp.abs(part)[..., None] * (sway_there - sway)) / _sway(distance)
 
     def spread(self, every: int) -> tuple[Array, Array]:
         """Unknowns (B, S, 4) at every so manieth distance, and costs (B, S) of 0."""
@@ -98,15 +114,14 @@ class Trials:
         return xp.concat([distance[..., None], forces, xp.zeros_like(forces[..., :1])], -1)
 
 
-def tried(frames: Frames, free: Free) -> Trials:
-    """The grid's distances, each with its best force.
+def tried(frames: Frames, free: Free, found: Match) -> Trials:
+    """The grid's distances, each with its best force, for the points that were found off the free antennas.
 
     For small deflections the picture is linear in the force once the distance is given, so force and rig are profiled
     out. A force along y or z displaces the picture by one shape for all frames times `by_point` of each frame, so that
     sums over nodes are matrix products with shapes.
     """
     xp = namespace(frames.points)
-    found = match(frames, free.view, free.feet_m)
     grid = like(frames.points, [NEAREST_TRIED + (1.0 - NEAREST_TRIED) * g / (GRID - 1) for g in range(GRID)])
     pushes = _Pushes.of(frames, free, grid)
     every, weights = counted(found.distance, len(frames)), found.precision
@@ -191,6 +206,11 @@ def _product(summed: Sums, first: Array, second: Array, shape: Array) -> Array:
     own = (summed.diagonal * first * second) @ (shape * shape)
     mixed = summed.beside * (first[:, :-1] * second[:, 1:] + first[:, 1:] * second[:, :-1])
     return own + mixed @ (shape[:-1] * shape[1:])
+
+
+def _sway(distance: Array) -> Array:
+    """(..., 1) by which the tip's deflection by a unit force grows with the force's distance, in antenna lengths."""
+    return (distance * distance * (3.0 - distance))[..., None]
 
 
 def _best_forces(yy: Array, yz: Array, zz: Array, y: Array, z: Array) -> tuple[Array, Array]:

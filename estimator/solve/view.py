@@ -90,12 +90,12 @@ def antennas(frames: Frames, rung: str, unknowns: Array, steps: Array | None = N
     )
 
 
-def look(frames: Frames, rung: str, unknowns: Array) -> View:
-    """The prediction at unknowns (B, 4), with its finite differences."""
+def look(frames: Frames, rung: str, unknowns: Array, slopes: bool = True) -> View:
+    """The prediction at unknowns (B, 4), with its finite differences unless no slopes by the unknowns are asked for."""
     xp, known = namespace(unknowns), frames.known
-    free = UNKNOWNS if known.friction_rad > 0.0 and rung in LEANING else UNKNOWNS - 1
+    free = (UNKNOWNS if known.friction_rad > 0.0 and rung in LEANING else UNKNOWNS - 1) if slopes else 0
     ones = xp.ones_like(unknowns[:, :1])
-    signs = xp.concat([xp.where(unknowns[:, :1] + STEP > TIP, -ones, ones)] + [ones] * (free - 1), -1)
+    signs = xp.concat([xp.where(unknowns[:, :1] + STEP > TIP, -ones, ones)] + [ones] * (UNKNOWNS - 1), -1)[:, :free]
     trials = xp.concat([ones, signs], -1)[..., None] * known.trials[: free + 1]
     shapes = antennas(frames, rung, unknowns[:, None] + STEP * trials)
     grid = len(frames), free + 1
@@ -110,7 +110,7 @@ def look(frames: Frames, rung: str, unknowns: Array) -> View:
     by_moment = (felt[:, 1:] - felt[:, :1]) / (STEP * signs[..., None])
     touch = xp.concat([shapes.contact_m, shapes.force_N], -1).reshape(*grid, 6)
     by_touch = (touch[:, 1:] - touch[:, :1]) / (STEP * signs[..., None])
-    if free < UNKNOWNS:
+    if 0 < free < UNKNOWNS:
         columns = xp.concat([columns, xp.zeros_like(columns[:, :1])], 1)
         by_moment = xp.concat([by_moment, xp.zeros_like(by_moment[:, :1])], 1)
         by_touch = xp.concat([by_touch, _leaning(known, shapes, touch[:, :1])], 1)
@@ -142,16 +142,10 @@ def by_point(known: Known, view: View) -> Array:
     return (along - dot(view.normals, view.nodes)[..., None] * rotation[2]) / view.depth
 
 
-def displaced(frames: Frames, rung: str, unknowns: Array, view: View) -> tuple[Array, Array, Array]:
-    """What another rung predicts at the same unknowns, less a view: along its normals (B, M), felt (B, 2), and contact
+def displaced(view: View, other: View) -> tuple[Array, Array, Array]:
+    """What another view of the same frames predicts, less this one: along the normals (B, M), felt (B, 2), and contact
     point and force (B, 6)."""
-    xp = namespace(unknowns)
-    shapes = antennas(frames, rung, unknowns[:, None])
-    u, v, _ = project(frames.known, shapes.points_m)
-    own = frames.reading_Nm / frames.known.std - view.misfit
-    felt = (readings(frames, shapes) - own) * frames.felt
-    touched = xp.concat([shapes.contact_m, shapes.force_N], -1) - view.touch
-    return dot(xp.stack([u, v], -1) - view.nodes, view.normals), felt, touched
+    return dot(other.nodes - view.nodes, view.normals), view.misfit - other.misfit, other.touch - view.touch
 
 
 def readings(frames: Frames, shapes: Curves) -> Array:

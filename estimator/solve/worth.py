@@ -8,13 +8,13 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.arrays import Array, counted, namespace, places
 
 from .batch import picked
-from .descend import linearised, moved_unknowns
+from .descend import Settled, linearised, moved_unknowns
 from .known import UNKNOWNS
 from .match import match
 from .normal import Problem, cost, huber_weights, least_cost, solved
-from .settle import SCATTERED, Settled
+from .settle import SCATTERED
 from .starts import Free
-from .view import LEANING, View, displaced
+from .view import LEANING, View, displaced, look
 
 REFERENCE = RUNGS[-1]
 """The rung that the others are held against."""
@@ -157,11 +157,12 @@ def moves(fits: Settled, displacement: Array, felt: Array) -> Array:
     return solved(fits.equations.information, pull)
 
 
-def predicted_bias(fits: Settled, known: Worth, rungs: tuple[str, ...] = RUNGS) -> dict[str, Array]:
+def predicted_bias(fits: Settled, known: Worth, reference: View, rungs: tuple[str, ...] = RUNGS) -> dict[str, Array]:
     """Each rung's bias (B,) at the fitted contacts: the largest of distance, f_y and f_z, in standard deviations.
 
-    How far a fit on it would move if the antenna were the highest rung's; on rungs without friction, also what the
-    friction that is thought possible would do. Infinite where the deviations are not known.
+    How far a fit on it would move if the antenna were the highest rung's, whose view is the `reference`; on rungs
+    without friction, also what the friction that is thought possible would do. Infinite where the deviations are not
+    known.
     """
     xp = namespace(known.covariance)
     frames, unknowns, view = fits.frames, fits.state.unknowns, fits.view
@@ -176,17 +177,19 @@ def predicted_bias(fits: Settled, known: Worth, rungs: tuple[str, ...] = RUNGS) 
         off = xp.concat([moved[:, 0], forces], -1)
         return xp.where(sound[:, None], xp.abs(off) / xp.where(sound[:, None], std, 1.0), xp.inf)
 
-    truth = displaced(frames, REFERENCE, unknowns, view)
+    truth = displaced(view, reference)
     friction = 0.0
     if frames.known.friction_rad > 0.0 and not set(rungs) <= set(LEANING):
-        leant = displaced(frames, REFERENCE, unknowns + frames.known.trials[UNKNOWNS], view)
+        leant = displaced(view, look(frames, REFERENCE, unknowns + frames.known.trials[UNKNOWNS], slopes=False))
         friction = in_std(*(a - b for a, b in zip(leant, truth, strict=True)))
     found = {}
     for rung in rungs:
         if rung == REFERENCE:
             found[rung] = xp.where(sound, xp.zeros_like(std[:, 0]), xp.full_like(std[:, 0], xp.inf))
             continue
-        own = (0.0, 0.0, 0.0) if rung == fits.rung else displaced(frames, rung, unknowns, view)
+        own = (0.0, 0.0, 0.0)
+        if rung != fits.rung:
+            own = displaced(view, look(frames, rung, unknowns, slopes=False))
         shape = in_std(*(a - b for a, b in zip(truth, own, strict=True)))
         both = shape if rung in LEANING else xp.sqrt(shape**2 + friction**2)
         found[rung] = xp.amax(both, -1)
@@ -209,7 +212,7 @@ def evidence(fits: Settled, about: Problem, free: Free) -> Array:
     """
     _, touching = least_cost(about, fits.state.values, CLOSE_ROUNDS)
     alone = Problem(
-        match(fits.frames, free.view, free.feet_m),
+        free.found,
         free.table.nodes,
         free.table.readings,
         free.view.misfit,

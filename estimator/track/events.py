@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..table import ContactTable
+from ..table import LOCATED, ContactTable
 from .onset import Change, Contacting, settled
 from .result import FIRST_CONTACT, LOSS, ROLLING, SLIDING, SLIP_END, SLIP_START, STICKING, Event
 from .slip import HALF_WINDOW_S
@@ -20,7 +20,8 @@ FORCE_S = 0.5
 
 def contact_events(table: ContactTable, contacting: Contacting) -> tuple[Event, ...]:
     """First contacts and losses, with the times that the growth of the deflection tells."""
-    return tuple(_change(table, contacting, change) for change in contacting.changes)
+    told = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
+    return tuple(_change(table, contacting, change, told) for change in contacting.changes)
 
 
 def slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.ndarray]) -> tuple[Event, ...]:
@@ -44,13 +45,13 @@ def _slips(table: ContactTable, before: int, after: int, starts: bool) -> Event:
     return Event(kind, int(table.frame[after]), time, std, delay, words)
 
 
-def _change(table: ContactTable, contacting: Contacting, change: Change) -> Event:
+def _change(table: ContactTable, contacting: Contacting, change: Change, told: np.ndarray) -> Event:
     kind, what = (FIRST_CONTACT, "first contact") if change.begins else (LOSS, "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
     if len(change.known_before) == 0:
         words = f"in contact from frame {frame} on, the first that tells: when it began cannot be told"
         return Event(kind, frame, np.nan, np.nan, np.nan, words)
-    growth = _growth(table, contacting, change)
+    growth = _growth(table, contacting, change, told)
     if growth is None:
         low = float(table.time_s[change.known_before[-1]])
         time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
@@ -67,10 +68,9 @@ def _change(table: ContactTable, contacting: Contacting, change: Change) -> Even
     return Event(kind, frame, float(time), float(std), float(delay), words)
 
 
-def _growth(table: ContactTable, contacting: Contacting, change: Change) -> Growth | None:
-    """The frames about a change; those of a loss turned round in time."""
+def _growth(table: ContactTable, contacting: Contacting, change: Change, told: np.ndarray) -> Growth | None:
+    """The frames about a change, of those that tell (T,); of a loss turned round in time."""
     state, time = contacting.state, table.time_s
-    told = np.flatnonzero((state >= 0) & np.isfinite(table.evidence))
     place = int(np.searchsorted(told, change.row))
     if change.begins:
         free = np.array(settled(change.known_before.tolist()), int)
@@ -88,7 +88,7 @@ def _growth(table: ContactTable, contacting: Contacting, change: Change) -> Grow
         return None
     sign = 1.0 if change.begins else -1.0
     rows = np.concatenate([early, late])
-    located = late[table.located[late] & (np.abs(time[late] - time[late[0]]) <= FORCE_S)][:FORCES]
+    located = late[np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= FORCE_S)][:FORCES]
     size = np.hypot(table.force_y_N[located], table.force_z_N[located])
     std = np.hypot(
         table.force_y_N[located] * table.force_y_std_N[located], table.force_z_N[located] * table.force_z_std_N[located]

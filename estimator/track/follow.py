@@ -50,10 +50,11 @@ def follow(
     phase = _after_onset(table, phase, contact, events)
     events += slip_events(table, phase, [stroke.rows for stroke in runs])
     events += ringing_events(table, ringing, None if rig is None else beam(rig))
+    time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))
     return Track(
         phase=phase,
         ringing=ringing,
-        events=tuple(sorted(events, key=lambda event: _when(table, event))),
+        events=tuple(sorted(events, key=lambda each: each.time_s if np.isfinite(each.time_s) else time_of[each.frame])),
         notes=tuple(_notes(table, contact, shared)),
         **found,
     )
@@ -93,10 +94,6 @@ def _after_onset(table: ContactTable, phase: np.ndarray, contact: Contacting, ev
             late = late[np.isin(phase[late], (FREE, TOUCHING))]
             phase[late] = TOUCHING if change.begins else FREE
     return phase
-
-
-def _when(table: ContactTable, event: Event) -> float:
-    return event.time_s if np.isfinite(event.time_s) else float(table.time_s[table.frame == event.frame][0])
 
 
 def _notes(table: ContactTable, contact: Contacting, shared: Shared | None) -> list[str]:

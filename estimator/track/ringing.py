@@ -37,21 +37,24 @@ def swinging(table: ContactTable) -> np.ndarray:
 def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) -> tuple[Event, ...]:
     """One for each run of swinging frames."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], ringing, [False]]).astype(int)))
-    return tuple(_event(table, slice(*run), beam) for run in ends.reshape(-1, 2))
-
-
-def _event(table: ContactTable, run: slice, beam: Beam | None) -> Event:
-    time = table.time_s[run]
-    words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {_pace(table, time[0], time[-1], beam)}"
     step = usual_step(table.time_s)
+    # a frame without a time stands where the one before it does
+    clock = np.nan_to_num(np.fmax.accumulate(table.time_s), nan=-np.inf)
+    return tuple(_event(table, slice(*run), beam, step, clock) for run in ends.reshape(-1, 2))
+
+
+def _event(table: ContactTable, run: slice, beam: Beam | None, step: float, clock: np.ndarray) -> Event:
+    time = table.time_s[run]
+    first = np.searchsorted(clock, time[0] - AROUND_S)
+    pace = _pace(table, slice(first, np.searchsorted(clock, time[-1] + AROUND_S, side="right")), beam, step)
+    words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {pace}"
     std = step / np.sqrt(12.0) if np.isfinite(step) else np.nan
     return Event(RINGING, int(table.frame[run][0]), float(time[0]), float(std), 0.0, words)
 
 
-def _pace(table: ContactTable, begin_s: float, end_s: float, beam: Beam | None) -> str:
-    near = (table.time_s >= begin_s - AROUND_S) & (table.time_s <= end_s + AROUND_S) & np.isfinite(table.evidence)
-    time, signal = table.time_s[near], np.sqrt(2.0 * np.clip(table.evidence[near], 0.0, None))
-    step = usual_step(table.time_s)
+def _pace(table: ContactTable, near: slice, beam: Beam | None, step: float) -> str:
+    told = np.isfinite(table.evidence[near]) & np.isfinite(table.time_s[near])
+    time, signal = table.time_s[near][told], np.sqrt(2.0 * np.clip(table.evidence[near][told], 0.0, None))
     if len(time) < LEAST_FRAMES or not np.isfinite(step):
         return "too few frames to tell how fast"
     fastest = 0.5 / step

@@ -67,9 +67,9 @@ def pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
     ends = (steps > GAP_FRAMES * usual_step(table.time_s)) | ~(steps > 0.0)
     free = np.cumsum(track.phase == "free")
     ends |= np.diff(free[rows]) > 0
-    for event in track.events:
-        if event.kind in (LOSS, SLIP_START, SLIP_END) and np.isfinite(event.time_s):
-            ends |= (time[:-1] <= event.time_s) & (event.time_s < time[1:])
+    parting = [event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)]
+    at = np.searchsorted(time, [each for each in parting if np.isfinite(each)], side="right") - 1
+    ends[at[(at >= 0) & (at < len(ends))]] = True
     return [part for part in np.split(rows, np.flatnonzero(ends) + 1) if len(part) >= LEAST]
 
 

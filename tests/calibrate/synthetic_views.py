@@ -28,7 +28,7 @@ def pose_towards(rng: np.random.Generator, distance_m: float, tilt_rad: float, o
 
 def project_board(model: LensModel, intrinsics: np.ndarray, pose: Pose) -> np.ndarray:
     """(corner_count, 2) pixels of all corners."""
-    vector = np.concatenate([pose.rotvec_rad, pose.translation_m])
+    vector = pose.vector
     return PROJECTIONS[model.camera_model](corner_points(SPEC), vector, intrinsics)[0]
 
 

@@ -67,7 +67,7 @@ def test_a_sensor_that_is_wrong_is_named(good, name: str) -> None:
     try:
         found = diagnosed(known, read)
     except SolveError:
-        found = explain_failure(session(), None, read, known)
+        found = explain_failure(session(), Kinematics(), read, known)
     assert [one.name for one in found] == [called]
     assert words in found[0].words
 

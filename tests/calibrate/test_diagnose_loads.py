@@ -101,7 +101,9 @@ def test_a_wrong_row_is_said_once_and_explains_the_rest(good) -> None:
     wrong = renoted(observations, scaled(1e3 / G), {2})
     found = still_diagnoses(session(), Kinematics(), solved(wrong, known))
     assert [one.name for one in found] == ["load_force_mistyped"]
-    assert found == [one for one in explain_failure(session(), None, wrong, known) if one.name != "load_force_unit"]
+    assert found == [
+        one for one in explain_failure(session(), Kinematics(), wrong, known) if one.name != "load_force_unit"
+    ]
 
 
 def test_typed_loads_that_are_right_raise_nothing() -> None:

@@ -242,7 +242,7 @@ def test_a_lens_that_is_off_is_put_right_by_what_the_antenna_shows() -> None:
     start = TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
     before = prior(NOMINAL, wrong, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))])
     joint = solve_joint(observations, before, LENGTH_M, TRUE.sensor.std_Nm)
-    lens = np.concatenate([joint.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], joint.camera.distortion])
+    lens = joint.camera.parameters
     truth = np.concatenate([MATRIX[[0, 1, 0, 1], [0, 1, 2, 2]], BROWN])
     away = np.concatenate([errors(joint), lens - truth])
     assert len(joint.covariance) == 25

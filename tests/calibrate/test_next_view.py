@@ -11,6 +11,7 @@ import pytest
 from targets.charuco import corner_points
 from vbaa_calib.bench.guided_judge import true_error_mm
 from vbaa_calib.bench.guided_rigs import Rig
+from vbaa_calib.calibrate import next_view
 from vbaa_calib.calibrate.bundle import Bundle, free_directions
 from vbaa_calib.calibrate.corner_stack import FLEX, Observation
 from vbaa_calib.calibrate.intrinsics import solve_intrinsics
@@ -22,7 +23,14 @@ from vbaa_calib.calibrate.next_view_poses import candidates, coarse_set, shown_c
 from vbaa_calib.calibrate.next_view_suggest import best_next
 from vbaa_calib.calibrate.next_view_taken import before_a_lens, with_a_lens
 from vbaa_calib.calibrate.next_view_words import lean_words, place_words, seen_as
-from vbaa_calib.calibrate.next_view_worth import Design, design_about, mean_square, plane_functional, view_blocks
+from vbaa_calib.calibrate.next_view_worth import (
+    Design,
+    design_about,
+    mean_square,
+    plane_functional,
+    pulled_square,
+    view_blocks,
+)
 from vbaa_calib.geometry import Pose
 
 from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board
@@ -128,6 +136,30 @@ def test_enough_once_the_goal_is_reached_and_not_before_the_least_number():
     strict = lens_progress(made, SPEC, PLANE, goal_m=1e-7, solution=solution)
     assert not strict.enough
     assert strict.suggestion.std_m < strict.std_m
+
+
+def test_no_gain_is_promised_where_a_richer_lens_is_the_doubt(monkeypatch: pytest.MonkeyPatch):
+    """The next picture takes off noise; what a richer lens would move it only helps to settle."""
+    made, _ = views(9)
+    solution = solve_intrinsics(made, SPEC, "opencv4")
+    sure = with_a_lens(solution, made, SPEC)
+    functional = plane_functional(sure.design, PLANE, SPEC)
+    noise_m = sure.inflation * np.sqrt(mean_square(functional, sure.information))
+    moved_m = sure.inflation * np.sqrt(pulled_square(functional, sure.information, sure.pull))
+
+    def progress(moved_by_noise: float):
+        doubted = replace(sure, pull=sure.pull * moved_by_noise * noise_m / moved_m)
+        monkeypatch.setattr(next_view, "with_a_lens", lambda *_: doubted)
+        return lens_progress(made, SPEC, PLANE, goal_m=1e-6, solution=solution)
+
+    certain, doubtful = progress(0.5), progress(5.0)
+    assert certain.std_m == pytest.approx(noise_m)
+    assert doubtful.std_m == pytest.approx(5.0 * noise_m)
+    assert certain.suggestion.std_m == doubtful.suggestion.std_m < noise_m
+    assert f"takes off about {100 * (1 - certain.suggestion.std_m / noise_m):.0f} %" in certain.words
+    assert "takes off" not in doubtful.words
+    assert "which lens is right" in doubtful.words
+    assert not doubtful.enough
 
 
 def test_a_plane_that_is_not_in_the_picture_has_no_number():

@@ -17,12 +17,8 @@ import pytest
 import yaml
 
 from vbaa_calib.calibrate.recheck import assess
-from vbaa_calib.calibrate.recheck_change import Information, estimated_change
-from vbaa_calib.calibrate.recheck_finding import Evidence, Finding, worst
-from vbaa_calib.calibrate.recheck_maps import along_antenna, plane_map, projection_map
 from vbaa_calib.camera import Camera
 from vbaa_calib.errors import InputError
-from vbaa_calib.rig import Rig
 from vbaa_calib.synth.scene import Scene
 
 from .checked_rigs import (
@@ -217,18 +213,6 @@ def test_a_load_hung_as_well_as_a_ruler_tells_is_not_laid_on_the_antenna(made: S
     assert [row["look_at"] for row in found.to_dict()["session"]["loads"]] == [False, False]
 
 
-def test_unknowns_of_the_data_alone_are_what_further_parameters_would_be() -> None:
-    """Data with unknowns of their own say what all say together when those are solved for, known to one deviation."""
-    rng = np.random.default_rng(5)
-    jacobian, residuals, unknown = rng.normal(size=(40, 3)), rng.normal(size=40), 3.0 * rng.normal(size=(40, 2))
-    found = Information.of(jacobian, residuals, unknown)
-    whole = np.vstack([np.hstack([jacobian, unknown]), np.hstack([np.zeros((2, 3)), np.eye(2)])])
-    right = np.concatenate([residuals, [0.0, 0.0]])
-    np.testing.assert_allclose(np.linalg.inv(found.matrix), np.linalg.inv(whole.T @ whole)[:3, :3], rtol=1e-9)
-    step = np.linalg.lstsq(whole, right, rcond=None)[0][:3]
-    np.testing.assert_allclose(np.linalg.solve(found.matrix, found.score), step, rtol=1e-9)
-
-
 def test_other_resolutions_other_antennas_and_empty_sessions_are_refused(made: SimpleNamespace, tmp_path: Path) -> None:
     session = only(made.session, tmp_path / "small", MONTH)
     picture = session / "plane" / "jig_000.png"
@@ -298,43 +282,6 @@ def test_doubts_of_the_rig_itself(made: SimpleNamespace, tmp_path: Path) -> None
     assert found["lens_region"] == "look at"
 
 
-def test_the_map_on_plane_c_is_what_sampling_gives() -> None:
-    """Rigs drawn from the joint covariance: points on plane C scatter as the map says."""
-    rig = rig_of(scene())
-    rng, pixels = np.random.default_rng(0), np.array([[200.0, 300.0], [480.0, 360.0], [800.0, 600.0]])
-    covariance = rig.plane_covariance()
-    draws = rng.multivariate_normal(np.zeros(len(covariance)), covariance, size=400, method="eigh")
-    found = np.array([moved(rig, draw).camera_on_plane().project(pixels)[0] for draw in draws])
-    worst_std = [np.sqrt(np.linalg.eigvalsh(np.cov(found[:, index].T))[-1]) for index in range(3)]
-    jacobian = rig.camera_on_plane().calibration_jacobian(pixels)
-    own = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
-    np.testing.assert_allclose(worst_std, np.sqrt(np.linalg.eigvalsh(own)[:, -1]), rtol=0.12)
-    grid = plane_map(rig)
-    row, column = 18, 24
-    again = rig.camera_on_plane().calibration_jacobian(grid.pixels[row, column][None])[0]
-    expected = 1e3 * np.sqrt(np.linalg.eigvalsh(again @ covariance @ again.T)[-1])
-    assert grid.std[row, column] == pytest.approx(expected)
-
-
-def moved(rig: Rig, draw: np.ndarray) -> Rig:
-    """Lens and camera pose off by one draw."""
-    matrix = rig.camera.matrix.copy()
-    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += draw[:4]
-    camera = replace(rig.camera, matrix=matrix, distortion=rig.camera.distortion + draw[4:-6])
-    return replace(rig, camera=camera, T_antenna_camera=rig.T_antenna_camera.retract(draw[-6:]))
-
-
-def test_maps_say_where_there_is_no_answer() -> None:
-    rig = rig_of(scene())
-    looking_up = rig.T_antenna_camera.retract(np.array([np.pi, 0, 0, 0, 0, 0]))
-    away = replace(rig, T_antenna_camera=looking_up)
-    assert np.isnan(plane_map(away).std).all()
-    assert np.isnan(along_antenna(away).std_m).all()
-    assert plane_map(away).to_dict()["largest"] is None
-    unknown = replace(rig, camera=replace(rig.camera, covariance=None), covariance=rig.covariance[:17, :17])
-    assert projection_map(unknown) is None
-
-
 def test_a_rig_that_takes_its_lens_as_exact_is_checked_all_the_same(made: SimpleNamespace, tmp_path: Path) -> None:
     whole = rig_of(scene())
     exact = replace(whole, camera=replace(whole.camera, covariance=None), covariance=whole.covariance[:17, :17])
@@ -359,57 +306,3 @@ def test_a_fisheye_rig_says_what_it_knows(tmp_path: Path) -> None:
     assert document["maps"]["plane"]["median"] > 0
     # a wide lens sees beyond what the antenna can reach: nothing is said there
     assert None in document["maps"]["plane"]["std"][0]
-
-
-def test_a_change_is_estimated_as_plain_least_squares_does_it() -> None:
-    """Against the textbook's generalised least squares with the whole (N, N) covariance; 300 draws for the spread."""
-    rng = np.random.default_rng(1)
-    jacobian = rng.normal(size=(40, 5))
-    root = rng.normal(size=(5, 5)) * np.array([1, 0.1, 2, 0.5, 1])[:, None]
-    covariance, wanted, scale = root @ root.T, np.array([1, 3]), np.full(5, 3.0)
-    whole = np.eye(40) + jacobian @ covariance @ jacobian.T
-    loosened = covariance + np.diag([0, 0, 0, 0, (100 * 3.0) ** 2])
-    distances = []
-    for _ in range(300):
-        residuals = jacobian @ (root @ rng.normal(size=5)) + rng.normal(size=40)
-        found = estimated_change(Information.of(jacobian, residuals), covariance, wanted, scale)
-        design = np.linalg.solve(whole, jacobian[:, wanted])
-        expected = np.linalg.solve(jacobian[:, wanted].T @ design, design.T @ residuals)
-        np.testing.assert_allclose(found.step, expected, rtol=1e-6, atol=1e-9)
-        distances.append(found.distance_std**2)
-    np.testing.assert_allclose(found.covariance, np.linalg.inv(jacobian[:, wanted].T @ design), rtol=1e-6)
-    assert found.freedom == 2
-    # χ² with two degrees of freedom has the mean 2; its mean over 300 draws scatters by 0.12
-    assert np.mean(distances) == pytest.approx(2.0, abs=0.45)
-    free = estimated_change(Information.of(jacobian, residuals), covariance, wanted, scale, (4,))
-    design = np.linalg.solve(np.eye(40) + jacobian @ loosened @ jacobian.T, jacobian[:, wanted])
-    expected = np.linalg.solve(jacobian[:, wanted].T @ design, design.T @ residuals)
-    np.testing.assert_allclose(free.step, expected, rtol=1e-5)
-
-
-def test_what_the_data_do_not_show_is_left_at_nothing() -> None:
-    jacobian = np.zeros((10, 3))
-    jacobian[:, 0] = 1.0
-    found = estimated_change(Information.of(jacobian, np.full(10, 5.0)), np.zeros((3, 3)), np.arange(3), np.ones(3))
-    np.testing.assert_allclose(found.step, [5.0, 0.0, 0.0], atol=1e-12)
-    assert found.freedom == 1
-    assert found.std[1] > 5.0
-
-
-def test_a_difference_counts_only_when_improbable_and_large() -> None:
-    def level(distance: float, size: float) -> str:
-        return Evidence(distance, 6, size, 0.1, "mm").level
-
-    assert Evidence(0.0, 1, 0.0, 0.1, "mm").limits_std == (pytest.approx(3.0, abs=0.01), pytest.approx(5.0, abs=0.01))
-    assert level(100.0, 0.09) == level(2.0, 5.0) == "holds"
-    assert level(100.0, 0.15) == level(5.5, 5.0) == "look at"
-    assert level(100.0, 0.3) == "does not hold"
-
-
-def test_the_worst_answer_is_the_verdict() -> None:
-    def finding(level: str) -> Finding:
-        return Finding("x", "x?", level, "")
-
-    assert worst([finding("holds"), finding("not given")]) == "holds"
-    assert worst([finding("holds"), finding("does not hold"), finding("look at")]) == "does not hold"
-    assert worst([finding("not given")]) == "not given"

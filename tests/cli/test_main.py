@@ -147,7 +147,7 @@ def raising(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], None]:
         (KeyboardInterrupt(), 130, "vbaa: interrupted"),
         (RuntimeError("two\nlines"), 1, "vbaa: something went wrong that should not (RuntimeError: two lines); run"),
         (MemoryError(), 1, "vbaa: something went wrong that should not (MemoryError"),
-        (OSError(errno.ENOSPC, "No space left on device", "rig.json"), 1, "vbaa: rig.json: No space left on device"),
+        (OSError(errno.EIO, "Input/output error", "rig.json"), 1, "vbaa: rig.json: Input/output error"),
         (OSError("odd"), 1, "vbaa: something went wrong that should not (OSError: odd)"),
     ],
 )

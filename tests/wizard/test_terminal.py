@@ -153,6 +153,12 @@ def test_a_session_goes_on_and_a_picture_with_its_readings_is_typed(start: Start
     wizard.until("next free antenna at pan 0°, tilt 20°")
     wizard.resize(50, 20)
     wizard.type("back")
+    wizard.until("How far does the moment sensor scatter")
+    wizard.until("Enter for 0.02:")
+    for words in ("Enter for -z:", "Enter for 7900:", "Enter for 193:", "Enter for 0.8:"):
+        wizard.type("back")
+        wizard.until(words)
+    wizard.type("back")
     wizard.until("3 of 7 · Plane C")
     wizard.until("waiting for pictures")
     wizard.press(b"\x04")

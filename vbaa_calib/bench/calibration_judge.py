@@ -44,9 +44,9 @@ def error_mm(camera: Camera, truth: Camera, from_jig: bool = False) -> float:
 
 
 def _solved_pose(camera: Camera, start: Pose, board: Observation) -> Pose:
-    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    intrinsics = camera.parameters
     model = LensModel("any", camera.model, len(camera.distortion), (), None)
     fixed = free_directions(model)[:, :0]
-    vector = np.concatenate([start.rotvec_rad, start.translation_m])[None]
+    vector = start.vector[None]
     pose = refine(model, intrinsics, vector, [board], fixed).poses[0]
     return Pose.from_rotvec(pose[:3], pose[3:])

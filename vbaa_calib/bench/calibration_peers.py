@@ -51,20 +51,36 @@ def interpreters() -> list[str]:
     return list(dict.fromkeys([*named, sys.executable, _SYSTEM_PYTHON]))
 
 
+_ASK = """
+import importlib.metadata, numpy, {peer}
+try:
+    print(importlib.metadata.version("{peer}"))
+except importlib.metadata.PackageNotFoundError:
+    print(getattr({peer}, "__version__", "without a version"))
+"""
+
+
 @cache
-def _imports(interpreter: str, peer: str) -> bool:
+def _version(interpreter: str, peer: str) -> str | None:
+    """What an interpreter that imports the peer says of it; None of one that does not."""
     try:
-        tried = subprocess.run(
-            [interpreter, "-c", f"import numpy, {peer}"], capture_output=True, timeout=_LOOK_S, check=False
+        asked = subprocess.run(
+            [interpreter, "-c", _ASK.format(peer=peer)], capture_output=True, text=True, timeout=_LOOK_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired):
-        return False
-    return tried.returncode == 0
+        return None
+    return None if asked.returncode else asked.stdout.strip()
 
 
 def interpreter_of(peer: str) -> str | None:
     """The first interpreter that imports the peer, or None."""
-    return next((path for path in interpreters() if _imports(path, peer)), None)
+    return next((path for path in interpreters() if _version(path, peer) is not None), None)
+
+
+def versions() -> dict[str, str]:
+    """Peer → its version and interpreter, or "absent"."""
+    found = {peer: interpreter_of(peer) for peer in PEERS}
+    return {peer: f"{_version(path, peer)} ({path})" if path else "absent" for peer, path in found.items()}
 
 
 def absence(peer: str) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .calibration import Row
+from .calibration_run import Row
+from .rows import cell
 
 _TITLE = (
     "mm on C: median of {draws} draws, its pose told; jig: its pose solved with the same lens; × oracle: of medians, "
@@ -40,8 +41,4 @@ def _numbers(row: Row) -> str:
         (row.outliers_found, 9, 1, 100),
     )
     remark = "; ".join(part for part in (row.models, row.note) if part)
-    return "".join(_cell(*cell) for cell in cells) + (f"  {remark}" if remark else "")
-
-
-def _cell(value: float | None, width: int, digits: int, scale: float) -> str:
-    return f"{'–':>{width}}" if value is None else f"{scale * value:>{width}.{digits}f}"
+    return "".join(cell(*each) for each in cells) + (f"  {remark}" if remark else "")

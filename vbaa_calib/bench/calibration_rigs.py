@@ -89,7 +89,7 @@ def draw(rig: Rig, seed: int) -> Draw:
     poses, good = [], []
     while len(views) < rig.views:
         pose = _pose(rig, rng)
-        vector = np.concatenate([pose.rotvec_rad, pose.translation_m])
+        vector = pose.vector
         pixels = PROJECTIONS[rig.model.camera_model](points, vector, rig.intrinsics)[0]
         seen = np.flatnonzero(np.all((pixels > 0) & (pixels < np.array(rig.image_size) - 1), axis=1))
         if len(seen) < 20:

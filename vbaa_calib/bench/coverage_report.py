@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..files import replacing
-from .coverage import COVERED_GOAL, RATIO_GOAL, RigRow, Row
+from .coverage_run import COVERED_GOAL, RATIO_GOAL, RigRow, Row
+from .figures import new_figure, save
 
 _SHOWN = {"points on C": "#0f766e", "camera pose": "#b45309", "EI": "#6d28d9", "pose, antenna, sensor": "#64748b"}
 """Quantities of the figure → colour."""
@@ -41,10 +41,8 @@ def _about(rig: RigRow) -> str:
 
 def write_figure(path: Path, rows: Sequence[Row], draws: int, force: bool) -> None:
     """Ratio and coverage of the main quantities, rig by rig, with two standard errors and the goal's band."""
-    from matplotlib.figure import Figure
-
     names = list(dict.fromkeys(row.rig for row in rows))
-    figure = Figure(figsize=(11, 1.3 + 0.75 * len(names)), layout="constrained")
+    figure = new_figure(11, 1.3 + 0.75 * len(names))
     left, right = figure.subplots(1, 2, sharey=True)
     left.axvspan(1 - RATIO_GOAL, 1 + RATIO_GOAL, color="#e2e8f0")
     right.axvspan(*(100 * share for share in COVERED_GOAL), color="#e2e8f0")
@@ -62,5 +60,4 @@ def write_figure(path: Path, rows: Sequence[Row], draws: int, force: bool) -> No
     right.set_xlabel("95 % regions that hold the truth, %")
     figure.legend(loc="outside lower center", ncols=len(_SHOWN), fontsize=8)
     figure.suptitle(f"{draws} noise draws a rig; bars: two standard errors; grey: the goal", fontsize=10)
-    with replacing(path, force) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save(figure, path, force)

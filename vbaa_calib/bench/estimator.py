@@ -2,63 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Sequence
 
 from . import estimator_grid, estimator_hard, estimator_hostile, estimator_rods, estimator_speed
-from .estimator_figure import hard_text, hostile_text, speed_text
-from .estimator_grid import CellRow
+from .estimator_figure import hard_text, hostile_text, speed_text, write_figure
 from .estimator_grid_report import grid_text, rod_text
-from .estimator_hard import HardRow
-from .estimator_hostile import HostileRow
-from .estimator_rods import RodRow
-from .estimator_speed import SpeedRow
+from .estimator_grid_report import write_figure as write_grid_figure
+from .estimator_speed import ESTIMATOR, SpeedRow
 from .estimator_summary import SummaryRow, summary
+from .subject import Findings, Options
 
-RODS, HARD, RANDOM = 2.0, 0.5, 100
-"""Frames of each population of rods, of each hard case, and random ones, per draw of a cell."""
-SPEED_FRAMES, SPEED_REPEATS = (300, 2000), (2, 5)
+RODS, HARD, RANDOM = 2.0, 0.5, {False: 100, True: 50}
+"""Frames of each population of rods, of each hard case, and random ones, per draw of a cell; of the last the half with
+--quick."""
+LEAST_HARD = 4
+SPEED_FRAMES, SPEED_REPEATS = {False: 2000, True: 100}, {False: 5, True: 2}
+"""Frames of a batch and timings of each, without and with --quick."""
 MATCHED = "elastica"
 """The rung without error on the grid's straight, weightless antenna: the grid is to show noise, not the ladder."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """All tables of the benchmark."""
-
-    grid: list[CellRow]
-    lines: list[SummaryRow]
-    rods: list[RodRow]
-    speed: list[SpeedRow]
-    hard: list[HardRow]
-    random: list[HostileRow]
-
-    @property
-    def text(self) -> str:
-        """The tables as they are printed."""
-        parts = (
-            grid_text(self.grid, self.lines),
-            rod_text(self.rods),
-            speed_text(self.speed),
-            hard_text(self.hard),
-            hostile_text(self.random),
-        )
-        return "\n\n".join(parts)
-
-    def as_dict(self) -> dict[str, Any]:
-        """For `--json`."""
-        return {name: [asdict(row) for row in getattr(self, name)] for name in self.__dataclass_fields__}
-
-
-def measure(draws: int, seed: int) -> Found:
-    """Run all parts, in proportion to the draws of a cell of the grid."""
-    many = draws >= 100
+def measure(options: Options) -> Findings:
+    """All parts, in proportion to the draws of a cell of the grid."""
+    draws, seed, quick = options.draws, options.seed, options.quick
     grid = estimator_grid.run(draws, seed, model=MATCHED)
-    return Found(
-        grid,
-        summary(grid),
-        estimator_rods.run(int(RODS * draws), seed),
-        estimator_speed.run(SPEED_FRAMES[many], seed, SPEED_REPEATS[many]),
-        estimator_hard.run(max(int(HARD * draws), 4), seed),
-        estimator_hostile.hostile(RANDOM * draws, seed),
+    lines = summary(grid)
+    rods = estimator_rods.run(int(RODS * draws), seed)
+    speed = estimator_speed.run(SPEED_FRAMES[quick], seed, SPEED_REPEATS[quick])
+    hard = estimator_hard.run(max(int(HARD * draws), LEAST_HARD), seed)
+    random = estimator_hostile.hostile(RANDOM[quick] * draws, seed)
+    texts = (grid_text(grid, lines), rod_text(rods), speed_text(speed), hard_text(hard), hostile_text(random))
+    return Findings(
+        "\n\n".join(texts),
+        {
+            "estimator.csv": grid,
+            "estimator_rods.csv": rods,
+            "estimator_speed.csv": speed,
+            "estimator_hard.csv": hard,
+            "estimator_random.csv": random,
+        },
+        {
+            "estimator.png": lambda path, force: write_figure(path, speed, force),
+            "estimator_grid.png": lambda path, force: write_grid_figure(path, grid, force),
+        },
+        {"grid": grid, "lines": lines, "rods": rods, "speed": speed, "hard": hard, "random": random},
+        headline(lines, speed),
+    )
+
+
+def headline(lines: Sequence[SummaryRow], speed: Sequence[SpeedRow]) -> str:
+    """The distance's error over its bound in all cells, how often it is covered, and the quickest batch."""
+    told = {line.measure: line for line in lines if line.quantity == "l"}
+    if not told:
+        return "no kind of scene could be judged"
+    fastest = max(1e6 / row.us_per_frame for row in speed if row.family == ESTIMATOR)
+    return (
+        f"distance: rms error {told['of_bound'].pooled:.2f} × the bound over {told['of_bound'].cells} kinds of scene, "
+        f"{100 * told['covered'].pooled:.0f} % covered; up to {fastest:.0f} frames/s"
     )

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..files import replacing
 from .estimator_hard import HardRow
 from .estimator_hostile import HostileRow
 from .estimator_speed import ESTIMATOR, LINE, LOOP, PAPER, SpeedRow
+from .figures import new_figure, save
 
 STYLES = {PAPER: ("#b45309", "o"), LINE: ("#6d28d9", "^"), LOOP: ("#64748b", "D"), ESTIMATOR: ("#0f766e", "s")}
 """Of each family of methods: its colour and mark."""
@@ -86,11 +86,10 @@ def hostile_text(rows: Sequence[HostileRow]) -> str:
 
 def write_figure(path: Path, rows: Sequence[SpeedRow], force: bool) -> None:
     """Time a frame over error, frame by frame and in a batch; the bound is the wall at 1."""
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     shown = [row for row in rows if row.of_bound is not None]
-    figure = Figure(figsize=(12, 6), layout="constrained")
+    figure = new_figure(12, 6)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     # the loop knows no batch: it stands in both panels
     single, batch = ([row for row in shown if row.family == LOOP or (row.frames > 1) == many] for many in (False, True))
@@ -114,8 +113,7 @@ def write_figure(path: Path, rows: Sequence[SpeedRow], force: bool) -> None:
     marks = [Line2D([], [], ls="", marker=mark, color=colour, label=name) for name, (colour, mark) in STYLES.items()]
     marks.append(Line2D([], [], ls="", marker="s", color="#0f766e", markerfacecolor="none", label="rig not exact"))
     figure.legend(handles=marks, loc="outside lower center", ncols=5, fontsize=8)
-    with replacing(path, force) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save(figure, path, force)
 
 
 def _apart(times_us: Sequence[float], gap: float = 1.22) -> list[float]:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
-from ..files import replacing
 from .estimator_grid import CellRow
 from .estimator_rods import FORCE_GOAL, LOCATION_GOAL, SMALL_BIAS_SHARE, RodRow
 from .estimator_statistics import standard_errors
 from .estimator_summary import CLEARLY, OF_BOUND_GOAL, SummaryRow
+from .figures import new_figure, save
 
 _COLOURS = ("#0f766e", "#b45309", "#6d28d9", "#1d4ed8", "#be123c", "#64748b")
 _MARKS = ("o", "s", "^", "D", "v", "x")
@@ -76,13 +76,11 @@ def rod_text(rows: Sequence[RodRow]) -> str:
 
 def write_figure(path: Path, rows: Sequence[CellRow], force: bool) -> None:
     """Error over bound of l and of f_y in every cell: lenses side by side, tilts by colour, rolls by mark."""
-    from matplotlib.figure import Figure
-
     run = [row for row in rows if row.draws and row.of_bound is not None]
     lenses, tilts = (list(dict.fromkeys(values)) for values in zip(*((r.lens, r.tilt_deg) for r in run), strict=True))
     rolls, reaches = list(dict.fromkeys(row.roll_deg for row in run)), sorted({row.reach for row in run})
     shown = [name for name in ("l", "f_y") if any(row.quantity == name for row in run)]
-    figure = Figure(figsize=(4.2 * len(lenses), 6.5), layout="constrained")
+    figure = new_figure(4.2 * len(lenses), 6.5)
     panels = figure.subplots(len(shown), len(lenses), sharey=True, squeeze=False)
     for panel, (quantity, lens) in zip(panels.flat, product(shown, lenses), strict=True):
         panel.axhspan(0.0, OF_BOUND_GOAL, color="#e2e8f0", lw=0)
@@ -107,8 +105,7 @@ def write_figure(path: Path, rows: Sequence[CellRow], force: bool) -> None:
         panels[0, 0].plot([], [], _MARKS[place % 6], color="#334155", markersize=4, label=f"roll {roll_deg:.0f}°")
     figure.legend(loc="outside lower center", ncols=7, fontsize=8)
     figure.suptitle(f"{run[0].draws} draws a cell; bars: two standard errors; grey: the goal", fontsize=10)
-    with replacing(path, force) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save(figure, path, force)
 
 
 def _mean(values: Sequence[float | None]) -> float:

@@ -10,6 +10,7 @@ from estimator import ContactEstimator
 from estimator.contacts import Contacts
 
 from ..console import progress
+from .averages import or_none, rms
 from .estimator_hard_cases import CASES, Hard, Maker
 from .estimator_scenes import Scenes
 from .estimator_setup import LENGTH_M
@@ -70,10 +71,10 @@ def judged(name: str, hard: Hard) -> HardRow:
         frames=len(frames),
         numbered=float(numbered.mean()),
         statuses=words(found.status),
-        l_rms_std=_rms(off_l[numbered]),
+        l_rms_std=or_none(rms(off_l[numbered])),
         l_max_std=_max(off_l[numbered]),
-        l_rms_mm=_rms(1e3 / size * (found.distance_m - frames.distance_m)[numbered]),
-        f_rms_std=_rms(off_f[numbered]),
+        l_rms_mm=or_none(rms(1e3 / size * (found.distance_m - frames.distance_m)[numbered])),
+        f_rms_std=or_none(rms(off_f[numbered])),
         f_max_std=_max(off_f[numbered]),
         condition=float(np.median(condition)) if len(condition) else None,
     )
@@ -96,10 +97,6 @@ def deviations(found: Contacts, frames: Scenes) -> tuple[np.ndarray, np.ndarray]
     with np.errstate(divide="ignore", invalid="ignore"):
         off_l = (found.distance_m - frames.distance_m) / found.distance_std_m
         return off_l, ((found.force_N - frames.force_N) / found.force_std_N)[:, 1:]
-
-
-def _rms(values: np.ndarray) -> float | None:
-    return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 
 def _max(values: np.ndarray) -> float | None:

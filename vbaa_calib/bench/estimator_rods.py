@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..console import progress
+from .averages import rms
 from .estimator_bound import bound
 from .estimator_scenes import SIGMA_PX, Scenes, deflection_of_push, random_scenes
 from .estimator_setup import ACROSS, TOWARDS_CLAMP, Setup, drawn_truth
@@ -129,10 +130,10 @@ def _row(population: Population, frames: int, model: str, rng: np.random.Generat
         l_covered=distance.covered,
         impossible=float(1.0 - possible[in_range].mean()) if in_range.any() else np.nan,
         judged=int(judged.sum()),
-        location=_rms(errors[judged, 0] / true[judged, 0]),
-        location_bound=_rms(bounds[judged, 0] / true[judged, 0]),
-        force=_rms(missed[judged] / size[judged]),
-        force_bound=_rms(force_bounds[judged] / size[judged]),
+        location=rms(errors[judged, 0] / true[judged, 0]),
+        location_bound=rms(bounds[judged, 0] / true[judged, 0]),
+        force=rms(missed[judged] / size[judged]),
+        force_bound=rms(force_bounds[judged] / size[judged]),
     )
 
 
@@ -164,7 +165,3 @@ def _biases(found: Estimates, true: np.ndarray) -> np.ndarray:
 def joined(parts: Sequence[Estimates]) -> Estimates:
     """Estimates one after the other."""
     return Estimates(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

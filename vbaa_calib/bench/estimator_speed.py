@@ -16,12 +16,14 @@ from estimator.two_point import two_point_contact
 from ..antenna import linear
 from ..antenna.rungs import RUNGS
 from ..console import progress
+from .averages import or_none, rms_known
 from .estimator_baselines import baselines
 from .estimator_bound import bound
 from .estimator_scenes import Scenes, push_for_deflection, rolled, scenes
 from .estimator_scipy import by_loop, one_frame
 from .estimator_setup import Setup, drawn_truth
 from .estimator_shapes import Shapes, Touches, rod_shapes
+from .timing import least_seconds
 
 MODELS = (*RUNGS, "auto")
 REACH, DEFLECTION_M, ROLL_RAD = (0.3, 0.8), (0.004, 0.008), np.radians(60.0)
@@ -134,17 +136,6 @@ def formula_alone(frames: int, seed: int, repeats: int) -> SpeedRow:
     return SpeedRow("two points, formula alone", PAPER, "exact", frames, 1e6 * spent / frames, None, None, None, None)
 
 
-def least_seconds(function: Callable[[], object], repeats: int) -> float:
-    """Least of so many timings, after one call to warm up: what the machine can do when nothing else disturbs."""
-    function()
-    timings = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        function()
-        timings.append(time.perf_counter() - begun)
-    return min(timings)
-
-
 def _touches(frames: int, rng: np.random.Generator, roll_rad: float) -> tuple[np.ndarray, np.ndarray]:
     """Distances (B,) and pushes (B, 2)."""
     antenna = Setup().rig().antenna
@@ -195,20 +186,15 @@ def _estimator(model: str, rig: str, judged: Judged, flat: Judged, repeats: int)
 def _row(
     method: str, family: str, rig: str, frames: int, seconds: float, errors: np.ndarray, errors_flat: np.ndarray
 ) -> SpeedRow:
-    known = np.abs(errors[np.isfinite(errors)])
+    sizes = np.abs(errors[np.isfinite(errors)])
     return SpeedRow(
         method=method,
         family=family,
         rig=rig,
         frames=frames,
         us_per_frame=1e6 * seconds,
-        of_bound=_rms(errors),
-        of_bound_flat=_rms(errors_flat),
-        typical=float(np.median(known) / 0.6745) if len(known) else None,
+        of_bound=or_none(rms_known(errors)),
+        of_bound_flat=or_none(rms_known(errors_flat)),
+        typical=float(np.median(sizes) / 0.6745) if len(sizes) else None,
         answered=float(np.isfinite(errors).mean()),
     )
-
-
-def _rms(errors: np.ndarray) -> float | None:
-    known = errors[np.isfinite(errors)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else None

@@ -42,9 +42,9 @@ def _seen(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _board_pose(camera: Camera, truth: Camera, start: Pose, points: np.ndarray) -> Pose:
     pixels, inside = _seen(truth, start @ points)
-    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    intrinsics = camera.parameters
     model = LensModel("any", camera.model, len(camera.distortion), (), None)
-    vector = np.concatenate([start.rotvec_rad, start.translation_m])[None]
+    vector = start.vector[None]
     board = Observation(points[inside], pixels[inside])
     pose = refine(model, intrinsics, vector, [board], free_directions(model)[:, :0]).poses[0]
     return Pose.from_rotvec(pose[:3], pose[3:])

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..files import replacing
-from .guided import Row
+from .figures import new_figure, save
 from .guided_rigs import GOAL_MM
+from .guided_run import Row
 from .guided_ways import PEOPLE, SUGGESTED
 
 SHARE_GOAL = 2.0 / 3.0
@@ -70,10 +70,8 @@ def _verdict(rows: Sequence[Row], rig: str) -> str:
 
 def write_figure(path: Path, rows: Sequence[Row], force: bool) -> None:
     """True (line) and predicted (dashes) error over the number of pictures, rig by rig."""
-    from matplotlib.figure import Figure
-
     names, ways = list(dict.fromkeys(row.rig for row in rows)), list(dict.fromkeys(row.way for row in rows))
-    figure = Figure(figsize=(4.2 * len(names), 4.0), layout="constrained")
+    figure = new_figure(4.2 * len(names), 4.0)
     for panel, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
         panel.axhline(GOAL_MM, color="#334155", lw=0.8)
         for way, colour in zip(ways, _COLOURS, strict=False):
@@ -90,5 +88,4 @@ def write_figure(path: Path, rows: Sequence[Row], force: bool) -> None:
         panel.grid(alpha=0.3)
         panel.legend(fontsize=7, title="true; dashed: predicted", title_fontsize=7)
     figure.axes[0].set_ylabel("error of points on plane C, mm rms")
-    with replacing(path, force) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save(figure, path, force)

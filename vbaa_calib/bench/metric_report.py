@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..files import replacing
-from .metric import Row
+from .figures import new_figure, save
+from .metric_run import Row
 
 
 def as_text(rows: Sequence[Row], points: int) -> str:
@@ -31,12 +31,11 @@ FAMILIES = {"this layer": ("#0f766e", "s", 3), "OpenCV": ("#b45309", "o", 7), "k
 
 def write_figure(path: Path, rows: Sequence[Row], points: int, force: bool) -> None:
     """Error over time per point, one panel per lens, both logarithmic."""
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     names = list(dict.fromkeys(row.lens for row in rows))
     lines = (len(names) + 2) // 3
-    figure = Figure(figsize=(11, 2.6 * lines), layout="constrained")
+    figure = new_figure(11, 2.6 * lines)
     panels = figure.subplots(lines, 3, sharex=True, sharey=True).ravel()
     for name, panel in zip(names, panels, strict=False):
         for row in rows:
@@ -58,5 +57,4 @@ def write_figure(path: Path, rows: Sequence[Row], points: int, force: bool) -> N
     figure.legend(handles=marks, loc="lower right", fontsize=9, title="numbers: steps")
     figure.supxlabel("time, ns per point")
     figure.supylabel("largest error, px")
-    with replacing(path, force) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save(figure, path, force)

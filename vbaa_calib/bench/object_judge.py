@@ -139,9 +139,3 @@ def covered(errors: np.ndarray, std: np.ndarray) -> float:
     """Share of the 95 % intervals, where there are any, that hold the truth."""
     known = np.isfinite(std) & np.isfinite(errors)
     return float((np.abs(errors[known]) <= _WIDE * std[known]).mean()) if known.any() else np.nan
-
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square of what is finite; NaN of nothing."""
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else np.nan

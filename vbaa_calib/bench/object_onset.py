@@ -103,13 +103,13 @@ def _alarms_of(table: ContactTable) -> tuple[int, int]:
     return told, int((table.evidence >= CONTACT_EVIDENCE).sum())
 
 
-def free_recording(rig: str, motion: str, seed: Sequence[int], frames: int = FREE_FRAMES) -> ContactTable:
+def free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:
     """One recording of an antenna that touches nothing."""
     rng = np.random.default_rng(list(seed))
     azimuth = float(rng.uniform(-np.pi, np.pi))
     given = Setup(real=True, exact=rig == "exact", tilt_rad=float(rng.uniform(0.0, 1.0)), azimuth_rad=azimuth).rig()
     true = given if rig == "exact" else drawn_truth(given, rng)
-    time = np.arange(frames) / RATE_HZ
+    time = np.arange(FREE_FRAMES) / RATE_HZ
     share = np.clip((time - time[len(time) // 2]) / rng.uniform(0.3, 2.0), 0.0, 1.0)
     way = {
         "at rest": 0.0 * time,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..files import replacing
-from .object import (
+from .figures import new_figure, save
+from .object_run import (
     FORCE_GOAL_RAD,
     MU_GOAL,
     NORMAL_GOAL_RAD,
@@ -80,10 +80,9 @@ def _line(row: ObjectRow) -> str:
 
 def write_figure(path: Path, rows: Sequence[ObjectRow], force: bool) -> None:
     """Surface, normals, friction and stiffness, each with its goal; filled marks are exact rigs."""
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    figure = Figure(figsize=(12, 8), layout="constrained")
+    figure = new_figure(12, 8)
     surface, normals, friction, stiffness = figure.subplots(2, 2).ravel()
     told = [row for row in rows if row.mu_error is not None]
     soft = [row for row in rows if row.stiffness_error is not None]
@@ -118,8 +117,7 @@ def write_figure(path: Path, rows: Sequence[ObjectRow], force: bool) -> None:
     marks.append(Line2D([], [], ls="", marker="o", color="#334155", markerfacecolor="none", label="rig off"))
     marks.append(Line2D([], [], color="#334155", label="goal"))
     figure.legend(handles=marks, loc="outside lower center", ncols=6, fontsize=8)
-    with replacing(path, force) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save(figure, path, force)
 
 
 def _points(panel: Axes, rows: Sequence[ObjectRow], across: Sequence[float], up: Sequence[float]) -> None:

@@ -2,34 +2,51 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Sequence
 
-from . import paper_friction, paper_sensing, paper_yielding
-from .paper_friction import FrictionRow, PathRow
-from .paper_sensing import SensingRow
-from .paper_yielding import YieldingRow
+import numpy as np
 
-PARTS = ("sensing", "friction", "path", "yielding")
-"""Tables of `Found`, of which each becomes a CSV."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """Fig. 7, Fig. 5 with the path that it draws, and objects that give way."""
-
-    sensing: list[SensingRow]
-    friction: list[FrictionRow]
-    path: list[PathRow]
-    yielding: list[YieldingRow]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For `--json`."""
-        return {name: [asdict(row) for row in getattr(self, name)] for name in PARTS}
+from . import paper_figure, paper_friction, paper_sensing, paper_yielding
+from .averages import rms_known
+from .figures import save
+from .paper_friction import FrictionRow
+from .paper_report import friction_text, sensing_text, yielding_text
+from .paper_sensing import ALL_POINTS, SIGMAS_PX, SensingRow
+from .subject import Findings, Options
 
 
-def measure(draws: int, seed: int) -> Found:
-    """All experiments with so many draws of noise, Fig. 5 with half as many, shared among a few true rigs."""
+def measure(options: Options) -> Findings:
+    """Fig. 7, Fig. 5 with half as many draws of noise, and objects that give way; draws are shared among true rigs."""
+    draws, seed = options.draws, options.seed
     sensing = paper_sensing.run(draws, seed)
     friction, path = paper_friction.run(max(draws // 2, 1), seed)
-    return Found(sensing, friction, path, paper_yielding.run(draws, seed))
+    yielding = paper_yielding.run(draws, seed)
+    return Findings(
+        "\n\n".join((sensing_text(sensing), friction_text(friction), yielding_text(yielding))),
+        {
+            "paper_sensing.csv": sensing,
+            "paper_friction.csv": friction,
+            "paper_path.csv": path,
+            "paper_yielding.csv": yielding,
+        },
+        {
+            "paper_fig7.png": lambda where, force: save(paper_figure.fig7(sensing), where, force),
+            "paper_fig5.png": lambda where, force: save(paper_figure.fig5(path, friction), where, force),
+            "paper_yielding.png": lambda where, force: save(paper_figure.yielding(yielding), where, force),
+        },
+        {"sensing": sensing, "friction": friction, "path": path, "yielding": yielding},
+        headline(sensing, friction),
+    )
+
+
+def headline(sensing: Sequence[SensingRow], friction: Sequence[FrictionRow]) -> str:
+    """All points at the smaller noise: distance, the force's direction, and μ from it."""
+    touched = [row for row in sensing if row.method == ALL_POINTS and row.sigma_px == SIGMAS_PX[0]]
+    rubbed = [row for row in friction if row.method == ALL_POINTS and row.sigma_px == SIGMAS_PX[0]]
+    distance, direction = (_pooled(touched, name) for name in ("l_rms_mm", "direction_rms_deg"))
+    mu = _pooled(rubbed, "mu_rms")
+    return f"all points, {SIGMAS_PX[0]} px: distance {distance:.1f} mm, direction {direction:.1f}°, μ {mu:.3f} rms"
+
+
+def _pooled(rows: Sequence[SensingRow] | Sequence[FrictionRow], name: str) -> float:
+    return rms_known(np.array([getattr(row, name) for row in rows], float))

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files import replacing
-from .paper import Found
+from .figures import new_figure
 from .paper_drag import NORMAL_DEG
 from .paper_felt import FELT
 from .paper_friction import SHOWN, FrictionRow, PathRow
@@ -20,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FIGURES = ("fig7", "fig5", "yielding")
-"""What `write_figures` draws, each to `paper_NAME.png`."""
 COLOURS = ("#0f766e", "#b45309", "#6d28d9", "#64748b")
 FACES = {ALL_POINTS: True, TWO_POINTS: False}
 """Whether a method's marks are filled."""
@@ -29,22 +25,9 @@ GOAL_DEG, GOAL_MU = 2.0, 0.03
 _GREY = "#e2e8f0"
 
 
-def figure_paths(folder: Path) -> list[Path]:
-    """Where the figures go."""
-    return [folder / f"paper_{name}.png" for name in FIGURES]
-
-
-def write_figures(folder: Path, found: Found, force: bool) -> None:
-    """All three."""
-    drawn = (fig7(found.sensing), fig5(found.path, found.friction), yielding(found.yielding))
-    for path, figure in zip(figure_paths(folder), drawn, strict=True):
-        with replacing(path, force) as temporary:
-            figure.savefig(temporary, dpi=110)
-
-
 def fig7(rows: Sequence[SensingRow]) -> Figure:
     """(a) estimated over true distance, (b) force direction for three normals, and the errors of both below."""
-    figure = _figure(12, 8)
+    figure = new_figure(12, 8)
     panels = figure.subplots(2, 2, sharex=True)
     shown = [row for row in rows if row.sigma_px == SIGMAS_PX[0] and row.l_mean_mm is not None]
     for colour, normal in zip(COLOURS, dict.fromkeys(row.normal_deg for row in rows), strict=False):
@@ -84,7 +67,7 @@ def fig7(rows: Sequence[SensingRow]) -> Figure:
 
 def fig5(path: Sequence[PathRow], rows: Sequence[FrictionRow]) -> Figure:
     """Contact points joined with the directions of the force, and μ found over μ given."""
-    figure = _figure(12, 5.5)
+    figure = new_figure(12, 5.5)
     left, right = figure.subplots(1, 2)
     _path(left, [row for row in path if row.method == ALL_POINTS])
     for colour, sigma in zip(COLOURS, SIGMAS_PX, strict=False):
@@ -113,7 +96,7 @@ def fig5(path: Sequence[PathRow], rows: Sequence[FrictionRow]) -> Figure:
 
 def yielding(rows: Sequence[YieldingRow]) -> Figure:
     """Error of l over the object's stiffness, and the stiffness that the 2D-VBAA finds."""
-    figure = _figure(12, 5)
+    figure = new_figure(12, 5)
     left, right = figure.subplots(1, 2, sharex=True)
     methods = dict.fromkeys(row.method for row in rows)
     for colour, method in zip(COLOURS[1:] + COLOURS[:1], methods, strict=True):
@@ -167,12 +150,6 @@ def _path(panel: Axes, path: Sequence[PathRow]) -> None:
     _dress(panel, title, "y, mm", "z, mm")
     panel.set_aspect("equal")
     panel.legend(fontsize=8)
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
 
 
 def _dress(panel: Axes, title: str, x: str, y: str) -> None:

@@ -18,11 +18,12 @@ from estimator.felt import Felt
 from estimator.two_point import contact_position
 
 from ..rig import Rig
+from .averages import or_none, rms_known
 from .estimator_setup import drawn_truth
 from .paper_drag import APPROACH, NORMAL_DEG, Dragged, dragged, joints
 from .paper_felt import FELT, felt_of
 from .paper_rig import Pictures, paper_rig
-from .paper_sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a, rms
+from .paper_sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a
 
 FRICTIONS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6)
 TRUE_RIGS = 2
@@ -172,10 +173,10 @@ def _row(method: str, sigma_px: float, friction: float, normal_deg: np.ndarray, 
         answered=float(said.mean()),
         normal_true_deg=NORMAL_DEG,
         normal_mean_deg=float(normal_deg[said].mean()) if said.any() else None,
-        normal_rms_deg=rms(normal_deg[said] - NORMAL_DEG),
+        normal_rms_deg=or_none(rms_known(normal_deg[said] - NORMAL_DEG)),
         mu_mean=float(mu[said].mean()) if said.any() else None,
         mu_std=float(mu[said].std()) if said.any() else None,
-        mu_rms=rms(mu - friction),
+        mu_rms=or_none(rms_known(mu - friction)),
     )
 
 
@@ -187,7 +188,9 @@ def _felt_row(sigma_px: float, friction: float, felt: Sequence[Felt]) -> Frictio
     said = np.isfinite(mu)
     inside = (interval[said, 0] <= friction) & (friction <= interval[said, 1])
     row = _row(FELT, sigma_px, friction, normal, mu)
-    return replace(row, mu_stated=rms(std[said]), mu_covered=float(inside.mean()) if said.any() else None)
+    return replace(
+        row, mu_stated=or_none(rms_known(std[said])), mu_covered=float(inside.mean()) if said.any() else None
+    )
 
 
 def _turned_deg(outward: np.ndarray) -> np.ndarray:

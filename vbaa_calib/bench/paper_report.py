@@ -6,16 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .paper import Found
 from .paper_friction import FrictionRow
 from .paper_sensing import SensingRow
 from .paper_yielding import YieldingRow
-
-
-def as_text(found: Found) -> str:
-    """All tables."""
-    parts = (sensing_text(found.sensing), friction_text(found.friction), yielding_text(found.yielding))
-    return "\n\n".join(parts)
+from .rows import cell
 
 
 def sensing_text(rows: Sequence[SensingRow]) -> str:
@@ -33,7 +27,7 @@ def sensing_text(rows: Sequence[SensingRow]) -> str:
         share = np.mean([row.answered for row in some])
         lines.append(
             f"{key[0]:<26}{key[1]:>5}{key[2]:>10.0f}{100 * share:>12.1f}{_rms(some, 'l_rms_mm')}"
-            f"{_largest(some, 'l_rms_mm')}{_rms(some, 'l_stated_mm')}{_number(covered, 11, 1, 100)}"
+            f"{_largest(some, 'l_rms_mm')}{_rms(some, 'l_stated_mm')}{cell(covered, 11, 1, 100)}"
             f"{_rms(some, 'direction_rms_deg', 13)}{_largest(some, 'direction_rms_deg')}{_rms(some, 'lean_rms_deg')}"
         )
     return "\n".join(lines)
@@ -48,8 +42,8 @@ def friction_text(rows: Sequence[FrictionRow]) -> str:
     ]
     lines += [
         f"{row.method:<26}{row.sigma_px:>5}{row.mu_true:>6}{100 * row.answered:>12.1f}"
-        f"{_number(row.normal_rms_deg, 14, 2)}{_number(row.mu_mean, 9, 4)}{_number(row.mu_std, 9, 4)}"
-        f"{_number(row.mu_rms, 8, 4)}{_number(row.mu_stated, 9, 4)}{_number(row.mu_covered, 11, 1, 100)}"
+        f"{cell(row.normal_rms_deg, 14, 2)}{cell(row.mu_mean, 9, 4)}{cell(row.mu_std, 9, 4)}"
+        f"{cell(row.mu_rms, 8, 4)}{cell(row.mu_stated, 9, 4)}{cell(row.mu_covered, 11, 1, 100)}"
         for row in rows
     ]
     return "\n".join(lines)
@@ -63,10 +57,10 @@ def yielding_text(rows: Sequence[YieldingRow]) -> str:
         f"{'k answered %':>14}{'k mean':>9}{'rms %':>8}{'covered %':>11}",
     ]
     lines += [
-        f"{row.stiffness_N_m:>9.4g}  {row.method:<26}{100 * row.answered:>12.1f}{_number(row.l_error_mm, 12, 2)}"
-        f"{_number(row.l_expected_mm, 10, 2)}{_number(row.l_rms_mm, 8, 2)}{_number(row.l_stated_mm, 8, 2)}"
-        f"{100 * row.object_answered:>14.1f}{_number(row.object_mean_N_m, 9, 1)}{_number(row.object_rms, 8, 1, 100)}"
-        f"{_number(row.object_covered, 11, 1, 100)}"
+        f"{row.stiffness_N_m:>9.4g}  {row.method:<26}{100 * row.answered:>12.1f}{cell(row.l_error_mm, 12, 2)}"
+        f"{cell(row.l_expected_mm, 10, 2)}{cell(row.l_rms_mm, 8, 2)}{cell(row.l_stated_mm, 8, 2)}"
+        f"{100 * row.object_answered:>14.1f}{cell(row.object_mean_N_m, 9, 1)}{cell(row.object_rms, 8, 1, 100)}"
+        f"{cell(row.object_covered, 11, 1, 100)}"
         for row in rows
     ]
     return "\n".join(lines)
@@ -82,13 +76,9 @@ def _weighted(rows: Sequence[SensingRow], values: Sequence[float | None]) -> flo
 def _rms(rows: Sequence[SensingRow], name: str, width: int = 8) -> str:
     """Over all answered draws."""
     mean = _weighted(rows, [None if (v := getattr(row, name)) is None else v**2 for row in rows])
-    return _number(None if mean is None else mean**0.5, width, 2)
+    return cell(None if mean is None else mean**0.5, width, 2)
 
 
 def _largest(rows: Sequence[SensingRow], name: str) -> str:
     given = [value for row in rows if (value := getattr(row, name)) is not None]
-    return _number(max(given) if given else None, 8, 2)
-
-
-def _number(value: float | None, width: int, digits: int, times: float = 1.0) -> str:
-    return f"{'–':>{width}}" if value is None else f"{times * value:>{width}.{digits}f}"
+    return cell(max(given) if given else None, 8, 2)

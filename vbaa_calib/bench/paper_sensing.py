@@ -16,6 +16,7 @@ from ..geometry import Pose, rotation_world_antenna
 from ..rig import Rig
 from ..synth.objects import TouchObject
 from ..synth.touch import touch
+from .averages import or_none, rms_known
 from .estimator_setup import drawn_truth
 from .paper_rig import Pictures, free_shape, paper_rig, rod_of, taken
 
@@ -175,12 +176,6 @@ def direction_deg(force_N: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(-force_N[..., 2], -force_N[..., 1]))
 
 
-def rms(values: np.ndarray) -> float | None:
-    """Of those that are numbers."""
-    given = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(given**2))) if len(given) else None
-
-
 def _all_at_once(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Answers]:
     together = Pictures(
         np.concatenate([each.points_px for each in drawn]), np.concatenate([each.moment_Nm for each in drawn])
@@ -215,13 +210,13 @@ def _rows(
                 answered=float(said.mean()),
                 l_mean_mm=_of(np.mean, 1e3 * distance[said, place]),
                 l_std_mm=_of(np.std, some[0]),
-                l_rms_mm=rms(some[0]),
-                l_stated_mm=rms(1e3 * std[said, place]),
+                l_rms_mm=or_none(rms_known(some[0])),
+                l_stated_mm=or_none(rms_known(1e3 * std[said, place])),
                 covered=_of(np.mean, np.abs(some[0]) <= 1.96e3 * std[said, place]),
                 direction_mean_deg=_of(np.mean, direction_deg(force[said, place])),
                 direction_std_deg=_of(np.std, some[1]),
-                direction_rms_deg=rms(some[1]),
-                lean_rms_deg=rms(lean[said, place]),
+                direction_rms_deg=or_none(rms_known(some[1])),
+                lean_rms_deg=or_none(rms_known(lean[said, place])),
             )
         )
     return rows

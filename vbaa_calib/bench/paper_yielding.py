@@ -12,10 +12,11 @@ from estimator.baselines.giving import STANDS_OUT, compliance_of
 
 from ..rig import Rig
 from ..synth.touch import touch
+from .averages import or_none, rms_known
 from .estimator_setup import drawn_truth
 from .paper_rig import Pictures, free_shape, paper_rig, rod_of, taken
 from .paper_ring import ring_down
-from .paper_sensing import ALL_POINTS, knife_edge, rms
+from .paper_sensing import ALL_POINTS, knife_edge
 
 STIFFNESSES_N_M = tuple(float(f"{k:.3g}") for k in np.geomspace(10.0, 1e5, 9))
 DISTANCE_M, SIGMA_PX = 0.12, 0.1
@@ -136,11 +137,11 @@ def _row(method: str, stiffness_N_m: float, true_m: np.ndarray, readings: list[R
         draws=len(readings),
         answered=float(said.mean()),
         l_error_mm=float(off[said].mean()) if said.any() else None,
-        l_rms_mm=rms(off),
-        l_stated_mm=rms(1e3 * np.array([each.distance_std_m for each in readings])[said]),
+        l_rms_mm=or_none(rms_known(off)),
+        l_stated_mm=or_none(rms_known(1e3 * np.array([each.distance_std_m for each in readings])[said])),
         l_expected_mm=None,
         object_answered=float(told.mean()),
         object_mean_N_m=float(object_N_m[told].mean()) if told.any() else None,
-        object_rms=rms(object_N_m / stiffness_N_m - 1.0),
+        object_rms=or_none(rms_known(object_N_m / stiffness_N_m - 1.0)),
         object_covered=float(inside[told].mean()) if told.any() else None,
     )

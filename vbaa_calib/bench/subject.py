@@ -34,10 +34,14 @@ class Findings:
     text : the tables for people.
     tables : file name → rows, all instances of one dataclass.
     figures : file name → what writes it, given the path and whether an older file may be replaced.
-    numbers : what --json prints.
+    numbers : what --json prints; NaN and infinity become null.
+    headline : what it comes down to, in at most 100 characters; for the suite's summary.
+    versions : of what else was measured than the packages that the subject is known to need.
     """
 
     text: str
     tables: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     figures: Mapping[str, Callable[[Path, bool], None]] = field(default_factory=dict)
     numbers: Mapping[str, Any] = field(default_factory=dict)
+    headline: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)

@@ -1,219 +1,40 @@
-"""Seeing the antenna: speed against error beside other methods, every hardship by itself, and pictures without one."""
+"""`vbaa bench vision`: the antenna in good, hard and empty pictures, beside other methods."""
 
 from __future__ import annotations
 
-import time
-from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
 
-import cv2
-import numpy as np
+from .subject import Findings, Options
+from .vision_report import as_text, write_figure
+from .vision_run import HostileRow, MethodRow, hardships, hostile, methods
 
-from ..console import progress
-from ..detect.centreline import Centreline
-from ..detect.finder import AntennaFinder
-from ..errors import SolveError
-from .vision_hard import HARDSHIPS, good, mixed
-from .vision_judge import FALSE_PX, Score, bound_px, corridor, score, usual_height
-from .vision_peers import peers
-from .vision_scenes import Shot, photograph, truth
-
-SIZES = ((512, 512), (1280, 720))
-HARD_SIZE = (400, 300)
-BOUND_PICTURES = 4
-"""Of each hardship so many pictures are held against the Cramér–Rao bound: it takes several renderings each."""
+HOSTILE_PER_DRAW = 25
+"""Pictures with and without an antenna, at random, for each picture of a hardship."""
+GOOD_PER_DRAW, LEAST_GOOD = 4, 2
+"""A good picture of each size for so many of a hardship, and at least so many."""
+REPEATS = {False: 15, True: 5}
+"""Timings of each method on each picture, without and with --quick."""
 
 
-@dataclass(frozen=True)
-class MethodRow:
-    """One method on good pictures of one size.
-
-    Attributes
-    ----------
-    ms : least time for one picture, the median over pictures; pictures_per_s : what that makes.
-    rms_px, bias_px : of the points that are no further off than `FALSE_PX`. false : share of those that are.
-    kept : share of the visible antenna that has a point.
-    """
-
-    size: str
-    method: str
-    ms: float
-    pictures_per_s: float
-    rms_px: float
-    bias_px: float
-    false: float
-    kept: float
-
-
-@dataclass(frozen=True)
-class HardRow:
-    """One hardship.
-
-    Attributes
-    ----------
-    found : share of the pictures whose verdict is "ok"; the rest of the row is about these.
-    rms_px, bias_px : of the points that are not false. of_bound : their rms over the Cramér–Rao bound's.
-    of_sigma : rms over the rms of the predicted deviations. kept, false : as in `vision_judge.Score`.
-    """
-
-    hardship: str
-    pictures: int
-    found: float
-    rms_px: float
-    bias_px: float
-    of_bound: float
-    of_sigma: float
-    kept: float
-    false: float
-
-
-@dataclass(frozen=True)
-class HostileRow:
-    """Pictures with several hardships at once. `confident_false`: share whose verdict is "ok" where there is no
-    antenna, or where more than half of the points are false."""
-
-    kind: str
-    pictures: int
-    ok: float
-    no_antenna: float
-    too_little: float
-    ambiguous: float
-    confident_false: float
-
-
-def methods(pictures: int, seed: int, repeats: int) -> list[MethodRow]:
-    """Ours and the peers on the same good pictures, one thread, decoding not counted."""
-    rows = []
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        for size in SIZES:
-            rows += _methods_at(size, pictures, seed, repeats)
-    finally:
-        cv2.setNumThreads(threads)
-    return rows
-
-
-def _methods_at(size: tuple[int, int], pictures: int, seed: int, repeats: int) -> list[MethodRow]:
-    times: dict[str, list[float]] = {}
-    scores: dict[str, list[Score]] = {}
-    for index in progress(range(pictures), f"{size[0]}x{size[1]}"):
-        rng = np.random.default_rng([seed, index])
-        shot = good(rng, size)
-        where, image, actual = corridor(shot, rng), photograph(shot, rng), truth(shot)
-        finder = AntennaFinder.prepare(where, size)
-        run: dict[str, Callable[[], np.ndarray]] = {"this finder": partial(_found, finder, image)}
-        run |= {name: partial(peer, image) for name, peer in peers(where, size).items()}
-        for name, method in run.items():
-            points = method()
-            times.setdefault(name, []).append(_least_seconds(method, repeats))
-            line = Centreline(points, np.zeros(len(points)), 0.0, 0.0, 1.0)
-            scores.setdefault(name, []).append(score(line, actual))
-    return [_method_row(f"{size[0]}x{size[1]}", name, times[name], scores[name]) for name in times]
-
-
-def _found(finder: AntennaFinder, image: np.ndarray) -> np.ndarray:
-    return finder.find(image).points_px
-
-
-def _least_seconds(method: Callable[[], object], repeats: int) -> float:
-    least = np.inf
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        method()
-        least = min(least, time.perf_counter() - begun)
-    return float(least)
-
-
-def _method_row(size: str, name: str, seconds: Sequence[float], scores: Sequence[Score]) -> MethodRow:
-    errors, false = np.concatenate([s.errors_px for s in scores]), np.concatenate([s.false for s in scores])
-    near = errors[np.abs(errors) <= FALSE_PX]
-    typical = float(np.median(seconds))
-    return MethodRow(
-        size=size,
-        method=name,
-        ms=1e3 * typical,
-        pictures_per_s=1.0 / typical,
-        rms_px=float(np.sqrt((near**2).mean())),
-        bias_px=float(near.mean()),
-        false=float(false.mean()),
-        kept=float(np.mean([s.kept for s in scores])),
+def measure(options: Options) -> Findings:
+    """Methods on good pictures, one hardship at a time, several at random; a draw is a picture of each hardship."""
+    draws, seed = options.draws, options.seed
+    compared = methods(max(draws // GOOD_PER_DRAW, LEAST_GOOD), seed, REPEATS[options.quick])
+    hard, mixed = hardships(draws, seed), hostile(HOSTILE_PER_DRAW * draws, seed)
+    return Findings(
+        as_text(compared, hard, mixed),
+        {"vision.csv": hard, "vision_methods.csv": compared, "vision_random.csv": mixed},
+        {"vision.png": lambda path, force: write_figure(path, compared, hard, force)},
+        {"methods": compared, "hardships": hard, "hostile": mixed},
+        headline(compared, mixed),
     )
 
 
-def hardships(pictures: int, seed: int, names: Sequence[str] = ("none", *HARDSHIPS)) -> list[HardRow]:
-    """Good pictures ("none"), then every hardship by itself."""
-    return [_hard_row(name, pictures, seed) for name in progress(names, "hardships", len(names))]
-
-
-def _hard_row(name: str, pictures: int, seed: int) -> HardRow:
-    scores: list[Score] = []
-    bounds: list[np.ndarray] = []
-    held: list[np.ndarray] = []
-    for index in range(pictures):
-        rng = np.random.default_rng([seed, index, *name.encode()])
-        shot = good(rng, SIZES[0])
-        shot = HARDSHIPS[name](rng, shot) if name in HARDSHIPS else shot
-        line = _seen(shot, rng)
-        if line.found:
-            judged = score(line, truth(shot))
-            scores.append(judged)
-            if len(bounds) < BOUND_PICTURES:
-                bounds.append(bound_px(shot, line.points_px[~judged.false]))
-                held.append(judged.errors_px[~judged.false])
-    if not scores:
-        return HardRow(name, pictures, 0.0, *[float("nan")] * 6)
-    true = [~s.false for s in scores]
-    errors = np.concatenate([s.errors_px[t] for s, t in zip(scores, true, strict=True)])
-    sigma = np.concatenate([s.sigma_px[t] for s, t in zip(scores, true, strict=True)])
-    return HardRow(
-        hardship=name,
-        pictures=pictures,
-        found=len(scores) / pictures,
-        rms_px=_rms(errors),
-        bias_px=float(errors.mean()),
-        of_bound=_rms(np.concatenate(held) / np.concatenate(bounds)),
-        of_sigma=_rms(errors) / _rms(sigma),
-        kept=float(np.mean([s.kept for s in scores])),
-        false=float(np.concatenate([s.false for s in scores]).mean()),
+def headline(compared: Sequence[MethodRow], mixed: Sequence[HostileRow]) -> str:
+    """Speed and error of this finder on the smaller good pictures, and what it is confidently wrong about."""
+    own = next(row for row in compared if row.method == "this finder")
+    false = 100 * max(row.confident_false for row in mixed)
+    return (
+        f"{own.pictures_per_s:.0f} pictures/s of {own.size} at {own.rms_px:.3f} px; confident and false in "
+        f"{false:.1f} % of hard pictures"
     )
-
-
-def hostile(pictures: int, seed: int, size: tuple[int, int] = HARD_SIZE) -> list[HostileRow]:
-    """As many pictures with an antenna under several hardships as without one."""
-    return [_hostile_row(empty, pictures, seed, size) for empty in (False, True)]
-
-
-def _hostile_row(empty: bool, pictures: int, seed: int, size: tuple[int, int]) -> HostileRow:
-    verdicts: Counter[str] = Counter()
-    wrong = 0
-    for index in progress(range(pictures), "without an antenna" if empty else "hard pictures"):
-        rng = np.random.default_rng([seed, index, int(empty)])
-        shot = mixed(rng, size, empty)
-        line = _seen(shot, rng)
-        if not (np.isfinite(line.points_px).all() and np.isfinite(line.sigma_px).all()):
-            raise SolveError(f"not a number in the centreline of picture {index} of seed {seed}")
-        verdicts[line.verdict] += 1
-        if line.found:
-            wrong += empty or score(line, truth(shot)).false.mean() > 0.5
-    kind = "no antenna, clutter" if empty else "two to four hardships"
-    return HostileRow(
-        kind=kind,
-        pictures=pictures,
-        ok=verdicts["ok"] / pictures,
-        no_antenna=verdicts["no_antenna"] / pictures,
-        too_little=verdicts["too_little"] / pictures,
-        ambiguous=verdicts["ambiguous"] / pictures,
-        confident_false=float(wrong / pictures),
-    )
-
-
-def _seen(shot: Shot, rng: np.random.Generator) -> Centreline:
-    finder = AntennaFinder.prepare(corridor(shot, rng), shot.size)
-    return finder.expecting(usual_height(shot, rng)).find(photograph(shot, rng), not shot.dark)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..files import replacing
-from .vision import HardRow, HostileRow, MethodRow
+from .figures import new_figure, save
 from .vision_judge import FALSE_PX
+from .vision_run import HardRow, HostileRow, MethodRow
 
 
 def as_text(methods: Sequence[MethodRow], hard: Sequence[HardRow], hostile: Sequence[HostileRow]) -> str:
@@ -54,9 +54,7 @@ MARKS = {
 
 def write_figure(path: Path, methods: Sequence[MethodRow], hard: Sequence[HardRow], force: bool) -> None:
     """Speed against error on the left, every hardship's error on the right."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    figure = new_figure(11, 4.2)
     speed, errors = figure.subplots(1, 2)
     for row in methods:
         colour, mark = MARKS[row.method]
@@ -73,5 +71,4 @@ def write_figure(path: Path, methods: Sequence[MethodRow], hard: Sequence[HardRo
     errors.set_xlabel("rms error, px")
     errors.tick_params(labelsize=7)
     errors.grid(alpha=0.3, axis="x")
-    with replacing(path, force) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save(figure, path, force)

@@ -31,11 +31,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Calibrate a session and write rig.json."""
     from ..console import say
     from ..files import refuse_overwrite, write_json
-    from ..session import load_session
+    from ..session import load_session, refuse_measured
     from .calibration import calibrate
     from .calibration_report import doubts, report, summary
 
     refuse_overwrite(args.output, args.force)
+    refuse_measured(args.output, args.session)
     session = load_session(args.session)
     calibration = calibrate(session, args.model)
     warnings = doubts(calibration)

@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 from scipy.stats import t as student
 
 _LENGTHS = 8
+_LEVEL = 0.95
 _PLAIN_SHARES = (0.0, 0.2)
 _PLAIN_ONLY = 0.6
 """Prior probability of no correlation. By sampling: less of it overstates the std of plain scatter by half and more,
@@ -55,17 +56,17 @@ class ErrorModels:
         at = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
         return float(self.lengths_m[order[min(at, len(order) - 1)]])
 
-    def half_width(self, direction: np.ndarray, other_std: float = 0.0, level: float = 0.95) -> float:
-        """Half the interval of direction @ parameters, `direction` (P,), with an independent error of known std added.
+    def half_width(self, direction: np.ndarray, other_std: float) -> float:
+        """Half the 95 % interval of direction @ parameters, with an independent error of known std added.
 
-        Student's t under every model, with Welch and Satterthwaite's degrees of freedom for the sum.
+        direction : (P,). Student's t under every model, with Welch and Satterthwaite's degrees of freedom for the sum.
         """
         own = np.einsum("i,kij,j->k", direction, self.covariances, direction)
         scale = np.sqrt(own + other_std**2)
         if not scale.any():
             return 0.0
         freedom = self.freedom * (scale**2 / np.maximum(own, 1e-30 * scale.max() ** 2)) ** 2
-        tail = 0.5 + 0.5 * level
+        tail = 0.5 + 0.5 * _LEVEL
 
         def excess(half: float) -> float:
             return float(self.weights @ student.cdf(half / scale, freedom)) - tail

@@ -81,7 +81,7 @@ def _refined(
 
 
 def rms_over(squares: np.ndarray, observations: Sequence[Observation]) -> float:
-    """Root mean square distance out of each view's sum."""
+    """Root mean square distance, px, out of each view's sum of squares (V,)."""
     return float(np.sqrt(squares.sum() / sum(len(view.pixels) for view in observations)))
 
 

@@ -44,13 +44,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Detect, solve, write camera.json. Returns its numbers."""
     from ..detect.board_file import load_board
     from ..detect.corners import detect_folder
+    from ..images import list_images
     from .diagnose_views import view_set_diagnoses
     from .intrinsics import solve_intrinsics
 
-    refuse_overwrite(args.output, args.force)
+    refuse_overwrite(args.output, args.force, [args.board])
     if args.min_corners < 4:
         raise InputError(f"--min-corners is {args.min_corners}", remedy="4 corners are the least that fix a pose")
     spec = load_board(args.board)
+    refuse_overwrite(args.output, args.force, list_images(args.images))
     views = detect_folder(args.images, spec)
     solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
     found = view_set_diagnoses(views, solution, spec)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..detect.paint import Paint
 from ..geometry import Pose
 from ..geometry.independent_axes import independent_axes
 from ..session import Load, LoadReadings, Still
-from .load_readings import EXACT
+from .load_readings import EXACT, readings_altered
 from .pose_estimate import PoseEstimate
 
 
@@ -39,6 +39,13 @@ class Observation:
     def load_N(self) -> np.ndarray:
         """(2,) force components y, z."""
         return np.array([self.still.force_y_N, self.still.force_z_N]) if isinstance(self.still, Load) else np.zeros(2)
+
+    def with_readings_altered(self) -> tuple[Observation, Observation]:
+        """With its load a step nearer to the clamp, and with a little more force; itself where it has none."""
+        if not isinstance(self.still, Load):
+            return self, self
+        nearer, heavier = readings_altered(self.still)
+        return replace(self, still=nearer), replace(self, still=heavier)
 
 
 @dataclass(frozen=True, eq=False)

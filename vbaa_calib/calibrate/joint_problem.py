@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..antenna.shape import PARAMETERS, Curves, bend
+from ..antenna.shape import PARAMETERS, Curves
 from ..camera import Camera
 from ..errors import SolveError
 from ..geometry import Pose
@@ -21,10 +21,10 @@ from ..reprojection import (
     with_slopes_on_curve,
 )
 from ..rig import RIG_PARAMETERS, RIG_STEPS
-from ..session import Load
 from .joint_given import Observation, Prior
-from .load_readings import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, ReadingGroups, readings_altered
+from .load_readings import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, ReadingGroups
 from .pose_estimate import PoseEstimate
+from .still_curves import still_curves
 
 POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
 GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
@@ -33,8 +33,6 @@ BENT = 1 + len(PARAMETERS)
 RIG = len(RIG_PARAMETERS)
 INSIDE = 1.0 - 1e-5
 """Part of the length beyond which a load counts as on the tip, where moving it further changes nothing."""
-SWEEPS = 4
-"""Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
 
 
 class LensLost(SolveError):
@@ -123,11 +121,7 @@ class Problem:
     def camera(self, parameters: np.ndarray) -> Camera:
         """The lens that the parameters ask for; its covariance is still the prior's."""
         camera, step = self.prior.camera, self.prior.lens_axes @ parameters[self.lens]
-        if not len(step):
-            return camera
-        matrix = camera.matrix.copy()
-        matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
-        return replace(camera, matrix=matrix, distortion=camera.distortion + step[4:])
+        return camera.moved(step) if len(step) else camera
 
     @property
     def certain(self) -> int:
@@ -148,22 +142,7 @@ class Problem:
 
         compliance : (A, 2) factors on what bends each antenna to y and to z; 1 where not given.
         """
-        count, each = len(self.observations), len(antennas)
-        factor = np.tile(np.ones((each, 2)) if compliance is None else compliance, (count, 1))
-        gravity = np.repeat([obs.gravity_m_s2 for obs in self.observations], each, axis=0)
-        load = np.repeat([obs.load_N for obs in self.observations], each, axis=0)
-        contact = [
-            obs.still.distance_m if isinstance(obs.still, Load) else 0.5 * self.length_m for obs in self.observations
-        ]
-        return bend(
-            np.tile(antennas, (count, 1)),
-            self.length_m,
-            gravity * np.hstack([np.ones((len(factor), 1)), factor]),
-            np.repeat(contact, each),
-            load * factor,
-            dead=True,
-            sweeps=SWEEPS,
-        )
+        return still_curves(self.observations, antennas, self.length_m, compliance=compliance)
 
     def evaluate(self, parameters: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """Per observation (N, 16 + P + K): whitened distances, their slopes by pose, antenna, lens and readings;
@@ -205,11 +184,7 @@ class Problem:
 
         By its place along the antenna, per m, and by the logarithm of its force; zero for a free one.
         """
-        three = [
-            replace(one, still=still)
-            for one in self.observations
-            for still in ([one.still, *readings_altered(one.still)] if isinstance(one.still, Load) else [one.still] * 3)
-        ]
+        three = [each for one in self.observations for each in (one, *one.with_readings_altered())]
         curves = replace(self, observations=three).curves(parameters[None, ANTENNA])
         view, found = [self.pose(parameters).inverse()] * 3, []
         steps = np.array([-DISTANCE_STEP_M, LOG_FORCE_STEP])

@@ -27,12 +27,10 @@ class ProjectionUncertainty:
     ----------
     pixels : (R, C, 2). covariance_px2 : (R, C, 2, 2) of the projection of the fixed ray that each pixel has; NaN where
         the lens has no ray.
-    compensated : whether what a turn of the camera explains is left out.
     """
 
     pixels: np.ndarray
     covariance_px2: np.ndarray
-    compensated: bool
 
     @property
     def std_px(self) -> np.ndarray:
@@ -48,13 +46,15 @@ def projection_uncertainty(
 ) -> ProjectionUncertainty:
     """Covariance of the projection over the whole picture, on `grid` = (columns, rows).
 
+    compensated : what a turn of the camera explains is left out.
+
     Raises InputError when the camera has no covariance.
     """
     pixels = pixel_grid(camera.image_size, grid)
     jacobian = projection_jacobian(camera, pixels)
     if compensated:
         jacobian = compensate(camera, pixels, jacobian)
-    return ProjectionUncertainty(pixels, _carried(jacobian, camera), compensated)
+    return ProjectionUncertainty(pixels, _carried(jacobian, camera))
 
 
 def ray_covariance(camera: Camera, pixels: np.ndarray) -> np.ndarray:

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..session import Load, LoadReadings
-from .diagnose.rows import StillRows, with_readings_altered
+from .diagnose.rows import StillRows
 from .joint import JointSolution
 from .joint_problem import ANTENNA
-from .load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP, reading_keys
+from .load_readings import reading_keys
 from .next_load_candidates import Candidate
 
 LOG_STIFFNESS = ANTENNA.start + 6
@@ -170,8 +170,8 @@ def _pushes_now(rows: StillRows) -> tuple[list[Load], list[np.ndarray], list[np.
         return [], [], []
     _, _, scale = solution.normal_equations()
     weighted = solution.jacobian * (solution.weights**2)[:, None] / scale
-    nearer = -rows.altered([with_readings_altered(one)[0] for one in observations], DISTANCE_STEP_M)
-    heavier = rows.altered([with_readings_altered(one)[1] for one in observations], LOG_FORCE_STEP)
+    nearer, heavier = rows.by_load()
+    further = -nearer
     loads, pushes, grams = [], [], []
     for index in which:
         mask = rows.of_stills([index])
@@ -179,8 +179,8 @@ def _pushes_now(rows: StillRows) -> tuple[list[Load], list[np.ndarray], list[np.
         load = joint.noted[index].still
         assert isinstance(load, Load)
         loads.append(load)
-        both = np.column_stack([nearer[mask], heavier[mask]]) * solution.weights[mask, None]
+        both = np.column_stack([further[mask], heavier[mask]]) * solution.weights[mask, None]
         grams.append(both.T @ both)
-        pushes.append(weighted[mask].T @ nearer[mask])
+        pushes.append(weighted[mask].T @ further[mask])
         pushes.append(weighted[mask].T @ heavier[mask])
     return loads, pushes, grams

@@ -92,11 +92,11 @@ def lens_progress(
     if functional is None:
         words = "Plane C is hardly in the picture as it was described: give its distance and inclination again."
         return LensProgress(solution, np.nan, goal_m, suggestion, False, words)
+    noise_m = taken.inflation * float(np.sqrt(mean_square(functional, taken.information)))
     # a lens that is too simple for its pictures shows by how far a richer one would move the plane
-    moved = pulled_square(functional, taken.information, taken.pull)
-    std_m = taken.inflation * float(np.sqrt(max(float(mean_square(functional, taken.information)), moved)))
-    enough, words = _judged(taken, std_m, goal_m, suggestion)
-    return LensProgress(solution, std_m, goal_m, suggestion, enough, words)
+    moved_m = taken.inflation * float(np.sqrt(pulled_square(functional, taken.information, taken.pull)))
+    enough, words = _judged(taken, noise_m, moved_m, goal_m, suggestion)
+    return LensProgress(solution, max(noise_m, moved_m), goal_m, suggestion, enough, words)
 
 
 def _solved(views: Sequence[BoardView], spec: BoardSpec, model: str) -> tuple[LensSolution | None, str]:
@@ -106,7 +106,11 @@ def _solved(views: Sequence[BoardView], spec: BoardSpec, model: str) -> tuple[Le
         return None, f"There is no lens yet: {error.what}." if isinstance(error, InputError) else str(error)
 
 
-def _judged(taken: Taken, std_m: float, goal_m: float, suggestion: Suggestion | None) -> tuple[bool, str]:
+def _judged(
+    taken: Taken, noise_m: float, moved_m: float, goal_m: float, suggestion: Suggestion | None
+) -> tuple[bool, str]:
+    """Whether it is enough, and why. noise_m : deviation by noise. moved_m : what a richer lens would move."""
+    std_m = max(noise_m, moved_m)
     now = f"Points on plane C are known to {1e3 * std_m:.3f} mm (one standard deviation)"
     if taken.pictures < LEAST_VIEWS:
         missing = LEAST_VIEWS - taken.pictures
@@ -116,7 +120,12 @@ def _judged(taken: Taken, std_m: float, goal_m: float, suggestion: Suggestion | 
         return False, f"{now}, but {taken.doubt}."
     if std_m <= goal_m:
         return True, f"{now}: the goal of {1e3 * goal_m:.3f} mm is reached. Enough, more will not help."
-    gain = 0.0 if suggestion is None else 1.0 - suggestion.std_m / std_m
+    if moved_m > noise_m and suggestion is not None:
+        return False, (
+            f"{now}, for a richer lens would move them as far; the goal is {1e3 * goal_m:.3f} mm, and the next picture "
+            "helps to tell which lens is right."
+        )
+    gain = 0.0 if suggestion is None else 1.0 - suggestion.std_m / noise_m
     if gain < LEAST_GAIN:
         return True, (
             f"{now}, not the goal of {1e3 * goal_m:.3f} mm, but the best next picture would take off "

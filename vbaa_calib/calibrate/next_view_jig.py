@@ -78,7 +78,7 @@ def _shares_m(board: BoardPose, camera: Camera, plane: WorkPlane) -> tuple[float
     inside = valid & np.all((pixels > -0.5) & (pixels < np.array(camera.image_size) - 0.5), axis=1)
     if inside.mean() < 0.5 or camera.covariance is None:
         return np.nan, np.nan
-    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    intrinsics = camera.parameters
     _, by_lens, by_point = PROJECTIONS[camera.model](space[inside], np.zeros(6), intrinsics)
     by_lens, by_point = by_lens.reshape(-1, 2, len(intrinsics)), by_point[:, 3:].reshape(-1, 2, 3)
     lever = space[inside] - board.T_camera_board.translation_m

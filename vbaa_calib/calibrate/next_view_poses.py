@@ -55,11 +55,6 @@ class Candidate:
     T_camera_board: Pose
     ids: np.ndarray
 
-    @property
-    def vector(self) -> np.ndarray:
-        """(6,) rotation vector rad and translation m."""
-        return np.concatenate([self.T_camera_board.rotvec_rad, self.T_camera_board.translation_m])
-
 
 def coarse_set(design: Design, spec: BoardSpec, near_m: float, far_m: float) -> list[Held]:
     """The designed set: distances, places, and leaning in every direction; distances within the limits given."""

@@ -33,7 +33,7 @@ class Suggestion:
     Attributes
     ----------
     T_camera_board : pose of the board. outline_px : (4, 2) its outline in the picture, from the board's origin round.
-    words : what a person can do. std_m : predicted on plane C after it; NaN while there is no lens.
+    words : what a person can do. std_m : on plane C after it by noise, were the lens right; NaN while there is none.
     """
 
     T_camera_board: Pose

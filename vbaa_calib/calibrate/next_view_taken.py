@@ -48,14 +48,14 @@ class Taken:
 def with_a_lens(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> Taken:
     """Of the views that a lens rests on, without their outliers."""
     camera, by_name = solution.camera, {view.name: view for view in views}
-    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    intrinsics = camera.parameters
     points, rise, observations, poses = corner_points(spec), bend(spec), [], []
     for used in solution.views:
         view = by_name[used.name]
         good = ~np.isin(view.ids, used.outlier_ids)
         ids = view.ids[good]
         observations.append(Observation(points[ids], view.corners_px[good], rise[ids]))
-        poses.append(np.concatenate([used.T_camera_board.rotvec_rad, used.T_camera_board.translation_m]))
+        poses.append(used.T_camera_board.vector)
     sigma = _sigma_px(solution, sum(len(view.pixels) for view in observations))
     sagittas = solution.board_flex.sagittas_m if solution.board_flex.used else None
     design = design_about(solution.model, intrinsics, camera.image_size, sigma, spec, sagittas)

@@ -178,7 +178,7 @@ def plane_functional(design: Design, plane: WorkPlane, spec: BoardSpec) -> np.nd
 
 
 def _slopes(design: Design, pose: Pose, view: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    vector = np.concatenate([pose.rotvec_rad, pose.translation_m])[None]
+    vector = pose.vector[None]
     _, by_shared, by_pose = rows(design.model, State(design.shared, vector), Stack.of([view]))
     return by_shared @ design.scale, by_pose, by_pose[:, :, 3:]
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from targets.board import BoardSpec
+from targets.charuco import corner_points
 
 from ..camera import Camera
 from ..detect.corners import BoardView, detect_corners
@@ -55,14 +56,12 @@ class OverBoardSolution:
     board : the board's pose, with the second solution that a plane allows.
     line : the antenna in the picture, from clamp to tip.
     fit : the numbers of the fit: covariance in the plane, scatter, where on the antenna the points lie.
-    corners_hidden : corners left out because the antenna runs past them.
     """
 
     estimate: PoseEstimate
     board: BoardPose
     line: BoardLine
     fit: OverFit
-    corners_hidden: int
 
 
 def solve_over_board(
@@ -102,7 +101,7 @@ def solve_over_board(
         check_size(image, camera, name)
     views = [detect_corners(image, spec, name) for name, image in images.items()]
     picture = _typical(list(images.values()))
-    board, line, hidden = _board_and_line(picture, views, spec, camera, antenna, height_m, bright)
+    board, line = _board_and_line(picture, views, spec, camera, antenna, height_m, bright)
     refuse_moved(images, picture, line)
     refuse_shadowed(line, _name(images))
     plane = PlaneAbove(camera, board.T_camera_board, height_m)
@@ -114,7 +113,7 @@ def solve_over_board(
     fit = solve_over(problem, _start(line, plane, antenna, clamp))
     refuse_scattered(fit.noise_scale, _name(images))
     estimate = PoseEstimate(WAY, fit.T_antenna_camera, fit.covariance, fit.lens_sensitivity)
-    return OverBoardSolution(estimate, board, line, fit, hidden)
+    return OverBoardSolution(estimate, board, line, fit)
 
 
 def _name(images: Mapping[str, np.ndarray]) -> str:
@@ -135,23 +134,17 @@ def _board_and_line(
     antenna: FreeAntenna,
     height_m: float,
     bright: bool | None,
-) -> tuple[BoardPose, BoardLine, int]:
+) -> tuple[BoardPose, BoardLine]:
     """Board and antenna, the board once more without the corners that the antenna runs past."""
     board = _board(views, spec, camera)
     line = _line(picture, board, views, spec, camera, antenna, height_m, bright)
     reach = _CORNER_REACH_PX + 0.5 * line.width_px
     clear = [_without(view, line.distance_px(view.corners_px) < reach) for view in views]
-    hidden = len(views[0].ids) - len(clear[0].ids)
     ids = np.unique(np.concatenate([view.ids for view in clear]))
-    if not hidden or not fixes_homography(_places(ids, spec)):
-        return board, line, 0
+    if len(clear[0].ids) == len(views[0].ids) or not fixes_homography(corner_points(spec)[ids, :2]):
+        return board, line
     board = _board(clear, spec, camera)
-    return board, _line(picture, board, views, spec, camera, antenna, height_m, line.bright), hidden
-
-
-def _places(ids: np.ndarray, spec: BoardSpec) -> np.ndarray:
-    columns = spec.squares_x - 1
-    return spec.square_m * np.stack([ids % columns + 1, ids // columns + 1], axis=1).astype(float)
+    return board, _line(picture, board, views, spec, camera, antenna, height_m, line.bright)
 
 
 def _without(view: BoardView, covered: np.ndarray) -> BoardView:

@@ -53,7 +53,7 @@ def refuse_scattered(noise_scale: float, where: str) -> None:
 
 
 def refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: BoardLine) -> None:
-    """Raises InputError for a picture that does not show the line where the typical one does."""
+    """Raises InputError for a picture (H, W) that does not show the line where the typical one does."""
     along = np.gradient(line.points_px, axis=0)
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     normal *= (line.width_px + 3.0) / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)

@@ -51,7 +51,6 @@ class OverFit:
     in_plane_covariance : (3, 3) of the clamp's direction (rad) and place (m) along x and y, antenna frame.
     noise_scale : scatter of the points over what their standard deviations predict.
     points : how many took part. reach_m : arc lengths of the first and the last.
-    mark_residuals : tip and clamp off the solved curve, over their standard deviations.
     """
 
     T_antenna_camera: Pose
@@ -61,7 +60,6 @@ class OverFit:
     noise_scale: float
     points: int
     reach_m: tuple[float, float]
-    mark_residuals: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +136,7 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
     weighted = jacobian * weight[:, None]
     inverse = _inverse(weighted.T @ weighted)
     pose = problem.T_camera_antenna(unknowns).inverse()
-    by_unknowns = _tangents(problem, unknowns, pose)
+    by_unknowns = _tangents(problem, unknowns)
     # the lens moves the board's pose, too
     by_board = np.linalg.solve(np.linalg.cholesky(problem.board.covariance), problem.board.lens_sensitivity)
     pull = (problem.by_lens(curves) + jacobian[:, BOARD] @ by_board) * weight[:, None]
@@ -155,7 +153,6 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
         problem.noise_scale,
         points,
         (float(foot.min()), float(foot.max())),
-        tuple(residual[points : points + len(problem.marks)].tolist()),
     )
 
 
@@ -223,7 +220,7 @@ def _trimmed(problem: OverProblem, unknowns: np.ndarray) -> OverProblem:
     return replace(problem, seen=problem.seen.picked(inside))
 
 
-def _tangents(problem: OverProblem, unknowns: np.ndarray, pose: Pose) -> np.ndarray:
+def _tangents(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
     """(6, 18) derivative of the camera pose's tangent in the antenna frame by the unknowns."""
     columns = []
     for step in np.diag(_STEPS):

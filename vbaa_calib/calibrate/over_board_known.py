@@ -96,6 +96,6 @@ def nominal_free_antenna(
 
 
 def see_with_lens(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray) -> SeenPoints:
-    """`reprojection.see`, with the points' dependence on the lens whether or not its covariance is known."""
+    """`reprojection.see` of points (N, 2), with their dependence on the lens whether or not its covariance is known."""
     valid = camera.normalized_with_slopes(points_px)[2]
     return replace(see(camera, points_px[valid], sigma_px[valid]), by_lens=camera.lens_jacobian(points_px[valid]))

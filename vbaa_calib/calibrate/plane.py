@@ -170,8 +170,8 @@ def _ideal_points(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], 0.0), seen
 
 
-def _residual(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    projected, valid = camera.project(pose @ points)
+def _residual(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    projected, valid = camera.project(T_camera_board @ points)
     return np.where(valid[:, None], projected - pixels, _OUT_OF_SIGHT_PX).ravel()
 
 
@@ -179,16 +179,16 @@ def _rms(residual: np.ndarray) -> float:
     return float(np.sqrt(2.0 * np.mean(residual**2)))
 
 
-def _robust_cost(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> float:
-    return float(np.sum(np.sqrt(1.0 + _residual(pose, camera, points, pixels) ** 2) - 1.0))
+def _robust_cost(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> float:
+    return float(np.sum(np.sqrt(1.0 + _residual(T_camera_board, camera, points, pixels) ** 2) - 1.0))
 
 
-def _refined(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray, loss: str) -> Pose:
+def _refined(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray, loss: str) -> Pose:
     # in units of the board's distance, so that the six steps weigh alike
-    reach = float(np.linalg.norm(pose.translation_m))
+    reach = float(np.linalg.norm(T_camera_board.translation_m))
     scale = np.array([1.0, 1.0, 1.0, reach, reach, reach])
     for _ in range(2):
-        start = pose
+        start = T_camera_board
         result = least_squares(
             lambda step, start=start: _residual(start.retract(step * scale), camera, points, pixels),
             np.zeros(6),
@@ -200,12 +200,12 @@ def _refined(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray,
             gtol=1e-12,
             max_nfev=60,
         )
-        pose = start.retract(result.x * scale)
-    return pose
+        T_camera_board = start.retract(result.x * scale)
+    return T_camera_board
 
 
-def _inliers(pose: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    distance = np.linalg.norm(_residual(pose, camera, points, pixels).reshape(-1, 2), axis=1)
+def _inliers(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    distance = np.linalg.norm(_residual(T_camera_board, camera, points, pixels).reshape(-1, 2), axis=1)
     sigma = float(np.median(distance)) / 1.1774
     return distance <= max(_GROSS_CORNER * sigma, _GROSS_LEAST_PX)
 
@@ -214,20 +214,20 @@ def _second(
     first: Pose, others: Sequence[Pose], camera: Camera, points: np.ndarray, pixels: np.ndarray
 ) -> PoseCandidate | None:
     for start in others:
-        pose = _refined(start, camera, points, pixels, "linear")
-        if turn_between(pose, first) > _SAME_RAD and bool(camera.project(pose @ points)[1].all()):
-            return PoseCandidate(pose, _rms(_residual(pose, camera, points, pixels)))
+        T_camera_board = _refined(start, camera, points, pixels, "linear")
+        if turn_between(T_camera_board, first) > _SAME_RAD and bool(camera.project(T_camera_board @ points)[1].all()):
+            return PoseCandidate(T_camera_board, _rms(_residual(T_camera_board, camera, points, pixels)))
     return None
 
 
-def _derivatives(pose: Pose, camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _derivatives(T_camera_board: Pose, camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
-    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
-    vector = np.concatenate([pose.rotvec_rad, pose.translation_m])
+    intrinsics = camera.parameters
+    vector = T_camera_board.vector
     _, by_lens, by_vector = PROJECTIONS[camera.model](points, vector, intrinsics)
     by_position = by_vector[:, 3:].reshape(-1, 2, 3)
     # turning by w about the board's origin moves a point by w × lever
-    by_turn = np.cross((points @ pose.rotation.T)[:, None], by_position)
+    by_turn = np.cross((points @ T_camera_board.rotation.T)[:, None], by_position)
     by_pose = np.concatenate([by_turn, by_position], axis=-1)
-    seen = camera.project(pose @ points)[1]
+    seen = camera.project(T_camera_board @ points)[1]
     return np.where(seen[:, None, None], by_pose, 0.0).reshape(-1, 6), by_lens

@@ -38,13 +38,13 @@ def turn_between(one: Pose, other: Pose) -> float:
     return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
 
-def mirrored(pose: Pose, points: np.ndarray) -> Pose:
-    """The board, points (N, 3) m, turned about its centre its normal to the other side of the line of sight."""
+def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
+    """Pose of the board, points (N, 3) m, turned about its centre its normal to the other side of the line of sight."""
     centre_board = points.mean(axis=0)
-    centre = pose @ centre_board
-    sight, normal = centre / np.linalg.norm(centre), pose.rotation[:, 2]
+    centre = T_camera_board @ centre_board
+    sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
     axis = np.cross(normal, sight)
     angle = 2.0 * np.arctan2(np.linalg.norm(axis), normal @ sight)
     turn = Rotation.from_rotvec(angle * axis / max(float(np.linalg.norm(axis)), 1e-12)).as_matrix()
-    rotation = turn @ pose.rotation
+    rotation = turn @ T_camera_board.rotation
     return Pose(rotation, centre - rotation @ centre_board)

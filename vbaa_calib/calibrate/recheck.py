@@ -19,7 +19,7 @@ from ..session import Load, Session, check_pictures, load_session
 from .board_flex import Bend
 from .recheck_antenna import AntennaEvidence, antenna_findings, check_antenna, free_table, loads_table
 from .recheck_finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding, not_given, worst
-from .recheck_lens import LensEvidence, check_lens, lens_findings, recorded_bend
+from .recheck_lens import LensEvidence, check_lens, lens_findings
 from .recheck_maps import along_antenna, plane_map, projection_map
 from .recheck_pose import PoseEvidence, check_pose, pose_finding, rig_now
 from .recheck_rig import number_at, rig_findings, rig_numbers
@@ -30,6 +30,7 @@ from .recheck_taken import (
     Taken,
     from_pictures,
     from_session,
+    recorded_bend,
     recorded_session,
     refuse_calibrations_own,
 )

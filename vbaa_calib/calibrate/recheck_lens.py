@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,6 @@ from .outliers import inlier_masks
 from .plane import solve_board_pose
 from .recheck_change import Change, Information, estimated_change
 from .recheck_finding import Evidence, Finding, judged, not_given, plus_minus
-from .recheck_rig import number_at
 from .view_screening import DroppedView, usable_views
 
 MIN_CORNERS = 6
@@ -94,15 +93,6 @@ class LensEvidence:
     change_px: float
 
 
-def recorded_bend(quality: Mapping[str, Any]) -> Bend | None:
-    """The board's shape as the calibration found it; None where it was solved with a flat one."""
-    flex = quality.get("lens", {}).get("board_flex") if isinstance(quality.get("lens"), Mapping) else None
-    if not isinstance(flex, Mapping) or flex.get("used") is not True:
-        return None
-    sagittas = np.array([number_at({"x": value}, "x") or 0.0 for value in flex.get("sagittas_m") or ()])
-    return Bend(sagittas, np.zeros((2, 2))) if sagittas.shape == (2,) else None
-
-
 def board_points(spec: BoardSpec, bent: Bend | None) -> np.ndarray:
     """(corner_count, 3) of the board, bent as the calibration found it."""
     points = corner_points(spec)
@@ -120,7 +110,7 @@ def check_lens(
 ) -> LensEvidence | None:
     """The lens against pictures of the board, each given with its folder's name; None where no picture can be used.
 
-    bent : the board's shape, as `recorded_bend` has it.
+    bent : the board's shape, as the calibration found it.
     """
     points_m = board_points(spec, bent)
     views, dropped = _posed(camera, boards, spec, points_m, bent)
@@ -222,7 +212,7 @@ def _posed(
 
 def _without_pose(camera: Camera, view: CheckedView, board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives by the lens (2N, P) and residuals (2N,), px, what the view's own pose explains taken out of both."""
-    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    intrinsics = camera.parameters
     points = view.T_camera_board @ board
     _, by_lens, by_pose = PROJECTIONS[camera.model](points, np.zeros(6), intrinsics)
     axes, _ = np.linalg.qr(by_pose / np.linalg.norm(by_pose, axis=0))

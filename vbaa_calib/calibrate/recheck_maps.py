@@ -76,9 +76,9 @@ def plane_map(rig: Rig) -> PictureMap:
     return PictureMap(pixels, std_mm, "mm")
 
 
-def along_antenna(rig: Rig, shares: tuple[float, ...] = ALONG) -> AlongAntenna:
+def along_antenna(rig: Rig) -> AlongAntenna:
     """At some places of the antenna's axis, where the picture shows them."""
-    s = rig.antenna.length_m * np.array(shares)
+    s = rig.antenna.length_m * np.array(ALONG)
     axis = s[:, None] * np.array([1.0, 0.0, 0.0])
     pixels, seen = rig.camera.project(rig.T_antenna_camera.inverse() @ axis)
     size = np.array(rig.camera.image_size)

@@ -72,7 +72,7 @@ class PoseEvidence:
 
 
 def check_pose(
-    rig: Rig, views: Sequence[BoardView], spec: BoardSpec, T_antenna_board: Pose, bent: Bend | None = None
+    rig: Rig, views: Sequence[BoardView], spec: BoardSpec, T_antenna_board: Pose, bent: Bend | None
 ) -> PoseEvidence:
     """The camera's pose from the board in the jig against the rig's.
 
@@ -135,10 +135,10 @@ def rig_now(rig: Rig, found: PoseEvidence | None, finding: Finding) -> Rig:
     return replace(rig, T_antenna_camera=found.T_antenna_camera, covariance=joint)
 
 
-def _on_plane_m(rig: Rig, pose: Pose) -> float:
+def _on_plane_m(rig: Rig, T_antenna_camera: Pose) -> float:
     """How far the antenna's axis, seen by a camera at this pose, is off on plane C by the rig's; the largest."""
     axis = rig.antenna.length_m * np.linspace(0.0, 1.0, 9)[:, None] * np.array([1.0, 0.0, 0.0])
-    pixels, seen = rig.camera.project(pose.inverse() @ axis)
+    pixels, seen = rig.camera.project(T_antenna_camera.inverse() @ axis)
     points, crossed = rig.camera_on_plane().project(pixels)
     off = np.linalg.norm(points - axis[:, :2], axis=1)[seen & crossed]
     # an axis that the moved camera does not see at all has moved by more than its length

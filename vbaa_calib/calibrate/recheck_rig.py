@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,25 +20,32 @@ AMBIGUOUS = 1.2
 
 def number_at(data: Mapping[str, Any], *keys: str) -> float | None:
     """A finite number at a path of keys; None where it is not recorded, or is no number."""
-    value: Any = data
-    for key in keys:
-        value = value.get(key) if isinstance(value, Mapping) else None
+    return finite(_at(data, keys))
+
+
+def finite(value: Any) -> float | None:
+    """A recorded value as a finite number; None where it is none."""
     usable = isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
     return float(value) if usable else None
 
 
 def texts_at(data: Mapping[str, Any], *keys: str) -> list[str]:
     """A list of texts at a path of keys; empty where it is not recorded."""
+    value = _at(data, keys)
+    return [str(line) for line in value] if isinstance(value, list) else []
+
+
+def _at(data: Mapping[str, Any], keys: Sequence[str]) -> Any:
     value: Any = data
     for key in keys:
         value = value.get(key) if isinstance(value, Mapping) else None
-    return [str(line) for line in value] if isinstance(value, list) else []
+    return value
 
 
 def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
     """Camera, lens, antenna (its EI beside the nominal one, where that is known) and sensor, with deviations."""
     camera, antenna, sensor = rig.camera, rig.antenna, rig.moment_sensor
-    lens = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    lens = camera.parameters
     lens_std = None if camera.covariance is None else np.sqrt(np.diag(camera.covariance).clip(0.0)).tolist()
     pose_std = [rig.std(name) for name in POSE_PARAMETERS]
     region = camera.valid_region()

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from ..antenna.shape import CONTACT, Curves, bend
+from ..geometry import Pose
 from ..reprojection import feet, image_curves, see, whitened_residuals, whitened_with_lens, with_slopes_on_curve
 from ..rig import RIG_STEPS, Rig
 from ..session import Load, LoadReadings, Still
 from .joint_given import Observation
-from .joint_problem import ANTENNA, GAIN, OFFSET, POSE, SWEEPS
+from .joint_problem import ANTENNA, GAIN, OFFSET, POSE
 from .joint_problem import RIG as LENS
-from .load_readings import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, reading_keys, readings_altered
+from .load_readings import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, reading_keys
 from .recheck_change import Information
+from .still_curves import still_curves
 
 _WINDOW, _FAR = 25, 5.0
 """Points further than this many deviations from the median of their neighbours show something beside the antenna."""
@@ -120,69 +122,83 @@ def _keys(still: Still) -> tuple[tuple[str, str], tuple[str, str]]:
     return reading_keys(still)
 
 
+@dataclass(frozen=True, eq=False)
+class _Predicted:
+    """What a rig predicts for one still.
+
+    Attributes
+    ----------
+    curves : (16,) its antenna seven times, for the camera's pose and a step along each of that, then with a step along
+        each of its own parameters. views : (16,) the cameras that see them, antenna → camera.
+    altered : (2,) with the load's place, then its weight, a step off.
+    free_m : (3,) where the load hangs, were it not there.
+    """
+
+    curves: Curves
+    views: Sequence[Pose]
+    altered: Curves
+    free_m: np.ndarray
+
+
 def hold(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[HeldStill]:
     """Every still against the rig's prediction, and how that moves with the rig's parameters.
 
     readings : how well the loads are known.
     """
     count = ANTENNA.stop - ANTENNA.start
-    curves = _predicted(rig, observations, count)
-    free = _predicted(rig, observations, count, loaded=False)
-    altered = _predicted(rig, [other for one in observations for other in _misread(one)], 0)
-    steps = np.array([-readings.distance_std_m / DISTANCE_STEP_M, readings.force_std_relative / LOG_FORCE_STEP])
+    length_m = rig.antenna.length_m
+    antennas = np.repeat(rig.antenna.parameters[None], count + 1, axis=0)
+    antennas[1:] += np.diag(RIG_STEPS[ANTENNA])
+    curves = still_curves(observations, antennas, length_m)
+    free = still_curves(observations, antennas[:1], length_m, loaded=False)
+    misread = [other for one in observations for other in one.with_readings_altered()]
+    altered = still_curves(misread, antennas[:1], length_m)
     poses = [rig.T_antenna_camera, *(rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[POSE]))]
     inverse = [pose.inverse() for pose in poses]
     order = np.array([0] * 7 + list(range(1, count + 1)))
     views = [*inverse, *[inverse[0]] * count]
     held = []
     for index, observation in enumerate(observations):
-        first = (count + 1) * index
-        own = curves.picked(first + order)
-        projected = image_curves(own, views)
-        points = see(rig.camera, observation.points_px, observation.sigma_px)
-        points = with_slopes_on_curve(points, rig.camera, projected)
-        whitened, slopes = whitened_with_lens(points, projected)
-        whitened = whitened / rig.image.noise_scale
-        near = _undisturbed(whitened[:, 0])
-        pair = np.array([2 * index, 2 * index + 1])
-        misread = whitened_residuals(points, image_curves(altered.picked(pair), [inverse[0]] * 2))
-        misread = misread / rig.image.noise_scale
-        seen = points.picked(near)
-        by_lens = np.zeros((len(seen), len(rig.camera.parameter_names)))
-        if seen.by_lens is not None:
-            by_lens = slopes[near] / rig.image.noise_scale
-        by_rig = np.zeros((len(seen), LENS))
-        by_rig[:, : ANTENNA.stop] = (whitened[near, 1:] - whitened[near, :1]) / RIG_STEPS
-        foot = feet(seen, projected)
-        depth = np.interp(foot, own.arclength_m[0], (inverse[0] @ own.points_m[0])[:, 2])
-        # the geometric mean over directions stands for the deviation along the normal: pixels are all but square
-        std = np.sqrt(np.sqrt(np.linalg.det(seen.covariance).clip(0.0))) * rig.image.noise_scale
-        moments = curves.moment_Nm[first : first + count + 1]
-        bent = np.linalg.norm(curves.points_m[first, CONTACT] - free.points_m[first, CONTACT])
-        held.append(
-            HeldStill(
-                observation.still,
-                foot,
-                whitened[near, 0],
-                1e3 * whitened[near, 0] * std * depth,
-                -np.hstack([by_rig, by_lens]),
-                float(moments[0]),
-                (moments[1:] - moments[0]) / RIG_STEPS[ANTENNA],
-                float(bent) if isinstance(observation.still, Load) else 0.0,
-                -(misread[near] - whitened[near, :1]) * steps,
-                (altered.moment_Nm[pair] - moments[0]) * steps,
-            )
-        )
+        own = curves.picked((count + 1) * index + order)
+        pair = altered.picked(np.array([2 * index, 2 * index + 1]))
+        predicted = _Predicted(own, views, pair, free.points_m[index, CONTACT])
+        held.append(_held(rig, observation, predicted, readings))
     return held
 
 
-def _misread(observation: Observation) -> list[Observation]:
-    """The still with its load a step nearer to the clamp, and a step heavier."""
-    still = observation.still
-    return (
-        [replace(observation, still=other) for other in readings_altered(still)]
-        if isinstance(still, Load)
-        else [observation] * 2
+def _held(rig: Rig, observation: Observation, predicted: _Predicted, readings: LoadReadings) -> HeldStill:
+    own, altered, view = predicted.curves, predicted.altered, predicted.views[0]
+    steps = np.array([-readings.distance_std_m / DISTANCE_STEP_M, readings.force_std_relative / LOG_FORCE_STEP])
+    projected = image_curves(own, predicted.views)
+    points = see(rig.camera, observation.points_px, observation.sigma_px)
+    points = with_slopes_on_curve(points, rig.camera, projected)
+    whitened, slopes = whitened_with_lens(points, projected)
+    whitened = whitened / rig.image.noise_scale
+    near = _undisturbed(whitened[:, 0])
+    misread = whitened_residuals(points, image_curves(altered, [view] * 2)) / rig.image.noise_scale
+    seen = points.picked(near)
+    by_lens = np.zeros((len(seen), len(rig.camera.parameter_names)))
+    if seen.by_lens is not None:
+        by_lens = slopes[near] / rig.image.noise_scale
+    by_rig = np.zeros((len(seen), LENS))
+    by_rig[:, : ANTENNA.stop] = (whitened[near, 1:] - whitened[near, :1]) / RIG_STEPS
+    foot = feet(seen, projected)
+    depth = np.interp(foot, own.arclength_m[0], (view @ own.points_m[0])[:, 2])
+    # the geometric mean over directions stands for the deviation along the normal: pixels are all but square
+    std = np.sqrt(np.sqrt(np.linalg.det(seen.covariance).clip(0.0))) * rig.image.noise_scale
+    moment_Nm = own.moment_Nm[0]
+    bent_m = float(np.linalg.norm(own.points_m[0, CONTACT] - predicted.free_m))
+    return HeldStill(
+        still=observation.still,
+        arclength_m=foot,
+        residual_std=whitened[near, 0],
+        residual_mm=1e3 * whitened[near, 0] * std * depth,
+        jacobian=-np.hstack([by_rig, by_lens]),
+        moment_Nm=float(moment_Nm),
+        moment_by_antenna=(own.moment_Nm[7:] - moment_Nm) / RIG_STEPS[ANTENNA],
+        deflection_m=bent_m if isinstance(observation.still, Load) else 0.0,
+        by_readings=-(misread[near] - whitened[near, :1]) * steps,
+        moment_by_readings=(altered.moment_Nm - moment_Nm) * steps,
     )
 
 
@@ -202,27 +218,6 @@ def tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
     tips = curves.points_m[:, -1]
     slopes = ((tips[1:] - tips[0]) / RIG_STEPS[ANTENNA][:6, None]).T
     return 1e3 * float(np.sqrt(np.linalg.eigvalsh(slopes @ covariance @ slopes.T)[-1]))
-
-
-def _predicted(rig: Rig, observations: Sequence[Observation], count: int, loaded: bool = True) -> Curves:
-    """For each still the curve of the rig's antenna, then one with a step along each of its first parameters."""
-    antenna = np.repeat(rig.antenna.parameters[None], count + 1, axis=0)
-    antenna[1:] += np.diag(RIG_STEPS[ANTENNA])[:count]
-    length_m = rig.antenna.length_m
-    stills = [observation.still for observation in observations]
-    contact = [still.distance_m if isinstance(still, Load) else 0.5 * length_m for still in stills]
-    force = [
-        (still.force_y_N, still.force_z_N) if loaded and isinstance(still, Load) else (0.0, 0.0) for still in stills
-    ]
-    return bend(
-        np.tile(antenna, (len(stills), 1)),
-        length_m,
-        np.repeat([observation.gravity_m_s2 for observation in observations], count + 1, axis=0),
-        np.repeat(contact, count + 1),
-        np.repeat(np.array(force), count + 1, axis=0),
-        dead=True,
-        sweeps=SWEEPS,
-    )
 
 
 def _undisturbed(residuals: np.ndarray) -> np.ndarray:

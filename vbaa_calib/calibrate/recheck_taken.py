@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from targets.board import BoardSpec
 
 from ..errors import InputError
@@ -16,6 +18,8 @@ from ..geometry import Pose
 from ..images import list_images
 from ..rig import Rig
 from ..session import NominalAntenna, Session, Still, read_loads, read_noload, read_pose
+from .board_flex import Bend
+from .recheck_rig import finite
 
 PARTS = ("intrinsics", "plane", "noload", "loads")
 BOARD_PARTS = ("intrinsics", "plane")
@@ -134,6 +138,15 @@ def refuse_calibrations_own(document: Mapping[str, Any], new: NewPictures, path:
         if picture is not None and known and picture.is_file() and sha256(picture) in known:
             what = f"is one of the pictures that {path} was calibrated from"
             raise InputError(what, where=picture, remedy="take a new one: an old one cannot tell what has changed")
+
+
+def recorded_bend(quality: Mapping[str, Any]) -> Bend | None:
+    """The board's shape as the calibration found it; None where it was solved with a flat one."""
+    flex = quality.get("lens", {}).get("board_flex") if isinstance(quality.get("lens"), Mapping) else None
+    if not isinstance(flex, Mapping) or flex.get("used") is not True:
+        return None
+    sagittas = np.array([finite(value) or 0.0 for value in flex.get("sagittas_m") or ()])
+    return Bend(sagittas, np.zeros((2, 2))) if sagittas.shape == (2,) else None
 
 
 def _recorded_jig(jig: Any, path: Path) -> Pose | None:

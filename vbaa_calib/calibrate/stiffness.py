@@ -22,6 +22,7 @@ from .correlated_noise import ErrorModels, error_models, neighbour_correlation
 from .deflection_table import DeflectionTable, check_load
 from .outlying_readings import outlying, robust_line
 from .rod_fit import Forward, Parameters, beam, elastica, least_squares, slope_at_load
+from .stiffness_solution import Fit, StiffnessSolution
 
 CLAMP_SHARE_STD = 0.02
 """How far a clamp may turn, as a share of the rod's slope at the load. A rod held in a solid block of its own material
@@ -32,57 +33,6 @@ BIAS_SHARE = 0.1
 """Largest error of the small-angle formula that is let pass, as a share of EI's standard deviation."""
 LEAST_BIAS = 1e-5
 """A share of EI that no bench test resolves, however well its readings agree."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """EI under one set of assumptions; offset and clamp rotation are 0 where they were held."""
-
-    stiffness_Nm2: float
-    std_Nm2: float
-    offset_m: float
-    offset_std_m: float
-    clamp_rotation_rad: float
-    rms_m: float
-
-
-@dataclass(frozen=True, eq=False)
-class StiffnessSolution:
-    """EI of a rod and the evidence for it.
-
-    Attributes
-    ----------
-    fit : the estimate; its std holds the correlated scatter and the clamp's prior.
-    interval_Nm2 : the 95 % interval of EI.
-    model, model_reason : "linear" or "elastica", and why.
-    slope_at_load : dy/dx of the fitted rod.
-    linear_bias : by which share the small-angle formula would miss EI on such a rod.
-    residuals_m : (N,) of all readings, outliers too.
-    outliers : which readings were left out.
-    correlation, correlation_length_m : of neighbouring residuals, and the length over which it dies out.
-    effective_readings : how many independent readings would fix EI as well as these.
-    clamp_share_std, clamp_std_Nm2 : the clamp's prior, and its part of EI's std.
-    offset_free : whether the gauge's offset was fitted.
-    other_offset : the same with the offset held at 0, or free where it was held.
-    free_clamp : the same with a clamp that may turn at no cost; None where no such fit settles.
-    """
-
-    fit: Fit
-    interval_Nm2: tuple[float, float]
-    model: str
-    model_reason: str
-    slope_at_load: float
-    linear_bias: float
-    residuals_m: np.ndarray
-    outliers: tuple[int, ...]
-    correlation: float
-    correlation_length_m: float
-    effective_readings: float
-    clamp_share_std: float
-    clamp_std_Nm2: float
-    offset_free: bool
-    other_offset: Fit
-    free_clamp: Fit | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +65,7 @@ def solve_stiffness(
     check_load(force_N, distance_m)
     small = _fit_beam(table, force_N, distance_m, offset)
     clamp = _clamp_effect(small, table, force_N, distance_m, clamp_share_std)
-    fit, errors, half = _judged(table, small, offset, False, clamp)
+    fit, errors, half = _judged(table, small, offset, clamp)
     slope, bias = _linear_error(small, table, force_N, distance_m, offset)
     steep, biased = slope > STEEP_RAD, abs(bias) > max(BIAS_SHARE * fit.std_Nm2 / fit.stiffness_Nm2, LEAST_BIAS)
     reason = _why(slope, bias, fit.std_Nm2 / fit.stiffness_Nm2, steep, biased)
@@ -124,7 +74,7 @@ def solve_stiffness(
         chosen = _fit_elastica(table, force_N, distance_m, offset, small)
         slope, bias = _linear_error(chosen, table, force_N, distance_m, offset)
         clamp = _clamp_effect(chosen, table, force_N, distance_m, clamp_share_std)
-        fit, errors, half = _judged(table, chosen, offset, False, clamp)
+        fit, errors, half = _judged(table, chosen, offset, clamp)
     if half >= 1.0:
         raise _no_bending()
     residuals = table.deflection_m - chosen.forward(fit.stiffness_Nm2) - fit.offset_m
@@ -143,7 +93,7 @@ def solve_stiffness(
         clamp_share_std=clamp_share_std,
         clamp_std_Nm2=clamp * fit.stiffness_Nm2,
         offset_free=offset,
-        other_offset=_judged(table, _refitted(table, chosen, not offset, False), not offset, False, clamp)[0],
+        other_offset=_judged(table, _refitted(table, chosen, not offset, False), not offset, clamp)[0],
         free_clamp=_free_clamp(table, chosen, offset),
     )
 
@@ -188,9 +138,7 @@ def _least_squares(
     return least_squares(kept_only, x, y, start_Nm2, offset=offset, turning=turning)
 
 
-def _judged(
-    table: DeflectionTable, screened: _Screened, offset: bool, turning: bool, clamp: float
-) -> tuple[Fit, ErrorModels, float]:
+def _judged(table: DeflectionTable, screened: _Screened, offset: bool, clamp: float) -> tuple[Fit, ErrorModels, float]:
     """A fit with its standard deviations, the error models behind them, and half the relative interval of 1/EI."""
     found, kept = screened.parameters, screened.kept
     x = table.x_m[kept]
@@ -214,7 +162,7 @@ def _free_clamp(table: DeflectionTable, screened: _Screened, offset: bool) -> Fi
     if screened.kept.sum() <= screened.parameters.design.shape[1] + 1:
         return None
     try:
-        return _judged(table, _refitted(table, screened, offset, True), offset, True, 0.0)[0]
+        return _judged(table, _refitted(table, screened, offset, True), offset, 0.0)[0]
     except SolveError:
         return None
 

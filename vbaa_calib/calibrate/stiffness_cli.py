@@ -13,7 +13,7 @@ from ..files import refuse_overwrite, sha256, write_json
 
 if TYPE_CHECKING:
     from .deflection_table import DeflectionTable
-    from .stiffness import Fit, StiffnessSolution
+    from .stiffness_solution import Fit, StiffnessSolution
 
 SCHEMA = "vbaa.stiffness/1"
 _PLAUSIBLE_MODULUS_PA = (1e8, 1.3e12)
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from .stiffness import solve_stiffness
 
     if args.output:
-        _refuse_overwrite(args.output, args.force)
+        _refuse_overwrite(args.output, args.force, args.table)
     moment = _second_moment(args.diameter, args.second_moment, args.distance_m)
     if not 0.0 <= args.clamp_share <= 1.0:
         raise InputError(f"--clamp-share is {args.clamp_share:g}", remedy="give a share from 0 (rigid) to 1")
@@ -77,10 +77,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return document
 
 
-def _refuse_overwrite(path: Path, allowed: bool) -> None:
-    if path.is_file() and not allowed:
+def _refuse_overwrite(path: Path, allowed: bool, table: Path) -> None:
+    refuse_overwrite(path, True, [table])
+    if path.exists() and not allowed:
         raise InputError("exists already", where=path, remedy="give --overwrite to replace it, or another name")
-    refuse_overwrite(path, allowed)
 
 
 def _second_moment(diameter_m: float | None, second_moment_m4: float | None, distance_m: float) -> float | None:

@@ -32,6 +32,8 @@ def observe(
 ) -> list[Observation]:
     """The antenna's seen points in every still; what tells it from its background is learnt from the first one.
 
+    parameters : (9,) of the antenna, as far as they are known.
+
     Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
     """
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, stills)
@@ -86,7 +88,7 @@ def _picture(still: Still, camera: Camera) -> np.ndarray:
 
 
 def check_size(image: np.ndarray, camera: Camera, where: object) -> None:
-    """Raises InputError when a picture has not the size that the lens was calibrated for."""
+    """Raises InputError when a picture (H, W) or (H, W, 3) has not the size that the lens was calibrated for."""
     height, width = image.shape[:2]
     if (width, height) != tuple(camera.image_size):
         raise InputError(

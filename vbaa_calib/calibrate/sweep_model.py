@@ -156,7 +156,7 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> Linea
 def _projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels (N, 2) and their derivatives by the lens (N, 2, 4 + k) and by the point (N, 2, 3)."""
     seen = camera.project(points)[1]
-    intrinsics = np.concatenate([camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    intrinsics = camera.parameters
     ahead = np.where(seen[:, None], points, _Z)
     pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), intrinsics)
     mask = seen[:, None, None]

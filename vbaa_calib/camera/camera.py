@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,17 @@ class Camera:
         }
         for name, value in settled.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """(4 + k,) the numbers of `parameter_names`."""
+        return np.concatenate([self.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], self.distortion])
+
+    def moved(self, step: np.ndarray) -> Camera:
+        """With its parameters a step (4 + k,) away; the covariance stays."""
+        matrix = self.matrix.copy()
+        matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
+        return replace(self, matrix=matrix, distortion=self.distortion + step[4:])
 
     @staticmethod
     def load(path: Path | str) -> Camera:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import time
 from collections.abc import Sequence
@@ -56,14 +57,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def prepare(out: Path, force: bool) -> None:
     """Make the folder. Raises InputError when it holds something that is not a demo's, or a demo without `force`."""
-    if out.is_dir() and any(out.iterdir()):
+    if os.path.isdir(out) and any(out.iterdir()):
         if not (out / "session" / "session.yaml").is_file():
             raise InputError("is not empty and not a demo's folder", where=out, remedy="name another with --out")
         if not force:
             raise InputError("exists already", where=out, remedy="give --force to replace it, or another --out")
-    elif out.exists() and not out.is_dir():
+    elif os.path.lexists(out) and not os.path.isdir(out):
         raise InputError("is a file", where=out, remedy="name a folder with --out")
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be made ({why})", where=out, remedy="name another folder with --out") from None
 
 
 def commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:

@@ -32,7 +32,7 @@ def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.n
 
 
 def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diameter_m: float) -> float:
-    """The antenna's width in the picture, halfway along it."""
+    """The antenna's width in the picture, halfway along its points (N, 3), antenna frame."""
     depth = (T_camera_antenna @ points_m[len(points_m) // 2])[2]
     return float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth)
 

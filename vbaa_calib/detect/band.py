@@ -30,7 +30,7 @@ class Aligned:
     strength: float
 
 
-def align(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool = True) -> Aligned:
+def align(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> Aligned:
     """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.

@@ -32,7 +32,10 @@ class Sighting:
 
 
 def search(read: Callable[[int], np.ndarray], count: int, spec: BoardSpec, least_pairs: int) -> Sighting | None:
-    """The markers that agree best on a layout, in a few of `count` pictures, as they are or else turned somehow."""
+    """The markers that agree best on a layout, in a few of `count` pictures, as they are or else turned somehow.
+
+    read : index → picture (H, W).
+    """
     chosen = np.unique(np.linspace(0, count - 1, _PICTURES_TRIED).astype(int))
     pictures = [read(int(index)) for index in chosen]
     prefer = (spec.squares_x, spec.legacy_pattern and spec.squares_y % 2 == 0)

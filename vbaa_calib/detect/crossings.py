@@ -57,7 +57,7 @@ class Crossings:
         return points
 
 
-def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool = True) -> Crossings:
+def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool) -> Crossings:
     """Profiles of 2·half + 1 pixels of an (H, W) picture across a path (K, 2); negative ones for a dark line."""
     path, along = resample(path_px, SPACING_PX)
     normal = normals(path)

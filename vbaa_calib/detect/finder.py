@@ -25,14 +25,6 @@ APART = 0.4
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
-    """The best path, and others that differ from it and score nearly as well, best first: each (K, 2), its score."""
-
-    paths_px: list[np.ndarray]
-    scores: list[float]
-
-
-@dataclass(frozen=True, eq=False)
 class AntennaFinder:
     """Looks for the antenna in a corridor, in pictures of one size; make one per rig and use it for every frame.
 
@@ -80,8 +72,11 @@ class AntennaFinder:
         """
         return replace(self, usual_height=usual_height)
 
-    def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> Candidates:
-        """The paths (K, 2) that look most like the antenna in an (H, W) picture, blurred by about so many pixels."""
+    def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> list[np.ndarray]:
+        """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels.
+
+        The best one, and after it the best of those that differ from it and score nearly as well, if there is one.
+        """
         small = reduced(image, self.factor)
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
         flat = responses(small if bright else 255 - small, reach, self.pool)
@@ -89,14 +84,12 @@ class AntennaFinder:
         total = cv2.reduce(flat.take(self.index, mode="wrap"), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel()
         score = total / self.weight
         best = int(score.argmax())
-        paths, scores = [self.shapes.paths_px[best]], [float(score[best])]
+        paths = [self.shapes.paths_px[best]]
         others = np.flatnonzero(score >= RIVAL_SHARE * score[best])
         others = others[~self._alike(best, others)]
         if len(others):
-            rival = int(others[score[others].argmax()])
-            paths.append(self.shapes.paths_px[rival])
-            scores.append(float(score[rival]))
-        return Candidates(paths, scores)
+            paths.append(self.shapes.paths_px[int(others[score[others].argmax()])])
+        return paths
 
     def find(self, image: np.ndarray, bright: bool = True) -> Centreline:
         """The centreline in a picture, with its verdict; where there is none in focus, one out of focus.
@@ -123,7 +116,7 @@ class AntennaFinder:
     def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
         width = self.corridor.width_px
         lines = []
-        for rough in self.candidates(image, bright, blurred_px).paths_px:
+        for rough in self.candidates(image, bright, blurred_px):
             path = self.path(image, rough, bright, blurred_px).path_px
             lines.append(measure_on(image, path, width, bright, blurred_px))
         return not_faint(settled(lines, width), self.usual_height)
@@ -142,4 +135,4 @@ def trace(image: np.ndarray, corridor: Corridor, bright: bool = True) -> np.ndar
     image (H, W). Hidden stretches are bridged by a smooth curve.
     """
     finder = AntennaFinder.prepare(corridor, (image.shape[1], image.shape[0]))
-    return finder.path(image, finder.candidates(image, bright).paths_px[0], bright).path_px
+    return finder.path(image, finder.candidates(image, bright)[0], bright).path_px

@@ -133,6 +133,8 @@ def fit(cut: Profiles, paint: Paint, start: np.ndarray, steps: int = _GAUSS_NEWT
 
     The line hides what is behind it: at each pixel it adds its cover times (its brightness − what is behind). A wary
     fit trusts pixels less where the line runs over an edge of the pattern.
+
+    start : (P,) px where each profile's line is looked for, across.
     """
     doubt = _at_edges(cut, paint, start) if wary else 0.0
     weight = 1.0 / (cut.noise**2 + doubt**2)
@@ -194,7 +196,7 @@ def rough_centres(cut: Profiles, paint: Paint) -> np.ndarray:
 
 
 def fit_paint(cut: Profiles, centre: np.ndarray, paint: Paint) -> Paint:
-    """The line's brightness and cover from all profiles together, given where it is; then its width."""
+    """The line's brightness and cover from all profiles together, given where it is (P,) px; then its width."""
     usable = np.isfinite(cut.noise)
     behind = np.where(usable, np.nan_to_num(cut.behind), 0.0)
     shape = np.exp(-0.5 * ((cut.across - centre[:, None]) / (paint.scale_px * cut.stretch[:, None])) ** 2)

@@ -43,7 +43,7 @@ class Paint:
 
 
 def learn(finder: AntennaFinder, images: Sequence[np.ndarray]) -> Paint:
-    """The paint that shows the antenna best in pictures of the free antenna: bright, dark, or its colour.
+    """The paint that shows the antenna best in pictures (H, W[, 3]) of the free antenna: bright, dark, or its colour.
 
     Of a colour, the weights that part the antenna from what lies beside it by the most deviations. The default where
     the antenna is not found by any.

@@ -45,7 +45,7 @@ def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[D
 
 
 def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosis | None:
-    """Whether the picture shows another board than the spec, or is mirrored; None where nothing can be told.
+    """Whether the picture (H, W) shows another board than the spec, or is mirrored; None where nothing can be told.
 
     All dictionaries are tried, mirrored and as negatives too: seconds, where no marker of the spec is found.
     """

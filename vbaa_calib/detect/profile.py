@@ -70,7 +70,7 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
 
 
 def measure_on(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool = True, blurred_px: float = 0.0
+    image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool, blurred_px: float = 0.0
 ) -> Centreline:
     """As `measure`, along a path (K, 2) that lies on the antenna to a fraction of its width.
 

@@ -62,7 +62,7 @@ def described(
     points = everywhere[kept]
     contrast = smooth.median(height[kept]) / max(noise, 1e-9) if kept.any() else 0.0
     doubt = _doubt(found, everywhere, sigma_px, kept, float(there.mean()), breadth, contrast)
-    verdict, reason = doubt if doubt else ("ok", "")
+    verdict, reason = doubt or ("ok", "")
     return Centreline(
         points_px=points,
         sigma_px=sigma_px[kept],

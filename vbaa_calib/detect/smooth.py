@@ -44,7 +44,7 @@ class Smooth:
 
 
 def rows(share: np.ndarray) -> np.ndarray:
-    """Rows of the tabled basis for places in [0, 1]."""
+    """(N,) rows of the tabled basis for places (N,) in [0, 1]."""
     return np.clip(np.rint(share * (TABLE - 1)), 0, TABLE - 1).astype(np.intp)
 
 
@@ -79,11 +79,11 @@ def fit(
 
 
 def quantile(values: np.ndarray, share: float) -> float:
-    """The number below which a share lies of at least one; NumPy's care for axes and NaN costs more than sorting."""
+    """The number below which a share of values (N,), N > 0, lies; NumPy's care for axes costs more than sorting."""
     place = min(int(share * values.size), values.size - 1)
     return float(np.partition(values, place, axis=None)[place])
 
 
 def median(values: np.ndarray) -> float:
-    """The upper median of at least one number."""
+    """The upper median of values (N,), N > 0."""
     return quantile(values, 0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -182,7 +183,7 @@ def _write_spec(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> Pat
     if args.spec is not None and not changed and args.write_spec is None:
         return None
     path = args.write_spec or args.output.with_suffix(".yaml")
-    if path.resolve() == args.output.resolve():
+    if os.path.realpath(path) == os.path.realpath(args.output):
         raise InputError("is the sheet itself", where=path, remedy="give --write-spec another name")
     refuse_overwrite(path, True, [args.spec])
     if path.is_file():

@@ -52,6 +52,11 @@ class Pose:
         return Rotation.from_matrix(self.rotation).as_rotvec()
 
     @property
+    def vector(self) -> np.ndarray:
+        """(6,) rotation vector rad, then translation m, as OpenCV's projection takes a pose."""
+        return np.concatenate([self.rotvec_rad, self.translation_m])
+
+    @property
     def matrix(self) -> np.ndarray:
         """(4, 4) homogeneous matrix."""
         return np.block([[self.rotation, self.translation_m[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])

@@ -1,5 +1,7 @@
 """A session: one folder with everything that was measured on one rig. Read here, checked here, never written."""
 
+from .centrelines import Centrelines, read_centrelines
+from .measured import refuse_measured
 from .pictures import check_pictures
 from .rows import Frame, Load, Still, SweepPicture
 from .sensor import MomentSensor
@@ -16,10 +18,11 @@ from .settings import (
     read_pose,
     session_from,
 )
-from .tables import read_centrelines, read_loads, read_noload, read_recording, read_sweep
+from .tables import read_loads, read_noload, read_recording, read_sweep
 
 __all__ = [
     "SCHEMA",
+    "Centrelines",
     "Frame",
     "Load",
     "LoadReadings",
@@ -40,5 +43,6 @@ __all__ = [
     "read_pose",
     "read_recording",
     "read_sweep",
+    "refuse_measured",
     "session_from",
 ]

@@ -26,7 +26,7 @@ class SweepPicture:
     tilt_rad: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Still:
     """One picture of the antenna with the joints at rest. `moment_Nm` is the sensor's reading.
 
@@ -40,7 +40,7 @@ class Still:
     time_s: float | None = field(default=None, kw_only=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Load(Still):
     """A known load: force components (y, z), antenna frame, hung at an arc length from the clamp."""
 
@@ -49,7 +49,7 @@ class Load(Still):
     force_z_N: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Frame(Still):
     """One frame of a recording. `moment_Nm`, and `moment_z_Nm` of a second axis, are NaN where nothing was read."""
 
@@ -124,5 +124,5 @@ def refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
 
 def require(path: Path, why: str) -> None:
     """Raises InputError when a table is not there."""
-    if not path.exists():
+    if not os.path.lexists(path):  # a link that leads nowhere is told by who reads it
         raise InputError("no such file", where=path, remedy=f"{why} (docs/formats.md)")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
-import numpy as np
-
+from ..csv_rows import csv_rows
 from ..files import number, read_csv, whole_number
 from .rows import (
     Frame,
@@ -75,11 +75,12 @@ def read_recording(session: Session) -> list[Frame]:
     require(path, "it names the frames of the recording")
     with_images = not (path.parent / "centrelines.csv").exists()
     columns = ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad")
-    rows = read_csv(path, columns, MOMENTS)
+    rows = csv_rows(path, columns, MOMENTS)
+    first = next(rows)
     refuse_misspelt(path, MOMENTS[0], (*columns, *MOMENTS))
     frames: list[Frame] = []
     seen: set[int] = set()
-    for row in rows:
+    for row in chain([first], rows):
         moments: dict[str, Any] = {name: reading(row, name, path) for name in MOMENTS}
         frame = Frame(**view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
         if frame.frame in seen:
@@ -89,16 +90,3 @@ def read_recording(session: Session) -> list[Frame]:
         seen.add(frame.frame)
         frames.append(frame)
     return frames
-
-
-def read_centrelines(session: Session) -> dict[int, np.ndarray]:
-    """recording/centrelines.csv: frame → (N, 3) of u_px, v_px, sigma_px (NaN where the column is missing)."""
-    path = session.root / "recording" / "centrelines.csv"
-    grouped: dict[int, list[tuple[float, float, float]]] = {}
-    for row in read_csv(path, ("frame", "u_px", "v_px"), ("sigma_px",)):
-        sigma = number(row, "sigma_px", path) if "sigma_px" in row else np.nan
-        if sigma <= 0:
-            raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
-        point = (number(row, "u_px", path), number(row, "v_px", path), sigma)
-        grouped.setdefault(whole_number(row, "frame", path), []).append(point)
-    return {frame: np.array(points) for frame, points in grouped.items()}

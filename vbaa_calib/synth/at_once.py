@@ -25,12 +25,12 @@ def touch_at_once(
     antenna_radius_m: float,
     obj: TouchObject,
     T_world_antenna: Sequence[Pose],
-    gravity_world: np.ndarray,
+    gravity_world_m_s2: np.ndarray,
     slip_scale_m: float | None,
 ) -> Touch:
     """As `touch.touch`, of a cylinder, a sphere or a knife edge; without `slip_scale_m` friction is left out."""
     rotations, origins = stacked(T_world_antenna)
-    gravity = np.asarray(gravity_world, float) @ rotations
+    gravity = np.asarray(gravity_world_m_s2, float) @ rotations
     reach = obj.radius_m + antenna_radius_m
     core = _core_seen(obj, rotations, origins)
     mid = np.full(len(rotations), rod.length_m / 2)

@@ -33,23 +33,23 @@ class Path:
     Attributes
     ----------
     points_m : (B, T, N, 3) nodes of the free antenna. arclength_m : (N,) theirs.
-    gravity_world : (3,).
+    gravity_world_m_s2 : (3,).
     """
 
     rotation: np.ndarray
     origin_m: np.ndarray
     points_m: np.ndarray
     arclength_m: np.ndarray
-    gravity_world: np.ndarray
+    gravity_world_m_s2: np.ndarray
 
     def at(self, frame: int, share: float) -> Place:
         """Bases and free nodes (B, N, 3) a share of the way from the frame before to a frame."""
-        bases = between(self._bases(frame - 1), self._bases(frame), share, self.gravity_world)
+        bases = between(self._bases(frame - 1), self._bases(frame), share, self.gravity_world_m_s2)
         return bases, self.points_m[:, frame - 1] * (1.0 - share) + self.points_m[:, frame] * share
 
     def _bases(self, frame: int) -> Bases:
         rotation = self.rotation[:, frame]
-        return Bases(rotation, self.origin_m[:, frame], self.gravity_world @ rotation)
+        return Bases(rotation, self.origin_m[:, frame], self.gravity_world_m_s2 @ rotation)
 
     def ways(self, frame: int) -> np.ndarray:
         """(B,) how far the free antenna is carried from the frame before to a frame, where that is furthest."""
@@ -57,11 +57,11 @@ class Path:
         return np.asarray(np.linalg.norm(ends[1] - ends[0], axis=-1).max(axis=1))
 
 
-def between(start: Bases, end: Bases, share: float, gravity_world: np.ndarray) -> Bases:
+def between(start: Bases, end: Bases, share: float, gravity_world_m_s2: np.ndarray) -> Bases:
     """Bases a share of the way from one to another."""
     turn = Rotation.from_matrix(end.rotation @ np.swapaxes(start.rotation, 1, 2)).as_rotvec()
     rotation = Rotation.from_rotvec(share * turn).as_matrix() @ start.rotation
-    return Bases(rotation, start.origin_m + share * (end.origin_m - start.origin_m), gravity_world @ rotation)
+    return Bases(rotation, start.origin_m + share * (end.origin_m - start.origin_m), gravity_world_m_s2 @ rotation)
 
 
 def refused(count: int, stroke: int, frame: int, reason: str) -> SolveError:
@@ -69,17 +69,17 @@ def refused(count: int, stroke: int, frame: int, reason: str) -> SolveError:
     return SolveError(f"{f'stroke {stroke}, ' if count > 1 else ''}frame {frame}: {reason}")
 
 
-def path_of(setting: Setting, strokes: Sequence[Sequence[Pose]], gravity_world: np.ndarray) -> Path:
+def path_of(setting: Setting, strokes: Sequence[Sequence[Pose]], gravity_world_m_s2: np.ndarray) -> Path:
     """Of strokes of poses, with one frame before the first, in which no stroke touches."""
     most = max(len(poses) for poses in strokes)
     filled = [[*poses, *[poses[-1]] * (most - len(poses))] for poses in strokes]
     rotation = np.array([[pose.rotation for pose in poses[:1] + poses] for poses in filled])
     origin = np.array([[pose.translation_m for pose in poses[:1] + poses] for poses in filled])
-    gravity = (np.asarray(gravity_world, float) @ rotation).reshape(-1, 3)
+    gravity = (np.asarray(gravity_world_m_s2, float) @ rotation).reshape(-1, 3)
     middle = np.full(len(gravity), setting.rod.length_m / 2)
     shape = solve_rod(setting.rod, gravity, middle, np.zeros_like(gravity))
     points = shape.points_m.reshape(*rotation.shape[:2], -1, 3)
-    path = Path(rotation, origin, points, shape.arclength_m[0], np.asarray(gravity_world, float))
+    path = Path(rotation, origin, points, shape.arclength_m[0], np.asarray(gravity_world_m_s2, float))
     _draw_back(setting, path)
     return path
 

@@ -66,7 +66,7 @@ def unpack(problem: Problem, x: np.ndarray, rows: np.ndarray) -> tuple[np.ndarra
 
 
 def first_guess(problem: Problem, rows: np.ndarray, unloaded: RodShape) -> np.ndarray:
-    """A straight cantilever and the object's spring in series, displaced by the depth."""
+    """(R, 7) of frames `rows` (R,): a straight cantilever and the object's spring in series, displaced by the depth."""
     rod, approach = problem.rod, problem.approach
     arclength = np.clip(approach.arclength_m[rows], 0.05 * rod.length_m, 0.999 * rod.length_m)
     compliance = arclength**3 / (3.0 * rod.bending_stiffness_Nm2) + problem.compliance_m_N

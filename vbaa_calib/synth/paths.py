@@ -59,7 +59,10 @@ def _joints(press: str, pressed_rad: float, other_rad: float) -> Joints:
 
 
 def first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float) -> float:
-    """Angle of the pressing joint at first touch by the free antenna, rad. Raises InputError when there is none."""
+    """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3).
+
+    Raises InputError when there is none.
+    """
 
     def touching(pressed_rad: float) -> bool:
         return _touches(place, points_antenna_m, _joints(sweep.press, pressed_rad, other_rad))

@@ -18,6 +18,8 @@ LAMP_WORLD = np.array([-0.32, 0.38, 0.87]) / np.linalg.norm([-0.32, 0.38, 0.87])
 """Direction toward the lamp, world frame: it shades board, antenna and object."""
 
 _BENCH_TEXELS, _BENCH_REACH = 1600, 1.3
+_SHAPES = 60
+"""Things that lie on the bench, in each of three degrees of focus."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +97,10 @@ def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
     return np.clip(brightness, 0.02 * spec.background, 1.0).astype(np.float32)
 
 
-def _soft_shapes(rng: np.random.Generator, softness: float, count: int = 60) -> np.ndarray:
+def _soft_shapes(rng: np.random.Generator, softness: float) -> np.ndarray:
     """Boards, discs and edges lying about, out of focus."""
     canvas = np.zeros((_BENCH_TEXELS, _BENCH_TEXELS), np.float32)
-    for _ in range(count):
+    for _ in range(_SHAPES):
         centre, size = rng.uniform(0, _BENCH_TEXELS, 2), rng.uniform(25, 260, 2)
         one = np.zeros_like(canvas)
         if rng.uniform() < 0.3:
@@ -127,7 +129,7 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
 
 
 def over(canvas: np.ndarray, layer: Layer) -> np.ndarray:
-    """A new picture with the layer in front."""
+    """A new picture, (H, W) as the canvas is, with the layer in front."""
     result = canvas.copy()
     result[layer.where] = result[layer.where] * (1.0 - layer.alpha) + layer.brightness
     return result

@@ -63,7 +63,7 @@ class Plan:
 
 
 def plan(scene: Scene) -> Plan:
-    """Work out a scene. Raises InputError when path and object do not fit, SolveError when a load is too much."""
+    """Work out a scene. Raises InputError when path and object do not fit, or a load is too much."""
     rod = true_rod(scene)
     noise = stream(scene, "moments")
     boards = _boards(scene)
@@ -114,7 +114,11 @@ def _held(
     joints = [case[0] for case in cases]
     contact = np.array([load.distance_m if load else rod.length_m for _, load in cases])
     force = np.array([[0.0, load.force_y_N, load.force_z_N] if load else [0.0, 0.0, 0.0] for _, load in cases])
-    shape = solve_rod(rod, _gravity(scene, joints), contact, force)
+    try:
+        shape = solve_rod(rod, _gravity(scene, joints), contact, force)
+    except SolveError as error:
+        where = f"scene {scene.name}: {folder}"
+        raise InputError(str(error), where=where, remedy="take a smaller load or a stiffer antenna") from error
     moments = _true_moments(shape)
     shots, rows, truth = [], [], []
     for i, reading in enumerate(_readings(scene, moments, noise)):

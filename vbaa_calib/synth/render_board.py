@@ -66,7 +66,10 @@ def outline(sheet: Sheet) -> np.ndarray:
 
 
 def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> Patch | None:
-    """The sheet in front of the camera, or None when it is outside the picture or seen from behind."""
+    """The sheet in front of the camera, or None when it is outside the picture or seen from behind.
+
+    R_world_camera : (3, 3), for the light on it.
+    """
     rotation, shift = T_camera_board.rotation, T_camera_board.translation_m
     if rotation[:, 2] @ shift <= 0:
         return None

@@ -18,15 +18,14 @@ from .scene import (
     IntrinsicsSpec,
     Joints,
     KnownLoad,
-    MomentSensor,
     OverSpec,
     PictureSpec,
     Recording,
     Scene,
     Sweep,
-    TrueAntenna,
     camera_pose,
 )
+from .true_rig import MomentSensor, TrueAntenna
 
 SCHEMA = "vbaa.scene/1"
 _DISTORTION_LENGTHS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}

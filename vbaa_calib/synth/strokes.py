@@ -40,7 +40,7 @@ class Followed:
     slipped_m: np.ndarray
 
 
-def follow(setting: Setting, strokes: Sequence[Sequence[Pose]], gravity_world: np.ndarray) -> Followed:
+def follow(setting: Setting, strokes: Sequence[Sequence[Pose]], gravity_world_m_s2: np.ndarray) -> Followed:
     """All strokes of one recording, each T_world_antenna (at least one) in order of time.
 
     Shorter strokes rest at their ends. A stroke that begins in contact is pressed on along the object's normal first,
@@ -50,7 +50,7 @@ def follow(setting: Setting, strokes: Sequence[Sequence[Pose]], gravity_world: n
     ------
     SolveError : names the first stroke and frame without a trustworthy equilibrium, and why.
     """
-    path = path_of(setting, strokes, gravity_world)
+    path = path_of(setting, strokes, gravity_world_m_s2)
     count, frames = path.points_m.shape[:2]
     walk = _Walk(setting, path, Held.nowhere(count), np.zeros(count, bool), np.zeros(count))
     touches, sticks = np.zeros((2, frames, count), bool)
@@ -170,7 +170,7 @@ def _carry(
     if rows.size == 0 or halvings == 0:
         return found, good
     start, end = ends[0].picked(rows), ends[1].picked(rows)
-    middle = between(start, end, 0.5, walk.path.gravity_world)
+    middle = between(start, end, 0.5, walk.path.gravity_world_m_s2)
     first, fine = _carry(walk, (start, middle), before.picked(rows), guess.picked(rows), friction, halvings - 1)
     if not fine.all():
         return found, good

@@ -33,7 +33,7 @@ def touch(
     antenna_radius_m: float,
     obj: TouchObject,
     T_world_antenna: Sequence[Pose],
-    gravity_world: np.ndarray,
+    gravity_world_m_s2: np.ndarray,
     *,
     slip_scale_m: float | None = None,
 ) -> Touch:
@@ -43,7 +43,7 @@ def touch(
     ----------
     antenna_radius_m : half the antenna's diameter.
     T_world_antenna : B poses in order of time: the side of the contact and the friction depend on the frames before.
-    gravity_world : (3,) m/s².
+    gravity_world_m_s2 : (3,).
     slip_scale_m : friction of a simpler kind, for cylinder, sphere and knife edge: full slip, μN·tanh(slip since the
         frame before / this), the slip that of the frictionless antenna. Nothing sticks, and friction turns at once
         where a path turns back. Frames close together slip little: pressing a cylinder by 0.5° a frame slips about
@@ -55,11 +55,11 @@ def touch(
     SolveError : names the first frame without a trustworthy equilibrium, and why.
     """
     if slip_scale_m is None:
-        return touch_strokes(rod, antenna_radius_m, obj, [T_world_antenna], gravity_world)[0]
+        return touch_strokes(rod, antenna_radius_m, obj, [T_world_antenna], gravity_world_m_s2)[0]
     _checked(antenna_radius_m, [T_world_antenna])
     if obj.shape not in _AT_ONCE:
         raise InputError(f"a {obj.shape} takes no slip_scale_m", where="touch", remedy="leave it out")
-    return touch_at_once(rod, antenna_radius_m, obj, T_world_antenna, gravity_world, slip_scale_m)
+    return touch_at_once(rod, antenna_radius_m, obj, T_world_antenna, gravity_world_m_s2, slip_scale_m)
 
 
 def touch_strokes(
@@ -67,15 +67,15 @@ def touch_strokes(
     antenna_radius_m: float,
     obj: TouchObject,
     strokes: Sequence[Sequence[Pose]],
-    gravity_world: np.ndarray,
+    gravity_world_m_s2: np.ndarray,
 ) -> list[Touch]:
     """As `touch`, of several strokes that know nothing of each other, which is faster than one by one."""
     _checked(antenna_radius_m, strokes)
     if obj.friction == 0.0 and obj.shape in _AT_ONCE:
-        return [touch_at_once(rod, antenna_radius_m, obj, poses, gravity_world, None) for poses in strokes]
+        return [touch_at_once(rod, antenna_radius_m, obj, poses, gravity_world_m_s2, None) for poses in strokes]
     setting = Setting(rod, antenna_radius_m, obj)
-    followed = follow(setting, strokes, gravity_world)
-    return [_followed(setting, followed, i, poses, gravity_world) for i, poses in enumerate(strokes)]
+    followed = follow(setting, strokes, gravity_world_m_s2)
+    return [_followed(setting, followed, i, poses, gravity_world_m_s2) for i, poses in enumerate(strokes)]
 
 
 def _checked(antenna_radius_m: float, strokes: Sequence[Sequence[Pose]]) -> None:
@@ -85,7 +85,7 @@ def _checked(antenna_radius_m: float, strokes: Sequence[Sequence[Pose]]) -> None
 
 
 def _followed(
-    setting: Setting, followed: Followed, stroke: int, poses: Sequence[Pose], gravity_world: np.ndarray
+    setting: Setting, followed: Followed, stroke: int, poses: Sequence[Pose], gravity_world_m_s2: np.ndarray
 ) -> Touch:
     """One stroke's contacts, and the antenna's shapes under their forces."""
     rotations, origins = stacked(poses)
@@ -99,7 +99,7 @@ def _followed(
     lost = ~touching[:, None]
     force_world = np.where(lost, 0.0, press[:, None] * normal + grip)
     force = np.einsum("bji,bj->bi", rotations, force_world)
-    gravity = np.asarray(gravity_world, float) @ rotations
+    gravity = np.asarray(gravity_world_m_s2, float) @ rotations
     where = np.where(touching, arclength, rod.length_m / 2)
     shape = solve_rod(rod, gravity, where, force)
     point = sample_shape(shape, where[:, None])[0][:, 0]

@@ -31,9 +31,9 @@ CENTRELINE_STD_PX = 0.1
 
 def refuse_target(path: Path, force: bool) -> None:
     """Raises InputError unless a session may be written to `path`; a folder that is not a session is never replaced."""
-    if not path.resolve().parent.is_dir():
+    if not Path(os.path.realpath(path)).parent.is_dir():
         raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
-    if not path.exists() and not path.is_symlink():
+    if not os.path.lexists(path):
         return
     if not force:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")

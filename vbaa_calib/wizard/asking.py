@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,9 @@ from ..errors import InputError
 from .catalogue import BOARD_ANSWERS, QUESTIONS, by_key, open_questions
 from .catalogue_plane import keeps_jig
 from .desk import Desk, Interrupted
-from .journal import Journal
 from .known import Known
+from .printed import square_scale_of
+from .questions import Question
 from .session_file import check_jig_axes
 from .steps import board
 from .steps.step import Step
@@ -24,35 +25,59 @@ _JIG = {key for key in by_key() if key.startswith("jig_")} | {"board_thickness_m
 BOARD, PAPER = by_key()["board"], by_key()["paper"]
 
 
-def answer_all(known: Known, desk: Desk, step: Step) -> None:
+class Earlier:
+    """Answers that were taken back: what is offered when their questions are asked again."""
+
+    def __init__(self) -> None:
+        self._answers: dict[str, Any] = {}
+
+    def take_back(self, store: Store, step: str) -> bool:
+        """Forget the last answer of a step, so that it is asked again; False where there is none."""
+        taken_back = take_back(store, step)
+        self._answers |= taken_back
+        return bool(taken_back)
+
+    def offered(self, question: Question) -> Question:
+        """The question, with what was answered before as its default."""
+        return replace(question, default=self._answers.get(question.key, question.default))
+
+    def answer(self, store: Store, key: str, value: Any) -> None:
+        """Keep an answer. Where it is another than before, what rested on that one is void."""
+        other = key in self._answers and self._answers[key] != value
+        if other and key in (BOARD.key, PAPER.key):
+            self.void(BOARD_ANSWERS)
+        store.answer({key: value}, other)
+
+    def void(self, keys: Collection[str]) -> None:
+        """Offer these no more."""
+        self._answers = {key: value for key, value in self._answers.items() if key not in keys}
+
+
+def answer_all(known: Known, desk: Desk, step: Step, earlier: Earlier) -> None:
     """Ask what the step has to ask, and act on it; `back` asks the question before again.
 
     Raises Interrupted for a command that leaves the step, InputError where nobody is there.
     """
-    store, earlier = known.store, dict[str, Any]()
+    store = known.store
     while True:
         if step.name == "board":
             _make_board(store, desk)
         questions = open_questions(step.name, store.journal.answers)
         if not questions or (questions[0].key == "source" and not desk.interactive and known.taken(step.name)):
             return
-        question = questions[0]
-        if question.key in earlier:
-            question = replace(question, default=earlier[question.key])
+        question = earlier.offered(questions[0])
         try:
             value = desk.ask(question, facts(store.journal.answers))
         except Interrupted as interrupt:
             kind = interrupt.command.kind
-            taken_back = take_back(store, step.name) if kind == "back" else {}
-            earlier |= taken_back
-            if kind in ("redo", "quit") or (kind == "back" and not taken_back):
+            if kind in ("redo", "quit") or (kind == "back" and not earlier.take_back(store, step.name)):
                 raise
             if kind != "back":
                 desk.say(f"{kind} is for pictures, and they come after the questions")
             continue
         if question.key in ("board", "source"):
             value = absolute(Path(), str(value))
-        store.answer({question.key: value})
+        earlier.answer(store, question.key, value)
         _keep_if_right(store, desk)
 
 
@@ -65,18 +90,24 @@ def absolute(folder: Path, text: str) -> str:
 
 
 def take_back(store: Store, step: str) -> dict[str, Any]:
-    """Forget the last answer of a step, so that it is asked again. What it was; empty where there is none."""
+    """Forget the last answer of a step, so that it is asked again, and what rests on it. Those answers; empty for none.
+
+    The way to plane C stays while it has pictures: they are in that way's folder, and `redo` puts them aside.
+    """
     answers = store.journal.answers
     still = open_questions(step, answers)
     before = QUESTIONS[: QUESTIONS.index(still[0])] if still else QUESTIONS
     answered = [q.key for q in before if q.step == step and q.key in answers and q.needed(answers)]
     if not answered or (step == "board" and answers.get("board_given")):
         return {}
-    gone = BOARD_ANSWERS if answered[-1] in (BOARD.key, PAPER.key) else ()
-    gone = tuple(key for key in gone if key != BOARD.key) if answered[-1] == PAPER.key else gone
-    left = {key: value for key, value in answers.items() if key not in (*gone, answered[-1])}
-    store.save(Journal(left, store.journal.steps, store.journal.redone))
-    return {answered[-1]: answers[answered[-1]]}
+    last = answered[-1]
+    if last == "plane_way" and store.journal.of(step).taken:
+        return {}
+    gone = {last}
+    if last in (BOARD.key, PAPER.key):
+        gone |= {key for key in BOARD_ANSWERS if last == BOARD.key or key != BOARD.key}
+    store.forget_answers(gone)
+    return {key: value for key, value in answers.items() if key in gone}
 
 
 def _make_board(store: Store, desk: Desk) -> None:
@@ -96,8 +127,7 @@ def _keep_if_right(store: Store, desk: Desk) -> None:
         check_together(store.journal.answers)
     except InputError as error:
         wrong = {key.strip() for key in str(error.where).split(",")}
-        left = {key: value for key, value in store.journal.answers.items() if key not in wrong}
-        store.save(Journal(left, store.journal.steps, store.journal.redone))
+        store.forget_answers(wrong)
         if not desk.interactive:
             raise
         desk.wrong(f"{error.what}; {error.remedy}")
@@ -110,7 +140,7 @@ def check_together(answers: Mapping[str, Any]) -> None:
             load_board(Path(str(answers["board"])))
         except InputError as error:
             raise InputError(f"{error.where}: {error.what}", where="board", remedy=error.remedy) from None
-    board.check_scale(answers)
+    square_scale_of(answers)
     ignored = [key for key in answers if key in _JIG and keeps_jig(answers)]
     if ignored:
         remedy = "give jig_translation_mm and the other answers about the jig too, or mend jig: in session.yaml"

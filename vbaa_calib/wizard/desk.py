@@ -18,7 +18,7 @@ COMMANDS = {
     "enough": "close this step with what it has",
     "take": "take the live picture now",
     "drop": "take back the last picture",
-    "back": "to the step before",
+    "back": "to the question before, or the step before",
     "redo": "start this step again, the old pictures go aside",
     "quit": "stop here; run the wizard again to go on",
     "help": "this list",

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..errors import InputError, VbaaError
 from .adopting import put_strangers_aside
-from .asking import answer_all, take_back
+from .asking import Earlier, answer_all
 from .catalogue import BOARD_ANSWERS
 from .desk import Command, Desk, Interrupted
 from .journal import STEPS
@@ -38,7 +38,7 @@ class Quit(Exception):
 
 def walk(known: Known, desk: Desk) -> dict[str, Any]:
     """All steps that are open, to the verdict; its document. Raises Quit, InputError, SolveError."""
-    at, store = 0, known.store
+    at, store, earlier = 0, known.store, Earlier()
     steps = [ALL[name] for name in STEPS]
     while True:
         step = steps[at]
@@ -50,7 +50,7 @@ def walk(known: Known, desk: Desk) -> dict[str, Any]:
             if step is steps[-1]:
                 return _concluded(known, desk)
             _put_results_aside(store, desk)
-            command = _through(known, desk, step)
+            command = _through(known, desk, step, earlier)
         except Interrupted as interrupt:
             command = interrupt.command
         except VbaaError as error:
@@ -60,16 +60,17 @@ def walk(known: Known, desk: Desk) -> dict[str, Any]:
         if command.kind == "quit":
             raise Quit
         if command.kind == "back":
-            at = _before(known, desk, at)
+            at = _before(known, desk, at, earlier)
         elif command.kind == "redo":
             redo(store, desk, step.name)
+            earlier.void(_asked_again(step.name))
 
 
-def _before(known: Known, desk: Desk, at: int) -> int:
-    """The step to go back to, opened again: one with pictures, or with an answer to take back."""
-    for index in range(at - 1, -1, -1):
+def _before(known: Known, desk: Desk, at: int, earlier: Earlier) -> int:
+    """The step to go back to, opened again: this one with an answer taken back, else one before it."""
+    for index in range(at, -1, -1):
         step = ALL[STEPS[index]]
-        if step.judge is not None or take_back(known.store, step.name):
+        if (index < at and step.judge is not None) or earlier.take_back(known.store, step.name):
             known.store.open(step.name)
             return index
         known.store.open(step.name)
@@ -121,9 +122,9 @@ def _asked_again(step: str) -> tuple[str, ...]:
     }.get(step, ())
 
 
-def _through(known: Known, desk: Desk, step: Step) -> Command:
+def _through(known: Known, desk: Desk, step: Step, earlier: Earlier) -> Command:
     """One step from its questions to its end. Returns `closed`, or raises Interrupted for a command that leaves it."""
-    answer_all(known, desk, step)
+    answer_all(known, desk, step, earlier)
     if step.judge is None:
         desk.show(step, step.look(known))
         known.store.close(step.name, "done")

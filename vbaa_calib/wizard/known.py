@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from targets.board import BoardSpec
-from targets.scale import READING_STD_MM, PrintScale, print_scale, rescaled
+from targets.scale import PrintScale, rescaled
 
 from ..calibrate.calibration_report import prior_doubts
 from ..calibrate.diagnose import still_diagnoses
@@ -29,6 +29,7 @@ from ..geometry import Kinematics
 from ..images import read_gray, read_picture
 from ..session import Load, Session, Still, gravity_antenna
 from .journal import Taken
+from .printed import scale_of, square_scale_of
 from .session_file import session_of, write_session, write_table
 from .store import Store
 
@@ -69,22 +70,13 @@ class Known:
     @property
     def scale(self) -> PrintScale | None:
         """The print's scale by the two readings; None before they were given."""
-        answers = self.store.journal.answers
-        names = ("measure_x_mm", "measure_y_mm", "board_along_x_mm", "board_along_y_mm")
-        if any(name not in answers for name in names):
-            return None
-        x, y, along_x, along_y = (float(answers[name]) for name in names)
-        return scale_of((x, y), (along_x, along_y), float(answers.get("board_reading_std_mm", READING_STD_MM)))
+        return scale_of(self.store.journal.answers)
 
     @property
     def board(self) -> BoardSpec:
         """The board as it was printed."""
-        scale = self.scale
-        if scale is None:
-            return self.nominal_board
-        if scale.differs:
-            raise InputError(scale.words, where="board_along_x_mm, board_along_y_mm", remedy=scale.remedy)
-        return rescaled(self.nominal_board, scale)
+        scale = square_scale_of(self.store.journal.answers)
+        return self.nominal_board if scale is None else rescaled(self.nominal_board, scale)
 
     @property
     def scale_std(self) -> float:
@@ -231,19 +223,6 @@ def _against_plane(joint: JointSolution) -> list[Diagnosis]:
     """Where the antenna contradicts what plane C and its clamp were before it was seen."""
     remedy = "check what was said of the jig (place, axes, turn, how well it is known) and the clamp"
     return [Diagnosis("antenna_contradicts_plane", words, remedy, grave=True) for words in prior_doubts(joint)]
-
-
-def scale_of(
-    nominal_mm: tuple[float, float], read_mm: tuple[float, float], std_mm: float = READING_STD_MM
-) -> PrintScale:
-    """The print's scale. Raises InputError for readings that cannot be."""
-    try:
-        return print_scale(nominal_mm[0], read_mm[0], nominal_mm[1], read_mm[1], std_mm)
-    except ValueError as error:
-        # targets.scale knows its own parameters, not what they are called here
-        what = str(error).replace("reading_std", "board_reading_std")
-        what = what.replace("reading_x", "board_along_x").replace("reading_y", "board_along_y")
-        raise InputError(what, where="board_along_x_mm, board_along_y_mm", remedy="measure it again") from None
 
 
 def still_of(step: str, path: Any, readings: Any) -> Still:

@@ -19,6 +19,7 @@ from typing import Any
 from ..errors import InputError
 from ..files import replacing, sha256, write_json
 from ..images import SUFFIXES
+from .folder_lock import locked
 from .journal import Journal, Left, Record, Taken
 from .sources.offered import Offered
 
@@ -50,7 +51,7 @@ class Store:
             raise InputError(f"cannot be made ({why})", where=self.root, remedy="name another folder") from None
         if not os.access(self.root, os.W_OK | os.X_OK):
             raise InputError("is read-only", where=self.root, remedy="name a folder that can be written")
-        self._lock = _locked(self.root / LOCK)
+        self._lock = locked(self.root / LOCK)
         try:
             if (self.root / NAME).exists():
                 self.journal = Journal.read(self.root / NAME)
@@ -81,16 +82,21 @@ class Store:
         write_json(self.root / NAME, journal.to_dict())
         self.journal = journal
 
-    def answer(self, answers: Mapping[str, Any]) -> None:
-        """Keep answers."""
+    def answer(self, answers: Mapping[str, Any], mended: bool = False) -> None:
+        """Keep answers. mended : they replace others that were taken back."""
         before = self.journal.answers
         changed = [key for key, value in answers.items() if before.get(key) != value]
         if not changed:
             return
         journal = self.journal.with_answers(answers)
-        if any(key in before and not key.endswith(("source", "readings")) for key in changed):
+        if any((mended or key in before) and not key.endswith(("source", "readings")) for key in changed):
             journal = _looked_at_again(journal)
         self.save(journal)
+
+    def forget_answers(self, keys: Collection[str]) -> None:
+        """Drop answers, so that they are asked for again."""
+        left = {key: value for key, value in self.journal.answers.items() if key not in keys}
+        self.save(replace(self.journal, answers=left))
 
     def take(self, step: str, offered: Offered, readings: Mapping[str, float]) -> Taken:
         """Keep a picture, with what was read with it."""
@@ -233,24 +239,3 @@ def _looked_at_again(journal: Journal) -> Journal:
 def _number(file: str) -> int:
     stem = Path(file).stem
     return int(stem) if stem.isascii() and stem.isdigit() else 0
-
-
-def _locked(path: Path) -> Any:
-    """An open file that is locked until the process ends, however it ends."""
-    try:
-        stream = path.open("a")
-    except OSError as error:
-        why = f"cannot be written ({error.strerror})"
-        raise InputError(why, where=path.parent, remedy="name a folder that can be written") from None
-    try:
-        import fcntl
-
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        stream.close()
-        raise InputError(
-            "another wizard works on this session", where=path.parent, remedy="end that one first"
-        ) from None
-    except (ImportError, OSError):  # no such locks there, as on some network drives; the files are whole all the same
-        pass
-    return stream

@@ -100,5 +100,5 @@ def wire(points_m: np.ndarray, radius_m: float, sides: int = 10) -> pv.PolyData:
 
 
 def wires(paths: list[np.ndarray], radius_m: float, sides: int = 10) -> pv.PolyData:
-    """Several wires as one mesh."""
+    """Several wires, each along points (N, 3), as one mesh."""
     return joined([wire(path, radius_m, sides) for path in paths])[0]

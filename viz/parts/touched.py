@@ -35,14 +35,14 @@ def touched_parts(scene: Scene) -> list[Part]:
 
 
 def thinned(indices: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of them, evenly."""
+    """At most so many of the indices (N,), evenly."""
     if len(indices) <= most:
         return indices
     return indices[np.linspace(0, len(indices) - 1, most).round().astype(int)]
 
 
 def magnification(half_axes_m: np.ndarray, visible_m: float) -> int:
-    """How many times larger ellipsoids must be drawn for the middle one of their longest half axes to be visible."""
+    """How many times larger ellipsoids must be drawn for the middle one of their longest half axes (N,) to be seen."""
     wanted = visible_m / max(float(np.median(half_axes_m)), 1e-12)
     return next((factor for factor in MAGNIFIED if factor >= wanted), MAGNIFIED[-1])
 

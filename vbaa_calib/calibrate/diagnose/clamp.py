@@ -58,7 +58,7 @@ class Step:
 
 def steps(rows: StillRows) -> list[Step]:
     """For each kind the change, at the place in time, that explains most; stills without times are taken in order."""
-    stills = [one.still for one in rows.joint.problem.observations]
+    stills = [one.still for one in rows.joint.noted]
     whole = in_time(stills)
     order = [index for index in whole if rows.moments[index] >= 0]
     best = []
@@ -103,7 +103,7 @@ def step_diagnosis(joint: JointSolution, rows: StillRows, own: float) -> Diagnos
     rivals = [
         step for step in found[1:] if step.kind != best.kind and step.found.statistic * CLEARER > best.found.statistic
     ]
-    still = joint.problem.observations[best.first].still
+    still = joint.noted[best.first].still
     since = f"from {_named(still)} on"
     if best.kind == "bow" and not rivals:
         return Diagnosis(

@@ -39,30 +39,14 @@ def with_cause(session: Session, kinematics: Kinematics, before: Prior, error: S
 
 
 def explain_failure(
-    session: Session,
-    kinematics: Kinematics | None = None,
-    observations: Sequence[Observation] = (),
-    before: Prior | None = None,
+    session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
 ) -> list[Diagnosis]:
-    """What a calibration that raised may have failed of: by the typed loads, and by the free antenna where it was seen.
+    """What a calibration that raised may have failed of: by the typed loads, and by the free antenna. Raises nothing.
 
-    Parameters
-    ----------
-    observations, before : what `solve_antenna` was to solve, as far as it came; without them the typed loads alone are
-        judged.
-
-    Raises nothing: a table that cannot be read has said so itself.
+    observations, before : what `solve_antenna` was to solve.
     """
-    kinematics = session.kinematics if kinematics is None else kinematics
     loads: list[Load] = [one.still for one in observations if isinstance(one.still, Load)]
-    if not loads:
-        try:
-            loads = read_loads(session)
-        except InputError:
-            loads = []
     found = typed_load_doubts(loads, session.antenna)
-    if before is None or not observations:
-        return found
     length, std = session.antenna.length_m, session.moment_std_Nm
     try:
         # without the sensor, which may be what is wrong

@@ -11,7 +11,8 @@ from ...diagnosis import Diagnosis
 from ...geometry import Kinematics
 from ...reprojection import robust_cost
 from ...session import Still, gravity_antenna
-from ..joint import JointSolution, Linearised, noise_scale
+from ..joint import JointSolution, noise_scale
+from ..joint_descent import Linearised
 from .scatter import fits
 
 GRAVITY_M_S2 = 9.80665
@@ -67,6 +68,7 @@ def gravity_diagnosis(
     Parameters
     ----------
     free : joint solution of the no-load frames, or of all stills, the moment sensor left out.
+    gravity_world_m_s2 : (3,) as the session says.
     own : scatter of the points that no model explains, see `own_scatter`.
     """
     observations = free.problem.observations
@@ -122,7 +124,10 @@ def left_by(free: JointSolution, gravity_m_s2: np.ndarray) -> Left:
 def otherwise(
     stills: Sequence[Still], kinematics: Kinematics, gravity_world_m_s2: np.ndarray, noted_m_s2: np.ndarray
 ) -> list[Otherwise]:
-    """What could be wrong with gravity_world and with the joints' readings, where it makes a difference."""
+    """What could be wrong with gravity_world (3,) and with the joints' readings, where it makes a difference.
+
+    noted_m_s2 : (F, 3) antenna frame, as it is with what was noted.
+    """
     size = float(np.linalg.norm(gravity_world_m_s2)) or GRAVITY_M_S2
     found = []
     for name, axis in AXES.items():

@@ -14,10 +14,11 @@ from scipy.stats import chi2
 
 from ...reprojection import image_curves, whitened_residuals
 from ...session import Load
-from ..joint import JointSolution, Linearised
+from ..joint import JointSolution
+from ..joint_descent import Linearised
 from ..joint_given import Observation
 from ..joint_problem import ANTENNA, GAIN
-from ..load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP, readings_altered
+from ..load_readings import DISTANCE_STEP_M, LOG_FORCE_STEP
 
 DEAD_DIRECTION = 1e-9
 """Part of a further parameter's information that must be left beside the others', for it to be estimated."""
@@ -67,8 +68,7 @@ class StillRows:
         """
         observations = self.joint.problem.observations
         columns = []
-        for name, step, std in (("distance", DISTANCE_STEP_M, distance_std_m), ("force", LOG_FORCE_STEP, force_std)):
-            column = self.altered([_with_other(one, name) for one in observations], step)
+        for column, std in zip(self.by_load(), (distance_std_m, force_std), strict=True):
             for index, one in enumerate(observations):
                 if isinstance(one.still, Load) and self.moments[index] >= 0:
                     columns.append(std * np.where(self.of_stills([index]), column, 0.0))
@@ -105,6 +105,12 @@ class StillRows:
     def own(self, parameter: int, which: Sequence[int] | np.ndarray) -> np.ndarray:
         """(R,) column of a parameter that these stills have to themselves, beside the common one."""
         return np.where(self.of_stills(which), self.solution.jacobian[:, parameter], 0.0)
+
+    def by_load(self) -> tuple[np.ndarray, np.ndarray]:
+        """(R,) changes of the residuals per m of each load towards the clamp, and per unit of its force's logarithm."""
+        altered = [one.with_readings_altered() for one in self.joint.problem.observations]
+        nearer, heavier = [one for one, _ in altered], [one for _, one in altered]
+        return self.altered(nearer, DISTANCE_STEP_M), self.altered(heavier, LOG_FORCE_STEP)
 
     def altered(self, changed: Sequence[Observation], step: float) -> np.ndarray:
         """(R,) change of the residuals per unit, where every observation is altered (its load, its gravity) by step.
@@ -196,16 +202,3 @@ def _weighted(rows: StillRows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # the solve's own priors are among its rows
     known = np.repeat([0.0, 1.0], [rows.solution.jacobian.shape[1], rows.readings.shape[1]])
     return jacobian, rows.solution.residuals * rows.factor, known
-
-
-def with_readings_altered(one: Observation) -> tuple[Observation, Observation]:
-    """A loaded still with its load a step nearer to the clamp, and with a little more force."""
-    return _with_other(one, "distance"), _with_other(one, "force")
-
-
-def _with_other(one: Observation, what: str) -> Observation:
-    load = one.still
-    if not isinstance(load, Load):
-        return one
-    nearer, heavier = readings_altered(load)
-    return replace(one, still=nearer if what == "distance" else heavier)

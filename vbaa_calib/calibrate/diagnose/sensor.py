@@ -54,7 +54,7 @@ class Readings:
         """Of the stills that took part; None with fewer than 3, or where no moment was read."""
         _, moments = joint.problem.evaluate(joint.solution.parameters)
         kept = joint.kept
-        read = np.array([one.still.moment_Nm for one in joint.problem.observations])[kept]
+        read = np.array([one.still.moment_Nm for one in joint.noted])[kept]
         true = moments[kept, 0]
         if len(read) < 3 or not np.isfinite(read).all():
             return None

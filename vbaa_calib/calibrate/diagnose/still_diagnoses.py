@@ -102,7 +102,7 @@ def _fit_corrected(joint: JointSolution, rows: Sequence[Row], own: float) -> boo
 def _contradiction(joint: JointSolution, own: float, rows: Sequence[Row]) -> Diagnosis:
     names = [
         one.still.image.name if one.still.image else f"no {index + 1}"
-        for index, (one, kept) in enumerate(zip(joint.problem.observations, joint.kept, strict=True))
+        for index, (one, kept) in enumerate(zip(joint.noted, joint.kept, strict=True))
         if not kept
     ]
     names += [row.load.image.name for row in rows if row.load.image and row.load.image.name not in names]

@@ -98,12 +98,11 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
     kept = [~np.isin(view.ids, used[view.name].outlier_ids) for view in chosen]
     observations = [one.picked(mask) for one, mask in zip(observations_of(chosen, spec), kept, strict=True)]
     stack = Stack.of(observations)
-    matrix, flex = solution.camera.matrix, solution.board_flex
-    intrinsics = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *solution.camera.distortion])
-    poses = np.array([[*(p := used[v.name].T_camera_board).rotvec_rad, *p.translation_m] for v in chosen])
+    flex, intrinsics = solution.board_flex, solution.camera.parameters
+    poses = np.array([used[view.name].T_camera_board.vector for view in chosen])
     sagittas = flex.sagittas_m if flex.used else np.zeros(FLEX)
     residuals, by_shared, by_pose = rows(model, State(np.concatenate([intrinsics, sagittas]), poses), stack)
-    directions = free_directions(model, square_pixels=bool(matrix[0, 0] == matrix[1, 1]), flex=True)
+    directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), flex=True)
     rotations = Rotation.from_rotvec(poses[:, :3]).as_matrix()
     own = np.stack(
         [

@@ -9,7 +9,7 @@ import numpy as np
 
 
 def smallest_positive_root(coefficients: Sequence[float] | np.ndarray, limit: float) -> float:
-    """Smallest real root in (0, limit] of Σ c_i s^i, or inf.
+    """Smallest real root in (0, limit] of Σ c_i s^i, coefficients (n,), or inf.
 
     Terms that do not matter anywhere up to the limit are left out: their roots lie beyond it.
     """

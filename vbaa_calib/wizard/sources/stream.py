@@ -43,12 +43,12 @@ def open_stream(url: str, seen: Container[str] = (), patience: Patience = STREAM
     kept: list[bool] = []
     try:
         source = LiveSource(name, _opener(url, patience, kept), patience, _ADVICE, seen)
-    except InputError as error:
+    except InputError:
         if kept:
             raise InputError(
                 "is a video that is kept there, not a live stream", where=name, remedy="save it and name the file"
             ) from None
-        raise error
+        raise
     return source
 
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from targets.scale import READING_STD_MM
 from targets.sheet_default import fill_in
 from targets.sheet_draw import draw
 from targets.sheet_layout import lay_out
@@ -15,8 +14,7 @@ from targets.sheet_pdf import as_pdf
 from targets.sheet_words import board_id, size_words, spec_document
 
 from ...detect.board_file import load_board
-from ...errors import InputError
-from ..known import BOARD, Known, scale_of
+from ..known import BOARD, Known
 from ..progress import Number, Progress
 from ..store import Store
 from .step import Step
@@ -52,16 +50,6 @@ def print_words(store: Store, answers: Mapping[str, Any]) -> str:
         f"print {store.root / SHEET} at 100 % (not fitted to the page), glue it on something flat and stiff, and "
         "measure its two rulers from end line to end line"
     )
-
-
-def check_scale(answers: Mapping[str, Any]) -> None:
-    """Raises InputError for readings that cannot be, or a print that no square board describes."""
-    names = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
-    if all(name in answers for name in names):
-        x, along_x, y, along_y = (float(answers[name]) for name in names)
-        scale = scale_of((x, y), (along_x, along_y), float(answers.get("board_reading_std_mm", READING_STD_MM)))
-        if scale.differs:
-            raise InputError(scale.words, where="board_along_x_mm, board_along_y_mm", remedy=scale.remedy)
 
 
 def look(known: Known) -> Progress:

@@ -1,0 +1,77 @@
+"""Pages that lie beside docs/, and links that work both where the Markdown lies and on the site.
+
+A page of docs/ that only points to a file beside docs/ (the benchmarks, the changelog) holds that file's text on the
+site. Links to such files, to examples and to folders become links to the pages that show them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+DOCS = Path(__file__).parents[1]
+ROOT = DOCS.parent
+PAGES = {
+    "benchmarks": "benchmarks/README.md",
+    "vision_benchmark": "benchmarks/vision.md",
+    "changelog": "CHANGELOG.md",
+    "architecture": "ARCHITECTURE.md",
+}
+"""Page of the site → the file beside docs/ that it shows."""
+FOLDERS = {"README.md": "index.md", "benchmarks": "benchmarks.md", "examples": "examples.md", "docs": "index.md"}
+"""What else may be linked to → the page that shows it."""
+QUOTED = re.compile(r"<!-- README: (.+?) -->")
+"""In a page: here stands a section of the README, on the site alone."""
+_LINK = re.compile(r"(?<!`)(\]\()([^)\s#]+)((?:#[^)\s]*)?\))")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Rewrite each page as it is read."""
+    app.connect("source-read", _read)
+    return {"parallel_read_safe": True}
+
+
+def _read(app: Sphinx, docname: str, source: list[str]) -> None:
+    home = DOCS
+    if docname in PAGES:
+        path = ROOT / PAGES[docname]
+        source[0], home = path.read_text(encoding="utf-8"), path.parent
+        app.env.note_dependency(str(path))
+    if QUOTED.search(source[0]):
+        app.env.note_dependency(str(ROOT / "README.md"))
+    text = relinked(source[0], home)
+    source[0] = QUOTED.sub(lambda match: relinked(section(match[1]), ROOT), text)
+
+
+def section(heading: str) -> str:
+    """The README's text below a heading, up to the next. Raises ValueError where there is none."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    found = re.search(rf"^#+ {re.escape(heading)}$(.*?)(?=^#|\Z)", text, re.MULTILINE | re.DOTALL)
+    if found is None:
+        raise ValueError(f"README.md has no section {heading!r}")
+    return found[1]
+
+
+def relinked(text: str, home: Path) -> str:
+    """Markdown that lies in the folder `home` with its links as seen from docs/; code is left alone."""
+    pieces = re.split(r"(^```.*?^```)", text, flags=re.MULTILINE | re.DOTALL)
+    pieces[::2] = [_LINK.sub(lambda link: link[1] + target(link[2], home) + link[3], piece) for piece in pieces[::2]]
+    return "".join(pieces)
+
+
+def target(link: str, home: Path) -> str:
+    """Where a link leads on the site."""
+    if "://" in link or link.startswith("mailto:"):
+        return link
+    path = Path(os.path.normpath(home / link)).relative_to(ROOT)
+    name = path.as_posix()
+    pages = {file: f"{page}.md" for page, file in PAGES.items()} | FOLDERS
+    if name in pages:
+        return pages[name]
+    if path.parent.name == "examples" and path.suffix == ".py":
+        return "examples.md"
+    return os.path.relpath(ROOT / path, DOCS)

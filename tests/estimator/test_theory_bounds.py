@@ -1,0 +1,235 @@
+"""docs/theory_bounds.md: how well a contact can be known, in closed form, against the bound worked out numerically."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.stats import norm
+
+from vbaa_calib.antenna import linear
+from vbaa_calib.bench.estimator_bound import Bound, bound
+from vbaa_calib.bench.estimator_scenes import Scenes, push_for_slope, rolled, scenes
+from vbaa_calib.bench.estimator_setup import (
+    ACROSS,
+    LENGTH_M,
+    SENSOR,
+    SIGMA_PX,
+    STIFFNESS_NM2,
+    TOWARDS_CLAMP,
+    Setup,
+    looking_pose,
+)
+from vbaa_calib.reprojection import ROBUST
+from vbaa_calib.rig import MomentSensor, Rig
+
+POINTS, SLOPE_RAD, REACH = 200, 0.03, 0.5
+UNFELT = MomentSensor(1.0, 0.0, 1e6)
+"""A sensor that says nothing."""
+FAR_M = 2.9
+STEEPNESS = 1.5
+"""sd(l) = 1.5·K_l·σ/(θ_c·√N): the contact's deflection is 2/3·l·θ_c."""
+
+BLIND = {0.0: (6.48, 1.32, 0.237), 0.7: (1.41, 0.379, 0.110)}
+"""sd(f_z)/f_z without a moment, at slopes of 0.05, 0.1 and 0.2 rad, by the camera's tilt towards the clamp, from 0.4 m
+away and at ξ = 45°."""
+
+
+def moments(far):
+    """A, B, C: ∫ s², ∫ s·es and ∫ (es)² over u = x/l from 0 to L/l; s = y/δ_c, e = ∂ln y/∂ln l."""
+    u = sp.symbols("u", positive=True)
+    parts = (((3 - u) * u**2 / 2, 3 * u**2 / 2, 0, 1), ((3 * u - 1) / 2, sp.Rational(3, 2) * (2 * u - 1), 1, far))
+    return [sum(sp.integrate(pick(s, es), (u, low, high)) for s, es, low, high in parts) for pick in (_ss, _se, _ee)]
+
+
+def _ss(s, es):
+    return s**2
+
+
+def _se(s, es):
+    return s * es
+
+
+def _ee(s, es):
+    return es**2
+
+
+def factors(reach: np.ndarray | float) -> np.ndarray:
+    """K_l, K_f and the correlation of l and f, (3, ...), at l/L, by the page's closed form."""
+    far = 1.0 / np.asarray(reach, float)
+    a = 33 / 140 + ((3 * far - 1) ** 3 - 8) / 36
+    b = 13 / 40 + 0.75 * (2 * far**3 - 2.5 * far**2 + far - 0.5)
+    c = 9 / 20 + 0.375 * ((2 * far - 1) ** 3 - 1)
+    spread = a * c - b * b
+    return np.stack([np.sqrt(far * a / spread), np.sqrt(far * c / spread), -b / np.sqrt(a * c)])
+
+
+def camera_at(away_m: float, tilt: float = 0.0, azimuth: float = TOWARDS_CLAMP, sensor: MomentSensor = SENSOR) -> Rig:
+    """A rig without distortion whose camera looks at the antenna's middle from so far away."""
+    pose = looking_pose(tilt, azimuth, away_m)
+    return replace(Setup("none").rig(), T_antenna_camera=pose, moment_sensor=sensor)
+
+
+def touched(rig: Rig, roll: float, slope: float = SLOPE_RAD, reach: float = REACH, **changes) -> Scenes:
+    distance = np.array([reach * LENGTH_M])
+    return scenes(rig, distance, rolled(push_for_slope(np.array([slope]), distance, STIFFNESS_NM2), roll), **changes)
+
+
+def relative(given: Scenes, known: Bound) -> np.ndarray:
+    """Least deviations of l, f_y and f_z, each over its size."""
+    with np.errstate(divide="ignore"):
+        return known.std[0] / np.abs(np.array([given.distance_m[0], *given.force_N[0, 1:]]))
+
+
+def expected(reach: float = REACH, slope: float = SLOPE_RAD, away_m: float = FAR_M, points: int = POINTS) -> float:
+    """K_l·(σ/δ_c)/√N of a camera that sees all of the deflection."""
+    sigma_m = SIGMA_PX * away_m / Setup("none").camera.matrix[0, 0]
+    deflection = 2.0 / 3.0 * reach * LENGTH_M * slope
+    return float(factors(reach)[0] * sigma_m / deflection / np.sqrt(points))
+
+
+class TestClosedForm:
+    def test_the_integrals(self) -> None:
+        far = sp.symbols("Lambda", positive=True)
+        a, b, c = moments(far)
+        assert sp.expand(a - (sp.Rational(33, 140) + ((3 * far - 1) ** 3 - 8) / 36)) == 0
+        half = sp.Rational(1, 2)
+        inner = 2 * far**3 - sp.Rational(5, 2) * far**2 + far - half
+        assert sp.expand(b - (sp.Rational(13, 40) + sp.Rational(3, 4) * inner)) == 0
+        assert sp.expand(c - (sp.Rational(9, 20) + sp.Rational(3, 8) * ((2 * far - 1) ** 3 - 1))) == 0
+
+    def test_at_the_tip_and_at_the_clamp(self) -> None:
+        """√528 and √1008 at the tip; 4 and 8 towards the clamp, as of a line's intercept."""
+        np.testing.assert_allclose(factors(1.0)[:2] ** 2, [528.0, 1008.0], rtol=1e-9)
+        np.testing.assert_allclose(factors(1e-3)[:2], [4.0, 8.0], rtol=1e-3)
+
+    @pytest.mark.parametrize(
+        ("reach", "unsure"), [(0.1, 23.4), (0.25, 16.9), (0.5, 16.1), (0.75, 21.3), (0.9, 31.0), (1.0, 44.5)]
+    )
+    def test_against_fishers_information(self, reach: float, unsure: float) -> None:
+        """Slopes of the beam itself, point by point; an unknown clamp angle is one column more."""
+        x = (np.arange(4000) + 0.5) / 4000
+        columns = [linear.deflection_by_contact(x, reach, 1.0, 1.0) * reach, linear.deflection(x, reach, 1.0, 1.0), x]
+        table = np.stack(columns) / float(linear.deflection_at_contact(reach, 1.0, 1.0))
+        covariance = np.linalg.inv(table[:2] @ table[:2].T / len(x))
+        found = np.sqrt(np.diag(covariance))
+        np.testing.assert_allclose(found, factors(reach)[:2], rtol=1e-5)
+        assert covariance[0, 1] / np.prod(found) == pytest.approx(factors(reach)[2], abs=1e-6)
+        assert np.sqrt(np.linalg.inv(table @ table.T / len(x))[0, 0]) == pytest.approx(unsure, abs=0.05)
+
+    def test_where_a_contact_is_known_best(self) -> None:
+        """Of one force: in itself at 0.79 L, in mm at 0.58 L; of one slope there, in mm: nearest the clamp."""
+        reach = np.linspace(0.02, 1.0, 2000)
+        factor = factors(reach)[0]
+        assert reach[(factor / reach**2).argmin()] == pytest.approx(0.785, abs=2e-3)
+        assert reach[(factor / reach).argmin()] == pytest.approx(0.583, abs=2e-3)
+        assert (np.diff(factor) > 0).all()
+
+    def test_the_pages_example(self) -> None:
+        """10° at l = L/2, 0.1 px and 200 points at half a metre: 0.20 mm. Huber's squares cost 0.1 %."""
+        known = STEEPNESS * factors(0.5)[0] * SIGMA_PX * 0.5 / 1024 / np.radians(10.0) / np.sqrt(POINTS)
+        assert known == pytest.approx(0.20e-3, abs=2e-6)
+        inner = norm.cdf(ROBUST) - norm.cdf(-ROBUST)
+        clipped = inner - 2 * ROBUST * norm.pdf(ROBUST) + ROBUST**2 * (1 - inner)
+        assert np.sqrt(clipped) / inner == pytest.approx(1.001, abs=5e-4)
+
+
+class TestAgainstTheNumericalBound:
+    @pytest.mark.parametrize("reach", [0.25, 0.5, 0.75, 0.95])
+    def test_l_and_its_force(self, reach: float) -> None:
+        given = touched(camera_at(FAR_M), 0.0, reach=reach)
+        l_std, f_std, _ = relative(given, bound(given))
+        assert l_std == pytest.approx(expected(reach), rel=5e-3)
+        assert f_std / l_std == pytest.approx(factors(reach)[1] / factors(reach)[0], rel=5e-3)
+        absolute = l_std * reach * LENGTH_M
+        sigma_m = SIGMA_PX * FAR_M / Setup("none").camera.matrix[0, 0]
+        assert absolute == pytest.approx(
+            STEEPNESS * factors(reach)[0] * sigma_m / SLOPE_RAD / np.sqrt(POINTS), rel=5e-3
+        )
+
+    def test_it_scales_with_noise_points_load_and_distance(self) -> None:
+        def known(away_m: float = FAR_M, slope: float = SLOPE_RAD, **changes) -> float:
+            given = touched(camera_at(away_m), 0.0, slope, **changes)
+            return float(relative(given, bound(given))[0])
+
+        least = known()
+        assert known(sigma_px=2 * SIGMA_PX) == pytest.approx(2.0 * least, rel=1e-6)
+        assert known(points=4 * POINTS) == pytest.approx(0.5 * least, rel=2e-3)
+        assert known(slope=2 * SLOPE_RAD) == pytest.approx(0.5 * least, rel=1e-2)
+        assert known(away_m=0.5 * FAR_M) == pytest.approx(0.5 * least, rel=1e-3)
+
+    @pytest.mark.parametrize("tilt", [0.0, 0.3, 0.7, 1.2])
+    def test_the_wall_where_the_camera_lies_in_the_plane(self, tilt: float) -> None:
+        """1/|sin(ξ − ξ_c)|, ξ_c the roll of the direction to the camera, wherever across the antenna that is."""
+        facing = np.pi / 2 - tilt
+        for off in (1.5, 0.8, 0.3, 0.1):
+            given = touched(camera_at(FAR_M, tilt, ACROSS), facing - off)
+            assert relative(given, bound(given))[0] * np.sin(off) == pytest.approx(expected(), rel=5e-3)
+
+    def test_a_camera_inclined_along_the_antenna_has_its_wall_at_a_right_angle(self) -> None:
+        """Inclined towards the clamp it still lies in the xz plane: ξ = 90° stays hidden from it."""
+        rig = camera_at(FAR_M, 0.6, TOWARDS_CLAMP)
+        near, ordinary = (touched(rig, np.pi / 2 - off) for off in (0.01, 1.0))
+        assert relative(near, bound(near))[0] > 10.0 * relative(ordinary, bound(ordinary))[0]
+
+    @pytest.mark.parametrize("roll", [0.3, 0.8, 1.3])
+    def test_f_z_is_the_moment_over_l(self, roll: float) -> None:
+        """Upright: (sd f_z/f_z)² = (σ_τ/τ)² + (sd l/l)², and l is known as well as without a moment."""
+        given = touched(camera_at(FAR_M), roll)
+        l_std, _, z_std = relative(given, bound(given))
+        reading = SENSOR.std_Nm / abs(given.moment_Nm[0])
+        assert z_std == pytest.approx(np.hypot(reading, l_std), rel=5e-3)
+        assert l_std == pytest.approx(expected() / np.cos(roll), rel=5e-3)
+
+    def test_a_moment_in_the_plane_that_is_seen(self) -> None:
+        """l·f read to ρ of itself: 1/var = 1/var without + (ē − 1)²/(ρ² + σ²/N⟨y²⟩), which is most of what is known."""
+        x = (np.arange(POINTS) + 0.5) / POINTS
+        table = np.stack(
+            [linear.deflection_by_contact(x, REACH, 1.0, 1.0) * REACH, linear.deflection(x, REACH, 1.0, 1.0)]
+        )
+        table /= 2e-2 * float(linear.deflection_at_contact(REACH, 1.0, 1.0))
+        mean = float(table[0] @ table[1] / (table[1] @ table[1]))
+        alone = np.linalg.inv(table @ table.T)[0, 0]
+        for read in (0.1, 0.01, 1e-4):
+            information = table @ table.T + np.ones((2, 2)) / read**2
+            stated = 1.0 / (1.0 / alone + (mean - 1.0) ** 2 / (read**2 + 1.0 / (table[1] @ table[1])))
+            assert np.linalg.inv(information)[0, 0] == pytest.approx(stated, rel=1e-9)
+        assert mean == pytest.approx(1.707, abs=1e-3)
+
+
+class TestWithoutAMoment:
+    def force_z(self, tilt: float, slope: float, away_m: float = 0.4) -> float:
+        given = touched(camera_at(away_m, tilt, TOWARDS_CLAMP, UNFELT), np.pi / 4, slope)
+        return float(relative(given, bound(given))[2])
+
+    @pytest.mark.parametrize("tilt", list(BLIND))
+    def test_the_pages_numbers(self, tilt: float) -> None:
+        found = [self.force_z(tilt, slope) for slope in (0.05, 0.1, 0.2)]
+        np.testing.assert_allclose(found, BLIND[tilt], rtol=5e-3)
+
+    def test_depth_is_seen_to_second_order(self) -> None:
+        """Inclined along the antenna: like 1/θ_c² and like σ; upright steeper in both, since perspective fades."""
+        inclined = self.force_z(0.7, 0.05, 0.8) / np.array([self.force_z(0.7, 0.1, 0.8), self.force_z(0.7, 0.05, 0.4)])
+        np.testing.assert_allclose(inclined, [4.0, 2.0], rtol=0.1)
+        upright = self.force_z(0.0, 0.05, 0.8) / np.array([self.force_z(0.0, 0.1, 0.8), self.force_z(0.0, 0.05, 0.4)])
+        assert 4.0 < upright[0] < 8.0
+        assert 3.0 < upright[1] < 4.0
+
+
+class TestTwoPointsInsteadOfAll:
+    """σ/δ_c = 0.025, l = L/2: the best pair of each case."""
+
+    def best(self, first: tuple[float, float], second: tuple[float, float]) -> float:
+        u1, u2 = np.meshgrid(np.linspace(*first, 300), np.linspace(*second, 300), indexing="ij")
+        s1, s2 = (linear.deflection(u, 1.0, 3.0, 1.0) for u in (u1, u2))
+        e1, e2 = (linear.deflection_by_contact(u, 1.0, 3.0, 1.0) / s for u, s in ((u1, s1), (u2, s2)))
+        with np.errstate(divide="ignore"):
+            return float(np.nanmin(np.where(u2 > u1, 0.025 * np.hypot(1 / s1, 1 / s2) / np.abs(e2 - e1), np.nan)))
+
+    def test_the_pages_numbers(self) -> None:
+        assert self.best((0.05, 1.0), (0.05, 1.0)) == pytest.approx(0.25, abs=0.005)
+        assert self.best((1.0, 2.0), (1.0, 2.0)) == pytest.approx(0.090, abs=0.0005)
+        assert self.best((0.05, 1.0), (1.0, 2.0)) == pytest.approx(0.083, abs=0.001)
+        assert factors(0.5)[0] * 0.025 / np.sqrt(480) == pytest.approx(0.0077, abs=5e-5)

@@ -1,0 +1,184 @@
+"""The tables of docs/theory_estimator.md and docs/ladder.md that take minutes: `pytest -m slow -s` prints them anew."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.motion import inertia
+from vbaa_calib.antenna import linear
+from vbaa_calib.antenna.rungs import RUNGS, curves
+from vbaa_calib.bench.estimator_scenes import scenes
+from vbaa_calib.bench.estimator_setup import GRAVITY_WORLD_M_S2, STIFFNESS_NM2, TOWARDS_CLAMP, Setup
+from vbaa_calib.bench.estimator_shapes import Shapes, Touches, elastica_shapes, rod_shapes
+from vbaa_calib.rig import Rig
+
+from .contact_scenes import answered, rubbed, scene_deviations
+from .test_motion import BEAM, swinging
+from .vibrations import frequency_rad_s, mode_shape, modes
+
+DOCS = Path(__file__).parents[2] / "docs"
+LENGTH_M, SWING_M = 0.24, 0.1
+SLOPES_DEG = (5.0, 15.0, 25.0, 35.0)
+SEEN_DEG = (4.0, 8.0, 12.0, 18.0, 25.0)
+CAMERAS = {
+    "upright": (0.0, 0.0),
+    "45° across the antenna": (45.0, np.pi / 2),
+    "20° towards the clamp": (20.0, TOWARDS_CLAMP),
+    "45° towards the clamp": (45.0, TOWARDS_CLAMP),
+}
+PAIRS = ((0.3, 0.9), (0.3, 0.6), (0.5, 0.95), (0.5, 0.75), (0.7, 0.95), (0.5, 0.6), (0.7, 0.8))
+SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
+
+
+def rig_of(tilt_deg: float = 0.0, azimuth: float = TOWARDS_CLAMP, *, real: bool = False, exact: bool = True) -> Rig:
+    """The bench's, its picture wide enough for antennas bent by 35°."""
+    return Setup("brown", np.radians(tilt_deg), azimuth, swing_m=SWING_M, real=real, exact=exact).rig()
+
+
+def printed(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[list[str]]:
+    """Rows as given, and a Markdown table of them on the terminal."""
+    kept = [list(row) for row in rows]
+    print("\n| " + " | ".join(head) + " |")
+    for row in kept:
+        print("| " + " | ".join(row) + " |")
+    return kept
+
+
+def table_below(page: str, mark: str) -> list[list[str]]:
+    """Body of the first table of a page after these words."""
+    lines = (DOCS / page).read_text().split(mark, 1)[1].splitlines()
+    first = next(index for index, line in enumerate(lines) if line.startswith("|"))
+    body = []
+    for line in lines[first + 2 :]:
+        if not line.startswith("|"):
+            break
+        body.append([cell.strip() for cell in line.strip("|").split("|")])
+    return body
+
+
+@pytest.mark.slow
+def test_what_a_curve_costs() -> None:
+    """300 at once, least of 60 each: in the order of the rungs."""
+    rng, count = np.random.default_rng(0), 300
+    least: dict[str, float] = {}
+    parameters = np.zeros((count, 9))
+    parameters[:, 6] = np.log(STIFFNESS_NM2)
+    parameters[:, 7] = np.log(3.97e-3)
+    given = np.tile(GRAVITY_WORLD_M_S2, (count, 1)), rng.uniform(0.05, 0.23, count), 0.05 * rng.normal(size=(count, 2))
+    for turn in range(240):
+        rung, begun = RUNGS[turn // 15 % 4], time.perf_counter()
+        curves(rung, parameters, LENGTH_M, *given, np.zeros(count))
+        least[rung] = min(least.get(rung, 1.0), time.perf_counter() - begun)
+    printed(["rung", "a curve, of paper's"], [[rung, f"{least[rung] / least['paper']:.1f}"] for rung in RUNGS])
+    assert list(least.values()) == sorted(least.values())
+
+
+def friction_left(exact: bool, blind: bool, reach: float) -> list[str]:
+    """Deviation of the friction angle after noise-free frames at each slope; "–" without numbers."""
+    given = rubbed(rig_of(exact=exact), [reach] * 4, SLOPES_DEG, 0.0, 0.3, made_by=elastica_shapes)
+    return [f"{one.friction_angle_std_rad:.3f}".replace("nan", "–") for one in answered(given, blind=blind)]
+
+
+@pytest.mark.parametrize(
+    "reach", [pytest.param(0.25, marks=pytest.mark.slow), 0.5, pytest.param(0.75, marks=pytest.mark.slow)]
+)
+def test_what_is_left_of_friction(reach: float) -> None:
+    """As in the page's table, to a tenth."""
+    ways = [friction_left(exact, blind, reach) for exact in (True, False) for blind in (False, True)]
+    cells = [f"{a} / {b}, {c} / {d}" for a, b, c, d in zip(*ways, strict=True)]
+    (mine,) = printed(["l/L", *(f"{slope:.0f}°" for slope in SLOPES_DEG)], [[f"{reach:g}", *cells]])
+    stated = table_below("theory_estimator.md", "Its deviation afterwards")
+    theirs = next(row for row in stated if row[0] == mine[0])
+    for a, b in zip(*(" ".join(row).replace(",", "").split() for row in (mine, theirs)), strict=True):
+        assert a == b or float(a) == pytest.approx(float(b), rel=0.1), f"{mine} is not {theirs}"
+
+
+def known_f_z(camera: str, sigma_px: float, slope_deg: float, count: int = 60) -> tuple[float, float]:
+    """Share of frames whose f_z is given and known to three deviations, and the largest error in deviations."""
+    tilt, azimuth = CAMERAS[camera]
+    rng = np.random.default_rng(int(100 * slope_deg) + len(camera))
+    reach, roll = rng.uniform(0.3, 0.9, count), rng.uniform(-np.pi, np.pi, count)
+    friction = np.clip(rng.normal(0.0, 0.2, count), -0.6, 0.6)
+    rig = rig_of(tilt, azimuth, real=True, exact=False)
+    given = rubbed(rig, reach, [slope_deg] * count, friction, roll, sigma_px=sigma_px, made_by=rod_shapes).noisy(rng)
+    found = answered(given, blind=True)
+    sure = np.abs(found.force_N[:, 2]) > 3.0 * found.force_std_N[:, 2]
+    off = np.abs(scene_deviations(found, given))
+    return float(sure.mean()), float(np.nanmax(off, initial=0.0))
+
+
+@pytest.mark.slow
+def test_vision_alone() -> None:
+    """Shares within what 60 frames scatter by, and nothing far off."""
+    rows, worst = [], 0.0
+    for camera in CAMERAS:
+        cells = [known_f_z(camera, sigma, slope) for sigma in (0.1, 0.03) for slope in SEEN_DEG]
+        worst = max(worst, *(off for _, off in cells))
+        rows.append([camera, *(f"{share:.2f}".lstrip("0") for share, _ in cells)])
+    found = printed(["camera", *(f"{slope:.0f}°" for slope in 2 * SEEN_DEG)], rows)
+    print(f"largest error: {worst:.1f} deviations")
+    assert worst < 8.0
+    stated = table_below("theory_estimator.md", "Share of frames of which f_z is")
+    gaps = [
+        abs(float(a) - float(b)) for m, t in zip(found, stated, strict=True) for a, b in zip(m[1:], t[1:], strict=True)
+    ]
+    assert max(gaps) < 0.2
+
+
+def doubly_touched(rig: Rig, first: float, second: float, share: float, slope_deg: float, sigma_px: float) -> float:
+    """Share of 8 frames with two forces on a straight beam in 𝒟 at ξ = 40° that come without numbers."""
+    at, roll = np.array([first, second]) * LENGTH_M, np.radians(40.0)
+    forces = np.array([1.0, share])
+    forces *= 2.0 * STIFFNESS_NM2 * np.tan(np.radians(slope_deg)) / (forces * at**2).sum()
+
+    def shaped(_: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
+        aside = linear.superposed_deflection(arclength_m, at, forces, STIFFNESS_NM2)
+        lean = np.stack([arclength_m, aside * np.cos(roll), aside * np.sin(roll)], axis=-1)
+        none = np.zeros((len(touches), 3))
+        moment = np.full(len(touches), float(at @ forces) * np.sin(roll))
+        return Shapes(np.tile(lean, (len(touches), 1, 1)), none, none, moment, none)
+
+    given = scenes(rig, np.full(8, at[0]), np.ones((8, 2)), made_by=shaped, sigma_px=sigma_px)
+    found = answered(given.noisy(np.random.default_rng(3)))
+    return float(np.mean(~np.isfinite(found.distance_m)))
+
+
+def test_ringing_that_is_seen() -> None:
+    """First modes, and the share of their inertia that frames at each rate show: the page's table, to a hundredth."""
+    rows = []
+    for contact in (0.0, 0.3, 0.5, 0.7, 0.85):
+        (wave,), (coefficients,) = modes(contact, 1)
+        cells = [f"{contact:g}", f"{frequency_rad_s(wave) / (2 * np.pi):.1f}"]
+        for rate_hz in (30.0, 60.0, 240.0, 1000.0):
+            at = np.arange(int(0.6 * rate_hz) + 5) / rate_hz
+            swing = 1e-4 * np.cos(frequency_rad_s(wave) * at)
+            shape = swing[:, None] * mode_shape(BEAM.pieces_m, contact, wave, coefficients)
+            cells.append(f"{np.nanmean(inertia(swinging(at, shape, contact), BEAM).response):.2f}")
+        rows.append(cells)
+    found = printed(["contact", "first mode, Hz", "30", "60", "240", "1000"], rows)
+    for mine, theirs in zip(found, table_below("theory_estimator.md", "seen only as far as"), strict=True):
+        assert float(mine[1]) == pytest.approx(float(theirs[1].split()[0]), abs=0.5)
+        np.testing.assert_allclose([float(cell) for cell in mine[2:]], [float(c) for c in theirs[2:]], atol=0.011)
+
+
+@pytest.mark.slow
+def test_two_contacts() -> None:
+    """The smallest share from which on half of the frames come without numbers: neighbours of the page's."""
+    rig, rows = rig_of(exact=False), []
+    for first, second in PAIRS:
+        cells = []
+        for slope in (5.0, 15.0):
+            for sigma in (0.1, 0.03):
+                shares = [share for share in SHARES if doubly_touched(rig, first, second, share, slope, sigma) >= 0.5]
+                gap = [share for share in SHARES if shares and share > shares[0] and share not in shares]
+                tail = f", but not at {gap[0]:g}" if gap else ""
+                cells.append(f"{'≤ ' if shares[:1] == [SHARES[0]] else ''}{shares[0]:g}{tail}" if shares else "> 1")
+        rows.append([f"{first:g}, {second:g}", *cells])
+    printed(["l₁/L, l₂/L", "5°, 0.1 px", "5°, 0.03 px", "15°, 0.1 px", "15°, 0.03 px"], rows)
+    assert rows[0][3].startswith("≤ 0.02")
+    assert rows[-1][1] == "> 1"

@@ -1,0 +1,1 @@
+"""Whatever comes from outside and is wrong, as rows of tables."""

@@ -1,0 +1,89 @@
+"""A folder with one good file of every kind, made once, and a copy of it for every case."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from vbaa_calib.cli.main import main
+from vbaa_calib.files import read_yaml
+from viz import report_pictures
+
+from ..formats.files import SAMPLES
+from ..small_scene import small_scene
+
+DEFLECTIONS = "x_m,unloaded_y_m,loaded_y_m\n" + "".join(
+    f"{x:g},0,{0.01 * x * x * (3 * 0.2 - x) / (6 * 4e-3):.6f}\n" for x in (0.04, 0.08, 0.12, 0.16, 0.2)
+)
+READINGS = "image,pan_rad,tilt_rad,moment_Nm\nnoload_000.png,0,0,0.001\n"
+ANSWERS = "antenna_length_mm: 240\nplane_way: jig\n"
+
+
+def vbaa(line: str) -> None:
+    assert main(line.split()) == 0, line
+
+
+@pytest.fixture(scope="package")
+def made() -> Iterator[Path]:
+    """Never to be written to."""
+    with tempfile.TemporaryDirectory(prefix="hostile-") as name:
+        folder = Path(name)
+        (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=3, loads=(1, 3, 8, 9))))
+        session = folder / "session"
+        vbaa(f"simulate {folder}/scene.yaml -o {session}")
+        vbaa(f"calibrate {session} -o {folder}/rig.json")
+        vbaa(f"intrinsics {session}/intrinsics --board {session}/session.yaml -o {folder}/camera.json")
+        vbaa(f"estimate {session} --rig {folder}/rig.json -o {folder}/contacts.csv --no-report")
+        for suffix in ("vtp", "ply", "glb"):
+            vbaa(f"reconstruct {folder}/contacts.csv --rig {folder}/rig.json -o {folder}/object.{suffix}")
+        _add_files(folder)
+        yield folder
+
+
+def _add_files(folder: Path) -> None:
+    session = folder / "session"
+    (folder / "board.yaml").write_text(yaml.safe_dump(read_yaml(session / "session.yaml")["board"]))
+    for name, sample in SAMPLES.items():
+        (folder / f"{name}.txt").write_text(sample)
+    (folder / "stiffness.csv").write_text(DEFLECTIONS)
+    (folder / "answers.yaml").write_text(ANSWERS)
+    (folder / "readings.csv").write_text(READINGS)
+    shutil.copy(session / "truth.json", folder)
+    shutil.copy(session / "noload" / "noload_000.png", folder / "free.png")
+    shutil.copy(session / "plane" / "jig_000.png", folder / "jig.png")
+    lined = folder / "lined"
+    (lined / "recording").mkdir(parents=True)
+    shutil.copy(session / "session.yaml", lined)
+    (lined / "recording" / "recording.csv").write_text(
+        "frame,time_s,pan_rad,tilt_rad,moment_Nm\n0,0,0,0,0\n1,1,0,0,0\n"
+    )
+    rows = "".join(f"{frame},{100 + 10 * k},{150 + k},0.1\n" for frame in (0, 1) for k in range(12))
+    (lined / "recording" / "centrelines.csv").write_text("frame,u_px,v_px,sigma_px\n" + rows)
+    swept = Path(shutil.copytree(session, folder / "swept", ignore=shutil.ignore_patterns("recording")))
+    shutil.copytree(session / "intrinsics", swept / "sweep")
+    rows = (f"{path.name},{k / 10},{k % 2 / 10}\n" for k, path in enumerate(sorted((swept / "sweep").iterdir())))
+    (swept / "sweep" / "sweep.csv").write_text("image,pan_rad,tilt_rad\n" + "".join(rows))
+    assert main(f"wizard {folder}/store --answers {folder}/answers.yaml --batch".split()) == 2
+
+
+@pytest.fixture
+def folder(made: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """One of the case's own, in which the command runs."""
+    with tempfile.TemporaryDirectory(prefix="hostile-case-") as name:
+        # hard links: no damage, and no verb, writes into a file that is there
+        copy = Path(shutil.copytree(made, Path(name, "work"), copy_function=os.link))
+        monkeypatch.chdir(copy)
+        yield copy
+
+
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scene in reports has its own tests; drawing it takes seconds."""
+    nothing = report_pictures.Picture(b"", "not drawn here")
+    monkeypatch.setattr(report_pictures, "scene_picture", lambda *_, **__: nothing)

@@ -1,0 +1,117 @@
+"""What other programs' camera files, answers and the wizard's memory may hold that cannot be."""
+
+from __future__ import annotations
+
+from . import damage as d
+from .case import Case, Row, cases
+from .settings_rows import NAN
+
+EXCHANGE: dict[str, tuple[Row, ...]] = {
+    "ros": (
+        ("a picture of half a pixel", d.text("image_width: 640", "image_width: 640.5"), "image_width is 640.5"),
+        ("a width below zero", d.text("image_width: 640", "image_width: -3"), "image_width is -3"),
+        ("an unknown lens", d.text("plumb_bob", "thin_prism_fisheye"), "distortion_model is 'thin_prism_fisheye'"),
+        ("coefficients of another lens", d.text("plumb_bob", "rational_polynomial"), "a list of 8 or 12 or 14 numbers"),
+        ("NaN", d.text("536.5713701935, 0. , 315", ".nan, 0. , 315"), "camera_matrix.data holds nan"),
+        ("a focal length of nothing", d.text("536.5713701935, 0. , 315", "0, 0. , 315"), "singular or mirrored"),
+        ("beyond all numbers", d.text("536.5713701935, 0. , 315", "1e400, 0. , 315"), "finite"),
+        ("a key twice", d.text("image_height", "image_width"), "stands twice"),
+        ("no matrix", d.text("camera_matrix:", "camera_matrix2:"), "camera_matrix is missing"),
+    ),
+    "opencv": (
+        ("four columns", d.text("cols: 3", "cols: 4"), "OpenCV cannot read it"),
+        ("a type that is none", d.text("dt: d", "dt: q"), "OpenCV cannot read it"),
+        ("no matrix", d.text("camera_matrix", "camera_mat"), "camera_matrix is missing"),
+        ("a width of text", d.text("image_width: 640", "image_width: abc"), "image_width is None"),
+        ("no first line", d.text("%YAML:1.0\n---\n", ""), "OpenCV cannot read it"),
+        ("nested 10000 deep", d.content("%YAML:1.0\n---\na: " + 10_000 * "["), "OpenCV cannot read it"),
+    ),
+    "kalibr": (
+        ("an unknown camera", d.text("camera_model: pinhole", "camera_model: omni"), "camera_model is 'omni'"),
+        ("an unknown lens", d.text("radtan", "fov"), "distortion_model is 'fov'"),
+        ("one side", d.text("resolution: [752, 480]", "resolution: 752"), "cam0.resolution is 752"),
+        ("three numbers", d.text("[461.629, ", "["), "a list of 4 numbers is needed"),
+        ("no rotation", d.text("0.01779318", "0.51779318"), "T_cam_imu is no rigid motion"),
+        ("no camera", d.text("cam0:", "camera:"), "holds no cam0"),
+    ),
+    "mrcal": (
+        ("a lens of splines", d.text("OPENCV8", "SPLINED_STEREOGRAPHIC"), "lens_model is"),
+        ("a number too few", d.text("1761.181055,", ""), "a list of 12 numbers is needed"),
+        ("a call of Python", d.text("1761.181055", "__import__('os')"), "is no mrcal .cameramodel"),
+        ("one side", d.text("[ 4000, 2200 ]", "[ 4000 ]"), "imagersize"),
+        ("beyond all numbers", d.text("1761.181055", "1e999"), "finite numbers"),
+        ("nested 10000 deep", d.content(10_000 * "["), "is no mrcal .cameramodel"),
+    ),
+    "colmap": (
+        ("an unknown lens", d.text("SIMPLE_RADIAL", "FOV"), "the model is 'FOV'"),
+        ("a number too few", d.text("-0.0218531", ""), "7 cells, SIMPLE_RADIAL has 8"),
+        ("NaN", d.text("2559.69", "nan"), "'nan' is no number"),
+        ("beyond all numbers", d.text("2559.69", "1e999999999"), "is no number"),
+        ("half a pixel", d.text("3 SIMPLE_RADIAL 3072", "3 SIMPLE_RADIAL 3072.5"), "the picture's side is 3072.5"),
+        ("no such camera", d.text("3 SIMPLE", "4 SIMPLE"), "holds no camera 3"),
+    ),
+}
+GUESSED: tuple[Row, ...] = (
+    ("nothing but a comment", d.content("# nothing\n"), "say which with --from"),
+    ("a page", d.content("<html></html>"), "say which with --from"),
+    ("the truth", d.copy("truth.json"), "say which with --from"),
+    ("a scene", d.copy("scene.yaml"), "say which with --from"),
+    ("a table", d.copy("contacts.csv"), "say which with --from"),
+)
+ANSWERS: tuple[Row, ...] = (
+    ("misspelt", d.content("antena_length_mm: 240\n"), "antena_length_mm", "do you mean antenna_length_mm?"),
+    ("another unit", d.content("antenna_length_m: 0.24\n"), "antenna_length_mm?"),
+    ("a number for a key", d.content("7: 1\n"), "unknown key 7"),
+    ("a key twice", d.content("plane_way: jig\nplane_way: jig\n"), "line 2", "stands twice"),
+    ("a list", d.content("- board\n"), "must be a mapping"),
+    ("with its unit", d.content("antenna_length_mm: 240 mm\n"), "antenna_length_mm is '240 mm'"),
+    ("a length of 24 for 240 000", d.content("antenna_length_mm: 240000\n"), "antenna_length_mm"),
+    ("a length below zero", d.content("antenna_length_mm: -240\n"), "antenna_length_mm"),
+    ("a length of 5000 digits", d.content("antenna_length_mm: " + 5000 * "9"), "is not valid YAML"),
+    ("a way that is none", d.content("plane_way: by eye\n"), "plane_way is 'by eye'"),
+    ("a row with text", d.content("noload_readings: [{}, {pan_deg: 3°}]\n"), "row 2", "pan_deg is '3°'"),
+    ("a row with two units", d.content("noload_readings: [{pan_deg: 3, pan_rad: 3}]\n"), "row 1", "give one of them"),
+)
+WIZARD: tuple[Row, ...] = (
+    ("a list", d.content("[]"), "must be a JSON object"),
+    ("cut short", d.cut(0.6), "is not valid JSON", "move wizard.json away"),
+    ("another schema", d.at("schema", "vbaa.wizard/9"), "vbaa.wizard/1 is needed"),
+    ("no steps", d.at("steps", d.REMOVED), "is damaged"),
+    ("steps in a list", d.at("steps", []), "is damaged"),
+    ("an unknown step", d.at("steps", {"cook": {"taken": [], "left": [], "closed": ""}}), "names a step 'cook'"),
+    ("an answer of NaN", d.at("answers.antenna_length_mm", NAN), "is no number"),
+    ("an answer of text", d.at("answers.antenna_length_mm", "240"), "is no number"),
+    ("an answer to no question", d.at("answers.colour", "red"), "'colour' is no question"),
+    (
+        "a picture outside",
+        d.at(
+            "steps",
+            {
+                "lens": {
+                    "taken": [{"file": "../a.png", "source": "", "sha256": "", "readings": {}}],
+                    "left": [],
+                    "closed": "",
+                }
+            },
+        ),
+        "is no file of this session",
+    ),
+)
+CAMERAS = {"kalibr": " --camera cam0", "colmap": " --camera 3"}
+
+CASES: list[Case] = [
+    *(
+        case
+        for name, rows in EXCHANGE.items()
+        for case in cases(
+            name, f"{name}.txt", f"convert {name}.txt --from {name} -o out.json{CAMERAS.get(name, '')}", rows
+        )
+    ),
+    *(
+        case
+        for name in EXCHANGE
+        for case in cases(name, f"{name}.txt", f"convert {name}.txt --to ros -o out.yaml", GUESSED)
+    ),
+    *cases("answers.yaml", "answers.yaml", "wizard new --answers answers.yaml --batch", ANSWERS),
+    *cases("wizard.json", "store/wizard.json", "wizard store --batch", WIZARD),
+]

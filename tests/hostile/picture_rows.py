@@ -1,0 +1,108 @@
+"""Pictures that no decoder should be trusted with."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+
+from . import damage as d
+from .case import Case, Row, cases
+
+NOT_WHOLE, NONE = "is truncated or damaged", "is not a picture"
+
+
+def chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def jpeg_of(width: int, height: int) -> d.Damage:
+    """A JPEG whose frame announces another size."""
+
+    def change(data: bytes) -> bytes:
+        at = data.index(b"\xff\xc0") + 5
+        return data[:at] + struct.pack(">HH", height, width) + data[at + 4 :]
+
+    return d.several(d.encoded(".jpg", lambda picture: picture), d.changed(change))
+
+
+def tiff(*tags: tuple[int, int, int]) -> bytes:
+    """A TIFF of one directory: (tag, kind, value) each."""
+    entries = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in tags)
+    return b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + struct.pack("<I", 0) + bytes(64)
+
+
+def bmp(width: int, height: int) -> bytes:
+    head = struct.pack("<2sIHHI", b"BM", 118, 0, 0, 54)
+    return head + struct.pack("<IiiHHIIiiII", 40, width, height, 1, 24, 0, 0, 0, 0, 0, 0) + bytes(64)
+
+
+def float_tiff(picture: np.ndarray) -> np.ndarray:
+    return picture.astype(np.float32)
+
+
+GREY_TIFF = ((258, 3, 8), (259, 3, 1), (262, 3, 1), (273, 4, 90), (277, 3, 1), (278, 4, 1), (279, 4, 4))
+
+ROWS: tuple[Row, ...] = (
+    ("a bomb, PNG", d.content(d.png(20_000, 20_000, bytes(1000))), "is 20000x20000 px", "million"),
+    ("a bomb of 2^31 columns", d.content(d.png(2**31 - 1, 2, bytes(10))), "px, more than"),
+    ("a bomb of 16 bits", d.content(d.png(15_000, 15_000, bytes(1000), bits=16)), "is 15000x15000 px"),
+    ("a bomb, JPEG", jpeg_of(65_500, 65_500), "is 65500x65500 px"),
+    ("a bomb, BMP", d.content(bmp(30_000, -30_000)), "is 30000x30000 px"),
+    ("a bomb, TIFF", d.content(tiff((256, 4, 50_000), (257, 4, 50_000), *GREY_TIFF)), "is 50000x50000 px"),
+    (
+        "a bomb, TIFF of short numbers",
+        d.content(tiff((256, 3, 60_000), (257, 3, 60_000), *GREY_TIFF)),
+        "is 60000x60000 px",
+    ),
+    ("no columns, PNG", d.content(d.png(0, 100, bytes(10))), NONE),
+    ("no rows, JPEG", jpeg_of(480, 0), ""),
+    ("fewer rows than announced", d.content(d.png(480, 360, bytes(481 * 100))), ""),
+    ("7 bits", d.content(d.png(480, 360, bytes(481 * 360), bits=7)), NONE),
+    ("a palette without colours", d.content(d.png(480, 360, bytes(481 * 360), colour=3)), NONE),
+    ("a chunk of 2 GB", d.changed(lambda data: data[:33] + b"\x7f\xff\xff\xff" + data[37:]), NOT_WHOLE),
+    ("no end", d.changed(lambda data: data[:-12]), NOT_WHOLE),
+    ("a PNG's first bytes", d.content(b"\x89PNG\r\n\x1a\n"), NOT_WHOLE),
+    ("half a header", d.content(d.png(480, 360, b"")[:20]), NOT_WHOLE),
+    ("a JPEG's first bytes", d.content(b"\xff\xd8\xff\xe0"), NOT_WHOLE),
+    ("a JPEG cut short", d.several(d.encoded(".jpg", lambda picture: picture), d.cut(0.6)), NOT_WHOLE),
+    ("a BMP cut short", d.several(d.encoded(".bmp", lambda picture: picture), d.cut(0.6)), NOT_WHOLE),
+    ("a TIFF cut short", d.several(d.encoded(".tiff", lambda picture: picture), d.cut(0.3)), ""),
+    ("a TIFF whose directory lies beyond its end", d.content(b"II*\0\xff\xff\xff\x7f" + bytes(20)), NONE),
+    ("a TIFF of floats", d.encoded(".tiff", float_tiff), "holds pixels of type float32"),
+    ("a page", d.content("<html></html>"), NONE),
+    ("a video", d.content(b"\0\0\0\x18ftypmp42" + bytes(100)), NONE),
+    ("an SVG", d.content('<svg xmlns="http://www.w3.org/2000/svg"/>'), NONE),
+    ("a PDF", d.content(b"%PDF-1.4\n"), NONE),
+    ("halved", d.halved, "240"),
+)
+NOTHING_ON_IT: tuple[Row, ...] = (
+    ("grey", d.grey, "no antenna found"),
+    ("noise", d.specks, "no antenna found"),
+    ("a board", d.copy("../plane/jig_000.png"), "no antenna found"),
+)
+NO_BOARD: tuple[Row, ...] = (
+    ("grey", d.grey, "no board is found"),
+    ("noise", d.specks, "no board is found"),
+)
+
+CASES: list[Case] = [
+    *cases("free.png", "free.png", "look free.png --rig rig.json", ROWS),
+    *cases(
+        "board_002.png",
+        "session/intrinsics/board_002.png",
+        "intrinsics session/intrinsics --board board.yaml -o o.json",
+        ROWS[::2],
+    ),
+    *cases(
+        "frame_0003.png", "session/recording/frame_0003.png", "estimate session --rig rig.json -o out.csv", ROWS[1::2]
+    ),
+    *cases("free.png", "free.png", "estimate session --rig rig.json -o out.csv --background free.png", ROWS[::4]),
+    *cases("jig.png", "jig.png", "check rig.json --board jig.png", ROWS[::4]),
+    *cases("loads_002.png", "session/loads/loads_002.png", "calibrate session -o out.json", NOTHING_ON_IT),
+    *cases("noload_001.png", "session/noload/noload_001.png", "calibrate session -o out.json", NOTHING_ON_IT[:2]),
+    *cases("intrinsics", "session/intrinsics", "intrinsics session/intrinsics --board board.yaml -o o.json", NO_BOARD),
+    *cases("intrinsics", "session/intrinsics", "calibrate session -o out.json", NO_BOARD[:1]),
+    *cases("jig_000.png", "session/plane/jig_000.png", "calibrate session -o out.json", NO_BOARD),
+]

@@ -1,0 +1,192 @@
+"""The headline benchmark: its wall of error by another route, that nobody is beyond it, and its tables and figure."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator import ContactEstimator
+from vbaa_calib.bench.chain import Measured, bounds, run
+from vbaa_calib.bench.chain_bound import (
+    Information,
+    as_told,
+    at_places,
+    contact_bound,
+    equally_told,
+    information_of,
+)
+from vbaa_calib.bench.chain_clock import reading
+from vbaa_calib.bench.chain_figure import write_figure
+from vbaa_calib.bench.chain_judge import verdict
+from vbaa_calib.bench.chain_losses import sight
+from vbaa_calib.bench.chain_methods import OURS, Answers
+from vbaa_calib.bench.chain_report import as_text, headline
+from vbaa_calib.bench.chain_scenes import FRICTION_STD_RAD, Cell, Photograph, cell, drawn
+from vbaa_calib.bench.estimator_scenes import push_for_slope, rolled, scenes
+from vbaa_calib.bench.estimator_shapes import Touches, rod_shapes
+from vbaa_calib.bench.rows import write_csv
+
+SIZE = (320, 320)
+
+
+@pytest.fixture(scope="module")
+def pages() -> Cell:
+    return cell(SIZE, "exact", 3, 1)
+
+
+@pytest.fixture(scope="module")
+def measured() -> Measured:
+    return run(4, 0, quick=True, sizes=(SIZE,))
+
+
+def test_the_light_moves_where_the_bound_says(pages: Cell) -> None:
+    """Whole pictures of neighbouring touches, differenced: no curve, no normals, no bound of the estimator's bench."""
+    one = pages.photographs[0]
+    known = information_of(one)
+    columns = known.column
+    grey = one.drawing.light()
+    line = (grey - one.drawing.light(antenna=False))[:, columns]
+    weight = 1.0 / np.sqrt(one.drawing.variance(grey)[:, columns])
+    near = np.abs(np.arange(SIZE[1])[:, None] - line.argmax(axis=0)) <= 8
+    signals, readings = [], []
+    for name, step in (("distance_m", 2e-3), ("push_y", 2e-4), ("push_z", 2e-4), ("friction_rad", 0.1)):
+        either = [_moved(one, name, sign * step) for sign in (1.0, -1.0)]
+        lights = [drawn(one.truth.rig, touches).light()[:, columns] for touches in either]
+        moments = [rod_shapes(one.truth.rig, touches, np.array([0.1])).moment_Nm[0] for touches in either]
+        signals.append((lights[0] - lights[1]) / (2 * step) * weight * near)
+        readings.append((moments[0] - moments[1]) / (2 * step) / one.truth.rig.moment_sensor.std_Nm)
+    aside = np.broadcast_to(np.linspace(-1.0, 1.0, SIZE[1])[:, None], line.shape)
+    table = np.array(signals)
+    for place in range(len(columns)):
+        free = np.stack([np.ones(SIZE[1]), aside[:, place], line[:, place]], axis=1)
+        free *= (weight * near)[:, place, None]
+        table[:, :, place] -= (free @ np.linalg.lstsq(free, table[:, :, place].T, rcond=None)[0]).T
+    flat = np.concatenate([table.reshape(4, -1), np.array(readings)[:, None]], axis=1)
+    told = flat @ flat.T + np.diag([0.0, 0.0, 0.0, FRICTION_STD_RAD**-2])
+    direct = np.sqrt(np.linalg.inv(told)[0, 0])
+    carried = contact_bound(as_told([one.truth], [known])).std[0, 0]
+    assert carried == pytest.approx(direct, rel=0.04)
+
+
+def _moved(one: Photograph, name: str, step: float) -> Touches:
+    touches = one.truth.touches
+    if name.startswith("push"):
+        return replace(touches, push_N=touches.push_N + step * np.array([name == "push_y", name == "push_z"]))
+    return replace(touches, **{name: getattr(touches, name) + step})
+
+
+def test_centrelines_as_good_as_the_picture_allows_are_solved_to_the_bound(pages: Cell) -> None:
+    rng, rig = np.random.default_rng(3), pages.rig
+    places, sigma_px = equally_told([information_of(one) for one in pages.photographs])
+    distance = rng.uniform(0.4, 0.8, 60) * rig.antenna.length_m
+    push = push_for_slope(rng.uniform(0.1, 0.2, 60), distance, rig.antenna.stiffness_Nm2)
+    friction = np.clip(FRICTION_STD_RAD * rng.normal(size=60), -1.0, 1.0)
+    touched = scenes(rig, distance, rolled(push, rng.uniform(-1.0, 1.0, 60)), friction, made_by=rod_shapes)
+    clean = at_places(replace(touched, sigma_px=sigma_px), places)
+    frames = clean.noisy(rng)
+    found = ContactEstimator(rig, friction=FRICTION_STD_RAD).estimate_batch(
+        frames.points_px, frames.moment_Nm, frames.pan_rad, frames.tilt_rad, sigma_px=sigma_px
+    )
+    scaled = (found.distance_m - distance) / contact_bound(clean).std[:, 0]
+    assert np.isfinite(scaled).all()
+    assert np.sqrt(np.mean(scaled**2)) == pytest.approx(1.0, abs=3 / np.sqrt(120))
+
+
+def test_points_between_which_there_is_as_much_information() -> None:
+    """Even columns need no more points than are asked for; where there is more to be had they lie closer."""
+    share = (np.arange(400) + 0.5) / 400
+    places, sigma_px = equally_told([Information(np.arange(400), share, np.full(400, 25.0))], points=100)
+    np.testing.assert_allclose(places, (np.arange(100) + 0.5) / 100, atol=0.004)
+    assert sigma_px == pytest.approx(0.2 / 2.0)
+    brighter = Information(np.arange(400), share, np.where(share < 0.5, 75.0, 25.0))
+    assert (equally_told([brighter], points=100)[0] < 0.5).mean() == pytest.approx(0.75, abs=0.01)
+
+
+def test_the_finders_points_are_as_noisy_as_the_picture_makes_them(pages: Cell) -> None:
+    estimator = ContactEstimator(pages.rig)
+    seen = [sight(estimator, one, information_of(one)) for one in pages.photographs]
+    errors = np.concatenate([one.errors for one in seen])
+    assert 1.0 - 3 / np.sqrt(2 * len(errors)) < np.sqrt(np.mean(errors**2)) < 1.25
+    assert min(one.kept for one in seen) > 0.85
+
+
+def test_a_calibrated_rig_moves_the_wall_outwards(pages: Cell) -> None:
+    told = [information_of(one) for one in pages.photographs]
+    freed = cell(SIZE, "calibrated", 1, 1).rig
+    assert (bounds(replace(pages, rig=freed), told) > bounds(pages, told)).all()
+
+
+def test_the_judge_of_answers(pages: Cell) -> None:
+    photographs, bound_m = pages.photographs, np.full(3, 1e-3)
+    truth = np.array([one.distance_m for one in photographs])
+    force = np.array([one.force_N[1:] for one in photographs])
+    # twice the bound, far off without a word, far off and saying so
+    distance, std = truth + np.array([2e-3, 9e-3, 9e-3]), np.array([np.nan, 1e-3, 9e-3])
+    turned = force @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    found = verdict(Answers(distance, std, np.stack([force[0], 1.1 * force[1], turned[2]])), photographs, bound_m)
+    assert found.of_bound == pytest.approx(np.sqrt((4 + 81 + 81) / 3))
+    assert found.l_median_mm == pytest.approx(9.0)
+    assert (found.answered, found.wrong) == (1.0, pytest.approx(1 / 3))
+    assert found.direction_deg == pytest.approx(90.0 / np.sqrt(3))
+    assert found.force_percent == pytest.approx(100 * np.sqrt((0.01 + 2.0) / 3))
+    silent = Answers(np.full(3, np.nan), np.full(3, np.nan), np.full((3, 2), np.nan))
+    nothing = verdict(silent, photographs, bound_m)
+    assert (nothing.answered, nothing.wrong, nothing.l_rms_mm, nothing.of_bound) == (0.0, 0.0, None, None)
+
+
+def test_a_larger_picture_takes_longer_to_read() -> None:
+    small, large = (reading(size, repeats=3, room_bytes=2**24) for size in ((256, 256), (1024, 1024)))
+    assert 0.0 < small.memory_s < large.memory_s < 0.1
+    assert 0.0 < small.cache_s < large.cache_s
+
+
+def test_nobody_is_beyond_the_walls(measured: Measured) -> None:
+    """Unbiased methods are those that know what bends the antenna; the others may be right by luck, not so often."""
+    for row in measured.rows:
+        assert row.read_ms < min(row.ms, row.ms_recording)
+        if row.family == OURS and row.of_bound is not None:
+            assert row.of_bound > 1.0 - 3.0 / np.sqrt(2 * row.pictures * row.answered)
+
+
+def test_every_method_answers_and_ours_is_not_astray(measured: Measured) -> None:
+    methods = {row.method for row in measured.rows}
+    assert {"linear", "elastica", "rod", "auto", "auto, one look", "straight line"} < methods
+    for row in measured.rows:
+        if row.family == OURS and row.method in ("elastica", "rod", "auto"):
+            assert (row.answered, row.wrong) == (1.0, 0.0), row.method
+            assert row.of_bound is not None and row.of_bound < 3.0
+            assert row.force_percent is not None and row.force_percent < 15.0
+    answered = {name: sum(row.answered for row in measured.rows if row.method == name) for name in methods}
+    # the lowest rung knows no weight: it may refuse every picture
+    assert min(share for name, share in answered.items() if name != "paper") > 0.5
+    assert {row.told for row in measured.rows if "straight part" in row.method} == {True}
+
+
+def test_the_stages_add_up(measured: Measured) -> None:
+    rows = [row for row in measured.stages if row.stage not in ("all", "(reading it once)")]
+    (whole,) = [row for row in measured.stages if row.stage == "all"]
+    assert sum(row.ms for row in rows) == pytest.approx(whole.ms)
+    assert sum(row.share for row in rows) == pytest.approx(1.0)
+
+
+def test_losses_name_the_rung_that_leaves_something_out(measured: Measured) -> None:
+    exact = {row.model: row for row in measured.losses if row.rig == "exact"}
+    assert set(exact) == {"linear", "elastica", "rod", "auto"}
+    assert exact["rod"].noiseless is not None and exact["rod"].ideal is not None
+    assert exact["rod"].noiseless < exact["rod"].ideal < 2.5
+
+
+def test_tables_and_figure(measured: Measured, tmp_path: Path) -> None:
+    text = as_text(measured.rows, measured.stages, measured.losses)
+    assert "auto, 320x320, rig exactly known" in text.splitlines()[0]
+    assert len(headline(measured.rows)) <= 100
+    for name in ("rows", "stages", "losses"):
+        path = tmp_path / f"{name}.csv"
+        write_csv(path, getattr(measured, name), False)
+        assert len(list(csv.DictReader(path.open()))) == len(getattr(measured, name))
+    write_figure(tmp_path / "chain.png", measured.rows, False)
+    assert (tmp_path / "chain.png").stat().st_size > 20_000

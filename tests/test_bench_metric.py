@@ -1,0 +1,72 @@
+"""The metric benchmark measures what it says, on few points."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vbaa_calib.bench.lenses import lenses
+from vbaa_calib.bench.metric import headline
+from vbaa_calib.bench.metric_report import as_text, write_figure
+from vbaa_calib.bench.metric_run import contestants, errors_px, run
+from vbaa_calib.bench.rows import write_csv
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """A run small enough for a test."""
+    return run(points=300, seed=1, repeats=1)
+
+
+def test_this_layer_is_exact_and_never_silent(rows) -> None:
+    """The table's claim about ourselves, on every lens."""
+    ours = [row for row in rows if row.method.startswith("this layer")]
+    assert len(ours) == 2 * len(lenses())
+    assert max(row.error_px for row in ours) <= 1e-9
+    assert all(row.silent == 0 for row in ours)
+
+
+def test_five_steps_are_not_enough(rows) -> None:
+    """The judge sees an error that is there: OpenCV's five steps on a rational lens."""
+    five = [row for row in rows if row.lens == "rational, 8" and row.method == "OpenCV, 5 steps"]
+    assert five[0].error_px > 0.1
+    assert five[0].silent > 0.1
+
+
+def test_judge_notices_a_shifted_answer() -> None:
+    """A wrong answer of a known size is reported at that size."""
+    camera = lenses()["mild barrel, 4"]
+    pixels = np.array([[476.5, 363.2]])
+    shifted = np.array([[2.0 / 1004.0, 0.0]])
+    assert errors_px(camera, pixels, shifted) == pytest.approx(2.0, rel=1e-4)
+    assert np.isnan(errors_px(camera, pixels, np.full((1, 2), np.nan))).all()
+
+
+def test_every_method_is_named_once() -> None:
+    """No contestant is run twice, and ours comes first: the others' times are ratios to it."""
+    camera = lenses()["radial, 5"]
+    names = [name for name, _ in contestants(camera, np.random.default_rng(0).uniform(0, 700, (200, 2)))]
+    assert names[0] == "this layer"
+    assert len(set(names)) == len(names)
+
+
+def test_outputs(rows, tmp_path) -> None:
+    """Table, CSV and figure hold every row."""
+    assert as_text(rows, 300).count("\n") == len(rows) + 1
+    write_csv(tmp_path / "metric.csv", rows, force=False)
+    with (tmp_path / "metric.csv").open() as stream:
+        assert len(list(csv.DictReader(stream))) == len(rows)
+    write_figure(tmp_path / "metric.png", rows, 300, force=False)
+    assert (tmp_path / "metric.png").stat().st_size > 10_000
+
+
+def test_the_headline_compares_at_equal_accuracy(rows) -> None:
+    """Five steps of OpenCV are quicker and wrong: they do not count on a lens where they are not enough."""
+    assert headline(rows).startswith("error ≤ ")
+    quick = [replace(row, batch_ms=0.0, ratio=0.0) if row.method == "OpenCV, 5 steps" else row for row in rows]
+    rational = [row for row in quick if row.lens == "rational, 8"]
+    assert "takes 0.0" in headline(quick)
+    assert "takes 0.0" not in headline(rational)

@@ -1,0 +1,242 @@
+"""The documentation is true where a machine can tell: it builds, links lead on, code runs, commands are accepted."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import io
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from targets.board import BoardSpec
+from vbaa_calib.cli.main import VERBS, _verb_parser, main
+from vbaa_calib.errors import InputError
+from vbaa_calib.files import read_yaml
+
+from .small_scene import small_scene
+
+ROOT = Path(__file__).parents[1]
+DOCS = sorted((ROOT / "docs").glob("*.md"))
+BESIDE = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", ROOT / "CHANGELOG.md", *sorted(ROOT.glob("benchmarks/*.md"))]
+PAGES = [*DOCS, *BESIDE]
+_FENCE = re.compile(
+    r"^(?P<marker><!-- runs -->\n)?^```(?P<language>[^\n]*)\n(?P<code>.*?)^```", re.MULTILINE | re.DOTALL
+)
+_LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+_LOADED = re.compile(
+    r"<(?:script|link|img|iframe|source|video)\b[^>]*?(?:src|href)=\"((?:https?:)?//[^\"]+)", re.DOTALL
+)
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def without_code(text: str) -> str:
+    return re.sub(r"`[^`\n]+`", "", _FENCE.sub("", text))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site. Every warning is an error, as in `make docs`."""
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-b", "html", "-d", str(out / "trees")]
+    done = subprocess.run(
+        [*command, str(ROOT / "docs"), str(out / "html")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return out / "html"
+
+
+def test_the_site_builds_and_loads_nothing_from_elsewhere(site: Path) -> None:
+    """No script, style, font or picture of another host, in any page or style sheet."""
+    pages = list(site.glob("*.html"))
+    assert {path.stem for path in pages} >= {path.stem for path in DOCS}
+    loaded = {found for path in pages for found in _LOADED.findall(path.read_text(encoding="utf-8"))}
+    styles = [path.read_text(encoding="utf-8") for path in site.rglob("*.css")]
+    loaded |= {
+        found for style in styles for found in re.findall(r"(?:@import|url\()\s*[\"']?((?:https?:)?//[^\"')]+)", style)
+    }
+    assert loaded == set()
+
+
+def test_the_site_describes_every_verb(site: Path) -> None:
+    """By its own parser, with every option."""
+    page = (site / "verbs.html").read_text(encoding="utf-8")
+    for verb in VERBS:
+        assert f'<section id="vbaa-{verb}">' in page
+    assert "--overlay DIR" in page
+
+
+def test_every_verb_has_its_row() -> None:
+    """In docs/verbs.md, and none that does not exist."""
+    rows = re.findall(r"^\| `vbaa (\w+)` \|", (ROOT / "docs" / "verbs.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(rows) == sorted(VERBS)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name_of)
+def test_links_lead_somewhere(path: Path) -> None:
+    """Every relative link and picture, and every anchor in a page of ours."""
+    for link in _LINK.findall(without_code(path.read_text(encoding="utf-8"))):
+        if "://" in link:
+            continue
+        target, _, anchor = link.partition("#")
+        there = (path.parent / target).resolve() if target else path
+        assert there.exists(), link
+        assert ROOT in (there, *there.parents), link
+        if anchor:
+            assert anchor in anchors(there), link
+
+
+def anchors(path: Path) -> set[str]:
+    """Of a page's headings, as GitHub and the site make them."""
+    headings = re.findall(r"^#+ (.+)$", _FENCE.sub("", path.read_text(encoding="utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_picture_is_shown() -> None:
+    """Nothing lies in docs/images that no page shows."""
+    shown = {
+        (path.parent / link).resolve()
+        for path in PAGES
+        for link in _LINK.findall(path.read_text(encoding="utf-8"))
+        if link.endswith(".png")
+    }
+    assert set((ROOT / "docs" / "images").rglob("*.png")) - shown == set()
+
+
+def commands(text: str) -> Iterator[tuple[str, bool]]:
+    """What a page tells its reader to type, and whether it is a whole command line or named in passing."""
+    for block in _FENCE.finditer(text):
+        if block["language"] in ("", "sh", "bash", "shell"):
+            yield from ((line, True) for line in block["code"].splitlines())
+    prose = _FENCE.sub("", text)
+    yield from ((line.strip(), True) for line in prose.splitlines() if line.startswith("    "))
+    for line in prose.splitlines():
+        if not line.startswith("    "):
+            yield from ((found, False) for found in re.findall(r"`((?:\w+=\S+ )*vbaa [^`]+)`", line))
+
+
+def told() -> list[Any]:
+    """Every command line of every page."""
+    found = []
+    for path in PAGES:
+        for line, whole in commands(path.read_text(encoding="utf-8")):
+            words = re.match(r"(?:\$ )?(?:\w+=\S+ )*vbaa (?P<rest>[a-z].*)", line)
+            if words is not None and "…" not in line:
+                found.append(pytest.param(words["rest"], whole, id=f"{name_of(path)}: {words['rest'][:60]}"))
+    return found
+
+
+@pytest.mark.parametrize(("line", "whole"), told())
+def test_commands_are_accepted(line: str, whole: bool) -> None:
+    """The verb exists and its parser takes the flags and their values; nothing is run."""
+    verb, *rest = shlex.split(line, comments=True)
+    assert verb in VERBS, f"there is no verb {verb}"
+    parser = _verb_parser(verb)
+    if not whole:
+        _ask_for_nothing(parser)
+    if "--help" not in rest:
+        parser.parse_args(rest)
+
+
+def _ask_for_nothing(parser: argparse.ArgumentParser) -> None:
+    """What is named in passing need not be complete."""
+    for action in parser._actions:
+        action.required = False
+        if not action.option_strings or action.nargs is None:
+            action.nargs = "?"
+
+
+def test_the_test_of_commands_sees_a_wrong_one() -> None:
+    """A verb, a flag and a value that do not exist, and an argument that is missing."""
+    assert len(told()) > 80
+    for line in (
+        "estimate s --rig r.json -o c.csv --overlays d",
+        "bench vison",
+        "calibrate session/",
+        "demo --scene x",
+    ):
+        with pytest.raises(InputError):
+            test_commands_are_accepted(line, True)
+    with pytest.raises(InputError):
+        test_commands_are_accepted("estimate --frictoin 0.1", False)
+    test_commands_are_accepted("estimate --friction 0.1", False)
+
+
+@pytest.fixture(scope="module")
+def at_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as the pages suppose it: session/, rig.json, contacts.csv, and the same as a demo's."""
+    folder = tmp_path_factory.mktemp("at_work")
+    scene = small_scene(noload=3, loads=(1, 3, 8, 9))
+    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 12, "free_frames": 3}]
+    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
+    session, rig = str(folder / "session"), str(folder / "rig.json")
+    assert main(["simulate", str(folder / "scene.yaml"), "-o", session, "--pictures", "none"]) == 0
+    assert main(["calibrate", session, "-o", rig, "--model", "opencv4"]) == 0
+    assert main(["estimate", session, "--rig", rig, "-o", str(folder / "contacts.csv"), "--no-report"]) == 0
+    (folder / "demo").symlink_to(folder, target_is_directory=True)
+    return folder
+
+
+def blocks() -> list[Any]:
+    """Pages and the Python in them that is marked to be run; all of the README's is."""
+    found = []
+    for path in PAGES:
+        matches = _FENCE.finditer(path.read_text(encoding="utf-8"))
+        python = [block for block in matches if block["language"] == "python"]
+        marked = [block["code"] for block in python if block["marker"] or path.name == "README.md"]
+        if marked:
+            found.append(pytest.param(marked, id=name_of(path)))
+    return found
+
+
+@pytest.mark.parametrize("marked", blocks())
+def test_code_runs(marked: list[str], at_work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One page's blocks, one after the other, in a folder that holds what the page speaks of."""
+    monkeypatch.chdir(at_work)
+    names = given(at_work)
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        for code in marked:
+            exec(compile(code, "docs", "exec"), names)
+    assert said.getvalue()
+
+
+def given(folder: Path) -> dict[str, Any]:
+    """What the pages take for granted: extracted points and readings, and a board."""
+    frames = rows(folder / "session" / "recording" / "recording.csv")
+    points = rows(folder / "session" / "recording" / "centrelines.csv")
+    centrelines = [
+        np.array([(row["u_px"], row["v_px"]) for row in points if row["frame"] == frame["frame"]]) for frame in frames
+    ]
+    return {
+        "centreline_px": centrelines[8],
+        "centrelines_px": centrelines,
+        "moments": [frame["moment_Nm"] for frame in frames],
+        "pans": [frame["pan_rad"] for frame in frames],
+        "tilts": [frame["tilt_rad"] for frame in frames],
+        "pixels": np.array([[200.0, 150.0], [240.0, 180.0]]),
+        "spec": BoardSpec.from_dict(read_yaml(folder / "scene.yaml")["board"]),
+    }
+
+
+def rows(path: Path) -> list[dict[str, float]]:
+    """A CSV of numbers."""
+    with path.open(encoding="utf-8", newline="") as lines:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(lines)]
+
+
+def test_the_pages_marks_are_seen() -> None:
+    """Python that stands in a page is run, or says by the absence of its mark that it cannot be."""
+    pages = {param.id for param in blocks()}
+    assert {"README.md", "docs/quickstart.md", "docs/calibrating.md", "docs/results.md", "docs/object.md"} <= pages

@@ -1,0 +1,128 @@
+"""Long recordings through `vbaa estimate`: what it holds in memory does not grow with what it has read."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.table import read_contacts
+from tests.estimator.drawn_frames import picture, rig_of, shape
+from vbaa_calib.bench.growth_recording import SESSION, write_recording
+
+MOST_MB = 20.0
+POINTS = 40
+
+CHILD = """
+import json, sys
+from pathlib import Path
+import vbaa_calib.console
+from vbaa_calib.cli.main import main
+
+every, *argv = sys.argv[1:]
+samples = []
+
+
+def watched(items, what, total=None):
+    for index, item in enumerate(items):
+        if index % int(every) == 0:
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            samples.append((index, pages * 4096 / 1e6))
+        yield item
+
+
+vbaa_calib.console.progress = watched
+code = main(argv)
+print(json.dumps({"code": code, "samples": samples}))
+"""
+"""Runs the command in a process of its own and tells the resident set, MB, when frames 0, EVERY, … came out."""
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the resident set is read from /proc")
+
+
+def resident(folder: Path, every: int, *more: str) -> np.ndarray:
+    """(K, 2) frames and MB, of one run over a session."""
+    argv = ["estimate", str(folder), "--rig", str(folder / "rig.json"), "-o", str(folder / "contacts.csv")]
+    child = [sys.executable, "-c", CHILD, str(every), *argv, "--no-report", *more]
+    done = subprocess.run(child, capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1])
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert said["code"] == 0, done.stderr
+    return np.array(said["samples"])
+
+
+def grown_MB(samples: np.ndarray, settled: int) -> float:
+    """How far the resident set rises above what it was once this many frames had passed."""
+    after = samples[samples[:, 0] >= settled, 1]
+    assert len(after) >= 4
+    return float(after.max() - after[0])
+
+
+def pictures(folder: Path, count: int) -> Path:
+    """A session whose recording is one small picture under many names, the joints in ever new places."""
+    rig = rig_of((320, 240))
+    (folder / "recording").mkdir(parents=True)
+    (folder / "rig.json").write_text(json.dumps(rig.to_dict()))
+    (folder / "session.yaml").write_text(SESSION)
+    shown = folder / "recording" / "shown.png"
+    assert cv2.imwrite(str(shown), picture(rig, shape(rig)))
+    rows = ["frame,time_s,image,pan_rad,tilt_rad,moment_Nm"]
+    for index in range(count):
+        shown.with_name(f"{index:06d}.png").hardlink_to(shown)
+        rows.append(f"{index},{index / 30:.4f},{index:06d}.png,0,{0.3 * np.sin(0.01 * index):.6f},")
+    (folder / "recording" / "recording.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+@needs_proc
+def test_what_is_not_solved_leaves_nothing_behind(tmp_path: Path) -> None:
+    """Reading, order, motion, table, file: everything but the solver, which frames of two points do not reach."""
+    write_recording(tmp_path, 20_000, 2, seed=1)
+    assert grown_MB(resident(tmp_path, 500), 2_000) < MOST_MB
+    table = read_contacts(tmp_path / "contacts.csv")
+    assert table.frame.tolist() == list(range(20_000))
+    assert set(table.status.tolist()) == {"no_antenna"}
+
+
+@needs_proc
+def test_some_frames(tmp_path: Path) -> None:
+    write_recording(tmp_path, 1_500, POINTS, seed=2)
+    assert grown_MB(resident(tmp_path, 50), 500) < MOST_MB
+    assert (read_contacts(tmp_path / "contacts.csv").status == "ok").mean() > 0.95
+
+
+@needs_proc
+@pytest.mark.slow
+def test_fifty_thousand_frames(tmp_path: Path) -> None:
+    write_recording(tmp_path, 50_000, POINTS, seed=3)
+    samples = resident(tmp_path, 500)
+    assert samples[-1, 0] == 49_500
+    assert grown_MB(samples, 5_000) < MOST_MB
+
+
+@needs_proc
+def test_some_pictures(tmp_path: Path) -> None:
+    assert grown_MB(resident(pictures(tmp_path, 150), 10), 50) < MOST_MB
+
+
+@needs_proc
+@pytest.mark.slow
+def test_two_thousand_pictures(tmp_path: Path) -> None:
+    """Long enough for every finder that the tilt asks for to be made, and to come again."""
+    assert grown_MB(resident(pictures(tmp_path, 2_500), 50), 700) < MOST_MB
+
+
+def test_a_wrong_line_at_the_end_leaves_nothing_behind(tmp_path: Path) -> None:
+    from vbaa_calib.cli.main import main
+
+    write_recording(tmp_path, 300, 2, seed=4)
+    with (tmp_path / "recording" / "centrelines.csv").open("a") as stream:
+        stream.write("299,1.0,nan,0.1\n")
+    before = sorted(path.name for path in tmp_path.rglob("*"))
+    argv = ["estimate", str(tmp_path), "--rig", str(tmp_path / "rig.json"), "-o", str(tmp_path / "contacts.csv")]
+    assert main([*argv, "--no-report"]) == 2
+    assert sorted(path.name for path in tmp_path.rglob("*")) == before

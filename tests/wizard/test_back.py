@@ -1,0 +1,155 @@
+"""Going back: to a step's questions after its pictures began, and over several answers, none of them lost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vbaa_calib.wizard import flow
+from vbaa_calib.wizard.asking import Earlier
+from vbaa_calib.wizard.catalogue import QUESTIONS
+from vbaa_calib.wizard.desk import Command, Interrupted, Nobody
+from vbaa_calib.wizard.known import Known
+from vbaa_calib.wizard.questions import Question
+from vbaa_calib.wizard.sources import Offered
+from vbaa_calib.wizard.store import Store
+
+from .small_session import answers, tiny_source, unseen_steps
+
+BACK, ENTER = Command("back"), object()
+
+
+class Typist(Nobody):
+    """Answers what is asked as its script has it: (key, answer or command), or (pictures to wait for, command)."""
+
+    interactive = True
+
+    def __init__(self, script: Sequence[tuple[str | int, Any]], store: Store) -> None:
+        self.script, self.store, self.step, self.offered = list(script), store, "", dict[str, Any]()
+
+    def begin(self, step: flow.Step) -> None:
+        self.step = step.name
+
+    def ask(self, question: Question, facts: Mapping[str, Any]) -> Any:
+        if not self.script:
+            raise flow.Quit
+        key, given = self.script.pop(0)
+        assert question.key == key
+        self.offered[question.key] = question.default
+        if isinstance(given, Command):
+            raise Interrupted(given)
+        return question.read(question.default if given is ENTER else given)
+
+    def commands(self) -> list[Command]:
+        if not self.script:
+            raise flow.Quit
+        wanted, command = self.script[0]
+        if isinstance(wanted, str):
+            raise AssertionError(f"{wanted} is not asked")
+        if len(self.store.journal.of(self.step).taken) < wanted:
+            return []
+        self.script.pop(0)
+        return [command]
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name, step in unseen_steps().items():
+        monkeypatch.setitem(flow.ALL, name, step)
+    return tiny_source(tmp_path / "source")
+
+
+def walked(root: Path, given: Mapping[str, Any], script: Sequence[tuple[str | int, Any]]) -> tuple[Store, Typist]:
+    """A wizard that knows these answers, with a script typed to its end."""
+    with Store(root) as store:
+        store.answer(given)
+        typist = Typist(script, store)
+        with pytest.raises(flow.Quit):
+            flow.walk(Known(store), typist)
+    assert not typist.script
+    return store, typist
+
+
+def until(source: Path, last: str) -> dict[str, Any]:
+    """All answers up to this one."""
+    every = answers(source) | {"board_reading_std_mm": 0.25, "jig_std_mm": 0.05, "jig_std_deg": 0.02}
+    every |= {"board_thickness_mm": 3.0}
+    order = [question.key for question in QUESTIONS if question.key in every]
+    return {key: every[key] for key in order[: order.index(last) + 1]}
+
+
+def test_back_reaches_the_questions_of_a_step_whose_pictures_have_begun(source: Path, tmp_path: Path) -> None:
+    """A distance noted wrong is mended without losing a picture; everything else is Enter."""
+    script = [
+        (3, BACK),
+        ("camera_inclination_deg", BACK),
+        ("camera_distance_mm", 410),
+        ("camera_inclination_deg", ENTER),
+        (3, Command("enough")),
+        ("plane_way", Command("quit")),
+    ]
+    store, typist = walked(tmp_path / "session", until(source, "camera_inclination_deg"), script)
+    assert store.journal.answers["camera_distance_mm"] == 410
+    assert store.journal.answers["camera_inclination_deg"] == 30
+    assert typist.offered["camera_distance_mm"] == 370
+    assert len(store.journal.of("lens").taken) == 3
+    assert store.journal.of("lens").closed
+
+
+def test_back_over_several_answers_offers_each_of_them(source: Path, tmp_path: Path) -> None:
+    """Across steps, too: what was taken back is never asked as if for the first time."""
+    asked = ["camera_inclination_deg", "camera_distance_mm", "antenna_length_mm", "source"]
+    board = ["board_reading_std_mm", "board_along_y_mm", "board_along_x_mm"]
+    script: list[tuple[str | int, Any]] = [(0, BACK), *((key, BACK) for key in [*asked, *board[:-1]])]
+    script += [(key, ENTER) for key in [*reversed(board), *reversed(asked)]]
+    given = until(source, "camera_inclination_deg") | {"board_reading_std_mm": 0.05}
+    store, typist = walked(tmp_path / "session", given, [*script, (3, Command("quit"))])
+    kept = {key: store.journal.answers[key] for key in [*asked, *board]}
+    assert kept == {key: given[key] for key in kept} == {key: typist.offered[key] for key in kept}
+
+
+def test_what_was_read_on_one_print_is_not_offered_for_another(source: Path, tmp_path: Path) -> None:
+    given = {"board": "new", "paper": "A4"}
+    script = [
+        ("board_along_x_mm", 240.0),
+        ("board_along_y_mm", BACK),
+        ("board_along_x_mm", BACK),
+        ("paper", "A3"),
+        ("board_along_x_mm", Command("quit")),
+    ]
+    _, typist = walked(tmp_path / "session", given, script)
+    assert typist.offered["board_along_x_mm"] is None
+
+
+def test_the_way_to_plane_c_stays_while_it_has_pictures(source: Path, tmp_path: Path) -> None:
+    """They lie in its folder: back passes it by, on to the step before."""
+    asked = ["board_thickness_mm", "jig_std_deg", "jig_std_mm", "jig_turn_deg", "jig_board_y", "jig_board_x"]
+    script = [
+        (3, Command("enough")),
+        (1, BACK),
+        *((key, BACK) for key in [*asked, "jig_translation_mm"]),
+        (3, Command("quit")),
+    ]
+    store, _ = walked(tmp_path / "session", until(source, "board_thickness_mm"), script)
+    assert store.journal.answers["plane_way"] == "jig"
+    assert len(store.journal.of("plane").taken) == 1
+    assert not store.journal.of("lens").closed
+
+
+def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> None:
+    """They may have been left for the wrong one; the same answer again changes nothing."""
+    given = {"antenna_diameter_mm": 0.8, "youngs_modulus_GPa": 193.0}
+    with Store(tmp_path / "session") as store:
+        store.answer(given)
+        store.leave("noload", Offered("a.png", np.zeros((1, 1), np.uint8), ".png", b"a"), "no antenna is seen")
+        earlier = Earlier()
+        assert earlier.take_back(store, "noload")
+        earlier.answer(store, "youngs_modulus_GPa", 193.0)
+        assert [one.source for one in store.journal.of("noload").left] == ["a.png"]
+        assert earlier.take_back(store, "noload")
+        earlier.answer(store, "youngs_modulus_GPa", 210.0)
+        assert not store.journal.of("noload").left

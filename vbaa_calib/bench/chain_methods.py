@@ -1,0 +1,102 @@
+"""This library's ways from pictures in memory to contacts, and what every way gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from estimator import ContactEstimator
+from estimator.contact import Contact, Measured
+from estimator.recording import look, look_again, measured
+
+from ..antenna.rungs import RUNGS
+from ..detect.centreline import NOTHING, Centreline
+from ..rig import Rig
+from ..session import Frame
+from .chain_scenes import FRICTION_STD_RAD, JOINTS_RAD, Photograph
+
+MODELS = (*RUNGS, "auto")
+PAPER_RUNG = RUNGS[0]
+OURS, ONE_LOOK = "this library", "this library, one look"
+PAPER, LINE = "the paper's two points", "straight line"
+LOOP, CLASSIC = "SciPy on our centreline", "undistorted picture"
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Of K pictures; NaN where a method gives no number, or states no deviation.
+
+    Attributes
+    ----------
+    distance_m, std_m : (K,) of the contact, and the deviation that the method states.
+    force_N : (K, 2) f_y and f_z.
+    """
+
+    distance_m: np.ndarray
+    std_m: np.ndarray
+    force_N: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Method:
+    """A way from pictures to contacts, made ready for one rig: what can be worked out once is worked out.
+
+    Attributes
+    ----------
+    solve : pictures to answers; one picture is a frame that comes alone, several are a recording.
+    told : it is told by the truth which points to take, which no user is.
+    """
+
+    name: str
+    family: str
+    solve: Callable[[Sequence[Photograph]], Answers]
+    told: bool = False
+
+
+def ours(rig: Rig) -> list[Method]:
+    """Every rung after two looks at the picture, and `auto` after one."""
+    ready = {model: ContactEstimator(rig, model=model, friction=FRICTION_STD_RAD) for model in MODELS}
+    methods = [Method(model, OURS, partial(_contacts, ready[model], True)) for model in MODELS]
+    return [*methods, Method("auto, one look", ONE_LOOK, partial(_contacts, ready["auto"], False))]
+
+
+def frame_of(photograph: Photograph) -> Frame:
+    """What is read beside the picture."""
+    pan, tilt = JOINTS_RAD
+    return Frame(None, pan, tilt, photograph.moment_Nm, frame=0, time_s=float("nan"))
+
+
+def seen(estimator: ContactEstimator, photograph: Photograph, twice: bool = True) -> Measured:
+    """What the fit is given of a picture, by the steps that a recording's pictures go through."""
+    frame = frame_of(photograph)
+    line = look(estimator.rig, frame, photograph.image)
+    if not line.found:
+        return measured(estimator.rig, frame, NOTHING)
+    if not twice:
+        return measured(estimator.rig, frame, line)
+    return look_again(estimator, frame, photograph.image, line).measured
+
+
+def centreline(estimator: ContactEstimator, photograph: Photograph) -> Centreline:
+    """As it is seen at the second look."""
+    frame = frame_of(photograph)
+    line = look(estimator.rig, frame, photograph.image)
+    return look_again(estimator, frame, photograph.image, line).line if line.found else NOTHING
+
+
+def _contacts(estimator: ContactEstimator, twice: bool, photographs: Sequence[Photograph]) -> Answers:
+    if len(photographs) == 1:
+        return answers([estimator.measure(seen(estimator, photographs[0], twice))])
+    return answers(list(estimator.run(seen(estimator, one, twice) for one in photographs)))
+
+
+def answers(contacts: Sequence[Contact]) -> Answers:
+    """The estimator's contacts as answers."""
+    return Answers(
+        np.array([contact.distance_m for contact in contacts]),
+        np.array([contact.distance_std_m for contact in contacts]),
+        np.array([contact.force_N[1:] for contact in contacts]),
+    )

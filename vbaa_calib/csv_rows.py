@@ -1,0 +1,80 @@
+"""Long tables, a row at a time: what is kept in memory does not grow with the file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from .errors import InputError
+from .files import require_file
+
+
+def csv_rows(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Iterator[dict[str, str]]:
+    """Rows of a CSV with a header, as text, as they are asked for; each also carries its place in the file as `line`.
+
+    Raises InputError, when it comes to it, for a missing file, header, column or cell, and for a table without rows.
+    Columns beyond those named are ignored, and so are blank lines.
+    """
+    rows = _filled(path)
+    _, header = next(rows, (0, []))
+    if not header:
+        raise InputError("is empty", where=path, remedy=f"the first line must name the columns {','.join(columns)}")
+    places, line = places_of(header, columns, optional, path), 0
+    for line, cells in rows:
+        check_count(cells, header, f"{path} line {line}")
+        yield {name: cells[at] for name, at in places.items()} | {"line": str(line)}
+    if line == 0:
+        raise no_rows(path)
+
+
+def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Lines that are not blank, with their numbers."""
+    require_file(path)
+    line = 0
+    try:
+        with Path(path).open(encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream, strict=True)
+            for cells in reader:
+                line = reader.line_num
+                cells = [cell.strip() for cell in cells]
+                if any(cells):
+                    yield line, cells
+    except csv.Error as error:
+        raise no_csv(error, f"{path} line {reader.line_num}") from None
+    except UnicodeDecodeError:
+        raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
+    except OSError as error:
+        what = f"cannot be read ({error.strerror})"
+        raise InputError(what, where=path, remedy="check the path and its permissions") from None
+
+
+def places_of(header: Sequence[str], columns: Sequence[str], optional: Sequence[str], path: Path) -> dict[str, int]:
+    """Where each wanted column stands, of the optional ones those that are there. Raises InputError naming another."""
+    known = [*columns, *(name for name in optional if name in header)]
+    for name in known:
+        if header.count(name) == 1:
+            continue
+        problem = "is missing" if name not in header else "stands twice"
+        other = next((mark for mark in (";", "\t") if len(header) == 1 and mark in header[0]), None)
+        remedy = f"the columns {','.join(columns)} are needed"
+        if other:
+            remedy = f"separate the cells by commas, not by {other!r}"
+        raise InputError(f"column {name} {problem}", where=path, remedy=remedy)
+    return {name: header.index(name) for name in known}
+
+
+def check_count(cells: Sequence[str], header: Sequence[str], where: str) -> None:
+    """Raises InputError for a row that has not as many cells as the header."""
+    if len(cells) != len(header):
+        raise InputError(f"has {len(cells)} cells, the header {len(header)}", where=where, remedy="mend the row")
+
+
+def no_csv(error: csv.Error, where: str) -> InputError:
+    """What to say of a line that is none of a CSV."""
+    return InputError(f"is not a valid CSV ({error})", where=where, remedy="write it again")
+
+
+def no_rows(path: Path) -> InputError:
+    """What to say of a header alone."""
+    return InputError("has a header but no rows", where=path, remedy="add at least one row")
