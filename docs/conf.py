@@ -29,7 +29,6 @@ exclude_patterns = ["_build", "_ext"]
 source_suffix = {".md": "markdown"}
 root_doc = "index"
 
-myst_enable_extensions = ["colon_fence", "dollarmath", "deflist"]
 myst_heading_anchors = 4
 
 default_role = "literal"

@@ -26,12 +26,14 @@ from .solve.view import look
 from .stream import Stream, beam
 from .verdict import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
 
-CHUNK = 1024
-"""Frames that are solved at once: their arrays stay in the processor's cache."""
+CHUNK, CHUNK_ON_DEVICE = 512, 1024
+"""Frames that are solved at once: on the processor their arrays stay in its cache."""
 STREAM = 64
 """Frames of a recording that are solved at once, each chunk from where the one before ended."""
 SINGLE = 4
-"""Batches up to this size are worked on in NumPy, which has the shorter calls."""
+"""Batches up to this size stay on the processor."""
+PROCESSOR = "cpu"
+"""Where NumPy works, which has shorter calls than torch, and on one core is quicker for batches of any size."""
 
 
 class ContactEstimator:
@@ -44,14 +46,17 @@ class ContactEstimator:
         the noise.
     friction : rad, standard deviation of the angle by which friction may tilt the force from the antenna's normal;
         0 for contacts that are known to be slippery.
-    device : the torch device that batches are solved on. Single frames stay in NumPy.
+    device : where batches are solved: "cpu" is NumPy on the processor, all others are torch devices ("cpu:0" is torch
+        on the processor). Single frames stay in NumPy.
 
     Raises
     ------
     InputError : an unknown model, a friction that is none, a device that is not there.
     """
 
-    def __init__(self, rig: Rig, model: str = "auto", *, friction: float = FRICTION_RAD, device: str = "cpu") -> None:
+    def __init__(
+        self, rig: Rig, model: str = "auto", *, friction: float = FRICTION_RAD, device: str = PROCESSOR
+    ) -> None:
         if model != "auto" and model not in RUNGS:
             raise InputError(f"model is {model!r}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
         if not isinstance(friction, int | float) or not 0.0 <= friction <= 1.0:
@@ -61,9 +66,10 @@ class ContactEstimator:
         self.friction_rad = float(friction)
         self.device = checked_device(device)
         self._known = Known.of(rig, self.friction_rad, np.empty(0))
-        self._known_on_device = Known.of(
-            rig, self.friction_rad, torch.empty(0, dtype=torch.float64, device=self.device)
-        )
+        self._known_on_device = self._known
+        if device != PROCESSOR:
+            reference = torch.empty(0, dtype=torch.float64, device=self.device)
+            self._known_on_device = Known.of(rig, self.friction_rad, reference)
 
     def estimate(
         self,
@@ -185,8 +191,9 @@ class ContactEstimator:
         count = len(points_px)
         found = none_of(count)
         known = self._known if count <= SINGLE else self._known_on_device
-        for begin in range(0, count, CHUNK):
-            part = slice(begin, min(begin + CHUNK, count))
+        chunk = CHUNK if known is self._known else CHUNK_ON_DEVICE
+        for begin in range(0, count, chunk):
+            part = slice(begin, min(begin + chunk, count))
             frames = self._frames(
                 known, points_px[part], sigma_px[part], readings_Nm[part], pan_rad[part], tilt_rad[part]
             )
@@ -197,7 +204,8 @@ class ContactEstimator:
                 continue
             rows = np.flatnonzero(plain(enough)) + begin
             start = None if warm is None else like(frames.points, warm[rows])
-            frames = frames.picked(enough)
+            if not bool(enough.all()):
+                frames = frames.picked(enough)
             with np.errstate(all="ignore"):  # what leaves the domain of the model is judged by its numbers
                 fitted = numbers(solve(frames, self.model, start), shaken)
                 self._without_reading(frames, fitted)

@@ -26,7 +26,8 @@ with tempfile.TemporaryDirectory() as folder:
     scene = load_scene(scene_yaml)
     stroke = replace(scene.recording.sweeps[0], frames=1, free_frames=0)
     few = replace(scene.intrinsics, pictures=12)
-    scene = replace(scene, intrinsics=few, recording=replace(scene.recording, sweeps=(stroke,)))
+    scene = replace(scene, intrinsics=few, noload=scene.noload[:4], loads=scene.loads[::2], jig_pictures=2)
+    scene = replace(scene, recording=replace(scene.recording, sweeps=(stroke,)))
     write_session(scene, Path(folder, "session"), recording_pictures=False)
     found = calibrate(load_session(Path(folder, "session")), "opencv4")
 

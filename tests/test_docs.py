@@ -110,9 +110,9 @@ def test_every_picture_is_shown() -> None:
         (path.parent / link).resolve()
         for path in PAGES
         for link in _LINK.findall(path.read_text(encoding="utf-8"))
-        if link.endswith(".png")
+        if link.endswith((".png", ".jpg"))
     }
-    assert set((ROOT / "docs" / "images").rglob("*.png")) - shown == set()
+    assert set((ROOT / "docs" / "images").rglob("*.*")) - shown == set()
 
 
 def commands(text: str) -> Iterator[tuple[str, bool]]:

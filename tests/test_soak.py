@@ -81,17 +81,17 @@ def pictures(folder: Path, count: int) -> Path:
 @needs_proc
 def test_what_is_not_solved_leaves_nothing_behind(tmp_path: Path) -> None:
     """Reading, order, motion, table, file: everything but the solver, which frames of two points do not reach."""
-    write_recording(tmp_path, 20_000, 2, seed=1)
+    write_recording(tmp_path, 30_000, 2, seed=1)
     assert grown_MB(resident(tmp_path, 500), 2_000) < MOST_MB
-    table = read_contacts(tmp_path / "contacts.csv")
-    assert table.frame.tolist() == list(range(20_000))
-    assert set(table.status.tolist()) == {"no_antenna"}
+    header, *rows = (tmp_path / "contacts.csv").read_text().splitlines()
+    assert header.startswith("frame,time_s,status,")
+    assert [row.split(",", 3)[::2] for row in rows] == [[str(index), "no_antenna"] for index in range(30_000)]
 
 
 @needs_proc
 def test_some_frames(tmp_path: Path) -> None:
-    write_recording(tmp_path, 1_500, POINTS, seed=2)
-    assert grown_MB(resident(tmp_path, 50), 500) < MOST_MB
+    write_recording(tmp_path, 1_000, POINTS, seed=2)
+    assert grown_MB(resident(tmp_path, 50), 300) < MOST_MB
     assert (read_contacts(tmp_path / "contacts.csv").status == "ok").mean() > 0.95
 
 
@@ -106,7 +106,7 @@ def test_fifty_thousand_frames(tmp_path: Path) -> None:
 
 @needs_proc
 def test_some_pictures(tmp_path: Path) -> None:
-    assert grown_MB(resident(pictures(tmp_path, 150), 10), 50) < MOST_MB
+    assert grown_MB(resident(pictures(tmp_path, 80), 10), 30) < MOST_MB
 
 
 @needs_proc

@@ -10,14 +10,14 @@ import pyvista as pv
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkObject
 from vtkmodules.vtkIOPLY import vtkPLYReader
-from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
 from estimator.surface import Surface
 from vbaa_calib.errors import InputError
 from vbaa_calib.files import read_bytes, replacing
 
 from .object_glb import glb_bytes, read_glb
-from .ply import is_whole, ply_bytes
+from .ply import is_whole, ply_bytes, read_ply
 from .scene import ObjectMesh
 
 SUFFIXES = (".vtp", ".ply", ".glb")
@@ -84,9 +84,19 @@ def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
     suffix, mesh = path.suffix.lower(), ObjectMesh.of(surface)
     with replacing(path, force) as temporary:
         if suffix == ".vtp":
-            to_mesh(surface).save(temporary)
+            temporary.write_text(_vtp_text(to_mesh(surface)), encoding="utf-8")
         else:
             temporary.write_bytes(ply_bytes(mesh) if suffix == ".ply" else glb_bytes(mesh))
+
+
+def _vtp_text(mesh: pv.PolyData) -> str:
+    """The file's contents. VTK's own writing says nothing when the disk is full, and leaves half a file."""
+    writer = vtkXMLPolyDataWriter()
+    writer.SetInputData(mesh)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return str(writer.GetOutputString())
 
 
 def read_object(path: Path) -> ObjectMesh:
@@ -97,11 +107,11 @@ def read_object(path: Path) -> ObjectMesh:
     check_suffix(path)
     data = read_bytes(path)
     suffix = path.suffix.lower()
+    ours = {".glb": read_glb, ".ply": read_ply}.get(suffix, lambda _: None)(data)
+    if ours is not None and len(ours.points_m):
+        return ours
     if suffix == ".glb":
-        found = read_glb(data)
-        if found is None or not len(found.points_m):
-            raise InputError("holds no mesh of ours", where=path, remedy=REMEDY)
-        return found
+        raise InputError("holds no mesh of ours", where=path, remedy=REMEDY)
     if suffix == ".vtp":
         mesh = _read(vtkXMLPolyDataReader(), path)
     else:

@@ -24,6 +24,7 @@ _TYPES = {
 
 
 _VERTEX = [*((name, "<f8") for name in ("x", "y", "z")), *((name, "<f4") for name in ("nx", "ny", "nz", "std_m"))]
+_FACE = [("size", "u1"), ("corners", "<i4", 3)]
 _COLOUR = [(name, "u1") for name in ("red", "green", "blue")]
 _WORDS = {"<f8": "double", "<f4": "float", "u1": "uchar"}
 
@@ -37,23 +38,54 @@ def ply_bytes(mesh: ObjectMesh) -> bytes:
         vertices[name] = column
     for (name, _), column in zip(_COLOUR, surface_scale(std).rgb.T, strict=True):
         vertices[name] = column
-    faces = np.zeros(len(mesh.triangles), [("size", "u1"), ("corners", "<i4", 3)])
+    faces = np.zeros(len(mesh.triangles), _FACE)
     faces["size"], faces["corners"] = 3, mesh.triangles
-    header = [
+    header = _header(len(vertices), len(faces), len(mesh.lines))
+    rows = vertices.tobytes() + faces.tobytes() + mesh.lines.astype("<i4").tobytes()
+    return header + rows
+
+
+def _header(vertices: int, faces: int, edges: int) -> bytes:
+    lines = [
         "ply",
         "format binary_little_endian 1.0",
         "comment reconstructed object, metres, world frame",
-        f"element vertex {len(vertices)}",
+        f"element vertex {vertices}",
         *(f"property {_WORDS[kind]} {name}" for name, kind in [*_VERTEX, *_COLOUR]),
-        f"element face {len(faces)}",
+        f"element face {faces}",
         "property list uchar int vertex_indices",
-        f"element edge {len(mesh.lines)}",
+        f"element edge {edges}",
         "property int vertex1",
         "property int vertex2",
         "end_header",
     ]
-    rows = vertices.tobytes() + faces.tobytes() + mesh.lines.astype("<i4").tobytes()
-    return "".join(line + "\n" for line in header).encode("ascii") + rows
+    return "".join(line + "\n" for line in lines).encode("ascii")
+
+
+def read_ply(data: bytes) -> ObjectMesh | None:
+    """What `ply_bytes` wrote, with its lines, deviations and all digits, which VTK's reader leaves out; else None."""
+    counts = [int(count) for count in re.findall(rb"^element \w+ (\d{1,9})$", data[:2000], re.MULTILINE)]
+    if len(counts) != 3 or not data.startswith(_header(*counts)):
+        return None
+    kinds = [np.dtype([*_VERTEX, *_COLOUR]), np.dtype(_FACE), np.dtype(("<i4", 2))]
+    sizes = [count * kind.itemsize for count, kind in zip(counts, kinds, strict=True)]
+    start = len(_header(*counts))
+    if len(data) != start + sum(sizes):
+        return None
+    vertices = np.frombuffer(data, kinds[0], counts[0], start)
+    faces = np.frombuffer(data, kinds[1], counts[1], start + sizes[0])
+    edges = np.frombuffer(data, "<i4", 2 * counts[2], start + sizes[0] + sizes[1]).reshape(-1, 2)
+    columns = {name: np.asarray(vertices[name], float) for name, _ in _VERTEX}
+    points = np.stack([columns[name] for name in "xyz"], axis=1)
+    normals = np.stack([columns[name] for name in ("nx", "ny", "nz")], axis=1)
+    indices = np.concatenate([faces["corners"].ravel(), edges.ravel()])
+    whole = np.isfinite(points).all() and (faces["size"] == 3).all()
+    if not whole or (indices.size and not 0 <= indices.min() <= indices.max() < len(points)):
+        return None
+    std = columns["std_m"]
+    return ObjectMesh(
+        points, normals, faces["corners"].astype(int), edges.astype(int), None if np.isnan(std).all() else std
+    )
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ STANDSTILL, COARSE_STANDSTILL = 1e-4, 1e-2
 """A step that promises less than this much of the cost is the last: a hundredth of a standard deviation, or a tenth."""
 QUIET = 0.1
 """One that promises less than this part of that is not even taken."""
+UNSURE = 1e-3
+"""A cost is known no better while the feet are not yet the nearest: a rise by less is none."""
 STEEPEST = 4.0
 """Friction angles beyond so many of its deviations are not looked for."""
 SHRINK = 0.9
@@ -94,6 +96,8 @@ class Settled:
     @property
     def plain_cost(self) -> Array:
         """(B,) the cost with the deviations that the points came with: only these compare between fits."""
+        if not bool((self.state.scatter != 1.0).any()):
+            return self.equations.cost
         plain = replace(self.problem, scatter=namespace(self.state.scatter).ones_like(self.state.scatter))
         return cost(plain, self.state.values)
 
@@ -174,7 +178,8 @@ def _walked(walk: Walk, step: Array, promise: Array, last: Array) -> Walk:
     step = xp.where(walk.done[:, None], xp.zeros_like(step), step)
     state = _moved(before.frames.known, before.state, step)
     trial = evaluated(before.frames, before.rung, before.table, state)
-    better, done = (trial.state.cost <= walk.lowest.cost) | walk.done, walk.done | (last & ~walk.astray)
+    better = (trial.state.cost <= walk.lowest.cost + UNSURE) | walk.done
+    done = walk.done | (last & ~walk.astray)
     kept = (before.state.cost - trial.state.cost) / xp.clip(promise, 1e-300, None)
     eased = xp.where(kept > 0.75, 0.1 * walk.damping, walk.damping)
     eased = xp.where(kept < 0.25, xp.clip(4.0 * walk.damping, DAMPING, None), eased)

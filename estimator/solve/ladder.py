@@ -162,7 +162,9 @@ def _solved(
     `bias` is what was found already, `weighed` the rungs whose bias is asked for.
     """
     xp = namespace(rows)
-    part, here = frames.picked(rows), picked(ground, rows)
+    part, here = frames, ground
+    if len(rows) < len(frames):
+        part, here = frames.picked(rows), picked(ground, rows)
     telling = xp.amax(here.trials.gains, -1) > FAINT
     best = Best.of(settle(part, rung, here.floors[:, 0], here.free.found.foot_m))
     for other in range(1, here.floors.shape[1]):

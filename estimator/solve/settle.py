@@ -11,7 +11,7 @@ from .descend import COARSE_ITERATIONS, COARSE_STANDSTILL, Settled, State, begin
 from .frames import Frames
 from .known import UNKNOWNS, Known
 from .normal import Problem
-from .view import TIP, look, rig_table
+from .view import LINEAR, TIP, look, rig_table
 
 NEAR_TIP, TIP_OBJECTION = 0.03, 2.0
 """A distance this near to the tip is held there if that costs no more than this: if it lies within two deviations."""
@@ -35,12 +35,8 @@ def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = No
     What neither noise nor rig explains — a second contact, a kink — must not be fitted as if it were exact, nor must
     most points count as outliers for it: such frames are fitted again with what their points scatter.
     """
-    fits = descend(_begun(frames, rung, unknowns, feet_m))
-    for _ in range(ROUNDS if frames.known.axes.shape[1] else 0):
-        far = _far(frames.known, unknowns, fits.state.unknowns)
-        if not bool(far.any()):
-            break
-        unknowns, fits = fits.state.unknowns, _with_own_table(fits, far)
+    fits = _begun(frames, rung, unknowns, feet_m)
+    fits = _with_rig(fits) if frames.known.axes.shape[1] else descend(fits)
     for _ in range(ROUNDS):
         spread = scatter(fits.problem)
         changed = abs(spread - fits.state.scatter) > CHANGED * fits.state.scatter
@@ -51,10 +47,23 @@ def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = No
     return _held_at_tip(fits, near) if bool(near.any()) else fits
 
 
+def _with_rig(begun: Settled) -> Settled:
+    """The floors below, with the rig's influence taken beside them: where rough descents end."""
+    rough = descend(begun, COARSE_STANDSTILL)
+    fits, unknowns = descend(_own_table(rough)), rough.state.unknowns
+    for _ in range(ROUNDS):
+        far = _far(fits.frames.known, unknowns, fits.state.unknowns)
+        if not bool(far.any()):
+            break
+        rows, unknowns = places(far), fits.state.unknowns
+        fits = fits.having(rows, descend(_own_table(picked(fits, rows))))
+    return fits
+
+
 def _begun(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None) -> Settled:
-    """Fits at unknowns (B, 4), with the rig's influence taken there."""
+    """Fits at unknowns (B, 4), with the rig's influence on small deflections."""
     view = look(frames, rung, unknowns)
-    table = rig_table(frames, rung, unknowns, view)
+    table = rig_table(frames, LINEAR, unknowns, view)
     return evaluated(frames, rung, table, begin(frames, view, unknowns, feet_m), view)
 
 
@@ -112,12 +121,10 @@ def _far(known: Known, start: Array, end: Array) -> Array:
     return (xp.abs(end[:, 0] - start[:, 0]) > FAR) | (bent > FAR)
 
 
-def _with_own_table(fits: Settled, which: Array) -> Settled:
-    """Some of the fits once more, with the rig's influence taken where they stand."""
-    rows = places(which)
-    part = picked(fits, rows)
-    table = rig_table(part.frames, part.rung, part.state.unknowns, part.view)
-    return fits.having(rows, descend(evaluated(part.frames, part.rung, table, part.state, part.view)))
+def _own_table(fits: Settled) -> Settled:
+    """The fits with the rig's influence as it is where they stand."""
+    table = rig_table(fits.frames, fits.rung, fits.state.unknowns, fits.view)
+    return evaluated(fits.frames, fits.rung, table, fits.state, fits.view)
 
 
 def _anew(fits: Settled, which: Array, begun: State) -> Settled:

@@ -133,14 +133,15 @@ def stretched(fits: Settled, known: Worth, which: Array) -> Worth:
     std = xp.sqrt(covariance[:, index, index])
     sizes, axes = xp.linalg.eigh(covariance / (std[:, :, None] * std[:, None]))
     axis = std * axes[..., -1] * xp.sqrt(sizes[:, -1:])
-    frames, table, base = fits.frames.picked(rows), picked(fits.table, rows), fits.equations.cost[rows]
-    wider = xp.ones_like(base)
-    for out in (*OUT, *(-out for out in OUT)):
-        unknowns = moved_unknowns(frames.known, state.unknowns, out * axis)
-        steps = state.steps + (known.rig_follows[rows] @ (unknowns - state.unknowns)[..., None])[..., 0]
-        there = replace(state, unknowns=unknowns, steps=steps)
-        rise = cost(linearised(frames, fits.rung, table, there), there.values) - base
-        wider = xp.maximum(wider, 0.5 * out**2 / xp.clip(xp.nan_to_num(rise, nan=0.0), 0.01, None))
+    out = xp.concat([far + 0.0 * std[:, :1] for far in (*OUT, *(-far for far in OUT))])
+    several = xp.concat([counted(std, len(rows))] * (2 * len(OUT)))
+    frames, table, state = fits.frames.picked(rows[several]), picked(fits.table, rows[several]), picked(state, several)
+    unknowns = moved_unknowns(frames.known, state.unknowns, out * axis[several])
+    steps = state.steps + (known.rig_follows[rows[several]] @ (unknowns - state.unknowns)[..., None])[..., 0]
+    there = replace(state, unknowns=unknowns, steps=steps)
+    rise = cost(linearised(frames, fits.rung, table, there), there.values) - fits.equations.cost[rows[several]]
+    wider = 0.5 * out[:, 0] ** 2 / xp.clip(xp.nan_to_num(rise, nan=0.0), 0.01, None)
+    wider = xp.clip(xp.amax(wider.reshape(-1, len(rows)), 0), 1.0, None)
     factor = xp.ones_like(fits.state.scatter)
     factor[rows] = xp.where(sound, wider, 1.0)
     return replace(known, covariance=known.covariance * factor[:, None, None])

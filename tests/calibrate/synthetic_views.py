@@ -28,8 +28,7 @@ def pose_towards(rng: np.random.Generator, distance_m: float, tilt_rad: float, o
 
 def project_board(model: LensModel, intrinsics: np.ndarray, pose: Pose) -> np.ndarray:
     """(corner_count, 2) pixels of all corners."""
-    vector = pose.vector
-    return PROJECTIONS[model.camera_model](corner_points(SPEC), vector, intrinsics)[0]
+    return PROJECTIONS[model.camera_model](corner_points(SPEC), pose.vector, intrinsics)[0]
 
 
 def board_view(

@@ -52,10 +52,6 @@ def views(count: int, seed: int = 0, sigma_px: float = 0.1):
     return made, poses
 
 
-def vector(pose: Pose) -> np.ndarray:
-    return np.concatenate([pose.rotvec_rad, pose.translation_m])
-
-
 def design(sigma_px: float = 0.1) -> Design:
     return design_about("opencv4", INTRINSICS, SIZE, sigma_px, SPEC)
 
@@ -76,7 +72,7 @@ def test_blocks_are_the_information_of_the_solve():
     own = design()
     directions = free_directions(MODEL)
     observations = [Observation(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
-    bundle = Bundle(INTRINSICS, np.array([vector(pose) for pose in poses]), ())
+    bundle = Bundle(INTRINSICS, np.array([pose.vector for pose in poses]), ())
     known = information(MODEL, bundle, observations, directions)
     blocks, _ = view_blocks(own, bundle.poses, observations)
     ours = own.scale @ np.linalg.inv(blocks.sum(axis=0)) @ own.scale.T
@@ -89,7 +85,7 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     taken = with_a_lens(solve_intrinsics(made, SPEC, "opencv5"), made, SPEC)
     functional = plane_functional(taken.design, PLANE, SPEC)
     found = candidates(taken.design, SPEC, coarse_set(taken.design, SPEC, 0.24, 0.6))
-    poses = np.array([candidate.vector for candidate in found])
+    poses = np.array([candidate.T_camera_board.vector for candidate in found])
     observations = [
         Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), np.zeros((len(c.ids), 2))) for c in found
     ]

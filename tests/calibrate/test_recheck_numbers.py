@@ -47,10 +47,7 @@ def test_the_map_on_plane_c_is_what_sampling_gives() -> None:
 
 def moved(rig: Rig, draw: np.ndarray) -> Rig:
     """Lens and camera pose off by one draw."""
-    matrix = rig.camera.matrix.copy()
-    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += draw[:4]
-    camera = replace(rig.camera, matrix=matrix, distortion=rig.camera.distortion + draw[4:-6])
-    return replace(rig, camera=camera, T_antenna_camera=rig.T_antenna_camera.retract(draw[-6:]))
+    return replace(rig, camera=rig.camera.moved(draw[:-6]), T_antenna_camera=rig.T_antenna_camera.retract(draw[-6:]))
 
 
 def test_maps_say_where_there_is_no_answer() -> None:

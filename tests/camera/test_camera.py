@@ -48,6 +48,24 @@ def test_any_memory_layout_is_taken_and_none_is_changed():
     np.testing.assert_allclose(camera.unproject(torch.tensor(before))[0].numpy(), expected, atol=1e-15)
 
 
+def test_the_picture_ends_at_its_pixels_outer_edges():
+    camera = Camera("opencv", (640, 480), K, np.zeros(0))
+    edge = np.array([[-0.5, 0.0], [-0.4, 0.0], [639.4, 479.4], [639.5, 10.0], [10.0, 479.5], [np.nan, 10.0]])
+    assert camera.in_picture(edge).tolist() == [False, True, True, False, False, False]
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_parameters_are_in_the_order_of_their_names_and_move_as_such(name):
+    camera = LENSES[name]
+    named = dict(zip(camera.parameter_names, camera.parameters.tolist(), strict=True))
+    assert (named["fx"], named["cy"]) == (camera.matrix[0, 0], camera.matrix[1, 2])
+    step = np.linspace(0.5, 1.0, len(named)) * 1e-5
+    there = camera.moved(step)
+    np.testing.assert_allclose(there.parameters - camera.parameters, step, rtol=1e-6)
+    np.testing.assert_allclose(there.moved(-step).parameters, camera.parameters, rtol=1e-15, atol=1e-15)
+    assert there.covariance is camera.covariance
+
+
 @pytest.mark.parametrize(
     ("pixels", "says"),
     [

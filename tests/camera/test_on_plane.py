@@ -158,7 +158,7 @@ def test_casting_the_network_around_it_costs_no_accuracy(dtype):
 
 def test_its_state_comes_back_into_another_layer():
     layer = CameraOnPlane(LENSES["decentred"], POSE)
-    other = CameraOnPlane(moved(LENSES["decentred"], np.r_[np.full(4, 5.0), np.full(5, 1e-3)]), Pose.identity())
+    other = CameraOnPlane(LENSES["decentred"].moved(np.r_[np.full(4, 5.0), np.full(5, 1e-3)]), Pose.identity())
     pixels = middle(LENSES["decentred"])
     assert not np.allclose(other(pixels)[0], layer(pixels)[0], equal_nan=True)
     other.load_state_dict(layer.state_dict())
@@ -179,13 +179,6 @@ def test_invalid_pixels_do_not_poison_the_gradient():
     assert torch.isfinite(layer.translation_m.grad).all()
 
 
-def moved(camera, step):
-    """The camera with a step of (fx, fy, cx, cy, *distortion) added."""
-    matrix = camera.matrix.copy()
-    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
-    return type(camera)(camera.model, camera.image_size, matrix, camera.distortion + step[4:])
-
-
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("plane", [PLANE_C, hinge_plane(-0.4)])
 def test_calibration_jacobian_is_the_difference_quotient(name, plane):
@@ -197,7 +190,7 @@ def test_calibration_jacobian_is_the_difference_quotient(name, plane):
     assert jacobian.shape == (8, 2, lens + 6)
     for index, step in enumerate(np.diag(steps)):
         ends = [
-            CameraOnPlane(moved(camera, sign * step[:lens]), POSE.retract(sign * step[lens:]), plane).project(pixels)[0]
+            CameraOnPlane(camera.moved(sign * step[:lens]), POSE.retract(sign * step[lens:]), plane).project(pixels)[0]
             for sign in (1, -1)
         ]
         quotient = (ends[0] - ends[1]) / (2 * steps[index])
@@ -227,7 +220,7 @@ def test_calibration_covariance_against_2000_calibrations():
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
     samples = []
     for step in rng.normal(size=(2000, 15)) @ root.T:
-        lens, pose = moved(camera, step[:9]), POSE.retract(step[9:])
+        lens, pose = camera.moved(step[:9]), POSE.retract(step[9:])
         ideal = cv2.undistortPointsIter(pixels[:, None], lens.matrix, lens.distortion, None, None, criteria)[:, 0]
         directions = np.c_[ideal, np.ones(5)] @ pose.rotation.T
         points = pose.translation_m - directions * (pose.translation_m[2] / directions[:, 2:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from vbaa_calib.bench.estimator_setup import (
 from vbaa_calib.reprojection import ROBUST
 from vbaa_calib.rig import MomentSensor, Rig
 
+PAGE = Path(__file__).parents[2] / "docs/theory_bounds.md"
 POINTS, SLOPE_RAD, REACH = 200, 0.03, 0.5
 UNFELT = MomentSensor(1.0, 0.0, 1e6)
 """A sensor that says nothing."""
@@ -126,6 +128,14 @@ class TestClosedForm:
         assert reach[(factor / reach**2).argmin()] == pytest.approx(0.785, abs=2e-3)
         assert reach[(factor / reach).argmin()] == pytest.approx(0.583, abs=2e-3)
         assert (np.diff(factor) > 0).all()
+
+    def test_the_pages_table(self) -> None:
+        rows = [line.strip("| \n").split(" | ") for line in PAGE.read_text().splitlines() if line.startswith("| ")]
+        reach = np.array([float(cell) for cell in next(row for row in rows if row[0] == "l/L")[1:]])
+        for name, stated in zip(("K_l", "K_f", "correlation"), factors(reach), strict=True):
+            cells = next(row for row in rows if row[0] == name)[1:]
+            digits = len(cells[0].partition(".")[2])
+            assert cells == [f"{value:.{digits}f}".replace("-", "−") for value in stated]
 
     def test_the_pages_example(self) -> None:
         """10° at l = L/2, 0.1 px and 200 points at half a metre: 0.20 mm. Huber's squares cost 0.1 %."""

@@ -98,6 +98,18 @@ def test_what_is_left_of_friction(reach: float) -> None:
         assert a == b or float(a) == pytest.approx(float(b), rel=0.1), f"{mine} is not {theirs}"
 
 
+@pytest.mark.parametrize(("exact", "most"), [(True, 6.0), (False, 1.9)])
+def test_the_price_of_friction(exact: bool, most: float) -> None:
+    """What it costs in l not to know the angle: nothing at small slopes, less than this at large ones."""
+    grown = []
+    for reach in (0.25, 0.95):
+        given = rubbed(rig_of(exact=exact), [reach] * 4, SLOPES_DEG, 0.0, 0.3, made_by=elastica_shapes)
+        rough, slippery = (answered(given, "elastica", friction).numbers.std[:, 0] for friction in (0.2, 0.0))
+        grown.append(rough / slippery)
+    assert 0.99 < np.min(grown) < 1.1
+    assert 0.9 * most < np.max(grown) < most
+
+
 def known_f_z(camera: str, sigma_px: float, slope_deg: float, count: int = 60) -> tuple[float, float]:
     """Share of frames whose f_z is given and known to three deviations, and the largest error in deviations."""
     tilt, azimuth = CAMERAS[camera]

@@ -52,7 +52,7 @@ class Case:
 
     @property
     def id(self) -> str:
-        return f"{self.verb}: {self.kind}: {self.name}"
+        return f"{self.name} in {self.path or self.kind}: {self.line}"
 
 
 class TooLong(BaseException):

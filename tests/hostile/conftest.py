@@ -57,14 +57,15 @@ def _add_files(folder: Path) -> None:
     shutil.copy(session / "truth.json", folder)
     shutil.copy(session / "noload" / "noload_000.png", folder / "free.png")
     shutil.copy(session / "plane" / "jig_000.png", folder / "jig.png")
-    lined = folder / "lined"
-    (lined / "recording").mkdir(parents=True)
-    shutil.copy(session / "session.yaml", lined)
-    (lined / "recording" / "recording.csv").write_text(
-        "frame,time_s,pan_rad,tilt_rad,moment_Nm\n0,0,0,0,0\n1,1,0,0,0\n"
-    )
-    rows = "".join(f"{frame},{100 + 10 * k},{150 + k},0.1\n" for frame in (0, 1) for k in range(12))
-    (lined / "recording" / "centrelines.csv").write_text("frame,u_px,v_px,sigma_px\n" + rows)
+    few = small_scene(noload=1, loads=(1,))
+    few["intrinsics"]["pictures"] = 1
+    (folder / "few.yaml").write_text(yaml.safe_dump(few))
+    vbaa(f"simulate {folder}/few.yaml --pictures none -o {folder}/few")
+    for name in ("session.yaml", "recording/recording.csv", "recording/centrelines.csv"):
+        place = folder / "lined" / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(folder / "few" / name, place)
+    shutil.rmtree(folder / "few")
     swept = Path(shutil.copytree(session, folder / "swept", ignore=shutil.ignore_patterns("recording")))
     shutil.copytree(session / "intrinsics", swept / "sweep")
     rows = (f"{path.name},{k / 10},{k % 2 / 10}\n" for k, path in enumerate(sorted((swept / "sweep").iterdir())))

@@ -2,14 +2,46 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from . import every_file
+from vbaa_calib.cli.main import VERBS
+
+from . import (
+    call_rows,
+    every_file,
+    folder_rows,
+    other_rows,
+    picture_rows,
+    rig_rows,
+    scene_rows,
+    settings_rows,
+    table_rows,
+)
 from .case import Case, expect_refused, run, tree
 
-CASES: list[Case] = [*every_file.CASES]
+TABLES = (every_file, folder_rows, settings_rows, rig_rows, table_rows, scene_rows, other_rows, picture_rows, call_rows)
+CASES: list[Case] = [case for table in TABLES for case in table.CASES]
+LEAST_ROWS, LEAST_OF_A_VERB, LEAST_OF_A_KIND = 1000, 6, 5
+KINDS = {
+    *("session.yaml", "board.yaml", "rig.json", "camera.json", "contacts.csv", "recording.csv", "centrelines.csv"),
+    *(
+        "noload.csv",
+        "loads.csv",
+        "sweep.csv",
+        "stiffness.csv",
+        "truth.json",
+        "scene.yaml",
+        "answers.yaml",
+        "wizard.json",
+    ),
+    *("ros", "opencv", "kalibr", "mrcal", "colmap", "object.vtp", "object.ply", "object.glb"),
+    *("board_002.png", "jig_000.png", "noload_001.png", "loads_002.png", "frame_0003.png", "free.png", "jig.png"),
+    *("session", "intrinsics", "plane", "recording", "output", "call"),
+}
+"""Of files that are read; outputs, and calls in which no file is wrong."""
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
@@ -21,3 +53,12 @@ def test_it_is_refused(case: Case, folder: Path, capfd: pytest.CaptureFixture[st
     said = capfd.readouterr()
     expect_refused(code, said.out, said.err, case.words)
     assert tree(folder) == before
+
+
+def test_every_verb_and_every_file_has_its_rows() -> None:
+    """So that the suite does not shrink in silence, and a new verb comes with rows of its own."""
+    assert len(CASES) >= LEAST_ROWS
+    verbs, kinds = Counter(case.verb for case in CASES), Counter(case.kind for case in CASES)
+    assert {verb: verbs[verb] for verb in VERBS if verbs[verb] < LEAST_OF_A_VERB} == {}
+    assert {kind: kinds[kind] for kind in KINDS if kinds[kind] < LEAST_OF_A_KIND} == {}
+    assert max(Counter(case.id for case in CASES).values()) == 1

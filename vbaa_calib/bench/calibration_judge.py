@@ -14,6 +14,8 @@ _SIDES_M = (0.24, 0.12)
 _DISTANCE_M = 0.4
 _TILT_RAD = np.radians(35.0)
 _GRID = (13, 7)
+_NOWHERE_M = 0.1
+"""What a pixel counts that has no ray, and the most that any does."""
 
 
 def plane_c() -> tuple[Pose, np.ndarray]:
@@ -30,23 +32,28 @@ def error_mm(camera: Camera, truth: Camera, from_jig: bool = False) -> float:
     in the jig gives it, which takes up much of a lens' error. Points outside the true picture are left out; a pixel
     that has no ray counts as 100 mm.
     """
-    told, points = plane_c()
+    T_camera_plane, points = plane_c()
     space = np.column_stack([points, np.zeros(len(points))])
-    pixels, valid = truth.project(told @ space)
-    inside = valid & np.all((pixels > -0.5) & (pixels < np.array(truth.image_size) - 0.5), axis=1)
-    pose = _solved_pose(camera, told, Observation(space[inside], pixels[inside])) if from_jig else told
-    rays, seen = camera.unproject(pixels[inside])
-    normal, origin = pose.rotation[:, 2], pose.translation_m
+    pixels, valid = truth.project(T_camera_plane @ space)
+    inside = valid & truth.in_picture(pixels)
+    if from_jig:
+        T_camera_plane = pose_by(camera, T_camera_plane, Observation(space[inside], pixels[inside]))
+    return rms_on_plane_mm(camera, T_camera_plane, points[inside], pixels[inside])
+
+
+def rms_on_plane_mm(camera: Camera, T_camera_plane: Pose, points_m: np.ndarray, pixels: np.ndarray) -> float:
+    """Rms distance between points (M, 2) on a plane and where the camera puts their pixels (M, 2), 100 mm at most."""
+    rays, seen = camera.unproject(pixels)
+    normal, origin = T_camera_plane.rotation[:, 2], T_camera_plane.translation_m
     with np.errstate(all="ignore"):
         hits = rays * ((normal @ origin) / (rays @ normal))[:, None]
-    off = np.linalg.norm((hits - origin) @ pose.rotation[:, :2] - points[inside], axis=1)
-    return 1e3 * float(np.sqrt(np.mean(np.where(seen & np.isfinite(off), np.minimum(off, 0.1), 0.1) ** 2)))
+    off = np.linalg.norm((hits - origin) @ T_camera_plane.rotation[:, :2] - points_m, axis=1)
+    kept = np.where(seen & np.isfinite(off), np.minimum(off, _NOWHERE_M), _NOWHERE_M)
+    return 1e3 * float(np.sqrt(np.mean(kept**2)))
 
 
-def _solved_pose(camera: Camera, start: Pose, board: Observation) -> Pose:
-    intrinsics = camera.parameters
+def pose_by(camera: Camera, start: Pose, board: Observation) -> Pose:
+    """T_camera_board as this camera has it, by corners exactly seen."""
     model = LensModel("any", camera.model, len(camera.distortion), (), None)
-    fixed = free_directions(model)[:, :0]
-    vector = start.vector[None]
-    pose = refine(model, intrinsics, vector, [board], fixed).poses[0]
+    pose = refine(model, camera.parameters, start.vector[None], [board], free_directions(model)[:, :0]).poses[0]
     return Pose.from_rotvec(pose[:3], pose[3:])

@@ -88,8 +88,7 @@ def draw(rig: Rig, seed: int) -> Draw:
     views: list[BoardView] = []
     poses, good = [], []
     while len(views) < rig.views:
-        pose = _pose(rig, rng)
-        vector = pose.vector
+        vector = _pose(rig, rng).vector
         pixels = PROJECTIONS[rig.model.camera_model](points, vector, rig.intrinsics)[0]
         seen = np.flatnonzero(np.all((pixels > 0) & (pixels < np.array(rig.image_size) - 1), axis=1))
         if len(seen) < 20:

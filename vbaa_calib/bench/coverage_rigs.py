@@ -18,7 +18,7 @@ from ..geometry import Pose
 from ..session import NominalAntenna
 from ..synth.board_poses import board_poses
 from ..synth.lens import Lens, project
-from ..synth.scene import IntrinsicsSpec
+from ..synth.scene import IntrinsicsSpec, camera_pose
 
 BOARD = BoardSpec(squares_x=11, squares_y=8, square_m=0.015, marker_m=0.011)
 NOMINAL = NominalAntenna(length_m=0.24, diameter_m=0.8e-3, youngs_modulus_Pa=193e9, density_kg_m3=7900.0)
@@ -94,25 +94,21 @@ def coverage_rigs() -> list[CoverageRig]:
     hd, square, tall = (1280, 720), (2048, 2048), (1280, 960)
     near, far = (0.14, 0.24), (0.24, 0.42)
     return [
-        _rig("f 900, 25 views", "opencv5", hd, mild, 25, near, camera_pose(0.6, 1.0, 0.36)),
-        _rig("long lens, f 2800, 22 views", "opencv5", square, long, 22, far, camera_pose(0.5, 0.8, 0.48)),
-        _rig("wide, rational, f 590, 20 views", "rational", hd, wide, 20, near, camera_pose(0.6, 1.0, 0.28)),
-        _rig("fisheye, f 420, 20 views", "fisheye", tall, fish, 20, (0.11, 0.2), camera_pose(0.5, -0.9, 0.22)),
-        _rig("f 900, 8 views", "opencv5", hd, mild, 8, near, camera_pose(0.6, 1.0, 0.36)),
+        _rig("f 900, 25 views", "opencv5", hd, mild, 25, near, _looking_pose(0.6, 1.0, 0.36)),
+        _rig("long lens, f 2800, 22 views", "opencv5", square, long, 22, far, _looking_pose(0.5, 0.8, 0.48)),
+        _rig("wide, rational, f 590, 20 views", "rational", hd, wide, 20, near, _looking_pose(0.6, 1.0, 0.28)),
+        _rig("fisheye, f 420, 20 views", "fisheye", tall, fish, 20, (0.11, 0.2), _looking_pose(0.5, -0.9, 0.22)),
+        _rig("f 900, 8 views", "opencv5", hd, mild, 8, near, _looking_pose(0.6, 1.0, 0.36)),
         _rig(
-            "f 900, 5 % outliers, bowed 0.5 mm", "opencv5", hd, mild, 25, near, camera_pose(0.6, 1.0, 0.36),
+            "f 900, 5 % outliers, bowed 0.5 mm", "opencv5", hd, mild, 25, near, _looking_pose(0.6, 1.0, 0.36),
             sagittas_m=(5e-4, 0.0), outliers=0.05,
         ),
     ]  # fmt: skip
 
 
-def camera_pose(incline_rad: float, azimuth_rad: float, away_m: float) -> Pose:
+def _looking_pose(incline_rad: float, azimuth_rad: float, away_m: float) -> Pose:
     """T_antenna_camera of a camera that looks at the antenna's middle, off C's normal towards an azimuth from x."""
-    sin = np.sin(incline_rad)
-    toward = np.array([sin * np.cos(azimuth_rad), sin * np.sin(azimuth_rad), np.cos(incline_rad)])
-    x = np.array([1.0, 0.0, 0.0]) - toward[0] * toward
-    x /= np.linalg.norm(x)
-    return Pose(np.stack([x, np.cross(-toward, x), -toward], axis=1), LOOKED_AT_M + away_m * toward)
+    return camera_pose(incline_rad, azimuth_rad, 0.0, away_m, LOOKED_AT_M)
 
 
 def _rig(

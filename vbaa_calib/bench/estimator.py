@@ -12,10 +12,10 @@ from .estimator_speed import ESTIMATOR, SpeedRow
 from .estimator_summary import SummaryRow, summary
 from .subject import Findings, Options
 
-RODS, HARD, RANDOM = 2.0, 0.5, {False: 100, True: 50}
-"""Frames of each population of rods, of each hard case, and random ones, per draw of a cell; of the last the half with
+RODS, HARD, RANDOM = {False: 2.0, True: 0.5}, 0.5, {False: 100, True: 50}
+"""Frames of each population of rods, of each hard case, and random ones, per draw of a cell; two without and with
 --quick."""
-LEAST_HARD = 4
+LEAST_RODS, LEAST_HARD = 6, 4
 SPEED_FRAMES, SPEED_REPEATS = {False: 2000, True: 100}, {False: 5, True: 2}
 """Frames of a batch and timings of each, without and with --quick."""
 MATCHED = "elastica"
@@ -27,7 +27,8 @@ def measure(options: Options) -> Findings:
     draws, seed, quick = options.draws, options.seed, options.quick
     grid = estimator_grid.run(draws, seed, model=MATCHED)
     lines = summary(grid)
-    rods = estimator_rods.run(int(RODS * draws), seed)
+    looked = estimator_rods.FIRST_LOOK if quick else estimator_rods.POPULATIONS
+    rods = estimator_rods.run(max(int(RODS[quick] * draws), LEAST_RODS), seed, chosen=looked)
     speed = estimator_speed.run(SPEED_FRAMES[quick], seed, SPEED_REPEATS[quick])
     hard = estimator_hard.run(max(int(HARD * draws), LEAST_HARD), seed)
     random = estimator_hostile.hostile(RANDOM[quick] * draws, seed)

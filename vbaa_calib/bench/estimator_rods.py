@@ -53,6 +53,7 @@ POPULATIONS = (
         "40° across, rig off, friction", Setup("brown", 0.7, ACROSS, swing_m=_SWING_M, real=True, exact=False), 0.2
     ),
 )
+FIRST_LOOK = tuple(one for one in POPULATIONS if one.name in ("40° across, fisheye", "40° across, rig off"))
 
 
 @dataclass(frozen=True)

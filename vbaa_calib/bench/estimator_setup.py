@@ -11,6 +11,7 @@ from ..camera import Camera
 from ..errors import InputError
 from ..geometry import Kinematics, Pose
 from ..rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
+from ..synth.scene import camera_pose
 
 LENGTH_M, DIAMETER_M, STIFFNESS_NM2, MASS_KG_M = 0.24, 0.8e-3, 3.9e-3, 3.97e-3
 GRAVITY_WORLD_M_S2 = np.array([0.0, 0.0, -9.80665])
@@ -102,12 +103,7 @@ def filling_pose(camera: Camera, tilt_rad: float, azimuth_rad: float, swing_m: f
 
 def looking_pose(tilt_rad: float, azimuth_rad: float, away_m: float) -> Pose:
     """T_antenna_camera at a distance from the antenna's middle, which it looks at."""
-    sin = math.sin(tilt_rad)
-    toward = np.array([sin * math.cos(azimuth_rad), sin * math.sin(azimuth_rad), math.cos(tilt_rad)])
-    x = np.array([1.0, 0.0, 0.0]) - toward[0] * toward
-    x /= np.linalg.norm(x)
-    middle = np.array([LENGTH_M / 2, 0.0, 0.0])
-    return Pose(np.stack([x, np.cross(-toward, x), -toward], axis=1), middle + away_m * toward)
+    return camera_pose(tilt_rad, azimuth_rad, 0.0, away_m, np.array([LENGTH_M / 2, 0.0, 0.0]))
 
 
 def inside(pixels: np.ndarray, image_size: tuple[int, int], margin: float = 0.0) -> np.ndarray:

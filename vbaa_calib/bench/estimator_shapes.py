@@ -21,8 +21,8 @@ from ..antenna.rod import STEPS_PER_SEGMENT, Rod, RodShape, node_arclength, samp
 from ..errors import InputError, SolveError
 from ..geometry import Pose
 from ..rig import Rig
+from ..synth.scene import POISSON_STEEL
 
-POISSON = 0.3
 TOLERANCE = 1e-10
 """On the moment left at the tip in EI/L, and on the sine of the force's angle."""
 _PIECE = 500
@@ -171,7 +171,7 @@ def _rod(rig: Rig) -> Rod:
     return Rod(
         length_m=antenna.length_m,
         bending_stiffness_Nm2=stiffness,
-        torsional_stiffness_Nm2=stiffness / (1.0 + POISSON),
+        torsional_stiffness_Nm2=stiffness / (1.0 + POISSON_STEEL),
         mass_per_length_kg_m=antenna.mass_per_length_kg_m,
         T_antenna_clamp=_clamp(rig),
         natural_curvature_per_m=antenna.parameters[4:6],

@@ -92,7 +92,7 @@ def most_determinant(
     taken = with_a_lens(solution, views, rig.board)
     limits = NEAREST * rig.plane.distance_m, FURTHEST * rig.plane.distance_m
     found = candidates(taken.design, rig.board, coarse_set(taken.design, rig.board, *limits))
-    poses = np.array([candidate.vector for candidate in found])
+    poses = np.array([candidate.T_camera_board.vector for candidate in found])
     blocks, _ = view_blocks(taken.design, poses, [observation(candidate, rig.board) for candidate in found])
     grown = np.linalg.slogdet(np.eye(len(taken.information)) + taken.information + blocks)[1]
     return photographer.by_hand(found[int(np.argmax(grown))].T_camera_board)

@@ -19,7 +19,7 @@ def measure(options: Options) -> Findings:
     draws, seed = options.draws, options.seed
     rows = run(draws, seed, few_cells() if options.quick else cells())
     alarms = object_onset.alarms(FREE_FRAMES_PER_DRAW[options.quick] * draws, seed)
-    onsets = object_onset.onsets(draws, seed, SPEEDS_M_S[:: 2 if options.quick else 1])
+    onsets = object_onset.onsets(draws, seed, SPEEDS_M_S[:: 3 if options.quick else 1])
     return Findings(
         f"{as_text(rows, draws)}\n\n{object_onset.as_text(alarms, onsets)}",
         {"object.csv": rows, "object_alarms.csv": alarms, "object_onsets.csv": onsets},

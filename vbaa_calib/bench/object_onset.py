@@ -21,7 +21,8 @@ from ..synth.objects import TouchObject
 from ..synth.paths import sweep_joints
 from ..synth.scene import Joints, Sweep
 from .estimator_setup import Setup, drawn_truth
-from .object_scenes import RATE_HZ, SIGMA_PX, Stage, Truth, contacts, record, true_rod
+from .object_scenes import RATE_HZ, SIGMA_PX, Stage, Truth, contacts, record
+from .rod_of_rig import rod_of
 
 SPEEDS_M_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
 """Of the antenna at the contact, towards the edge."""
@@ -138,7 +139,7 @@ def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> Approach:
     )
     tilt = float(rng.uniform(-0.15, 0.15))
     sweep = Sweep("pan", 1, 1, 1, 0.02, (0.0, 0.0), 0.0, (tilt, tilt))
-    touch_rad = sweep_joints(Stage.of(true, edge), true_rod(true), sweep)[1].pan_rad
+    touch_rad = sweep_joints(Stage.of(true, edge), rod_of(true), sweep)[1].pan_rad
     rate = speed_m_s / away
     after = int(np.clip(DEEPEST_M / speed_m_s * RATE_HZ, LEAST_AFTER, MOST_AFTER))
     time = (np.arange(BEFORE + after) + rng.uniform()) / RATE_HZ

@@ -121,10 +121,10 @@ def cells() -> list[Cell]:
 
 
 def few_cells() -> list[Cell]:
-    """For a first look: a line and a round one, each with an exact rig and with one that is off, and a soft one."""
-    looked = [case for case in CASES if case.name in FIRST_LOOK]
-    rigid = [Cell(case, RIGID, USUAL_FRICTION, exact) for case in looked for exact in (True, False)]
-    return [*rigid, Cell(looked[0], SOFTER, USUAL_FRICTION, True)]
+    """For a first look: one object with an exact rig, with one that is off, and soft; another one."""
+    one, other = (next(case for case in CASES if case.name == name) for name in FIRST_LOOK)
+    rigid = [Cell(one, RIGID, USUAL_FRICTION, exact) for exact in (True, False)]
+    return [*rigid, Cell(one, SOFTER, USUAL_FRICTION, True), Cell(other, RIGID, USUAL_FRICTION, True)]
 
 
 def run(draws: int, seed: int, chosen: Sequence[Cell] | None = None) -> list[ObjectRow]:

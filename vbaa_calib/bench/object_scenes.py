@@ -20,9 +20,10 @@ from ..synth.scene import Joints, Sweep
 from ..synth.touch import Touch, touch_strokes
 from ..synth.touched import stacked
 from .estimator_scenes import seen
-from .object_strokes import Stage, stroke_joints, true_rod
+from .object_strokes import Stage, stroke_joints
+from .rod_of_rig import rod_of
 
-__all__ = ["FRICTION_RAD", "Recorded", "Stage", "Truth", "contacts", "play", "record", "stroke_joints", "true_rod"]
+__all__ = ["FRICTION_RAD", "Recorded", "Stage", "Truth", "contacts", "play", "record", "stroke_joints"]
 
 SIGMA_PX, POINTS, RATE_HZ = 0.1, 150, 30.0
 PAUSE_S = 1.0
@@ -141,7 +142,7 @@ def play(
     ------
     InputError : a sweep that never meets the object. SolveError : the antenna slips off.
     """
-    rod, radius = true_rod(rig), rig.antenna.diameter_m / 2
+    rod, radius = rod_of(rig), rig.antenna.diameter_m / 2
     paths = [stroke_joints(rig, obj, one) if isinstance(one, Sweep) else list(one) for one in strokes]
     poses = [[rig.kinematics.T_world_antenna(at.pan_rad, at.tilt_rad) for at in path] for path in paths]
     touches = touch_strokes(rod, radius, obj, poses, rig.gravity_world_m_s2)

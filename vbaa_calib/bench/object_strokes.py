@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..antenna.rod import Rod
 from ..geometry import Kinematics, Pose
 from ..rig import Rig
 from ..synth.objects import TouchObject
 from ..synth.paths import sweep_joints
-from ..synth.scene import POISSON_STEEL, Joints, Sweep
+from ..synth.scene import Joints, Sweep
+from .rod_of_rig import rod_of
 
 PRESS_FRAMES = 5
 
@@ -36,23 +36,9 @@ class Stage:
         return self.kinematics.T_world_antenna(joints.pan_rad, joints.tilt_rad)
 
 
-def true_rod(rig: Rig) -> Rod:
-    """The rig's antenna as a round steel wire, rigidly clamped: GJ = EI / (1 + ν)."""
-    antenna = rig.antenna
-    y, z, about_y, about_z, bow_y, bow_z = antenna.parameters[:6]
-    return Rod(
-        length_m=antenna.length_m,
-        bending_stiffness_Nm2=antenna.stiffness_Nm2,
-        torsional_stiffness_Nm2=antenna.stiffness_Nm2 / (1.0 + POISSON_STEEL),
-        mass_per_length_kg_m=antenna.mass_per_length_kg_m,
-        T_antenna_clamp=Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y, z])),
-        natural_curvature_per_m=np.array([bow_y, bow_z]),
-    )
-
-
 def stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep, press_frames: int = PRESS_FRAMES) -> list[Joints]:
     """A sweep's joint angles with the press and the release spread over so many frames each."""
-    joints = sweep_joints(Stage.of(rig, obj), true_rod(rig), sweep)
+    joints = sweep_joints(Stage.of(rig, obj), rod_of(rig), sweep)
     first, last = sweep.free_frames, len(joints) - sweep.free_frames - 1
     press = _between(joints[first - 1], joints[first], press_frames)
     release = _between(joints[last], joints[last + 1], press_frames)

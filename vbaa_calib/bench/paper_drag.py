@@ -8,8 +8,9 @@ import numpy as np
 
 from ..rig import Rig
 from ..synth.touch import Touch, touch
-from .paper_rig import Pictures, free_shape, rod_of, taken
+from .paper_rig import Pictures, free_shape, taken
 from .paper_sensing import knife_edge
+from .rod_of_rig import rod_of
 
 NORMAL_DEG, DISTANCE_M, EDGE_RADIUS_M = 20.0, 0.15, 1e-3
 PRESSED_RAD, DRAGGED_RAD = np.radians(4.0), np.radians(4.0)

@@ -10,16 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from ..antenna.rod import RodShape, sample_shape, solve_rod
 from ..camera import Camera
-from ..geometry import Pose
 from ..rig import Rig
 from .estimator_scenes import seen
 from .estimator_setup import TOWARDS_CLAMP, Setup, filling_pose
+from .rod_of_rig import rod_of
 
 POINTS = 200
 FOCAL_WIDTHS, WIDTH_PX, SWING_M = 2.5, 512, 0.03
-POISSON = 0.3
 
 
 def paper_rig() -> Rig:
@@ -31,19 +30,6 @@ def paper_rig() -> Rig:
     )
     rig = Setup("none", image_size=(WIDTH_PX, WIDTH_PX), real=True, exact=False).rig()
     return replace(rig, camera=camera, T_antenna_camera=filling_pose(camera, 0.0, TOWARDS_CLAMP, SWING_M))
-
-
-def rod_of(rig: Rig) -> Rod:
-    """The static rod of a true rig, rigidly clamped."""
-    antenna, (y, z, about_y, about_z) = rig.antenna, rig.antenna.parameters[:4]
-    return Rod(
-        length_m=antenna.length_m,
-        bending_stiffness_Nm2=antenna.stiffness_Nm2,
-        torsional_stiffness_Nm2=antenna.stiffness_Nm2 / (1.0 + POISSON),
-        mass_per_length_kg_m=antenna.mass_per_length_kg_m,
-        T_antenna_clamp=Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y, z])),
-        natural_curvature_per_m=antenna.parameters[4:6],
-    )
 
 
 def free_shape(rig: Rig, gravity_m_s2: np.ndarray) -> RodShape:

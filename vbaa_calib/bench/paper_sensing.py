@@ -18,7 +18,8 @@ from ..synth.objects import TouchObject
 from ..synth.touch import touch
 from .averages import or_none, rms_known
 from .estimator_setup import drawn_truth
-from .paper_rig import Pictures, free_shape, paper_rig, rod_of, taken
+from .paper_rig import Pictures, free_shape, paper_rig, taken
+from .rod_of_rig import rod_of
 
 NORMALS_DEG = (0.0, 30.0, 60.0)
 """Between the edge's normal and the direction in which the base turns, in the antenna's yz plane."""

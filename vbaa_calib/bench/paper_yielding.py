@@ -14,9 +14,10 @@ from ..rig import Rig
 from ..synth.touch import touch
 from .averages import or_none, rms_known
 from .estimator_setup import drawn_truth
-from .paper_rig import Pictures, free_shape, paper_rig, rod_of, taken
+from .paper_rig import Pictures, free_shape, paper_rig, taken
 from .paper_ring import ring_down
 from .paper_sensing import ALL_POINTS, knife_edge
+from .rod_of_rig import rod_of
 
 STIFFNESSES_N_M = tuple(float(f"{k:.3g}") for k in np.geomspace(10.0, 1e5, 9))
 DISTANCE_M, SIGMA_PX = 0.12, 0.1

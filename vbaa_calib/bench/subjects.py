@@ -131,7 +131,7 @@ _ALL = (
         "coverage",
         "whether the deviations that whole calibrations predict are those that sampling shows",
         "calibrations of each rig",
-        (500, 20),
+        (500, 10),
         (*_PICTURES, "torch"),
         ("coverage.csv", "coverage_rigs.csv", "coverage.png"),
         least=2,

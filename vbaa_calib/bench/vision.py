@@ -8,8 +8,8 @@ from .subject import Findings, Options
 from .vision_report import as_text, write_figure
 from .vision_run import HostileRow, MethodRow, hardships, hostile, methods
 
-HOSTILE_PER_DRAW = 25
-"""Pictures with and without an antenna, at random, for each picture of a hardship."""
+HOSTILE_PER_DRAW = {False: 25, True: 10}
+"""Pictures with and without an antenna, at random, for each picture of a hardship; without and with --quick."""
 GOOD_PER_DRAW, LEAST_GOOD = 4, 2
 """A good picture of each size for so many of a hardship, and at least so many."""
 REPEATS = {False: 15, True: 5}
@@ -20,7 +20,7 @@ def measure(options: Options) -> Findings:
     """Methods on good pictures, one hardship at a time, several at random; a draw is a picture of each hardship."""
     draws, seed = options.draws, options.seed
     compared = methods(max(draws // GOOD_PER_DRAW, LEAST_GOOD), seed, REPEATS[options.quick])
-    hard, mixed = hardships(draws, seed), hostile(HOSTILE_PER_DRAW * draws, seed)
+    hard, mixed = hardships(draws, seed), hostile(HOSTILE_PER_DRAW[options.quick] * draws, seed)
     return Findings(
         as_text(compared, hard, mixed),
         {"vision.csv": hard, "vision_methods.csv": compared, "vision_random.csv": mixed},

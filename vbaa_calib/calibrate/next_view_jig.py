@@ -75,7 +75,7 @@ def _shares_m(board: BoardPose, camera: Camera, plane: WorkPlane) -> tuple[float
     told = plane.points
     space = plane.T_camera_plane @ np.column_stack([told, np.zeros(len(told))])
     pixels, valid = camera.project(space)
-    inside = valid & np.all((pixels > -0.5) & (pixels < np.array(camera.image_size) - 0.5), axis=1)
+    inside = valid & camera.in_picture(pixels)
     if inside.mean() < 0.5 or camera.covariance is None:
         return np.nan, np.nan
     intrinsics = camera.parameters

@@ -72,7 +72,7 @@ def _best(
     found = candidates(taken.design, spec, ways) if share is None else candidates(taken.design, spec, ways, share)
     if not found:
         return None
-    poses = np.array([candidate.vector for candidate in found])
+    poses = np.array([candidate.T_camera_board.vector for candidate in found])
     blocks, _ = view_blocks(taken.design, poses, [observation(candidate, spec) for candidate in found])
     squares = mean_square(aim, taken.information + blocks)
     index = int(np.argmin(squares))

@@ -185,7 +185,7 @@ def _slopes(design: Design, pose: Pose, view: Observation) -> tuple[np.ndarray, 
 
 def _in_picture(design: Design, points: np.ndarray) -> np.ndarray:
     pixels, valid = design.camera.project(points)
-    return valid & np.all((pixels > -0.5) & (pixels < np.array(design.image_size) - 0.5), axis=-1)
+    return valid & design.camera.in_picture(pixels)
 
 
 def mean_square(functional: np.ndarray, information: np.ndarray) -> np.ndarray:

@@ -85,6 +85,10 @@ class Camera:
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
         return replace(self, matrix=matrix, distortion=self.distortion + step[4:])
 
+    def in_picture(self, pixels: np.ndarray) -> np.ndarray:
+        """(...) whether pixels (..., 2) lie in the picture, to the outer edges of its outermost ones; NaN does not."""
+        return np.all((pixels > -0.5) & (pixels < np.array(self.image_size) - 0.5), axis=-1)
+
     @staticmethod
     def load(path: Path | str) -> Camera:
         """From a camera.json. Raises InputError naming the file and what is wrong with it."""

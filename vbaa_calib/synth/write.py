@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 
@@ -23,6 +21,7 @@ from .plan import AntennaShot, Plan, plan, stream
 from .render import render_shot, seen_centreline
 from .render_board import Sheet, print_sheet
 from .scene import OverSpec, Scene
+from .write_files import write_picture, write_rows
 from .write_over import write_over
 from .write_sweep import write_sweep
 
@@ -71,9 +70,9 @@ def write_session(scene: Scene, folder: Path, *, force: bool = False, recording_
         write_json(root / "truth.json", truth)
         for name, rows in planned.tables.items():
             drop = () if recording_pictures or name != "recording/recording.csv" else ("image",)
-            _write_csv(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
+            write_rows(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
         if not recording_pictures:
-            _write_csv(root / "recording/centrelines.csv", list(_centrelines(scene, place, planned)))
+            write_rows(root / "recording/centrelines.csv", list(_centrelines(scene, place, planned)))
         _write_pictures(scene, place, planned, root, recording_pictures)
     return planned
 
@@ -98,8 +97,7 @@ def _write_pictures(scene: Scene, place: Studio, planned: Plan, root: Path, reco
 def _take(scene: Scene, place: Studio, sheet: Sheet, planned: Plan, index: int, root: Path) -> None:
     shot = planned.shots[index]
     picture = render_shot(scene, place, sheet, shot, stream(scene, "pictures", index))
-    encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1]
-    (root / shot.path).write_bytes(encoded.tobytes())
+    write_picture(root / shot.path, picture)
 
 
 def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
@@ -115,13 +113,6 @@ def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[st
                 "v_px": round(float(v), 4),
                 "sigma_px": CENTRELINE_STD_PX,
             }
-
-
-def _write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream_out:
-        writer = csv.DictWriter(stream_out, fieldnames=list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _floats(values: np.ndarray | Iterable[float]) -> list[float]:

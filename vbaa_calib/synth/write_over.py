@@ -16,6 +16,7 @@ from .render import HOLDER_PAINT
 from .render_antenna import tube, tube_patch
 from .render_board import Sheet, board_patch
 from .scene import Joints, OverSpec, Scene, true_rod
+from .write_files import write_picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +73,7 @@ def write_over(
     wires = over_wires(scene, over.joints)
     for index in range(over.pictures):
         picture = render_over(scene, place, sheet, over, wires, rng)
-        encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1]
-        (folder / f"over_{index:03d}.png").write_bytes(encoded.tobytes())
+        write_picture(folder / f"over_{index:03d}.png", picture)
     return {
         "T_antenna_board": over.T_antenna_board(sheet.spec).to_dict(),
         "height_m": over.height_m,

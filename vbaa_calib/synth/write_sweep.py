@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from ..errors import InputError
@@ -18,6 +16,7 @@ from .plan import BoardShot, stream
 from .render import render_shot
 from .render_board import Sheet, outline
 from .scene import Joints, Scene
+from .write_files import write_picture, write_rows
 
 _FULL = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
 _HALF = ((1, 1), (-1, -1), (1, -1), (-1, 1))
@@ -49,13 +48,9 @@ def write_sweep(scene: Scene, place: Studio, sheet: Sheet, root: Path) -> Pose:
         name = f"sweep_{index:03d}.png"
         shot = BoardShot(f"sweep/{name}", at, _T_camera_board(scene, at, T_world_board))
         picture = render_shot(scene, place, sheet, shot, stream(scene, "pictures", _STREAM + index))
-        encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1]
-        (folder / name).write_bytes(encoded.tobytes())
+        write_picture(folder / name, picture)
         rows.append({"image": name, "pan_rad": at.pan_rad, "tilt_rad": at.tilt_rad})
-    with (folder / "sweep.csv").open("w", encoding="utf-8", newline="") as table:
-        writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_rows(folder / "sweep.csv", rows)
     return T_world_board
 
 

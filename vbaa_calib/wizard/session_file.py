@@ -18,6 +18,7 @@ from targets.scale import READING_STD_MM
 from ..errors import InputError
 from ..files import read_yaml, write_text
 from ..session import SCHEMA, Session, has_sweep, load_session, session_from
+from ..unique_yaml import UniqueKeyDumper
 from .catalogue import by_key
 from .journal import READINGS, Journal, Taken
 from .store import Store
@@ -106,7 +107,8 @@ def write_session(store: Store, board: BoardSpec, print_scale_std: float = 0.0) 
     before = read_yaml(path) if path.exists() else {}
     data = session_data(store.journal.answers, board, before, print_scale_std)
     if is_ready(store.journal) and data != before:
-        write_text(path, yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True))
+        look = {"sort_keys": False, "default_flow_style": None, "width": 110, "allow_unicode": True}
+        write_text(path, yaml.dump(data, Dumper=UniqueKeyDumper, **look))
     for step in ("plane", "noload", "loads"):
         folder = store.folder(step)
         if folder in COLUMNS and store.journal.of(step).taken:

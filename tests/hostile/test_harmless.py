@@ -1,0 +1,171 @@
+"""What looks odd and is sound: it works, and the answer is the same."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from . import damage as d
+from .case import Damage, run
+
+BOM = d.changed(lambda data: b"\xef\xbb\xbf" + data)
+CRLF = d.changed(lambda data: data.replace(b"\n", b"\r\n"))
+BLANK_LINES = d.changed(lambda data: data.replace(b"\n", b"\n\n") + b"\n\n")
+SPACES = d.changed(lambda data: data.replace(b",", b" , "))
+COMMENT = d.changed(lambda data: b"# mine\n" + data + b"# the end\n")
+
+
+def quoted(data: bytes) -> bytes:
+    return b"\n".join(b",".join(b'"%s"' % cell for cell in line.split(b",")) for line in data.splitlines())
+
+
+def turned(data: bytes) -> bytes:
+    """The columns from right to left, and one more."""
+    return b"\n".join(b",".join([b"more", *line.split(b",")[::-1]]) for line in data.splitlines())
+
+
+QUOTED, TURNED = d.changed(quoted), d.changed(turned)
+
+
+def linked(path: Path) -> None:
+    path.rename(path.with_name("elsewhere"))
+    path.symlink_to("elsewhere")
+
+
+LINED = "estimate lined --rig rig.json --no-report -o {}.csv"
+TRACK = "track contacts.csv --rig rig.json -o {}.csv"
+CONVERT = "convert camera.json --to kalibr -o {}.yaml"
+STIFF = "stiffness stiffness.csv --force 0.01 --distance 0.2"
+TEXTS: tuple[tuple[str, str, Damage, str], ...] = (
+    *(
+        (name, path, damage, line)
+        for name, damage in (("BOM", BOM), ("CRLF", CRLF), ("a link", linked))
+        for path, line in (
+            ("lined/session.yaml", LINED),
+            ("rig.json", LINED),
+            ("lined/recording/recording.csv", LINED),
+            ("lined/recording/centrelines.csv", LINED),
+            ("contacts.csv", TRACK),
+            ("camera.json", CONVERT),
+            ("opencv.txt", "convert opencv.txt --to ros -o {}.yaml"),
+            ("mrcal.txt", "convert mrcal.txt --to ros -o {}.yaml"),
+            ("colmap.txt", "convert colmap.txt --camera 3 --to ros -o {}.yaml"),
+        )
+    ),
+    *(
+        (name, path, damage, line)
+        for name, damage in (("blank lines", BLANK_LINES), ("spaces", SPACES), ("columns turned", TURNED))
+        for path, line in (("lined/recording/recording.csv", LINED), ("lined/recording/centrelines.csv", LINED))
+    ),
+    ("every cell quoted", "lined/recording/centrelines.csv", QUOTED, LINED),
+    ("every cell quoted", "lined/recording/recording.csv", QUOTED, LINED),
+    ("comments", "lined/session.yaml", COMMENT, LINED),
+    ("a key of one's own", "lined/session.yaml", d.at("remark", "mine"), LINED),
+    ("JSON for YAML", "lined/session.yaml", lambda path: d.put(path, as_json(path)), LINED),
+    ("a mebibyte of blanks", "rig.json", d.changed(lambda data: data + b" " * 2**20), LINED),
+)
+
+
+def as_json(path: Path) -> bytes:
+    from vbaa_calib.files import read_yaml
+
+    return json.dumps(read_yaml(path)).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "damage", "line"), TEXTS, ids=lambda value: value if isinstance(value, str) else ""
+)
+def test_the_same_to_the_bit(name: str, path: str, damage: Damage, line: str, folder: Path) -> None:
+    assert run(line.format("before")) == 0
+    damage(folder / path)
+    assert run(line.format("after")) == 0
+    suffix = line.rpartition(".")[2]
+    assert (folder / f"before.{suffix}").read_bytes() == (folder / f"after.{suffix}").read_bytes()
+
+
+def by_pillow(kind: str, change: Callable[[Image.Image], Image.Image], **options: object) -> Damage:
+    """The picture as another program saves it, under the same name."""
+
+    def damage(path: Path) -> None:
+        made = io.BytesIO()
+        change(Image.open(path)).save(made, kind, **options)
+        d.put(path, made.getvalue())
+
+    return damage
+
+
+def deep(factor: int) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda picture: picture.astype(np.uint16) * factor
+
+
+def of_mode(mode: str) -> Callable[[Image.Image], Image.Image]:
+    return lambda picture: picture.convert(mode)
+
+
+def turned_by_exif() -> bytes:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    return exif.tobytes()
+
+
+def frames(picture: Image.Image) -> Image.Image:
+    return picture
+
+
+BLACK = Image.new("L", (480, 360))
+PICTURES: tuple[tuple[str, Damage, float], ...] = (
+    ("16 bits", d.encoded(".png", deep(257)), 0.02),
+    ("12 of 16 bits", d.encoded(".png", deep(16)), 0.02),
+    ("16 bits of colour", d.encoded(".png", lambda picture: np.dstack([deep(257)(picture)] * 3)), 0.02),
+    ("colour", by_pillow("PNG", of_mode("RGB")), 0.0),
+    ("alpha", by_pillow("PNG", of_mode("RGBA")), 0.0),
+    ("grey with alpha", by_pillow("PNG", of_mode("LA")), 0.0),
+    ("a palette", by_pillow("PNG", lambda picture: picture.convert("RGB").quantize(256)), 0.1),
+    ("a TIFF named .png", d.encoded(".tiff", lambda picture: picture), 0.0),
+    ("a BMP named .png", d.encoded(".bmp", lambda picture: picture), 0.0),
+    ("a WebP named .png", by_pillow("WEBP", of_mode("RGB"), lossless=True), 0.0),
+    ("a TIFF of several pages", by_pillow("TIFF", frames, save_all=True, append_images=[BLACK]), 0.0),
+    ("a PNG that moves", by_pillow("PNG", frames, save_all=True, append_images=[BLACK]), 0.0),
+    ("a JPEG", by_pillow("JPEG", frames, quality=98), 0.2),
+    ("a JPEG that EXIF turns", by_pillow("JPEG", frames, quality=98, exif=turned_by_exif()), 0.2),
+    ("a progressive JPEG", by_pillow("JPEG", frames, quality=98, progressive=True), 0.2),
+    ("a CMYK JPEG", by_pillow("JPEG", of_mode("CMYK"), quality=98), 0.3),
+    (
+        "a JPEG with bytes behind it",
+        d.several(by_pillow("JPEG", frames, quality=98), d.changed(lambda b: b + b"more")),
+        0.2,
+    ),
+)
+"""Name, damage, and by how many pixels the antenna's end may move: by rounding alone, where there is any."""
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "moved_px"), PICTURES, ids=lambda value: value if isinstance(value, str) else ""
+)
+def test_the_same_antenna_is_seen(
+    name: str, damage: Damage, moved_px: float, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = []
+    for befall in (d.nothing, damage):
+        befall(folder / "free.png")
+        capsys.readouterr()
+        assert run("look free.png --rig rig.json --json") == 0
+        seen.append(json.loads(capsys.readouterr().out))
+    before, after = seen
+    assert after["verdict"] == before["verdict"] == "ok"
+    assert np.abs(np.subtract(after["end_px"], before["end_px"])).max() <= moved_px
+    if not moved_px:
+        assert after == before
+
+
+def test_one_bit_is_a_picture(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing can be measured on it, and nothing is: a verdict, no error."""
+    by_pillow("PNG", of_mode("1"))(folder / "free.png")
+    assert run("look free.png --rig rig.json --json") == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] in ("ok", "no_antenna", "too_little", "ambiguous")
