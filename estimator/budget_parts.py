@@ -14,7 +14,7 @@ import numpy as np
 
 from .budget_space import ErrorSpace
 from .budget_touches import RUNG, Touches, as_seen, unknowns_of, world_rotation
-from .solve.descend import begin, evaluated
+from .solve.fits import begin, evaluated
 from .solve.known import UNKNOWNS, Known
 from .solve.view import look, rig_table
 

@@ -16,7 +16,7 @@ from vbaa_calib.rig import Rig
 
 from .contact import FRICTION_RAD, Contact, Measured
 from .contacts import Contacts, judge
-from .given import checked_device, column, padded, stacked, started
+from .given import checked_device, column, deviations, padded, stacked, started
 from .motion import Beam
 from .quantities import Numbers, none_of, numbers, placed, plain
 from .solve.frames import Frames, frames_from_pixels
@@ -135,7 +135,7 @@ class ContactEstimator:
         for name in ("moments", "moments_z"):
             if np.isinf(columns[name]).any():
                 raise InputError(f"one of {name} is infinite", remedy="give N·m, or None where there is no reading")
-        sigma = self._sigma(points, sigma_px)
+        sigma = deviations(points, self.rig.image.noise_px if sigma_px is None else sigma_px)
         readings = np.stack([columns["moments"], columns["moments_z"]], axis=-1)
         return self._judged(points, sigma, readings, columns["pans"], columns["tilts"], None)
 
@@ -235,19 +235,6 @@ class ContactEstimator:
         gravity = np.einsum("bji,j->bi", rotation, self.rig.gravity_world_m_s2)
         given = (np.require(values, float, ["C", "W"]) for values in (points_px, sigma_px, readings_Nm, gravity))
         return frames_from_pixels(known, *(like(known.prior, values) for values in given))
-
-    def _sigma(self, points_px: np.ndarray, sigma_px: np.ndarray | float | None) -> np.ndarray:
-        """(B, N) deviations, checked where there is a point."""
-        sigma = np.asarray(self.rig.image.noise_px if sigma_px is None else sigma_px, float)
-        try:
-            sigma = np.broadcast_to(sigma, points_px.shape[:2])
-        except ValueError:
-            raise InputError(
-                f"sigma_px has shape {sigma.shape}", remedy="give one number or one for each point"
-            ) from None
-        if not ((sigma > 0) & np.isfinite(sigma))[np.isfinite(points_px).all(axis=-1)].all():
-            raise InputError("sigma_px is not everywhere positive and finite", remedy="give standard deviations in px")
-        return sigma
 
 
 @dataclass(frozen=True, eq=False)

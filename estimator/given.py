@@ -57,6 +57,18 @@ def column(name: str, values: Sequence[float | None] | np.ndarray | None, count:
     return numbers
 
 
+def deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarray:
+    """(B, N) deviations of points (B, N, 2) from one, (B, 1) or (B, N). Raises InputError where there is a point."""
+    sigma = np.asarray(sigma_px, float)
+    try:
+        sigma = np.broadcast_to(sigma, points_px.shape[:2])
+    except ValueError:
+        raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or one for each point") from None
+    if not ((sigma > 0) & np.isfinite(sigma))[np.isfinite(points_px).all(axis=-1)].all():
+        raise InputError("sigma_px is not everywhere positive and finite", remedy="give standard deviations in px")
+    return sigma
+
+
 def checked_device(name: str) -> torch.device:
     """The torch device. Raises InputError when it cannot be used."""
     try:

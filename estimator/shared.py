@@ -11,7 +11,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .contact_row import ContactTable
 from .joints import joint_angles
-from .solve.descend import begin, evaluated
+from .solve.fits import begin, evaluated
 from .solve.frames import Frames, frames_from_pixels
 from .solve.known import ANTENNA, POSES, UNKNOWNS, Known
 from .solve.view import antennas, look, readings, rig_table

@@ -146,6 +146,7 @@ def test_the_judge_of_answers(pages: Cell) -> None:
     found = verdict(Answers(distance, std, np.stack([force[0], 1.1 * force[1], turned[2]])), photographs, bound_m)
     assert found.of_bound == pytest.approx(np.sqrt((4 + 81 + 81) / 3))
     assert found.l_median_mm == pytest.approx(9.0)
+    assert found.l_rms_error_mm == pytest.approx(found.of_bound / np.sqrt(6)), "all bounds alike"
     assert (found.answered, found.wrong) == (1.0, pytest.approx(1 / 3))
     assert found.direction_deg == pytest.approx(90.0 / np.sqrt(3))
     assert found.force_percent == pytest.approx(100 * np.sqrt((0.01 + 2.0) / 3))

@@ -1,0 +1,1 @@
+"""What was found, shown: scenes, pages, object files and reports."""

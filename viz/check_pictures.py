@@ -71,7 +71,7 @@ def coverage(corners_px: np.ndarray, image_size: Sequence[float]) -> str:
         label = f"<title>{counts[column, row]} corners</title>"
         parts.append(f'<rect x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}" fill="{fill}">{label}</rect>')
     parts += axes.frame(title, "u, px", "v, px", y_ticks=4)
-    parts.append(dots(axes, *corners_px.T, "#12355b", 2.4))
+    parts.append(dots(axes, corners_px[:, 0], corners_px[:, 1], "#12355b", 2.4))
     return axes.drawing(parts, title)
 
 
@@ -91,7 +91,7 @@ def arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> 
             pieces = np.stack([corners[chosen], corners[chosen] + factor * residuals[chosen]], axis=1)
             if len(pieces):
                 parts.append(f'<path d="{_path(axes, pieces)}" stroke="{paint}" stroke-width="1.3"/>')
-        parts.append(dots(axes, *corners.T, INK, 1.8))
+        parts.append(dots(axes, corners[:, 0], corners[:, 1], INK, 1.8))
     parts.append(_ruler(axes, factor, float(np.quantile(lengths, 0.95))))
     return axes.drawing(parts, title)
 
@@ -105,7 +105,7 @@ def _ruler(axes: Axes, factor: float, long_px: float) -> str:
     end = axes.width - axes.right
     start = end - float(axes.across(factor * shown) - axes.across(0.0))
     return (
-        f'<line x1="{start:.1f}" x2="{end:.1f}" y1="{axes.top - 8:.0f}" y2="{axes.top - 8:.0f}" stroke="#1f2937" '
+        f'<line x1="{start:.1f}" x2="{end:.1f}" y1="{axes.top - 8:.0f}" y2="{axes.top - 8:.0f}" stroke="{INK}" '
         f'stroke-width="2"/><text x="{start - 6:.1f}" y="{axes.top - 4:.0f}" text-anchor="end">{shown:g} px</text>'
     )
 
@@ -170,7 +170,7 @@ def _antenna(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> str:
     points = np.array([[row["u_px"], row["v_px"]] for row in seen])
     parts = [
         f'<path d="{_path(axes, np.stack([points[:-1], points[1:]], axis=1))}" stroke="#ea580c" stroke-width="2.4"/>',
-        dots(axes, *points.T, "#ea580c", 8.0),
+        dots(axes, points[:, 0], points[:, 1], "#ea580c", 8.0),
     ]
     for row, (u, v) in list(zip(seen, points, strict=True))[::2]:
         place = f'x="{float(axes.across(u)):.1f}" y="{float(axes.down(v)) - 9:.1f}" text-anchor="middle"'

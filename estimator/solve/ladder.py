@@ -10,7 +10,7 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.arrays import Array, counted, namespace, places
 
 from .batch import picked
-from .descend import Settled
+from .fits import Settled
 from .frames import Frames
 from .rivals import Best, different, one_sided, other_sides
 from .second import second_force

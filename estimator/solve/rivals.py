@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from vbaa_calib.arrays import Array, counted, like, namespace, places
 
 from .batch import picked
-from .descend import Settled
+from .fits import Settled
 from .frames import Frames
 from .settle import settle
 from .view import RigTable

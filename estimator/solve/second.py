@@ -7,7 +7,7 @@ from vbaa_calib.antenna.shape import aligned_arclength
 from vbaa_calib.arrays import Array, counted, like, namespace, places
 
 from .batch import picked
-from .descend import Settled, evaluated
+from .fits import Settled, evaluated
 from .normal import Problem, huber_weights, solved, solved_columns
 from .view import by_point
 from .worth import REFERENCE, Worth

@@ -7,7 +7,8 @@ from dataclasses import replace
 from vbaa_calib.arrays import Array, counted, namespace, places
 
 from .batch import picked
-from .descend import COARSE_ITERATIONS, COARSE_STANDSTILL, Settled, State, begin, descend, evaluated
+from .descend import COARSE_ITERATIONS, COARSE_STANDSTILL, descend
+from .fits import Settled, State, begin, evaluated
 from .frames import Frames
 from .known import UNKNOWNS, Known
 from .normal import Problem

@@ -7,7 +7,7 @@ from vbaa_calib.arrays import Array, counted, like, namespace
 
 from ..motion import PIECES, Beam
 from .cubics import cubic, cubics
-from .descend import Settled
+from .fits import Settled
 from .known import UNKNOWNS
 from .match import arclength, between_nodes, rows
 from .normal import huber_weights, solved_columns

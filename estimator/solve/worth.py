@@ -8,7 +8,8 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.arrays import Array, counted, namespace, places
 
 from .batch import picked
-from .descend import Settled, linearised, moved_unknowns
+from .descend import moved_unknowns
+from .fits import Settled, linearised
 from .known import UNKNOWNS
 from .match import match
 from .normal import Problem, cost, huber_weights, least_cost, solved

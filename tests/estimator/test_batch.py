@@ -23,6 +23,8 @@ that differ by rounding alone, or begin elsewhere, may end one step apart."""
 ROUNDING = 1e-6
 """What rounding makes of most frames: finite differences blow it up by their step."""
 SIGMA = 0.05
+TORCH = "cpu:0"
+"""Torch on the processor; "cpu" is NumPy."""
 
 
 @cache
@@ -52,8 +54,8 @@ def test_the_scenes_are_worth_comparing() -> None:
 
 @pytest.mark.parametrize("count", [SINGLE, 8, 24])
 def test_numpy_and_torch_agree(count: int) -> None:
-    """A batch of a few is worked on in NumPy, a larger one in torch."""
-    together = answered(scenes().picked(np.arange(count)))
+    """A batch of a few is worked on in NumPy wherever it was asked for, a larger one in torch."""
+    together = answered(scenes().picked(np.arange(count)), device=TORCH)
     assert len(together) == count
     apart = [furthest(one, many) for one, many in zip(alone()[:count], together, strict=True)]
     assert max(apart) < STANDSTILL
@@ -118,9 +120,10 @@ def test_readings_may_be_missing_here_and_there() -> None:
 
 @pytest.mark.parametrize("model", ["paper", "linear", "elastica", "rod"])
 @pytest.mark.parametrize("friction", [0.0, 0.2])
-def test_every_rung_agrees_with_itself(model: str, friction: float) -> None:
+@pytest.mark.parametrize("device", ["cpu", TORCH])
+def test_every_rung_agrees_with_itself(model: str, friction: float, device: str) -> None:
     several = [frame(contact, 0.4, 0.004, seed=seed) for seed, contact in enumerate((0.4, 0.5, 0.6, 0.7, 0.8, 0.9))]
-    together = estimated_together(several, model=model, friction=friction)
+    together = estimated_together(several, model=model, friction=friction, device=device)
     for seen, found in zip(several, together, strict=True):
         assert furthest(estimated(seen, model=model, friction=friction), found) < STANDSTILL
 

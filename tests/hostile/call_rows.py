@@ -202,6 +202,8 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("a check with a capital", "doctor --skip OpenCV", ("OpenCV",)),
     ("a name of nothing", "schema ''", ("''",)),
     ("a file for a name", "schema rig.json", ("rig.json",)),
+    ("a check twice, once wrong", "doctor --skip torch --skip gpu", ("gpu",)),
+    ("an unknown switch", "schema rig --yaml", ("--yaml",)),
     ("something more", "doctor please", ("please",)),
     ("a value for a switch", "doctor --json=yes", ("--json",)),
     ("a scene that is none", "demo --scene moon", ("'moon'",)),

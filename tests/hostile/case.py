@@ -23,6 +23,8 @@ LONGEST_S = 10.0
 """Of processor time. The wall clock may show more where others share the machine."""
 BLOCKED_S = 90.0
 """On the wall clock: it waits for something that never comes."""
+LARGE = 50_000_000
+"""Bytes: such a file is known again by its size and time."""
 MOST_BYTES = 3 << 30
 """Address space that a refusal may take on top of what the process has."""
 
@@ -94,7 +96,9 @@ def tree(root: Path) -> dict[str, str]:
             if stat.S_ISLNK(mode):
                 what = os.readlink(path)
             elif stat.S_ISREG(mode):
-                what = f"{path.stat().st_mtime_ns} {hashlib.sha256(path.read_bytes()).hexdigest()}"
+                status = path.stat()
+                digest = "" if status.st_size > LARGE else hashlib.sha256(path.read_bytes()).hexdigest()
+                what = f"{status.st_size} {status.st_mtime_ns} {digest}"
             else:
                 what = stat.filemode(mode)
             found[str(path.relative_to(root))] = what

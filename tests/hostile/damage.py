@@ -43,6 +43,16 @@ def folder(path: Path) -> None:
     path.mkdir()
 
 
+def giant(size: int) -> Damage:
+    """A file that says it is so many bytes long; they take no place on the disk."""
+
+    def damage(path: Path) -> None:
+        put(path, b"")
+        os.truncate(path, size)
+
+    return damage
+
+
 def pipe(path: Path) -> None:
     """A FIFO that nobody writes to."""
     gone(path)

@@ -140,7 +140,32 @@ TO_LISTED: tuple[tuple[str, Damage, tuple[str, ...]], ...] = (
 )
 
 
-SOUND = {(kind, name) for kind in ("centrelines.csv", "wizard.json") for name in ("missing", "a link to nothing")}
+GIANTS: tuple[tuple[str, str, int, str], ...] = (
+    ("session.yaml", "session/session.yaml", 300_000_000, CALIBRATE),
+    ("session.yaml", "session/session.yaml", 300_000_000, ESTIMATE),
+    ("board.yaml", "board.yaml", 300_000_000, "board --spec board.yaml -o out.pdf"),
+    ("board.yaml", "board.yaml", 300_000_000, "selftest --board board.yaml --pictures 1"),
+    ("scene.yaml", "scene.yaml", 300_000_000, "simulate scene.yaml -o out"),
+    ("answers.yaml", "answers.yaml", 300_000_000, "wizard new --answers answers.yaml --batch"),
+    ("wizard.json", "store/wizard.json", 300_000_000, "wizard store --batch"),
+    ("rig.json", "rig.json", 300_000_000, ESTIMATE),
+    ("rig.json", "rig.json", 300_000_000, "budget rig.json -o out.json"),
+    ("rig.json", "rig.json", 300_000_000, "track contacts.csv --rig rig.json -o out.csv"),
+    ("truth.json", "truth.json", 300_000_000, "view contacts.csv --truth truth.json --html out.html"),
+    ("stiffness.csv", "stiffness.csv", 10**13, "stiffness stiffness.csv --force 0.01 --distance 0.2 -o out.json"),
+    ("camera.json", "camera.json", 10**13, "convert camera.json --to opencv -o out.yaml"),
+    ("mrcal", "mrcal.txt", 10**13, "convert mrcal.txt --from mrcal -o out.json"),
+    ("object.vtp", "object.vtp", 10**13, "view contacts.csv --object object.vtp --html out.html"),
+    ("object.glb", "object.glb", 10**13, "view contacts.csv --object object.glb --html out.html"),
+    ("free.png", "free.png", 10**13, "look free.png --rig rig.json"),
+    ("free.png", "free.png", 10**13, f"{ESTIMATE} --background free.png"),
+    ("board_002.png", "session/intrinsics/board_002.png", 10**13, CALIBRATE),
+    ("frame_0003.png", "session/recording/frame_0003.png", 10**13, ESTIMATE),
+)
+"""Kind, path, bytes that the file claims, command."""
+SOUND = {(kind, name) for kind in ("centrelines.csv", "wizard.json") for name in ("missing", "a link to nothing")} | {
+    ("centrelines.csv", "a link to itself")
+}
 """What is none of the harm: a session without centrelines has pictures, one without wizard.json was not begun."""
 
 
@@ -152,6 +177,10 @@ def cases() -> list[Case]:
         for files, damages in pairs
         for kind, path, line in files
         for name, damage, words in damages
+    ]
+    found += [
+        Case(f"{size:.0e} bytes", kind, path, d.giant(size), line, (path.rpartition("/")[2], "MB, more than"))
+        for kind, path, size, line in GIANTS
     ]
     return [case for case in found if (case.kind, case.name) not in SOUND]
 

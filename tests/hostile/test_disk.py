@@ -30,7 +30,6 @@ LINES = (
     "view contacts.csv --plain --html disk/out.html",
     "view contacts.csv --plain --gltf disk/out.glb",
     "simulate scene.yaml -o disk/out",
-    "demo --out disk/out",
     "wizard disk/out --answers answers.yaml --batch",
 )
 
@@ -64,7 +63,10 @@ def fill(disk: Path, left: int) -> None:
             stream.truncate(max(0, stream.tell() - left))
 
 
-@pytest.mark.parametrize("line", LINES)
+DEMO = pytest.param("demo --out disk/out", marks=pytest.mark.slow)  # it simulates its scene first
+
+
+@pytest.mark.parametrize("line", [*LINES, DEMO])
 def test_a_full_disk(line: str, disk: Path, capfd: pytest.CaptureFixture[str]) -> None:
     fill(disk, 0)
     before = tree(disk)
@@ -81,7 +83,7 @@ def test_a_full_disk(line: str, disk: Path, capfd: pytest.CaptureFixture[str]) -
     assert not [name for name in tree(disk) if name not in before and not line.startswith(("demo", "wizard"))]
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", [*LINES, "demo --out disk/out"])
 def test_a_disk_that_may_not_be_written(line: str, disk: Path, capfd: pytest.CaptureFixture[str]) -> None:
     mount("-o", "remount,ro", "tmpfs", str(disk))
     capfd.readouterr()

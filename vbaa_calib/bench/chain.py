@@ -36,6 +36,7 @@ class ChainRow:
     told : it is told by the truth which points to take.
     ms, ms_recording : of one thread for one picture that comes alone, and for each of a recording.
     l_rms_mm, l_median_mm : error of the contact distance, of the pictures with a number; None without any.
+    l_rms_error_mm : what the rms scatters by from chance, were every error as its picture's bound has it.
     of_bound, of_bound_error : rms error in the bound's standard deviations, and what it scatters by from chance.
     force_percent, direction_deg : rms error of (f_y, f_z) over its size, and of its direction.
     answered, wrong : share with a number; share of all with one that is wrong and confident.
@@ -52,6 +53,7 @@ class ChainRow:
     ms: float
     ms_recording: float
     l_rms_mm: float | None
+    l_rms_error_mm: float | None
     l_median_mm: float | None
     of_bound: float | None
     of_bound_error: float | None

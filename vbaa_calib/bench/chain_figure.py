@@ -121,7 +121,7 @@ def _marks(panel: Axes, rows: Sequence[ChainRow]) -> None:
     for row in rows:
         colour, mark = STYLES[row.family]
         error = row.l_rms_mm or 0.0
-        scatter = (row.of_bound_error or 0.0) / (row.of_bound or 1.0)
+        scatter = (row.l_rms_error_mm or 0.0) / error
         panel.loglog([error, error], [row.ms, row.ms_recording], color=colour, lw=0.7)
         panel.loglog([error * (1 - scatter), error * (1 + scatter)], [row.ms, row.ms], color=colour, lw=1.0, alpha=0.5)
         panel.loglog(error, row.ms_recording, mark, color=colour, markerfacecolor="white", markersize=6)

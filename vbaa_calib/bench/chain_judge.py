@@ -19,6 +19,7 @@ class Verdict:
     """What a method's answers are worth; None without any. The attributes are those of `chain.ChainRow`."""
 
     l_rms_mm: float | None
+    l_rms_error_mm: float | None
     l_median_mm: float | None
     of_bound: float | None
     of_bound_error: float | None
@@ -36,9 +37,12 @@ def verdict(found: Answers, photographs: Sequence[Photograph], bound_m: np.ndarr
     turned = (found.force_N * force[:, ::-1] * [-1.0, 1.0]).sum(axis=1), (found.force_N * force).sum(axis=1)
     astray = np.abs(error) > np.maximum(ASTRAY_BOUND * bound_m, ASTRAY_STATED * np.nan_to_num(found.std_m))
     known = np.isfinite(error)
-    scaled = rms(error / bound_m)
+    scaled, plain = rms(error / bound_m), rms(1e3 * error)
+    weight = bound_m[known] ** 2
     return Verdict(
-        l_rms_mm=rms(1e3 * error),
+        l_rms_mm=plain,
+        # a few pictures with wide bounds make most of it
+        l_rms_error_mm=None if plain is None else plain * float(np.linalg.norm(weight) / weight.sum() / np.sqrt(2.0)),
         l_median_mm=float(np.median(1e3 * np.abs(error[known]))) if known.any() else None,
         of_bound=scaled,
         of_bound_error=None if scaled is None else scaled / float(np.sqrt(2.0 * known.sum())),

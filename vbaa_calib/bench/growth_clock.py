@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,8 +24,7 @@ class Cost:
     ----------
     seconds : of the processor, all threads together, least of several timings: what else the machine does hardly
         counts, nor does waiting for the disk.
-    risen_MB : how far the resident set rose above what it was before, at most; NaN where the system does not tell. What
-        the allocator has kept from earlier work and uses again does not show.
+    risen_MB : how far the resident set rose above what it was before, at most; NaN where the system does not tell.
     peak_MB : the highest resident set.
     """
 
@@ -36,7 +37,7 @@ def cost_of(work: Callable[[], object], repeats: int) -> Cost:
     """Run the work `repeats` times, or once where it is slow."""
     seconds, risen, peaks = [], [], []
     for _ in range(max(repeats, 1)):
-        gc.collect()
+        _give_back()
         _forget_peak()
         before = resident_MB("VmRSS")
         begun = time.process_time()
@@ -55,6 +56,14 @@ def resident_MB(which: str) -> float:
         return float("nan")
     lines = _STATUS.read_text().splitlines()
     return next(float(line.split()[1]) * 1024e-6 for line in lines if line.startswith(f"{which}:"))
+
+
+def _give_back() -> None:
+    """What earlier work has left behind: an allocator that kept it would use it again, and nothing would show."""
+    gc.collect()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
+    if trim is not None:
+        trim(0)
 
 
 def _forget_peak() -> None:

@@ -19,6 +19,8 @@ LEAST_LOADS = 3
 """A load that was noted wrong is seen against two others."""
 GAIN_KNOWN = 0.02
 """Standard deviation of the moment sensor's gain that is good enough; loads in plane C do not show it."""
+OUT_OF_PLANE = 0.5
+"""Part of a pull along z from which on it shows that gain."""
 HELPS = 0.05
 """A load is worth hanging when it lowers EI's standard deviation by more than this part."""
 AHEAD = 6
@@ -115,12 +117,12 @@ def load_progress(
     ]
     gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
     # a load that shows the gain comes first where the gain is not known, if any can
-    wanted = [index for index, one in enumerate(offered) if gain_std <= GAIN_KNOWN or abs(one.direction[1]) > 0.5]
+    wanted = [index for index, one in enumerate(offered) if gain_std <= GAIN_KNOWN or shows_gain(one)]
     wanted = wanted or list(range(len(offered)))
     worth = [errors.whole for errors in best_use.after_each()]
     best = min(wanted, key=lambda index: worth[index]) if wanted else None
     ahead, ahead_at_best = reachable(best_use, planner)
-    few, blind = len(hung) < LEAST_LOADS, gain_std > GAIN_KNOWN and any(abs(o.direction[1]) > 0.5 for o in offered)
+    few, blind = len(hung) < LEAST_LOADS, gain_std > GAIN_KNOWN and any(map(shows_gain, offered))
     reached = now.whole <= goal_relative
     helps = best is not None and ahead_at_best < (1 - HELPS) * best_use.now().whole
     enough = not few and not blind and (reached or not helps)
@@ -143,6 +145,11 @@ def load_progress(
         missing=missing,
         words=progress_words(now, goal_relative, ahead, enough, reached, suggestion is not None, bool(masses_kg)),
     )
+
+
+def shows_gain(one: Candidate) -> bool:
+    """Whether a load pulls far enough out of plane C for the moment sensor to feel it."""
+    return bool(abs(one.direction[1]) > OUT_OF_PLANE)
 
 
 def reachable(best_use: Planner, planner: Planner) -> tuple[float, float]:

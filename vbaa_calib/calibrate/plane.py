@@ -24,7 +24,8 @@ _MOVED_PX = 2.0
 _GROSS_CORNER = 20.0
 _GROSS_LEAST_PX = 0.5
 _SAME_RAD = 1e-3
-_AMBIGUOUS = 1.2
+AMBIGUOUS = 1.2
+"""A plane's second pose fits nearly as well where its error is less than this many times the first one's."""
 _OUT_OF_SIGHT_PX = 1e3
 
 
@@ -68,7 +69,7 @@ class BoardPose:
     @property
     def is_ambiguous(self) -> bool:
         """Whether the second solution fits nearly as well, so that the first cannot be trusted."""
-        return self.second_ratio is not None and self.second_ratio < _AMBIGUOUS
+        return self.second_ratio is not None and self.second_ratio < AMBIGUOUS
 
 
 def solve_board_pose(

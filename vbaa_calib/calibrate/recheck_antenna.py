@@ -198,7 +198,21 @@ def _offset(rig: Rig, found: AntennaEvidence) -> Finding:
         "let the sensor warm up, tare it, and calibrate again if the offset stays; a wire of another weight or length "
         "reads like this, too"
     )
+    if _in_millis(rig, found):
+        remedy = "the reading would fit in mN·m: give it in N·m (1 mN·m is 0.001), and check again"
     return judged(name, question, words, remedy, _offset_evidence(rig, change))
+
+
+def _in_millis(rig: Rig, found: AntennaEvidence) -> bool:
+    """Whether a thousandth of what was read is what the free antenna should read, and what was read is far from it."""
+    read = np.array([held.still.moment_Nm for held in found.free if np.isfinite(held.still.moment_Nm)])
+    sensor = rig.moment_sensor
+    expected = np.array(
+        [sensor.gain * held.moment_Nm + sensor.offset_Nm for held in found.free if np.isfinite(held.still.moment_Nm)]
+    )
+    noise = 10.0 * sensor.std_Nm + 0.1 * np.abs(expected)
+    fits = np.abs(1e-3 * read - expected) < noise
+    return bool(read.size and fits.all() and (np.abs(read - expected) > 100.0 * noise).all())
 
 
 def _gain(found: AntennaEvidence) -> Finding:

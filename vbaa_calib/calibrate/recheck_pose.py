@@ -16,7 +16,7 @@ from ..geometry import Pose
 from ..rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from .board_flex import Bend
 from .jig import jig_estimate
-from .plane import solve_board_pose
+from .plane import AMBIGUOUS, solve_board_pose
 from .recheck_change import joint_covariance
 from .recheck_finding import FAILS, HOLDS, LOOK, Evidence, Finding, judged
 
@@ -115,7 +115,7 @@ def pose_finding(found: PoseEvidence, lens_holds: bool) -> Finding:
         remedy = "mend the lens first: the rest may come from it. Then " + remedy
     evidence = Evidence(found.distance_std, len(POSE_PARAMETERS), found.on_plane_mm, POSE_FLOOR_MM, "mm on plane C")
     finding = judged("camera_pose", "Is the camera where it was?", words, remedy, evidence)
-    if finding.level == HOLDS and found.second_ratio is not None and found.second_ratio < 1.2:
+    if finding.level == HOLDS and found.second_ratio is not None and found.second_ratio < AMBIGUOUS:
         why = "the board in the jig has a second pose that fits nearly as well: take it from a steeper angle"
         return replace(finding, level=LOOK, remedy=why)
     return finding

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..rig import POSE_PARAMETERS, Rig
+from .plane import AMBIGUOUS
 from .recheck_finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding
 from .recheck_maps import AlongAntenna, PictureMap
 
@@ -15,7 +16,6 @@ PLANE_LOOK_MM, PLANE_FAIL_MM = 0.2, 1.0
 STIFFNESS_LOOK, STIFFNESS_FAIL = 0.01, 0.05
 NOMINAL_LOOK = 0.15
 GAIN_LOOK, GAIN_FAIL = 0.02, 0.1
-AMBIGUOUS = 1.2
 
 
 def number_at(data: Mapping[str, Any], *keys: str) -> float | None:

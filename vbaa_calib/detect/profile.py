@@ -44,6 +44,8 @@ EDGE_RUN, EDGE_NOTICED = 21, 3.0
 background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
 ORDINARY_BLUR_PX = 0.8
 """Blur of a lens in focus, standard deviation."""
+LEAST_PROFILES = 8
+"""Across the antenna, for there to be a line, and for its noise to be told."""
 BROADER = 1.5
 """A line so much broader than expected is measured again with longer profiles."""
 
@@ -91,14 +93,14 @@ def _ordinary(width_px: float, half: int) -> LineShape:
 
 def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool) -> Centreline:
     found = crossings(image, path_px, half, bright)
-    if found.inside.sum() < 8:
+    if found.inside.sum() < LEAST_PROFILES:
         return NOTHING
     width_px = round(width_px, 2)
     lines = _lines(found, width_px, half)
     kept, clean, there = _kept(found, lines)
     if not kept.any():
         return NOTHING
-    sigma = _deviations(found, lines, clean if clean.sum() >= 8 else kept)
+    sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
     pulled = PULLED * width_px * float(np.clip((lines.lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
     sigma = np.hypot(np.hypot(sigma, pulled), _beside_an_edge(found, lines, there))
     kept, course = _without_strays(found, lines, sigma, kept)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from array import array
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -59,9 +61,9 @@ class Centrelines(Mapping[int, np.ndarray]):
     Raises InputError, when asked for a frame, if the file is no longer the one that was checked.
     """
 
-    def __init__(self, path: Path, layout: Layout, runs: np.ndarray) -> None:
+    def __init__(self, path: Path, state: tuple[int, ...], layout: Layout, runs: np.ndarray) -> None:
         """`runs` (R, 3) int64: frame, and the bytes of the file from which on and up to which its rows stand."""
-        self._path, self._layout = path, layout
+        self._path, self._state, self._layout = path, state, layout
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self._frames = np.unique(self._runs[:, 0])
 
@@ -78,13 +80,12 @@ class Centrelines(Mapping[int, np.ndarray]):
         runs = self._of(frame)
         if len(runs) == 0:
             raise KeyError(frame)
-        try:
-            with self._path.open("rb") as stream:
-                rows = [_between(stream, begin, end) for _, begin, end in runs.tolist()]
-            table = _numbers(b"".join(rows).decode(), self._layout)
-        except (OSError, ValueError, IndexError, csv.Error):
-            table = np.full((1, len(self._layout.places)), np.nan)
-        if not (table[:, 0] == frame).all():
+        table = np.empty((0, 0))
+        with suppress(OSError), self._path.open("rb") as stream:
+            rows = [_between(stream, begin, end) for _, begin, end in runs.tolist()]
+            if _state(stream) == self._state:
+                table = _numbers(b"".join(rows).decode(), self._layout)
+        if len(table) == 0:
             remedy = "start again once nothing writes to it"
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
         points = np.full((len(table), 3), np.nan)
@@ -97,6 +98,12 @@ class Centrelines(Mapping[int, np.ndarray]):
         return self._runs[first:last]
 
 
+def _state(stream: BinaryIO) -> tuple[int, ...]:
+    """What tells a file from one that was written since."""
+    status = os.fstat(stream.fileno())
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
 def _between(stream: BinaryIO, begin: int, end: int) -> bytes:
     stream.seek(begin)
     rows = stream.read(end - begin)
@@ -104,7 +111,7 @@ def _between(stream: BinaryIO, begin: int, end: int) -> bytes:
 
 
 def _indexed(stream: BinaryIO, path: Path) -> Centrelines:
-    lines = _Lines(stream)
+    state, lines = _state(stream), _Lines(stream)
     header = next(_cells(lines, path), [])
     if not header:
         raise InputError("is empty", where=path, remedy=f"the first line must name the columns {','.join(COLUMNS)}")
@@ -114,7 +121,7 @@ def _indexed(stream: BinaryIO, path: Path) -> Centrelines:
     stream.seek(at)
     while block := stream.read(BLOCK) + stream.readline(BLOCK):
         ended = block.count(b"\n")
-        if len(block) == 2 * BLOCK and not block.endswith(b"\n"):
+        if len(block) == 2 * BLOCK and not block.endswith(b"\n") and b"\r" not in block:
             raise no_csv(csv.Error(ENDLESS), f"{path} line {line + ended + 1}")
         found = _plain(block, layout)
         if found is None:
@@ -126,7 +133,7 @@ def _indexed(stream: BinaryIO, path: Path) -> Centrelines:
     every = np.concatenate(runs)
     if not len(every):
         raise no_rows(path)
-    return Centrelines(path, layout, every)
+    return Centrelines(path, state, layout, every)
 
 
 def _plain(block: bytes, layout: Layout) -> np.ndarray | None:
@@ -163,6 +170,7 @@ def _loaded(text: str, layout: Layout) -> np.ndarray:
 
 def _numbers(text: str, layout: Layout) -> np.ndarray:
     """The same of rows that were checked, quoted ones included."""
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     try:
         return _loaded(text, layout)
     except ValueError:

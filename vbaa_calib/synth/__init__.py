@@ -1,0 +1,1 @@
+"""Simulated sessions: forward physics and pictures; nothing here knows the estimator or the camera layer."""

@@ -107,8 +107,10 @@ def write_session(store: Store, board: BoardSpec, print_scale_std: float = 0.0) 
     before = read_yaml(path) if path.exists() else {}
     data = session_data(store.journal.answers, board, before, print_scale_std)
     if is_ready(store.journal) and data != before:
-        look = {"sort_keys": False, "default_flow_style": None, "width": 110, "allow_unicode": True}
-        write_text(path, yaml.dump(data, Dumper=UniqueKeyDumper, **look))
+        text = yaml.dump(
+            data, Dumper=UniqueKeyDumper, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True
+        )
+        write_text(path, text)
     for step in ("plane", "noload", "loads"):
         folder = store.folder(step)
         if folder in COLUMNS and store.journal.of(step).taken:

@@ -1,0 +1,187 @@
+"""Input that is odd and may be used, and that what is wrong is refused early; what is refused: tests/hostile."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator import recording
+from vbaa_calib.detect import corners
+from vbaa_calib.rig import Rig
+
+from .conftest import Call
+from .damage import PICTURES, grey, noise, refused, repaint, truncate
+
+
+def refuse_to_begin(*_: object) -> None:
+    raise AssertionError("the long work has begun")
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("noload/noload_001.png", "is truncated or damaged"),
+        ("loads/loads_002.png", "is truncated or damaged"),
+        ("loads/loads.csv", "cells, the header"),
+        ("session.yaml", "is not valid YAML"),
+    ],
+)
+def test_calibrate_refuses_before_the_long_work(
+    vbaa: Call, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, words: str
+) -> None:
+    monkeypatch.setattr(corners, "detect_corners", refuse_to_begin)
+    data = (session / path).read_bytes()
+    (session / path).write_bytes(data[: int(0.7 * len(data))])
+    said = vbaa("calibrate", session, "-o", tmp_path / "rig.json")
+    refused(said, words)
+
+
+def test_estimate_refuses_before_the_long_work(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording, "look_at", refuse_to_begin)
+    truncate(PICTURES["recording"])(session)
+    refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv"), "is truncated or damaged")
+
+
+def test_contacts_are_a_csv_or_parquet(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    words = {
+        "contacts.xlsx": "is neither .csv nor .parquet",
+        "contacts": "is neither .csv nor .parquet",
+        "contacts.parquet": "Parquet needs the package pyarrow; pip install vbaa-calib[parquet]",
+    }
+    for name, said in words.items():
+        refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / name), f"{name}: {said}")
+        assert not (tmp_path / name).exists()
+
+
+def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    """Without the moments, by the option or in the table, the contacts are the same, and others than with them."""
+    tables = {}
+    for name, options in (("with", []), ("told", ["--no-moment"])):
+        said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / f"{name}.csv", *options)
+        assert said.code == 0
+        assert "moment reading" not in said.err
+        tables[name] = (tmp_path / f"{name}.csv").read_text()
+    path = session / "recording" / "recording.csv"
+    path.write_text("".join(line.rpartition(",")[0] + "\n" for line in path.read_text().splitlines()))
+    said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "silent.csv")
+    assert said.code == 0
+    assert "4 of 4 frames have no moment reading: vision alone there" in said.err
+    tables["silent"] = (tmp_path / "silent.csv").read_text()
+    assert tables["told"] == tables["silent"] != tables["with"]
+    rows = list(csv.DictReader(tables["told"].splitlines()))
+    assert len(rows) == 4
+    assert not any(row["moment_residual_Nm"] for row in rows)
+
+
+def test_a_second_moment_that_the_rig_does_not_know_is_left_aside(
+    vbaa: Call, session: Path, rig: Path, tmp_path: Path
+) -> None:
+    path = session / "recording" / "recording.csv"
+    first, *rest = path.read_text().splitlines()
+    path.write_text("\n".join([f"{first},moment_z_Nm", *(f"{line},0.001" for line in rest)]))
+    said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv")
+    assert said.code == 0
+    assert "moment_z_Nm is left aside: rig.json has no second_moment_sensor" in said.err
+
+
+def test_pictures_of_any_depth_and_colour_mean_the_same(vbaa: Call, made: Path, session: Path, tmp_path: Path) -> None:
+    """The same grey as colour, as 16 bit, and under another suffix gives the same rig and the same contacts.
+
+    To the bit for the lens; where the antenna is looked for, 16 bits are not cut to 8, and rounding differs.
+    """
+    repaint("intrinsics/*.png", lambda picture: cv2.merge([picture] * 3))(session)
+    repaint("noload/*.png", lambda picture: picture.astype(np.uint16) * 257)(session)
+    repaint("loads/*.png", lambda picture: cv2.merge([picture] * 4))(session)
+    repaint("recording/*.png", lambda picture: cv2.merge([picture.astype(np.uint16) * 257] * 3))(session)
+    for path in (session / "plane").iterdir():
+        cv2.imwrite(str(path.with_suffix(".tif")), cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+        path.unlink()
+    rig = tmp_path / "rig.json"
+    assert vbaa("calibrate", session, "-o", rig).code == 0
+    mine, theirs = (json.loads(path.read_text()) for path in (rig, made / "rig.json"))
+    for key in ("views", "dropped", "rms_px", "model_comparison"):
+        assert mine["quality"]["lens"][key] == theirs["quality"]["lens"][key], key
+    one, other = Rig.load(rig), Rig.load(made / "rig.json")
+    std = np.sqrt(np.diag(other.covariance))
+    assert (np.abs(one.T_antenna_camera.tangent_from(other.T_antenna_camera)) < 0.1 * std[:6]).all()
+    assert (np.abs(one.antenna.parameters - other.antenna.parameters) < 0.1 * std[6:15]).all()
+    # the first look reads a picture of 8 bits in 8 bits, rounded (detect/band.py), one of more bits in floats: from
+    # another start another of a few shapes of the line is chosen, and with it how high the line stands
+    assert one.image.height == pytest.approx(other.image.height, rel=3e-2)
+    tables = []
+    for folder, name in ((session, "mine.csv"), (made / "session", "theirs.csv")):
+        assert vbaa("estimate", folder, "--rig", rig, "-o", tmp_path / name).code == 0
+        tables.append((tmp_path / name).read_text())
+    mine, theirs = (list(csv.DictReader(table.splitlines())) for table in tables)
+    assert [row["status"] for row in mine] == [row["status"] for row in theirs]
+    for one_row, other_row in zip(mine, theirs, strict=True):
+        if other_row["distance_m"]:
+            off = float(one_row["distance_m"]) - float(other_row["distance_m"])
+            assert abs(off) < 0.2 * float(other_row["distance_std_m"])
+
+
+def greened(picture: np.ndarray) -> np.ndarray:
+    """What is bright turns green, and as light as the rest: its grey level tells it no more."""
+    share = np.clip((picture.astype(float) - 60.0) / 150.0, 0.0, 1.0)[..., None]
+    colours = np.array([120.0, 110.0, 115.0]) * (1.0 - share) + np.array([60.0, 130.0, 80.0]) * share
+    noise = np.random.default_rng(0).normal(0.0, 2.0, colours.shape)
+    return np.clip(np.rint(colours + noise), 0, 255).astype(np.uint8)
+
+
+def test_an_antenna_that_differs_in_colour_alone_is_learnt_from_the_noload_frames(
+    vbaa: Call, made: Path, session: Path, tmp_path: Path
+) -> None:
+    for name in ("noload", "loads", "recording"):
+        repaint(f"{name}/*.png", greened)(session)
+    rig = tmp_path / "rig.json"
+    assert vbaa("calibrate", session, "-o", rig).code == 0
+    assert Rig.load(rig).image.weights is not None
+    one, other = Rig.load(rig).antenna, Rig.load(made / "rig.json").antenna
+    assert one.stiffness_Nm2 == pytest.approx(other.stiffness_Nm2, rel=5e-3)
+    assert vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv").code == 0
+    rows = list(csv.DictReader((tmp_path / "contacts.csv").read_text().splitlines()))
+    assert [row["status"] for row in rows] == ["no_contact", "ok", "ok", "no_contact"]
+
+
+def test_a_background_is_taken_off_every_picture(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    """Bars lie across the antenna; the picture without it shows them too."""
+    usual = cv2.imread(str(next((session / "recording").glob("*.png"))), cv2.IMREAD_GRAYSCALE)
+    bars = np.zeros_like(usual)
+    for row in range(20, len(usual), 37):
+        cv2.line(bars, (0, row), (usual.shape[1], row + 15), 40, 3)
+    repaint("recording/*.png", lambda picture: cv2.add(picture, bars))(session)
+    cv2.imwrite(str(tmp_path / "empty.png"), bars + np.uint8(np.median(usual)))
+    contacts = tmp_path / "contacts.csv"
+    call = ("estimate", session, "--rig", rig, "-o", contacts, "--force", "--background")
+    assert vbaa(*call, tmp_path / "empty.png").code == 0
+    statuses = [row["status"] for row in csv.DictReader(contacts.read_text().splitlines())]
+    assert statuses == ["no_contact", "ok", "ok", "no_contact"]
+    cv2.imwrite(str(tmp_path / "small.png"), bars[::2, ::2])
+    said = vbaa(*call, tmp_path / "small.png")
+    assert said.code == 2
+    assert "use the resolution of the calibration" in said.err
+
+
+def test_a_frame_without_an_antenna_stays_in_the_table(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+    repaint("recording/frame_0001.png", grey)(session)
+    repaint("recording/frame_0002.png", noise)(session)
+    contacts = tmp_path / "contacts.csv"
+    assert vbaa("estimate", session, "--rig", rig, "-o", contacts).code == 0
+    rows = list(csv.DictReader(contacts.read_text().splitlines()))
+    assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
+    assert [row["status"] for row in rows] == ["no_contact", "no_antenna", "no_antenna", "no_contact"]
+    assert all(row["reason"] for row in rows)
+    said = vbaa("reconstruct", contacts, "--rig", rig, "-o", tmp_path / "object.vtp")
+    refused(said, "contacts.csv")
+    assert not (tmp_path / "object.vtp").exists()

@@ -1,0 +1,177 @@
+"""centrelines.csv, read a frame at a time: the same numbers, however the file is laid out and wherever a block ends."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from vbaa_calib.errors import InputError
+from vbaa_calib.session import Centrelines, centrelines, read_centrelines
+
+HEADER = "frame,u_px,v_px,sigma_px"
+ORDERED = [(frame, frame + 0.1 * k, 100.0 - k, 0.1 + 0.01 * k) for frame in range(30) for k in range(1 + frame % 4)]
+
+
+def read(folder: Path, content: str | bytes) -> Centrelines:
+    path = folder / "recording" / "centrelines.csv"
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return read_centrelines(SimpleNamespace(root=folder))
+
+
+def text(rows: list[tuple[int, float, float, float]]) -> str:
+    return "\n".join([HEADER, *(",".join(map(repr, row)) for row in rows)]) + "\n"
+
+
+def grouped(rows: list[tuple[int, float, float, float]]) -> dict[int, np.ndarray]:
+    """By frame, in the order of the file: by another way."""
+    found: dict[int, list[tuple[float, ...]]] = {}
+    for frame, *point in rows:
+        found.setdefault(frame, []).append(tuple(point))
+    return {frame: np.array(points) for frame, points in found.items()}
+
+
+def assert_same(lines: Centrelines, expected: dict[int, np.ndarray]) -> None:
+    assert sorted(lines) == sorted(expected)
+    assert len(lines) == len(expected)
+    for frame, points in expected.items():
+        np.testing.assert_array_equal(lines[frame], points)
+
+
+@pytest.fixture(params=[7, 64, 1 << 20])
+def block(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Bytes that are read at once, the last to the end of a line."""
+    monkeypatch.setattr(centrelines, "BLOCK", max(request.param, 64) if request.param < 64 else request.param)
+    return int(request.param)
+
+
+CHANGES = {
+    "as it is": lambda whole: whole,
+    "no end of line at the end": lambda whole: whole.rstrip("\n"),
+    "ends of lines as Windows has them": lambda whole: whole.replace("\n", "\r\n"),
+    "ends of lines as old Macs had them": lambda whole: whole.replace("\n", "\r"),
+    "a byte order mark": lambda whole: "\ufeff" + whole,
+    "blank lines between": lambda whole: whole.replace("\n", "\n\n"),
+    "blank rows between": lambda whole: whole.replace("\n", "\n,,,\n", 3),
+    "spaces": lambda whole: whole.replace(",", " , "),
+    "quotes": lambda whole: whole.replace("\n7,", '\n"7",'),
+    "a quoted end of line": lambda whole: whole.replace("\n8,", '\n"8\n",', 1),
+    "a column of words": lambda whole: whole.replace("\n", ',"a, b"\n').replace('"a, b"', "note", 1),
+    "a column of bare words": lambda whole: whole.replace("\n", ",ä\n").replace("ä", "note", 1),
+    "an empty column first": lambda whole: "note" + "".join(f",{line}\n" for line in whole.splitlines()),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+@pytest.mark.usefixtures("block")
+def test_the_same_numbers_however_they_are_written(tmp_path: Path, change) -> None:
+    assert_same(read(tmp_path, change(text(ORDERED))), grouped(ORDERED))
+
+
+@pytest.mark.usefixtures("block")
+def test_points_may_be_scattered_over_the_file(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    rows = [ORDERED[index] for index in rng.permutation(len(ORDERED))]
+    assert_same(read(tmp_path, text(rows)), grouped(rows))
+
+
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 2**53 - 1),
+            st.floats(-1e6, 1e6),
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.floats(1e-300, 1e300),
+        ),
+        min_size=1,
+        max_size=30,
+    )
+)
+def test_every_bit_of_a_number_comes_back(tmp_path: Path, rows: list[tuple[int, float, float, float]]) -> None:
+    assert_same(read(tmp_path, text(rows)), grouped(rows))
+
+
+def test_only_places_are_kept(tmp_path: Path) -> None:
+    rows = [(frame, 1.5, 2.5, 0.1) for frame in range(1000) for _ in range(50)]
+    lines = read(tmp_path, text(rows))
+    assert sum(each.nbytes for each in vars(lines).values() if isinstance(each, np.ndarray)) <= 40 * 1000
+
+
+def test_asking_for_frames(tmp_path: Path) -> None:
+    lines = read(tmp_path, text(ORDERED))
+    assert 29 in lines
+    assert 30 not in lines
+    assert "29" not in lines
+    assert lines.get(30) is None
+    with pytest.raises(KeyError):
+        lines[30]
+
+
+@pytest.mark.parametrize("block", [64, 1 << 20])
+@pytest.mark.parametrize(
+    ("cells", "words"),
+    [
+        ("3,nan,1,0.1", "u_px is nan"),
+        ("3,1,inf,0.1", "v_px is inf"),
+        ("3,1_0,1,0.1", "u_px is '1_0'"),
+        ("3,0x1p3,1,0.1", "u_px is '0x1p3'"),
+        ("3,1,1,0", "sigma_px is not positive"),
+        ("3.5,1,1,0.1", "frame is 3.5"),
+        ("-3,1,1,0.1", "frame is -3"),
+        ("9007199254740993,1,1,0.1", "frame is 9007199254740993"),
+        ("3,1,1", "has 3 cells, the header 4"),
+        ("3,1,1,0.1,5", "has 5 cells, the header 4"),
+        ("3,,1,0.1", "u_px is ''"),
+        ('3,"1,1,0.1', "is not a valid CSV"),
+    ],
+)
+def test_a_wrong_line_is_named_wherever_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, cells: str, words: str
+) -> None:
+    monkeypatch.setattr(centrelines, "BLOCK", block)
+    whole = text(ORDERED)
+    with pytest.raises(InputError, match=f"line {whole.count(chr(10)) + 1}") as caught:
+        read(tmp_path, whole + cells + "\n")
+    assert words in str(caught.value)
+
+
+def test_a_line_without_an_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(centrelines, "BLOCK", 64)
+    for whole in (text(ORDERED) + "1" * 500, "1" * 500):
+        with pytest.raises(InputError, match="a line of more than"):
+            read(tmp_path, whole)
+
+
+def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
+    for content in (text(ORDERED).encode() + b"\xff,1,2,3\n", b"\xff\xfe" + text(ORDERED).encode("utf-16-le")):
+        with pytest.raises(InputError, match="is not UTF-8 text"):
+            read(tmp_path, content)
+
+
+def test_a_file_that_changes_meanwhile_is_noticed(tmp_path: Path) -> None:
+    lines = read(tmp_path, text(ORDERED))
+    path = tmp_path / "recording" / "centrelines.csv"
+    for content in (text([(row[0] + 1, *row[1:]) for row in ORDERED]), text(ORDERED)[:40], "x" * len(text(ORDERED))):
+        path.write_text(content)
+        with pytest.raises(InputError, match="has changed since it was checked"):
+            lines[20]
+    path.unlink()
+    with pytest.raises(InputError, match="has changed since it was checked"):
+        lines[20]
+
+
+def test_the_other_way_agrees_on_a_table_of_the_usual_kind(tmp_path: Path) -> None:
+    """NumPy's numbers are Python's, to the last bit."""
+    rng = np.random.default_rng(1)
+    rows = [f"{n // 20},{u:.6f},{v:.9e},{s:.3g}" for n, (u, v, s) in enumerate(np.exp(rng.normal(size=(400, 3))))]
+    lines = read(tmp_path, "\n".join([HEADER, *rows]))
+    read_again = list(csv.reader(io.StringIO("\n".join(rows))))
+    assert_same(lines, grouped([(int(n), float(u), float(v), float(s)) for n, u, v, s in read_again]))
