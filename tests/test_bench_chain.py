@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
-from vbaa_calib.bench.chain import Measured, bounds, run
 from vbaa_calib.bench.chain_bound import (
     Information,
     as_told,
@@ -25,6 +24,7 @@ from vbaa_calib.bench.chain_judge import verdict
 from vbaa_calib.bench.chain_losses import sight
 from vbaa_calib.bench.chain_methods import OURS, Answers
 from vbaa_calib.bench.chain_report import as_text, headline
+from vbaa_calib.bench.chain_run import Measured, bounds, run
 from vbaa_calib.bench.chain_scenes import FRICTION_STD_RAD, Cell, Photograph, cell, drawn, seen_pixels
 from vbaa_calib.bench.estimator_scenes import push_for_slope, rolled, scenes
 from vbaa_calib.bench.estimator_shapes import Touches, rod_shapes

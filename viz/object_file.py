@@ -84,12 +84,12 @@ def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
     suffix, mesh = path.suffix.lower(), ObjectMesh.of(surface)
     with replacing(path, force) as temporary:
         if suffix == ".vtp":
-            temporary.write_text(_vtp_text(to_mesh(surface)), encoding="utf-8")
+            temporary.write_text(vtp_text(to_mesh(surface)), encoding="utf-8")
         else:
             temporary.write_bytes(ply_bytes(mesh) if suffix == ".ply" else glb_bytes(mesh))
 
 
-def _vtp_text(mesh: pv.PolyData) -> str:
+def vtp_text(mesh: pv.PolyData) -> str:
     """The file's contents. VTK's own writing says nothing when the disk is full, and leaves half a file."""
     writer = vtkXMLPolyDataWriter()
     writer.SetInputData(mesh)

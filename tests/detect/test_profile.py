@@ -171,3 +171,13 @@ def test_an_objects_edge_along_the_antenna_is_doubt(beside_px: float) -> None:
     assert np.std(clear[0]) / clear[1].mean() == pytest.approx(1.0, abs=0.1)
     assert len(along_edge[0]) > 300
     assert abs(along_edge[0].mean()) < along_edge[1].mean()
+
+
+def test_a_line_that_an_inclined_camera_sees_broader_at_one_end_is_as_good_as_it_says() -> None:
+    """Three to five px wide, from one end to the other."""
+    rng, path = np.random.default_rng(11), dense(straight(5.0))
+    pieces = [tube(path[i : i + 2], width, 150.0) for i, width in enumerate(np.linspace(3.0, 5.0, len(path) - 1))]
+    line = measure(exposed(60.0 + np.max(pieces, axis=0), rng), path, 4.0)
+    error = aside(straight(5.0), line.points_px)
+    assert line.seen > 0.93
+    assert 0.75 < np.sqrt(np.mean((error / line.sigma_px) ** 2)) < 1.25

@@ -32,7 +32,7 @@ from vbaa_calib.session import read_centrelines, read_noload, read_recording
 from vbaa_calib.unique_yaml import UniqueKeyDumper
 from vbaa_calib.wizard.journal import Journal, Left, Record, Taken
 from vbaa_calib.wizard.session_file import write_table
-from viz.object_file import _vtp_text, read_object, to_mesh
+from viz.object_file import read_object, to_mesh, vtp_text
 from viz.object_glb import glb_bytes
 from viz.ply import ply_bytes
 from viz.scene import ObjectMesh
@@ -334,7 +334,7 @@ def test_objects(suffix: str, digits: type, surface: SimpleNamespace) -> None:
     """Points to the bit, in .glb as far as its four bytes reach; triangles, lines, and which deviations are known."""
     mesh = ObjectMesh.of(surface)
     write = {
-        "vtp": lambda path: path.write_text(_vtp_text(to_mesh(surface))),
+        "vtp": lambda path: path.write_text(vtp_text(to_mesh(surface))),
         "ply": lambda path: path.write_bytes(ply_bytes(mesh)),
         "glb": lambda path: path.write_bytes(glb_bytes(mesh)),
     }[suffix]

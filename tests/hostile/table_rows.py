@@ -10,13 +10,19 @@ from .every_file import CALIBRATE, CALIBRATE_SWEPT, CHECK, ESTIMATE
 def numbers(line: int, column: str, remedy: str = "a finite number") -> tuple[Row, ...]:
     """What a number's cell may hold that is none."""
     return (
-        ("NaN", d.cell(line, column, "NaN"), f"line {line}", f"{column} is NaN", remedy),
-        ("endless", d.cell(line, column, "-inf"), f"line {line}", f"{column} is -inf", remedy),
-        ("beyond all numbers", d.cell(line, column, "1e999"), f"line {line}", f"{column} is 1e999", remedy),
-        ("text", d.cell(line, column, "much"), f"line {line}", f"{column} is 'much'", "a number"),
-        ("a number with its unit", d.cell(line, column, "1 mm"), f"line {line}", f"{column} is '1 mm'"),
-        ("100000 digits", d.cell(line, column, 100_000 * "9"), f"line {line}", f"{column} is 999"),
-        ("an underscore", d.cell(line, column, "1_0"), f"line {line}", f"{column} is '1_0'"),
+        (f"NaN for {column}", d.cell(line, column, "NaN"), f"line {line}", f"{column} is NaN", remedy),
+        (f"endless for {column}", d.cell(line, column, "-inf"), f"line {line}", f"{column} is -inf", remedy),
+        (
+            f"beyond all numbers for {column}",
+            d.cell(line, column, "1e999"),
+            f"line {line}",
+            f"{column} is 1e999",
+            remedy,
+        ),
+        (f"text for {column}", d.cell(line, column, "much"), f"line {line}", f"{column} is 'much'", "a number"),
+        (f"a number with its unit for {column}", d.cell(line, column, "1 mm"), f"line {line}", f"{column} is '1 mm'"),
+        (f"100000 digits for {column}", d.cell(line, column, 100_000 * "9"), f"line {line}", f"{column} is 999"),
+        (f"an underscore for {column}", d.cell(line, column, "1_0"), f"line {line}", f"{column} is '1_0'"),
     )
 
 

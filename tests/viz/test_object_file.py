@@ -39,11 +39,9 @@ def test_an_object_comes_back_from_its_file(surface: Surface, tmp_path: Path, su
     back = read_object(path)
     np.testing.assert_allclose(back.points_m, surface.points_m, atol=1e-7)
     np.testing.assert_array_equal(back.triangles, surface.triangles)
-    # VTK reads no normals from a .ply: there they are the triangles'
-    assert (np.sum(back.normals * surface.normals, axis=1) > 0.85).all()
-    assert (back.std_m is None) == (suffix == ".ply")
-    if back.std_m is not None:
-        np.testing.assert_allclose(back.std_m, surface.std_m, rtol=1e-6)
+    np.testing.assert_allclose(back.normals, surface.normals, atol=1e-6)
+    assert back.std_m is not None
+    np.testing.assert_allclose(back.std_m, surface.std_m, rtol=1e-6)
     with pytest.raises(InputError, match="exists already"):
         write_object(surface, path)
     write_object(surface, path, force=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..files import replacing
-from .chain import ChainRow
 from .chain_methods import CLASSIC, LINE, LOOP, ONE_LOOK, OURS, PAPER
+from .chain_run import ChainRow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

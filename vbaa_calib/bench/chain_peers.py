@@ -25,7 +25,7 @@ from ..detect.antenna import corridor, free_curve, pixels
 from ..rig import Rig
 from .chain_methods import CLASSIC, LINE, LOOP, PAPER, Answers, Method, seen
 from .chain_scenes import CAMERA_TILT_RAD, JOINTS_RAD, Photograph
-from .estimator_scipy import one_frame
+from .estimator_scipy import one_contact
 from .vision_peers import peers
 
 SHARES = (0.5, 0.95)
@@ -177,7 +177,7 @@ def _nearest(points_m: np.ndarray, wanted_m: np.ndarray) -> np.ndarray:
 
 
 def _upright(rig: Rig, x: np.ndarray, y: np.ndarray, moment_Nm: np.ndarray) -> Answers:
-    """The paper's Eqs. (10) to (16), for a camera that looks straight down on plane C."""
+    """The paper's camera A: one that looks straight down on plane C."""
     found = two_point_contact(x, y, rig.antenna.stiffness_Nm2, rig.antenna.length_m)
     return _answers(found.contact_m, found.force_y_N, force_z(moment_Nm, found.contact_m))
 
@@ -190,7 +190,7 @@ def _inclined(rig: Rig, x: np.ndarray, y: np.ndarray, moment_Nm: np.ndarray) -> 
 
 
 def _ruler(free: Untouched, layer: CameraOnPlane, look: Look, photographs: Sequence[Photograph]) -> Answers:
-    """Eq. (13): a line through the straight part of each."""
+    """A line through the straight part of each."""
     antenna, moments = free.rig.antenna, free.moment(photographs)
     guess = FIRST_GUESS * antenna.length_m
     rows = []
@@ -206,18 +206,17 @@ def _ruler(free: Untouched, layer: CameraOnPlane, look: Look, photographs: Seque
 
 
 def _scipy(rig: Rig, look: Look, sigma_px: float, photographs: Sequence[Photograph]) -> Answers:
-    """One `least_squares` after the other. Its loop gives back the distance alone."""
-    found = []
-    for one in photographs:
+    """One `least_squares` after the other."""
+    found = np.full((len(photographs), 3), np.nan)
+    for index, one in enumerate(photographs):
         points = look(one)
         frame = replace(
             one.truth, rig=rig, points_px=points[None], sigma_px=sigma_px, moment_Nm=np.array([one.moment_Nm])
         )
-        found.append(one_frame(frame, 0) if len(points) >= FEWEST else np.nan)
-    distance = np.array(found)
-    inside = (distance > 0.0) & (distance <= rig.antenna.length_m)
-    nothing = np.full(len(distance), np.nan)
-    return _answers(np.where(inside, distance, np.nan), nothing, nothing)
+        if len(points) >= FEWEST:
+            found[index] = one_contact(frame, 0)
+    inside = (found[:, 0] > 0.0) & (found[:, 0] <= rig.antenna.length_m)
+    return _answers(*np.where(inside[:, None], found, np.nan).T)
 
 
 def _answers(distance_m: Any, force_y_N: Any, force_z_N: Any) -> Answers:

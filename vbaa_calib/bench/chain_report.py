@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 
-from .chain import ChainRow
 from .chain_judge import ASTRAY_BOUND, ASTRAY_STATED
 from .chain_losses import LossRow
 from .chain_methods import OURS
+from .chain_run import ChainRow
 from .chain_stages import StageRow
 
 _NOTES = f"""\

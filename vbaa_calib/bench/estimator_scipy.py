@@ -21,11 +21,11 @@ def by_loop(scenes: Scenes, rung: str = "elastica") -> np.ndarray:
 
     For a camera that sees the antenna along the picture's u. Rig and friction are taken as exactly known.
     """
-    return np.array([one_frame(scenes, index, rung) for index in range(len(scenes))])
+    return np.array([one_contact(scenes, index, rung)[0] for index in range(len(scenes))])
 
 
-def one_frame(scenes: Scenes, index: int, rung: str = "elastica") -> float:
-    """Contact distance in m of one frame; NaN where the fit breaks down."""
+def one_contact(scenes: Scenes, index: int, rung: str = "elastica") -> np.ndarray:
+    """(3,) contact distance in m, f_y and f_z in N of one frame; NaN where the fit breaks down."""
     rig, sensor = scenes.rig, scenes.rig.moment_sensor
     antenna, to_camera = rig.antenna, rig.T_antenna_camera.inverse()
     rotation = rig.kinematics.T_world_antenna(scenes.pan_rad[index], scenes.tilt_rad[index]).rotation
@@ -48,8 +48,8 @@ def one_frame(scenes: Scenes, index: int, rung: str = "elastica") -> float:
     try:
         found = least_squares(residuals, _start(scenes, index, reading), method="lm")
     except ValueError:  # a step to a shape that runs back in the picture, which the spline refuses
-        return float("nan")
-    return float(found.x[0] * _DISTANCE_SCALE_M)
+        return np.full(3, np.nan)
+    return np.asarray(found.x * [_DISTANCE_SCALE_M, _FORCE_SCALE_N, _FORCE_SCALE_N])
 
 
 def _start(scenes: Scenes, index: int, reading_Nm: float) -> np.ndarray:

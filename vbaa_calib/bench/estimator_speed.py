@@ -20,7 +20,7 @@ from .averages import or_none, rms_known
 from .estimator_baselines import baselines
 from .estimator_bound import bound
 from .estimator_scenes import Scenes, push_for_deflection, rolled, scenes
-from .estimator_scipy import by_loop, one_frame
+from .estimator_scipy import by_loop, one_contact
 from .estimator_setup import Setup, drawn_truth
 from .estimator_shapes import Shapes, Touches, rod_shapes
 from .timing import least_seconds
@@ -159,7 +159,7 @@ def _loop(judged: Judged, flat: Judged, frames: int) -> SpeedRow:
     timings, found = [], []
     for index in range(frames):
         begun = time.perf_counter()
-        found.append(one_frame(judged.scenes, index))
+        found.append(one_contact(judged.scenes, index)[0])
         timings.append(time.perf_counter() - begun)
     off_flat = flat.errors(by_loop(flat.scenes.picked(np.arange(frames))))
     # each frame is timed once: the median leaves out what disturbed some

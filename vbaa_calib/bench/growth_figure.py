@@ -10,7 +10,7 @@ import numpy as np
 
 from .figures import new_figure, save
 from .growth_fit import Power
-from .growth_follow import Grown
+from .growth_follow import GRAIN_MB, Grown
 from .growth_report import told
 
 if TYPE_CHECKING:
@@ -33,22 +33,28 @@ def write_figure(grown: Sequence[Grown], path: Path, force: bool) -> None:
 
 
 def _panel(panel: Axes, each: Grown) -> None:
-    """Seconds on the left, MB on the right."""
-    series = each.series
-    beside = panel.twinx()
+    """Seconds on the left, MB on the right, where they are more than the allocator's grain."""
+    series, beside = each.series, panel.twinx()
+    grown_MB = np.where(each.risen_MB >= GRAIN_MB, each.risen_MB, np.nan)
     for axes, values, power, most, colour, mark, name in (
         (panel, each.seconds, each.time, series.time_exponent, TIME, "o", "time"),
-        (beside, each.risen_MB, each.memory, series.memory_exponent, MEMORY, "s", "memory"),
+        (beside, grown_MB, each.memory, series.memory_exponent, MEMORY, "s", "memory"),
     ):
-        shown = np.where(values > 0.0, values, np.nan)
-        axes.loglog(each.sizes, shown, mark, color=colour, ms=4.5)
+        axes.loglog(each.sizes, values, mark, color=colour, ms=4.5)
         axes.tick_params(axis="y", colors=colour, which="both")
         _line(axes, each.sizes, power, colour)
-        panel.plot([], [], f"-{mark}", color=colour, ms=4.5, label=f"{name}: e = {told(power)} (≤ {most:g})")
-        low, high = np.nanmin(shown, initial=np.inf), np.nanmax(shown, initial=0.0)
-        if high > 0.0:  # room for the legend, and a decade at least
-            axes.set_ylim(low / 2.0, max(20.0 * high, 20.0 * low))
+        words = f"{name}: e = {told(power)}, allowed {most:g}"
+        if not np.isfinite(power.exponent):
+            words = f"{name}: up to {np.nanmax(each.risen_MB, initial=0.0):.0f} MB" if axes is beside else name
+        panel.plot([], [], f"-{mark}", color=colour, ms=4.5, label=words)
+        known = values[np.isfinite(values) & (values > 0.0)]
+        if len(known):  # room for the legend
+            axes.set_ylim(known.min() / 2.0, 25.0 * known.max())
+    beside.yaxis.set_visible(bool(np.isfinite(grown_MB).any()))
     panel.set_title(series.name + (", worse than it should" if each.worse else ""), fontsize=10)
+    panel.set_xticks([each.sizes[0], each.sizes[len(each.sizes) // 2], each.sizes[-1]])
+    panel.xaxis.set_major_formatter("{x:,.0f}")
+    panel.xaxis.set_minor_formatter("")
     panel.set_xlabel(series.unit)
     panel.set_ylabel("seconds of the processor", color=TIME)
     beside.set_ylabel("rise of the resident set, MB", color=MEMORY)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -49,6 +49,11 @@ class Crossings:
         along = self.across - centre.astype(np.float32)[:, None]
         steady, growing = (self.side / self.stretch).astype(np.float32), (self.side * self.bow).astype(np.float32)
         return along * (steady[:, None] + growing[:, None] * along)
+
+    def tapered(self, part: float) -> Crossings:
+        """The same with distances in widths of a line that grows broader by this part of its width on its way."""
+        width = 1.0 + part * (self.along / max(float(self.along[-1]), 1e-6) - 0.5)
+        return replace(self, stretch=self.stretch * width, bow=self.bow / width)
 
     def moved(self, shift: np.ndarray) -> np.ndarray:
         """(N, 2) the points moved along their profiles by (N,)."""

@@ -19,6 +19,8 @@ PER_PX = 32
 BINS_PER_PX = 4
 WIDTHS, BLURS_PX = (0.85, 1.0, 1.2), (0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0)
 """Widths, as parts of the antenna's, and blurs that are tried."""
+MOST_TAPER = 0.6
+"""By which part the line may be broader at one end than at the other."""
 KNOT_PX = 0.85
 """Spacing of the splines' knots: finer than the point spread of an ordinary lens."""
 
@@ -222,3 +224,20 @@ def fit(shape: LineShape, found: Crossings, centre: np.ndarray) -> Fits:
         stepped=-moved / safe * np.einsum("nt,nt->n", apart, residuals) / power,
         stepped_unit=np.abs(moved / safe) / np.sqrt(power),
     )
+
+
+def tapering(shape: LineShape, found: Crossings, centre: np.ndarray, fits: Fits, chosen: np.ndarray) -> float:
+    """By which part the line is broader at the path's end than at its start, as the fits' residuals show it.
+
+    `chosen` (N,) are the profiles that are asked. To first order in how the width changes.
+    """
+    across = found.distances(centre)[chosen]
+    value, slope = shape.at(across)
+    value, wider = _without_background(value), _without_background(-across * slope)
+    wider -= value * (np.einsum("nt,nt->n", wider, value) / np.einsum("nt,nt->n", value, value))[:, None]
+    height = fits.height[chosen]
+    told = np.einsum("nt,nt->n", fits.residuals[chosen], wider) * height
+    worth = np.einsum("nt,nt->n", wider, wider) * height**2
+    share = found.along[chosen] / max(float(found.along[-1]), 1e-6)
+    share = share - (worth @ share) / max(float(worth.sum()), 1e-9)
+    return float(np.clip((share @ told) / max(float(share**2 @ worth), 1e-9), -MOST_TAPER, MOST_TAPER))

@@ -17,7 +17,7 @@ from . import smooth
 from .band import align
 from .centreline import NOTHING, Centreline
 from .crossings import Crossings, crossings
-from .line_shape import Binned, Fits, LineShape, between_flanks, binned, expected, fit, learn, nearest
+from .line_shape import Binned, Fits, LineShape, between_flanks, binned, expected, fit, learn, nearest, tapering
 from .sight import described
 
 SEEN_RATIO = 4.5
@@ -132,7 +132,8 @@ def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
     """Learn the cross-section from some of the profiles, then fit it to all.
 
     At first an antenna in focus; then one at the blur that is seen; then whatever the profiles show. Where all of them
-    lie alike on the pixel grid, a free shape could not be told from a shift, and the second is kept.
+    lie alike on the pixel grid, a free shape could not be told from a shift, and the second is kept. The shape is
+    broader where the antenna is nearer to the camera.
     """
     some = found.every(max(1, len(found.along) // TAUGHT_BY))
     length = max(float(found.along[-1]), 1e-6)
@@ -147,8 +148,10 @@ def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
             # not at first: the path is good enough to tell the blur by
             course = smooth.fit(some.along / length, fits.shift, chosen.astype(float), (1.0, 0.3), 12, 1e-3)
             base, curve = course.values, course.at(found.along / length)
-        across = some.distances(base)[chosen]
-        seen = binned(across, shape.at(across)[0] + fits.residuals[chosen] / fits.height[chosen, None], half + 2)
+        heights = shape.at(some.distances(base)[chosen])[0] + fits.residuals[chosen] / fits.height[chosen, None]
+        taper = tapering(shape, some, base, fits, chosen)
+        found, some = found.tapered(taper), some.tapered(taper)
+        seen = binned(some.distances(base)[chosen], heights, half + 2)
         free = step == 1 and abs(np.exp(2j * np.pi * some.across[chosen, 0]).mean()) < ALIKE
         shape = learn(seen) if free else nearest(seen, width_px)
         if free:
