@@ -24,7 +24,7 @@ class Series:
 
     Attributes
     ----------
-    name, unit : what grows. sizes, quick : how far it is followed; the sizes are made as close to these as can be.
+    name, unit : what grows. sizes, quick : how far it is followed; none: not with --quick.
     prepare : size and seed → what is timed; what comes before is not.
     time_exponent, memory_exponent : the largest that is all right. why : why so.
     """
@@ -104,7 +104,7 @@ SERIES = (
         "contacts, everything felt",
         "contacts",
         (100, 300, 1_000, 3_000, 10_000, 30_000),
-        (500, 700, 1_000),
+        (),
         felt_object,
         1.0,
         1.0,

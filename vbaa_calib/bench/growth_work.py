@@ -38,7 +38,7 @@ FRAME_POINTS, BATCH = 40, 64
 ASPECT = 1.5
 """Width over height of the pictures."""
 STIFFNESS_N_M, FRICTION = 1000.0, 0.1
-STROKES = 2
+STROKES = 4
 BESIDE_M = 2e-5
 """How far strokes that are repeated lie from each other."""
 

@@ -63,10 +63,20 @@ def _ridge(
     middle, across = columns.astype(np.float32), normal.astype(np.float32)
     u = middle[:, 0] + wide[:, None] * across[:, 0]
     v = middle[:, 1] + wide[:, None] * across[:, 1]
-    strip = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+    strip = _sampled(image, u, v)
     mean = np.asarray(cv2.blur(strip if bright else -strip, (3, core), borderType=cv2.BORDER_REPLICATE))
     inner = mean[flank:-flank]
     return inner - np.maximum(mean[: len(inner)], mean[2 * flank :])
+
+
+def _sampled(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(R, K) float32 the picture between its pixels, beyond its border as at the border."""
+    height, width = image.shape
+    left, top = (int(np.clip(each.min(), 0, most - 1)) for each, most in ((u, width), (v, height)))
+    right, bottom = (int(np.clip(each.max() + 2, 1, most)) for each, most in ((u, width), (v, height)))
+    # of whole numbers OpenCV would give whole numbers, and their rounding moves what is learned of the line's height
+    part = image[top:bottom, left:right].astype(np.float32)
+    return np.asarray(cv2.remap(part, u - left, v - top, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _worth(ridge: np.ndarray) -> np.ndarray:
