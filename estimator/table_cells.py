@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from vbaa_calib.csv_rows import number, whole_number
 from vbaa_calib.errors import InputError
-from vbaa_calib.files import number, whole_number
 
 from .contact_row import LOCATED, STATUSES, ContactRow
 

@@ -17,17 +17,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vbaa_calib.csv_rows import number, read_csv, whole_number
 from vbaa_calib.errors import InputError
 from vbaa_calib.files import (
-    number,
-    read_csv,
     read_json,
     read_text,
     read_yaml,
     refuse_overwrite,
     replacing,
     sha256,
-    whole_number,
     write_json,
     write_text,
 )

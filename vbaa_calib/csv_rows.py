@@ -1,13 +1,19 @@
-"""Long tables, a row at a time: what is kept in memory does not grow with the file."""
+"""CSV tables as rows of text, a long one a row at a time, and the numbers in their cells."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from .errors import InputError
 from .files import require_file
+
+
+def read_csv(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> list[dict[str, str]]:
+    """All rows at once, as `csv_rows` gives them, and with its errors."""
+    return list(csv_rows(path, columns, optional))
 
 
 def csv_rows(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Iterator[dict[str, str]]:
@@ -78,3 +84,24 @@ def no_csv(error: csv.Error, where: str) -> InputError:
 def no_rows(path: Path) -> InputError:
     """What to say of a header alone."""
     return InputError("has a header but no rows", where=path, remedy="add at least one row")
+
+
+def number(row: Mapping[str, str], column: str, path: Path) -> float:
+    """One finite number out of a CSV row. Raises InputError naming file, line and column."""
+    text, place = row[column], f"{path} line {row['line']}"
+    try:
+        # float() reads 1_0 as 10; in a table it is a slip of the pen
+        value = float(text.replace("_", "?"))
+    except ValueError:
+        raise InputError(f"{column} is {text!r}", where=place, remedy="a number in SI units is needed") from None
+    if not math.isfinite(value):
+        raise InputError(f"{column} is {text}", where=place, remedy="a finite number in SI units is needed")
+    return value
+
+
+def whole_number(row: Mapping[str, str], column: str, path: Path) -> int:
+    """One whole number from 0 on out of a CSV row. Raises InputError naming file, line and column."""
+    value, place = number(row, column, path), f"{path} line {row['line']}"
+    if not 0 <= value < 2**53 or value != int(value):
+        raise InputError(f"{column} is {row[column]}", where=place, remedy="a whole number from 0 on is needed")
+    return int(value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import errno
 import hashlib
 import io
@@ -11,7 +10,7 @@ import math
 import os
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -108,68 +107,6 @@ def _unique_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             raise ValueError(f"the key {key!r} stands twice")
         data[key] = value
     return data
-
-
-def read_csv(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> list[dict[str, str]]:
-    """Rows of a CSV with a header, as text; each also carries its place in the file as `line`.
-
-    Raises InputError for a missing file, header, column or cell. Columns beyond those named are ignored, and so are
-    blank lines.
-    """
-    reader = csv.reader(io.StringIO(read_text(path)), strict=True)
-    try:
-        lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
-    except csv.Error as error:
-        place = f"{path} line {reader.line_num}"
-        raise InputError(f"is not a valid CSV ({error})", where=place, remedy="write it again") from None
-    lines = [(line, cells) for line, cells in lines if any(cells)]
-    if not lines:
-        raise InputError("is empty", where=path, remedy=f"the first line must name the columns {','.join(columns)}")
-    (_, header), *rows = lines
-    known = [*columns, *(name for name in optional if name in header)]
-    _check_header(header, known, columns, path)
-    for line, cells in rows:
-        if len(cells) != len(header):
-            raise InputError(
-                f"has {len(cells)} cells, the header {len(header)}", where=f"{path} line {line}", remedy="mend the row"
-            )
-    if not rows:
-        raise InputError("has a header but no rows", where=path, remedy="add at least one row")
-    places = {name: header.index(name) for name in known}
-    return [{name: cells[at] for name, at in places.items()} | {"line": str(line)} for line, cells in rows]
-
-
-def _check_header(header: Sequence[str], known: Sequence[str], columns: Sequence[str], path: Path) -> None:
-    for name in known:
-        if header.count(name) == 1:
-            continue
-        problem = "is missing" if name not in header else "stands twice"
-        other = next((mark for mark in (";", "\t") if len(header) == 1 and mark in header[0]), None)
-        remedy = f"the columns {','.join(columns)} are needed"
-        if other:
-            remedy = f"separate the cells by commas, not by {other!r}"
-        raise InputError(f"column {name} {problem}", where=path, remedy=remedy)
-
-
-def number(row: Mapping[str, str], column: str, path: Path) -> float:
-    """One finite number out of a CSV row. Raises InputError naming file, line and column."""
-    text, place = row[column], f"{path} line {row['line']}"
-    try:
-        # float() reads 1_0 as 10; in a table it is a slip of the pen
-        value = float(text.replace("_", "?"))
-    except ValueError:
-        raise InputError(f"{column} is {text!r}", where=place, remedy="a number in SI units is needed") from None
-    if not math.isfinite(value):
-        raise InputError(f"{column} is {text}", where=place, remedy="a finite number in SI units is needed")
-    return value
-
-
-def whole_number(row: Mapping[str, str], column: str, path: Path) -> int:
-    """One whole number from 0 on out of a CSV row. Raises InputError naming file, line and column."""
-    value, place = number(row, column, path), f"{path} line {row['line']}"
-    if not 0 <= value < 2**53 or value != int(value):
-        raise InputError(f"{column} is {row[column]}", where=place, remedy="a whole number from 0 on is needed")
-    return int(value)
 
 
 def sha256(path: Path) -> str:

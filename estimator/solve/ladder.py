@@ -36,7 +36,7 @@ FAINT = 5.0
 """Where no distance explains more of the cost than this there is no contact, and which of several valleys would be the
 deepest does not matter: evidence for one begins at three times as much."""
 TOUCHED = 3.0
-"""Without a force of so many deviations there is no contact whose mirror image would matter."""
+"""Without a force of so many deviations in any direction there is no contact whose mirror image would matter."""
 SMALL = 1 / 3
 """A rung's predicted bias is small when it is below this fraction of the standard deviation."""
 
@@ -172,8 +172,7 @@ def _solved(
     best = _found_again(part, rung, here, best, telling)
     known = worth(best.fits)
     unknowns = best.fits.state.unknowns
-    touched = (xp.abs(unknowns[:, 1:3]) > TOUCHED * known.std[:, 1:3]).any(-1)
-    blind = touched & one_sided(part, unknowns, best.fits.table)
+    blind = _touched(unknowns, known) & one_sided(part, unknowns, best.fits.table)
     if bool(blind.any()):
         best = best.beside(blind, *other_sides(part, unknowns))
         # what turned out better has sides of its own
@@ -189,6 +188,14 @@ def _solved(
     contact = evidence(fits, about, here.free)
     others = best.rival, best.rival_unknowns, blind, *second_force(fits, about, known)
     return Solved(rows, fits, known, here.free, contact, told, *others)
+
+
+def _touched(unknowns: Array, known: Worth) -> Array:
+    """(B,) whether the force stands out of its uncertainty in some direction across the antenna."""
+    first, second = unknowns[:, 1], unknowns[:, 2]
+    own, cross, other = known.covariance[:, 1, 1], known.covariance[:, 1, 2], known.covariance[:, 2, 2]
+    apart = other * first**2 - 2.0 * cross * first * second + own * second**2
+    return apart > TOUCHED**2 * (own * other - cross**2)
 
 
 def _found_again(frames: Frames, rung: str, ground: Ground, best: Best, telling: Array) -> Best:

@@ -92,8 +92,8 @@ def test_vision_alone_is_never_confident_and_wrong(rig: Rig, slope: float) -> No
     given = rubbed(rig, contact, [slope] * count, friction, roll).noisy(rng)
     found = answered(given, blind=True)
     off = np.abs(scene_deviations(found, given))[np.isfinite(found.distance_m)]
-    # upright and little bent, an antenna pushed towards the camera looks as if it were not
-    assert len(off) > (0.2 if rig is UPRIGHT and slope < 5.0 else 0.6) * count
+    # little bent and seen from across, an antenna pushed towards the camera looks as if it were not
+    assert len(off) > (0.2 if rig is not TOWARDS_CLAMP and slope < 5.0 else 0.6) * count
     assert off.max() < 6.0
     assert (found.status == "failed").mean() <= 0.05
     assert np.isnan(found.moment_residual_Nm).all()

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..csv_rows import number, read_csv
 from ..errors import InputError
-from ..files import number, read_csv
 
 COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")
 LEAST_READINGS = 4

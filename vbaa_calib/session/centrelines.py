@@ -18,9 +18,9 @@ from typing import BinaryIO
 
 import numpy as np
 
-from ..csv_rows import check_count, no_csv, no_rows, places_of
+from ..csv_rows import check_count, no_csv, no_rows, number, places_of, whole_number
 from ..errors import InputError
-from ..files import number, require_file, whole_number
+from ..files import require_file
 from .rows import wrong
 from .settings import Session
 

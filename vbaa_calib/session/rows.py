@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from ..csv_rows import number
 from ..errors import InputError
-from ..files import number, read_text
+from ..files import read_text
 
 
 @dataclass(frozen=True)

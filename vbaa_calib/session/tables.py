@@ -5,8 +5,7 @@ from __future__ import annotations
 from itertools import chain
 from typing import Any
 
-from ..csv_rows import csv_rows
-from ..files import number, read_csv, whole_number
+from ..csv_rows import csv_rows, number, read_csv, whole_number
 from .rows import (
     Frame,
     Load,

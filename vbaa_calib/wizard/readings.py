@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..csv_rows import read_csv
 from ..errors import InputError
-from ..files import read_csv
 from .questions import Question
 
 DEGREES = np.pi / 180.0
