@@ -159,13 +159,18 @@ class ContactEstimator:
         """One frame that was checked already."""
         return self._measured([measured], None)[0]
 
-    def rough(self, measured: Measured) -> Rough | None:
-        """A quick fit on a low rung. None with too few points."""
-        frames = self._frames(self._known, *stacked([measured]))
-        if int(frames.usable.sum()) < FEWEST_POINTS:
-            return None
-        unknowns = explore(frames, descended=True).floors[:, 0]
-        return Rough(unknowns[0], look(frames, EXPLORER, unknowns).points_m[0])
+    def rough(self, several: Sequence[Measured]) -> list[Rough | None]:
+        """A quick fit of each frame on a low rung. None with too few points."""
+        frames = self._frames(self._known, *stacked(several))
+        found: list[Rough | None] = [None] * len(several)
+        enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
+        if len(enough):
+            frames = frames.picked(enough)
+            unknowns = explore(frames, descended=True).floors[:, 0]
+            shapes = look(frames, EXPLORER, unknowns, slopes=False).points_m
+            for index, own, points_m in zip(enough, unknowns, shapes, strict=True):
+                found[index] = Rough(own, points_m)
+        return found
 
     def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""

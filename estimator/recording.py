@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import tee
+from itertools import islice, tee
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +21,15 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Session, read_centrelines
 
 from .contact import Contact, Measured
-from .estimate import ContactEstimator
+from .estimate import ContactEstimator, Rough
 
 GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
 SECOND_LOOK = 0.8
 """The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
+
+AT_ONCE_PX = 16_000_000
+"""Pictures of so many pixels in all are kept for a second look, so that their rough fits are one batch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,15 @@ class FrameContact:
     contact: Contact
     measured: Measured
     line: Centreline | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Glance:
+    """A frame, its picture (H, W) on the plane of paint, and what a first look saw in it."""
+
+    frame: Frame
+    image: np.ndarray
+    line: Centreline
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,18 +108,35 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | 
     return found if found is None or rig.image.height is None else found.expecting(rig.image.height)
 
 
-def look_again(estimator: ContactEstimator, frame: Frame, image: np.ndarray, first: Centreline) -> Look:
-    """The antenna measured along the shape that the first look led to, which is where the fit begins."""
+def look_again(estimator: ContactEstimator, glances: Sequence[Glance]) -> list[Look]:
+    """The antenna of each picture measured along the shape that the first look led to, which is where the fit begins.
+
+    What was seen in part, or twice, is no antenna to be fitted, and is not looked for again.
+    """
     rig = estimator.rig
-    rough = estimator.rough(measured(rig, frame, first))
-    if rough is None:
-        return Look(first, measured(rig, frame, first))
+    firsts = [measured(rig, each.frame, each.line if each.line.found else NOTHING) for each in glances]
+    shapes = estimator.rough(firsts)
+    return [
+        Look(each.line, first) if rough is None else _along(rig, each, rough)
+        for each, first, rough in zip(glances, firsts, shapes, strict=True)
+    ]
+
+
+def _along(rig: Rig, glance: Glance, rough: Rough) -> Look:
     T_camera_antenna = rig.T_antenna_camera.inverse()
     guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
     width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
-    again = find_along(image, guide, width, rig.image.bright)
-    line = again if len(again.points_px) >= SECOND_LOOK * len(first.points_px) else first
-    return Look(line, replace(measured(rig, frame, line), start=rough.unknowns))
+    again = find_along(glance.image, guide, width, rig.image.bright)
+    line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
+    return Look(line, replace(measured(rig, glance.frame, line), start=rough.unknowns))
+
+
+def looks(estimator: ContactEstimator, glances: Iterable[Glance]) -> Iterator[Look]:
+    """Second looks at pictures in order, as many at a time as memory allows."""
+    coming = iter(glances)
+    for first in coming:
+        several = [first, *islice(coming, max(AT_ONCE_PX // first.image.size, 1) - 1)]
+        yield from look_again(estimator, several)
 
 
 def read_plane(rig: Rig, path: Path) -> np.ndarray:
@@ -127,8 +156,8 @@ def read_ground(rig: Rig, path: Path) -> Ground:
     return Ground(read_plane(rig, path).astype(np.float32))
 
 
-def look_at(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> Look:
-    """The antenna in a frame's picture, less the ground if that is known.
+def glance(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> Glance:
+    """A first look at a frame's picture, less the ground if that is known.
 
     Raises InputError when the picture cannot be read or has another size.
     """
@@ -136,18 +165,14 @@ def look_at(estimator: ContactEstimator, frame: Frame, ground: Ground | None = N
     image = read_plane(estimator.rig, frame.image)
     if ground is not None:
         image = ground.taken_off(image)
-    line = look(estimator.rig, frame, image)
-    if not line.found:
-        # what was seen in part, or twice, is no antenna to be fitted
-        return Look(line, measured(estimator.rig, frame, NOTHING))
-    return look_again(estimator, frame, image, line)
+    return Glance(frame, image, look(estimator.rig, frame, image))
 
 
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
-    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `look_at` does."""
-    given, kept = tee(look_at(estimator, frame, ground) for frame in frames)
+    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
+    given, kept = tee(looks(estimator, (glance(estimator, frame, ground) for frame in frames)))
     for frame, seen, contact in zip(frames, kept, estimator.run(each.measured for each in given), strict=True):
         said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
         yield FrameContact(frame, said, seen.measured, seen.line)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator import ContactEstimator
 from estimator.contact import Contact, Measured
-from estimator.recording import look, look_again, measured
+from estimator.recording import Glance, look, look_again, looks, measured
 
 from ..antenna.rungs import RUNGS
 from ..detect.centreline import NOTHING, Centreline
@@ -69,28 +69,30 @@ def frame_of(photograph: Photograph) -> Frame:
     return Frame(None, pan, tilt, photograph.moment_Nm, frame=0, time_s=float("nan"))
 
 
-def seen(estimator: ContactEstimator, photograph: Photograph, twice: bool = True) -> Measured:
-    """What the fit is given of a picture, by the steps that a recording's pictures go through."""
-    frame = frame_of(photograph)
-    line = look(estimator.rig, frame, photograph.image)
-    if not line.found:
-        return measured(estimator.rig, frame, NOTHING)
-    if not twice:
-        return measured(estimator.rig, frame, line)
-    return look_again(estimator, frame, photograph.image, line).measured
+def seen(estimator: ContactEstimator, photographs: Sequence[Photograph], twice: bool = True) -> Iterator[Measured]:
+    """What the fit is given of pictures, by the steps that a recording's pictures go through."""
+    glances = (_glance(estimator, one) for one in photographs)
+    if twice:
+        return (each.measured for each in looks(estimator, glances))
+    return (measured(estimator.rig, each.frame, each.line if each.line.found else NOTHING) for each in glances)
 
 
 def centreline(estimator: ContactEstimator, photograph: Photograph) -> Centreline:
     """As it is seen at the second look."""
+    (seen_again,) = look_again(estimator, [_glance(estimator, photograph)])
+    return seen_again.line if seen_again.line.found else NOTHING
+
+
+def _glance(estimator: ContactEstimator, photograph: Photograph) -> Glance:
     frame = frame_of(photograph)
-    line = look(estimator.rig, frame, photograph.image)
-    return look_again(estimator, frame, photograph.image, line).line if line.found else NOTHING
+    return Glance(frame, photograph.image, look(estimator.rig, frame, photograph.image))
 
 
 def _contacts(estimator: ContactEstimator, twice: bool, photographs: Sequence[Photograph]) -> Answers:
+    offered = seen(estimator, photographs, twice)
     if len(photographs) == 1:
-        return answers([estimator.measure(seen(estimator, photographs[0], twice))])
-    return answers(list(estimator.run(seen(estimator, one, twice) for one in photographs)))
+        return answers([estimator.measure(one) for one in offered])
+    return answers(list(estimator.run(offered)))
 
 
 def answers(contacts: Sequence[Contact]) -> Answers:

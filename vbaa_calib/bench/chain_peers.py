@@ -141,7 +141,7 @@ def _free(rig: Rig) -> Curves:
 
 
 def _by_finder(estimator: ContactEstimator) -> Look:
-    return lambda photograph: seen(estimator, photograph).points_px
+    return lambda photograph: next(seen(estimator, [photograph])).points_px
 
 
 def _toolbox(flat_rig: Rig, flat: Flattened) -> dict[str, Look]:

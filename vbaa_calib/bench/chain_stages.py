@@ -41,9 +41,10 @@ def stages(pages: Cell, read: Reading, timed: int, repeats: int) -> list[StageRo
     few = pages.photographs[:timed]
     steps = [_steps(estimator, one) for one in few]
     alone = {name: 1e3 * typical_seconds([step[name] for step in steps], repeats) for name in steps[0]}
-    lens, fit = "lens taken off the points", "fit"
+    lens, rough, fit = "lens taken off the points", "rough fit", "fit"
     alone[fit] -= alone[lens]
-    together = alone | {fit: max(_in_a_recording(estimator, pages.photographs, repeats) - alone[lens], 0.0)}
+    fits = max(_fits_together(estimator, pages.photographs, repeats) - alone[lens], 0.0)
+    together = alone | {rough: _roughs_together(estimator, pages.photographs, repeats), fit: fits}
     whole, whole_together = sum(alone.values()), sum(together.values())
     rows = [("(reading it once)", 1e3 * read.memory_s, 1e3 * read.memory_s)]
     rows += [(name, alone[name], together[name]) for name in alone]
@@ -56,12 +57,12 @@ def _steps(estimator: ContactEstimator, photograph: Photograph) -> dict[str, Cal
     rig, frame, image = estimator.rig, frame_of(photograph), photograph.image
     first = look(rig, frame, image)
     given = measured(rig, frame, first)
-    rough = estimator.rough(given)
+    (rough,) = estimator.rough([given])
     assert rough is not None
-    offered = seen(estimator, photograph)
+    (offered,) = seen(estimator, [photograph])
     return {
         "first look": partial(look, rig, frame, image),
-        "rough fit": partial(estimator.rough, given),
+        "rough fit": partial(estimator.rough, [given]),
         "second look": partial(_again, estimator, photograph, rough.points_m),
         "lens taken off the points": partial(rig.camera.normalized_with_slopes, offered.points_px),
         "fit": partial(estimator.measure, offered),
@@ -76,7 +77,13 @@ def _again(estimator: ContactEstimator, photograph: Photograph, points_m: np.nda
     return find_along(photograph.image, guide, width, rig.image.bright)
 
 
-def _in_a_recording(estimator: ContactEstimator, photographs: Sequence[Photograph], repeats: int) -> float:
+def _roughs_together(estimator: ContactEstimator, photographs: Sequence[Photograph], repeats: int) -> float:
+    """ms of the rough fit for each picture, all of them in one batch."""
+    offered = list(seen(estimator, photographs, twice=False))
+    return 1e3 * seconds(lambda: estimator.rough(offered), repeats) / len(offered)
+
+
+def _fits_together(estimator: ContactEstimator, photographs: Sequence[Photograph], repeats: int) -> float:
     """ms of the fit for each picture, all of them fitted in a stream."""
-    offered = [seen(estimator, one) for one in photographs]
+    offered = list(seen(estimator, photographs))
     return 1e3 * seconds(lambda: list(estimator.run(offered)), repeats) / len(offered)
