@@ -45,7 +45,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"(default: {FRICTION_RAD}); 0: no friction",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
-    parser.add_argument("--device", default="cpu", help="torch device for the fits, as cpu or cuda:0 (default: cpu)")
+    parser.add_argument(
+        "--device", default="cpu", help="cpu (NumPy), or a torch device for the fits, as cuda:0 (default: cpu)"
+    )
     parser.add_argument(
         "--background",
         type=Path,

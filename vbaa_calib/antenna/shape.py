@@ -1,8 +1,8 @@
 """The antenna as the inverse problems see it: clamp, bow, weight and one point force to a curve in space.
 
 The force's bending is the planar elastica, exact in the deformation plane 𝒟; weight, natural bow and what couples them
-to the force are a small rotation field on top of it, refined by sweeps of the equilibrium of moments (docs/theory.md,
-`antenna.equilibrium`). NumPy or torch: what comes out has the kind, dtype and device of what goes in.
+to the force are a small rotation field on top of it, refined by sweeps of the equilibrium of moments
+(`antenna.equilibrium`, docs/theory_estimator.md). NumPy or torch: what comes out has the kind, dtype and device of what goes in.
 """
 
 from __future__ import annotations
