@@ -15,7 +15,7 @@ from vbaa_calib.rig import Rig
 
 from .hinge import camera_angle
 from .motion import PIECES, Beam
-from .solve.known import POSES, Known
+from .solve.known import POSES, UNKNOWNS, Known
 from .solve.ladder import Solved
 from .solve.shaken import by_inertia, pieces
 from .solve.starts import free_points
@@ -135,6 +135,10 @@ def _numbers(part: Solved, beam: Beam | None) -> Numbers:
     touch = view.touch + (table.touch @ state.steps[..., None])[..., 0]
     covariance = worth.of(view.by_touch, table.touch)
     covariance = covariance + _bows(known, state.unknowns, worth.covariance, state.at_tip)
+    # a rung that was demanded though it is too low: what it makes wrong is doubt
+    off = part.misled
+    covariance = covariance + off[..., UNKNOWNS:].mT @ off[..., UNKNOWNS:]
+    std = xp.sqrt(worth.std**2 + (off[..., :UNKNOWNS] ** 2).sum(1))
     free = free_points(part.free, state.unknowns[:, 0] * known.length_m)
     unknowns = plain(state.unknowns)
     bias = np.full((len(unknowns), len(RUNGS)), np.nan)
@@ -146,7 +150,7 @@ def _numbers(part: Solved, beam: Beam | None) -> Numbers:
         points=plain(fits.frames.usable.sum(-1)),
         rung=np.full(len(unknowns), RUNGS.index(fits.rung)),
         unknowns=unknowns,
-        std=plain(worth.std),
+        std=plain(std),
         point_m=touch[:, :3],
         force_N=touch[:, 3:],
         tangent=plain(view.tangents[:, CONTACT]),

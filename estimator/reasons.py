@@ -29,6 +29,8 @@ from .verdict import (
     doubled,
     leaning,
     loose,
+    misled,
+    unexplained,
 )
 
 
@@ -54,6 +56,11 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
     scatter, lean = numbers.scatter[index], abs(numbers.unknowns[index, 3])
     if not numbers.finite[index]:
         return "the fit left the domain of the model"
+    if misled(numbers)[index] and not unexplained(numbers)[index]:
+        rung = int(numbers.rung[index])
+        return (
+            f"{RUNGS[rung]} is too low for this frame, some {numbers.bias[index, rung]:.0f} std off: take a higher rung"
+        )
     two = ""
     if doubled(numbers)[index]:
         places = sorted((numbers.unknowns[index, 0], numbers.second_place[index]))
@@ -93,7 +100,8 @@ def _model(numbers: Numbers, index: int, asked: str) -> str:
     rung, bias = int(numbers.rung[index]), numbers.bias[index]
     name = RUNGS[rung]
     if asked != "auto":
-        return f"{name} was asked for"
+        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > SMALL else ""
+        return f"{name} was asked for{too_low}"
     low = [index for index in range(rung) if bias[index] > SMALL]
     if not low:
         return f"{name}: its bias is {bias[rung]:.2f} std"

@@ -23,6 +23,9 @@ RIVAL = 4.5
 SECOND_CONTACT, HARM = 25.0, 1.0
 """Cost that a second force must take away, and deviations by which it must move the distance, to be held for real.
 Over the grid of places, noise exceeds the first less than once in 10⁵ frames, also with heavy tails."""
+MISLED = 10.0
+"""A rung so many standard deviations off is not believed: to there its bias is known to a factor of two, and is in the
+deviations."""
 STEEP, STEEP_BLIND = 3.5, 2.5
 """Friction angles beyond so many of the deviations that were thought possible are not believed, with and without a
 reading."""
@@ -47,7 +50,7 @@ def statuses(numbers: Numbers) -> np.ndarray:
             (~(numbers.evidence >= CONTACT_EVIDENCE), NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
             (blindly(numbers) & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
-            (unexplained(numbers), FAILED),
+            (unexplained(numbers) | misled(numbers), FAILED),
             (uncertain & held, LOW),
             (uncertain | loose(numbers) | rivalled(numbers), UNOBSERVABLE),
             (contradiction(numbers) > CONTRADICTION, FAILED),
@@ -104,6 +107,12 @@ def loose(numbers: Numbers) -> np.ndarray:
     std, force = np.max(numbers.std[:, 1:3], axis=1), np.hypot(numbers.unknowns[:, 1], numbers.unknowns[:, 2])
     swaying = ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < LOW_SIGNAL)
     return swaying | (blindly(numbers) & ~(std < 0.5 * force))
+
+
+def misled(numbers: Numbers) -> np.ndarray:
+    """(B,) whether the rung, a demanded one, is too low by more than its deviations can make good."""
+    bias = numbers.bias[np.arange(len(numbers)), numbers.rung]
+    return np.isfinite(bias) & (bias > MISLED)
 
 
 def contradiction(numbers: Numbers) -> np.ndarray:

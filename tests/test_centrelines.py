@@ -88,15 +88,30 @@ def test_points_may_be_scattered_over_the_file(tmp_path: Path) -> None:
         st.tuples(
             st.integers(0, 2**53 - 1),
             st.floats(-1e6, 1e6),
-            st.floats(allow_nan=False, allow_infinity=False),
-            st.floats(1e-300, 1e300),
+            st.floats(-1e7, 1e7),
+            st.floats(1e-300, 1e7),
         ),
         min_size=1,
         max_size=30,
+        unique_by=lambda row: row[:3],
     )
 )
 def test_every_bit_of_a_number_comes_back(tmp_path: Path, rows: list[tuple[int, float, float, float]]) -> None:
     assert_same(read(tmp_path, text(rows)), grouped(rows))
+
+
+def test_a_point_that_stands_twice_was_measured_once(tmp_path: Path) -> None:
+    """Wherever it stands; the first is kept, and the order."""
+    points = [(0, 5.0, 1.0, 0.1), (0, 2.0, 1.0, 0.2), (1, 2.0, 1.0, 0.3), (0, 5.0, 1.0, 0.4), (0, 2.0, 3.0, 0.5)]
+    lines = read(tmp_path, text(points))
+    assert lines[0].tolist() == [[5.0, 1.0, 0.1], [2.0, 1.0, 0.2], [2.0, 3.0, 0.5]]
+    assert lines[1].tolist() == [[2.0, 1.0, 0.3]]
+
+
+@pytest.mark.parametrize("row", [(0, 1e300, 1.0, 0.1), (0, 1.0, -2e7, 0.1), (0, 1.0, 1.0, 1e300)])
+def test_places_in_no_picture(tmp_path: Path, row: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="no picture is that large"):
+        read(tmp_path, text([row]))
 
 
 def test_only_places_are_kept(tmp_path: Path) -> None:

@@ -131,7 +131,7 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
         raise InputError("is a folder", where=path, remedy="name a file inside it")
     if kind == "other":
         raise InputError("is not a regular file", where=path, remedy="take another name")
-    there = [Path(each) for each in inputs if each is not None and kind != "none" and Path(each).exists()]
+    there = [Path(each) for each in inputs if each is not None and kind == "file" and Path(each).exists()]
     if any(path.samefile(each) for each in there):
         raise InputError("is an input of this command", where=path, remedy="take another name")
     if kind != "none" and not force:

@@ -17,7 +17,7 @@ from .second import second_force
 from .settle import explored, settle
 from .starts import Free, Trials, free_antenna, tried
 from .view import LEANING, look
-from .worth import REFERENCE, Worth, evidence, held_against, predicted_bias, stretched, worth
+from .worth import REFERENCE, Worth, evidence, held_against, misled, predicted_bias, stretched, worth
 
 EXPLORER = "linear"
 """The rung on which valleys are told apart."""
@@ -39,6 +39,8 @@ TOUCHED = 3.0
 """Without a force of so many deviations in any direction there is no contact whose mirror image would matter."""
 SMALL = 1 / 3
 """A rung's predicted bias is small when it is below this fraction of the standard deviation."""
+DOUBTED = SMALL
+"""Where a demanded rung's bias is not, it is part of the deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,7 @@ class Solved:
     rival : (B,) how much more another valley costs; infinite without one. rival_unknowns : (B, 4) where it lies.
     blind : (B,) bool, no reading tells the contact from its mirror image, see `rivals.one_sided`.
     second, second_place, second_harm : (B,) see `second.second_force`.
+    misled : (B, 2, 10) see `worth.misled`; 0 where the rung's bias is small.
     """
 
     rows: Array
@@ -67,6 +70,7 @@ class Solved:
     second: Array
     second_place: Array
     second_harm: Array
+    misled: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +138,7 @@ def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solved]
 def _climbed(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[str, Array]) -> list[Solved]:
     """Some frames on their rung, those for which it proves too low on a higher one."""
     first = _solved(frames, ground, rung, rows, (rung,), {each: bias[each][rows] for each in bias})
-    low = first.bias[rung] > SMALL
+    low = ~(first.bias[rung] <= SMALL)
     if rung == REFERENCE or not bool(low.any()):
         return [first]
     above = RUNGS[RUNGS.index(rung) + 1]
@@ -181,12 +185,17 @@ def _solved(
         known = stretched(best.fits, worth(best.fits), blind)
     fits = best.fits
     about, told = fits.problem, dict(bias)
+    touch = xp.concat([fits.state.unknowns, fits.view.touch], -1)
+    off = xp.stack([xp.zeros_like(touch)] * 2, 1)
     if rung != REFERENCE:
         reference = look(part, REFERENCE, fits.state.unknowns, slopes=False)
         about = held_against(fits, reference)
         told |= predicted_bias(fits, known, reference, weighed)
+        large = (told[rung] > DOUBTED) & xp.isfinite(told[rung])
+        if bool(large.any()):
+            off = xp.where(large[:, None, None], misled(fits, reference), off)
     contact = evidence(fits, about, here.free)
-    others = best.rival, best.rival_unknowns, blind, *second_force(fits, about, known)
+    others = best.rival, best.rival_unknowns, blind, *second_force(fits, about, known), off
     return Solved(rows, fits, known, here.free, contact, told, *others)
 
 

@@ -198,6 +198,29 @@ def predicted_bias(fits: Settled, known: Worth, reference: View, rungs: tuple[st
     return found
 
 
+def misled(fits: Settled, reference: View) -> Array:
+    """(B, 2, 10) by how much unknowns (4), contact point and force (6) come out wrong on a rung.
+
+    By what the rung leaves out of the highest one, and by one deviation of the friction that it does not know.
+
+    To first order, as `predicted_bias`, of which these are the parts with their signs.
+    """
+    xp, frames, view = namespace(fits.state.scatter), fits.frames, fits.view
+
+    def wrong(shape: Array, felt: Array, touched: Array) -> Array:
+        moved = moves(fits, shape, felt)[:, :UNKNOWNS]
+        return xp.concat([moved, (view.by_touch @ moved[..., None])[..., 0] - touched], -1)
+
+    truth = displaced(view, reference)
+    shape = wrong(*truth)
+    if fits.rung in LEANING or frames.known.friction_rad == 0.0:
+        return xp.stack([shape, xp.zeros_like(shape)], 1)
+    leant = look(frames, REFERENCE, fits.state.unknowns + frames.known.trials[UNKNOWNS], slopes=False)
+    # its force leans by the friction angle, which the touch's own covariance has already
+    friction = wrong(*(a - b for a, b in zip(displaced(view, leant), truth, strict=True)))
+    return xp.stack([shape, xp.concat([friction[:, :7], 0.0 * friction[:, :1], friction[:, 8:]], -1)], 1)
+
+
 def held_against(fits: Settled, view: View) -> Problem:
     """The fits' problem with the residuals that another rung's view of the same unknowns leaves."""
     found = match(fits.frames, view, fits.state.foot_m)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.solve.ladder import SMALL
+from estimator.verdict import MISLED
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.bench.estimator_shapes import elastica_shapes
 
@@ -15,6 +16,13 @@ from .contact_scenes import RIG, STRAIGHT, WORLD, answered, deviations, estimate
 LIGHT = World(camera_pose(0.6, 1.0), STRAIGHT).rig(np.zeros(17), np.zeros(3))
 """A straight antenna without weight, known exactly: the paper's, but for how far it bends."""
 HEAVY = WORLD.rig(np.zeros(17))
+
+
+@pytest.fixture
+def as_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Deviations of noise and rig alone, whatever the rung makes wrong."""
+    monkeypatch.setattr("estimator.solve.ladder.DOUBTED", np.inf)
+    monkeypatch.setattr("estimator.verdict.MISLED", np.inf)
 
 
 def test_each_rung_on_request() -> None:
@@ -99,6 +107,7 @@ def made_and_said(rung: str, std: float, straight: bool, count: int) -> tuple[np
     return made[counted], said[counted]
 
 
+@pytest.mark.usefixtures("as_fitted")
 @pytest.mark.parametrize(("rung", "straight"), [("paper", True), ("linear", True), ("linear", False)])
 @pytest.mark.parametrize("std", [0.0, 0.25])
 def test_bias_is_what_was_predicted(rung: str, straight: bool, std: float) -> None:
@@ -109,6 +118,7 @@ def test_bias_is_what_was_predicted(rung: str, straight: bool, std: float) -> No
     assert (said / made > 0.5).all(), said / made
 
 
+@pytest.mark.usefixtures("as_fitted")
 def test_the_elastica_predicts_its_bias_too() -> None:
     """At 0.01 px, else it has none worth the name."""
     rng, count = np.random.default_rng(3), 20
@@ -129,3 +139,21 @@ def test_the_tip_is_one_on_a_demanded_rung(rung: str) -> None:
     assert contact.status == "tip_contact"
     assert contact.distance_m == LENGTH_M
     assert f"{rung} was asked for" in contact.reason
+
+
+@pytest.mark.parametrize("rung", ["paper", "linear"])
+@pytest.mark.parametrize("std", [0.0, 0.25])
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_a_demanded_rung_is_never_wrong_and_confident(rung: str, std: float, friction: float) -> None:
+    """What a rung makes wrong is in its deviations, or the frame fails and says so."""
+    rng, count = np.random.default_rng(4), 100
+    rig = WORLD.rig(std * RIG_STD) if std else HEAVY
+    contact, slope = rng.uniform(0.2, 0.95, count), np.exp(rng.uniform(0.0, np.log(34.0), count))
+    scenes = rubbed(rig, contact, slope, friction * rng.normal(size=count), rng.uniform(-3.0, 3.0, count))
+    found = answered(scenes, rung, friction)
+    off = np.abs(scene_deviations(found, scenes))
+    assert not (off > 4.0).any()
+    said = np.array([one.predicted_bias_std for one in found])
+    assert not (np.isfinite(found.distance_m) & (said > MISLED)).any()
+    assert (rung == "linear") == bool((found.status == "ok").any())
+    assert any(one.reason.startswith(f"{rung} is too low for this frame") for one in found)

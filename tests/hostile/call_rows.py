@@ -35,6 +35,7 @@ TO_OUTPUTS: tuple[tuple[str, str, Damage, tuple[str, ...]], ...] = (
     ("a name of 300 letters", 300 * "n" + "{}", d.nothing, ("nnn",)),
     ("there already", "{}", d.content("mine"), ("exists already", "--force")),
     ("a link to itself", "{}", d.loop, ("out",)),
+    ("a link to nothing", "{}", d.link("none"), ("exists already", "--force")),
     ("a pipe", "{}", d.pipe, ("out",)),
 )
 

@@ -2,7 +2,8 @@
 
 The force's bending is the planar elastica, exact in the deformation plane 𝒟; weight, natural bow and what couples them
 to the force are a small rotation field on top of it, refined by sweeps of the equilibrium of moments
-(`antenna.equilibrium`, docs/theory_estimator.md). NumPy or torch: what comes out has the kind, dtype and device of what goes in.
+(`antenna.equilibrium`, docs/theory_estimator.md). NumPy or torch: what comes out has the kind, dtype and device of what
+goes in.
 """
 
 from __future__ import annotations

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 ALL = "all"
 
 
+MOST_DRAWS, MOST_JOBS = 10_000_000, 256
+"""More do not fit into memory: a draw of `metric` takes some 100 bytes, a process some 300 MB."""
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa bench`."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -73,6 +77,10 @@ def _check_numbers(args: argparse.Namespace, chosen: Sequence[Subject]) -> None:
         )
     if args.draws is not None and args.draws < chosen[0].least:
         raise InputError(f"--draws {args.draws} for {what}", remedy=f"at least {chosen[0].least}")
+    if args.draws is not None and args.draws > MOST_DRAWS:
+        raise InputError(f"--draws {args.draws} for {what}", remedy=f"at most {MOST_DRAWS}")
+    if args.jobs > MOST_JOBS:
+        raise InputError(f"--jobs {args.jobs} for {what}", remedy=f"at most {MOST_JOBS}, one for each core")
     if args.jobs < 1 or (args.jobs > 1 and not any(subject.jobs for subject in chosen)):
         able = " or ".join(subject.name for subject in SUBJECTS.values() if subject.jobs)
         raise InputError(f"--jobs {args.jobs} for {what}", remedy=f"1, or more for {able}")

@@ -50,7 +50,8 @@ def information(drawing: Drawing, arclength_m: np.ndarray, pixels: np.ndarray) -
     column = np.arange(max(int(np.ceil(pixels[0, 0])), 0), min(int(pixels[-1, 0]), width - 1) + 1)
     row = np.interp(column, pixels[:, 0], pixels[:, 1])
     column, row = (values[(row >= 0) & (row <= height - 1)] for values in (column, row))
-    reach = int(np.ceil(drawing.tube.half_width_px.max() + 4.0 * drawing.studio.spec.blur_px + 2.0))
+    # so far that a longer profile would tell the background's slope, and with it the place, no better
+    reach = 3 * int(np.ceil(drawing.tube.half_width_px.max() + 4.0 * drawing.studio.spec.blur_px + 2.0))
     rows = np.rint(row).astype(int)[:, None] + np.arange(-reach, reach + 1)
     there = (rows >= 0) & (rows < height)
     at = np.clip(rows, 0, height - 1), column[:, None]

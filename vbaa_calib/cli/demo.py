@@ -117,6 +117,7 @@ def finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     say(f"\n{'error against truth':<20}{'':>10}     goal")
     for name, value, unit, goal in rows:
         say(f"{name:<20}{value:>10.3f} {unit:<3} {'' if goal is None else f'≤ {goal:g}'}")
+    say(f"{'error² over predicted variance':<31}{errors['nees']:.1f} (1 is honest)")
     say(f"{'frames right':<20}{errors['frames_ok']:>6} of {errors['frames']}")
     session, picture = out / "session", out / "scene.png"
     make_report(

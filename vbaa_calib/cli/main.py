@@ -7,7 +7,9 @@ import contextlib
 import importlib
 import json
 import os
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Sequence
 from typing import NoReturn
@@ -85,18 +87,44 @@ def run_verb(argv: Sequence[str]) -> int:
     return int(result.get("exit_code", 0))  # `doctor` has bad news and its numbers at once
 
 
+class _Ended(BaseException):
+    """A signal that ends the process was received: what is half-written is removed on the way out."""
+
+
+def _end(number: int, _frame: object) -> NoReturn:
+    raise _Ended(number)
+
+
+def _unwind_when_ended() -> None:
+    """SIGTERM and a closed terminal clean up as Ctrl-C does; a signal that is ignored (nohup) stays so."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _end)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The `vbaa` command. Returns the exit code: 0 done, 2 wrong input or call, 1 anything else, 130 interrupted."""
     argv = sys.argv[1:] if argv is None else list(argv)
+    if sys.stderr is None:  # closed by the caller (`2>&-`), as daemons do
+        sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
+    _unwind_when_ended()
     try:
         code = run_verb(argv or ["--help"])
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by the caller (`>&-`)
+            sys.stdout.flush()
         return code
     except SystemExit as leave:  # argparse's --help and --version
         return int(leave.code or 0)
     except KeyboardInterrupt:
         print("vbaa: interrupted", file=sys.stderr)
         return 130
+    except _Ended as ended:
+        with contextlib.suppress(OSError):  # the terminal may be what went away
+            print("vbaa: ended by a signal", file=sys.stderr)
+        return 128 + int(ended.args[0])
     except BrokenPipeError:
         # the reader went away (`vbaa ... | head`); the interpreter must not complain about it again at exit
         with contextlib.suppress(OSError):
@@ -105,8 +133,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in argv:
             traceback.print_exc()
-        print(f"vbaa: {' '.join(_in_words(error).split())}", file=sys.stderr)
+        print(f"vbaa: {_printable(_in_words(error))}", file=sys.stderr)
         return error.exit_code if isinstance(error, VbaaError) else 1
+
+
+def _printable(text: str) -> str:
+    """One line in which a name from outside moves no cursor and paints nothing."""
+    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in " ".join(text.split()))
 
 
 def _in_words(error: Exception) -> str:

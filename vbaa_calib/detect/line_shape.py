@@ -21,6 +21,8 @@ WIDTHS, BLURS_PX = (0.85, 1.0, 1.2), (0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4
 """Widths, as parts of the antenna's, and blurs that are tried."""
 MOST_TAPER = 0.6
 """By which part the line may be broader at one end than at the other."""
+LIKELY_TAPER = 0.3
+"""Deviation of that beforehand: where little of the line is seen, its noise is no taper."""
 KNOT_PX = 0.85
 """Spacing of the splines' knots: finer than the point spread of an ordinary lens."""
 
@@ -240,4 +242,5 @@ def tapering(shape: LineShape, found: Crossings, centre: np.ndarray, fits: Fits,
     worth = np.einsum("nt,nt->n", wider, wider) * height**2
     share = found.along[chosen] / max(float(found.along[-1]), 1e-6)
     share = share - (worth @ share) / max(float(worth.sum()), 1e-9)
-    return float(np.clip((share @ told) / max(float(share**2 @ worth), 1e-9), -MOST_TAPER, MOST_TAPER))
+    doubt = float(np.median(fits.rms[chosen])) ** 2 / LIKELY_TAPER**2
+    return float(np.clip((share @ told) / max(float(share**2 @ worth) + doubt, 1e-9), -MOST_TAPER, MOST_TAPER))

@@ -25,6 +25,8 @@ from .rows import wrong
 from .settings import Session
 
 COLUMNS, DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
+FAR_PX = 1e7
+"""Places and deviations beyond it are slips of the pen."""
 BLOCK = 1 << 20
 ENDLESS = "a line of more than 1 MB"
 MOST_FRAME = 2**53
@@ -90,7 +92,9 @@ class Centrelines(Mapping[int, np.ndarray]):
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
         points = np.full((len(table), 3), np.nan)
         points[:, : table.shape[1] - 1] = table[:, 1:]
-        return points
+        # a point that stands there twice was measured once
+        _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
+        return points if len(first) == len(points) else points[np.sort(first)]
 
     def _of(self, frame: int) -> np.ndarray:
         """(K, 3) the runs of one frame."""
@@ -154,7 +158,9 @@ def _plain(block: bytes, layout: Layout) -> np.ndarray | None:
     except ValueError:  # UnicodeDecodeError is one, too
         return None
     frame = table[:, 0]
-    sound = np.isfinite(table).all() and ((frame >= 0) & (frame < MOST_FRAME) & (frame == np.floor(frame))).all()
+    sound = (np.abs(table[:, 1:]) <= FAR_PX).all() and (
+        (frame >= 0) & (frame < MOST_FRAME) & (frame == np.floor(frame))
+    ).all()
     if not sound or len(table) != filled.sum() or not (table[:, 3:] > 0.0).all():
         return None
     first = np.concatenate([[0], np.flatnonzero(np.diff(frame)) + 1])
@@ -231,8 +237,9 @@ def _row_by_row(lines: _Lines, layout: Layout, places: Mapping[str, int], path: 
         if DEVIATION in row and number(row, DEVIATION, path) <= 0:
             raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
         frame = whole_number(row, "frame", path)
-        for name in ("u_px", "v_px"):
-            number(row, name, path)
+        for name in places.keys() - {"frame"}:
+            if abs(number(row, name, path)) > FAR_PX:
+                raise wrong(row, path, f"{name} is {row[name]}", "give pixels: no picture is that large")
         if runs and runs[-3] == frame:
             runs[-1] = lines.at
         else:
