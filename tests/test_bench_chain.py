@@ -202,7 +202,7 @@ def test_losses_name_the_rung_that_leaves_something_out(measured: Measured) -> N
 
 def test_tables_and_figure(measured: Measured, tmp_path: Path) -> None:
     text = as_text(measured.rows, measured.stages, measured.losses)
-    assert "auto, 320x320, rig exactly known" in text.splitlines()[0]
+    assert "auto, 320x320, a calibrated rig" in text.splitlines()[0]
     assert len(headline(measured.rows)) <= 100
     for name in ("rows", "stages", "losses"):
         path = tmp_path / f"{name}.csv"

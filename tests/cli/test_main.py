@@ -6,6 +6,7 @@ import argparse
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -159,6 +160,39 @@ def test_every_error_is_one_line(
     assert (said.code, said.out) == (code, "")
     assert said.err.startswith(words)
     assert said.err.count("\n") == 1
+
+
+HALF_WRITTEN = """
+import os, signal, sys
+from pathlib import Path
+from vbaa_calib.cli import main
+from vbaa_calib.files import replacing
+from vbaa_calib.formats import schema_cli
+
+def stopped(args):
+    with replacing(Path("out.csv"), True) as temporary:
+        temporary.write_text("half")
+        os.kill(os.getpid(), getattr(signal, sys.argv[1]))
+        temporary.write_text("whole")
+
+schema_cli.run = stopped
+sys.exit(main(["schema", "rig"]))
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_signal_that_ends_it_leaves_nothing_half_written(tmp_path: Path, name: str) -> None:
+    command = [sys.executable, "-c", HALF_WRITTEN, name]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 128 + getattr(signal, name)
+    assert done.stderr == "vbaa: ended by a signal\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_from_outside_paint_nothing(vbaa: Call, tmp_path: Path) -> None:
+    said = vbaa("schema", "rig", "\x1b[31mred\x1b[2J")
+    assert said.code == 2
+    assert said.err.rstrip("\n").isprintable()
 
 
 @pytest.mark.parametrize(("error", "code"), [(InputError("is odd"), 2), (RuntimeError("broken"), 1)])
