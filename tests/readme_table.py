@@ -16,6 +16,13 @@ from vbaa_calib.rig import Rig
 README = Path(__file__).parents[1] / "README.md"
 
 
+def as_units(cell: str) -> tuple[str, list[float]]:
+    """The words of a cell, and its numbers in units of their last digits."""
+    numbers = re.findall(r"\d+(?:\.\d+)?", cell)
+    units = [float(each) * 10 ** len(each.partition(".")[2]) for each in numbers]
+    return re.sub(r"\d+(?:\.\d+)?", "#", cell), units
+
+
 def table_in_readme() -> dict[str, dict[str, str]]:
     """Scene → row's name → cell, of the rows that a run decides and a machine's speed does not."""
     lines = README.read_text(encoding="utf-8").splitlines()

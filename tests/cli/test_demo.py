@@ -12,6 +12,8 @@ from vbaa_calib.cli.demo import SCENES
 from vbaa_calib.cli.main import main
 from viz.render import can_render
 
+from ..readme_table import as_units, table_in_readme, table_of
+
 FILES = ("rig.json", "contacts.csv", "object.vtp", "scene.html", "report.html", "summary.json")
 
 
@@ -39,6 +41,17 @@ def test_reaches_the_goals(demo: Path) -> None:
 def test_predicted_uncertainty_is_honest(demo: Path) -> None:
     """The mean squared error over its predicted variance, per degree of freedom, is neither blind nor timid."""
     assert 0.1 < json.loads((demo / "summary.json").read_text())["nees"] < 2.5
+
+
+def test_the_readme_says_it(demo: Path) -> None:
+    """Each number of its table to one unit of the last digit, which another processor's rounding may move."""
+    here, readme = table_of(demo), table_in_readme()[demo.name]
+    assert here.keys() == readme.keys()
+    for name, cell in here.items():
+        words, units = as_units(cell)
+        words_there, units_there = as_units(readme[name])
+        assert words == words_there, name
+        assert np.allclose(units, units_there, rtol=0.0, atol=1.0 + 1e-9), name
 
 
 def test_leaves_its_files(demo: Path) -> None:
