@@ -6,13 +6,18 @@ import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TextIO
 
 from .errors import InputError
-from .files import require_file
+from .files import MOST_BYTES, require_file
+
+LONGEST = 1_000_000
+"""Characters of a line, beyond which it is none of a table."""
 
 
 def read_csv(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> list[dict[str, str]]:
-    """All rows at once, as `csv_rows` gives them, and with its errors."""
+    """All rows at once, as `csv_rows` gives them, and with its errors; of a file that memory holds."""
+    require_file(path, most=MOST_BYTES)
     return list(csv_rows(path, columns, optional))
 
 
@@ -40,7 +45,7 @@ def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
     line = 0
     try:
         with Path(path).open(encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream, strict=True)
+            reader = csv.reader(_lines(stream), strict=True)
             for cells in reader:
                 line = reader.line_num
                 cells = [cell.strip() for cell in cells]
@@ -53,6 +58,14 @@ def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
     except OSError as error:
         what = f"cannot be read ({error.strerror})"
         raise InputError(what, where=path, remedy="check the path and its permissions") from None
+
+
+def _lines(stream: TextIO) -> Iterator[str]:
+    """Its lines. Raises csv.Error for one without end."""
+    while line := stream.readline(LONGEST):
+        if len(line) == LONGEST and not line.endswith("\n"):
+            raise csv.Error(f"a line of over {LONGEST} characters")
+        yield line
 
 
 def places_of(header: Sequence[str], columns: Sequence[str], optional: Sequence[str], path: Path) -> dict[str, int]:
