@@ -67,11 +67,10 @@ class Worth:
         return seen @ self.covariance @ seen.mT + by_rig @ self.rig_covariance @ by_rig.mT
 
 
-def worth(fits: Settled, rough: bool = False) -> Worth:
+def worth(fits: Settled) -> Worth:
     """Invert the fits' information, the rig's part first: its prior keeps it regular.
 
     A distance held at the tip gets the deviation that it would have if it were free: the data allow it that far inside.
-    What a `rough` fit on a low rung leaves is the rung's misfit, not outliers, and does not widen it.
     """
     whole = fits.equations.information
     xp = namespace(whole)
@@ -91,8 +90,7 @@ def worth(fits: Settled, rough: bool = False) -> Worth:
     own = felt[..., :UNKNOWNS] + felt[..., UNKNOWNS:] @ follows
     fitted = ((own @ covariance) * own).sum(-1)
     fitted = fitted + ((felt[..., UNKNOWNS:] @ rig_covariance) * felt[..., UNKNOWNS:]).sum(-1)
-    if not rough:
-        covariance = covariance * clamour(fits.problem)[:, None, None]
+    covariance = covariance * clamour(fits.problem)[:, None, None]
     redundant = xp.clip(1.0 - fitted, LEAST_REDUNDANCY**2, None)
     return Worth(
         xp.where(known[:, None, None], covariance, xp.inf),

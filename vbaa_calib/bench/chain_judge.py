@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .averages import or_none, rms_known
 from .chain_methods import Answers
 from .chain_scenes import Photograph
 
@@ -16,7 +17,7 @@ ASTRAY_BOUND, ASTRAY_STATED = 5.0, 4.0
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a method's answers are worth; None without any. The attributes are those of `chain.ChainRow`."""
+    """What a method's answers are worth; None without any. The attributes are those of `chain_run.ChainRow`."""
 
     l_rms_mm: float | None
     l_rms_error_mm: float | None
@@ -37,7 +38,7 @@ def verdict(found: Answers, photographs: Sequence[Photograph], bound_m: np.ndarr
     turned = (found.force_N * force[:, ::-1] * [-1.0, 1.0]).sum(axis=1), (found.force_N * force).sum(axis=1)
     astray = np.abs(error) > np.maximum(ASTRAY_BOUND * bound_m, ASTRAY_STATED * np.nan_to_num(found.std_m))
     known = np.isfinite(error)
-    scaled, plain = rms(error / bound_m), rms(1e3 * error)
+    scaled, plain = (or_none(rms_known(each)) for each in (error / bound_m, 1e3 * error))
     weight = bound_m[known] ** 2
     return Verdict(
         l_rms_mm=plain,
@@ -46,14 +47,8 @@ def verdict(found: Answers, photographs: Sequence[Photograph], bound_m: np.ndarr
         l_median_mm=float(np.median(1e3 * np.abs(error[known]))) if known.any() else None,
         of_bound=scaled,
         of_bound_error=None if scaled is None else scaled / float(np.sqrt(2.0 * known.sum())),
-        force_percent=rms(1e2 * off),
-        direction_deg=rms(np.degrees(np.arctan2(*turned))),
+        force_percent=or_none(rms_known(1e2 * off)),
+        direction_deg=or_none(rms_known(np.degrees(np.arctan2(*turned)))),
         answered=float(known.mean()),
         wrong=float((known & astray).mean()),
     )
-
-
-def rms(values: np.ndarray) -> float | None:
-    """Root mean square of those that are finite; None where none is."""
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else None

@@ -9,8 +9,8 @@ import numpy as np
 
 from estimator import ContactEstimator
 
+from .averages import or_none, rms_known
 from .chain_bound import Information, at_places, equally_told
-from .chain_judge import rms
 from .chain_methods import MODELS, PAPER_RUNG, centreline
 from .chain_scenes import FRICTION_STD_RAD, Cell, Photograph
 from .estimator_scenes import Scenes
@@ -70,7 +70,7 @@ def losses(
     estimator = ContactEstimator(pages.rig)
     sights = [sight(estimator, one, known) for one, known in zip(pages.photographs, told, strict=True)]
     errors, stated = (np.concatenate([getattr(one, name) for one in sights]) for name in ("errors", "stated"))
-    points, size = rms(errors), rms(stated)
+    points, size = or_none(rms_known(errors)), or_none(rms_known(stated))
     places, sigma_px = equally_told(told)
     clean = joined(
         [replace(at_places(replace(one.truth, sigma_px=sigma_px), places), rig=pages.rig) for one in pages.photographs]
@@ -80,7 +80,9 @@ def losses(
     for model in [model for model in MODELS if model != PAPER_RUNG]:
         fit = ContactEstimator(pages.rig, model=model, friction=FRICTION_STD_RAD)
         noiseless, ideal = (
-            rms((_distances(fit, frames) - frames.distance_m) / np.repeat(bound_m, len(frames) // len(pages)))
+            or_none(
+                rms_known((_distances(fit, frames) - frames.distance_m) / np.repeat(bound_m, len(frames) // len(pages)))
+            )
             for frames in (clean, noisy)
         )
         rows.append(
