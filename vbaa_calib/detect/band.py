@@ -12,6 +12,8 @@ from .corridor import length_px, normals, resample
 
 COLUMN_PX, COLUMNS = 2.0, 120
 """Spacing of the columns across the path, or wider where it takes more columns than these."""
+LEAST_REST = 1e-3
+"""The least that the band shows everywhere, as a part of its highest ridge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ def align(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: flo
     """
     columns, along = resample(path_px, max(COLUMN_PX, length_px(path_px) / COLUMNS))
     normal = normals(columns)
-    rows = np.arange(-int(np.ceil(reach_px)), int(np.ceil(reach_px)) + 1, dtype=np.float32)
+    rows = np.arange(-np.ceil(reach_px), np.ceil(reach_px) + 1)
     ridge = _ridge(image, columns, normal, rows, width_px, bright)
     share = along / max(along[-1], 1e-6)
     worth = _worth(ridge)
@@ -55,34 +57,41 @@ def align(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: flo
 def _ridge(
     image: np.ndarray, columns: np.ndarray, normal: np.ndarray, rows: np.ndarray, width: float, bright: bool
 ) -> np.ndarray:
-    """(R, K) float32: the mean over the antenna's width less the brighter one of the flanks."""
+    """(R, K): the mean over the antenna's width less the brighter one of the flanks."""
     core = 2 * int(0.35 * width) + 1
     flank = int(np.ceil(0.5 * width + 1.2 + 0.5 * core))
-    more = np.arange(-flank, flank + 1, dtype=np.float32)
-    wide = np.concatenate([rows[0] + more[:flank], rows, rows[-1] + more[flank + 1 :]])
-    middle, across = columns.astype(np.float32), normal.astype(np.float32)
-    u = middle[:, 0] + wide[:, None] * across[:, 0]
-    v = middle[:, 1] + wide[:, None] * across[:, 1]
-    strip = _sampled(image, u, v)
+    wide = np.arange(rows[0] - flank, rows[-1] + flank + 1)
+    strip = _sampled(image, *(columns[:, axis] + wide[:, None] * normal[:, axis] for axis in (0, 1)))
     mean = np.asarray(cv2.blur(strip if bright else -strip, (3, core), borderType=cv2.BORDER_REPLICATE))
     inner = mean[flank:-flank]
     return inner - np.maximum(mean[: len(inner)], mean[2 * flank :])
 
 
 def _sampled(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(R, K) float32 the picture between its pixels, beyond its border as at the border."""
+    """(R, K) the picture between its pixels, beyond its border as at the border.
+
+    OpenCV's `remap` rounds places to a 32nd of a pixel: a path that moves by nothing would then see another picture.
+    """
     height, width = image.shape
-    left, top = (int(np.clip(each.min(), 0, most - 1)) for each, most in ((u, width), (v, height)))
-    right, bottom = (int(np.clip(each.max() + 2, 1, most)) for each, most in ((u, width), (v, height)))
-    # of whole numbers OpenCV would give whole numbers, and their rounding moves what is learned of the line's height
-    part = image[top:bottom, left:right].astype(np.float32)
-    return np.asarray(cv2.remap(part, u - left, v - top, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    u, v = np.clip(u, 0.0, width - 1.0), np.clip(v, 0.0, height - 1.0)
+    left, top = (
+        np.minimum(u.astype(np.intp), max(width - 2, 0)),
+        np.minimum(v.astype(np.intp), max(height - 2, 0)),
+    )
+    flat, first = np.ascontiguousarray(image).ravel(), top * width + left
+    right, down = u - left, v - top
+    aside, below = min(width - 1, 1), width * min(height - 1, 1)
+    near, far = (
+        flat.take(first + step) * (1.0 - right) + flat.take(first + step + aside) * right for step in (0, below)
+    )
+    return np.asarray(near * (1.0 - down) + far * down)
 
 
 def _worth(ridge: np.ndarray) -> np.ndarray:
     """(R, K) how convincing each place is: levels off at a few times what the band shows everywhere."""
-    rest = smooth.median(np.abs(ridge)) * 2.0 + 1e-6
     over = np.maximum(ridge, 0.0)
+    # where a drawn picture shows nothing at all, rounding must not look like a ridge
+    rest = max(2.0 * smooth.median(np.abs(ridge)), LEAST_REST * float(over.max())) + 1e-12
     return over / (over + 3.0 * rest)
 
 
@@ -98,6 +107,6 @@ def _followed(
     bend = left - 2.0 * middle + right
     part = np.where((best == inner) & (bend < -1e-6), 0.5 * (left - right) / np.minimum(bend, -1e-6), 0.0)
     scale = smooth.quantile(peak, 0.75)
-    weights = np.where((best > 0) & (best < len(rows) - 1), peak**2, 0.0) + 1e-6
+    weights = np.where((best > 0) & (best < len(rows) - 1), peak**2, 0.0)
     curve = smooth.fit(share, rows[best] + np.clip(part, -0.5, 0.5), weights, scales, pieces, 0.3)
     return curve.values, scale

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+WHOLE = 1e-6
+"""A number of spacings this near to a whole one is that one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Corridor:
@@ -24,9 +27,10 @@ class Corridor:
 
 
 def resample(polyline: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (K, 2) at equal spacing along a polyline, and the arc length (K,) of each."""
+    """Points (K, 2) at equal spacing along a polyline, short of its end, and the arc length (K,) of each."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(polyline, axis=0).T))])
-    at = np.arange(0.0, along[-1], spacing)
+    # a spacing that divides the length: rounding must not decide whether the end is one of the points
+    at = spacing * np.arange(max(np.ceil(along[-1] / spacing - WHOLE), 1.0))
     return np.stack([np.interp(at, along, polyline[:, i]) for i in range(2)], axis=1), at
 
 

@@ -26,7 +26,7 @@ class Crossings:
     side : (N,) +1 or −1: whether the profile runs along the path's normal or against it.
     bow : (N,) how the distance across grows with the square of the distance along the profile where the path bends.
     across : (N, T) distance along the profile from the path, px.
-    profiles : (N, T) float32 grey levels, zero where not inside.
+    profiles : (N, T) grey levels, zero where not inside.
     inside : (N,) whether the whole profile is in the picture.
     """
 
@@ -45,10 +45,9 @@ class Crossings:
         return Crossings(*(getattr(self, part.name)[::step] for part in fields(self)))
 
     def distances(self, centre: np.ndarray) -> np.ndarray:
-        """(N, T) float32 distance of every pixel from a line through centres (N,), px; positive along the normal."""
-        along = self.across - centre.astype(np.float32)[:, None]
-        steady, growing = (self.side / self.stretch).astype(np.float32), (self.side * self.bow).astype(np.float32)
-        return along * (steady[:, None] + growing[:, None] * along)
+        """(N, T) distance of every pixel from a line through centres (N,), px; positive along the normal."""
+        along = self.across - centre[:, None]
+        return along * ((self.side / self.stretch)[:, None] + (self.side * self.bow)[:, None] * along)
 
     def tapered(self, part: float) -> Crossings:
         """The same with distances in widths of a line that grows broader by this part of its width on its way."""
@@ -82,7 +81,7 @@ def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool) -
     turning = (np.gradient(tangent, axis=0) * normal).sum(axis=1) / SPACING_PX
     leaning = tangent[index, axis]
     side = np.where(normal[index, axis] < 0, -1.0, 1.0)
-    offsets = np.arange(-half, half + 1, dtype=np.float32)
+    offsets = np.arange(-half, half + 1.0)
     return Crossings(
         points=points,
         axis=axis,
@@ -90,7 +89,7 @@ def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool) -
         stretch=1.0 / np.maximum(np.abs(normal[index, axis]), 0.5),
         side=side,
         bow=-0.5 * side * uniform_filter1d(turning, 23, mode="nearest")[index] * leaning**2,
-        across=offsets - (points[np.arange(len(index)), axis] - middle).astype(np.float32)[:, None],
+        across=offsets - (points[np.arange(len(index)), axis] - middle)[:, None],
         profiles=profiles if bright else -profiles,
         inside=inside,
     )
@@ -99,7 +98,7 @@ def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool) -
 def _raw(
     image: np.ndarray, line: np.ndarray, middle: np.ndarray, axis: np.ndarray, half: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 2·half + 1) float32 pixels about `middle` in the column or row `line`, and whether all are in the picture."""
+    """(N, 2·half + 1) pixels about `middle` in the column or row `line`, and whether all are in the picture."""
     height, width = image.shape
     sideways = axis == 1
     # of the column or row, and how many of them there are
@@ -109,6 +108,6 @@ def _raw(
     first = np.where(sideways, line, line * width) + (middle - half) * step
     at = np.where(inside, first, 0)[:, None] + step[:, None] * np.arange(2 * half + 1)
     # an index outside the picture belongs to a profile that is not inside
-    profiles = np.ascontiguousarray(image).ravel().take(at, mode="clip").astype(np.float32)
+    profiles = np.ascontiguousarray(image).ravel().take(at, mode="clip").astype(float)
     profiles[~inside] = 0.0
     return profiles, inside

@@ -8,7 +8,7 @@ height, its place.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -37,8 +37,16 @@ class LineShape:
     def at(self, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The shape and its derivative at distances (N, T) from the centre, px."""
         last = len(self.values) - 1
-        row = np.clip(across * PER_PX + (0.5 * last + 0.5), 0, last).astype(np.intp)
-        return self.values.take(row), self.slopes.take(row)
+        place = np.clip(across * PER_PX + 0.5 * last, 0.0, last)
+        row = place.astype(np.intp)
+        place -= row
+        rises, turns = self._steps
+        return self.values.take(row) + rises.take(row) * place, self.slopes.take(row) + turns.take(row) * place
+
+    @cached_property
+    def _steps(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2R + 1,) from every row of `values`, and of `slopes`, to the next; none from the last."""
+        return np.diff(self.values, append=self.values[-1]), np.diff(self.slopes, append=self.slopes[-1])
 
     @property
     def half_width_px(self) -> float:
@@ -47,8 +55,8 @@ class LineShape:
 
     def about(self, centre_px: float) -> LineShape:
         """The same shape about another centre."""
-        by = -round(centre_px * PER_PX)
-        return LineShape(np.roll(self.values, by), np.roll(self.slopes, by))
+        middle = len(self.values) // 2
+        return LineShape(*self.at(np.arange(-middle, middle + 1) / PER_PX + centre_px))
 
 
 def expected(width_px: float, blur_px: float, reach_px: int) -> LineShape:
@@ -59,7 +67,7 @@ def expected(width_px: float, blur_px: float, reach_px: int) -> LineShape:
     spread = np.exp(-0.5 * (t / np.hypot(blur_px, 0.29)) ** 2)
     seen = np.convolve(body, spread / spread.sum(), mode="same")
     seen /= seen.max()
-    return LineShape(seen.astype(np.float32), (np.gradient(seen) * PER_PX).astype(np.float32))
+    return LineShape(seen, np.gradient(seen) * PER_PX)
 
 
 @lru_cache(maxsize=32)
@@ -138,7 +146,7 @@ def learn(seen: Binned, even: bool = True) -> LineShape:
     shape -= 0.5 * (shape[0] + shape[-1])
     scale = float(shape.max())
     scale = scale if scale > 1e-6 else 1.0
-    return LineShape((shape / scale).astype(np.float32), (slope / scale).astype(np.float32))
+    return LineShape(shape / scale, slope / scale)
 
 
 def between_flanks(shape: LineShape, width_px: float) -> float:
@@ -146,7 +154,10 @@ def between_flanks(shape: LineShape, width_px: float) -> float:
     half, middle = round(0.5 * width_px * PER_PX), len(shape.values) // 2
     tried = np.arange(-half, half + 1)
     both = np.minimum(shape.slopes[middle + tried - half], -shape.slopes[middle + tried + half])
-    return float(tried[both.argmax()]) / PER_PX
+    best = int(np.clip(both.argmax(), 1, len(tried) - 2))
+    before, there, after = both[best - 1 : best + 2]
+    # between the table's rows, or the whole line would jump by one of them
+    return float(tried[best] + 0.5 * (before - after) / min(before - 2.0 * there + after, -1e-12)) / PER_PX
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +195,7 @@ class Fits:
 def _background(count: int) -> np.ndarray:
     """(T, 2) orthonormal level and slope."""
     t = np.arange(count) - (count - 1) / 2
-    return np.stack([np.full(count, count**-0.5), t / np.sqrt((t**2).sum())], axis=1).astype(np.float32)
+    return np.stack([np.full(count, count**-0.5), t / np.sqrt((t**2).sum())], axis=1)
 
 
 def _without_background(rows: np.ndarray) -> np.ndarray:
@@ -196,7 +207,7 @@ def fit(shape: LineShape, found: Crossings, centre: np.ndarray) -> Fits:
     """One Gauss–Newton step from the centres (N,), given along the profile from the path."""
     across = found.distances(centre)
     value, slope = shape.at(across)
-    by_centre = (-found.side / found.stretch).astype(np.float32)[:, None]
+    by_centre = (-found.side / found.stretch)[:, None]
     value, slope = _without_background(value), _without_background(slope * by_centre)
     grey = _without_background(found.profiles)
     vv, vs, ss = (np.einsum("nt,nt->n", a, b) for a, b in ((value, value), (value, slope), (slope, slope)))

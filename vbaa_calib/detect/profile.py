@@ -204,7 +204,7 @@ def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarra
     Where along the antenna there is more noise than elsewhere, the deviations are larger in proportion.
     """
     fits = lines.fits
-    distance = np.abs(found.across - lines.centre.astype(np.float32)[:, None]).astype(np.intp)
+    distance = np.abs(found.across - lines.centre[:, None]).astype(np.intp)
     bins = int(distance.max()) + 1
     squares = fits.residuals[clean] ** 2 / fits.freed[clean]
     at = distance[clean].ravel()
@@ -216,7 +216,7 @@ def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarra
     share = uniform_filter1d(clean.astype(float), 41, mode="constant")
     local = np.where(share > 0.2, near / np.maximum(share, 1e-9), overall) / max(overall, 1e-12)
     own = np.where(clean, local, np.maximum(local, lines.rms**2 / max(overall, 1e-12)))
-    return np.sqrt(np.einsum("nt,nt->n", fits.gain**2, variance.astype(np.float32)[distance]) * own) / found.stretch
+    return np.sqrt(np.einsum("nt,nt->n", fits.gain**2, variance[distance]) * own) / found.stretch
 
 
 def _beside_an_edge(found: Crossings, lines: _Lines, there: np.ndarray) -> np.ndarray:
@@ -226,7 +226,8 @@ def _beside_an_edge(found: Crossings, lines: _Lines, there: np.ndarray) -> np.nd
         uniform_filter1d(np.where(there, values, 0.0), EDGE_RUN, mode="constant") / np.maximum(share, 1e-9)
         for values in (lines.fits.stepped, (lines.noise * lines.fits.stepped_unit) ** 2)
     )
-    deviation = np.sqrt(noise / np.maximum(EDGE_RUN * share, 1.0))
+    # running sums leave a rounding below nothing
+    deviation = np.sqrt(np.maximum(noise, 0.0) / np.maximum(EDGE_RUN * share, 1.0))
     return np.where(np.abs(moved) > EDGE_NOTICED * deviation, np.abs(moved), 0.0) / found.stretch
 
 

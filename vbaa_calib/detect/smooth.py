@@ -8,8 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 TABLE = 256
-"""Rows of the tabled basis; places are rounded to one of them. So small that no matrix product is worth a thread of
-the linear algebra library, which would cost more than the product."""
+"""Rows of the tabled basis, linear in between. So small that no matrix product is worth a thread of the linear algebra
+library, which would cost more than the product."""
+_PLACES = np.linspace(0.0, 1.0, TABLE)
 
 
 @lru_cache(maxsize=8)
@@ -40,12 +41,22 @@ class Smooth:
 
     def at(self, share: np.ndarray) -> np.ndarray:
         """Values at other places, given as fractions (M,) of the way."""
-        return (basis(len(self.coefficients) - 3) @ self.coefficients).take(rows(share))
+        return np.interp(share, _PLACES, basis(len(self.coefficients) - 3) @ self.coefficients)
 
 
-def rows(share: np.ndarray) -> np.ndarray:
-    """(N,) rows of the tabled basis for places (N,) in [0, 1]."""
-    return np.clip(np.rint(share * (TABLE - 1)), 0, TABLE - 1).astype(np.intp)
+def rows(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) rows of the tabled basis before places (N,) in [0, 1], and the part of the way to the next row."""
+    place = np.clip(share, 0.0, 1.0) * (TABLE - 1)
+    row = np.minimum(place.astype(np.intp), TABLE - 2)
+    return row, place - row
+
+
+def _summed(values: np.ndarray, row: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """(TABLE,) sums of values (N,), each divided between the rows beside its place."""
+    after = values * part
+    total = np.bincount(row, values - after, TABLE)
+    total[1:] += np.bincount(row, after, TABLE - 1)
+    return total
 
 
 def fit(
@@ -65,15 +76,14 @@ def fit(
     scales : residual at which a point counts half, one round each, in the unit of `values`.
     stiffness : of the penalty on bends, as a fraction of the mean weight of a coefficient.
     """
-    table, place = basis(pieces), rows(share)
+    table, (row, part) = basis(pieces), rows(share)
     penalty = stiffness * (weights.sum() / (pieces + 3) + 1e-12) * _bending(pieces) + 1e-9 * np.eye(pieces + 3)
     trusted, curve = weights, np.zeros(len(share))
     coefficients = np.zeros(pieces + 3)
     for scale in scales:
-        total = np.bincount(place, trusted, TABLE)
-        summed = np.bincount(place, trusted * values, TABLE)
+        total, summed = _summed(trusted, row, part), _summed(trusted * values, row, part)
         coefficients = np.linalg.solve((table * total[:, None]).T @ table + penalty, summed @ table)
-        curve = (table @ coefficients).take(place)
+        curve = np.interp(share, _PLACES, table @ coefficients)
         trusted = weights / (1.0 + ((values - curve) / scale) ** 2)
     return Smooth(curve, coefficients)
 
