@@ -12,6 +12,7 @@ from .lens_fold import Unfolding
 from .lens_models import LensModel
 
 _RELATIVE_DECREASE = 1e-8
+_STANDSTILL = 1e-6
 _ROUGHLY = 1e-4
 _CAUCHY_PER_SIGMA = 2.385  # 95 % efficiency on normal noise
 _REWEIGHTINGS = 12
@@ -104,6 +105,26 @@ def refine(
     state, system = _descend(model, state, stack, weights, directions, iterations, unfolding, tolerance)
     residuals = tuple(np.split(system.residuals_px, stack.bounds[1:-1]))
     return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:], unfolding)
+
+
+def polished(
+    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
+) -> Bundle:
+    """A solution whose next step would be under a millionth of the parameters' deviations, whatever the problem's size.
+
+    Numbers that are told must not show where a descent happened to end; decisions need less.
+    """
+    freedom = max(sum(view.pixels.size for view in observations) - directions.shape[1] - 6 * len(observations), 1)
+    return refine(
+        model,
+        bundle.intrinsics,
+        bundle.poses,
+        observations,
+        directions,
+        sagittas_m=bundle.sagittas_m,
+        unfolding=bundle.unfolding,
+        tolerance=_STANDSTILL**2 / freedom,
+    )
 
 
 def residuals_px(model: LensModel, bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from .corner_stack import FLEX
@@ -14,6 +15,10 @@ from .lens_uncertainty import compensate, pixel_grid, projection_jacobian
 
 AGREE = 1e-4
 """Halves of good data differ by so much that chance explains it with less than this about once in ten thousand."""
+
+OPEN = 1e6
+"""A half leaves the lens open where one of its directions is seen so many times worse than another, of those that all
+views see alike."""
 
 _LEAST_VIEWS = 6
 _GRID = (9, 7)
@@ -47,15 +52,16 @@ def compare_halves(
         return None
     difference, covariance = np.zeros(known.half.shape[1]), np.zeros_like(known.prior)
     for first, sign in ((0, 1.0), (1, -1.0)):
-        own, pull = known.blocks[first::2].sum(axis=0), known.gradients[first::2].sum(axis=0)
-        freedom = known.counts[first::2].sum() - len(own) - 6 * len(known.counts[first::2])
-        if freedom <= 0 or np.linalg.cond(own) > 1e12:
+        size = known.half.shape[1]
+        factor = np.linalg.qr(np.vstack(known.roots[first::2]), mode="r")
+        own, pull = factor[:size, :size], factor[:size, size]
+        freedom = known.counts[first::2].sum() - size - 6 * len(known.counts[first::2])
+        if freedom <= 0 or np.linalg.cond(own) > OPEN:
             return None
-        inverse = np.linalg.inv(own)
-        step = inverse @ pull
-        variance = (known.squares[first::2].sum() - pull @ step) / freedom
-        difference += sign * step
-        covariance += variance * inverse
+        inverse = solve_triangular(own, np.eye(size))
+        variance = (known.squares[first::2].sum() - pull @ pull) / freedom
+        difference += sign * (inverse @ pull)
+        covariance += variance * (inverse @ inverse.T)
     camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, _GRID)
     jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-FLEX]
     jacobian = jacobian[np.isfinite(jacobian).all(axis=(-1, -2))]

@@ -62,6 +62,7 @@ class LensSolution:
     comparison : the lens models that were assessed: all that `auto` compared, or the one that was given.
     monotonic : whether the lens maps the whole picture without folding.
     board_flex : how far the board is bent, and whether the lens was solved with that.
+    views, dropped : in the order of their names.
     verdict : what to make of it, in words. warnings : what the user ought to know, in words.
     """
 
@@ -101,7 +102,8 @@ def solve_intrinsics(
     """
     if model != "auto" and model not in LENS_MODELS:
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
-    usable, dropped = usable_views(views, spec, min_corners)
+    # held-out views and halves are dealt out in turn: the lens must not hang on the order in which views were listed
+    usable, dropped = usable_views(sorted(views, key=_rank), spec, min_corners)
     observations = observations_of(usable, spec)
     _require_enough(observations, dropped, model)
     size = usable[0].image_size
@@ -120,6 +122,12 @@ def solve_intrinsics(
     distances = np.concatenate([np.linalg.norm(r, axis=1) for r in residuals_px(fit.lens, fit.bundle, whole)])
     rms_px = float(np.sqrt((distances**2).mean()))
     return _solution(fit, fit.information.covariance[:-FLEX, :-FLEX], usable, good, dropped, rms_px)
+
+
+def _rank(view: BoardView) -> tuple[object, ...]:
+    """By name; views without one by their corners."""
+    order = np.argsort(view.ids)
+    return view.name, view.ids[order].tolist(), view.corners_px[order].ravel().tolist()
 
 
 def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[DroppedView]:

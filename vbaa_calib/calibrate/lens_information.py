@@ -24,6 +24,8 @@ class Information:
     half : (4 + k + 2, p) change of intrinsics and sagittas for a unit of each z.
     blocks : (V, p, p) information of each view, gradients : (V, p) what it pulls with, squares : (V,) its squared
         residuals, px²; its own pose eliminated.
+    roots : (V, p + 1, p + 1) triangular factors R of the views' own problems: the first p columns, rᵀr of which is the
+        information, then the residuals. Sums of information lose half the digits, stacked factors do not.
     prior : (p, p) information of what holds the lens from folding.
     counts : (V,) corner coordinates of each view.
     """
@@ -32,6 +34,7 @@ class Information:
     blocks: np.ndarray
     gradients: np.ndarray
     squares: np.ndarray
+    roots: np.ndarray
     prior: np.ndarray
     counts: np.ndarray
 
@@ -85,9 +88,18 @@ def information(
         blocks=np.array([flat.T @ flat for flat in by_view]),
         gradients=np.array([flat.T @ residual.ravel() for flat, residual in zip(by_view, own, strict=True)]),
         squares=np.array([np.sum(residual**2) for residual in own]),
+        roots=np.array([_root(flat, residual.ravel()) for flat, residual in zip(by_view, own, strict=True)]),
         prior=_prior(model, bundle, half),
         counts=counts,
     )
+
+
+def _root(flat: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """(p + 1, p + 1) triangular factor of rows (N, p) and their residuals (N,)."""
+    factor = np.zeros((flat.shape[1] + 1,) * 2)
+    upper = np.linalg.qr(np.column_stack([flat, residual]), mode="r")
+    factor[: len(upper)] = upper
+    return factor
 
 
 def _prior(model: LensModel, bundle: Bundle, half: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from .board_flex import BoardFlex, judge_flex
-from .bundle import Bundle, free_directions
+from .bundle import Bundle, free_directions, polished
 from .corner_stack import Observation
 from .lens_choice import Candidate, assess, choose_lens
 from .lens_information import Information, information
@@ -105,7 +105,7 @@ def decide(
         inliers = Inliers(inliers.views[within.views], within.masks)
         warm = {name: replace(fit, poses=fit.poses[within.views]) for name, fit in warm.items()}
     good = inliers.of(observations)
-    bundle = unfolded(lens, bundle, good, directions, image_size)
+    bundle = polished(lens, unfolded(lens, bundle, good, directions, image_size), good, directions)
     known = information(lens, bundle, good, directions)
     if model != "auto" and known is not None:
         comparison = (assess(lens, bundle, good, image_size, directions, known)[0],)

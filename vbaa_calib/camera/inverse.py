@@ -18,6 +18,7 @@ _SURE_STEPS = 2
 _PLAIN_STEPS = 3
 _DAMPED_STEPS = 16
 _SHORTEST = 1e-3
+_ROUNDINGS = 0.1
 _NO_RADIUS = 1e-15
 """Keeps a start on the axis from being 0/0, also in single precision."""
 
@@ -167,6 +168,8 @@ def _damped(
         old = (xd, yd, xx, xy, yx, yy)
         xd, yd, xx, xy, yx, yy = (xp.where(taken, new, kept) for new, kept in zip(trial, old, strict=True))
         length = xp.where(taken, xp.clip(2.0 * length, 0.0, 1.0), 0.5 * length)
-    solved = xp.maximum(xp.abs(x - xd), xp.abs(y - yd)) <= allowed
+    # near a pole a rounding of the ideal point alone moves the distorted one by more than that
+    steep = (xp.abs(xx) + xp.abs(xy) + xp.abs(yx) + xp.abs(yy)) * xp.maximum(xp.abs(ideal_x), xp.abs(ideal_y))
+    solved = xp.maximum(xp.abs(x - xd), xp.abs(y - yd)) <= allowed + _ROUNDINGS * tolerance(xp, steep)
     valid = solved & definite(xx, xy, yx, yy) & region.ideal.encloses(xp, ideal_x, ideal_y)
     return Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), False)
