@@ -16,7 +16,7 @@ from vbaa_calib.rig import Rig
 
 from .contact import FRICTION_RAD, Contact, Measured
 from .contacts import Contacts, judge
-from .given import checked_device, column, deviations, padded, stacked, started
+from .given import checked_device, column, deviations, in_order, padded, stacked, started
 from .motion import Beam
 from .quantities import Numbers, none_of, numbers, placed, plain
 from .solve.frames import Frames, frames_from_pixels
@@ -238,6 +238,7 @@ class ContactEstimator:
     ) -> Frames:
         rotation, _ = self.rig.kinematics.world_antenna(pan_rad, tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, self.rig.gravity_world_m_s2)
+        points_px, sigma_px = in_order(points_px, sigma_px)
         given = (np.require(values, float, ["C", "W"]) for values in (points_px, sigma_px, readings_Nm, gravity))
         return frames_from_pixels(known, *(like(known.prior, values) for values in given))
 

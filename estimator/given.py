@@ -11,6 +11,9 @@ from vbaa_calib.errors import InputError
 
 from .contact import Measured
 
+SLIGHTLY = 1e-9
+"""By so much of the other coordinate points of one column are told apart."""
+
 
 def padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
     """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
@@ -67,6 +70,23 @@ def deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarra
     if not ((sigma > 0) & np.isfinite(sigma))[np.isfinite(points_px).all(axis=-1)].all():
         raise InputError("sigma_px is not everywhere positive and finite", remedy="give standard deviations in px")
     return sigma
+
+
+def in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (B, N, 2) and deviations (B, N) along the longer side of each frame's points, missing ones last.
+
+    First looks take every so manieth point: they must not hang on the order in which the points were listed.
+    """
+    if points_px.shape[1] == 0:
+        return points_px, sigma_px
+    with np.errstate(all="ignore"):
+        wide, high = (
+            np.fmax.reduce(side, axis=1) - np.fmin.reduce(side, axis=1) for side in np.moveaxis(points_px, -1, 0)
+        )
+    sideways = (wide >= high)[:, None]
+    u, v = points_px[..., 0], points_px[..., 1]
+    order = np.argsort(np.where(sideways, u + SLIGHTLY * v, v + SLIGHTLY * u), axis=1)
+    return np.take_along_axis(points_px, order[..., None], 1), np.take_along_axis(sigma_px, order, 1)
 
 
 def checked_device(name: str) -> torch.device:

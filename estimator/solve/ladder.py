@@ -14,7 +14,7 @@ from .fits import Settled
 from .frames import Frames
 from .rivals import Best, different, one_sided, other_sides
 from .second import second_force
-from .settle import explored, settle
+from .settle import explored, polished, settle
 from .starts import Free, Trials, free_antenna, tried
 from .view import LEANING, look
 from .worth import REFERENCE, Worth, evidence, held_against, misled, predicted_bias, stretched, worth
@@ -174,6 +174,7 @@ def _solved(
     for other in range(1, here.floors.shape[1]):
         best = best.beside(xp.isfinite(here.costs[:, other]) & telling, here.floors[:, other])
     best = _found_again(part, rung, here, best, telling)
+    best = replace(best, fits=polished(best.fits))
     known = worth(best.fits)
     unknowns = best.fits.state.unknowns
     blind = _touched(unknowns, known) & one_sided(part, unknowns, best.fits.table)

@@ -26,6 +26,8 @@ ROUNDS, CHANGED = 3, 0.1
 """The scatter is measured anew until it changes by less than this part: a lost fit that comes home scatters less."""
 HOPELESS, HOPELESS_FACTOR = 50.0, 4.0
 """A valley whose floor lies higher than so many times the lowest one's, and by so much, is left."""
+POLISHED, POLISHING = 1e-6, 3
+"""What is left of the cost for the last step of fits whose numbers are told, and how many steps there are at most."""
 SAME_VALLEY = 1e-2
 """Distances closer than this, in antenna lengths, are taken for the same valley."""
 
@@ -46,6 +48,12 @@ def settle(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = No
         fits = _anew(fits, changed, replace(fits.state, scatter=spread))
     near = fits.state.unknowns[:, 0] > TIP - NEAR_TIP
     return _held_at_tip(fits, near) if bool(near.any()) else fits
+
+
+def polished(fits: Settled) -> Settled:
+    """The same floors, to a few ten-thousandths of a deviation: whether a last step was taken must not show."""
+    near = descend(fits, POLISHED, POLISHING)
+    return replace(near, state=replace(near.state, converged=fits.state.converged))
 
 
 def _with_rig(begun: Settled) -> Settled:

@@ -16,20 +16,21 @@ import numpy as np
 from ..camera import Camera
 from ..errors import SolveError
 from ..geometry import Pose
-from .joint_descent import Linearised, descend
+from .joint_descent import ROUGHLY, STANDSTILL, Linearised, descend
 from .joint_given import Observation, Prior
 from .joint_problem import GAIN, OFFSET, RIG, LensLost, Problem
 from .still_outliers import fitting
 
 RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
-PASSES = 10
+PASSES = 12
 HOLDS = (1.0, 0.3, 0.1, 0.01)
 """Parts of the lens' deviations that it is given in turn, where more of them make it fold."""
 SEES_LESS = 1e-3
 """Part of the picture that a moved lens may see less of."""
-SETTLED = 0.02
-"""The passes end when the points' scatter changes by less than this part."""
+NEAR, SETTLED = 0.1, 1e-5
+"""The passes are exact once the points' scatter changes by less than the first part, and end when it does by less than
+the second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,16 +117,16 @@ def _solved(
     for _ in range(PASSES):
         kept = problem.kept
         scale = noise_scale([block[:, 0] for block, inside in zip(distances, kept, strict=True) if inside])
-        settled = abs(scale / problem.noise_scale - 1.0) < SETTLED
+        change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
-        solution = descend(problem, parameters)
+        solution = descend(problem, parameters, (distances, moments), STANDSTILL if change < NEAR else ROUGHLY)
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         distances, moments = problem.evaluate(parameters)
         readings = parameters[problem.lens.stop :]
         fits, rms = fitting(distances, scale, problem.groups, readings, kept)
         problem = replace(problem, kept=fits)
-        if settled and (problem.kept == kept).all():
+        if change < SETTLED and (problem.kept == kept).all():
             break
     if not solution.converged:
         raise SolveError(

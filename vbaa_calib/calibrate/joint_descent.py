@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from ..reprojection import robust_cost, robust_weights
 from .joint_problem import Problem
 
 ITERATIONS = 40
-STANDSTILL = 1e-5
-"""A step that promises less than this much of the cost is the last: a few thousandths of a standard deviation."""
+ROUGHLY, STANDSTILL = 0.1, 1e-11
+"""A step that promises less than this much of the cost is the last: on the way half a standard deviation, at the
+end a few millionths."""
+
+UNSURE = 1e-6
+"""A rise of the cost by less is none: the slopes, by differences, are nil a little beside where it is least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +72,12 @@ class Linearised:
         return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
 
     def covariance(self) -> np.ndarray:
-        """(17 + P, 17 + P) inverse of the information."""
-        information, _, scale = self.normal_equations()
-        inverse = np.linalg.inv(information) / np.outer(scale, scale)
-        return 0.5 * (inverse + inverse.T)
+        """(17 + P, 17 + P) inverse of the information, by its triangular factor: what it is made of stays positive."""
+        weighted = self.jacobian * self.weights[:, None]
+        scale = np.linalg.norm(weighted, axis=0)
+        factor = np.linalg.qr(weighted / scale, mode="r")
+        root = solve_triangular(factor, np.eye(len(scale))) / scale[:, None]
+        return np.asarray(root @ root.T)
 
 
 def _tried(problem: Problem, parameters: np.ndarray) -> Linearised | None:
@@ -94,19 +101,31 @@ def _step(information: np.ndarray, slope: np.ndarray, damping: float, at_end: np
     return held
 
 
-def descend(problem: Problem, start: np.ndarray) -> Linearised:
-    """Parameters of least robust cost, by Levenberg and Marquardt's steps."""
+def descend(
+    problem: Problem,
+    start: np.ndarray,
+    evaluated: tuple[list[np.ndarray], np.ndarray],
+    standstill: float = STANDSTILL,
+) -> Linearised:
+    """Parameters of least robust cost, by Levenberg and Marquardt's steps.
+
+    evaluated : what `Problem.evaluate` gives at the start.
+    """
     upper = problem.upper
-    now, damping = Linearised.of(problem, np.minimum(start, upper)), 0.0
+    if (start <= upper).all():
+        now = Linearised(start, *problem.residuals(start, evaluated), problem.certain)
+    else:
+        now = Linearised.of(problem, np.minimum(start, upper))
+    damping = 0.0
     for _ in range(ITERATIONS):
         information, slope, scale = now.normal_equations()
         step = _step(information, slope, damping, now.parameters >= upper)
         promise = -float(slope @ step + 0.5 * step @ information @ step)
         moved = np.minimum(now.parameters + step / scale, upper)
         trial = _tried(problem, moved)
-        better = trial is not None and trial.cost <= now.cost
+        better = trial is not None and trial.cost <= now.cost + UNSURE
         now = trial if trial is not None and better else now
-        if promise < STANDSTILL:
+        if promise < standstill:
             return replace(now, converged=True)
         damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)
     return now

@@ -200,9 +200,14 @@ class Problem:
         slopes = (distances[:, 1:] - distances[:, :1]) / RIG_STEPS
         return np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes])
 
-    def residuals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, antenna to readings."""
-        distances, moments = self.evaluate(parameters)
+    def residuals(
+        self, parameters: np.ndarray, evaluated: tuple[list[np.ndarray], np.ndarray] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, antenna to readings.
+
+        evaluated : what `evaluate` gives there, if that is known.
+        """
+        distances, moments = self.evaluate(parameters) if evaluated is None else evaluated
         parts = [self._points(distances), self._moments(parameters, moments)]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
         size = len(parameters)

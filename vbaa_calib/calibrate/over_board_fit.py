@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from ..antenna.shape import PARAMETERS
 from ..errors import SolveError
@@ -33,8 +34,8 @@ IN_PLANE, BOARD, HEIGHT, SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len
 """Angle (rad) and clamp (x, y; m) in the board frame; then, whitened: board's tangent, height, antenna's parameters."""
 UNKNOWNS = 10 + len(PARAMETERS)
 _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (UNKNOWNS - 3)])
-_ITERATIONS, _PASSES, _HALVINGS = 40, 6, 8
-_STANDSTILL, _SETTLED = 1e-6, 0.02
+_ITERATIONS, _PASSES, _HALVINGS = 40, 10, 8
+_STANDSTILL, _SETTLED = 1e-12, 1e-5
 _END_MARGIN = 0.004
 """Points this part of the length off the clamp or the tip are left out: the holder's edge and the tip's round end."""
 _LEAST_POINTS = 20
@@ -134,7 +135,9 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
     residual, jacobian, curves = problem.residuals(unknowns)
     weight = _weights(residual, points)
     weighted = jacobian * weight[:, None]
-    inverse = _inverse(weighted.T @ weighted)
+    scale = np.linalg.norm(weighted, axis=0)
+    root = solve_triangular(np.linalg.qr(weighted / scale, mode="r"), np.eye(UNKNOWNS)) / scale[:, None]
+    inverse = root @ root.T
     pose = problem.T_camera_antenna(unknowns).inverse()
     by_unknowns = _tangents(problem, unknowns)
     # the lens moves the board's pose, too
@@ -184,11 +187,6 @@ def _cost(residual: np.ndarray, points: int) -> float:
     return robust_cost(residual[:points]) + 0.5 * float((residual[points:] ** 2).sum())
 
 
-def _inverse(information: np.ndarray) -> np.ndarray:
-    scale = np.sqrt(np.diag(information))
-    return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-
-
 def _descend(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
     points = len(problem.seen)
     residual, jacobian, _ = problem.residuals(unknowns)
@@ -196,7 +194,8 @@ def _descend(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
         weight = _weights(residual, points)
         weighted = jacobian * weight[:, None]
         information, slope = weighted.T @ weighted, weighted.T @ (residual * weight)
-        step = -_inverse(information) @ slope
+        scale = np.sqrt(np.diag(information))
+        step = -np.linalg.solve(information / np.outer(scale, scale), slope / scale) / scale
         if -float(slope @ step) < _STANDSTILL:
             return unknowns
         for halving in range(_HALVINGS):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from targets.board import BoardSpec
@@ -24,6 +25,7 @@ _MOVED_PX = 2.0
 _GROSS_CORNER = 20.0
 _GROSS_LEAST_PX = 0.5
 _SAME_RAD = 1e-3
+_POLISHING = 2
 AMBIGUOUS = 1.2
 """A plane's second pose fits nearly as well where its error is less than this many times the first one's."""
 _OUT_OF_SIGHT_PX = 1e3
@@ -106,20 +108,21 @@ def solve_board_pose(
     points, pixels = points[inliers], pixels[inliers]
     if not fixes_homography(points[:, :2]):
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
-    first = _refined(first, camera, points, pixels, "linear")
+    first = _polished(_refined(first, camera, points, pixels, "linear"), camera, points, pixels)
     by_pose, by_lens = _derivatives(first, camera, points)
-    normal_inverse = np.linalg.inv(by_pose.T @ by_pose)
+    basis, factor = np.linalg.qr(by_pose)
+    inverse = solve_triangular(factor, np.eye(6))
     residual = _residual(first, camera, points, pixels)
-    covariance = normal_inverse * float(residual @ residual) / max(residual.size - 6, 1)
+    covariance = inverse @ inverse.T * float(residual @ residual) / max(residual.size - 6, 1)
     if bent is not None:
         # a sagitta moves each corner along the board's normal
         by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation[:, 2]
-        by_sagitta = normal_inverse @ by_pose.T @ (by_point[..., None] * rise[inliers][:, None]).reshape(-1, 2)
+        by_sagitta = inverse @ basis.T @ (by_point[..., None] * rise[inliers][:, None]).reshape(-1, 2)
         covariance = covariance + by_sagitta @ bent.covariance_m2 @ by_sagitta.T
     return BoardPose(
         first,
         covariance,
-        -normal_inverse @ by_pose.T @ by_lens,
+        -inverse @ (basis.T @ by_lens),
         _rms(residual),
         len(points),
         int((~inliers).sum()),
@@ -202,6 +205,15 @@ def _refined(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: n
             max_nfev=60,
         )
         T_camera_board = start.retract(result.x * scale)
+    return T_camera_board
+
+
+def _polished(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> Pose:
+    """SciPy ends where the cost stands still, which is a few parts in 10⁵ of a deviation short of where the slope does."""
+    for _ in range(_POLISHING):
+        by_pose, _ = _derivatives(T_camera_board, camera, points)
+        step = np.linalg.lstsq(by_pose, -_residual(T_camera_board, camera, points, pixels), rcond=None)[0]
+        T_camera_board = T_camera_board.retract(step)
     return T_camera_board
 
 

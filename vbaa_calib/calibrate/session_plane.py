@@ -14,6 +14,7 @@ from ..camera import Camera
 from ..detect.corners import BoardView, detect_files, detect_folder
 from ..errors import InputError
 from ..geometry import Kinematics
+from ..geometry.independent_axes import conditioned
 from ..images import list_images, read_gray
 from ..session import OverBoard, Session, has_over, has_sweep, read_sweep
 from .board_flex import BoardFlex
@@ -211,14 +212,14 @@ def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequen
     if sweep is None:
         return session.kinematics
     swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)
-    by_pose = sweep.axes_with_pose @ np.linalg.inv(swept.covariance)
+    both = [[swept.covariance, sweep.axes_with_pose.T], [sweep.axes_with_pose, sweep.axes_covariance]]
+    by_pose, left = conditioned(np.block(both), len(swept.covariance))
     skew, offset, zero = by_pose @ fused(estimates).tangent_from(swept.T_antenna_camera)
-    left = np.diag(sweep.axes_covariance - by_pose @ sweep.axes_with_pose.T)
     return replace(
         sweep.kinematics,
         axis_skew_rad=sweep.kinematics.axis_skew_rad + skew,
         axis_offset_m=sweep.kinematics.axis_offset_m + offset,
         tilt_zero_rad=sweep.kinematics.tilt_zero_rad + zero,
-        axes_std=np.sqrt(np.clip(left, 0.0, None)),
+        axes_std=left,
         axes_by_pose=by_pose,
     )

@@ -166,7 +166,10 @@ def _with_axes(
     gain = free.covariance[:, AXES] @ np.linalg.inv(spread)
     skew, offset = given - off + (gain @ off)[AXES]
     held = fit(camera, replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), corners, used, AXES_HELD)
-    covariance = free.covariance - gain @ free.covariance[AXES]
+    # Joseph's form: no difference of covariances
+    left, known = np.eye(len(gain)), np.diag(np.square([AXIS_SKEW_STD_RAD, AXIS_OFFSET_STD_M]))
+    left[:, AXES] -= gain
+    covariance = left @ free.covariance @ left.T + gain @ known @ gain.T
     return replace(held, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[AXES])
 
 

@@ -26,10 +26,11 @@ _REWEIGHTINGS = 15
 _STEPS_PER_WEIGHTING = 3
 _SETTLED = 1e-2
 _STEPS = 100
-_RELATIVE_DECREASE = 1e-10
+_RELATIVE_DECREASE = 1e-14
 _ROUNDING_PX = 1e-7
 _HOPELESS = 1e8
 _RATIO_POWERS = (-2.0, 12.0)
+_RATIO_ROUNDS, _SAME_RATIO = 6, 1e-4
 _CORNER_ROUNDS = 6
 _CHANCE_SIGMAS = 6.4  # one good corner in 1e9 lies further off
 _LEAST_PX = 0.25
@@ -158,10 +159,10 @@ def robust(
 def fit(camera: Camera, state: SweepState, corners: SweepCorners, used: np.ndarray, free: np.ndarray) -> SweepFit:
     """The minimum over the corners used (N,) bool, with the scatter of the joint angles that the residuals show."""
     weights, ratio = used.astype(float), 0.0
-    for _ in range(3):
+    for _ in range(_RATIO_ROUNDS):
         state, moved = descend(camera, state, corners, weights, free, ratio)
         before, ratio = ratio, angle_variance_ratio(_blocks(moved, corners, weights, free), 2 * int(used.sum()))
-        if abs(ratio - before) <= 0.01 * before:
+        if abs(ratio - before) <= _SAME_RATIO * before:
             break
     state, moved = descend(camera, state, corners, weights, free, ratio)
     return _worth(moved, state, corners, weights, free, ratio)
@@ -185,7 +186,7 @@ def angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
     # not one valley only: a flat stretch, where the angles count as exact, may come before it
     powers = np.arange(*_RATIO_POWERS)
     best = powers[np.argmin([badness(power) for power in powers])]
-    found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-2})
+    found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-5})
     return float(10**found.x / sight) if found.fun < badness(-np.inf) else 0.0
 
 

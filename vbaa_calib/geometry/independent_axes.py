@@ -1,8 +1,9 @@
-"""Steps along which uncertain numbers vary independently."""
+"""Steps along which uncertain numbers vary independently, and what some of them tell of the others."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 
 def independent_axes(covariance: np.ndarray) -> np.ndarray:
@@ -14,3 +15,16 @@ def independent_axes(covariance: np.ndarray) -> np.ndarray:
     unit = np.where(std > 0, std, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
     return std[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
+
+
+def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """How numbers follow others that are jointly normal with them, and what the others leave open.
+
+    covariance : (P, P), the first so many of them, F, not singular.
+
+    Returns (P − F, F) slopes, and (P − F,) standard deviations of the rest for given first ones. By a triangular factor:
+    the difference of two covariances that are nearly the same may be below nothing.
+    """
+    factor = np.linalg.qr(independent_axes(covariance).T, mode="r")
+    slopes = solve_triangular(factor[:first, :first], factor[:first, first:]).T
+    return slopes, np.linalg.norm(factor[first:, first:], axis=0)
