@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from .board import BoardSpec
-from .sheet_layout import LINE_SPACING, QR_MM, RULER_MM, Layout
+from .sheet_layout import LINE_SPACING, Layout
 from .sheet_paper import Drawing, Label, Shape, Stroke
 from .sheet_pattern import board_shapes, outlines, placed
 from .sheet_words import board_id, qr_modules, spec_line
@@ -30,32 +30,33 @@ def draw(spec: BoardSpec, layout: Layout) -> Drawing:
 
 def ruler_origin(layout: Layout) -> tuple[float, float, float, float]:
     """x and y of the horizontal ruler's zero, then x and y of the vertical one's, mm from the page's corner."""
-    low = layout.margin + RULER_MM
+    low = layout.margin + layout.ruler
     x0 = low + (layout.width - layout.margin - low - layout.ruler_x) / 2
     top = layout.margin + layout.header_height
-    bottom = layout.height - layout.margin - RULER_MM
+    bottom = layout.height - layout.margin - layout.ruler
     y0 = bottom - (bottom - top - layout.ruler_y) / 2
     return x0, bottom, low, y0
 
 
 def _ruler_along_x(layout: Layout) -> Iterator[Stroke | Label]:
-    x0, y0, _, _ = ruler_origin(layout)
+    (x0, y0, _, _), size = ruler_origin(layout), layout.size
     yield Stroke(x0, y0, x0 + layout.ruler_x, y0, TICK_WIDTH_MM)
     for at, length, width, number in _ticks(round(layout.ruler_x)):
-        yield Stroke(x0 + at, y0, x0 + at, y0 + length, width)
+        yield Stroke(x0 + at, y0, x0 + at, y0 + size * length, width)
         if number:
-            yield Label(x0 + at, y0 + _BASELINE_MM, number, NUMBER_MM, anchor="middle")
-    yield Label(x0 + layout.ruler_x + _UNIT_MM, y0 + _BASELINE_MM, "mm", NUMBER_MM)
+            yield Label(x0 + at, y0 + size * _BASELINE_MM, number, size * NUMBER_MM, anchor="middle")
+    yield Label(x0 + layout.ruler_x + size * _UNIT_MM, y0 + size * _BASELINE_MM, "mm", size * NUMBER_MM)
 
 
 def _ruler_along_y(layout: Layout) -> Iterator[Stroke | Label]:
-    _, _, x0, y0 = ruler_origin(layout)
+    (_, _, x0, y0), size = ruler_origin(layout), layout.size
+    beside, letters = x0 - size * (TICKS_MM[10] + 0.4), size * NUMBER_MM
     yield Stroke(x0, y0 - layout.ruler_y, x0, y0, TICK_WIDTH_MM)
     for at, length, width, number in _ticks(round(layout.ruler_y)):
-        yield Stroke(x0 - length, y0 - at, x0, y0 - at, width)
+        yield Stroke(x0 - size * length, y0 - at, x0, y0 - at, width)
         if number:
-            yield Label(x0 - TICKS_MM[10] - 0.4, y0 - at, number, NUMBER_MM, anchor="middle", turned=True)
-    yield Label(x0 - TICKS_MM[10] - 0.4, y0 - layout.ruler_y - _UNIT_MM, "mm", NUMBER_MM, turned=True)
+            yield Label(beside, y0 - at, number, letters, anchor="middle", turned=True)
+    yield Label(beside, y0 - layout.ruler_y - size * _UNIT_MM, "mm", letters, turned=True)
 
 
 def _ticks(length: int) -> Iterator[tuple[int, float, float, str]]:
@@ -75,6 +76,6 @@ def _header(layout: Layout) -> Iterator[Label]:
 def _qr(spec: BoardSpec, layout: Layout) -> Shape:
     dark = qr_modules(spec_line(spec))
     # the quiet zone counts as part of the code's room, so that the code ends where the text's margin does
-    module = QR_MM / (len(dark) + _QR_QUIET)
+    module = layout.qr / (len(dark) + _QR_QUIET)
     x = layout.width - layout.margin - module * len(dark)
     return Shape(placed(outlines(dark), module, x, layout.margin))

@@ -15,6 +15,8 @@ MOST_MARGIN_MM = 200.0
 RULER_MM = 8.0
 QR_MM = 22.0
 GAP_MM = 3.0
+SIZES = (1.0, 0.9, 0.8, 0.7)
+"""Rulers, words and QR code are drawn so many times as large, the largest with which the board fits."""
 LEAST_QUIET_MM, QUIET_SQUARES = 5.0, 0.35
 LEAST_RULER_MM = 30.0
 _RULER_END_MM = 5.5
@@ -44,6 +46,7 @@ class Layout:
     board_x, board_y : the board's first corner. quiet : white that is kept around the board, at least.
     ruler_x, ruler_y : lengths of the rulers along x and y.
     header : lines of text; their room is `header_height`, which the QR code beside them may need too.
+    size : of rulers, words and QR code, as a part of the usual.
     """
 
     paper: Paper
@@ -59,6 +62,17 @@ class Layout:
     ruler_y: float
     header: tuple[Line, ...]
     header_height: float
+    size: float = 1.0
+
+    @property
+    def ruler(self) -> float:
+        """Room for a ruler, across it."""
+        return RULER_MM * self.size
+
+    @property
+    def qr(self) -> float:
+        """Room for the QR code."""
+        return QR_MM * self.size
 
     @property
     def orientation(self) -> str:
@@ -66,8 +80,8 @@ class Layout:
         return "landscape" if self.width > self.height else "portrait"
 
 
-def header_lines(spec: BoardSpec, width_mm: float) -> tuple[Line, ...]:
-    """What the header says, broken into lines of at most `width_mm`."""
+def header_lines(spec: BoardSpec, width_mm: float, size: float = 1.0) -> tuple[Line, ...]:
+    """What the header says, broken into lines of at most `width_mm`; the letters so many times as large as usual."""
     wanted = [
         Line(f"ChArUco board {board_id(spec)}", 4.2, bold=True),
         Line(size_words(spec), 3.0),
@@ -76,7 +90,7 @@ def header_lines(spec: BoardSpec, width_mm: float) -> tuple[Line, ...]:
     ]
     return tuple(
         replace(line, text=text)
-        for line in wanted
+        for line in (replace(line, size_mm=size * line.size_mm) for line in wanted)
         for text in simpleSplit(line.text, font_name(line.bold), line.size_mm * _PT_PER_MM, width_mm * _PT_PER_MM)
     )
 
@@ -143,27 +157,32 @@ def largest_square_mm(spec: BoardSpec, paper: Paper, margin_mm: float, step_mm: 
 
 def _fitting(spec: BoardSpec, paper: Paper, margin: float) -> Layout | None:
     pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
-    layouts = [layout for page in pages if (layout := _on_page(spec, paper, page, margin)) is not None]
-    return max(layouts, key=_room, default=None)
+    for size in SIZES:
+        layouts = [layout for page in pages if (layout := _on_page(spec, paper, page, margin, size)) is not None]
+        if layouts:
+            return max(layouts, key=_room)
+    return None
 
 
 def _room(layout: Layout) -> float:
     return min(layout.width - layout.board_width, layout.height - layout.board_height - layout.header_height)
 
 
-def _on_page(spec: BoardSpec, paper: Paper, page: tuple[float, float], margin: float) -> Layout | None:
+def _on_page(spec: BoardSpec, paper: Paper, page: tuple[float, float], margin: float, size: float) -> Layout | None:
     width, height = page
-    text_width = width - 2 * margin - QR_MM - GAP_MM
+    ruler, end = RULER_MM * size, _RULER_END_MM * size
+    text_width = width - 2 * margin - QR_MM * size - GAP_MM
     if text_width < 15:
         return None
-    header = header_lines(spec, text_width)
-    header_height = max(QR_MM, LINE_SPACING * sum(line.size_mm for line in header))
+    header = header_lines(spec, text_width, size)
+    header_height = max(QR_MM * size, LINE_SPACING * sum(line.size_mm for line in header))
     quiet = quiet_mm(spec)
     board_width, board_height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
-    left, right = margin + RULER_MM + quiet, margin + quiet
-    top, bottom = margin + header_height + quiet, margin + RULER_MM + quiet
-    ruler_x = _ruler_length(width - margin - RULER_MM - margin)
-    ruler_y = _ruler_length(height - margin - header_height - GAP_MM - RULER_MM - margin)
+    left, right = margin + ruler + quiet, margin + quiet
+    top, bottom = margin + header_height + quiet, margin + ruler + quiet
+    # whole centimetres, with room for the unit behind the last number
+    ruler_x = floor_to(width - margin - ruler - margin - 2 * end, 10.0)
+    ruler_y = floor_to(height - margin - header_height - GAP_MM - ruler - margin - 2 * end, 10.0)
     free = 1e-9 + width - left - right - board_width, 1e-9 + height - top - bottom - board_height
     if min(free) < 0 or min(ruler_x, ruler_y) < LEAST_RULER_MM:
         return None
@@ -182,9 +201,5 @@ def _on_page(spec: BoardSpec, paper: Paper, page: tuple[float, float], margin: f
         ruler_y=ruler_y,
         header=header,
         header_height=header_height,
+        size=size,
     )
-
-
-def _ruler_length(room: float) -> float:
-    """Whole centimetres, with room for the unit behind the last number."""
-    return floor_to(room - 2 * _RULER_END_MM, 10.0)

@@ -16,8 +16,9 @@ from .touches import Touches
 
 ROUNDS, LEARNING, MOST_ROUNDS = 3, 2, 15
 """Turns of a fit at least, those in which smoothness is learned anew, and turns at most."""
-SETTLED = 0.1
-"""In standard deviations: a compliance that still moves by more than this has not settled."""
+SETTLED, STILL = 0.1, 1e-3
+"""In standard deviations: a compliance that moves by less than the second is done, one that still moves by more than
+the first after all turns has not settled."""
 TOO_FAR = 5.0
 """A touch this many standard deviations off what the others predict is left out ..."""
 MOST_LEFT_OUT = 0.1
@@ -122,7 +123,7 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
         widened, state = state.widened, replace(state, priors=tuple(priors))
         state = _next(patches, seen, solution, normals, state, touches, 0 < turn < MOST_ROUNDS - 1)
         same = (widened == state.widened).all()  # what is left out now was left out of the solution
-        if turn >= ROUNDS - 1 and same and abs(solution.compliance_m_N) <= SETTLED * np.sqrt(solution.variance):
+        if turn >= ROUNDS - 1 and same and abs(solution.compliance_m_N) <= STILL * np.sqrt(solution.variance):
             break
     normals = felt_normals(touches, patches, solution, seen, common=True)
     return Fit(touches, patches, solution, state, points, normals)

@@ -102,6 +102,22 @@ def covariance(between: Pairs, prior: Prior) -> np.ndarray:
     return result + prior.offset_m**2 * between.values + prior.incline**2 * between.linear
 
 
+def trend(rows: Rows, prior: Prior) -> np.ndarray:
+    """(N, C + C·D) H with H·Hᵀ the covariance of the prior's linear trend."""
+    return np.hstack([prior.offset_m * rows.value, prior.incline * _spread(rows)])
+
+
+def by_log_length(between: Pairs, prior: Prior) -> np.ndarray:
+    """(N, M) derivative of `covariance` by the logarithm of the prior's length."""
+    scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
+    square = prior.amplitude_m**2
+    steep = 5.0 * square / (3.0 * prior.length_m**2)
+    result = between.values * (square * scaled**2 * (1.0 + scaled) / 3.0)
+    result += (steep * (scaled**2 - 2.0 * scaled - 2.0)) * (between.mixed + between.slopes)
+    result -= (steep * 5.0 / prior.length_m**2 * (scaled - 4.0)) * between.along
+    return np.asarray(result * np.exp(-scaled))
+
+
 def variance(rows: Rows, prior: Prior) -> np.ndarray:
     """(N,) prior variance of each view, the diagonal of `covariance(pairs(rows, rows), prior)`."""
     steep = 5.0 * prior.amplitude_m**2 / (3.0 * prior.length_m**2)

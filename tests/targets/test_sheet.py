@@ -214,13 +214,31 @@ def test_svg_says_the_same_as_the_pdf() -> None:
 def test_what_does_not_fit_is_refused_with_what_would() -> None:
     """The largest square named does fit, the next does not, and so does the paper named."""
     spec = BoardSpec(9, 6, 0.030, 0.022)
-    with pytest.raises(ValueError, match=r"does not fit on A4: the largest square that fits is 24.4 mm; A3 would do"):
+    with pytest.raises(ValueError, match=r"does not fit on A4: the largest square that fits is 25.8 mm; A3 would do"):
         lay_out(spec, paper_named("A4"))
     lay_out(spec, paper_named("A3"))
-    assert largest_square_mm(spec, paper_named("A4"), MARGIN_MM) == 24.4
-    lay_out(BoardSpec(9, 6, 0.0244, 0.0183), paper_named("A4"))
+    assert largest_square_mm(spec, paper_named("A4"), MARGIN_MM) == 25.8
+    lay_out(BoardSpec(9, 6, 0.0258, 0.0183), paper_named("A4"))
     with pytest.raises(ValueError, match="does not fit"):
-        lay_out(BoardSpec(9, 6, 0.0245, 0.0183), paper_named("A4"))
+        lay_out(BoardSpec(9, 6, 0.0259, 0.0183), paper_named("A4"))
+
+
+def test_the_commonest_board_fits_a4() -> None:
+    """9×6 squares of 25 mm, 225 × 150 mm, upright or lying, with its quiet zone, rulers and words inside the margins."""
+    for counts in ((9, 6), (6, 9)):
+        spec = BoardSpec(*counts, 0.025, 0.018)
+        layout = lay_out(spec, paper_named("A4"))
+        assert layout.size < 1.0
+        assert layout.board_y >= layout.margin + layout.header_height + layout.quiet
+        low = layout.board_y + layout.board_height + layout.quiet
+        assert low <= layout.height - layout.margin - layout.ruler + 1e-6
+        assert layout.board_x >= layout.margin + layout.ruler + layout.quiet
+        assert layout.ruler_x >= 0.6 * layout.board_width
+        for mark in draw(spec, layout).marks:
+            if isinstance(mark, Label):
+                assert mark.size >= 1.4  # mm: four points
+    # what has room is drawn as large as ever
+    assert lay_out(BoardSpec(9, 6, 0.02, 0.015), paper_named("A4")).size == 1.0
 
 
 def test_every_paper_has_room_and_its_name() -> None:

@@ -15,8 +15,10 @@ ROUGHLY, STANDSTILL = 0.1, 1e-11
 """A step that promises less than this much of the cost is the last: on the way half a standard deviation, at the
 end a few millionths."""
 
-UNSURE = 1e-6
+UNSURE = 1e-3
 """A rise of the cost by less is none: the slopes, by differences, are nil a little beside where it is least."""
+ENOUGH = 1e-5
+"""A step that promises no more than this after all iterations has converged, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,4 +130,4 @@ def descend(
         if promise < standstill:
             return replace(now, converged=True)
         damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)
-    return now
+    return replace(now, converged=promise < ENOUGH)
