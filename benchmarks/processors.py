@@ -144,7 +144,8 @@ def simulated(folder: Path, scenes: Sequence[str]) -> dict[str, Path]:
                 "sweep": True,
                 "over": {"height_m": 0.012, "center_m": [0.13, 0.0], "turn_deg": 8.0, "pictures": 1},
             }
-            data["recording"]["sweeps"] = [each | {"frames": 6, "free_frames": 1} for each in data["recording"]["sweeps"]]
+            few = {"frames": 6, "free_frames": 1}
+            data["recording"]["sweeps"] = [each | few for each in data["recording"]["sweeps"]]
             scene = str(folder / "ways.yaml")
             Path(scene).write_text(yaml.safe_dump(data), encoding="utf-8")
         if main(["simulate", scene, "-o", str(found[title])]) != 0:
@@ -156,7 +157,8 @@ def on(machine: Machine, sessions: Mapping[str, Path], boards: Path | None) -> t
     """What a child process reports, and the kernels it ran on."""
     given = {"sessions": {title: str(path) for title, path in sessions.items()}, "threads": machine.threads}
     given["boards"] = None if boards is None else str(boards)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": str(machine.threads), **machine.environment}
+    threads = {"OMP_NUM_THREADS": str(machine.threads), "OPENBLAS_NUM_THREADS": str(machine.threads)}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **threads, **machine.environment}
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "reports.json"
         done = subprocess.run(
@@ -198,7 +200,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--child", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--scenes", nargs="+", default=[*SCENES, WAYS], help="which scenes (default: all)")
-    parser.add_argument("--photographs", type=Path, metavar="DATA", help="folder of the real photo sets, whose lenses are solved too")
+    parser.add_argument("--photographs", type=Path, metavar="DATA", help="the real photo sets: their lenses, too")
     parser.add_argument("--folder", type=Path, help="where the sessions are kept (default: nowhere)")
     parser.add_argument("--page", type=Path, help=f"page to write the table into ({PAGE.name} in docs/)")
     args = parser.parse_args()

@@ -1,4 +1,4 @@
-"""What rigs, contacts, budgets and objects report, each number with its deviation, and how far two reports are apart."""
+"""What rigs, contacts, budgets and objects report, numbers with their deviations, and how far reports are apart."""
 
 from __future__ import annotations
 
@@ -38,8 +38,10 @@ class Report:
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Report:
         """What `to_dict` made."""
-        numbers = {name: (np.array(value, float), np.array(std, float)) for name, (value, std) in data["numbers"].items()}
-        return Report(numbers, dict(data["statuses"]))
+        pairs = data["numbers"].items()
+        return Report(
+            {name: (np.array(one, float), np.array(std, float)) for name, (one, std) in pairs}, data["statuses"]
+        )
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,9 @@ def of_lens(lens: LensSolution) -> Report:
 def of_rig(rig: Rig) -> Report:
     """A calibrated rig: camera pose, antenna, sensor, lens, joint axes."""
     report, std = Report(), np.sqrt(np.clip(np.diag(rig.covariance), 0.0, None))
+    sensor = rig.moment_sensor
     # a turn by as little as two calibrations differ is the difference of their rotation vectors
-    values = [rig.T_antenna_camera.vector, rig.antenna.parameters, [rig.moment_sensor.gain, rig.moment_sensor.offset_Nm]]
+    values = [rig.T_antenna_camera.vector, rig.antenna.parameters, [sensor.gain, sensor.offset_Nm]]
     names = {"camera pose": slice(0, 6), "antenna": slice(6, 15), "moment sensor": slice(15, 17)}
     for (name, rows), value in zip(names.items(), values, strict=True):
         report.add(name, value, std[rows])

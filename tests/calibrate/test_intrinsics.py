@@ -12,8 +12,9 @@ from vbaa_calib.calibrate.bundle import free_directions, refine
 from vbaa_calib.calibrate.corner_stack import Observation
 from vbaa_calib.calibrate.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.intrinsics_cli import MODELS
+from vbaa_calib.calibrate.lens_fold import is_monotonic
 from vbaa_calib.calibrate.lens_information import lens_covariance
-from vbaa_calib.calibrate.lens_models import LENS_MODELS, is_monotonic
+from vbaa_calib.calibrate.lens_models import LENS_MODELS
 from vbaa_calib.calibrate.view_screening import fixes_homography
 from vbaa_calib.detect.corners import BoardView
 from vbaa_calib.errors import InputError

@@ -9,8 +9,8 @@ from vbaa_calib.bench.calibration_methods import solve_oracle, solve_ours
 from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.board_flex import observations_of
 from vbaa_calib.calibrate.bundle import free_directions
-from vbaa_calib.calibrate.lens_fold import Unfolding, corner_radius, radial_curve, rational_like
-from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of, is_monotonic
+from vbaa_calib.calibrate.lens_fold import Unfolding, corner_radius, is_monotonic, radial_curve, rational_like
+from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.lens_start import fit_lens, unfolded
 
 WIDE = rigs()[2]

@@ -13,8 +13,9 @@ from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.board_flex import bend, judge_flex, observations_of
 from vbaa_calib.calibrate.bundle import free_directions, refine
 from vbaa_calib.calibrate.corner_stack import Observation
+from vbaa_calib.calibrate.lens_fold import is_monotonic
 from vbaa_calib.calibrate.lens_information import shared_covariance
-from vbaa_calib.calibrate.lens_models import LENS_MODELS, is_monotonic
+from vbaa_calib.calibrate.lens_models import LENS_MODELS
 from vbaa_calib.calibrate.lens_start import fit_lens, unfolded
 from vbaa_calib.calibrate.outliers import inlier_masks, outlier_limit_px
 

@@ -107,9 +107,7 @@ def refine(
     return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:], unfolding)
 
 
-def polished(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
-) -> Bundle:
+def polished(model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray) -> Bundle:
     """A solution whose next step would be under a millionth of the parameters' deviations, whatever the problem's size.
 
     Numbers that are told must not show where a descent happened to end; decisions need less.

@@ -53,7 +53,7 @@ def compare_halves(
     difference, covariance = np.zeros(known.half.shape[1]), np.zeros_like(known.prior)
     for first, sign in ((0, 1.0), (1, -1.0)):
         size = known.half.shape[1]
-        factor = np.linalg.qr(np.vstack(known.roots[first::2]), mode="r")
+        _, factor = np.linalg.qr(known.roots[first::2].reshape(-1, size + 1))
         own, pull = factor[:size, :size], factor[:size, size]
         freedom = known.counts[first::2].sum() - size - 6 * len(known.counts[first::2])
         if freedom <= 0 or np.linalg.cond(own) > OPEN:

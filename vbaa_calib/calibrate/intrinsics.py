@@ -17,7 +17,8 @@ from .board_flex import BoardFlex, observations_of
 from .bundle import residuals_px
 from .corner_stack import FLEX, Observation
 from .lens_choice import Candidate
-from .lens_models import LENS_MODELS, camera_matrix, is_monotonic
+from .lens_fold import is_monotonic
+from .lens_models import LENS_MODELS, camera_matrix
 from .lens_solve import LensFit, decide, screen
 from .lens_verdict import lens_warnings, verdict
 from .view_screening import DroppedView, usable_views

@@ -11,8 +11,9 @@ from .bundle import Bundle, free_directions
 from .corner_stack import Observation
 from .halves import AGREE, Halves, compare_halves
 from .held_out import excess_in_errors, held_out_squares, rms_over
+from .lens_fold import is_monotonic
 from .lens_information import Information, information
-from .lens_models import LENS_MODELS, LensModel, is_monotonic
+from .lens_models import LENS_MODELS, LensModel
 from .lens_start import fit_lens, unfolded
 
 CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from .lens_models import LensModel
+from .lens_models import LensModel, camera_of
 
 _NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}
 _DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
@@ -16,6 +16,7 @@ _FURTHEST_PER_CORNER = 4.0
 _BEYOND_CORNER = 1.02
 _WIDEST_RAD = 1.5
 _POLE = 1e-3
+_NEARLY, _BEFORE_POLE = 0.02, 0.95
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,32 @@ def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
     x = np.array([-0.5, image_size[0] - 0.5]) - cx
     y = np.array([-0.5, image_size[1] - 0.5]) - cy
     return _BEYOND_CORNER * float(np.hypot(np.abs(x).max() / fx, np.abs(y).max() / fy))
+
+
+def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
+    """Whether every pixel of the picture has a ray of its own (`Camera.valid_region`), and none lies beside a pole.
+
+    A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
+    directions to one pixel.
+    """
+    if _pole_in_sight(model, intrinsics, image_size):
+        return False
+    return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
+
+
+def _pole_in_sight(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
+    """Whether the radial curve has a pole, or all but one, before it has left the picture or just beyond.
+
+    A pole with a nil beside it is narrower than any sampling of the curve, and which of the two comes first is often
+    decided by the last digits of the corners.
+    """
+    bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
+    squares = np.roots([*intrinsics[4:][bottom][::-1], 1.0])
+    near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
+    if not len(near):
+        return False
+    before = np.linspace(0.0, _BEFORE_POLE * np.sqrt(near.min()), _SAMPLES)
+    return bool(radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size))
 
 
 def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:

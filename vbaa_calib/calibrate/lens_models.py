@@ -92,15 +92,6 @@ PROJECTIONS: dict[str, Projection] = {"opencv": _project_opencv, "fisheye": _pro
 pixels (N, 2) and the derivatives of the interleaved pixels by intrinsics (2N, 4 + k) and by the pose (2N, 6)."""
 
 
-def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether every pixel of the picture has a ray of its own (`Camera.valid_region`).
-
-    A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
-    directions to one pixel.
-    """
-    return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
-
-
 def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
     """The camera of intrinsics (fx, fy, cx, cy, *distortion), without a covariance."""
     return Camera(model.camera_model, image_size, camera_matrix(intrinsics), intrinsics[4:])

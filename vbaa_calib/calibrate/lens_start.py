@@ -9,8 +9,8 @@ import numpy as np
 
 from .bundle import Bundle, free_directions, refine
 from .corner_stack import FLEX, Observation
-from .lens_fold import Unfolding, rational_like
-from .lens_models import LENS_MODELS, LensModel, camera_matrix, is_monotonic
+from .lens_fold import Unfolding, is_monotonic, rational_like
+from .lens_models import LENS_MODELS, LensModel, camera_matrix
 
 _FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)
 _TRIAL_ITERATIONS = 15

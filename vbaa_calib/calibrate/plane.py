@@ -209,7 +209,7 @@ def _refined(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: n
 
 
 def _polished(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> Pose:
-    """SciPy ends where the cost stands still, which is a few parts in 10⁵ of a deviation short of where the slope does."""
+    """SciPy ends where the cost stands still, a few parts in 10⁵ of a deviation short of where the slope is nil."""
     for _ in range(_POLISHING):
         by_pose, _ = _derivatives(T_camera_board, camera, points)
         step = np.linalg.lstsq(by_pose, -_residual(T_camera_board, camera, points, pixels), rcond=None)[0]

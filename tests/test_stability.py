@@ -1,0 +1,231 @@
+"""Inputs moved by 1e-12 of themselves, and in another order, move no answer: nothing is decided by rounding.
+
+The answers of every stage, from detected corners to the object felt: no reported number by more than `MOST` of its
+deviation, and no status. In short here; whole, over all scenes, lenses and photo sets, among the slow tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import vbaa_calib.calibrate.calibration as calibration
+import vbaa_calib.calibrate.session_plane as session_plane
+from benchmarks.processors import WAYS, simulated
+from benchmarks.reported import Report, apart, of_budget, of_contacts, of_lens, of_object, of_rig
+from estimator import ContactEstimator
+from estimator.budget import error_budget
+from estimator.contact_row import ContactRow, ContactTable
+from estimator.felt import feel
+from estimator.recording import estimate_pictures
+from vbaa_calib.bench.estimator_hard_cases import CASES, Hard
+from vbaa_calib.calibrate.calibration import Calibration, calibrate
+from vbaa_calib.calibrate.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens_models import LENS_MODELS
+from vbaa_calib.cli.demo import SCENES
+from vbaa_calib.cli.main import main
+from vbaa_calib.detect.corners import BoardView
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Session, load_session, read_recording
+
+from .calibrate.photo_sets import detected
+from .small_scene import small_scene
+
+MOVED, MOST = 1e-12, 1e-4
+"""Part of themselves by which the inputs are moved, and part of its deviation by which a number may move."""
+Rng = np.random.Generator
+
+
+def moved(values: np.ndarray, rng: Rng) -> np.ndarray:
+    return values * (1.0 + MOVED * rng.uniform(-1.0, 1.0, np.shape(values)))
+
+
+def held(one: Report, other: Report) -> None:
+    found = apart(one, other)
+    assert found.statuses == []
+    assert found.most <= MOST, f"{found.most:.1e} at {found.where}"
+
+
+# corners to lens
+
+
+def moved_view(view: BoardView, rng: Rng) -> BoardView:
+    """Every corner moved by nothing, and all of them in another order."""
+    order = rng.permutation(len(view.ids))
+    covariance = view.covariance_px2
+    return replace(
+        view,
+        ids=view.ids[order],
+        corners_px=moved(view.corners_px, rng)[order],
+        covariance_px2=None if covariance is None else covariance[order],
+    )
+
+
+LENSES = [
+    ("gopro", "auto"),
+    ("gopro", "rational"),
+    *(
+        pytest.param(name, model, marks=pytest.mark.slow)
+        for name in ("realsense", "gopro", "ucl_left", "ucl_right")
+        for model in ("auto", *LENS_MODELS)
+        if (name, model) not in {("gopro", "auto"), ("gopro", "rational")}
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "model"), LENSES)
+def test_lenses_of_real_photographs(name: str, model: str) -> None:
+    views, spec = detected(name)
+    least = 20 if spec.legacy_pattern else 6
+    one = of_lens(solve_intrinsics(views, spec, model, least))
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        order = rng.permutation(len(views))
+        others = [moved_view(views[index], rng) for index in order]
+        held(one, of_lens(solve_intrinsics(others, spec, model, least)))
+
+
+# sessions to rigs, contacts, budgets and objects
+
+
+@dataclass(frozen=True, eq=False)
+class Done:
+    """A session, the detected corners by folder, its calibration, and its recording's contacts."""
+
+    session: Session
+    found: Calibration
+
+    @property
+    def rig(self) -> Rig:
+        return self.found.rig
+
+
+def short_session(folder: Path) -> Path:
+    """The demo's scene, small, with a sweep and the antenna over the board."""
+    ways = {"sweep": True, "over": {"height_m": 0.012, "center_m": [0.13, 0.0], "turn_deg": 8.0, "pictures": 1}}
+    scene = small_scene(noload=3, loads=(1, 5, 8, 9)) | ways
+    scene["camera"]["image_size"] = [640, 480]
+    scene["camera"]["matrix"] = [[669.3, 0.0, 317.8], [0.0, 667.3, 242.2], [0.0, 0.0, 1.0]]
+    scene["intrinsics"]["pictures"] = 8
+    scene["recording"]["sweeps"][0] |= {"frames": 6, "free_frames": 1}
+    (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
+    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
+    return folder / "session"
+
+
+@pytest.fixture(
+    scope="module", params=["short", *(pytest.param(name, marks=pytest.mark.slow) for name in (*SCENES, WAYS))]
+)
+def done(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Done:
+    folder = tmp_path_factory.mktemp("stable")
+    path = short_session(folder) if request.param == "short" else simulated(folder, [request.param])[request.param]
+    session = load_session(path)
+    return Done(session, calibrate(session))
+
+
+@pytest.fixture
+def moving_corners(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Rng], None]]:
+    """What makes every corner that is detected come out moved by nothing, in another order."""
+
+    def begin(rng: Rng) -> None:
+        for module, name in (
+            (calibration, "detect_folder"),
+            (session_plane, "detect_folder"),
+            (session_plane, "detect_files"),
+        ):
+            plain = getattr(module, name)
+
+            def detect(*args: Any, plain: Callable[..., Any] = plain) -> list[BoardView]:
+                return [moved_view(view, rng) for view in plain(*args)]
+
+            monkeypatch.setattr(module, name, detect)
+
+    return begin
+
+
+def test_calibration(done: Done, moving_corners: Callable[[Rng], None]) -> None:
+    """From corners moved by nothing: the antenna is looked for in its pictures along a path that moved by as little."""
+    moving_corners(np.random.default_rng(1))
+    other = calibrate(done.session)
+    held(of_lens(done.found.lens), of_lens(other.lens))
+    held(of_rig(done.rig), of_rig(other.rig))
+    assert done.found.joint.kept.tolist() == other.joint.kept.tolist()
+    assert [str(one) for one in done.found.still_diagnoses] == [str(one) for one in other.still_diagnoses]
+
+
+def moved_rig(rig: Rig, rng: Rng) -> Rig:
+    """Every number of it moved by nothing, the covariance as one, so that it stays one."""
+    antenna = replace(rig.antenna, parameters=moved(rig.antenna.parameters, rng))
+    pose = replace(rig.T_antenna_camera, translation_m=moved(rig.T_antenna_camera.translation_m, rng))
+    lens = rig.camera.parameters
+    camera = rig.camera.moved(moved(lens, rng) - lens)
+    turn = 1.0 + MOVED * rng.uniform(-1.0, 1.0, len(rig.covariance))
+    return replace(
+        rig,
+        camera=camera,
+        T_antenna_camera=pose,
+        antenna=antenna,
+        covariance=rig.covariance * np.outer(turn, turn),
+    )
+
+
+def table(rig: Rig, session: Session) -> ContactTable:
+    frames = list(read_recording(session))
+    found = estimate_pictures(ContactEstimator(rig), frames)
+    rows = [ContactRow.of(each.frame, each.contact) for each in found]
+    return ContactTable.from_rows(rows)
+
+
+def test_pictures_to_contacts_and_the_budget(done: Done) -> None:
+    """With a rig moved by nothing."""
+    other = moved_rig(done.rig, np.random.default_rng(2))
+    held(of_contacts(table(done.rig, done.session)), of_contacts(table(other, done.session)))
+    held(of_budget(error_budget(done.rig)), of_budget(error_budget(other)))
+
+
+def test_object(done: Done) -> None:
+    """From contacts moved by nothing."""
+    contacts, rng = table(done.rig, done.session), np.random.default_rng(3)
+    if not contacts.located.any():
+        pytest.skip("no contact")
+    numbers = {one.name: getattr(contacts, one.name) for one in fields(contacts)}
+    changed = {
+        name: moved(values, rng)
+        for name, values in numbers.items()
+        if values.dtype.kind == "f" and name not in ("time_s", "covariance_world_m2")
+    }
+    other = replace(contacts, **changed)
+    held(of_object(feel(contacts, done.rig), contacts), of_object(feel(other, done.rig), contacts))
+
+
+# centrelines to contacts
+
+
+def estimated(hard: Hard, rig: Rig, order: Sequence[int], points: Callable[[int], np.ndarray], rng: Rng) -> Report:
+    """Frames in an order, points of each as `points` picks them, all of it moved by nothing; reported as they came."""
+    scenes = hard.scenes
+    lines = [moved(np.asarray(hard.points_px[index], float)[points(index)], rng) for index in order]
+    readings = moved(scenes.moment_Nm, rng)[order] if hard.with_moment else None
+    found = ContactEstimator(rig).estimate_batch(
+        lines, readings, scenes.pan_rad[order], scenes.tilt_rad[order], sigma_px=scenes.sigma_px
+    )
+    back = np.argsort(order)
+    report = of_contacts(found)
+    numbers = {name: (values[back], std[back]) for name, (values, std) in report.numbers.items()}
+    return Report(numbers, {"status": [report.statuses["status"][index] for index in back]})
+
+
+@pytest.mark.parametrize("count", [6, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", CASES)
+def test_hard_cases_of_the_estimator(name: str, count: int) -> None:
+    """Pixels and readings moved by nothing, points and frames in another order."""
+    hard = CASES[name](count, np.random.default_rng(7))
+    size, rng = hard.points_px.shape[1], np.random.default_rng(4)
+    one = estimated(hard, hard.scenes.rig, np.arange(count), lambda _: np.arange(size), rng)
+    held(one, estimated(hard, hard.scenes.rig, rng.permutation(count), lambda _: rng.permutation(size), rng))
