@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow docs lint install gl clean
+.PHONY: demo test test-slow processors docs lint install gl clean
 .DEFAULT_GOAL := test
 
 install: $(INSTALLED)
@@ -32,6 +32,10 @@ test: $(INSTALLED) gl
 # the long Monte-Carlo runs too, of which the other tests hold seeded subsets: an hour
 test-slow: $(INSTALLED) gl
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# the same answers as on other processors? twenty minutes; with PHOTOGRAPHS=DIR the real sets' lenses, too
+processors: $(INSTALLED)
+	$(BIN)/python -m benchmarks.processors --page docs/processors.md $(if $(PHOTOGRAPHS),--photographs $(PHOTOGRAPHS))
 
 # the documentation as a site: docs/_build/index.html
 docs: $(INSTALLED)
