@@ -79,16 +79,27 @@ def machines() -> list[Machine]:
 
 
 def measure(sessions: Mapping[str, Path], boards: Path | None) -> dict[str, Any]:
-    """What one process reports of all sessions, and which kernels it ran on."""
-    from threadpoolctl import threadpool_info
-
+    """What one process reports of all sessions, and what it ran on."""
     reports: dict[str, dict[str, Any]] = {}
     for title, session in sessions.items():
         reports[title] = {stage: report.to_dict() for stage, report in _whole_way(session).items()}
     if boards is not None:
         reports["photographs"] = {"calibration": joined(dict(_photographs(boards))).to_dict()}
+    return {"reports": reports, **_running()}
+
+
+def _running() -> dict[str, Any]:
+    """What this process runs on: OpenBLAS' kernels, and which wider instructions NumPy and OpenCV use."""
+    from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
+    from threadpoolctl import threadpool_info
+
     ran = {str(library["architecture"]) for library in threadpool_info() if library["internal_api"] == "openblas"}
-    return {"reports": reports, "kernels": sorted(ran)}
+    words = cv2.getCPUFeaturesLine().split()
+    return {
+        "kernels": sorted(ran),
+        "numpy": [name for name in __cpu_dispatch__ if __cpu_features__[name]],
+        "opencv": [word for word in words if word.startswith("*") and not word.endswith("?")],
+    }
 
 
 def _whole_way(session: Path) -> dict[str, Report]:
@@ -172,6 +183,12 @@ def on(machine: Machine, sessions: Mapping[str, Path], boards: Path | None) -> t
         if done.returncode != 0:
             raise SystemExit(f"{machine.name}: {done.stderr[-2000:]}")
         data = json.loads(out.read_text())
+    asked = machine.environment.get("OPENBLAS_CORETYPE")
+    if asked is not None and asked not in data["kernels"]:
+        raise SystemExit(f"{machine.name}: OpenBLAS ran on {data['kernels']}")
+    for library, variable in (("numpy", "NPY_DISABLE_CPU_FEATURES"), ("opencv", "OPENCV_CPU_DISABLE")):
+        if variable in machine.environment and data[library]:
+            raise SystemExit(f"{machine.name}: {library} ran with {data[library]}")
     reports = {
         title: {stage: Report.from_dict(report) for stage, report in stages.items()}
         for title, stages in data["reports"].items()
@@ -232,7 +249,7 @@ def main() -> int:
 
 
 def _told(reports: Mapping[str, Mapping[str, Report]]) -> list[str]:
-    """EI, N·m², and the focal length, px, of the first scene, to a tenth of a thousandth of their deviations."""
+    """EI, N·m², and the focal length, px, of the first scene, to a ten-thousandth of their deviations."""
     rig = next(iter(reports.values()))["calibration"].numbers
     told = []
     for value, std in ((rig["EI"][0][0], rig["EI"][1][0]), (rig["lens"][0][0], rig["lens"][1][0])):

@@ -15,6 +15,9 @@ from estimator.felt import Felt
 from vbaa_calib.calibrate.intrinsics import LensSolution
 from vbaa_calib.rig import Rig
 
+ACROSS, NORMALS = "surface", "normals"
+"""Names of a surface's points, which are compared across it, and of the normals along which that is done."""
+
 
 @dataclass
 class Report:
@@ -71,9 +74,20 @@ class Apart:
 def apart(one: Report, other: Report) -> Apart:
     """The difference of two reports in deviations of the first one."""
     names = sorted(one.numbers.keys() | other.numbers.keys())
-    deviations = {name: _difference(one.numbers.get(name), other.numbers.get(name)) for name in names}
+    deviations = {}
+    for name in names:
+        mine, theirs = one.numbers.get(name), other.numbers.get(name)
+        if name.endswith(ACROSS) and mine is not None and theirs is not None and mine[0].size == theirs[0].size:
+            mine, theirs = (_across(pair, one.numbers[name.replace(ACROSS, NORMALS)][0]) for pair in (mine, theirs))
+        deviations[name] = _difference(mine, theirs)
     said = sorted(one.statuses.keys() | other.statuses.keys())
     return Apart(deviations, [name for name in said if one.statuses.get(name) != other.statuses.get(name)])
+
+
+def _across(pair: tuple[np.ndarray, np.ndarray], normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 3) along given normals (N, 3), and their deviations across the surface (N,)."""
+    points, std = (part.reshape(-1, 3) for part in pair)
+    return (points * normals.reshape(-1, 3)).sum(axis=1), std[:, 0]
 
 
 def _difference(one: tuple[np.ndarray, np.ndarray] | None, other: tuple[np.ndarray, np.ndarray] | None) -> float:
@@ -83,8 +97,8 @@ def _difference(one: tuple[np.ndarray, np.ndarray] | None, other: tuple[np.ndarr
     same = (values == others) | (np.isnan(values) & np.isnan(others))
     with np.errstate(all="ignore"):
         # what has no deviation must be the same
-        off = np.where(same, 0.0, np.abs(others - values) / np.where(std > 0.0, std, 0.0))
-    return float(np.nan_to_num(off, nan=np.inf).max(initial=0.0))
+        off = np.where(same, 0.0, np.abs(others - values) / np.where((std > 0.0) & np.isfinite(std), std, 0.0))
+    return float(np.nan_to_num(off, nan=np.inf, posinf=np.inf).max(initial=0.0))
 
 
 def of_lens(lens: LensSolution) -> Report:
@@ -165,10 +179,10 @@ def of_object(felt: Felt, contacts: ContactTable) -> Report:
     """The object that contacts tell of: shape, normals, friction, stiffness, events."""
     report, surface, friction, soft = Report(), felt.surface, felt.friction, felt.compliance
     # across the surface its own deviation counts, along it the contact's
-    along = _std(contacts.covariance_world_m2[surface.touched_row])
-    report.add("surface", surface.touched_m, np.hypot(surface.touched_std_m[:, None], along), own=False)
-    report.add("surface's deviation", surface.touched_std_m, surface.touched_std_m, own=False)
-    report.add("normals", surface.touched_normal, _std(surface.touched_normal_covariance))
+    std, along = surface.touched_std_m[:, None], _std(contacts.covariance_world_m2[surface.touched_row])
+    report.add(ACROSS, surface.touched_m, std)
+    report.add("surface's points", surface.touched_m, np.hypot(std, along), own=False)
+    report.add(NORMALS, surface.touched_normal, _std(surface.touched_normal_covariance))
     report.add("friction", friction.mu, friction.std)
     report.add("compliance", soft.compliance_m_N, soft.std_m_N)
     report.statuses = {

@@ -92,7 +92,8 @@ def linear(known: Known, space: ErrorSpace, touches: Touches, with_moment: bool 
     fits = evaluated(frames, RUNG, table, begin(frames, view, unknowns))
     prior, moved = fits.problem.prior, fits.problem.felt
     felt = np.swapaxes(moved, 1, 2) @ moved
-    points = fits.equations.information - np.eye(prior.shape[1]) * prior[:, None] - felt
+    columns = fits.problem.columns
+    points = np.swapaxes(columns, 1, 2) @ fits.problem.summed.times(columns)
     rotation = world_rotation(known.rig, touches)
     touch = np.concatenate([view.by_touch, table.touch], axis=2)
     distance = np.zeros_like(touch[:, :1])

@@ -11,7 +11,7 @@ from vbaa_calib.errors import InputError
 
 from .contact import Measured
 
-SLIGHTLY = 1e-9
+SLIGHTLY = 1e-6
 """By so much of the other coordinate points of one column are told apart."""
 
 
@@ -75,7 +75,7 @@ def deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarra
 def in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points (B, N, 2) and deviations (B, N) along the longer side of each frame's points, missing ones last.
 
-    First looks take every so manieth point: they must not hang on the order in which the points were listed.
+    First looks take every n-th point: they must not depend on the order in which the points were listed.
     """
     if points_px.shape[1] == 0:
         return points_px, sigma_px

@@ -16,7 +16,7 @@ from vbaa_calib.rig import Rig
 
 NUMBER = r"\d+(?:\.\d+)?"
 LEVEL = "95 %"
-OF_GOAL, OF_DEVIATION = 0.002, 0.05
+OF_GOAL, OF_DEVIATION = 0.002, 0.01
 """Parts of a goal, and of a standard deviation, by which the README may differ from a run."""
 README = Path(__file__).parents[1] / "README.md"
 
@@ -49,7 +49,7 @@ def parts(cell: str) -> tuple[str, list[str]]:
 
 
 def digit(number: str) -> float:
-    """The last digit's unit, which is lost in printing; whole numbers are counts, and exact."""
+    """The last digit's unit, half of which is lost in printing; whole numbers count as exact."""
     places = len(number.partition(".")[2])
     return 10.0**-places if places else 0.0
 
@@ -105,7 +105,6 @@ def _stiffness(felt: Felt) -> Cell:
     soft = felt.compliance
     low, high = soft.interval_N_m
     if not soft.told:
-        # its deviation is about half of where the interval begins
-        return Cell(f"stiffer than {low:.0f}", (0.5 + 0.5 * OF_DEVIATION * low,))
+        return Cell(f"stiffer than {low:.4f}", (0.5 + OF_DEVIATION * low,))
     slack = 0.5 + OF_DEVIATION * (high - low) / 4
-    return Cell(f"{soft.stiffness_N_m:.0f}, {LEVEL}: {low:.0f} to {high:.0f}", (slack, 0.0, slack, slack))
+    return Cell(f"{soft.stiffness_N_m:.4f}, {LEVEL}: {low:.4f} to {high:.4f}", (slack, 0.0, slack, slack))

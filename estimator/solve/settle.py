@@ -27,7 +27,7 @@ ROUNDS, CHANGED = 3, 0.1
 HOPELESS, HOPELESS_FACTOR = 50.0, 4.0
 """A valley whose floor lies higher than so many times the lowest one's, and by so much, is left."""
 POLISHED, POLISHING = 1e-6, 3
-"""What is left of the cost for the last step of fits whose numbers are told, and how many steps there are at most."""
+"""What is left of the cost for the last step of fits that are reported, and how many steps there are at most."""
 SAME_VALLEY = 1e-2
 """Distances closer than this, in antenna lengths, are taken for the same valley."""
 

@@ -21,7 +21,7 @@ BEST = np.log([0.7, 0.2, 0.01])
 """Before the data: the length and the amplitude over the patch's extent, the tangents' slack in rad ..."""
 WIDTH = np.array([1.2, 1.5, 1.5])
 """... and the standard deviations of their logarithms."""
-IMPOSSIBLE = 1e30
+ROUGHER = 1e-4
 POLISHING, STEP, NEAR = 2, 1e-3, 0.5
 """Newton's steps after the search, the step of their differences, and the longest that is believed: a prior that hangs
 on where a search stopped moves the surface by parts of its deviation."""
@@ -60,10 +60,12 @@ def learn(
         prior, turn = prior_of(logs)
         shape = covariance(between, replace(prior, offset_m=0.0, incline=0.0))
         doubt = (turn * slack) ** 2
+        whole = shape + fixed + np.diag(doubt)
         try:
-            lower = factor(shape + fixed + np.diag(doubt))
+            lower = factor(whole)
         except LinAlgError:
-            return IMPOSSIBLE, np.zeros(free)
+            # a search that meets a wall stops there: somewhat rougher numbers lead on
+            lower = np.linalg.cholesky(whole + ROUGHER * np.diag(np.diag(whole)))
         columns = np.column_stack([np.eye(count), trend(rows, prior), y])
         white = solve_triangular(lower, columns, lower=True, check_finite=False)
         inverse, lines, seen = white[:, :count], white[:, count:-1], white[:, -1]
@@ -94,13 +96,15 @@ def learn(
 
 
 def _polished(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Where the slope is nil, by Newton's steps: the search stops where the improbability is lost in its rounding."""
+    """Where the slope is zero, by Newton's steps: the search stops where the improbability is lost in its rounding."""
     for _ in range(POLISHING):
-        inside = np.flatnonzero((logs > LOWEST[: len(logs)]) & (logs < HIGHEST[: len(logs)]))
+        inside = np.flatnonzero((logs > LOWEST[: len(logs)]) & (logs < HIGHEST[: len(logs)] - STEP))
+        if not len(inside):
+            break
         slope, moves = slope_at(logs), STEP * np.eye(len(logs))[inside]
-        bend = np.array([(slope_at(logs + move) - slope)[inside] / STEP for move in moves]).reshape(len(inside), -1)
+        bend = np.array([(slope_at(logs + move) - slope)[inside] / STEP for move in moves])
         bend = 0.5 * (bend + bend.T)
-        if not len(inside) or np.linalg.eigvalsh(bend)[0] <= 0.0:
+        if np.linalg.eigvalsh(bend)[0] <= 0.0:
             break
         step = np.linalg.solve(bend, -slope[inside])
         if np.abs(step).max() > NEAR:

@@ -95,7 +95,7 @@ def test_sliding_along_the_antenna_is_only_as_good_as_the_friction_angle() -> No
     blind = rubbed(0.3, np.random.default_rng(5), slip_rad=np.pi / 2, errors=Errors(lean_rad=3.0))
     found = judged(blind)
     assert not found.told
-    assert "across the antenna" in found.reason
+    assert "across" in found.reason  # the antenna: that is what helps
     seeing = judged(rubbed(0.3, np.random.default_rng(5), slip_rad=np.pi / 2, errors=Errors(lean_rad=0.05)))
     assert seeing.told
     assert abs(seeing.mu - 0.3) < 3 * seeing.std

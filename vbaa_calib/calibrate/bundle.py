@@ -12,7 +12,8 @@ from .lens_fold import Unfolding
 from .lens_models import LensModel
 
 _RELATIVE_DECREASE = 1e-8
-_STANDSTILL = 1e-6
+_STANDSTILL, _UNDAMPED = 1e-6, 1e-8
+_ROUNDING, _POLISHING = 1e-13, 10
 _ROUGHLY = 1e-4
 _CAUCHY_PER_SIGMA = 2.385  # 95 % efficiency on normal noise
 _REWEIGHTINGS = 12
@@ -85,6 +86,7 @@ def refine(
     sagittas_m: Sequence[float] | np.ndarray = (0.0, 0.0),
     unfolding: Unfolding | None = None,
     tolerance: float = _RELATIVE_DECREASE,
+    damping: float = 1e-3,
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error from a start.
 
@@ -95,14 +97,14 @@ def refine(
     robust : weigh corners down by Cauchy's rule, so that gross errors do not pull.
     iterations : at most; a few are enough to tell good starts from bad ones.
     unfolding : what to add to the cost so that the lens does not fold.
-    tolerance : the descent ends when a step takes off less than this share of the cost.
+    tolerance : the descent ends when a step takes off less than this share of the cost. damping : of the first step.
     """
     stack = Stack.of(observations)
     state = State(np.concatenate([np.asarray(intrinsics, float), sagittas_m]), np.array(poses, float))
     weights = np.ones(len(stack.pixels))
     if robust:
         weights, state = _reweighted(model, state, stack, directions, unfolding)
-    state, system = _descend(model, state, stack, weights, directions, iterations, unfolding, tolerance)
+    state, system = _descend(model, state, stack, weights, directions, iterations, unfolding, tolerance, damping)
     residuals = tuple(np.split(system.residuals_px, stack.bounds[1:-1]))
     return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:], unfolding)
 
@@ -110,7 +112,7 @@ def refine(
 def polished(model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray) -> Bundle:
     """A solution whose next step would be under a millionth of the parameters' deviations, whatever the problem's size.
 
-    Numbers that are told must not show where a descent happened to end; decisions need less.
+    Reported numbers must not show where a descent happened to end; decisions need less.
     """
     freedom = max(sum(view.pixels.size for view in observations) - directions.shape[1] - 6 * len(observations), 1)
     return refine(
@@ -121,7 +123,9 @@ def polished(model: LensModel, bundle: Bundle, observations: Sequence[Observatio
         directions,
         sagittas_m=bundle.sagittas_m,
         unfolding=bundle.unfolding,
+        iterations=_POLISHING,
         tolerance=_STANDSTILL**2 / freedom,
+        damping=_UNDAMPED,
     )
 
 
@@ -211,9 +215,9 @@ def _descend(
     iterations: int,
     unfolding: Unfolding | None,
     tolerance: float,
+    damping: float = 1e-3,
 ) -> tuple[State, _System]:
     system = _linearise(model, state, stack, weights, directions, unfolding)
-    damping = 1e-3
     for _ in range(iterations):
         try:
             shared_step, pose_step = _step(system, damping)
@@ -225,12 +229,12 @@ def _descend(
             break
         new_state = state.moved(directions @ shared_step, pose_step)
         trial = _linearise(model, new_state, stack, weights, directions, unfolding)
-        if np.isfinite(trial.cost) and trial.cost <= system.cost:
+        if np.isfinite(trial.cost) and trial.cost <= (1.0 + _ROUNDING) * system.cost:
             decrease = system.cost - trial.cost
             state, system = new_state, trial
             damping = max(0.1 * damping, 1e-15)
-            # under heavy damping a step is small wherever it is taken
-            if decrease <= tolerance * system.cost and damping < 1.0:
+            # under heavy damping a step is small wherever it is taken, and rounding is no decrease
+            if _ROUNDING * system.cost < decrease <= tolerance * system.cost and damping < 1.0:
                 break
         else:
             damping *= 8.0

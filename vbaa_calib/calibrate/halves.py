@@ -59,7 +59,7 @@ def compare_halves(
         if freedom <= 0 or np.linalg.cond(own) > OPEN:
             return None
         inverse = solve_triangular(own, np.eye(size))
-        variance = (known.squares[first::2].sum() - pull @ pull) / freedom
+        variance = factor[size, size] ** 2 / freedom
         difference += sign * (inverse @ pull)
         covariance += variance * (inverse @ inverse.T)
     camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, _GRID)

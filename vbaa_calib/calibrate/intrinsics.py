@@ -103,7 +103,7 @@ def solve_intrinsics(
     """
     if model != "auto" and model not in LENS_MODELS:
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
-    # held-out views and halves are dealt out in turn: the lens must not hang on the order in which views were listed
+    # held-out views and halves are dealt out in turn: the lens must not depend on the order in which views were listed
     usable, dropped = usable_views(sorted(views, key=_rank), spec, min_corners)
     observations = observations_of(usable, spec)
     _require_enough(observations, dropped, model)

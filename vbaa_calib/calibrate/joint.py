@@ -114,19 +114,22 @@ def _solved(
     problem = Problem.of(observations, prior, length_m, moment_std_Nm)
     parameters = problem.begin
     distances, moments = problem.evaluate(parameters)
-    for _ in range(PASSES):
+    for turn in range(PASSES + 1):
         kept = problem.kept
         scale = noise_scale([block[:, 0] for block, inside in zip(distances, kept, strict=True) if inside])
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
-        solution = descend(problem, parameters, (distances, moments), STANDSTILL if change < NEAR else ROUGHLY)
+        exact = change < NEAR or turn == PASSES
+        solution = descend(problem, parameters, (distances, moments), STANDSTILL if exact else ROUGHLY)
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         distances, moments = problem.evaluate(parameters)
         readings = parameters[problem.lens.stop :]
         fits, rms = fitting(distances, scale, problem.groups, readings, kept)
+        # stills on the border do not come and go for ever, and the last pass is over those that it leaves
+        fits = kept if turn == PASSES else fits & kept if turn > PASSES // 2 else fits
         problem = replace(problem, kept=fits)
-        if change < SETTLED and (problem.kept == kept).all():
+        if change < SETTLED and (fits == kept).all():
             break
     if not solution.converged:
         raise SolveError(

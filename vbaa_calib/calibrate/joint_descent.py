@@ -16,7 +16,7 @@ ROUGHLY, STANDSTILL = 0.1, 1e-11
 end a few millionths."""
 
 UNSURE = 1e-3
-"""A rise of the cost by less is none: the slopes, by differences, are nil a little beside where it is least."""
+"""A rise of the cost by less is none: the slopes, by differences, are zero a little beside where it is least."""
 ENOUGH = 1e-5
 """A step that promises no more than this after all iterations has converged, too."""
 
@@ -121,8 +121,11 @@ def descend(
     damping = 0.0
     for _ in range(ITERATIONS):
         information, slope, scale = now.normal_equations()
-        step = _step(information, slope, damping, now.parameters >= upper)
-        promise = -float(slope @ step + 0.5 * step @ information @ step)
+        at_end = now.parameters >= upper
+        step = _step(information, slope, damping, at_end)
+        # of the whole step: a damped one is short wherever it is taken
+        whole = _step(information, slope, 0.0, at_end) if damping else step
+        promise = -float(slope @ whole + 0.5 * whole @ information @ whole)
         moved = np.minimum(now.parameters + step / scale, upper)
         trial = _tried(problem, moved)
         better = trial is not None and trial.cost <= now.cost + UNSURE

@@ -16,7 +16,7 @@ _FURTHEST_PER_CORNER = 4.0
 _BEYOND_CORNER = 1.02
 _WIDEST_RAD = 1.5
 _POLE = 1e-3
-_NEARLY, _BEFORE_POLE = 0.02, 0.95
+_NEARLY, _BEFORE_POLE, _FAR = 0.02, 0.95, 1e-6
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,18 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
 
 
 def _pole_in_sight(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether the radial curve has a pole, or all but one, before it has left the picture or just beyond.
+    """Whether the radial curve has a pole, or nearly one, before it has left the picture or just beyond.
 
-    A pole with a nil beside it is narrower than any sampling of the curve, and which of the two comes first is often
+    A pole with a zero beside it is narrower than any sampling of the curve, and which of the two comes first is often
     decided by the last digits of the corners.
     """
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
-    squares = np.roots([*intrinsics[4:][bottom][::-1], 1.0])
+    coefficients = intrinsics[4:][bottom]
+    if not np.isfinite(coefficients).all():
+        return True
+    # of one over the radius' square, so that small coefficients do no harm
+    inverses = np.roots([1.0, *coefficients])
+    squares = 1.0 / inverses[np.abs(inverses) > _FAR]
     near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
     if not len(near):
         return False

@@ -35,7 +35,7 @@ IN_PLANE, BOARD, HEIGHT, SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len
 UNKNOWNS = 10 + len(PARAMETERS)
 _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (UNKNOWNS - 3)])
 _ITERATIONS, _PASSES, _HALVINGS = 40, 10, 8
-_STANDSTILL, _SETTLED = 1e-12, 1e-5
+_STANDSTILL, _ENOUGH, _SETTLED = 1e-12, 1e-6, 1e-5
 _END_MARGIN = 0.004
 """Points this part of the length off the clamp or the tip are left out: the holder's edge and the tip's round end."""
 _LEAST_POINTS = 20
@@ -196,7 +196,8 @@ def _descend(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
         information, slope = weighted.T @ weighted, weighted.T @ (residual * weight)
         scale = np.sqrt(np.diag(information))
         step = -np.linalg.solve(information / np.outer(scale, scale), slope / scale) / scale
-        if -float(slope @ step) < _STANDSTILL:
+        promise = -float(slope @ step)
+        if promise < _STANDSTILL:
             return unknowns
         for halving in range(_HALVINGS):
             moved = unknowns + 0.5**halving * step
@@ -206,6 +207,8 @@ def _descend(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
         else:
             return unknowns
         unknowns, (residual, jacobian, _) = moved, trial
+    if promise < _ENOUGH:
+        return unknowns
     raise SolveError("the antenna over the board could not be fitted to its picture")
 
 

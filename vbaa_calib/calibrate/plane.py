@@ -25,7 +25,7 @@ _MOVED_PX = 2.0
 _GROSS_CORNER = 20.0
 _GROSS_LEAST_PX = 0.5
 _SAME_RAD = 1e-3
-_POLISHING = 2
+_POLISHING, _ROUNDING = 2, 1e-9
 AMBIGUOUS = 1.2
 """A plane's second pose fits nearly as well where its error is less than this many times the first one's."""
 _OUT_OF_SIGHT_PX = 1e3
@@ -209,11 +209,14 @@ def _refined(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: n
 
 
 def _polished(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> Pose:
-    """SciPy ends where the cost stands still, a few parts in 10⁵ of a deviation short of where the slope is nil."""
+    """SciPy ends where the cost stands still, a few parts in 10⁵ of a deviation short of where the slope is zero."""
     for _ in range(_POLISHING):
         by_pose, _ = _derivatives(T_camera_board, camera, points)
-        step = np.linalg.lstsq(by_pose, -_residual(T_camera_board, camera, points, pixels), rcond=None)[0]
-        T_camera_board = T_camera_board.retract(step)
+        residual = _residual(T_camera_board, camera, points, pixels)
+        moved = T_camera_board.retract(np.linalg.lstsq(by_pose, -residual, rcond=None)[0])
+        if not np.sum(_residual(moved, camera, points, pixels) ** 2) <= (1.0 + _ROUNDING) * np.sum(residual**2):
+            break
+        T_camera_board = moved
     return T_camera_board
 
 

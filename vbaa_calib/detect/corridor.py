@@ -30,7 +30,7 @@ def resample(polyline: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarr
     """Points (K, 2) at equal spacing along a polyline, short of its end, and the arc length (K,) of each."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(polyline, axis=0).T))])
     # a spacing that divides the length: rounding must not decide whether the end is one of the points
-    at = spacing * np.arange(max(np.ceil(along[-1] / spacing - WHOLE), 1.0))
+    at = spacing * np.arange(np.ceil(along[-1] / spacing - WHOLE))
     return np.stack([np.interp(at, along, polyline[:, i]) for i in range(2)], axis=1), at
 
 

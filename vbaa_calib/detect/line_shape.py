@@ -154,10 +154,13 @@ def between_flanks(shape: LineShape, width_px: float) -> float:
     half, middle = round(0.5 * width_px * PER_PX), len(shape.values) // 2
     tried = np.arange(-half, half + 1)
     both = np.minimum(shape.slopes[middle + tried - half], -shape.slopes[middle + tried + half])
-    best = int(np.clip(both.argmax(), 1, len(tried) - 2))
+    best = int(both.argmax())
+    if not 0 < best < len(tried) - 1:
+        return float(tried[best]) / PER_PX
     before, there, after = both[best - 1 : best + 2]
     # between the table's rows, or the whole line would jump by one of them
-    return float(tried[best] + 0.5 * (before - after) / min(before - 2.0 * there + after, -1e-12)) / PER_PX
+    part = 0.5 * (before - after) / min(before - 2.0 * there + after, -1e-12)
+    return float(tried[best] + np.clip(part, -0.5, 0.5)) / PER_PX
 
 
 @dataclass(frozen=True, eq=False)

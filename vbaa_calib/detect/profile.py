@@ -226,7 +226,7 @@ def _beside_an_edge(found: Crossings, lines: _Lines, there: np.ndarray) -> np.nd
         uniform_filter1d(np.where(there, values, 0.0), EDGE_RUN, mode="constant") / np.maximum(share, 1e-9)
         for values in (lines.fits.stepped, (lines.noise * lines.fits.stepped_unit) ** 2)
     )
-    # running sums leave a rounding below nothing
+    # running sums leave rounding below zero
     deviation = np.sqrt(np.maximum(noise, 0.0) / np.maximum(EDGE_RUN * share, 1.0))
     return np.where(np.abs(moved) > EDGE_NOTICED * deviation, np.abs(moved), 0.0) / found.stretch
 

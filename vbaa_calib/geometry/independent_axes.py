@@ -9,7 +9,7 @@ from scipy.linalg import solve_triangular
 def independent_axes(covariance: np.ndarray) -> np.ndarray:
     """A (P, P) with A·Aᵀ the covariance (P, P): steps along its columns are independent, of unit deviation.
 
-    The covariance may be singular: what is known exactly has a row of zeros, and what rounding left below nothing.
+    The covariance may be singular: what is known exactly has a row of zeros, and what rounding left below zero.
     """
     std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     unit = np.where(std > 0, std, 1.0)
@@ -23,7 +23,7 @@ def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndar
     covariance : (P, P), the first so many of them, F, not singular.
 
     Returns (P − F, F) slopes, and (P − F,) standard deviations of the rest for given first ones. By a triangular
-    factor: the difference of two covariances that are nearly the same may be below nothing.
+    factor: the difference of two covariances that are nearly the same may be negative.
     """
     _, factor = np.linalg.qr(independent_axes(covariance).T)
     slopes = solve_triangular(factor[:first, :first], factor[:first, first:]).T
