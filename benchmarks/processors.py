@@ -26,13 +26,12 @@ import numpy as np
 import yaml
 
 from benchmarks.reported import Apart, Report, apart, joined, of_budget, of_contacts, of_lens, of_object, of_rig
+from vbaa_calib.cli.demo import SCENES
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "processors.md"
 BEGIN, END = "<!-- begin: benchmarks/processors.py -->", "<!-- end: benchmarks/processors.py -->"
 ALIKE = 1e-3
 """Deviations by which a number may differ from one processor to another."""
-SCENES = ("demo", "upright_knife", "steep_sphere")
 WAYS = "three ways"
 """The demo's scene with few frames, whose plane C is found by jig, sweep and the board under the antenna."""
 STAGES = ("calibration", "contacts", "budget", "object")
@@ -219,7 +218,7 @@ def main() -> int:
     parser.add_argument("--scenes", nargs="+", default=[*SCENES, WAYS], help="which scenes (default: all)")
     parser.add_argument("--photographs", type=Path, metavar="DATA", help="the real photo sets: their lenses, too")
     parser.add_argument("--folder", type=Path, help="where the sessions are kept (default: nowhere)")
-    parser.add_argument("--page", type=Path, help=f"page to write the table into ({PAGE.name} in docs/)")
+    parser.add_argument("--page", type=Path, help="page to write the table into (docs/processors.md)")
     args = parser.parse_args()
     if args.child:
         child(*args.child)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
+from ..geometry.independent_axes import inverse_information
 from ..reprojection import robust_cost, robust_weights
 from .joint_problem import Problem
 
@@ -74,12 +74,8 @@ class Linearised:
         return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
 
     def covariance(self) -> np.ndarray:
-        """(17 + P, 17 + P) inverse of the information, by its triangular factor: what it is made of stays positive."""
-        weighted = self.jacobian * self.weights[:, None]
-        scale = np.linalg.norm(weighted, axis=0)
-        factor = np.linalg.qr(weighted / scale, mode="r")
-        root = solve_triangular(factor, np.eye(len(scale))) / scale[:, None]
-        return np.asarray(root @ root.T)
+        """(17 + P, 17 + P) inverse of the information."""
+        return inverse_information(self.jacobian * self.weights[:, None])
 
 
 def _tried(problem: Problem, parameters: np.ndarray) -> Linearised | None:

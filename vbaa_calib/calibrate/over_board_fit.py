@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from ..antenna.shape import PARAMETERS
 from ..errors import SolveError
 from ..geometry import Pose
+from ..geometry.independent_axes import inverse_information
 from ..reprojection import (
     ImageCurves,
     SeenPoints,
@@ -135,9 +135,7 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
     residual, jacobian, curves = problem.residuals(unknowns)
     weight = _weights(residual, points)
     weighted = jacobian * weight[:, None]
-    scale = np.linalg.norm(weighted, axis=0)
-    root = solve_triangular(np.linalg.qr(weighted / scale, mode="r"), np.eye(UNKNOWNS)) / scale[:, None]
-    inverse = root @ root.T
+    inverse = inverse_information(weighted)
     pose = problem.T_camera_antenna(unknowns).inverse()
     by_unknowns = _tangents(problem, unknowns)
     # the lens moves the board's pose, too
