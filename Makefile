@@ -19,7 +19,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 
 # VTK renders without a screen through EGL; where we may, we install it, elsewhere `vbaa` says what is missing.
 gl: $(INSTALLED)
-	@$(BIN)/python -m viz.probe || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
+	@$(BIN)/python -m viz.render.probe || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
 	  && apt-get update -qq && apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri; } \
 	  || echo "no 3-D pictures here: install libegl1 and libgl1-mesa-dri"
 

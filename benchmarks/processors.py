@@ -25,8 +25,9 @@ import cv2
 import numpy as np
 import yaml
 
-from benchmarks.reported import Apart, Report, apart, joined, of_budget, of_contacts, of_lens, of_object, of_rig
-from vbaa_calib.cli.demo import SCENES
+from viz.cli.demo import SCENES
+
+from .reported import Apart, Report, apart, joined, of_budget, of_contacts, of_lens, of_object, of_rig
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN, END = "<!-- begin: benchmarks/processors.py -->", "<!-- end: benchmarks/processors.py -->"
@@ -73,7 +74,7 @@ def machines() -> list[Machine]:
         Machine("two threads", {}, 2),
     ]
     if kernels:
-        others.append(Machine(f"{kernels[0].name}, all narrow, two threads", kernels[0].environment | narrow, 2))
+        others.append(Machine(f"{kernels[0].name}, all narrow, two threads", dict(kernels[0].environment) | narrow, 2))
     return others
 
 
@@ -103,9 +104,9 @@ def _running() -> dict[str, Any]:
 
 def _whole_way(session: Path) -> dict[str, Report]:
     """By the commands that a user types, and the library for what they do not write down."""
-    from estimator.budget import error_budget
-    from estimator.felt import feel
-    from estimator.table import read_contacts
+    from estimator.budget.budget import error_budget
+    from estimator.object.estimate import feel
+    from estimator.table.table import read_contacts
     from vbaa_calib.cli.main import main
     from vbaa_calib.rig import Rig
 
@@ -127,9 +128,10 @@ def _whole_way(session: Path) -> dict[str, Report]:
 
 
 def _photographs(boards: Path) -> Iterator[tuple[str, Report]]:
-    from benchmarks.real_sets import SETS
-    from vbaa_calib.calibrate.intrinsics import solve_intrinsics
-    from vbaa_calib.detect.corners import detect_folder
+    from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+    from vbaa_calib.detect.board.corners import detect_folder
+
+    from .real_sets import SETS
 
     for one in SETS:
         yield one.title, of_lens(solve_intrinsics(detect_folder(boards / one.folder, one.spec), one.spec))
@@ -138,8 +140,8 @@ def _photographs(boards: Path) -> Iterator[tuple[str, Report]]:
 def simulated(folder: Path, scenes: Sequence[str]) -> dict[str, Path]:
     """The sessions, made in a folder if they are not there yet."""
     from vbaa_calib.cli.main import main
-    from vbaa_calib.files import read_yaml
-    from vbaa_calib.synth.scene import bundled_scene
+    from vbaa_calib.core.files import read_yaml
+    from vbaa_calib.simulate.scene.scene import bundled_scene
 
     found = {}
     for title in scenes:

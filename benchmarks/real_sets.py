@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from targets.board import BoardSpec
-from vbaa_calib.calibrate.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens_uncertainty import projection_uncertainty, ray_covariance
-from vbaa_calib.detect.corners import BoardView, detect_corners, detect_folder
-from vbaa_calib.errors import InputError
-from vbaa_calib.files import write_text
-from vbaa_calib.images import list_images, read_gray
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty, ray_covariance
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import write_text
+from vbaa_calib.core.images import list_images, read_gray
+from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_folder
 
 BEGIN, END = "<!-- begin: benchmarks/real_sets.py -->", "<!-- end: benchmarks/real_sets.py -->"
 _ENDOSCOPE = BoardSpec(19, 26, 0.005, 0.004, "DICT_4X4_250", legacy_pattern=True)
@@ -166,8 +166,8 @@ def wrong_flag(one: PhotoSet, data: Path, right: Sequence[BoardView]) -> Flagged
         refusal = "nothing: it is not caught"
     except InputError as error:
         refusal = str(error).split(": ", 1)[-1]
-    solved = (solve_intrinsics(list(seen), own, "opencv5") for seen, own in ((right, one.spec), (views, spec)))
-    return Flagged(*solved, refusal)
+    solved = [solve_intrinsics(list(seen), own, "opencv5") for seen, own in ((right, one.spec), (views, spec))]
+    return Flagged(solved[0], solved[1], refusal)
 
 
 def wrong_rows(flagged: dict[str, Flagged]) -> list[list[str]]:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.budget import Budget
-from estimator.contact_row import ContactTable
-from estimator.contacts import Contacts
-from estimator.felt import Felt
-from vbaa_calib.calibrate.intrinsics import LensSolution
+from estimator.budget.budget import Budget
+from estimator.contact.contacts import Contacts
+from estimator.object.estimate import Felt
+from estimator.table.columns import ContactTable
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.rig import Rig
 
 ACROSS, NORMALS = "surface", "normals"

@@ -4,7 +4,8 @@
 
 Both trees run the same things: three demo scenes from simulation to object (`scenes`), every row of the hostile suite
 (`hostile`: exit code, files and lines named), the quick benchmark tables without their clock columns (`bench`).
-Results of a commit are kept in FOLDER and not measured twice. Exit code 1, and a line for each difference, where they are apart.
+Results of a commit are kept in FOLDER and not measured twice. Exit code 1, and a line for each difference, where
+they are apart.
 """
 
 from __future__ import annotations

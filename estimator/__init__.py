@@ -6,12 +6,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .contact import Contact, Measured
-    from .estimate import ContactEstimator
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.table.contact import Contact, Measured
 
 __all__ = ["Contact", "ContactEstimator", "Measured"]
 
-_HOMES = {"Contact": ".contact", "Measured": ".contact", "ContactEstimator": ".estimate"}
+_HOMES = {"Contact": ".table.contact", "Measured": ".table.contact", "ContactEstimator": ".contact.estimate"}
 
 
 def __getattr__(name: str) -> Any:

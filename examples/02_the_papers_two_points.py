@@ -3,7 +3,7 @@
 import numpy as np
 from drawing import BLUE, DARK, GREEN, ORANGE, canvas, figures_folder, save
 
-from estimator.two_point import Part, two_point_contact
+from estimator.paper.two_point import Part, two_point_contact
 from vbaa_calib.antenna.linear import deflection
 
 stiffness_Nm2, distance_m, force_N = 3.9e-3, 0.12, 0.03

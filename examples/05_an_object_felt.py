@@ -3,11 +3,11 @@
 import numpy as np
 from drawing import BLUE, DARK, GREY, ORANGE, canvas, figures_folder, save
 
-from estimator.felt import feel
-from vbaa_calib.bench.estimator_setup import Setup
-from vbaa_calib.bench.object_scenes import contacts, record
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.scene import Sweep
+from benchmarks.estimator.setup import Setup
+from benchmarks.object.scenes import contacts, record
+from estimator.object.estimate import feel
+from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.scene import Sweep
 
 # A ball below a rig whose calibration is as good as usual. The tilt presses, the pan strokes: across the antenna, since
 # friction along it is hardly seen, and both ways, since an error of the normals then cancels.

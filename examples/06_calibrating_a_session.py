@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from drawing import BLUE, DARK, GREEN, ORANGE, canvas, figures_folder, save
 
-from vbaa_calib.calibrate.calibration import calibrate
+from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.session import load_session
-from vbaa_calib.synth.scene import bundled_scene
-from vbaa_calib.synth.scene_file import load_scene
-from vbaa_calib.synth.write import write_session
+from vbaa_calib.simulate.scene.scene import bundled_scene
+from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.write import write_session
 
 # With your own pictures this is a folder that exists. Here one is simulated: the scene that `vbaa simulate
 # upright_knife` writes, with fewer pictures, joints whose axes are a little off, and two more ways to plane C.

@@ -3,8 +3,8 @@
 import numpy as np
 from drawing import BLUE, DARK, GREEN, GREY, ORANGE, RED, canvas, figures_folder, save
 
-from estimator.inclined import eq29_baseline, inclined_two_point_contact, project
-from estimator.two_point import two_point_contact
+from estimator.paper.inclined import eq29_baseline, inclined_two_point_contact, project
+from estimator.paper.two_point import two_point_contact
 from vbaa_calib.antenna.linear import deflection
 
 # The paper's camera B: parallel rays, tilted by φ towards the clamp. The antenna is touched at 140 mm by a force that

@@ -3,11 +3,11 @@
 import numpy as np
 from drawing import BLUE, DARK, GREEN, ORANGE, RED, canvas, figures_folder, save
 
+from benchmarks.estimator.scenes import scenes
+from benchmarks.estimator.setup import STIFFNESS_NM2, Setup
+from benchmarks.estimator.shapes import rod_shapes
 from estimator import ContactEstimator
 from vbaa_calib.antenna.elastica import normal_load
-from vbaa_calib.bench.estimator_scenes import scenes
-from vbaa_calib.bench.estimator_setup import STIFFNESS_NM2, Setup
-from vbaa_calib.bench.estimator_shapes import rod_shapes
 
 # A real antenna, with weight, bow and a clamp that is off, touched at 140 mm at a roll of 30°, frictionless. The
 # picture is made by the static rod and has no noise, so that what is left is the model's own error. The rig is exact.

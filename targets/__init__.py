@@ -1,0 +1,1 @@
+"""Printed boards: specification, sheets, scale of the print."""

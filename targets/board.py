@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import cv2
+import numpy as np
+
 DICTIONARY_SIZES = (50, 100, 250, 1000)
 DICTIONARIES = tuple(f"DICT_{bits}X{bits}_{size}" for bits in (4, 5, 6, 7) for size in DICTIONARY_SIZES)
 
@@ -81,3 +84,16 @@ class BoardSpec:
     def to_dict(self) -> dict[str, Any]:
         """The mapping that `from_dict` reads."""
         return {"type": "charuco", **asdict(self)}
+
+
+def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:
+    """OpenCV's board object for a spec."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary))
+    board = cv2.aruco.CharucoBoard((spec.squares_x, spec.squares_y), spec.square_m, spec.marker_m, dictionary)
+    board.setLegacyPattern(spec.legacy_pattern)
+    return board
+
+
+def corner_points(spec: BoardSpec) -> np.ndarray:
+    """(corner_count, 3) inner corners in the board frame, m, in the order of OpenCV's corner ids."""
+    return np.asarray(opencv_board(spec).getChessboardCorners(), float).reshape(-1, 3)

@@ -18,7 +18,7 @@ import torch
 import yaml
 
 from estimator import ContactEstimator
-from estimator.recording import estimate_picture
+from estimator.contact.recording import estimate_picture
 from tests.small_scene import small_scene
 from vbaa_calib.cli.main import main
 from vbaa_calib.rig import Rig

@@ -8,20 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.calibrate.over_board import (
-    FreeAntenna,
-    OverBoardSolution,
-    nominal_free_antenna,
-    solve_over_board,
-)
+from vbaa_calib.calibrate.over_board.free_antenna import FreeAntenna, nominal_free_antenna
+from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
-from vbaa_calib.synth.lens import project
-from vbaa_calib.synth.picture import studio
-from vbaa_calib.synth.render_board import print_sheet
-from vbaa_calib.synth.scene import Joints, OverSpec, Scene, bundled_scene, camera_pose
-from vbaa_calib.synth.scene_file import load_scene
-from vbaa_calib.synth.write_over import over_wires, render_over
+from vbaa_calib.simulate.render.board import print_sheet
+from vbaa_calib.simulate.render.picture import studio
+from vbaa_calib.simulate.scene.lens import project
+from vbaa_calib.simulate.scene.scene import Joints, OverSpec, Scene, bundled_scene, camera_pose
+from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.write_boards import over_wires, render_over
 
 CLAMP_ABOUT_Y_STD, BOW_Y_STD, BOW_Z_STD, LOG_STIFFNESS_STD = 0.002, 0.02, 0.3, 0.05
 LENGTH_STD_M, HEIGHT_STD_M = 3e-4, 1e-4

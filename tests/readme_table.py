@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.felt import Felt, feel
-from estimator.table import read_contacts
-from vbaa_calib.cli.demo import SCENES
+from estimator.object.estimate import Felt, feel
+from estimator.table.table import read_contacts
 from vbaa_calib.rig import Rig
+from viz.cli.demo import SCENES
 
 NUMBER = r"\d+(?:\.\d+)?"
 LEVEL = "95 %"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from vbaa_calib.files import read_yaml
-from vbaa_calib.synth.scene import bundled_scene
+from vbaa_calib.core.files import read_yaml
+from vbaa_calib.simulate.scene.scene import bundled_scene
 
 
 def small_scene(noload: int, loads: Sequence[int]) -> dict[str, Any]:

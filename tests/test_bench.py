@@ -16,16 +16,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vbaa_calib.bench import bench_cli, subjects
-from vbaa_calib.bench.averages import or_none, rms, rms_known
-from vbaa_calib.bench.output import Measured, write
-from vbaa_calib.bench.rows import as_json, cell, write_csv
-from vbaa_calib.bench.subject import Findings, Options
-from vbaa_calib.bench.subjects import SUBJECTS, Subject
-from vbaa_calib.bench.summary import Line, as_text
-from vbaa_calib.bench.timing import least_seconds, machine, median_seconds
+from benchmarks import subjects
+from benchmarks.harness import (
+    Findings,
+    Line,
+    Options,
+    as_json,
+    as_text,
+    cell,
+    least_seconds,
+    machine,
+    median_seconds,
+    or_none,
+    rms,
+    rms_known,
+    write_csv,
+)
+from benchmarks.subjects import SUBJECTS, Measured, Subject, write
+from vbaa_calib.cli import bench as bench_cli
 from vbaa_calib.cli import main
-from vbaa_calib.errors import SolveError
+from vbaa_calib.core.errors import SolveError
 
 SUITE = [subject for subject in SUBJECTS.values() if subject.suite]
 NAMED = {"metric", "calibration", "vision", "estimator", "object", "chain"}
@@ -220,7 +230,7 @@ def test_what_makes_no_sense_is_refused_before_any_work(wrong: list[str], seen, 
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_any_work(seen, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr("vbaa_calib.files.os.access", lambda *_: False)
+    monkeypatch.setattr("vbaa_calib.core.files.os.access", lambda *_: False)
     assert main(["bench", "metric", "--out", str(tmp_path)]) == 2
     assert seen == []
     assert "read-only" in capsys.readouterr().err
@@ -277,8 +287,8 @@ def test_an_empty_table_is_named(tmp_path: Path) -> None:
 
 def test_a_real_subject_from_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """Undistortion on one lens, few points: the files open, the second run is the first but for its times."""
-    from vbaa_calib.bench import metric_run
-    from vbaa_calib.bench.lenses import lenses
+    from benchmarks.metric import metric as metric_run
+    from benchmarks.metric.metric import lenses
 
     monkeypatch.setattr(metric_run, "lenses", lambda: {"radial, 5": lenses()["radial, 5"]})
     tables = []
@@ -331,7 +341,7 @@ def test_means() -> None:
 def ticks(monkeypatch: pytest.MonkeyPatch, durations: Iterator[float]) -> Callable[[], None]:
     """A function that takes as long as told, on a clock of its own."""
     now = [0.0]
-    monkeypatch.setattr("vbaa_calib.bench.timing.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("benchmarks.harness.time.perf_counter", lambda: now[0])
 
     def work() -> None:
         now[0] += next(durations)

@@ -10,16 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.bench import calibration_peers
-from vbaa_calib.bench.calibration import headline
-from vbaa_calib.bench.calibration_figure import STYLES, write_figure
-from vbaa_calib.bench.calibration_judge import error_mm, plane_c
-from vbaa_calib.bench.calibration_methods import SOLVERS, screening, solve_oracle
-from vbaa_calib.bench.calibration_peers import INTERPRETERS, absence, interpreter_of, solve_with, versions
-from vbaa_calib.bench.calibration_report import as_text
-from vbaa_calib.bench.calibration_rigs import SIGMA_PX, draw, rigs
-from vbaa_calib.bench.calibration_run import Row, run
-from vbaa_calib.bench.rows import write_csv
+from benchmarks.calibration import peers as calibration_peers
+from benchmarks.calibration.calibration import STYLES, Row, as_text, headline, run, write_figure
+from benchmarks.calibration.judge import error_mm, plane_c
+from benchmarks.calibration.methods import SOLVERS, screening, solve_oracle
+from benchmarks.calibration.peers import INTERPRETERS, absence, interpreter_of, solve_with, versions
+from benchmarks.calibration.rigs import SIGMA_PX, draw, rigs
+from benchmarks.harness import write_csv
 
 
 def test_the_judge_reports_a_wrong_lens_at_its_size() -> None:

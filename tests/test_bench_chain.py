@@ -9,26 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.chain.bound import Information, as_told, at_places, contact_bound, equally_told, information_of
+from benchmarks.chain.chain import Measured, as_text, bounds, headline, run
+from benchmarks.chain.figure import write_figure
+from benchmarks.chain.judge import reading, verdict
+from benchmarks.chain.losses import sight
+from benchmarks.chain.methods import OURS, Answers
+from benchmarks.chain.scenes import FRICTION_STD_RAD, Cell, Photograph, cell, drawn, seen_pixels
+from benchmarks.estimator.scenes import push_for_slope, rolled, scenes
+from benchmarks.estimator.shapes import Touches, rod_shapes
+from benchmarks.harness import write_csv
 from estimator import ContactEstimator
-from vbaa_calib.bench.chain_bound import (
-    Information,
-    as_told,
-    at_places,
-    contact_bound,
-    equally_told,
-    information_of,
-)
-from vbaa_calib.bench.chain_clock import reading
-from vbaa_calib.bench.chain_figure import write_figure
-from vbaa_calib.bench.chain_judge import verdict
-from vbaa_calib.bench.chain_losses import sight
-from vbaa_calib.bench.chain_methods import OURS, Answers
-from vbaa_calib.bench.chain_report import as_text, headline
-from vbaa_calib.bench.chain_run import Measured, bounds, run
-from vbaa_calib.bench.chain_scenes import FRICTION_STD_RAD, Cell, Photograph, cell, drawn, seen_pixels
-from vbaa_calib.bench.estimator_scenes import push_for_slope, rolled, scenes
-from vbaa_calib.bench.estimator_shapes import Touches, rod_shapes
-from vbaa_calib.bench.rows import write_csv
 
 SIZE = (320, 320)
 

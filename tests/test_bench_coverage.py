@@ -9,18 +9,24 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from vbaa_calib.bench import coverage_run
-from vbaa_calib.bench.coverage import headline
-from vbaa_calib.bench.coverage_draw import MOMENT_NM, draw, drawn_truth
-from vbaa_calib.bench.coverage_report import as_text, write_figure
-from vbaa_calib.bench.coverage_rigs import BOARD, GRID, T_ANTENNA_JIG, coverage_rigs
-from vbaa_calib.bench.coverage_run import JUDGED, Outcome, errors_of, outcome, outcomes, run
-from vbaa_calib.bench.coverage_solve import Solved
-from vbaa_calib.bench.coverage_statistics import Errors, Statistics, statistics
-from vbaa_calib.bench.rows import write_csv
+from benchmarks.coverage import coverage as coverage_run
+from benchmarks.coverage.coverage import (
+    JUDGED,
+    Outcome,
+    as_text,
+    errors_of,
+    headline,
+    outcome,
+    outcomes,
+    run,
+    write_figure,
+)
+from benchmarks.coverage.rigs import BOARD, GRID, MOMENT_NM, T_ANTENNA_JIG, coverage_rigs, draw, drawn_truth
+from benchmarks.coverage.solve import Errors, Solved, Statistics, statistics
+from benchmarks.harness import write_csv
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli import main
-from vbaa_calib.errors import SolveError
+from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Load
 

@@ -11,10 +11,20 @@ import pytest
 import yaml
 
 from targets.board import BoardSpec
-from vbaa_calib.bench.detector_report import as_text, is_sound, mean_bias_px, verdict
-from vbaa_calib.bench.detector_test import DETECTORS, OPENCV, OURS, Row, opencv_corners, try_detectors
 from vbaa_calib.cli.main import main
-from vbaa_calib.detect.corners import BoardView, detect_corners
+from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.doctor.detector_test import (
+    DETECTORS,
+    OPENCV,
+    OURS,
+    Row,
+    as_text,
+    is_sound,
+    mean_bias_px,
+    opencv_corners,
+    try_detectors,
+    verdict,
+)
 
 SPEC = BoardSpec(6, 5, 0.02, 0.014)
 QUICK = {"square_px": (40.0,), "blur_px": (0.7,)}
@@ -85,7 +95,7 @@ def test_the_verb_reports_in_words_and_json(
     def quick(spec: BoardSpec, pictures: int, seed: int) -> list[Row]:
         return try_detectors(spec, pictures, seed, **QUICK)
 
-    monkeypatch.setattr("vbaa_calib.bench.detector_test.try_detectors", quick)
+    monkeypatch.setattr("vbaa_calib.doctor.detector_test.try_detectors", quick)
     assert main(["selftest", "--board", str(board), "--pictures", "1", "--json"]) == 0
     captured = capsys.readouterr()
     result = json.loads(captured.out)

@@ -9,31 +9,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.bench import estimator_grid, estimator_rods
-from vbaa_calib.bench.estimator import headline
-from vbaa_calib.bench.estimator_bound import bound
-from vbaa_calib.bench.estimator_grid import FROM_TIP_STD, LARGEST_BOUND, planned
-from vbaa_calib.bench.estimator_grid_report import grid_text, rod_text, write_figure
-from vbaa_calib.bench.estimator_rods import POPULATIONS
-from vbaa_calib.bench.estimator_scenes import (
-    Scenes,
-    random_scenes,
-    rolled,
-    scenes,
-)
-from vbaa_calib.bench.estimator_setup import Setup
-from vbaa_calib.bench.estimator_speed import ESTIMATOR, SpeedRow
-from vbaa_calib.bench.estimator_statistics import (
-    QUANTITIES,
-    Estimates,
-    estimate,
-    quality,
-    standard_errors,
-    truth,
-    words,
-)
-from vbaa_calib.bench.estimator_summary import summary
-from vbaa_calib.bench.rows import write_csv
+from benchmarks.estimator import grid as estimator_grid
+from benchmarks.estimator import rods as estimator_rods
+from benchmarks.estimator.bound import bound
+from benchmarks.estimator.estimator import headline
+from benchmarks.estimator.grid import FROM_TIP_STD, LARGEST_BOUND, planned, summary
+from benchmarks.estimator.report import grid_text, rod_text, write_figure
+from benchmarks.estimator.rods import POPULATIONS
+from benchmarks.estimator.scenes import Scenes, random_scenes, rolled, scenes
+from benchmarks.estimator.setup import Setup
+from benchmarks.estimator.speed import ESTIMATOR, SpeedRow
+from benchmarks.estimator.statistics import QUANTITIES, Estimates, estimate, quality, standard_errors, truth, words
+from benchmarks.harness import write_csv
 
 UPRIGHT = Setup("none").rig()
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.bench.estimator_bound import bound
-from vbaa_calib.bench.estimator_scenes import (
+from benchmarks.estimator.bound import bound
+from benchmarks.estimator.scenes import (
     deflection_of_push,
     push_for_deflection,
     push_for_slope,
@@ -16,9 +16,9 @@ from vbaa_calib.bench.estimator_scenes import (
     rolled,
     scenes,
 )
-from vbaa_calib.bench.estimator_setup import ACROSS, LENSES, RIG_STD, TOWARDS_CLAMP, Setup, drawn_truth, inside
-from vbaa_calib.bench.estimator_shapes import elastica_shapes, rod_shapes
-from vbaa_calib.errors import InputError
+from benchmarks.estimator.setup import ACROSS, LENSES, RIG_STD, TOWARDS_CLAMP, Setup, drawn_truth, inside
+from benchmarks.estimator.shapes import elastica_shapes, rod_shapes
+from vbaa_calib.core.errors import InputError
 
 UPRIGHT = Setup("none").rig()
 

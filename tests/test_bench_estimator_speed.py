@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.bench import estimator_hostile, estimator_speed
-from vbaa_calib.bench.estimator_baselines import PARTS, at_shares, baselines
-from vbaa_calib.bench.estimator_figure import hard_text, hostile_text, speed_text, write_figure
-from vbaa_calib.bench.estimator_hard import estimated, judged, run
-from vbaa_calib.bench.estimator_hard_cases import CASES, Hard, resized
-from vbaa_calib.bench.estimator_scipy import by_loop
-from vbaa_calib.bench.estimator_setup import Setup
-from vbaa_calib.bench.estimator_speed import ESTIMATOR, LOOP, PAPER, SpeedRow, population
+from benchmarks.estimator import hard as estimator_hostile
+from benchmarks.estimator import speed as estimator_speed
+from benchmarks.estimator.baselines import PARTS, at_shares, baselines, by_loop
+from benchmarks.estimator.hard import estimated, judged, run
+from benchmarks.estimator.hard_cases import CASES, Hard, resized
+from benchmarks.estimator.report import hard_text, hostile_text, speed_text
+from benchmarks.estimator.report import write_speed_figure as write_figure
+from benchmarks.estimator.setup import Setup
+from benchmarks.estimator.speed import ESTIMATOR, LOOP, PAPER, SpeedRow, population
 
 
 @cache
@@ -109,7 +110,7 @@ def test_hostile_frames_are_replayed_and_judged() -> None:
 
 def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """Contacts moved by ten deviations are found out, and so is a NaN."""
-    honest = estimator_hostile.estimated
+    honest = estimator_hostile.estimated_at_random
 
     def moved(drawn: estimator_hostile.Replayed) -> object:
         found = honest(drawn)
@@ -117,16 +118,16 @@ def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
         force[:, 2] = np.nan
         return replace(found, distance_m=found.distance_m + 10.0 * found.distance_std_m, force_N=force)
 
-    before = estimator_hostile.judged(5, 0, 30)
+    before = estimator_hostile.judged_at_random(5, 0, 30)
     monkeypatch.setattr(estimator_hostile, "estimated", moved)
-    after = estimator_hostile.judged(5, 0, 30)
+    after = estimator_hostile.judged_at_random(5, 0, 30)
     assert after.claimed == before.claimed
     assert after.nan == after.claimed
     assert after.beyond == after.claimed - after.imagined
 
 
 def test_hostile_counts_the_frames_that_raise(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = estimator_hostile.estimated
+    honest = estimator_hostile.estimated_at_random
 
     def brittle(drawn: estimator_hostile.Replayed) -> object:
         if np.isnan(drawn.readings_Nm).any():
@@ -134,7 +135,7 @@ def test_hostile_counts_the_frames_that_raise(monkeypatch: pytest.MonkeyPatch) -
         return honest(drawn)
 
     monkeypatch.setattr(estimator_hostile, "estimated", brittle)
-    row = estimator_hostile.judged(5, 0, 20)
+    row = estimator_hostile.judged_at_random(5, 0, 20)
     assert row.exceptions == np.isnan(estimator_hostile.replay(5, 0, 20).readings_Nm).sum() > 0
     assert row.failure == "ZeroDivisionError: no reading"
     assert "no reading: replay(seed=5, chunk=0, frames=20)" in hostile_text([row])

@@ -8,15 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.contact_row import ContactTable
+from benchmarks.growth.growth import SERIES, Grown, Power, Series, cost_of, fitted, follow, resident_MB
+from benchmarks.growth.report import as_rows, numbers, table, write_figure
+from benchmarks.growth.work import repeated
+from estimator.table.columns import ContactTable
 from tests.viz.touching import cylinder, touch
-from vbaa_calib.bench.growth_clock import cost_of, resident_MB
-from vbaa_calib.bench.growth_figure import write_figure
-from vbaa_calib.bench.growth_fit import Power, fitted
-from vbaa_calib.bench.growth_follow import Grown, follow
-from vbaa_calib.bench.growth_report import as_rows, numbers, table
-from vbaa_calib.bench.growth_series import SERIES, Series
-from vbaa_calib.bench.growth_work import repeated
 
 SIZES = [10, 30, 100, 300, 1000, 3000]
 

@@ -7,15 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from targets.charuco import corner_points
-from vbaa_calib.bench.guided import headline
-from vbaa_calib.bench.guided_judge import true_error_mm
-from vbaa_calib.bench.guided_report import as_text, pictures_needed, write_figure
-from vbaa_calib.bench.guided_rigs import rigs
-from vbaa_calib.bench.guided_run import Row, session
-from vbaa_calib.bench.guided_shots import Photographer, wanted_pose
-from vbaa_calib.bench.guided_ways import PEOPLE, SUGGESTED, WAYS
-from vbaa_calib.calibrate.next_view import lens_progress
+from benchmarks.guided.guided import Row, as_text, headline, pictures_needed, session, write_figure
+from benchmarks.guided.rigs import Photographer, rigs, true_error_mm, wanted_pose
+from benchmarks.guided.ways import PEOPLE, SUGGESTED, WAYS
+from targets.board import corner_points
+from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.geometry import Pose
 
 
@@ -82,7 +78,7 @@ def test_every_way_takes_pictures(way):
 
 
 def test_three_suggested_pictures_go_a_long_way(monkeypatch, tmp_path):
-    monkeypatch.setattr("vbaa_calib.bench.guided_run.ENOUGH_SUGGESTED", 3)
+    monkeypatch.setattr("benchmarks.guided.guided.ENOUGH_SUGGESTED", 3)
     judged = session(rigs()[0], SUGGESTED, 0)
     assert judged[3].true < 0.15
     assert judged[3].predicted < 0.15

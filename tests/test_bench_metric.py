@@ -8,11 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.bench.lenses import lenses
-from vbaa_calib.bench.metric import headline
-from vbaa_calib.bench.metric_report import as_text, write_figure
-from vbaa_calib.bench.metric_run import contestants, errors_px, run
-from vbaa_calib.bench.rows import write_csv
+from benchmarks.harness import write_csv
+from benchmarks.metric.metric import as_text, contestants, errors_px, headline, lenses, run, write_figure
 
 
 @pytest.fixture(scope="module")

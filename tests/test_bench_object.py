@@ -9,18 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.bench import object_run as bench
-from vbaa_calib.bench.averages import rms_known
-from vbaa_calib.bench.estimator_setup import drawn_truth
-from vbaa_calib.bench.object import headline
-from vbaa_calib.bench.object_cases import AXIS, CASES, CENTRE, SETUP, SOFT, Case
-from vbaa_calib.bench.object_judge import covered, judge
-from vbaa_calib.bench.object_onset import AlarmRow
-from vbaa_calib.bench.object_report import as_text, write_figure
-from vbaa_calib.bench.object_scenes import Recorded, contacts, play
-from vbaa_calib.bench.rows import write_csv
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.scene import Sweep
+from benchmarks.estimator.setup import drawn_truth
+from benchmarks.harness import rms_known, write_csv
+from benchmarks.object import object as bench
+from benchmarks.object.cases import AXIS, CASES, CENTRE, SETUP, SOFT, Case
+from benchmarks.object.judge import covered, judge
+from benchmarks.object.object import as_text, headline, write_figure
+from benchmarks.object.onset import AlarmRow
+from benchmarks.object.scenes import Recorded, contacts, play
+from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.scene import Sweep
 
 
 def _cylinder(stiffness_N_m: float, friction: float) -> TouchObject:

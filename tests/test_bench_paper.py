@@ -10,19 +10,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimator.baselines import Ring
-from estimator.baselines.ringing import fit_ringing
+from benchmarks.harness import save, write_csv
+from benchmarks.paper import friction as paper_drag
+from benchmarks.paper import friction as paper_friction
+from benchmarks.paper import sensing as paper_sensing
+from benchmarks.paper import yielding as paper_yielding
+from benchmarks.paper.figure import fig5, fig7, yielding
+from benchmarks.paper.friction import Cone, Trace, cone
+from benchmarks.paper.paper import friction_text, headline, sensing_text, yielding_text
+from benchmarks.paper.rig import free_shape, paper_rig, ring_down, taken
+from benchmarks.paper.sensing import ALL_POINTS, TWO_POINTS
+from estimator.paper.baselines import Ring
+from estimator.paper.baselines.vibration import fit_ringing
 from tests.estimator import vibrations
-from vbaa_calib.bench import paper_drag, paper_friction, paper_sensing, paper_yielding
-from vbaa_calib.bench.figures import save
-from vbaa_calib.bench.paper import headline
-from vbaa_calib.bench.paper_figure import fig5, fig7, yielding
-from vbaa_calib.bench.paper_friction import Cone, Trace, cone
-from vbaa_calib.bench.paper_report import friction_text, sensing_text, yielding_text
-from vbaa_calib.bench.paper_rig import free_shape, paper_rig, taken
-from vbaa_calib.bench.paper_ring import ring_down
-from vbaa_calib.bench.paper_sensing import ALL_POINTS, TWO_POINTS
-from vbaa_calib.bench.rows import write_csv
 
 
 @cache

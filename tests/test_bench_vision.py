@@ -8,15 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.bench.rows import write_csv
-from vbaa_calib.bench.vision import headline
-from vbaa_calib.bench.vision_hard import HARDSHIPS, good, mixed
-from vbaa_calib.bench.vision_judge import bound_px, score
-from vbaa_calib.bench.vision_paths import Bend, aside_px, path_px
-from vbaa_calib.bench.vision_report import as_text, write_figure
-from vbaa_calib.bench.vision_run import hardships, hostile, methods
-from vbaa_calib.bench.vision_scenes import Block, Shot, light, truth
-from vbaa_calib.detect.centreline import Centreline
+from benchmarks.harness import write_csv
+from benchmarks.vision.hard import HARDSHIPS, good, mixed
+from benchmarks.vision.judge import bound_px, score
+from benchmarks.vision.scenes import Bend, Block, Shot, aside_px, light, path_px, truth
+from benchmarks.vision.vision import as_text, hardships, headline, hostile, methods, write_figure
+from vbaa_calib.detect.whisker.centreline import Centreline
 
 SIZE = (400, 300)
 

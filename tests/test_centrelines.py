@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Centrelines, centrelines, read_centrelines
 
 HEADER = "frame,u_px,v_px,sigma_px"

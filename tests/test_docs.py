@@ -20,8 +20,8 @@ import yaml
 
 from targets.board import BoardSpec
 from vbaa_calib.cli.main import VERBS, _verb_parser, main
-from vbaa_calib.errors import InputError
-from vbaa_calib.files import read_yaml
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_yaml
 
 from .small_scene import small_scene
 

@@ -17,9 +17,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vbaa_calib.csv_rows import number, read_csv, whole_number
-from vbaa_calib.errors import InputError
-from vbaa_calib.files import (
+from vbaa_calib.core.csv_rows import number, read_csv, whole_number
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import (
     read_json,
     read_text,
     read_yaml,

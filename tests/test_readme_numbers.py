@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.cli.demo import SCENES
+from viz.cli.demo import SCENES
 
 from .readme_table import table_in_readme
 

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.camera import Camera
-from vbaa_calib.reprojection import ImageCurves, SeenPoints, feet, image_curves, see, whitened_residuals
+from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, see, whitened_residuals
 
 from .rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose, pushing
 

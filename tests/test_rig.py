@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator import Contact, ContactEstimator
-from estimator.table import LOCATED, STATUSES
+from estimator.table.columns import LOCATED, STATUSES
 from tests.estimator.drawn_frames import path_px, rig_of, shape
 from vbaa_calib import schemas
 from vbaa_calib.camera import Camera
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
 

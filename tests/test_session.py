@@ -16,7 +16,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import (
     MomentSensor,
     OverBoard,

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.table import read_contacts
+from benchmarks.growth.work import SESSION, write_recording
+from estimator.table.table import read_contacts
 from tests.estimator.drawn_frames import picture, rig_of, shape
-from vbaa_calib.bench.growth_recording import SESSION, write_recording
 
 MOST_MB = 20.0
 POINTS = 40
@@ -21,7 +21,7 @@ POINTS = 40
 CHILD = """
 import json, sys
 from pathlib import Path
-import vbaa_calib.console
+import vbaa_calib.core.console
 from vbaa_calib.cli.main import main
 
 every, *argv = sys.argv[1:]
@@ -36,7 +36,7 @@ def watched(items, what, total=None):
         yield item
 
 
-vbaa_calib.console.progress = watched
+vbaa_calib.core.console.progress = watched
 code = main(argv)
 print(json.dumps({"code": code, "samples": samples}))
 """

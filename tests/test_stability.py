@@ -15,24 +15,24 @@ import numpy as np
 import pytest
 import yaml
 
-import vbaa_calib.calibrate.calibration as calibration
-import vbaa_calib.calibrate.session_plane as session_plane
+import vbaa_calib.calibrate.pipeline as calibration
+import vbaa_calib.calibrate.plane_c as session_plane
+from benchmarks.estimator.hard_cases import CASES, Hard
 from benchmarks.processors import WAYS, simulated
 from benchmarks.reported import Report, apart, of_budget, of_contacts, of_lens, of_object, of_rig
 from estimator import ContactEstimator
-from estimator.budget import error_budget
-from estimator.contact_row import ContactRow, ContactTable
-from estimator.felt import feel
-from estimator.recording import estimate_pictures
-from vbaa_calib.bench.estimator_hard_cases import CASES, Hard
-from vbaa_calib.calibrate.calibration import Calibration, calibrate
-from vbaa_calib.calibrate.intrinsics import solve_intrinsics
-from vbaa_calib.calibrate.lens_models import LENS_MODELS
-from vbaa_calib.cli.demo import SCENES
+from estimator.budget.budget import error_budget
+from estimator.contact.recording import estimate_pictures
+from estimator.object.estimate import feel
+from estimator.table.columns import ContactRow, ContactTable
+from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens.models import LENS_MODELS
+from vbaa_calib.calibrate.pipeline import Calibration, calibrate
 from vbaa_calib.cli.main import main
-from vbaa_calib.detect.corners import BoardView
+from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, load_session, read_recording
+from viz.cli.demo import SCENES
 
 from .calibrate.photo_sets import detected
 from .small_scene import small_scene

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna import rod as rod_module
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
-from vbaa_calib.errors import InputError, SolveError
+from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
 
 L, EI, GJ, MASS, G = 0.24, 3.9e-3, 3.0e-3, 0.004, 9.80665

@@ -8,8 +8,9 @@ import torch
 
 from tests.antenna.test_shape import EI, LENGTH, MASS, STRAIGHT, cases, moments, rods, worst_error_m
 from vbaa_calib.antenna import linear
+from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import RUNGS, curves
-from vbaa_calib.antenna.shape import CONTACT, Curves, bend
+from vbaa_calib.antenna.shape import Curves, bend
 
 
 def leaning(count: int, seed: int) -> np.ndarray:

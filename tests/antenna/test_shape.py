@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna import linear
+from vbaa_calib.antenna.nodes import CONTACT, aligned_arclength
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
-from vbaa_calib.antenna.shape import CONTACT, Curves, aligned_arclength, bend
+from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.geometry import Pose
 
 LENGTH, EI, MASS = 0.24, 3.9e-3, 3.97e-3

@@ -13,16 +13,16 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.calibrate.recheck_taken import NewPictures
+from vbaa_calib.calibrate.check.pictures import NewPictures
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
-from vbaa_calib.synth.picture import Studio, studio
-from vbaa_calib.synth.plan import AntennaShot, BoardShot, plan, stream
-from vbaa_calib.synth.render import render_shot
-from vbaa_calib.synth.render_board import Sheet, print_sheet
-from vbaa_calib.synth.scene import Joints, Scene, bundled_scene, true_rod
-from vbaa_calib.synth.scene_file import load_scene
-from vbaa_calib.synth.write import session_yaml
+from vbaa_calib.simulate.plan.plan import AntennaShot, BoardShot, plan, stream
+from vbaa_calib.simulate.render.board import Sheet, print_sheet
+from vbaa_calib.simulate.render.picture import Studio, studio
+from vbaa_calib.simulate.render.render import render_shot
+from vbaa_calib.simulate.scene.scene import Joints, Scene, bundled_scene, true_rod
+from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.write import session_yaml
 
 PARTS = ("intrinsics", "plane", "noload", "loads")
 LENS_STD = np.array([0.12, 0.12, 0.15, 0.13, 2e-4, 6e-4, 2e-5, 2e-5, 1e-3])

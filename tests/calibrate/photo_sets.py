@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from targets.board import BoardSpec
-from vbaa_calib.detect.corners import BoardView, detect_folder
+from vbaa_calib.detect.board.corners import BoardView, detect_folder
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _UCL = BoardSpec(19, 26, 0.005, 0.004, "DICT_4X4_250", legacy_pattern=True)

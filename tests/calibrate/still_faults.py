@@ -10,10 +10,10 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import RodShape, solve_rod
-from vbaa_calib.calibrate.joint import JointSolution, solve_joint
-from vbaa_calib.calibrate.joint_problem import Observation, Prior
-from vbaa_calib.calibrate.pose_estimate import PoseEstimate
-from vbaa_calib.calibrate.session_rig import prior
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, solve_joint
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
+from vbaa_calib.calibrate.antenna.session_rig import prior
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, LoadReadings, NominalAntenna, Session, Still, gravity_antenna

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.camera import Camera
-from vbaa_calib.detect.corners import BoardView
+from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import SweepPicture
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from targets.board import BoardSpec
-from targets.charuco import corner_points
-from vbaa_calib.calibrate.lens_models import PROJECTIONS, LensModel
-from vbaa_calib.detect.corners import BoardView
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.lens.models import PROJECTIONS, LensModel
+from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
 SPEC = BoardSpec(squares_x=9, squares_y=6, square_m=0.012, marker_m=0.009)

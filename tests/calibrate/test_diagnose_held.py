@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.diagnose import explain_failure, still_diagnoses
-from vbaa_calib.calibrate.diagnose.scatter import own_scatter
-from vbaa_calib.calibrate.joint_problem import Observation, Prior
-from vbaa_calib.diagnosis import Diagnosis
-from vbaa_calib.errors import SolveError
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
+from vbaa_calib.calibrate.faults.free_antenna import own_scatter
+from vbaa_calib.calibrate.faults.stills import explain_failure, still_diagnoses
+from vbaa_calib.core.errors import Diagnosis, SolveError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, gravity_antenna
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.diagnose import explain_failure, still_diagnoses, typed_load_doubts
-from vbaa_calib.calibrate.diagnose.free_base import solve_free
-from vbaa_calib.calibrate.diagnose.load_rows import row_diagnoses, wrong_rows
-from vbaa_calib.calibrate.diagnose.readings import other_readings
-from vbaa_calib.calibrate.joint import JointSolution
-from vbaa_calib.calibrate.joint_problem import Observation, Prior
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
+from vbaa_calib.calibrate.faults.free_antenna import solve_free
+from vbaa_calib.calibrate.faults.load_rows import row_diagnoses, wrong_rows
+from vbaa_calib.calibrate.faults.stills import explain_failure, still_diagnoses
+from vbaa_calib.calibrate.faults.typed_loads import other_readings, typed_load_doubts
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load
 

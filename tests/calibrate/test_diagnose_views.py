@@ -8,17 +8,22 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from targets.charuco import corner_points
-from vbaa_calib.calibrate.diagnose_views import same_pose, view_set_diagnoses
-from vbaa_calib.calibrate.diagnose_views.aspect import print_aspect
-from vbaa_calib.calibrate.diagnose_views.change import drift, find_change, steps
-from vbaa_calib.calibrate.diagnose_views.focus import centre_moved, focus_changed
-from vbaa_calib.calibrate.diagnose_views.scores import OwnScores, SetScores, set_scores
-from vbaa_calib.calibrate.diagnose_views.variety import coverage
-from vbaa_calib.calibrate.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens_models import PROJECTIONS
-from vbaa_calib.detect.corners import BoardView
-from vbaa_calib.diagnosis import Diagnosis
+from targets.board import corner_points
+from vbaa_calib.calibrate.faults.variety import coverage, same_pose
+from vbaa_calib.calibrate.faults.view_scores import OwnScores, SetScores, set_scores
+from vbaa_calib.calibrate.faults.views import (
+    centre_moved,
+    drift,
+    find_change,
+    focus_changed,
+    print_aspect,
+    steps,
+    view_set_diagnoses,
+)
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
 from .photo_sets import detected

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.diagnose_views import resolution_changed, same_pose
-from vbaa_calib.calibrate.lens_models import LENS_MODELS
+from vbaa_calib.calibrate.faults.variety import resolution_changed, same_pose
+from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.geometry import Pose
 
 from .synthetic_views import CENTRE, SPEC, pose_towards, views_of

@@ -7,17 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from targets.charuco import corner_points
-from vbaa_calib.calibrate.bundle import free_directions, refine
-from vbaa_calib.calibrate.corner_stack import Observation
-from vbaa_calib.calibrate.intrinsics import solve_intrinsics
-from vbaa_calib.calibrate.intrinsics_cli import MODELS
-from vbaa_calib.calibrate.lens_fold import is_monotonic
-from vbaa_calib.calibrate.lens_information import lens_covariance
-from vbaa_calib.calibrate.lens_models import LENS_MODELS
-from vbaa_calib.calibrate.view_screening import fixes_homography
-from vbaa_calib.detect.corners import BoardView
-from vbaa_calib.errors import InputError
+from targets.board import corner_points
+from vbaa_calib.calibrate.lens.bundle import Observation, free_directions, refine
+from vbaa_calib.calibrate.lens.information import lens_covariance
+from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, is_monotonic
+from vbaa_calib.cli.intrinsics import MODELS
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.view_quality import fixes_homography
 
 from .synthetic_views import SPEC, pose_towards, views_of
 

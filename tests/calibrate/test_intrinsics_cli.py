@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 from targets.board import BoardSpec
-from vbaa_calib.calibrate.lens_models import LENS_MODELS
+from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
-from vbaa_calib.detect.board_file import load_board
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.board_file import load_board
 
 from .photo_sets import photo_set
 

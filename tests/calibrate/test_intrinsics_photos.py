@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from targets.charuco import corner_points
-from vbaa_calib.calibrate.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.detect.corners import detect_corners, detect_folder
-from vbaa_calib.errors import InputError
-from vbaa_calib.images import list_images, read_gray
+from targets.board import corner_points
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import list_images, read_gray
+from vbaa_calib.detect.board.corners import detect_corners, detect_folder
 
 from .photo_sets import detected, photo_set
 

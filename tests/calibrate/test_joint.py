@@ -10,15 +10,15 @@ import pytest
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.calibrate.calibration_report import antenna_doubts, prior_doubts, sensor_doubts, still_doubts
-from vbaa_calib.calibrate.joint import JointSolution, noise_scale, solve_joint
-from vbaa_calib.calibrate.joint_checks import check
-from vbaa_calib.calibrate.joint_problem import Observation
-from vbaa_calib.calibrate.pose_estimate import PoseEstimate
-from vbaa_calib.calibrate.session_rig import make_rig, prior
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, noise_scale, solve_joint
+from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.residual_checks import check
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
+from vbaa_calib.calibrate.report import antenna_doubts, prior_doubts, sensor_doubts, still_doubts
 from vbaa_calib.camera import Camera
-from vbaa_calib.detect.paint import Paint
-from vbaa_calib.errors import SolveError
+from vbaa_calib.core.errors import SolveError
+from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import RIG_PARAMETERS, MomentSensor
 from vbaa_calib.session import Load, NominalAntenna, Session, Still

@@ -5,13 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vbaa_calib.bench.calibration_methods import solve_oracle, solve_ours
-from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
-from vbaa_calib.calibrate.board_flex import observations_of
-from vbaa_calib.calibrate.bundle import free_directions
-from vbaa_calib.calibrate.lens_fold import Unfolding, corner_radius, is_monotonic, radial_curve, rational_like
-from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of
-from vbaa_calib.calibrate.lens_start import fit_lens, unfolded
+from benchmarks.calibration.methods import solve_oracle, solve_ours
+from benchmarks.calibration.rigs import BOARD, draw, rigs
+from vbaa_calib.calibrate.lens.board_flex import observations_of
+from vbaa_calib.calibrate.lens.bundle import free_directions
+from vbaa_calib.calibrate.lens.initialization import fit_lens, unfolded
+from vbaa_calib.calibrate.lens.models import (
+    LENS_MODELS,
+    Unfolding,
+    camera_of,
+    corner_radius,
+    is_monotonic,
+    radial_curve,
+    rational_like,
+)
 
 WIDE = rigs()[2]
 FISHEYE = np.array([520.0, 521.0, 641.0, 358.0, 0.05, -0.01, 0.003, -0.001])

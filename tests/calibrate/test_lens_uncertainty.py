@@ -9,16 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from vbaa_calib.bench.calibration_methods import solve_ours
-from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
-from vbaa_calib.calibrate.board_flex import observations_of
-from vbaa_calib.calibrate.bundle import free_directions, refine
-from vbaa_calib.calibrate.corner_stack import Observation
-from vbaa_calib.calibrate.halves import AGREE, Halves, compare_halves
-from vbaa_calib.calibrate.held_out import held_out_squares, solved_squares
-from vbaa_calib.calibrate.lens_information import information, lens_covariance
-from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of
-from vbaa_calib.calibrate.lens_uncertainty import (
+from benchmarks.calibration.methods import solve_ours
+from benchmarks.calibration.rigs import BOARD, draw, rigs
+from vbaa_calib.calibrate.lens.board_flex import observations_of
+from vbaa_calib.calibrate.lens.bundle import Observation, free_directions, refine
+from vbaa_calib.calibrate.lens.information import information, lens_covariance
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.lens.uncertainty import (
     compensate,
     pixel_grid,
     projection_jacobian,
@@ -26,8 +23,9 @@ from vbaa_calib.calibrate.lens_uncertainty import (
     ray_covariance,
     turn_jacobian,
 )
+from vbaa_calib.calibrate.lens.validation import AGREE, Halves, compare_halves, held_out_squares, solved_squares
 from vbaa_calib.camera import Camera
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 
 RIG = rigs()[0]
 GRID = (5, 4)

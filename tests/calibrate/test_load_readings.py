@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.joint import JointSolution, solve_joint
-from vbaa_calib.calibrate.joint_given import Observation
-from vbaa_calib.calibrate.joint_problem import Problem
-from vbaa_calib.calibrate.load_readings import EXACT, ReadingGroups, reading_keys, readings_altered
-from vbaa_calib.calibrate.pose_estimate import PoseEstimate
-from vbaa_calib.calibrate.session_rig import prior
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, solve_joint
+from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, ReadingGroups, reading_keys, readings_altered
+from vbaa_calib.calibrate.antenna.problem import Problem
+from vbaa_calib.calibrate.antenna.session_rig import prior
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.session import Load, LoadReadings, Still
 
 from ..rod_scenes import LENGTH_M

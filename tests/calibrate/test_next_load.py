@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.joint import JointSolution
-from vbaa_calib.calibrate.joint_problem import Observation, Prior
-from vbaa_calib.calibrate.load_readings import EXACT
-from vbaa_calib.calibrate.next_load import LoadSuggestion, load_progress
-from vbaa_calib.calibrate.next_load_readings import Planner
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
+from vbaa_calib.calibrate.guide.load_uncertainty import Planner
+from vbaa_calib.calibrate.guide.next_load import LoadSuggestion, load_progress
 from vbaa_calib.session import Load, LoadReadings
 
 from ..rod_scenes import World

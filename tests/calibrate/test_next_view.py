@@ -8,29 +8,29 @@ import cv2
 import numpy as np
 import pytest
 
-from targets.charuco import corner_points
-from vbaa_calib.bench.guided_judge import true_error_mm
-from vbaa_calib.bench.guided_rigs import Rig
-from vbaa_calib.calibrate import next_view
-from vbaa_calib.calibrate.bundle import Bundle, free_directions
-from vbaa_calib.calibrate.corner_stack import FLEX, Observation
-from vbaa_calib.calibrate.intrinsics import solve_intrinsics
-from vbaa_calib.calibrate.lens_information import information
-from vbaa_calib.calibrate.lens_models import LENS_MODELS, camera_of
-from vbaa_calib.calibrate.next_view import LEAST_VIEWS, WorkPlane, closeness, lens_progress, plane_progress
-from vbaa_calib.calibrate.next_view_plane import WorkPlane as Plane
-from vbaa_calib.calibrate.next_view_poses import candidates, coarse_set, shown_corners
-from vbaa_calib.calibrate.next_view_suggest import best_next
-from vbaa_calib.calibrate.next_view_taken import before_a_lens, with_a_lens
-from vbaa_calib.calibrate.next_view_words import lean_words, place_words, seen_as
-from vbaa_calib.calibrate.next_view_worth import (
+from benchmarks.guided.rigs import Rig, true_error_mm
+from targets.board import corner_points
+from vbaa_calib.calibrate.guide import next_view
+from vbaa_calib.calibrate.guide.jig_views import plane_progress
+from vbaa_calib.calibrate.guide.next_view import LEAST_VIEWS, lens_progress
+from vbaa_calib.calibrate.guide.poses import candidates, coarse_set, shown_corners
+from vbaa_calib.calibrate.guide.suggestion import best_next, closeness, lean_words, place_words, seen_as
+from vbaa_calib.calibrate.guide.view_uncertainty import (
     Design,
+    WorkPlane,
+    before_a_lens,
     design_about,
     mean_square,
     plane_functional,
     pulled_square,
     view_blocks,
+    with_a_lens,
 )
+from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane as Plane
+from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, Observation, free_directions
+from vbaa_calib.calibrate.lens.information import information
+from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.geometry import Pose
 
 from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board

@@ -7,17 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vbaa_calib.bench.calibration_judge import error_mm
-from vbaa_calib.bench.calibration_methods import kept_corners, screening, solve_oracle, solve_ours
-from vbaa_calib.bench.calibration_rigs import BOARD, draw, rigs
-from vbaa_calib.calibrate.board_flex import bend, judge_flex, observations_of
-from vbaa_calib.calibrate.bundle import free_directions, refine
-from vbaa_calib.calibrate.corner_stack import Observation
-from vbaa_calib.calibrate.lens_fold import is_monotonic
-from vbaa_calib.calibrate.lens_information import shared_covariance
-from vbaa_calib.calibrate.lens_models import LENS_MODELS
-from vbaa_calib.calibrate.lens_start import fit_lens, unfolded
-from vbaa_calib.calibrate.outliers import inlier_masks, outlier_limit_px
+from benchmarks.calibration.judge import error_mm
+from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
+from benchmarks.calibration.rigs import BOARD, draw, rigs
+from vbaa_calib.calibrate.lens.board_flex import bend, judge_flex, observations_of
+from vbaa_calib.calibrate.lens.bundle import Observation, free_directions, refine
+from vbaa_calib.calibrate.lens.information import shared_covariance
+from vbaa_calib.calibrate.lens.initialization import fit_lens, unfolded
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, is_monotonic
+from vbaa_calib.calibrate.lens.outliers import inlier_masks, outlier_limit_px
 
 RIGS = rigs()
 SPOILT = RIGS[4]

@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.over_board import ClampMark
-from vbaa_calib.calibrate.session_plane import sight_doubt
-from vbaa_calib.calibrate.ways import loosened
-from vbaa_calib.errors import InputError
+from vbaa_calib.calibrate.over_board.free_antenna import ClampMark
+from vbaa_calib.calibrate.plane_c import sight_doubt
+from vbaa_calib.calibrate.pose.fusion import loosened
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import read_gray
 from vbaa_calib.geometry import Pose
-from vbaa_calib.images import read_gray
-from vbaa_calib.synth.picture import studio
-from vbaa_calib.synth.render_board import print_sheet
-from vbaa_calib.synth.write_over import write_over
+from vbaa_calib.simulate.render.board import print_sheet
+from vbaa_calib.simulate.render.picture import studio
+from vbaa_calib.simulate.write_boards import write_over
 
 from ..over_scenes import HEIGHT_STD_M, LENGTH_STD_M, Shown, View, drawn_view, shown, tangent
 

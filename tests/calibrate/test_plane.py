@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from targets.charuco import corner_points
-from vbaa_calib.calibrate.board_flex import Bend
-from vbaa_calib.calibrate.intrinsics import solve_intrinsics
-from vbaa_calib.calibrate.lens_models import LENS_MODELS
-from vbaa_calib.calibrate.plane import solve_board_pose
+from targets.board import corner_points
+from vbaa_calib.calibrate.lens.board_flex import Bend
+from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens.models import LENS_MODELS
+from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
 from vbaa_calib.camera import Camera
-from vbaa_calib.detect.corners import BoardView
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
 from .photo_sets import detected

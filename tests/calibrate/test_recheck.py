@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 import yaml
 
-from vbaa_calib.calibrate.recheck import assess
+from vbaa_calib.calibrate.check.check import assess
 from vbaa_calib.camera import Camera
-from vbaa_calib.errors import InputError
-from vbaa_calib.synth.scene import Scene
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.simulate.scene.scene import Scene
 
 from .checked_rigs import (
     QUALITY,

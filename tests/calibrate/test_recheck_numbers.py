@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.recheck_change import Information, estimated_change
-from vbaa_calib.calibrate.recheck_finding import Evidence, Finding, worst
-from vbaa_calib.calibrate.recheck_maps import along_antenna, plane_map, projection_map
+from vbaa_calib.calibrate.check.finding import Evidence, Finding, Information, estimated_change, worst
+from vbaa_calib.calibrate.check.rig import along_antenna, plane_map, projection_map
 from vbaa_calib.rig import Rig
 
 from .checked_rigs import rig_of, scene

@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.recheck import Assessment, assess
-from vbaa_calib.calibrate.recheck_finding import Finding
-from vbaa_calib.calibrate.recheck_taken import NewPictures
+from vbaa_calib.calibrate.check.check import Assessment, assess
+from vbaa_calib.calibrate.check.finding import Finding
+from vbaa_calib.calibrate.check.pictures import NewPictures
 from vbaa_calib.cli.main import main
-from vbaa_calib.errors import InputError
-from vbaa_calib.images import read_gray
-from vbaa_calib.synth.write import session_yaml
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import read_gray
+from vbaa_calib.simulate.write import session_yaml
 
 from .checked_rigs import QUALITY, month_later, one_picture_each, rig_document, rig_of, scene
 

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.recheck import assess
-from vbaa_calib.calibrate.recheck_taken import NewPictures
-from vbaa_calib.errors import InputError
-from vbaa_calib.synth.scene import Scene
+from vbaa_calib.calibrate.check.check import assess
+from vbaa_calib.calibrate.check.pictures import NewPictures
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.simulate.scene.scene import Scene
 
 from .checked_rigs import (
     leaning,

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.calibration import calibrate
-from vbaa_calib.calibrate.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.session_plane import PlaneViews, find_plane, picture_folders, read_views
-from vbaa_calib.detect.corners import detect_folder
-from vbaa_calib.errors import InputError
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.pipeline import calibrate
+from vbaa_calib.calibrate.plane_c import PlaneViews, find_plane, picture_folders, read_views
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Session, load_session
-from vbaa_calib.synth.scene import Scene, bundled_scene
-from vbaa_calib.synth.scene_file import load_scene
-from vbaa_calib.synth.write import write_session
+from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
+from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.write import write_session
 
 WAYS = """
 kinematics: {axis_offset_m: 0.002, axis_skew_deg: 0.3, tilt_zero_deg: 0.25}

@@ -11,13 +11,18 @@ import pytest
 
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.rod import Rod, solve_rod
-from vbaa_calib.calibrate.correlated_noise import error_models
-from vbaa_calib.calibrate.deflection_table import DeflectionTable, read_deflections
-from vbaa_calib.calibrate.outlying_readings import outlying
-from vbaa_calib.calibrate.rod_fit import beam, by_compliance, elastica, least_squares
-from vbaa_calib.calibrate.stiffness import solve_stiffness
+from vbaa_calib.calibrate.antenna.deflection_fit import (
+    beam,
+    by_compliance,
+    elastica,
+    error_models,
+    least_squares,
+    outlying,
+)
+from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable, read_deflections
+from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
 from vbaa_calib.cli.main import main
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 
 ROD1 = Path(__file__).parents[3] / "shared/data/rod_deflection/rod1_square_steel.txt"
 FORCE_N, LENGTH_m, EI = 5.18, 0.54, 167.0

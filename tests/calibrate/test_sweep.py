@@ -10,19 +10,19 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.sweep import SweepSolution, solve_sweep
-from vbaa_calib.calibrate.sweep_model import SweepCorners, SweepState, linearise
+from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
+from vbaa_calib.calibrate.pose.sweep_model import SweepCorners, SweepState, linearise
 from vbaa_calib.camera import Camera
-from vbaa_calib.detect.corners import BoardView, detect_files
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.corners import BoardView, detect_files
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import SweepPicture
-from vbaa_calib.synth.picture import studio
-from vbaa_calib.synth.plan import stream
-from vbaa_calib.synth.render_board import print_sheet
-from vbaa_calib.synth.scene import Scene, bundled_scene
-from vbaa_calib.synth.scene_file import load_scene
-from vbaa_calib.synth.write_sweep import plan_sweep, write_sweep
+from vbaa_calib.simulate.plan.plan import stream
+from vbaa_calib.simulate.render.board import print_sheet
+from vbaa_calib.simulate.render.picture import studio
+from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
+from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.write_boards import plan_sweep, write_sweep
 
 from .sweeps import FEW, GRID, RIG, T_ANTENNA_CAMERA, Sweep, T_world_board, camera, misread, sweep
 from .synthetic_views import SPEC

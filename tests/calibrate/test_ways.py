@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.jig import jig_estimate
-from vbaa_calib.calibrate.plane import BoardPose
-from vbaa_calib.calibrate.pose_estimate import PoseEstimate
-from vbaa_calib.calibrate.ways import differences, fused, require_agreement
-from vbaa_calib.errors import InputError
+from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate, differences, fused, require_agreement
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 
 TRUE = Pose.from_rotvec(np.array([2.9, 0.2, -0.4]), np.array([0.1, 0.02, 0.35]))

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.errors import InputError
-from vbaa_calib.files import write_json
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import write_json
 
 from .lenses import LENSES, REAL
 

@@ -9,7 +9,7 @@ import torch
 from torch.autograd import gradcheck
 
 from vbaa_calib.camera import CameraOnPlane
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import PLANE_C, Plane, Pose, hinge_plane
 
 from .lenses import LENSES, border_and_grid

@@ -13,7 +13,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.camera.slopes import by_lens_of_points, by_pixel_of_points
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 
 from .lenses import LENSES, border_and_grid
 from .lenses import camera as camera_of

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from vbaa_calib.cli.main import main
-from viz import report_pictures
+from viz.report import pictures as report_pictures
 
 from ..small_scene import small_scene
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.cli.demo import SCENES
 from vbaa_calib.cli.main import main
-from viz.render import can_render
+from viz.cli.demo import SCENES
+from viz.render.render import can_render
 
 from ..readme_table import table_in_readme, table_of
 

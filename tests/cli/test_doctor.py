@@ -12,9 +12,10 @@ from typing import Any
 
 import pytest
 
-from vbaa_calib.cli.doctor import finding, opencv, packages, shadows, verb
-from vbaa_calib.cli.doctor.finding import FAILS, LOOK, OK, Finding
-from vbaa_calib.diagnosis import Diagnosis
+from vbaa_calib.cli import doctor as verb
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.doctor import finding, opencv, packages, shadows
+from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
 
 ROOT = Path(__file__).parents[2]
 
@@ -148,7 +149,7 @@ def test_opencv_well() -> None:
 
 def test_a_biased_detector(monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenCV's half pixel of before 4.14, put back in."""
-    from vbaa_calib.bench import detector_test
+    from vbaa_calib.doctor import detector_test
 
     honest = detector_test.opencv_corners
 

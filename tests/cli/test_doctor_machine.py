@@ -11,9 +11,10 @@ from typing import Any
 
 import pytest
 
-from vbaa_calib.cli.doctor import elsewhere, machine, verb
-from vbaa_calib.cli.doctor.elsewhere import Tried
-from vbaa_calib.cli.doctor.finding import FAILS, LOOK, OK, Finding
+from vbaa_calib.cli import doctor as verb
+from vbaa_calib.doctor import elsewhere, machine
+from vbaa_calib.doctor.elsewhere import Tried
+from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
 
 
 def names(found: Finding) -> list[str]:

@@ -16,12 +16,12 @@ from typing import Any
 
 import pytest
 
-from estimator import cli as estimate_cli
+from estimator.cli import estimate as estimate_cli
 from vbaa_calib import __version__
 from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.cli import schema as schema_cli
 from vbaa_calib.cli.main import VERBS
-from vbaa_calib.errors import InputError, SolveError
-from vbaa_calib.formats import schema_cli
+from vbaa_calib.core.errors import InputError, SolveError
 
 from .conftest import Call
 
@@ -166,8 +166,8 @@ HALF_WRITTEN = """
 import os, signal, sys
 from pathlib import Path
 from vbaa_calib.cli import main
-from vbaa_calib.files import replacing
-from vbaa_calib.formats import schema_cli
+from vbaa_calib.core.files import replacing
+from vbaa_calib.cli import schema as schema_cli
 
 def stopped(args):
     with replacing(Path("out.csv"), True) as temporary:

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator import recording
-from vbaa_calib.detect import corners
+from estimator.contact import recording
+from vbaa_calib.detect.board import corners
 from vbaa_calib.rig import Rig
 
 from .conftest import Call

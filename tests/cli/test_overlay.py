@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator import overlay_folder
+from estimator.contact import overlay_folder
 
 from .conftest import Call
 from .damage import PICTURES, grey, noise, refused, repaint, smaller, truncate

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vbaa_calib.detect.antenna import find, find_along
-from vbaa_calib.detect.centreline import Sight
-from vbaa_calib.detect.corridor import Corridor
-from vbaa_calib.detect.finder import AntennaFinder
-from vbaa_calib.detect.ground import Ground
-from vbaa_calib.detect.paint import Paint, learn
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.whisker.antenna import find, find_along
+from vbaa_calib.detect.whisker.background import Ground
+from vbaa_calib.detect.whisker.centreline import Sight
+from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.paint import Paint, learn
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, tube
 

@@ -8,11 +8,10 @@ import pytest
 from scipy.special import erf
 
 from targets.board import BoardSpec
-from vbaa_calib.bench.detector_pictures import Conditions, draw_board
-from vbaa_calib.detect.corner_covariance import corner_covariances
-from vbaa_calib.detect.corners import detect_corners
-from vbaa_calib.detect.picture_noise import QUANTISATION, measure_noise
-from vbaa_calib.synth.render_board import print_sheet
+from vbaa_calib.detect.board.corners import detect_corners
+from vbaa_calib.detect.board.covariance import QUANTISATION, corner_covariances, measure_noise
+from vbaa_calib.doctor.detector_pictures import Conditions, draw_board
+from vbaa_calib.simulate.render.board import print_sheet
 
 SPEC = BoardSpec(6, 5, 0.02, 0.012)
 SHEET = print_sheet(SPEC)

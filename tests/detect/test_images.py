@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.images import SUFFIXES, list_images, read_gray
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import SUFFIXES, list_images, read_gray
 
 GRAY = np.random.default_rng(0).integers(0, 256, (120, 160), np.uint8)
 LOSSLESS = [suffix for suffix in SUFFIXES if not suffix.startswith(".jp")]

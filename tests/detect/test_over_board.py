@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from targets.board import BoardSpec
-from targets.charuco import opencv_board
-from vbaa_calib.detect.over_board import BoardLine, find_over_board
-from vbaa_calib.detect.over_board_picture import board_picture, pattern_texture
-from vbaa_calib.detect.over_board_profile import Paint, Profiles, fit
-from vbaa_calib.detect.over_board_search import PlaneAbove
+from targets.board import BoardSpec, opencv_board
+from vbaa_calib.detect.over_board.measure import BoardLine, find_over_board
+from vbaa_calib.detect.over_board.picture import board_picture, pattern_texture
+from vbaa_calib.detect.over_board.profile import Paint, Profiles, fit
+from vbaa_calib.detect.over_board.search import PlaneAbove
 
 from ..over_scenes import Shown, View, shown
 

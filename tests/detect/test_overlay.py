@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vbaa_calib.detect.antenna import find
-from vbaa_calib.detect.canvas import ascii_text, text_size, wrapped
-from vbaa_calib.detect.centreline import NOTHING, Centreline, EndKind, Sight, Verdict
-from vbaa_calib.detect.corridor import Corridor
-from vbaa_calib.detect.overlay import (
+from vbaa_calib.detect.drawing.canvas import ascii_text, text_size, wrapped
+from vbaa_calib.detect.drawing.overlay import (
     HIDDEN,
     OUTSIDE,
     RIVAL,
@@ -20,6 +17,9 @@ from vbaa_calib.detect.overlay import (
     sight_picture,
     sigma_colours,
 )
+from vbaa_calib.detect.whisker.antenna import find
+from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline, EndKind, Sight, Verdict
+from vbaa_calib.detect.whisker.corridor import Corridor
 
 from .drawn_lines import SIZE, exposed, straight, tube
 from .drawn_lines import background as scene

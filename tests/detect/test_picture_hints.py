@@ -10,15 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from targets.board import BoardSpec
-from targets.charuco import opencv_board
-from vbaa_calib.bench.detector_pictures import Conditions, DrawnBoard, draw_board
-from vbaa_calib.detect.corners import detect_corners
-from vbaa_calib.detect.picture_hints import picture_hints, wrong_board
-from vbaa_calib.detect.picture_hints_blur import blur_ellipse
-from vbaa_calib.detect.picture_hints_edges import edge_blur
-from vbaa_calib.diagnosis import Diagnosis
-from vbaa_calib.synth.render_board import print_sheet
+from targets.board import BoardSpec, opencv_board
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.detect.board.corners import detect_corners
+from vbaa_calib.detect.quality.blur import blur_ellipse, edge_blur
+from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
+from vbaa_calib.doctor.detector_pictures import Conditions, DrawnBoard, draw_board
+from vbaa_calib.simulate.render.board import print_sheet
 
 SPEC = BoardSpec(7, 5, 0.02, 0.014)
 LEGACY = BoardSpec(6, 4, 0.02, 0.014, legacy_pattern=True)

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.detect.centreline import Centreline
-from vbaa_calib.detect.corridor import Corridor
-from vbaa_calib.detect.finder import trace
-from vbaa_calib.detect.profile import measure
+from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.finder import trace
+from vbaa_calib.detect.whisker.profile import measure
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
 

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from benchmarks.estimator import shapes as estimator_shapes
+from benchmarks.estimator.scenes import Scenes, scenes
+from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup, moved
+from benchmarks.estimator.shapes import Shapes, ShapesOf
 from estimator import ContactEstimator
-from estimator.budget_parts import Linear, linear
-from estimator.budget_space import ErrorSpace
-from estimator.budget_touches import Touches
-from estimator.solve.known import Known
+from estimator.budget.parts import Linear, linear
+from estimator.budget.space import ErrorSpace
+from estimator.budget.touches import Touches
+from estimator.solver.rig_arrays import Known
+from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import curves
-from vbaa_calib.antenna.shape import CONTACT
-from vbaa_calib.bench import estimator_shapes
-from vbaa_calib.bench.estimator_scenes import Scenes, scenes
-from vbaa_calib.bench.estimator_setup import ACROSS, RIG_STD, Setup, moved
-from vbaa_calib.bench.estimator_shapes import Shapes, ShapesOf
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.estimator.scenes import Scenes, push_for_slope, rolled, scenes
+from benchmarks.estimator.shapes import ShapesOf, rod_shapes
 from estimator import Contact, ContactEstimator
-from estimator.contacts import Contacts
-from vbaa_calib.bench.estimator_scenes import Scenes, push_for_slope, rolled, scenes
-from vbaa_calib.bench.estimator_shapes import ShapesOf, rod_shapes
+from estimator.contact.contacts import Contacts
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, Frame, World, camera_pose, frames, pushing

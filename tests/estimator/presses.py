@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.baselines import Noise, Press, Ring, Wire, world_turn
+from estimator.paper.baselines import Noise, Press, Ring, Wire, world_turn
 from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.touch import Touch, touch
+from vbaa_calib.simulate.contact.holding import Touch
+from vbaa_calib.simulate.contact.touch import touch
+from vbaa_calib.simulate.scene.objects import TouchObject
 
 from . import vibrations
 

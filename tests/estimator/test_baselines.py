@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.baselines import METHODS, NEEDS, Noise, Press, Wire, ask, press_seen, tared
-from estimator.baselines.giving import compliance_of
-from estimator.baselines.turning import fitted_slope
-from estimator.inclined import project
+from benchmarks.estimator.scenes import scenes
+from benchmarks.estimator.setup import RIG_STD, Setup
+from benchmarks.estimator.shapes import rod_shapes
+from estimator.paper.baselines import METHODS, NEEDS, Noise, Press, Wire, ask, press_seen, tared
+from estimator.paper.baselines.rotation import fitted_slope
+from estimator.paper.baselines.vision import compliance_of
+from estimator.paper.inclined import project
 from vbaa_calib.antenna.rod import sample_shape
-from vbaa_calib.bench.estimator_scenes import scenes
-from vbaa_calib.bench.estimator_setup import RIG_STD, Setup
-from vbaa_calib.bench.estimator_shapes import rod_shapes
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 
 from .presses import LENGTH_M, STIFFNESS_NM2, WIRE, knife, press_of, pressed
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.baselines import Press, Reading, Ring, Wire, ask
+from estimator.paper.baselines import Press, Reading, Ring, Wire, ask
 
 from . import vibrations
 from .presses import LENGTH_M, STIFFNESS_NM2, WIRE, ringing

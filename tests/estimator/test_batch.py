@@ -10,9 +10,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from benchmarks.estimator.scenes import Scenes
 from estimator import Contact, ContactEstimator, Measured
-from estimator.estimate import SINGLE, STREAM
-from vbaa_calib.bench.estimator_scenes import Scenes
+from estimator.contact.estimate import SINGLE, STREAM
 
 from ..rod_scenes import RIG_STD, SIGMA_PX, World, camera_pose
 from .contact_scenes import RIG, WORLD, answered, deviations, estimated, estimated_together, frame, furthest, rubbed

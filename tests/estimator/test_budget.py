@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
-from estimator.budget import error_budget
-from estimator.budget_parts import FRICTION, MOMENT_NOISE, PIXELS, answer, better, parts, per_result
-from estimator.budget_space import JOINT_AXES, LENS, RIG_CAUSES, split, subsets
-from estimator.budget_touches import MOST_POINTS, of_force
-from estimator.shared import shared_errors
-from estimator.solve.known import Known
-from vbaa_calib.errors import InputError
+from estimator.budget.budget import error_budget
+from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, answer, better, parts, per_result
+from estimator.budget.space import JOINT_AXES, LENS, RIG_CAUSES, split, subsets
+from estimator.budget.touches import MOST_POINTS, of_force
+from estimator.contact.common_errors import shared_errors
+from estimator.solver.rig_arrays import Known
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from .budget_draws import FRICTION_RAD, RIG, correlated_rig, errors, linearised, seen_of, three_touches

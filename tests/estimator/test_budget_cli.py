@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.budget_cli import configure, run
-from vbaa_calib.errors import InputError
+from estimator.cli.budget import configure, run
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from .budget_draws import correlated_rig

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.budget_parts import FRICTION, answer, better
-from estimator.budget_space import LENS, RIG_CAUSES
-from estimator.solve.known import Known
-from vbaa_calib.bench.estimator_shapes import ShapesOf, rod_shapes
+from benchmarks.estimator.shapes import ShapesOf, rod_shapes
+from estimator.budget.parts import FRICTION, answer, better
+from estimator.budget.space import LENS, RIG_CAUSES
+from estimator.solver.rig_arrays import Known
 
 from .budget_draws import FRICTION_RAD, RIG, errors, linearised, rung_shapes, three_touches
 

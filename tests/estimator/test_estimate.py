@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
-from estimator.verdict import FEWEST_POINTS
-from vbaa_calib.errors import InputError
+from estimator.contact.verdict import FEWEST_POINTS
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, STIFFNESS_NM2, Frame, World, camera_pose, frames, pushing

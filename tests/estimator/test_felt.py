@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.contact_row import ContactTable
-from estimator.felt import Felt, feel
-from vbaa_calib.bench.estimator_setup import Setup, drawn_truth
-from vbaa_calib.bench.object_scenes import Recorded, contacts, record
-from vbaa_calib.errors import InputError
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.scene import Sweep
+from benchmarks.estimator.setup import Setup, drawn_truth
+from benchmarks.object.scenes import Recorded, contacts, record
+from estimator.object.estimate import Felt, feel
+from estimator.table.columns import ContactTable
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.scene import Sweep
 
 RIG = Setup(real=True, exact=False, tilt_rad=0.5).rig()
 BALL = TouchObject("sphere", np.array([0.16, 0.0, -0.05]), np.zeros(3), 0.04, 0.04)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.friction import Friction, friction
-from estimator.friction.measure import rubs_of, settled
-from estimator.shared import Shared
-from estimator.surface import Surface, reconstruct, touches_of
+from estimator.contact.common_errors import Shared
+from estimator.object.friction import Friction, friction
+from estimator.object.friction.touches import rubs_of, settled
+from estimator.object.surface import Surface, reconstruct, touches_of
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, followed, rubbed
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.friction.coefficient import coefficient
-from estimator.friction.evidence import Evidence
-from estimator.friction.rubs import Rubs
+from estimator.object.friction.coefficient import coefficient
+from estimator.object.friction.evidence import Evidence, Rubs
 
 
 def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = False) -> Rubs:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.friction import Friction, friction
-from estimator.friction.directions import Axes, roll_of, roll_rad, roll_std_rad
-from estimator.surface import Surface, reconstruct, touches_of
+from estimator.object.friction import Friction, friction
+from estimator.object.friction.directions import Axes, roll_of, roll_rad, roll_std_rad
+from estimator.object.surface import Surface, reconstruct, touches_of
 from vbaa_calib.geometry import Kinematics
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, rubbed

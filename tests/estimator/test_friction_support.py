@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.friction.directions import Axes
-from estimator.friction.support import side_by_side
+from estimator.object.friction.directions import Axes, side_by_side
 
 OWN_M2 = 1e-5**2 * np.eye(3)
 

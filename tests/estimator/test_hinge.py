@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.hinge import antenna_points, camera_angle, hinge_shape, onto_plane_c
+from estimator.contact.hinge_plane import antenna_points, camera_angle, hinge_shape, onto_plane_c
 from vbaa_calib.antenna import linear
 from vbaa_calib.geometry import hinge_plane
 

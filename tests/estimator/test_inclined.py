@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from estimator import inclined
-from estimator.two_point import Part, two_point_contact
+from estimator.paper import inclined
+from estimator.paper.two_point import Part, two_point_contact
 from vbaa_calib.antenna import linear
 
 EI, LENGTH = 3.9e-3, 0.24

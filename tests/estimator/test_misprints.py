@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from estimator import inclined, two_point
+from estimator.paper import inclined, two_point
 from vbaa_calib.antenna import linear
 from vbaa_calib.geometry import rotation_world_antenna
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from estimator.motion import PIECES, Beam, Inertia, Motion, Shapes, inertia
-from estimator.parabola import MOST
+from estimator.contact.motion import MOST, PIECES, Beam, Inertia, Motion, Shapes, inertia
 from vbaa_calib.antenna.linear import deflection
 
 from .vibrations import DENSITY, EI, LENGTH, frequency_rad_s, mode_shape, modes, shaken

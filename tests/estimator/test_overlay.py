@@ -9,14 +9,23 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimator.estimate import ContactEstimator
-from estimator.overlay import CONTACT, FrameContact, ellipse, frame_picture, marks
-from estimator.overlay_words import MEANINGS, STATUS_COLOURS, in_brief, numbers, status_colour
-from estimator.recording import estimate_picture
-from estimator.table import LOCATED, STATUSES
+from estimator.contact.estimate import ContactEstimator
+from estimator.contact.overlay import (
+    CONTACT,
+    MEANINGS,
+    STATUS_COLOURS,
+    ellipse,
+    frame_picture,
+    in_brief,
+    marks,
+    numbers,
+    status_colour,
+)
+from estimator.contact.recording import FrameContact, estimate_picture
+from estimator.table.columns import LOCATED, STATUSES
 from vbaa_calib.antenna.shape import Curves
-from vbaa_calib.detect.canvas import Canvas
-from vbaa_calib.detect.overlay import HIDDEN
+from vbaa_calib.detect.drawing.canvas import Canvas
+from vbaa_calib.detect.drawing.overlay import HIDDEN
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drawn_frames import contact_of, frame_of, path_px, picture, rig_of, shape

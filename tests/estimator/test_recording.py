@@ -11,15 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator import cli
-from estimator.contact import Contact, Measured
-from estimator.estimate import FRICTION_RAD
-from estimator.recording import estimate_centrelines, measured
-from estimator.table import read_contacts
+from estimator.cli import estimate as cli
+from estimator.contact.recording import estimate_centrelines, measured
+from estimator.table.contact import FRICTION_RAD, Contact, Measured
+from estimator.table.table import read_contacts
 from tests.estimator.drawn_frames import CONTACT_M, path_px, rig_of, shape
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.cli.main import main
-from vbaa_calib.detect.centreline import NOTHING
+from vbaa_calib.detect.whisker.centreline import NOTHING
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 

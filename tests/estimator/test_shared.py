@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.estimator.scenes import Scenes, random_scenes
+from benchmarks.estimator.setup import ACROSS, Setup, moved
 from estimator import ContactEstimator
-from estimator.contact_row import ContactRow, ContactTable
-from estimator.shared import Shared, shared_errors
-from estimator.solve.known import Known
-from vbaa_calib.bench.estimator_scenes import Scenes, random_scenes
-from vbaa_calib.bench.estimator_setup import ACROSS, Setup, moved
-from vbaa_calib.errors import InputError
+from estimator.contact.common_errors import Shared, shared_errors
+from estimator.solver.rig_arrays import Known
+from estimator.table.columns import ContactRow, ContactTable
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame

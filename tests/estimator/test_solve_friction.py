@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.contacts import Contacts
-from vbaa_calib.bench.estimator_scenes import Scenes
+from benchmarks.estimator.scenes import Scenes
+from estimator.contact.contacts import Contacts
 
 from ..rod_scenes import RIG_STD, World, camera_pose
 from .contact_scenes import WORLD, answered, rubbed, scene_deviations

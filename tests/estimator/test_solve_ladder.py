@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.solve.ladder import SMALL
-from estimator.verdict import MISLED
+from benchmarks.estimator.shapes import elastica_shapes
+from estimator.contact.verdict import MISLED
+from estimator.solver.ladder import SMALL
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.bench.estimator_shapes import elastica_shapes
 
 from ..rod_scenes import LENGTH_M, RIG_STD, World, camera_pose
 from .contact_scenes import RIG, STRAIGHT, WORLD, answered, deviations, estimated, frame, rubbed, scene_deviations
@@ -21,7 +21,7 @@ HEAVY = WORLD.rig(np.zeros(17))
 @pytest.fixture
 def as_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Deviations of noise and rig alone, whatever the rung makes wrong."""
-    monkeypatch.setattr("estimator.solve.ladder.DOUBTED", np.inf)
+    monkeypatch.setattr("estimator.solver.ladder.DOUBTED", np.inf)
     monkeypatch.setattr("estimator.verdict.MISLED", np.inf)
 
 

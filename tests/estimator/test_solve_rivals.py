@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.estimator.scenes import Scenes
 from estimator import ContactEstimator
-from estimator.contacts import Contacts
-from vbaa_calib.bench.estimator_scenes import Scenes
+from estimator.contact.contacts import Contacts
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import MomentSensor
 

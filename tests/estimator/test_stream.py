@@ -9,10 +9,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimator import Contact, ContactEstimator, Measured, recording
-from vbaa_calib.bench.estimator_scenes import Scenes, rolled, scenes
-from vbaa_calib.bench.estimator_shapes import rod_shapes
-from vbaa_calib.detect.centreline import NOTHING
+from benchmarks.estimator.scenes import Scenes, rolled, scenes
+from benchmarks.estimator.shapes import rod_shapes
+from estimator import Contact, ContactEstimator, Measured
+from estimator.contact import recording
+from vbaa_calib.detect.whisker.centreline import NOTHING
 from vbaa_calib.session import Frame
 
 from .contact_scenes import WORLD

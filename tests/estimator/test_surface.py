@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.surface import Surface, reconstruct, touches_of
-from estimator.surface import touches as touches_module
-from estimator.surface.groups import group
-from estimator.table import ContactRow, ContactTable
+from estimator.object.surface import Surface, reconstruct, touches_of
+from estimator.object.surface import touches as touches_module
+from estimator.object.surface.patches import group
+from estimator.table.columns import ContactRow, ContactTable
 from tests.viz.touching import ANTENNA_RADIUS_M, cylinder, sphere, touch
-from vbaa_calib.errors import InputError
-from vbaa_calib.synth.objects import TouchObject
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .touched import CYLINDER, FREEFORM, KNIFE, RADIUS_M, SPHERE, angles_rad, drawn, edge_touches, spread_touches
 

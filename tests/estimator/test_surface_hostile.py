@@ -7,8 +7,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from estimator.surface import Surface, Touches, reconstruct
-from vbaa_calib.synth.objects import TouchObject
+from estimator.object.surface import Surface, Touches, reconstruct
+from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .touched import CYLINDER, FREEFORM, RADIUS_M, SPHERE, drawn, spread_touches, touches_at
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.surface.equations import Equations
-from estimator.surface.kernel import Prior, Rows, covariance, joined, pairs, slopes_at, values_at, variance
-from estimator.surface.solution import Fitted, left_out_residuals, solve
+from estimator.object.surface.equations import Equations
+from estimator.object.surface.kernel import Prior, Rows, covariance, joined, pairs, slopes_at, values_at, variance
+from estimator.object.surface.solution import Fitted, left_out_residuals, solve
 
 PRIOR = Prior(length_m=0.02, amplitude_m=0.004, offset_m=0.1, incline=1.5)
 

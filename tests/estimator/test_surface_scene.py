@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from estimator.shared import shared_errors
-from estimator.surface import Surface, reconstruct, touches_of
-from vbaa_calib.bench.estimator_setup import ACROSS, Setup, drawn_truth
-from vbaa_calib.bench.object_scenes import Recorded, contacts, record
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.scene import Sweep
+from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
+from benchmarks.object.scenes import Recorded, contacts, record
+from estimator.contact.common_errors import shared_errors
+from estimator.object.surface import Surface, reconstruct, touches_of
+from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.scene import Sweep
 
 from .touched import angles_rad
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.surface import reconstruct
-from estimator.surface.yielding import MODEL_SHARE
+from estimator.object.surface import reconstruct
+from estimator.object.surface.build import MODEL_SHARE
 
 from .touched import CYLINDER, KNIFE, RADIUS_M, SPHERE, drawn, edge_touches, spread_touches
 

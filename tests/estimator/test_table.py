@@ -10,18 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.contact import Contact
-from estimator.table import (
-    COLUMNS,
-    EXTRA_COLUMNS,
-    ContactRow,
-    ContactTable,
-    check_format,
-    read_contacts,
-    write_contacts,
-)
+from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contact import Contact
+from estimator.table.table import COLUMNS, EXTRA_COLUMNS, check_format, read_contacts, write_contacts
 from tests.viz.touching import cylinder, touch
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame
 
 

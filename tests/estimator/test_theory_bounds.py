@@ -10,10 +10,9 @@ import pytest
 import sympy as sp
 from scipy.stats import norm
 
-from vbaa_calib.antenna import linear
-from vbaa_calib.bench.estimator_bound import Bound, bound
-from vbaa_calib.bench.estimator_scenes import Scenes, push_for_slope, rolled, scenes
-from vbaa_calib.bench.estimator_setup import (
+from benchmarks.estimator.bound import Bound, bound
+from benchmarks.estimator.scenes import Scenes, push_for_slope, rolled, scenes
+from benchmarks.estimator.setup import (
     ACROSS,
     LENGTH_M,
     SENSOR,
@@ -23,8 +22,9 @@ from vbaa_calib.bench.estimator_setup import (
     Setup,
     looking_pose,
 )
-from vbaa_calib.reprojection import ROBUST
+from vbaa_calib.antenna import linear
 from vbaa_calib.rig import MomentSensor, Rig
+from vbaa_calib.rig.reprojection import ROBUST
 
 PAGE = Path(__file__).parents[2] / "docs/theory_bounds.md"
 POINTS, SLOPE_RAD, REACH = 200, 0.03, 0.5

@@ -10,9 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.bench.vision_judge import bound_px
-from vbaa_calib.bench.vision_paths import Bend
-from vbaa_calib.bench.vision_scenes import PLAIN, Shot, light, variance
+from benchmarks.vision.judge import bound_px
+from benchmarks.vision.scenes import PLAIN, Bend, Shot, light, variance
 
 
 def stated(noise: float, height: float, width: float, blur: float) -> float:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.estimator.shapes import elastica_shapes
 from estimator import ContactEstimator
-from vbaa_calib.bench.estimator_shapes import elastica_shapes
 
 from .contact_scenes import answered, rubbed, scene_deviations
 from .test_theory_tables import rig_of

@@ -7,11 +7,11 @@ import pytest
 import sympy as sp
 from scipy.optimize import least_squares
 
-from estimator import inclined, two_point
-from estimator.hinge import antenna_points
+from benchmarks.estimator.setup import TOWARDS_CLAMP, looking_pose
+from estimator.contact.hinge_plane import antenna_points
+from estimator.paper import inclined, two_point
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.elastica import normal_load
-from vbaa_calib.bench.estimator_setup import TOWARDS_CLAMP, looking_pose
 from vbaa_calib.geometry import hinge_plane
 
 EI, LENGTH = 3.9e-3, 0.24

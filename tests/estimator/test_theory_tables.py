@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.motion import inertia
+from benchmarks.estimator.scenes import scenes
+from benchmarks.estimator.setup import GRAVITY_WORLD_M_S2, STIFFNESS_NM2, TOWARDS_CLAMP, Setup
+from benchmarks.estimator.shapes import Shapes, Touches, elastica_shapes, rod_shapes
+from estimator.contact.motion import inertia
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.rungs import RUNGS, curves
-from vbaa_calib.bench.estimator_scenes import scenes
-from vbaa_calib.bench.estimator_setup import GRAVITY_WORLD_M_S2, STIFFNESS_NM2, TOWARDS_CLAMP, Setup
-from vbaa_calib.bench.estimator_shapes import Shapes, Touches, elastica_shapes, rod_shapes
 from vbaa_calib.rig import Rig
 
 from .contact_scenes import answered, rubbed, scene_deviations

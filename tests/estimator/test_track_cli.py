@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.table import ContactRow, ContactTable, read_contacts, write_contacts
-from estimator.track_cli import COLUMNS, configure, run
-from vbaa_calib.bench.estimator_setup import Setup
-from vbaa_calib.errors import InputError
+from benchmarks.estimator.setup import Setup
+from estimator.cli.track import COLUMNS, configure, run
+from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.table import read_contacts, write_contacts
+from vbaa_calib.core.errors import InputError
 
 from .track_tables import evidence_table, rubbed, rubbed_table
 

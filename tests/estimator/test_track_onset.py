@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.contact_row import ContactTable
-from estimator.track import Event, Track, follow
-from estimator.track.touchdown import Growth, free_level, instant
-from vbaa_calib.bench.object_onset import alarms, approach, as_text, onset_row, told
+from benchmarks.object.onset import alarms, approach, as_text, onset_row, told
+from estimator.object.track import Event, Track, follow
+from estimator.object.track.events import Growth, free_level, instant
+from estimator.table.columns import ContactTable
 
 from .track_tables import RATE_HZ, evidence, evidence_table
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.contact_row import ContactTable
-from estimator.motion import Beam
-from estimator.track import follow
-from estimator.track.ringing import frequency, ringing_events, swinging
+from estimator.contact.motion import Beam
+from estimator.object.track import follow
+from estimator.object.track.ringing import frequency, ringing_events, swinging
+from estimator.table.columns import ContactTable
 
 from .track_tables import evidence_table
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.contact_row import ContactTable
-from estimator.shared import Shared
-from estimator.track import Event, Track, follow
+from estimator.contact.common_errors import Shared
+from estimator.object.track import Event, Track, follow
+from estimator.table.columns import ContactTable
 
 from .track_tables import RATE_HZ, Rubbed, rubbed, rubbed_table
 

@@ -7,12 +7,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from estimator.contact_row import ContactTable
-from estimator.shared import Shared
-from estimator.track import follow, smooth
-from estimator.track.kalman import smoothed, walk_of
-from estimator.track.smooth import pieces
-from vbaa_calib.bench.estimator_setup import Setup
+from benchmarks.estimator.setup import Setup
+from estimator.contact.common_errors import Shared
+from estimator.object.track import follow, smooth
+from estimator.object.track.smooth import pieces, smoothed, walk_of
+from estimator.table.columns import ContactTable
 from vbaa_calib.rig import Rig
 
 from .track_tables import Rubbed, rubbed, rubbed_table

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from estimator import two_point
-from estimator.two_point import Part, two_point_contact
+from estimator.paper import two_point
+from estimator.paper.two_point import Part, two_point_contact
 from vbaa_calib.antenna import linear
 
 EI, LENGTH = 3.9e-3, 0.24

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.solve.frames import Frames, frames_from_pixels
-from estimator.solve.known import Known
-from estimator.solve.ladder import Solved, solve
-from estimator.solve.view import dot, look, rig_table
-from estimator.solve.worth import worth
-from estimator.verdict import CONTACT_EVIDENCE
+from estimator.contact.verdict import CONTACT_EVIDENCE
+from estimator.solver.curves import dot
+from estimator.solver.frames import Frames, frames_from_pixels
+from estimator.solver.ladder import Solved, solve
+from estimator.solver.prediction import look, rig_table
+from estimator.solver.rig_arrays import Known
+from estimator.solver.uncertainty import worth
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, Frame, World, camera_pose, frames, gravity_antenna, pushing

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.surface import Touches
-from vbaa_calib.synth.bumps import Bump
-from vbaa_calib.synth.objects import TouchObject
+from estimator.object.surface import Touches
+from vbaa_calib.simulate.scene.bumps import Bump
+from vbaa_calib.simulate.scene.objects import TouchObject
 
 RADIUS_M = 4e-4
 """Of the antenna."""

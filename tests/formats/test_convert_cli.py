@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.errors import InputError
-from vbaa_calib.formats import convert_cli
-from vbaa_calib.formats.exchange.table import FORMATS
+from vbaa_calib.cli import convert as convert_cli
+from vbaa_calib.convert.table import FORMATS
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from ..calibrate.checked_rigs import rig_of, scene

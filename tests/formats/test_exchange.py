@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.errors import InputError
-from vbaa_calib.formats.exchange.coefficients import left_out_px
-from vbaa_calib.formats.exchange.exchanged import Exchanged
-from vbaa_calib.formats.exchange.table import FORMATS, guessed
+from vbaa_calib.convert.exchanged import Exchanged
+from vbaa_calib.convert.table import FORMATS, guessed
+from vbaa_calib.convert.values import left_out_px
+from vbaa_calib.core.errors import InputError
 
 from .files import COLMAP, KALIBR, MATRIX, MRCAL, POSE, SAMPLES, SIZE, WHICH, camera, fisheye, points
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.formats.exchange.table import FORMATS, guessed
+from vbaa_calib.convert.table import FORMATS, guessed
+from vbaa_calib.core.errors import InputError
 
 from .files import SAMPLES, WHICH
 

@@ -19,23 +19,24 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.table import ContactRow, ContactTable, read_contacts, write_contacts
+from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.table import read_contacts, write_contacts
 from targets.board import BoardSpec
-from targets.sheet_words import spec_document
+from targets.sheet import spec_document
 from vbaa_calib.camera import Camera
-from vbaa_calib.detect.board_file import load_board
-from vbaa_calib.files import read_json, read_yaml, write_json, write_text
-from vbaa_calib.formats.exchange.exchanged import Exchanged
-from vbaa_calib.formats.exchange.table import FORMATS
+from vbaa_calib.convert.exchanged import Exchanged
+from vbaa_calib.convert.table import FORMATS
+from vbaa_calib.core.files import read_json, read_yaml, write_json, write_text
+from vbaa_calib.core.yaml_text import UniqueKeyDumper
+from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.rig import Antenna, Rig
 from vbaa_calib.session import read_centrelines, read_noload, read_recording
-from vbaa_calib.unique_yaml import UniqueKeyDumper
-from vbaa_calib.wizard.journal import Journal, Left, Record, Taken
-from vbaa_calib.wizard.session_file import write_table
-from viz.object_file import read_object, to_mesh, vtp_text
-from viz.object_glb import glb_bytes
-from viz.ply import ply_bytes
-from viz.scene import ObjectMesh
+from vbaa_calib.wizard.state.journal import Journal, Left, Record, Taken
+from vbaa_calib.wizard.state.session_file import write_table
+from viz.files.glb import glb_bytes
+from viz.files.object_file import read_object, to_mesh, vtp_text
+from viz.files.ply import ply_bytes
+from viz.scene.scene import ObjectMesh
 
 from ..test_rig import make_rig
 

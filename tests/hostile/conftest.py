@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from vbaa_calib.cli.main import main
-from vbaa_calib.files import read_yaml
-from viz import report_pictures
+from vbaa_calib.core.files import read_yaml
+from viz.report import pictures as report_pictures
 
 from ..formats.files import SAMPLES
 from ..small_scene import small_scene

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import yaml
 
-from vbaa_calib.files import read_yaml
+from vbaa_calib.core.files import read_yaml
 
 from .case import Damage
 

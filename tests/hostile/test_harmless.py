@@ -73,7 +73,7 @@ TEXTS: tuple[tuple[str, str, Damage, str], ...] = (
 
 
 def as_json(path: Path) -> bytes:
-    from vbaa_calib.files import read_yaml
+    from vbaa_calib.core.files import read_yaml
 
     return json.dumps(read_yaml(path)).encode()
 

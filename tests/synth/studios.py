@@ -6,9 +6,9 @@ import functools
 
 import numpy as np
 
-from vbaa_calib.synth.lens import Lens
-from vbaa_calib.synth.picture import Studio, studio
-from vbaa_calib.synth.scene import PictureSpec
+from vbaa_calib.simulate.render.picture import Studio, studio
+from vbaa_calib.simulate.scene.lens import Lens
+from vbaa_calib.simulate.scene.scene import PictureSpec
 
 MATRIX = np.array([[1004.0, 0.0, 476.5], [0.0, 1001.0, 363.2], [0.0, 0.0, 1.0]])
 WIDE = np.array([[520.0, 0.0, 476.5], [0.0, 522.0, 363.2], [0.0, 0.0, 1.0]])

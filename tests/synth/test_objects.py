@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
-from vbaa_calib.synth.bumps import Bump, surface_radius
-from vbaa_calib.synth.fields import Section
-from vbaa_calib.synth.march_object import BOX_FACE_M
-from vbaa_calib.synth.object_file import read_object
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.render_object import cast, object_layer, pressed_in
+from vbaa_calib.simulate.render.object import cast, object_layer, pressed_in
+from vbaa_calib.simulate.scene.bumps import Bump, surface_radius
+from vbaa_calib.simulate.scene.fields import Section
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
+from vbaa_calib.simulate.scene.scene_file import read_object
 
 from .studios import place
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vbaa_calib.synth.lens import project
-from vbaa_calib.synth.picture import Studio, expose
-from vbaa_calib.synth.render_antenna import tube, tube_patch, visible_centreline
+from vbaa_calib.simulate.render.antenna import tube, tube_patch, visible_centreline
+from vbaa_calib.simulate.render.picture import Studio, expose
+from vbaa_calib.simulate.scene.lens import project
 
 from .studios import LENSES, place
 

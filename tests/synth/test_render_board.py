@@ -6,14 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from targets.board import BoardSpec
-from targets.charuco import corner_points, opencv_board
+from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.geometry import Pose
-from vbaa_calib.synth.board_poses import board_poses
-from vbaa_calib.synth.lens import project
-from vbaa_calib.synth.picture import digitise, expose, surroundings
-from vbaa_calib.synth.render_board import PAPER, board_patch, outline, print_sheet
-from vbaa_calib.synth.scene import IntrinsicsSpec
+from vbaa_calib.simulate.plan.plan import board_poses
+from vbaa_calib.simulate.render.board import PAPER, board_patch, outline, print_sheet
+from vbaa_calib.simulate.render.picture import digitise, expose, surroundings
+from vbaa_calib.simulate.scene.lens import project
+from vbaa_calib.simulate.scene.scene import IntrinsicsSpec
 
 from .studios import LENSES, place
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vbaa_calib.geometry import Pose
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.render_object import cast, object_layer, obstacle, pressed_in
+from vbaa_calib.simulate.render.object import cast, object_layer, obstacle, pressed_in
+from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .studios import place
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import rotation_world_antenna
-from vbaa_calib.synth.lens import Lens, invertible, normalise, project, ray_map
-from vbaa_calib.synth.picture import Patch, digitise, expose, surroundings
-from vbaa_calib.synth.scene import camera_pose
+from vbaa_calib.simulate.render.picture import Patch, digitise, expose, surroundings
+from vbaa_calib.simulate.scene.lens import Lens, invertible, normalise, project, ray_map
+from vbaa_calib.simulate.scene.scene import camera_pose
 
 from .studios import LENSES, MATRIX, place, spec
 

@@ -16,15 +16,15 @@ import pytest
 import yaml
 
 from vbaa_calib import session as session_files
-from vbaa_calib.errors import InputError
-from vbaa_calib.folders import replacing_folder
+from vbaa_calib.cli import simulate as simulate_cli
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import replacing_folder
 from vbaa_calib.geometry import Pose
-from vbaa_calib.synth import simulate_cli
-from vbaa_calib.synth.lens import project
-from vbaa_calib.synth.plan import AntennaShot, Plan, plan
-from vbaa_calib.synth.scene import Scene, bundled_names, bundled_scene, true_rod
-from vbaa_calib.synth.scene_file import load_scene
-from vbaa_calib.synth.write import refuse_target, write_session
+from vbaa_calib.simulate.plan.plan import AntennaShot, Plan, plan
+from vbaa_calib.simulate.scene.lens import project
+from vbaa_calib.simulate.scene.scene import Scene, bundled_names, bundled_scene, true_rod
+from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.write import refuse_target, write_session
 
 
 @functools.cache
@@ -286,7 +286,7 @@ def test_a_failure_on_the_way_leaves_the_old_session(tmp_path: Path, monkeypatch
     def fail(*_: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr("vbaa_calib.synth.write.render_shot", fail)
+    monkeypatch.setattr("vbaa_calib.simulate.write.render_shot", fail)
     with pytest.raises(OSError, match="disk full"):
         write_session(scene, session, force=True)
     assert (session / "session.yaml").read_text() == "schema: old"

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from vbaa_calib.antenna.rod import Rod, sample_shape
-from vbaa_calib.errors import InputError, SolveError
+from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.touch import Touch, touch
+from vbaa_calib.simulate.contact.holding import Touch
+from vbaa_calib.simulate.contact.touch import touch
+from vbaa_calib.simulate.scene.objects import TouchObject
 
 L, EI, RADIUS = 0.24, 3.9e-3, 4e-4
 WEIGHT = np.array([0.0, 0.0, -9.80665])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from vbaa_calib.antenna.rod import Rod, sample_shape
-from vbaa_calib.errors import SolveError
+from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.synth.bumps import Bump
-from vbaa_calib.synth.coulomb import gripped
-from vbaa_calib.synth.holding import Setting
-from vbaa_calib.synth.objects import TouchObject
-from vbaa_calib.synth.strokes import follow
-from vbaa_calib.synth.touch import Touch, touch, touch_strokes
+from vbaa_calib.simulate.contact.holding import Setting, Touch
+from vbaa_calib.simulate.contact.stick_slip import gripped
+from vbaa_calib.simulate.contact.strokes import follow
+from vbaa_calib.simulate.contact.touch import touch, touch_strokes
+from vbaa_calib.simulate.scene.bumps import Bump
+from vbaa_calib.simulate.scene.objects import TouchObject
 
 L, EI, RADIUS = 0.24, 3.9e-3, 4e-4
 WEIGHT, NONE = np.array([0.0, 0.0, -9.80665]), np.zeros(3)

@@ -12,10 +12,10 @@ import pytest
 import yaml
 
 from targets.board import BoardSpec
-from vbaa_calib.detect.board_file import load_board
-from vbaa_calib.detect.corners import detect_corners
-from vbaa_calib.errors import InputError
-from vbaa_calib.formats import board_cli
+from vbaa_calib.cli import board as board_cli
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.detect.board.corners import detect_corners
 
 
 def board(*argv: object, force: bool = False) -> dict[str, Any]:

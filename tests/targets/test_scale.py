@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from targets.board import BoardSpec
-from targets.scale import MOST_ASPECT, SIGNIFICANT, print_scale, rescaled
+from targets.print_scale import MOST_ASPECT, SIGNIFICANT, print_scale, rescaled
 
 SPEC = BoardSpec(11, 7, 0.020, 0.015, thickness_m=0.003)
 

@@ -6,12 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from targets.board import BoardSpec
-from targets.charuco import corner_points, opencv_board
-from targets.sheet_default import MARKER_SHARE, SQUARES, fill_in
-from targets.sheet_layout import lay_out
-from targets.sheet_paper import PAPERS_MM, paper_named
-from targets.sheet_screen import as_pixels, on_screen
+from targets.board import BoardSpec, corner_points, opencv_board
+from targets.paper import PAPERS_MM, paper_named
+from targets.screen import as_pixels, on_screen
+from targets.sheet import MARKER_SHARE, SQUARES, fill_in, lay_out
 
 
 @pytest.mark.parametrize("seed", range(12))

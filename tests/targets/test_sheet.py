@@ -12,16 +12,12 @@ import pypdfium2
 import pytest
 import yaml
 
-from targets.board import BoardSpec
-from targets.charuco import corner_points, opencv_board
-from targets.sheet_draw import draw, ruler_origin
-from targets.sheet_layout import MARGIN_MM, Layout, largest_square_mm, lay_out
-from targets.sheet_paper import PAPERS_MM, Label, Shape, Stroke, paper_named
-from targets.sheet_pattern import board_shapes, outlines
-from targets.sheet_pdf import as_pdf
-from targets.sheet_svg import as_svg
-from targets.sheet_words import board_id, spec_document, spec_line
-from vbaa_calib.detect.board_file import load_board
+from targets.board import BoardSpec, corner_points, opencv_board
+from targets.paper import PAPERS_MM, Label, Shape, Stroke, paper_named
+from targets.pattern import board_shapes, outlines
+from targets.sheet import MARGIN_MM, Layout, board_id, largest_square_mm, lay_out, spec_document, spec_line
+from targets.write_sheet import as_pdf, as_svg, draw, ruler_origin
+from vbaa_calib.detect.board.board_file import load_board
 
 A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)
 PITCH_MM = 0.02

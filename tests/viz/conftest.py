@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.table import ContactRow, ContactTable, write_contacts
+from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.table import write_contacts
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig

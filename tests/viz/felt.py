@@ -1,4 +1,4 @@
-"""Made-up findings of a table of contacts, as `estimator.felt.feel` gives them, without the work."""
+"""Made-up findings of a table of contacts, as `estimator.object.estimate.feel` gives them, without the work."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.table import ContactTable
+from estimator.table.columns import ContactTable
 
 MU, STIFFNESS_N_M = 0.3, 250.0
 

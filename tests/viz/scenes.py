@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator.table import ContactTable
+from estimator.table.columns import ContactTable
 from vbaa_calib.rig import Rig
-from viz.moments import moments_of
-from viz.rig_items import rig_items
-from viz.scene import ObjectMesh, Scene, Touch, build_scene, truth_object
+from viz.scene.moments import moments_of
+from viz.scene.rig_items import rig_items
+from viz.scene.scene import ObjectMesh, Scene, Touch, build_scene
+from viz.scene.truth import truth_object
 
 RED, GREEN = (250, 20, 10), (10, 240, 20)
 

@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.recheck import assess
+from vbaa_calib.calibrate.check.check import assess
 from vbaa_calib.cli.main import main
-from viz.check_page import page, prose
-from viz.check_pictures import arrows, coverage, heat_map
-from viz.check_plots import LEVEL_COLOURS, gauge
-from viz.check_tables import fixed, listing, number, records, scaled, with_std
-from viz.contours import contour, levels
-from viz.svg import Axes, span
+from viz.check.page import page
+from viz.check.pictures import arrows, coverage, heat_map
+from viz.check.plots import LEVEL_COLOURS, gauge
+from viz.check.tables import fixed, listing, number, records, scaled, with_std
+from viz.plots.contours import contour, levels
+from viz.plots.svg import Axes, span
+from viz.scene.markup import prose
 
 from ..calibrate.checked_rigs import QUALITY, month_later, rig_of, scene
 

@@ -14,8 +14,8 @@ import pytest
 import pyvista as pv
 
 from vbaa_calib.cli import main
-from viz import render
-from viz.object_file import read_object
+from viz.files.object_file import read_object
+from viz.render import render
 
 
 def outcome(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:

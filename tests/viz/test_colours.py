@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.table import ContactTable
-from viz.colours import MODES, UNKNOWN, contact_scale, round_ticks, scale
-from viz.felt_items import touch_of
-from viz.scene import build_scene
+from estimator.table.columns import ContactTable
+from viz.scene.colours import MODES, UNKNOWN, contact_scale, round_ticks, scale
+from viz.scene.object_items import touch_of
+from viz.scene.scene import build_scene
 
 from .felt import felt as made_up
 

@@ -11,11 +11,11 @@ import pytest
 import pyvista as pv
 from vtkmodules.vtkIOGeometry import vtkGLTFReader
 
-from estimator.surface import Surface, reconstruct
-from estimator.table import ContactTable
-from vbaa_calib.errors import InputError
-from viz.object_file import SUFFIXES, read_object, to_mesh, write_object
-from viz.ply import is_whole
+from estimator.object.surface import Surface, reconstruct
+from estimator.table.columns import ContactTable
+from vbaa_calib.core.errors import InputError
+from viz.files.object_file import SUFFIXES, read_object, to_mesh, write_object
+from viz.files.ply import is_whole
 
 from .touching import ANTENNA_RADIUS_M
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.table import ContactTable
+from estimator.table.columns import ContactTable
 from vbaa_calib.rig import Rig
-from viz import page, render
-from viz.colours import MODES
 from viz.parts import all_parts
-from viz.scene import Scene
+from viz.render import page, render
+from viz.scene.colours import MODES
+from viz.scene.scene import Scene
 
 from .scenes import full_scene
 

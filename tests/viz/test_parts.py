@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from estimator.table import ContactTable
+from estimator.table.columns import ContactTable
 from vbaa_calib.rig import Rig
-from vbaa_calib.synth.bumps import Bump
-from vbaa_calib.synth.march_object import BOX_FACE_M
-from vbaa_calib.synth.objects import TouchObject
-from viz.moments import moments_of
+from vbaa_calib.simulate.scene.bumps import Bump
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
 from viz.parts import LOOK, Part, all_parts
-from viz.parts.stamp import along, arrow, ball, cone, stamp
+from viz.parts.part import along, arrow, ball, cone, stamp
 from viz.parts.touched import MOST_SPREADS, magnification, thinned, touched_parts
 from viz.parts.true_object import truth_mesh
-from viz.scene import ObjectMesh, Scene, build_scene
-from viz.truth import TruthObject
+from viz.scene.moments import moments_of
+from viz.scene.scene import ObjectMesh, Scene, build_scene
+from viz.scene.truth import TruthObject
 
 from .scenes import full_scene
 

@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from estimator.table import ContactTable
-from vbaa_calib.errors import InputError, VbaaError
+from estimator.table.columns import ContactTable
+from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.rig import Rig
-from viz import render, sheet
-from viz.colours import MODES
-from viz.gltf import linear
 from viz.parts import LOOK, all_parts
 from viz.parts.part import ANTENNA, CAMERA, CONE
-from viz.scene import Scene, build_scene
-from viz.stage import Stage
-from viz.views import look_at_touched, view_direction
-from viz.window import Controls
+from viz.render import render, sheet
+from viz.render.gltf import linear
+from viz.render.stage import Stage
+from viz.render.window import Controls
+from viz.scene.colours import MODES
+from viz.scene.scene import Scene, build_scene
+from viz.scene.views import look_at_touched, view_direction
 
 from .scenes import full_scene
 

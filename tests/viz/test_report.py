@@ -12,16 +12,17 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.table import STATUSES, ContactTable
-from vbaa_calib.errors import InputError
+from estimator.contact.overlay import STATUS_COLOURS
+from estimator.table.columns import STATUSES, ContactTable
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
-from viz.render import can_render
-from viz.report import Report, page, write_report
-from viz.report_felt import Fact, Sensed, described
-from viz.report_pictures import Picture, figure, from_file, scene_picture
-from viz.report_tables import MOST_ROWS, contacts_table, origin
-from viz.report_truth import truth_of
-from viz.report_words import STATUS_COLOURS, frame_facts, headline
+from viz.render.render import can_render
+from viz.report.object_section import Fact, Sensed, described
+from viz.report.pictures import Picture, figure, from_file, scene_picture
+from viz.report.report import Report, page, write_report
+from viz.report.tables import MOST_ROWS, contacts_table, origin
+from viz.report.truth import truth_of
+from viz.report.words import frame_facts, headline
 
 from .felt import felt
 

@@ -11,10 +11,12 @@ from typing import Any
 
 import pytest
 
-from vbaa_calib.errors import InputError
-from viz import estimate_cli, report_cli, report_pictures
-from viz.report_make import beside
-from viz.report_pictures import Picture
+from vbaa_calib.core.errors import InputError
+from viz.cli import estimate as estimate_cli
+from viz.cli import report as report_cli
+from viz.report import pictures as report_pictures
+from viz.report.make import beside
+from viz.report.pictures import Picture
 
 Verb = Callable[..., dict[str, Any]]
 

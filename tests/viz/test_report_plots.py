@@ -8,11 +8,11 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from viz.report_clock import Clock, by_column
-from viz.report_cone import ConeData, YieldData, cone, yields
-from viz.report_map import Chart, colours, maps, scatter_across
-from viz.report_time import MEASURED, curve, lanes, signals
-from viz.svg import Axes
+from viz.plots.svg import Axes
+from viz.report.clock import Clock, by_column
+from viz.report.cone import ConeData, YieldData, cone, yields
+from viz.report.map import Chart, colours, maps, scatter_across
+from viz.report.time import MEASURED, curve, lanes, signals
 
 STATUS = {"ok": "#00ff00", "failed": "#ff0000"}
 TEAL_DOTS = 5.0

@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from viz.report_map import spread_out
-from viz.svg import Axes, runs, ticks
-from viz.svg_marks import bars, ellipses
+from viz.plots.marks import bars, ellipses
+from viz.plots.svg import Axes, runs, ticks
+from viz.report.map import spread_out
 
 
 def test_an_ellipse_turns_with_its_covariance() -> None:

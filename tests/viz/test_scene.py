@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.joints import from_points
-from estimator.table import ContactRow, ContactTable
+from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.joint_angles import from_points
 from vbaa_calib.camera import Camera
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
-from viz.moments import moments_of
-from viz.rig_items import picture_grid, poses_at, rig_items
-from viz.scene import Touch, build_scene, truth_object
+from viz.scene.moments import moments_of
+from viz.scene.rig_items import picture_grid, poses_at, rig_items
+from viz.scene.scene import Touch, build_scene
+from viz.scene.truth import truth_object
 
 
 def test_the_scene_needs_no_pyvista() -> None:

@@ -17,7 +17,7 @@ from typing import Any
 from unittest import mock
 
 from vbaa_calib.cli.main import main
-from vbaa_calib.files import sha256
+from vbaa_calib.core.files import sha256
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.steps import verdict
 

@@ -7,13 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from vbaa_calib.bench.guided_rigs import Rig, rigs
-from vbaa_calib.bench.guided_shots import wanted_pose
-from vbaa_calib.calibrate.next_view import LensProgress
+from benchmarks.guided.rigs import Rig, rigs, wanted_pose
+from vbaa_calib.calibrate.guide.next_view import LensProgress
 from vbaa_calib.geometry import Pose
-from vbaa_calib.synth.lens import Lens
-from vbaa_calib.synth.picture import digitise, expose, studio, surroundings
-from vbaa_calib.synth.render_board import board_patch, print_sheet
+from vbaa_calib.simulate.render.board import board_patch, print_sheet
+from vbaa_calib.simulate.render.picture import digitise, expose, studio, surroundings
+from vbaa_calib.simulate.scene.lens import Lens
 from vbaa_calib.wizard.sources.offered import Offered, frame_offered
 
 RIG = rigs()[1]

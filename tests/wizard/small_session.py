@@ -20,15 +20,15 @@ import numpy as np
 import yaml
 
 from vbaa_calib.cli.main import main
-from vbaa_calib.files import read_yaml, write_json, write_text
-from vbaa_calib.synth.scene import bundled_scene
+from vbaa_calib.core.files import read_yaml, write_json, write_text
+from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.known import Known
-from vbaa_calib.wizard.progress import Judged, Progress
 from vbaa_calib.wizard.sources.offered import Offered
+from vbaa_calib.wizard.state.progress import Judged, Progress
+from vbaa_calib.wizard.state.session_state import Known
+from vbaa_calib.wizard.state.store import LOCK
 from vbaa_calib.wizard.steps import verdict
 from vbaa_calib.wizard.steps.step import Step
-from vbaa_calib.wizard.store import LOCK
 
 from ..small_scene import small_scene
 
@@ -127,7 +127,7 @@ def unseen_steps() -> dict[str, Step]:
     return steps | {"sensor": replace(flow.ALL["sensor"], look=look)}
 
 
-def unseen_conclude(root: Path) -> dict[str, Any]:
+def unseen_conclude(root: Path, _page: object) -> dict[str, Any]:
     """A verdict that only says which pictures there were."""
     write_json(root / verdict.RIG, {"pictures": sorted(name for name in tree(root) if name.endswith(".png"))})
     write_text(root / verdict.REPORT, "report")

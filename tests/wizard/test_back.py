@@ -11,12 +11,12 @@ import pytest
 
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.asking import Earlier
-from vbaa_calib.wizard.catalogue import QUESTIONS
-from vbaa_calib.wizard.desk import Command, Interrupted, Nobody
-from vbaa_calib.wizard.known import Known
-from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.sources import Offered
-from vbaa_calib.wizard.store import Store
+from vbaa_calib.wizard.state.catalogue import QUESTIONS
+from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.session_state import Known
+from vbaa_calib.wizard.state.store import Store
+from vbaa_calib.wizard.ui.interface import Command, Interrupted, Nobody
 
 from .small_session import answers, tiny_source, unseen_steps
 

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from vbaa_calib.files import read_yaml
+from vbaa_calib.core.files import read_yaml
 
 from .small_session import answers, answers_file, tiny_source
 

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard import flow, opening
-from vbaa_calib.wizard.journal import Journal
-from vbaa_calib.wizard.progress import Judged
+from vbaa_calib.wizard import flow
+from vbaa_calib.wizard import flow as opening
 from vbaa_calib.wizard.sources.offered import Offered, SourceLost, frame_offered
-from vbaa_calib.wizard.store import Store
+from vbaa_calib.wizard.state.journal import Journal
+from vbaa_calib.wizard.state.progress import Judged
+from vbaa_calib.wizard.state.store import Store
 
 from .small_session import call, tree
 from .tiny_wizard import Tiny, expect_refused, finished, pictures, tiny

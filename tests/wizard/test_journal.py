@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from vbaa_calib.wizard.catalogue import QUESTIONS
-from vbaa_calib.wizard.journal import STEPS, Journal, Left, Record, Taken
+from vbaa_calib.wizard.state.catalogue import QUESTIONS
+from vbaa_calib.wizard.state.journal import STEPS, Journal, Left, Record, Taken
 
 
 def full() -> Journal:

@@ -13,19 +13,19 @@ import cv2
 import numpy as np
 import pytest
 
-from targets.sheet_words import spec_document
-from vbaa_calib.wizard.desk import Command, Live, Nobody
+from targets.sheet import spec_document
+from vbaa_calib.wizard.capture import Taking
 from vbaa_calib.wizard.flow import ALL
-from vbaa_calib.wizard.journal import Record
-from vbaa_calib.wizard.known import Known
-from vbaa_calib.wizard.page import Page
-from vbaa_calib.wizard.progress import Progress
-from vbaa_calib.wizard.readings import Given
 from vbaa_calib.wizard.sources import Offered, Source, open_source
+from vbaa_calib.wizard.state.journal import Record
+from vbaa_calib.wizard.state.progress import Progress
+from vbaa_calib.wizard.state.readings import Given
+from vbaa_calib.wizard.state.session_state import Known
+from vbaa_calib.wizard.state.store import Store
 from vbaa_calib.wizard.steps import lens
 from vbaa_calib.wizard.steps.step import Step
-from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.taking import Taking
+from vbaa_calib.wizard.ui.interface import Command, Live, Nobody
+from vbaa_calib.wizard.ui.page import Page
 
 from .obedient_camera import FPS, RIG, ObedientCamera
 

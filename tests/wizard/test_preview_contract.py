@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.preview import Command, Snapshot
-from vbaa_calib.wizard.preview.hub import COMMANDS_KEPT, PICTURES_KEPT, Hub
-from vbaa_calib.wizard.preview.messages import BODY_LIMIT, command_of
+from vbaa_calib.wizard.preview.hub import BODY_LIMIT, COMMANDS_KEPT, PICTURES_KEPT, Hub, command_of
 from vbaa_calib.wizard.preview.snapshot import encoded
 
 from .preview_states import jpeg, state

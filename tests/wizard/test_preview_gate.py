@@ -9,7 +9,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from vbaa_calib.wizard.preview import Command, Preview, Snapshot, routes
+from vbaa_calib.wizard.preview import Command, Preview, Snapshot
+from vbaa_calib.wizard.preview import server as routes
 
 from .preview_client import ask, command, cookie, raw, status, token
 from .preview_states import jpeg, state

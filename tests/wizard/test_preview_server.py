@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.wizard.preview import Command, Preview, Snapshot, routes, server
-from vbaa_calib.wizard.preview.messages import BODY_LIMIT
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.wizard.preview import Command, Preview, Snapshot, server
+from vbaa_calib.wizard.preview import server as routes
+from vbaa_calib.wizard.preview.hub import BODY_LIMIT
 
 from .preview_client import ask, command, cookie, raw, status
 from .preview_states import jpeg, state

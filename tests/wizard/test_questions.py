@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.wizard.catalogue import QUESTIONS, SOURCES, TABLES, by_key, open_questions
-from vbaa_calib.wizard.questions import Question
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.wizard.state.catalogue import QUESTIONS, SOURCES, TABLES, by_key, open_questions
+from vbaa_calib.wizard.state.questions import Question
 
 RNG_SEED = 11
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.wizard.readings import UNITS, Given, asked, complete, from_list, from_table, in_si, with_last
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.wizard.state.readings import UNITS, Given, asked, complete, from_list, from_table, in_si, with_last
 
 DOWN = np.array([0.0, 0.0, -9.80665])
 

@@ -7,11 +7,10 @@ import io
 import numpy as np
 import pytest
 
-from vbaa_calib.diagnosis import Diagnosis
-from vbaa_calib.wizard.desk import Live, lines_of
-from vbaa_calib.wizard.progress import Judged, Number, Progress
-from vbaa_calib.wizard.screen import Screen, clipped, wrapped
-from vbaa_calib.wizard.terminal import live_words
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.wizard.state.progress import Judged, Number, Progress
+from vbaa_calib.wizard.ui.interface import Live, lines_of
+from vbaa_calib.wizard.ui.terminal import Screen, clipped, live_words, wrapped
 
 
 def test_lines_are_broken_at_blanks_and_hang_below_their_label() -> None:

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.images import gray_from_bytes, read_gray
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import gray_from_bytes, read_gray
 from vbaa_calib.wizard.sources import SourceLost, open_source
 from vbaa_calib.wizard.sources.folder import FolderSource, Pace
 

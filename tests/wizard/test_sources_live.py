@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.sources import Source, SourceLost, camera
 from vbaa_calib.wizard.sources.camera import CameraWish, open_camera, parse_camera
-from vbaa_calib.wizard.sources.grabber import Patience
+from vbaa_calib.wizard.sources.live import Patience
 
 QUICK = Patience(open_s=0.6, silence_s=0.4, failures=3)
 

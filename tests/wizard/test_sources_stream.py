@@ -17,10 +17,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.images import gray_from_bytes
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import gray_from_bytes
 from vbaa_calib.wizard.sources import Source, SourceLost, open_source, without_secrets
-from vbaa_calib.wizard.sources.grabber import Patience
+from vbaa_calib.wizard.sources.live import Patience
 from vbaa_calib.wizard.sources.offered import frame_offered
 from vbaa_calib.wizard.sources.stream import open_stream
 

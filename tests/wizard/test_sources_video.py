@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.images import read_gray, read_picture
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.wizard.sources import Offered, Source, open_source
 
 FRAMES = 25

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from tests.wizard.moving_scenes import SIZE, WALL, antenna_scene, board_scene, filmed
-from vbaa_calib.wizard.motion import look_at, motion_px
-from vbaa_calib.wizard.still import ON_A_STAND, Held, StillGate
+from vbaa_calib.wizard.still import ON_A_STAND, Held, StillGate, look_at, motion_px
 
 BOARD = board_scene((0, 0))
 

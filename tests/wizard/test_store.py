@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.errors import InputError
-from vbaa_calib.files import sha256
-from vbaa_calib.wizard.journal import Journal
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import sha256
 from vbaa_calib.wizard.sources.offered import Offered
-from vbaa_calib.wizard.store import Store
+from vbaa_calib.wizard.state.journal import Journal
+from vbaa_calib.wizard.state.store import Store
 
 IMAGE = np.zeros((2, 3), np.uint8)
 

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.diagnosis import Diagnosis
-from vbaa_calib.wizard.desk import Live
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.wizard.capture import GO_ON
 from vbaa_calib.wizard.flow import ALL
-from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.preview import Command, Snapshot
-from vbaa_calib.wizard.progress import Judged, Progress, Target
-from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.sources.offered import frame_offered
+from vbaa_calib.wizard.state.progress import Judged, Progress, Target
+from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.store import Store
 from vbaa_calib.wizard.steps import board, lens
-from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.taking import GO_ON
+from vbaa_calib.wizard.ui.interface import Live
+from vbaa_calib.wizard.ui.page import Page
 
 from .preview_browser import BROWSER, Browser
 from .pseudo_terminal import PseudoTerminal
@@ -56,7 +56,7 @@ class Shown:
 
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Page, Shown, Store]]:
-    monkeypatch.setattr("vbaa_calib.wizard.page.Preview", Shown)
+    monkeypatch.setattr("vbaa_calib.wizard.ui.page.Preview", Shown)
     with Store(tmp_path / "rig") as store:
         made = Page(store, {name: step.title for name, step in ALL.items()}, lambda: np.array([[5.0, 5.0]]))
         shown = made._preview

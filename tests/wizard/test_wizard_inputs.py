@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import yaml
 
-from vbaa_calib.wizard.catalogue import QUESTIONS, SOURCES, TABLES
-from vbaa_calib.wizard.questions import Question
+from vbaa_calib.wizard.state.catalogue import QUESTIONS, SOURCES, TABLES
+from vbaa_calib.wizard.state.questions import Question
 
 from .small_session import answers_file, call
 

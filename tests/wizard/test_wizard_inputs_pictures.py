@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.images import read_gray
+from vbaa_calib.core.images import read_gray
 from vbaa_calib.wizard import flow
 
 from .small_session import answers, answers_file, call, rendered, unseen_steps

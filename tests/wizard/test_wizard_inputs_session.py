@@ -48,7 +48,7 @@ BOARDS: dict[str, tuple[str, tuple[str, ...]]] = {
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_a_board_that_cannot_be(name: str, tiny: Tiny, tmp_path: Path) -> None:
-    from vbaa_calib.files import read_yaml
+    from vbaa_calib.core.files import read_yaml
 
     content, words = BOARDS[name]
     file = tmp_path / "other.yaml"

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ellipeinc, ellipkinc
 
-from ..arrays import Array, namespace
-from .inputs import alike
+from vbaa_calib.core.arrays import Array, namespace
+
+from .linear import alike
 from .universal import universal_curve
 
 _DEAD_LOAD = 60.0

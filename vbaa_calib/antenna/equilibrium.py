@@ -22,7 +22,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from ..arrays import Array
+from vbaa_calib.core.arrays import Array
+
 from .hinge import Hinge
 from .nodes import INNER_NODES, grid_like
 

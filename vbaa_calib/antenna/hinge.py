@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..arrays import Array, like, namespace
+from vbaa_calib.core.arrays import Array, like, namespace
+
 from .nodes import grid_like
 from .universal import SERIES_LOAD, SERIES_TERMS, angle_coefficients, universal_curve
 

@@ -8,8 +8,20 @@ contact there (l < 0), gives NaN. NumPy or torch: if one argument is a tensor, s
 
 from __future__ import annotations
 
-from ..arrays import Array, namespace
-from .inputs import alike
+from typing import Any
+
+import numpy as np
+import torch
+
+from vbaa_calib.core.arrays import Array, namespace
+
+
+def alike(*values: Any) -> list[Array]:
+    """All values as tensors of the first tensor's dtype and device if one is a tensor, else as NumPy's float64."""
+    for value in values:
+        if isinstance(value, torch.Tensor):
+            return [torch.as_tensor(other, dtype=value.dtype, device=value.device) for other in values]
+    return [np.asarray(value, float) for value in values]
 
 
 def deflection(x_m: Array, contact_m: Array, force_N: Array, stiffness_Nm2: Array) -> Array:

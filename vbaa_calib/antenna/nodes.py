@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.polynomial import legendre
 
-from ..arrays import Array, like, namespace
+from vbaa_calib.core.arrays import Array, like, namespace
 
 NODES_TO_CONTACT, NODES_BEYOND = 40, 17
 CONTACT = NODES_TO_CONTACT - 1

@@ -18,8 +18,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import InputError, SolveError
-from ..geometry import Pose
+from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.geometry import Pose
+
 from .newton import Residual, newton
 
 STEPS_PER_SEGMENT = 32

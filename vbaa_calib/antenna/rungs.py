@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from ..arrays import Array, namespace
+from vbaa_calib.core.arrays import Array, namespace
+
 from . import linear
-from .nodes import on_shaft
-from .shape import CONTACT, Curves, aligned_arclength, bend
+from .nodes import CONTACT, aligned_arclength, on_shaft
+from .shape import Curves, bend
 
 RUNGS = ("paper", "linear", "elastica", "rod")
 """Lowest first.

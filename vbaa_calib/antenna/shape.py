@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, namespace
+from vbaa_calib.core.arrays import Array, namespace
+
 from .equilibrium import Equilibrium, Frame, Loads, Vector, equilibrium, side_lengths
 from .hinge import elastica_hinge
 from .nodes import CONTACT, aligned_arclength, grid_like, on_shaft

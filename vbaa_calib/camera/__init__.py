@@ -1,9 +1,7 @@
 """The metric layer: pixels to rays to points in metres, exact or marked, in NumPy and torch."""
 
-from .camera import Camera
-from .intersection import in_plane_axes, intersect_hinge_plane, intersect_plane
-from .on_plane import CameraOnPlane
-from .region import ValidRegion
+from .camera import Camera, ValidRegion
+from .plane import CameraOnPlane, in_plane_axes, intersect_hinge_plane, intersect_plane
 
 __all__ = [
     "Camera",

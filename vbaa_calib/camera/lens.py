@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..arrays import Array
+from vbaa_calib.camera.models.model import Coefficients, Path
+from vbaa_calib.core.arrays import Array
+
+from .limits import Sectors, definite, sectors
 from .models import MODELS, LensModel
-from .models.model import Coefficients, Path
 from .radial import RadialTable, radial_table
-from .sectors import Sectors, definite, sectors
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, as_index
+from vbaa_calib.core.arrays import Array, as_index
+
 from .models import LensModel
 
 FARTHEST = 1e3

@@ -12,12 +12,11 @@ from types import ModuleType
 import numpy as np
 import torch
 
-from ..arrays import Array, detached, empty, namespace
-from .inverse import invert_distortion
+from vbaa_calib.core.arrays import Array, detached, empty, namespace
+
+from .inverse import in_pieces, invert_distortion
 from .lens import Lens, lens_of
-from .pieces import in_pieces
-from .projection import Intrinsics
-from .tilt import apply_tilt, remove_tilt, remove_tilt_jacobians
+from .projection import Intrinsics, apply_tilt, remove_tilt, remove_tilt_jacobians
 
 Matrix = tuple[Array, Array, Array, Array]
 """(xx, xy, yx, yy), each (...) or a number."""

@@ -15,14 +15,15 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 import vbaa_calib
-import vbaa_calib.verbs
-from vbaa_calib.errors import InputError, VbaaError
+from vbaa_calib.core.errors import InputError, VbaaError
+
+from . import verbs as our_verbs
 
 
 def _verbs_of(package: str) -> dict[str, tuple[str, str]]:
     """A package's verbs; none, and a word about it, where a folder of the user's stands in the package's place."""
     try:
-        verbs: dict[str, tuple[str, str]] = importlib.import_module(f"{package}.verbs").VERBS
+        verbs: dict[str, tuple[str, str]] = importlib.import_module(f"{package}.cli.verbs").VERBS
     except ImportError as error:
         print(f"vbaa: the package {package} is hidden ({error}); `vbaa doctor` says by what", file=sys.stderr)
         return {}
@@ -30,11 +31,11 @@ def _verbs_of(package: str) -> dict[str, tuple[str, str]]:
 
 
 VERBS: dict[str, tuple[str, str]] = {
-    **vbaa_calib.verbs.VERBS,
+    **our_verbs.VERBS,
     **_verbs_of("estimator"),
     **_verbs_of("viz"),
-    "doctor": ("vbaa_calib.cli.doctor.verb", "is this installation healthy? each problem with its remedy"),
-    "demo": ("vbaa_calib.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
+    "doctor": ("vbaa_calib.cli.doctor", "is this installation healthy? each problem with its remedy"),
+    "demo": ("viz.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
 }
 
 

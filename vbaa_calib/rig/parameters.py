@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
+from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 
 POSE_PARAMETERS = (
     "camera_about_x_rad",

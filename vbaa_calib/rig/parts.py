@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..errors import InputError
-from ..geometry import Kinematics, Pose
-from ..session import read_pose
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.session import read_pose
 
 JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 """What a sweep finds of the joints, in the order of `Kinematics`."""

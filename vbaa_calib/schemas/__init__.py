@@ -10,7 +10,7 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
-from ..errors import InputError
+from vbaa_calib.core.errors import InputError
 
 NAMES = ("session", "rig")
 

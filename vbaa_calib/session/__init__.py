@@ -1,13 +1,11 @@
 """A session: one folder with everything that was measured on one rig. Read here, checked here, never written."""
 
 from .centrelines import Centrelines, read_centrelines
-from .measured import refuse_measured
-from .pictures import check_pictures
 from .rows import Frame, Load, Still, SweepPicture
-from .sensor import MomentSensor
 from .settings import (
     SCHEMA,
     LoadReadings,
+    MomentSensor,
     NominalAntenna,
     OverBoard,
     Session,
@@ -18,7 +16,7 @@ from .settings import (
     read_pose,
     session_from,
 )
-from .tables import read_loads, read_noload, read_recording, read_sweep
+from .tables import check_pictures, read_loads, read_noload, read_recording, read_sweep, refuse_measured
 
 __all__ = [
     "SCHEMA",

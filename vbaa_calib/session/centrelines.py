@@ -18,9 +18,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from ..csv_rows import check_count, no_csv, no_rows, number, places_of, whole_number
-from ..errors import InputError
-from ..files import require_file
+from vbaa_calib.core.csv_rows import check_count, no_csv, no_rows, number, places_of, whole_number
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import require_file
+
 from .rows import wrong
 from .settings import Session
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ..csv_rows import number
-from ..errors import InputError
-from ..files import read_text
+from vbaa_calib.core.csv_rows import number
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_text
 
 
 @dataclass(frozen=True)

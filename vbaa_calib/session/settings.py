@@ -12,13 +12,31 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
+from vbaa_calib import schemas
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_yaml
+from vbaa_calib.geometry import Kinematics, Pose
 
-from .. import schemas
-from ..errors import InputError
-from ..files import read_yaml
-from ..geometry import Kinematics, Pose
 from .rows import Still
-from .sensor import MomentSensor
+
+
+@dataclass(frozen=True)
+class MomentSensor:
+    """reading = gain · moment + offset + noise of standard deviation std."""
+
+    gain: float
+    offset_Nm: float
+    std_Nm: float
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> MomentSensor:
+        """From a mapping that the schema has checked."""
+        return MomentSensor(float(data["gain"]), float(data["offset_Nm"]), float(data["std_Nm"]))
+
+    def to_dict(self) -> dict[str, float]:
+        """The mapping that `from_dict` takes."""
+        return {"gain": self.gain, "offset_Nm": self.offset_Nm, "std_Nm": self.std_Nm}
+
 
 SCHEMA = "vbaa.session/1"
 TILT_ZERO_STD_RAD = 0.01

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
-from ..csv_rows import csv_rows, number, read_csv, whole_number
+from vbaa_calib.core.csv_rows import csv_rows, number, read_csv, whole_number
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import SUFFIXES
+
 from .rows import (
     Frame,
     Load,
@@ -22,6 +28,38 @@ from .rows import (
     wrong,
 )
 from .settings import Session
+
+FOLDERS = ("intrinsics", "plane", "sweep", "over", "noload", "loads", "recording")
+FILES = ("session.yaml", "board.yaml", "truth.json", "wizard.json")
+TABLES = ("recording.csv", "centrelines.csv", "sweep.csv", "noload.csv", "loads.csv")
+
+
+def refuse_measured(output: Path, root: Path) -> None:
+    """Raises InputError where `output` is a file of the session in `root` that holds measurements, even by force."""
+    if not os.path.lexists(output):
+        return
+    place, inside = Path(os.path.realpath(output)), Path(os.path.realpath(root))
+    if not place.is_relative_to(inside):
+        return
+    *folders, name = place.relative_to(inside).parts or ("",)
+    taken = Path(name).suffix.lower() in SUFFIXES or name in TABLES
+    if (not folders and name in FILES) or (folders and folders[0] in FOLDERS and taken):
+        raise InputError("is an input of this command", where=output, remedy="take another name")
+
+
+def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose: str) -> None:
+    """Raises InputError for the first picture that cannot be read or has another size than (width, height) px.
+
+    Decoding is quick: better all of it before the long work than an error in the middle of it.
+    """
+    from vbaa_calib.core.images import read_gray
+
+    for path in pictures:
+        height, width = read_gray(path).shape
+        if (width, height) != tuple(image_size):
+            what = f"is {width}x{height} px, {whose} {image_size[0]}x{image_size[1]} px"
+            raise InputError(what, where=path, remedy="use one camera at one resolution throughout")
+
 
 MOMENTS = ("moment_Nm", "moment_z_Nm")
 """Columns of a recording that may be missing."""

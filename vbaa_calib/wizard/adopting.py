@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
-from ..files import read_text, sha256, write_text
-from ..images import list_images, read_picture
-from ..session import Session, load_session, read_loads, read_noload, read_sweep
-from .desk import Desk
-from .journal import PICTURES, Record, Taken
-from .session_file import COLUMNS, answers_of
-from .steps import board
-from .store import ASIDE, FOLDERS, WAYS, Store
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_text, sha256, write_text
+from vbaa_calib.core.images import list_images, read_picture
+from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
+from vbaa_calib.wizard.state.journal import PICTURES, Record, Taken
+from vbaa_calib.wizard.state.session_file import COLUMNS, answers_of
+from vbaa_calib.wizard.state.store import ASIDE, FOLDERS, WAYS, Store
+from vbaa_calib.wizard.steps import board
+from vbaa_calib.wizard.ui.interface import Desk
 
 
 def adopt(store: Store, desk: Desk) -> None:

@@ -8,18 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..detect.board_file import load_board
-from ..errors import InputError
-from .catalogue import BOARD_ANSWERS, QUESTIONS, by_key, open_questions
-from .catalogue_plane import keeps_jig
-from .desk import Desk, Interrupted
-from .known import Known
-from .printed import square_scale_of
-from .questions import Question
-from .session_file import check_jig_axes
-from .steps import board
-from .steps.step import Step
-from .store import Store
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.wizard.state.catalogue import BOARD_ANSWERS, QUESTIONS, by_key, keeps_jig, open_questions
+from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.session_file import check_jig_axes, square_scale_of
+from vbaa_calib.wizard.state.session_state import Known
+from vbaa_calib.wizard.state.store import Store
+from vbaa_calib.wizard.steps import board
+from vbaa_calib.wizard.steps.step import Step
+from vbaa_calib.wizard.ui.interface import Desk, Interrupted
 
 _JIG = {key for key in by_key() if key.startswith("jig_")} | {"board_thickness_mm"}
 BOARD, PAPER = by_key()["board"], by_key()["paper"]

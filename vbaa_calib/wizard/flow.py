@@ -2,22 +2,81 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, VbaaError
+from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.wizard.state.catalogue import BOARD_ANSWERS, SOURCES, by_key
+from vbaa_calib.wizard.state.journal import STEPS
+from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.readings import Given, from_list, from_table
+from vbaa_calib.wizard.state.session_state import Known
+from vbaa_calib.wizard.state.store import Store
+from vbaa_calib.wizard.steps import board, lens, loads, noload, plane, sensor, verdict
+from vbaa_calib.wizard.steps.step import Step
+from vbaa_calib.wizard.ui.interface import Command, Desk, Interrupted
+
 from .adopting import put_strangers_aside
 from .asking import Earlier, answer_all
-from .catalogue import BOARD_ANSWERS
-from .desk import Command, Desk, Interrupted
-from .journal import STEPS
-from .known import Known
-from .opening import ask_for_source, given_of, opened, source_text
-from .questions import Question
-from .sources import SourceLost
-from .steps import board, lens, loads, noload, plane, sensor, verdict
-from .steps.step import Step
-from .store import Store
-from .taking import GO_ON, NoMore, Taking
+from .capture import GO_ON, NoMore, Taking
+from .sources import Source, SourceLost, open_source
+
+
+def opened(known: Known, desk: Desk, step: Step) -> Source:
+    """The step's source; asked for again where somebody is there and it cannot be opened."""
+    while True:
+        try:
+            return source_of(known.store, step.name, desk.interactive)
+        except InputError as error:
+            if not desk.interactive:
+                raise
+            desk.wrong(str(error))
+        ask_for_source(known.store, desk, step)
+
+
+def ask_for_source(store: Store, desk: Desk, step: Step) -> None:
+    """Ask where the step's pictures come from."""
+    question = next(question for question in SOURCES if question.step == step.name)
+    if step.name == "lens" and question.key not in store.journal.answers:
+        question = by_key()["source"]
+    store.answer({question.key: desk.ask(question, {})})
+
+
+def source_text(store: Store, step: str) -> str:
+    """Where a step's pictures come from: its own source, or the folder of its name in the source of all; "" unknown."""
+    answers = store.journal.answers
+    own = answers.get(f"{step}_source")
+    if own:
+        return str(own)
+    text = str(answers.get("source", ""))
+    inside = os.path.join(text, store.folder(step))
+    return inside if "://" not in text and os.path.isdir(inside) else text
+
+
+def source_of(store: Store, step: str, wait: bool) -> Source:
+    """The source of a step's pictures, those that were judged already left out. Raises InputError."""
+    text, record = source_text(store, step), store.journal.of(step)
+    folder = Path(text)
+    if "://" not in text and os.path.isdir(text) and folder.resolve().is_relative_to(store.root.resolve()):
+        raise InputError(
+            "lies inside the session, where the wizard keeps what it took",
+            where=text,
+            remedy="let the camera's program write into another folder",
+        )
+    return open_source(text, () if os.path.isfile(text) else record.judged, wait)
+
+
+def given_of(store: Store, step: str) -> Given:
+    """Readings that were written down beforehand: those named, or the table in the folder of the pictures."""
+    named = store.journal.answers.get(f"{step}_readings")
+    if isinstance(named, list):
+        return from_list(named, f"{step}_readings")
+    if named:
+        return from_table(Path(str(named)))
+    beside = Path(source_text(store, step)) / f"{store.folder(step)}.csv"
+    return from_table(beside) if os.path.isfile(beside) else Given()
+
 
 ALL = {one.name: one for one in (s.STEP for s in (board, lens, plane, noload, loads, sensor, verdict))}
 assert tuple(ALL) == STEPS
@@ -36,8 +95,11 @@ class Quit(Exception):
     """The person stops here."""
 
 
-def walk(known: Known, desk: Desk) -> dict[str, Any]:
-    """All steps that are open, to the verdict; its document. Raises Quit, InputError, SolveError."""
+def walk(known: Known, desk: Desk, page: verdict.Page) -> dict[str, Any]:
+    """All steps that are open, to the verdict; its document, of which `page` makes the report.
+
+    Raises Quit, InputError, SolveError.
+    """
     at, store, earlier = 0, known.store, Earlier()
     steps = [ALL[name] for name in STEPS]
     while True:
@@ -48,7 +110,7 @@ def walk(known: Known, desk: Desk) -> dict[str, Any]:
         desk.begin(step)
         try:
             if step is steps[-1]:
-                return _concluded(known, desk)
+                return _concluded(known, desk, page)
             _put_results_aside(store, desk)
             command = _through(known, desk, step, earlier)
         except Interrupted as interrupt:
@@ -87,7 +149,7 @@ def _stuck(desk: Desk, error: VbaaError) -> Command:
     return Command("back")
 
 
-def _concluded(known: Known, desk: Desk) -> dict[str, Any]:
+def _concluded(known: Known, desk: Desk, page: verdict.Page) -> dict[str, Any]:
     step, store = ALL[STEPS[-1]], known.store
     desk.show(step, step.look(known))
     known.write_files()
@@ -95,7 +157,7 @@ def _concluded(known: Known, desk: Desk) -> dict[str, Any]:
     put_strangers_aside(store, desk)
     desk.working("everything in one solve")
     try:
-        return verdict.conclude(store.root)
+        return verdict.conclude(store.root, page)
     except VbaaError:
         _put_results_aside(store, desk)
         raise

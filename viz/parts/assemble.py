@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..scene import Scene
+from viz.scene.scene import Scene
+
 from .part import Part
 from .rig import rig_parts
 from .solid import grid_part, object_parts

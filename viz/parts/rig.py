@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pyvista as pv
 
-from ..scene import RigItems, Scene
+from viz.scene.scene import RigItems, Scene
+
 from .part import Part, joined, triangles, wire, wires
 
 THICKER = 1.8

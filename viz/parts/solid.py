@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pyvista as pv
 
-from ..colours import UNKNOWN, surface_scale
-from ..scene import ObjectMesh, Scene
-from .part import OBJECT, Part, joined, triangles, wires
-from .stamp import along, ball, stamp
+from viz.scene.colours import UNKNOWN, surface_scale
+from viz.scene.scene import ObjectMesh, Scene
+
+from .part import OBJECT, Part, along, ball, joined, stamp, triangles, wires
 
 
 def object_parts(mesh: ObjectMesh, reach_m: float) -> list[Part]:

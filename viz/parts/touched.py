@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene import Scene
-from .part import Part
-from .stamp import along, arrow, ball, cone, stamp
+from viz.scene.scene import Scene
+
+from .part import Part, along, arrow, ball, cone, stamp
 
 MOST_BALLS, MOST_ARROWS, MOST_SPREADS, MOST_CONES = 2500, 100, 60, 16
 MAGNIFIED = (1, 2, 5, 10, 20, 50, 100)

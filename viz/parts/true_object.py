@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pyvista as pv
 
-from vbaa_calib.synth.bumps import surface_radius
-from vbaa_calib.synth.march_object import BOX_FACE_M
+from vbaa_calib.simulate.scene.bumps import surface_radius
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M
+from viz.scene.truth import TruthObject
 
-from ..truth import TruthObject
 from .part import Part, triangles
 
 ARC = 12

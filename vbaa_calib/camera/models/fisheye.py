@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ...arrays import Array
-from ..charts import EQUIDISTANT
-from .model import Coefficients, LensModel, Path, absent
-from .polynomial import smallest_positive_root
+from vbaa_calib.core.arrays import Array
+
+from .charts import EQUIDISTANT
+from .model import Coefficients, LensModel, Path, absent, smallest_positive_root
 
 
 def _radial(s: Array, c: Coefficients) -> tuple[Array, Array]:

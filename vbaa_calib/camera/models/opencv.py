@@ -17,10 +17,10 @@ import numpy as np
 import torch
 from numpy.polynomial import polynomial
 
-from ...arrays import Array
-from ..charts import PERSPECTIVE
-from .model import Coefficients, LensModel, Path, absent
-from .polynomial import smallest_positive_root
+from vbaa_calib.core.arrays import Array
+
+from .charts import PERSPECTIVE
+from .model import Coefficients, LensModel, Path, absent, smallest_positive_root
 
 _NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _POLYNOMIAL, _RATIONAL, _BEFORE_TILT = 5, 8, 12

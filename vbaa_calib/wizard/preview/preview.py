@@ -5,12 +5,10 @@ from __future__ import annotations
 import threading
 from types import TracebackType
 
-from vbaa_calib.errors import InputError
+from vbaa_calib.core.errors import InputError
 
-from .gate import Gate
 from .hub import Hub
-from .routes import Router
-from .server import Server
+from .server import Gate, Router, Server
 from .snapshot import Command, Snapshot
 
 

@@ -12,10 +12,10 @@ from urllib.parse import parse_qsl
 
 import cv2
 
-from ...errors import InputError
-from .grabber import Patience, silence_opencv
-from .live import Advice, LiveSource
-from .words import shown
+from vbaa_calib.core.errors import InputError
+
+from .live import Advice, LiveSource, Patience, silence_opencv
+from .offered import shown
 
 _KEYS = "width, height, fps and fourcc"
 _LIKE = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"

@@ -6,14 +6,14 @@ import stat
 from collections.abc import Container
 from pathlib import Path
 
-from ...errors import InputError
-from ...images import SUFFIXES
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import SUFFIXES
+
 from .camera import CameraWish, open_camera, parse_camera
 from .folder import FolderSource
-from .offered import Source
+from .offered import Source, shown
 from .stream import open_stream
 from .video import VideoSource
-from .words import shown
 
 _LONGEST = 4096
 _KINDS = "name a folder of pictures, a video, a camera like camera:0, or a stream like rtsp://host/path"

@@ -9,10 +9,10 @@ from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ...errors import InputError
-from ...images import SUFFIXES, gray_from_bytes
-from .offered import Offered, SourceLost
-from .words import shown
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import SUFFIXES, gray_from_bytes
+
+from .offered import Offered, SourceLost, shown
 
 _TEMPORARY = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".download", ".filepart", ".swp")
 _MOST_BYTES = 1_000_000_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -10,7 +11,26 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from ...errors import InputError
+from vbaa_calib.core.errors import InputError
+
+_LONGEST = 100
+_USER = re.compile(r"://.*@", re.DOTALL)
+_SECRET = re.compile(r"([?&;][^=&;]*(?:pass|pwd|user|usr|token|key|auth|secret|sig)[^=&;]*=)[^&;#]*", re.IGNORECASE)
+
+
+def without_secrets(text: str) -> str:
+    """A URL without user, password and tokens.
+
+    All up to the last @ goes, since a password may hold one, or a slash.
+    """
+    return _SECRET.sub(r"\1***", _USER.sub("://***@", text))
+
+
+def shown(text: str) -> str:
+    """A text for a message: one line, at most 100 characters, without secrets."""
+    line = "".join(sign if sign.isprintable() else "?" for sign in without_secrets(text))
+    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}…"
+
 
 _TO_GRAY = np.array([[3737 / 2**15, 19234 / 2**15, 9797 / 2**15, 2**-16 - 0.5]])
 """libpng's grey of blue, green and red, which truncates; half a level less makes OpenCV's rounding do that."""
@@ -27,7 +47,7 @@ class Offered:
     Attributes
     ----------
     name : unique within the source: a file's name, or "frame 12".
-    image : (H, W) uint8 grey, as `vbaa_calib.images.read_gray` gives it of `data`.
+    image : (H, W) uint8 grey, as `vbaa_calib.core.images.read_gray` gives it of `data`.
     suffix : of the file that `data` is stored as: ".png", ".jpg", ...
     content : a file's own bytes, or a live frame's pixels, (H, W) grey or (H, W, 3) blue, green, red, uint8.
     time_s : of a frame, since the source was opened or the video began; None for files.

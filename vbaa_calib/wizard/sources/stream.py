@@ -7,10 +7,10 @@ from urllib.parse import urlsplit
 
 import cv2
 
-from ...errors import InputError
-from .grabber import Patience, silence_opencv
-from .live import Advice, LiveSource
-from .words import shown
+from vbaa_calib.core.errors import InputError
+
+from .live import Advice, LiveSource, Patience, silence_opencv
+from .offered import shown
 
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
 _NO_HOST = ("udp", "rtp")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import cv2
 
-from ...errors import InputError
-from .grabber import silence_opencv
-from .offered import Offered, frame_offered
-from .words import shown
+from vbaa_calib.core.errors import InputError
+
+from .live import silence_opencv
+from .offered import Offered, frame_offered, shown
 
 _AGAIN = "record or copy it again, or turn it into a folder of pictures"
 _USUAL_FPS = 30.0

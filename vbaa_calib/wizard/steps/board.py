@@ -6,17 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from targets.sheet_default import fill_in
-from targets.sheet_draw import draw
-from targets.sheet_layout import lay_out
-from targets.sheet_paper import paper_named
-from targets.sheet_pdf import as_pdf
-from targets.sheet_words import board_id, size_words, spec_document
+from targets.paper import paper_named
+from targets.sheet import board_id, fill_in, lay_out, size_words, spec_document
+from targets.write_sheet import as_pdf, draw
+from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.wizard.state.progress import Number, Progress
+from vbaa_calib.wizard.state.session_state import BOARD, Known
+from vbaa_calib.wizard.state.store import Store
 
-from ...detect.board_file import load_board
-from ..known import BOARD, Known
-from ..progress import Number, Progress
-from ..store import Store
 from .step import Step
 
 SHEET = "board.pdf"

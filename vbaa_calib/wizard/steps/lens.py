@@ -7,14 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...calibrate.diagnose_views import same_pose, view_set_diagnoses
-from ...calibrate.next_view import LensProgress, closeness, lens_progress
-from ...detect.corners import BoardView
-from ...errors import VbaaError
-from ..known import Known
-from ..progress import Judged, Number, Progress, Target
-from ..sources.offered import Offered
-from .boards import judged
+from vbaa_calib.calibrate.faults.variety import same_pose
+from vbaa_calib.calibrate.faults.views import view_set_diagnoses
+from vbaa_calib.calibrate.guide.next_view import LensProgress, lens_progress
+from vbaa_calib.calibrate.guide.suggestion import closeness
+from vbaa_calib.core.errors import VbaaError
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.wizard.sources.offered import Offered
+from vbaa_calib.wizard.state.progress import Judged, Number, Progress, Target
+from vbaa_calib.wizard.state.session_state import Known
+
+from .pictures import judged
 from .step import Step
 
 GOAL_M = 1e-4

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...calibrate.next_load import load_progress
-from ...errors import VbaaError
-from ...session import Load
-from ..known import Known
-from ..progress import Judged, Number, Progress
-from ..sources.offered import Offered
-from .antenna import found_antenna
+from vbaa_calib.calibrate.guide.next_load import load_progress
+from vbaa_calib.core.errors import VbaaError
+from vbaa_calib.session import Load
+from vbaa_calib.wizard.sources.offered import Offered
+from vbaa_calib.wizard.state.progress import Judged, Number, Progress
+from vbaa_calib.wizard.state.session_state import Known
+
+from .pictures import found_antenna
 from .step import Step
 
 GOAL = 0.01

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...errors import VbaaError
-from ..known import Known
-from ..progress import Judged, Progress
-from ..sources.offered import Offered
-from .antenna import found_antenna
+from vbaa_calib.core.errors import VbaaError
+from vbaa_calib.wizard.sources.offered import Offered
+from vbaa_calib.wizard.state.progress import Judged, Progress
+from vbaa_calib.wizard.state.session_state import Known
+
+from .pictures import found_antenna
 from .step import Step
 
 LEAST, ENOUGH = 2, 5

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...calibrate.next_view_jig import plane_progress
-from ...calibrate.session_plane import PlaneC
-from ...errors import VbaaError
-from ..known import Known
-from ..progress import Judged, Number, Progress
-from ..sources.offered import Offered
-from .boards import judged
+from vbaa_calib.calibrate.guide.jig_views import plane_progress
+from vbaa_calib.calibrate.plane_c import PlaneC
+from vbaa_calib.core.errors import VbaaError
+from vbaa_calib.wizard.sources.offered import Offered
+from vbaa_calib.wizard.state.progress import Judged, Number, Progress
+from vbaa_calib.wizard.state.session_state import Known
+
+from .pictures import judged
 from .step import Step
 
 ENOUGH = {"plane": 4, "sweep": 10, "over": 3}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...calibrate.joint_problem import GAIN, OFFSET
-from ..known import Known
-from ..progress import Number, Progress
+from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
+from vbaa_calib.wizard.state.progress import Number, Progress
+from vbaa_calib.wizard.state.session_state import Known
+
 from .step import Step
 
 

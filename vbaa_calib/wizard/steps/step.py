@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from ..known import Known
-from ..progress import Judged, Progress
-from ..sources.offered import Offered
+from vbaa_calib.wizard.sources.offered import Offered
+from vbaa_calib.wizard.state.progress import Judged, Progress
+from vbaa_calib.wizard.state.session_state import Known
 
 
 class Judge(Protocol):

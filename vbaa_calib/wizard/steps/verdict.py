@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from viz.check_page import page
+from vbaa_calib.calibrate.check.check import assess
+from vbaa_calib.calibrate.pipeline import calibrate
+from vbaa_calib.calibrate.report import doubts, rig_document
+from vbaa_calib.core.files import write_json, write_text
+from vbaa_calib.session import load_session
+from vbaa_calib.wizard.state.journal import PICTURES
+from vbaa_calib.wizard.state.progress import Progress
+from vbaa_calib.wizard.state.session_state import Known
 
-from ...calibrate.calibrate_cli import rig_document
-from ...calibrate.calibration import calibrate
-from ...calibrate.calibration_report import doubts
-from ...calibrate.recheck import assess
-from ...files import write_json, write_text
-from ...session import load_session
-from ..journal import PICTURES
-from ..known import Known
-from ..progress import Progress
 from .step import Step
 
 RIG, REPORT = "rig.json", "check.html"
+Page = Callable[[dict[str, Any]], str]
+"""From check.json's content to its page: what draws stands above the wizard."""
 
 
-def conclude(root: Path) -> dict[str, Any]:
+def conclude(root: Path, page: Page) -> dict[str, Any]:
     """Calibrate the session from its files, write rig.json and check.html beside them. Returns check.json's content.
 
     rig.json is the same for the same session: how the wizard was called is not in it. Raises InputError and SolveError

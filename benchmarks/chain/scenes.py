@@ -1,0 +1,168 @@
+"""Pictures of an antenna that touches something, with everything that is true of them: the chain from end to end.
+
+Shapes are the static rod's (weight, bow, a crooked clamp), pictures the simulator's, through OpenCV's lens. Neither
+shares code with what is judged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.estimator.scenes import Scenes, push_for_deflection, rolled, scenes
+from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, drawn_truth
+from benchmarks.estimator.shapes import Touches, rod_shapes
+from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.render.antenna import Tube, tube, tube_patch
+from vbaa_calib.simulate.render.picture import LAMP_WORLD, Studio, digitise, expose
+from vbaa_calib.simulate.scene.lens import Lens, RayMap, project
+from vbaa_calib.simulate.scene.scene import PictureSpec
+
+SIZES = ((512, 512), (1280, 720))
+RIGS = {"exact": True, "calibrated": False}
+"""What is known of the rig → whether that is everything."""
+CAMERA_TILT_RAD = np.radians(30.0)
+REACH, DEFLECTION_M, ROLL_RAD = (0.3, 0.8), (0.004, 0.010), np.radians(60.0)
+"""Contact distances over length, deflections there, and the largest roll of the deformation plane."""
+FRICTION_STD_RAD = 0.2
+"""Of the friction angle; the estimator's own default."""
+JOINTS_RAD = (0.3, -0.25)
+"""Pan and tilt of all pictures: weight bends the antenna along y and z."""
+LIGHT = PictureSpec(
+    blur_px=0.8,
+    read_noise=1.2,
+    electrons_per_grey=40.0,
+    vignette=0.3,
+    gradient=0.3,
+    background=0.2,
+    clutter=0.0,
+    antenna=0.8,
+    object=0.4,
+    shading_asymmetry=0.0,
+)
+"""In focus, a sensor's shot and read noise, light from one side and dark corners, nothing behind."""
+DRAWN_AT = 161
+"""Places along the antenna from which its picture is drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """One picture to be drawn.
+
+    Attributes
+    ----------
+    tube : the antenna as the camera sees it.
+    """
+
+    studio: Studio
+    tube: Tube
+
+    def light(self, aside_px: float = 0.0, antenna: bool = True) -> np.ndarray:
+        """(H, W) grey levels without noise, the antenna moved so far along its normals, or left out."""
+        height, width = self.studio.light.shape
+        canvas = np.full((height, width), self.studio.spec.background, np.float32)
+        moved = replace(self.tube, pixels=self.tube.pixels + aside_px * self.tube.normals)
+        patch = tube_patch(self.studio, moved, self.studio.spec.antenna) if antenna else None
+        return expose(self.studio, canvas, [] if patch is None else [patch])
+
+    def variance(self, grey: np.ndarray) -> np.ndarray:
+        """(H, W) of every pixel: shot noise, read noise and rounding."""
+        spec = self.studio.spec
+        return np.maximum(grey, 0.0) / spec.electrons_per_grey + spec.read_noise**2 + 1.0 / 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """One picture with its truth.
+
+    Attributes
+    ----------
+    image : (H, W) uint8. moment_Nm : the sensor's reading, with noise.
+    truth : the same as one frame, its rig the true one; of its points any number, without noise.
+    """
+
+    image: np.ndarray
+    moment_Nm: float
+    drawing: Drawing
+    truth: Scenes
+
+    @property
+    def distance_m(self) -> float:
+        """Of the contact, true."""
+        return float(self.truth.distance_m[0])
+
+    @property
+    def force_N(self) -> np.ndarray:
+        """(3,) antenna frame, true."""
+        return np.asarray(self.truth.force_N[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """Pictures of one size and rig.
+
+    Attributes
+    ----------
+    rig : as the estimator is to know it. known : one of `RIGS`.
+    """
+
+    size: tuple[int, int]
+    known: str
+    rig: Rig
+    photographs: list[Photograph]
+
+    def __len__(self) -> int:
+        return len(self.photographs)
+
+    @property
+    def name(self) -> str:
+        """Of the size."""
+        return f"{self.size[0]}x{self.size[1]}"
+
+
+def cell(size: tuple[int, int], known: str, count: int, seed: int) -> Cell:
+    """So many pictures at random. With a calibrated rig every picture has a true rig of its own."""
+    rng = np.random.default_rng([seed, *size, RIGS[known]])
+    given = Setup(tilt_rad=CAMERA_TILT_RAD, azimuth_rad=TOWARDS_CLAMP, image_size=size, real=True, exact=RIGS[known])
+    rig = given.rig()
+    return Cell(size, known, rig, [photograph(drawn_truth(rig, rng), rng) for _ in range(count)])
+
+
+def photograph(rig: Rig, rng: np.random.Generator) -> Photograph:
+    """One picture of a true rig, contact and noise at random."""
+    length = rig.antenna.length_m
+    distance = rng.uniform(*REACH, 1) * length
+    size = push_for_deflection(rng.uniform(*DEFLECTION_M, 1), distance, rig.antenna.stiffness_Nm2)
+    push = rolled(size * rng.choice([-1.0, 1.0]), rng.uniform(-ROLL_RAD, ROLL_RAD))
+    friction = np.clip(FRICTION_STD_RAD * rng.normal(size=1), -1.0, 1.0)
+    pan, tilt = JOINTS_RAD
+    truth = scenes(rig, distance, push, friction, made_by=rod_shapes, pan_rad=pan, tilt_rad=tilt)
+    drawing = drawn(rig, truth.touches)
+    image = digitise(drawing.studio.spec, drawing.light(), rng)
+    moment = float(truth.moment_Nm[0]) + rig.moment_sensor.std_Nm * rng.normal()
+    return Photograph(image, moment, drawing, truth)
+
+
+def drawn(rig: Rig, touches: Touches) -> Drawing:
+    """The picture of one touch."""
+    arclength = np.linspace(0.0, rig.antenna.length_m, DRAWN_AT)
+    points = rod_shapes(rig, touches, arclength).points_m[0]
+    lens = Lens(rig.camera.model, rig.camera.image_size, rig.camera.matrix, rig.camera.distortion)
+    to_camera = rig.T_antenna_camera.inverse()
+    lamp = to_camera.rotation @ rig.kinematics.T_world_antenna(*JOINTS_RAD).rotation.T @ LAMP_WORLD
+    return Drawing(_studio(lens), tube(lens, arclength, to_camera @ points, rig.antenna.diameter_m / 2, lamp))
+
+
+def seen_pixels(rig: Rig, points_m: np.ndarray) -> np.ndarray:
+    """(..., 2) where the simulator's lens shows points (..., 3) of the antenna frame."""
+    lens = Lens(rig.camera.model, rig.camera.image_size, rig.camera.matrix, rig.camera.distortion)
+    return project(lens, rig.T_antenna_camera.inverse() @ points_m)
+
+
+def _studio(lens: Lens) -> Studio:
+    width, height = lens.image_size
+    u, v = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
+    level = (1.0 - LIGHT.vignette * (u**2 + v**2) / 2) * (1.0 - LIGHT.gradient * (0.5 + 0.35 * u - 0.15 * v))
+    # nothing lies behind: neither rays of the surroundings nor a bench are needed
+    return Studio(LIGHT, RayMap(lens, np.empty((0, 0, 2))), level.astype(np.float32), np.empty((0, 0), np.float32))

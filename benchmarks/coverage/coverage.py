@@ -1,0 +1,290 @@
+"""`vbaa bench coverage`: do whole calibrations know how wrong they are?"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.harness import Findings, Options, new_figure, save
+from vbaa_calib.camera import CameraOnPlane
+from vbaa_calib.core.console import progress
+from vbaa_calib.core.errors import VbaaError
+
+from .rigs import CoverageRig, Draw, coverage_rigs, draw
+from .solve import STAGES, Errors, Solved, solve, statistics
+
+RATIO_GOAL = 0.15
+COVERED_GOAL = (0.93, 0.97)
+JUDGED = ("points on C", "camera pose", "EI")
+"""The quantities that the goal is about."""
+_PARAMETERS = {
+    "camera turn": slice(0, 3),
+    "camera place": slice(3, 6),
+    "camera pose": slice(0, 6),
+    "EI": slice(12, 13),
+    "mass": slice(13, 14),
+    "clamp": slice(6, 10),
+    "bow": slice(10, 12),
+    "clamp give": slice(14, 15),
+    "gain": slice(15, 16),
+    "offset": slice(16, 17),
+    "pose, antenna, sensor": slice(0, 17),
+}
+"""Quantity → its rows among `RIG_PARAMETERS`."""
+UNITS = {
+    "points on C": ("mm", 1e3),
+    "camera turn": ("mrad", 1e3),
+    "camera place": ("mm", 1e3),
+    "EI": ("%", 1e2),
+    "mass": ("%", 1e2),
+    "bow": ("1/m", 1.0),
+    "gain": ("%", 1e2),
+    "offset": ("mN·m", 1e3),
+}
+"""Quantity → unit, and its factor on SI; others mix units."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One draw's errors by quantity, or why there are none; what else is worth knowing of it."""
+
+    errors: Mapping[str, Errors]
+    seconds: tuple[float, ...] = ()
+    noise_scale: float = np.nan
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity on one rig. The numbers are those of `coverage_statistics.Statistics`.
+
+    Attributes
+    ----------
+    judged : whether the goal is about it. met : within 15 % (`ratio` and `worst_ratio`) and 93 to 97 %.
+    draws, failed : how many draws count, and how many could not be solved.
+    unit : of `predicted_std`; empty, and no number, where units are mixed.
+    """
+
+    rig: str
+    quantity: str
+    judged: bool
+    met: bool
+    draws: int
+    failed: int
+    ratio: float
+    ratio_error: float
+    worst_ratio: float
+    covered: float
+    covered_error: float
+    bias: float
+    predicted_std: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class RigRow:
+    """What holds for a rig as a whole: medians over its draws.
+
+    Attributes
+    ----------
+    seconds_lens, seconds_plane, seconds_joint : of each stage. noise_scale : centreline noise found over the true one.
+    failures : what stopped the draws that failed, each once.
+    """
+
+    rig: str
+    draws: int
+    failed: int
+    seconds_lens: float
+    seconds_plane: float
+    seconds_joint: float
+    noise_scale: float
+    failures: tuple[str, ...]
+
+
+def errors_of(given: Draw, solved: Solved) -> dict[str, Errors]:
+    """Solved less true by quantity, with the predicted covariances."""
+    pose = solved.T_antenna_camera.tangent_from(given.rig.T_antenna_camera)
+    step = np.concatenate([pose, solved.parameters - given.truth])
+    found = {"points on C": _points(given.rig, solved)}
+    for name, which in _PARAMETERS.items():
+        found[name] = Errors(step[None, which], solved.covariance[None, which, which])
+    return found
+
+
+def _points(rig: CoverageRig, solved: Solved) -> Errors:
+    points, pixels = rig.points_on_c()
+    layer = CameraOnPlane(solved.camera, solved.T_antenna_camera)
+    jacobian = layer.calibration_jacobian(pixels)
+    return Errors(layer.project(pixels)[0] - points, jacobian @ solved.plane_covariance @ np.swapaxes(jacobian, 1, 2))
+
+
+@cache
+def _rigs() -> list[CoverageRig]:
+    return coverage_rigs()
+
+
+def outcome(task: tuple[int, int, int]) -> Outcome:
+    """One draw solved: (seed, number of the rig, number of the draw). Depends on nothing else."""
+    given = draw(_rigs()[task[1]], task)
+    try:
+        solved = solve(given)
+    except VbaaError as error:
+        return Outcome({}, failure=str(error).splitlines()[0])
+    found = errors_of(given, solved)
+    if not all(np.isfinite(errors.errors).all() for errors in found.values()):
+        return Outcome({}, failure="a pixel of C has no ray through the solved lens")
+    return Outcome(found, solved.seconds, solved.noise_scale)
+
+
+def outcomes(tasks: Sequence[tuple[int, int, int]], jobs: int) -> Iterator[Outcome]:
+    """Of every task in order, by so many processes."""
+    if jobs == 1:
+        yield from map(outcome, tasks)
+        return
+    # torch does not survive a fork
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        yield from pool.map(outcome, tasks, chunksize=4)
+
+
+def run(draws: int, seed: int, jobs: int = 1, chosen: Sequence[int] | None = None) -> tuple[list[Row], list[RigRow]]:
+    """Every quantity on every rig (or those of the numbers chosen), and the rigs themselves."""
+    rigs = list(range(len(_rigs()))) if chosen is None else list(chosen)
+    tasks = [(seed, rig, number) for rig in rigs for number in range(draws)]
+    found = list(progress(outcomes(tasks, jobs), "draws", len(tasks)))
+    rows, rig_rows = [], []
+    for place, rig in enumerate(rigs):
+        own = found[place * draws : (place + 1) * draws]
+        rows += _rows(_rigs()[rig].name, own)
+        rig_rows.append(_rig_row(_rigs()[rig].name, own))
+    return rows, rig_rows
+
+
+def _rows(rig: str, found: Sequence[Outcome]) -> list[Row]:
+    good = [one.errors for one in found if not one.failure]
+    if len(good) < 2:
+        return []
+    rows = []
+    for quantity in good[0]:
+        numbers = statistics([errors[quantity] for errors in good])
+        unit, factor = UNITS.get(quantity, ("", 0.0))
+        low, high = COVERED_GOAL
+        near = all(abs(ratio - 1.0) <= RATIO_GOAL for ratio in (numbers.ratio, numbers.worst_ratio))
+        rows.append(
+            Row(
+                rig=rig,
+                quantity=quantity,
+                judged=quantity in JUDGED,
+                met=near and low <= numbers.covered <= high,
+                draws=len(good),
+                failed=len(found) - len(good),
+                ratio=numbers.ratio,
+                ratio_error=numbers.ratio_error,
+                worst_ratio=numbers.worst_ratio,
+                covered=numbers.covered,
+                covered_error=numbers.covered_error,
+                bias=numbers.bias,
+                predicted_std=factor * numbers.predicted_std if unit else None,
+                unit=unit,
+            )
+        )
+    return rows
+
+
+def _rig_row(rig: str, found: Sequence[Outcome]) -> RigRow:
+    good = [one for one in found if not one.failure]
+    seconds = np.median([one.seconds for one in good], axis=0) if good else np.full(len(STAGES), np.nan)
+    return RigRow(
+        rig=rig,
+        draws=len(good),
+        failed=len(found) - len(good),
+        seconds_lens=float(seconds[0]),
+        seconds_plane=float(seconds[1]),
+        seconds_joint=float(seconds[2]),
+        noise_scale=float(np.median([one.noise_scale for one in good])) if good else np.nan,
+        failures=tuple(sorted({one.failure for one in found if one.failure})),
+    )
+
+
+_SHOWN = {"points on C": "#0f766e", "camera pose": "#b45309", "EI": "#6d28d9", "pose, antenna, sensor": "#64748b"}
+"""Quantities of the figure → colour."""
+
+
+def as_text(rows: Sequence[Row], rigs: Sequence[RigRow], draws: int) -> str:
+    """The table for people."""
+    title = (
+        f"{draws} draws a rig; ratio: sampled over predicted standard deviation, then that of the worst number of the "
+        "quantity;\ncovered: 95 % regions that hold the truth; bias: largest mean error, in predicted deviations; "
+        f"goal: ratios within {100 * RATIO_GOAL:.0f} % and {100 * COVERED_GOAL[0]:.0f} to {100 * COVERED_GOAL[1]:.0f} %"
+    )
+    head = f"{'rig':<38}{'quantity':<23}{'ratio':>14}{'worst':>8}{'covered %':>14}{'bias':>8}{'predicted':>16}  goal"
+    lines, rig = [title, head], ""
+    for row in rows:
+        shown, rig = (row.rig if row.rig != rig else ""), row.rig
+        size = "–" if row.predicted_std is None else f"{row.predicted_std:.3g} {row.unit}"
+        goal = ("met" if row.met else "missed") if row.judged else ""
+        lines.append(
+            f"{shown:<38}{row.quantity:<23}{row.ratio:>7.3f} ±{row.ratio_error:.3f} {row.worst_ratio:>7.3f}"
+            f"{100 * row.covered:>8.1f} ± {100 * row.covered_error:.1f} {row.bias:>7.2f}{size:>16}  {goal}".rstrip()
+        )
+    return "\n".join([*lines, *(_about(rig) for rig in rigs)])
+
+
+def _about(rig: RigRow) -> str:
+    failed = f"; {rig.failed} of {rig.draws + rig.failed} failed: {'; '.join(rig.failures)}" if rig.failed else ""
+    seconds = f"lens {rig.seconds_lens:.2f} s, plane C {rig.seconds_plane:.2f} s, joint {rig.seconds_joint:.2f} s"
+    noise = f"noise of the centreline found at {rig.noise_scale:.2f} times its size"
+    return f"{rig.rig:<38}medians: {seconds}; {noise}{failed}"
+
+
+def write_figure(path: Path, rows: Sequence[Row], draws: int, force: bool) -> None:
+    """Ratio and coverage of the main quantities, rig by rig, with two standard errors and the goal's band."""
+    names = list(dict.fromkeys(row.rig for row in rows))
+    figure = new_figure(11, 1.3 + 0.75 * len(names))
+    left, right = figure.subplots(1, 2, sharey=True)
+    left.axvspan(1 - RATIO_GOAL, 1 + RATIO_GOAL, color="#e2e8f0")
+    right.axvspan(*(100 * share for share in COVERED_GOAL), color="#e2e8f0")
+    left.axvline(1.0, color="#94a3b8", lw=0.8)
+    right.axvline(95.0, color="#94a3b8", lw=0.8)
+    for shift, (quantity, colour) in enumerate(_SHOWN.items()):
+        own = [row for row in rows if row.quantity == quantity]
+        y = [names.index(row.rig) + 0.18 * (shift - 1.5) for row in own]
+        style = {"fmt": "o", "color": colour, "markersize": 4, "lw": 1.2}
+        left.errorbar([r.ratio for r in own], y, xerr=[2 * r.ratio_error for r in own], label=quantity, **style)
+        right.errorbar([100 * r.covered for r in own], y, xerr=[200 * r.covered_error for r in own], **style)
+    left.set_yticks(range(len(names)), names, fontsize=9)
+    left.invert_yaxis()
+    left.set_xlabel("sampled over predicted standard deviation")
+    right.set_xlabel("95 % regions that hold the truth, %")
+    figure.legend(loc="outside lower center", ncols=len(_SHOWN), fontsize=8)
+    figure.suptitle(f"{draws} noise draws a rig; bars: two standard errors; grey: the goal", fontsize=10)
+    save(figure, path, force)
+
+
+def measure(options: Options) -> Findings:
+    """Every quantity on every rig; a draw is one calibration."""
+    rows, rigs = run(options.draws, options.seed, options.jobs)
+    return Findings(
+        as_text(rows, rigs, options.draws),
+        {"coverage.csv": rows, "coverage_rigs.csv": rigs},
+        {"coverage.png": lambda path, force: write_figure(path, rows, options.draws, force)},
+        {"rows": rows, "rigs": rigs},
+        headline(rows),
+    )
+
+
+def headline(rows: Sequence[Row]) -> str:
+    """Of the quantities with a goal: how many meet it, and the span of sampled over predicted deviations."""
+    judged = [row for row in rows if row.judged]
+    if not judged:
+        return "no rig could be calibrated twice"
+    ratios = [row.ratio for row in judged]
+    met = sum(row.met for row in judged)
+    return (
+        f"goal met by {met} of {len(judged)}; sampled over predicted deviation {min(ratios):.2f} to {max(ratios):.2f}"
+    )

@@ -1,0 +1,279 @@
+"""One draw of a rig: an antenna out of the priors, and everything that is measured of it, with fresh noise.
+
+A calibration with priors is right about its uncertainty only over truths that scatter as the priors say. So the clamp,
+the bow and the mass are drawn each time. Stiffness, gain and offset are drawn narrower than their priors, which are so
+wide beside what the loads tell that they do not count. The shapes are the static rod's, which shares no code with the
+model that is fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from vbaa_calib.calibrate.antenna.session_rig import (
+    BOW_STD_PER_M,
+    CLAMP_ANGLE_STD_RAD,
+    CLAMP_GIVE_STD_M,
+    CLAMP_OFFSET_STD_M,
+    LOG_MASS_STD,
+    nominal_parameters,
+)
+from vbaa_calib.calibrate.lens.board_flex import bend
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.session import Load, NominalAntenna, Still, gravity_antenna
+from vbaa_calib.simulate.plan.plan import board_poses
+from vbaa_calib.simulate.scene.lens import Lens, project
+from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, camera_pose
+
+BOARD = BoardSpec(squares_x=11, squares_y=8, square_m=0.015, marker_m=0.011)
+NOMINAL = NominalAntenna(length_m=0.24, diameter_m=0.8e-3, youngs_modulus_Pa=193e9, density_kg_m3=7900.0)
+GRAVITY_WORLD_M_S2 = np.array([0.0, 0.0, -9.80665])
+T_ANTENNA_JIG = Pose.from_rotvec(np.array([3.06, 0.03, 0.02]), np.array([0.035, 0.062, -0.004]))
+"""The board in the jig: face up, a few millimetres below C, not quite parallel to it."""
+JIG_PICTURES = 4
+LOOKED_AT_M = np.array([0.12, 0.0, 0.0])
+"""The point of the antenna frame on the camera's axis."""
+REACH_M = (0.24, 0.12)
+"""Sides of the part of C that is judged: the antenna's length, and half of it to either side."""
+GRID = (9, 5)
+_LEAST_CORNERS = 12
+_SEED = 20260
+
+
+@dataclass(frozen=True, eq=False)
+class CoverageRig:
+    """What is true of a rig whatever the draw.
+
+    Attributes
+    ----------
+    name, lens_model : of the rig; of the true lens, as `--model` takes it.
+    lens : the true lens, by OpenCV alone.
+    T_camera_board : true poses of the board in the pictures of the lens.
+    T_antenna_camera : true pose of the camera.
+    sagittas_m : (2,) bend of the board, in the pictures of the lens and in the jig.
+    outliers : share of corners that are shifted, in both.
+    """
+
+    name: str
+    lens_model: str
+    lens: Lens
+    T_camera_board: tuple[Pose, ...]
+    T_antenna_camera: Pose
+    sagittas_m: tuple[float, float] = (0.0, 0.0)
+    outliers: float = 0.0
+
+    @property
+    def board_points_m(self) -> np.ndarray:
+        """(C, 3) true corners in the board's frame."""
+        return corner_points(BOARD) + (bend(BOARD) @ self.sagittas_m)[:, None] * np.array([0.0, 0.0, 1.0])
+
+    def seen_corners(self, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray]:
+        """Ids (N,) and true pixels (N, 2) of the corners inside the picture."""
+        pixels = project(self.lens, T_camera_board @ self.board_points_m)
+        ids = np.flatnonzero(self.inside(pixels))
+        return ids, pixels[ids]
+
+    def inside(self, pixels: np.ndarray) -> np.ndarray:
+        """(N,) which pixels (N, 2) lie inside the picture, by a pixel; NaN does not."""
+        return np.all((pixels > 1) & (pixels < np.array(self.lens.image_size) - 2), axis=1)
+
+    def antenna_pixels(self, points_m: np.ndarray) -> np.ndarray:
+        """(N, 2) true pixels of points (N, 3) in the antenna frame."""
+        return project(self.lens, self.T_antenna_camera.inverse() @ points_m)
+
+    def points_on_c(self) -> tuple[np.ndarray, np.ndarray]:
+        """(M, 2) points of C within the antenna's reach that the picture shows, m, and their true pixels (M, 2)."""
+        x, y = (np.linspace(0.0, side, count) for side, count in zip(REACH_M, GRID, strict=True))
+        points = np.stack(np.meshgrid(x, y - REACH_M[1] / 2), axis=-1).reshape(-1, 2)
+        pixels = self.antenna_pixels(np.column_stack([points, np.zeros(len(points))]))
+        seen = self.inside(pixels)
+        return points[seen], pixels[seen]
+
+
+def coverage_rigs() -> list[CoverageRig]:
+    """The rigs, always the same."""
+    mild = (900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0)
+    long = (2800.0, 2804.0, 1015.0, 1032.0, -0.08, 0.15, 2e-4, 3e-4, 0.0)
+    wide = (590.0, 591.0, 641.0, 356.2, 0.31, 0.025, 4e-4, -3e-4, 1e-3, 0.56, 0.061, 5e-3)
+    fish = (420.0, 421.0, 641.0, 478.0, 0.05, -0.01, 0.003, -0.001)
+    hd, square, tall = (1280, 720), (2048, 2048), (1280, 960)
+    near, far = (0.14, 0.24), (0.24, 0.42)
+    return [
+        _rig("f 900, 25 views", "opencv5", hd, mild, 25, near, _looking_pose(0.6, 1.0, 0.36)),
+        _rig("long lens, f 2800, 22 views", "opencv5", square, long, 22, far, _looking_pose(0.5, 0.8, 0.48)),
+        _rig("wide, rational, f 590, 20 views", "rational", hd, wide, 20, near, _looking_pose(0.6, 1.0, 0.28)),
+        _rig("fisheye, f 420, 20 views", "fisheye", tall, fish, 20, (0.11, 0.2), _looking_pose(0.5, -0.9, 0.22)),
+        _rig("f 900, 8 views", "opencv5", hd, mild, 8, near, _looking_pose(0.6, 1.0, 0.36)),
+        _rig(
+            "f 900, 5 % outliers, bowed 0.5 mm", "opencv5", hd, mild, 25, near, _looking_pose(0.6, 1.0, 0.36),
+            sagittas_m=(5e-4, 0.0), outliers=0.05,
+        ),
+    ]  # fmt: skip
+
+
+def _looking_pose(incline_rad: float, azimuth_rad: float, away_m: float) -> Pose:
+    """T_antenna_camera of a camera that looks at the antenna's middle, off C's normal towards an azimuth from x."""
+    return camera_pose(incline_rad, azimuth_rad, 0.0, away_m, LOOKED_AT_M)
+
+
+def _rig(
+    name: str,
+    lens_model: str,
+    image_size: tuple[int, int],
+    intrinsics: tuple[float, ...],
+    views: int,
+    distance_m: tuple[float, float],
+    T_antenna_camera: Pose,
+    sagittas_m: tuple[float, float] = (0.0, 0.0),
+    outliers: float = 0.0,
+) -> CoverageRig:
+    fx, fy, cx, cy, *distortion = intrinsics
+    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    family = "fisheye" if lens_model == "fisheye" else "opencv"
+    lens = Lens(family, image_size, matrix, np.array(distortion))
+    poses = board_poses(lens, BOARD, IntrinsicsSpec(2 * views, distance_m, (0.2, 0.7)), np.random.default_rng(_SEED))
+    rig = CoverageRig(name, lens_model, lens, (), T_antenna_camera, sagittas_m, outliers)
+    kept = [pose for pose in poses if len(rig.seen_corners(pose)[0]) >= _LEAST_CORNERS][:views]
+    return CoverageRig(name, lens_model, lens, tuple(kept), T_antenna_camera, sagittas_m, outliers)
+
+
+CORNER_PX, CENTRELINE_PX, MOMENT_NM = 0.15, 0.1, 2e-5
+"""Standard deviations of a corner and of a centreline point, per axis, and of a moment reading."""
+LOG_STIFFNESS_SPREAD, GAIN_SPREAD, OFFSET_SPREAD_NM = 0.05, 0.05, 5e-4
+"""Of the true values, where they are narrower than the priors."""
+TILTS_RAD = (0.0, 0.5, -0.4, 0.9, -0.8)
+HANGING = [
+    (0.12, 0.0, 0.09), (0.15, 0.5, -0.07), (0.18, -0.4, 0.05), (0.21, 0.9, -0.04), (0.235, -0.8, 0.03),
+]  # fmt: skip
+"""Known loads: distance from the clamp m, tilt rad, force N; each hung once along y and once along z."""
+_BEGIN = 0.01
+_OUTLIER_PX = (2.0, 20.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One still: the antenna's centreline (N, 2) px, and gravity (3,) in the antenna frame."""
+
+    still: Still
+    points_px: np.ndarray
+    gravity_m_s2: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """What a calibration is given, and the truth.
+
+    Attributes
+    ----------
+    views, jig_views : of the board by hand and in the jig. stills : of the free and the loaded antenna.
+    truth : (11,) antenna parameters, gain, offset: `RIG_PARAMETERS` after the pose.
+    """
+
+    rig: CoverageRig
+    views: list[BoardView]
+    jig_views: list[BoardView]
+    stills: list[Seen]
+    truth: np.ndarray
+
+
+def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
+    """One draw; the same seed gives the same."""
+    rng = np.random.default_rng(seed)
+    truth = drawn_truth(rng)
+    T_camera_jig = rig.T_antenna_camera.inverse() @ T_ANTENNA_JIG
+    return Draw(
+        rig=rig,
+        views=[_view(rig, f"{index:02d}.png", pose, rng) for index, pose in enumerate(rig.T_camera_board)],
+        jig_views=[_view(rig, f"jig_{index}.png", T_camera_jig, rng) for index in range(JIG_PICTURES)],
+        stills=_stills(rig, truth, rng),
+        truth=truth,
+    )
+
+
+def true_rod(truth: np.ndarray) -> Rod:
+    """The antenna of parameters (11,), a wire with ν = 0.3."""
+    y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass = truth[:8]
+    stiffness = np.exp(log_stiffness)
+    clamp = Pose(Rotation.from_rotvec([0.0, about_y, about_z]).as_matrix(), np.array([0.0, y, z]))
+    return Rod(NOMINAL.length_m, stiffness, stiffness / 1.3, np.exp(log_mass), clamp, np.array([bow_y, bow_z]))
+
+
+def drawn_truth(rng: np.random.Generator) -> np.ndarray:
+    """(11,) antenna parameters, gain and offset."""
+    std = [CLAMP_OFFSET_STD_M] * 2 + [CLAMP_ANGLE_STD_RAD] * 2 + [BOW_STD_PER_M] * 2
+    spread = np.array([*std, LOG_STIFFNESS_SPREAD, LOG_MASS_STD, CLAMP_GIVE_STD_M, GAIN_SPREAD, OFFSET_SPREAD_NM])
+    return np.concatenate([nominal_parameters(NOMINAL), [1.0, 0.0]]) + spread * rng.normal(size=11)
+
+
+def _view(rig: CoverageRig, name: str, T_camera_board: Pose, rng: np.random.Generator) -> BoardView:
+    ids, pixels = rig.seen_corners(T_camera_board)
+    noisy = pixels + CORNER_PX * rng.normal(size=pixels.shape)
+    wrong = rng.random(len(ids)) < rig.outliers
+    angle, length = rng.uniform(0, 2 * np.pi, len(ids)), rng.uniform(*_OUTLIER_PX, len(ids))
+    noisy[wrong] += (length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))[wrong]
+    return BoardView(name, ids, noisy, rig.lens.image_size, np.arange(40))
+
+
+def planned_stills() -> list[Still]:
+    """The free antenna at every tilt, then every load along y and along z; nothing read yet."""
+    free = [Still(image=None, pan_rad=0.0, tilt_rad=tilt, moment_Nm=0.0) for tilt in TILTS_RAD]
+    hung = [
+        Load(
+            image=None,
+            pan_rad=0.0,
+            tilt_rad=tilt,
+            moment_Nm=0.0,
+            distance_m=distance,
+            force_y_N=force * along_y,
+            force_z_N=force * (1.0 - along_y),
+        )
+        for distance, tilt, force in HANGING
+        for along_y in (1.0, 0.0)
+    ]
+    return [*free, *hung]
+
+
+def _stills(rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator) -> list[Seen]:
+    stills = planned_stills()
+    gravity = gravity_antenna(Kinematics(), GRAVITY_WORLD_M_S2, stills)
+    loads = [(s.distance_m, 0.0, s.force_y_N, s.force_z_N) if isinstance(s, Load) else (0.1, 0, 0, 0) for s in stills]
+    hung = np.array(loads, float)
+    held, rod = _clamp_turns(truth, gravity, hung), true_rod(truth)
+    # the clamp turns: the same as if weight and load turned the other way, and then all that is seen with the clamp
+    shape = solve_rod(rod, held.inv().apply(gravity), hung[:, 0], held.inv().apply(hung[:, 1:]))
+    gain, offset = truth[9:]
+    readings = offset - gain * held.apply(shape.clamp_moment_Nm)[:, 1] + MOMENT_NM * rng.normal(size=len(stills))
+    seen = []
+    for index, still in enumerate(stills):
+        pixels = _centreline(rig, shape, index, held[index], truth[:2])
+        pixels = pixels + CENTRELINE_PX * rng.normal(size=pixels.shape)
+        seen.append(Seen(replace(still, moment_Nm=float(readings[index])), pixels, gravity[index]))
+    return seen
+
+
+def _clamp_turns(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Rotation:
+    """(F,) how far the clamp gives way to the moment that it holds in each still."""
+    moment = solve_rod(true_rod(truth), gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
+    return Rotation.from_rotvec(truth[8] / np.exp(truth[6]) * moment * [0.0, 1.0, 1.0])
+
+
+def _centreline(rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray) -> np.ndarray:
+    """(N, 2) true pixels of one antenna's centreline, about one pixel apart, as far as the picture shows it."""
+    one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
+    coarse = np.linspace(_BEGIN, 1.0, 60)[None] * NOMINAL.length_m
+    clamp = np.append(0.0, clamp_yz_m)
+
+    def pixels_at(arclength_m: np.ndarray) -> np.ndarray:
+        return rig.antenna_pixels(clamp + held.apply(sample_shape(one, arclength_m)[0][0] - clamp))
+
+    way = np.linalg.norm(np.diff(pixels_at(coarse), axis=0), axis=1)
+    count = int(np.nansum(way)) + 1
+    even = np.linspace(_BEGIN, 1.0, count)[None] * NOMINAL.length_m
+    pixels = pixels_at(even)
+    return pixels[rig.inside(pixels)]

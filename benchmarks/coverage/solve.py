@@ -1,0 +1,159 @@
+"""Predicted against sampled scatter: many errors, each with its predicted covariance, to a few honest numbers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, solve_joint
+from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.session_rig import prior
+from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
+from vbaa_calib.camera import Camera
+from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import RIG_PARAMETERS
+
+from .rigs import BOARD, CENTRELINE_PX, MOMENT_NM, NOMINAL, T_ANTENNA_JIG, Draw
+
+STAGES = ("lens", "plane", "joint")
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What a calibration says, in the form that the benchmark judges.
+
+    Attributes
+    ----------
+    camera, T_antenna_camera : solved lens and pose.
+    parameters : (10,) antenna, gain and offset: `RIG_PARAMETERS` after the pose.
+    covariance : (16, 16) of `RIG_PARAMETERS`, the pose's six about the solved pose.
+    plane_covariance : (P + 6, P + 6) of the lens, then of the pose: `CameraOnPlane.parameter_names`.
+    noise_scale : scatter of the centreline over what it claims.
+    seconds : of each of `STAGES`.
+    """
+
+    camera: Camera
+    T_antenna_camera: Pose
+    parameters: np.ndarray
+    covariance: np.ndarray
+    plane_covariance: np.ndarray
+    noise_scale: float
+    seconds: tuple[float, ...]
+
+
+def solve(given: Draw) -> Solved:
+    """Lens from the views, pose of C from the jig, then everything together from the stills.
+
+    Raises VbaaError as these do.
+    """
+    clock = [time.perf_counter()]
+    lens = solve_intrinsics(given.views, BOARD, model=given.rig.lens_model)
+    clock.append(time.perf_counter())
+    board_pose = solve_board_pose(given.jig_views, BOARD, lens.camera, lens.board_flex.bend)
+    estimate = jig_estimate(board_pose, T_ANTENNA_JIG)
+    clock.append(time.perf_counter())
+    before = prior(NOMINAL, lens.camera, [estimate])
+    joint = solve_joint(observations(given), before, NOMINAL.length_m, MOMENT_NM)
+    clock.append(time.perf_counter())
+    first = len(RIG_PARAMETERS)
+    return Solved(
+        camera=joint.camera,
+        T_antenna_camera=joint.T_antenna_camera,
+        parameters=joint.parameters[6:],
+        covariance=joint.covariance[:first, :first],
+        plane_covariance=plane_covariance(joint),
+        noise_scale=joint.noise_scale,
+        seconds=tuple(np.diff(clock).tolist()),
+    )
+
+
+def observations(given: Draw) -> list[Observation]:
+    """The stills as the joint solve takes them, with the deviations that are true."""
+    return [
+        Observation(seen.still, seen.points_px, np.full(len(seen.points_px), CENTRELINE_PX), seen.gravity_m_s2)
+        for seen in given.stills
+    ]
+
+
+def plane_covariance(joint: JointSolution) -> np.ndarray:
+    """(P + 6, P + 6) of the lens, then of the camera's pose, out of the joint covariance."""
+    order = np.r_[len(RIG_PARAMETERS) : len(joint.covariance), :6]
+    return joint.covariance[np.ix_(order, order)]
+
+
+REGION = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """K things of d numbers each in one draw: errors (K, d), solved less true, and predicted covariances (K, d, d)."""
+
+    errors: np.ndarray
+    covariances: np.ndarray
+
+    @property
+    def whitened(self) -> np.ndarray:
+        """(K, d) errors over their predicted standard deviations, number by number."""
+        return self.errors / np.sqrt(np.diagonal(self.covariances, axis1=-2, axis2=-1))
+
+    @property
+    def squares(self) -> np.ndarray:
+        """(K,) eᵀ Σ⁻¹ e: χ² with d degrees of freedom if the covariances are right."""
+        std = np.sqrt(np.diagonal(self.covariances, axis1=-2, axis2=-1))
+        correlation = self.covariances / (std[..., :, None] * std[..., None, :])
+        solved = np.linalg.solve(correlation, self.whitened[..., None])[..., 0]
+        return (self.whitened * solved).sum(axis=-1)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of one quantity over the draws.
+
+    Attributes
+    ----------
+    ratio : sampled over predicted standard deviation, in the mean square over the quantity's numbers.
+    ratio_error : its standard error. worst_ratio : that of the number whose ratio is furthest from 1.
+    covered : share of the 95 % regions that hold the truth. covered_error : its standard error.
+    bias : mean error in predicted standard deviations, of the number where it is largest; its standard error is
+        1/√draws where only noise is at work.
+    predicted_std : typical predicted standard deviation (rms over draws and numbers), unit of the errors.
+    """
+
+    ratio: float
+    ratio_error: float
+    worst_ratio: float
+    covered: float
+    covered_error: float
+    bias: float
+    predicted_std: float
+
+
+def statistics(draws: Sequence[Errors]) -> Statistics:
+    """Of at least two draws."""
+    whitened = np.array([draw.whitened for draw in draws])
+    scatter = whitened - whitened.mean(axis=0)
+    squares = (scatter**2).mean(axis=(1, 2))
+    count = len(draws)
+    ratio = float(np.sqrt(squares.sum() / (count - 1)))
+    each = whitened.std(axis=0, ddof=1)
+    mean = whitened.mean(axis=0)
+    things, numbers = whitened.shape[1:]
+    inside = np.array([draw.squares for draw in draws]) <= chi2.ppf(REGION, numbers)
+    # things that share a draw share its errors: what scatters is the draw's share
+    spread = np.sqrt(REGION * (1 - REGION)) if things == 1 else float(inside.mean(axis=1).std(ddof=1))
+    variances = np.array([np.diagonal(draw.covariances, axis1=-2, axis2=-1) for draw in draws])
+    return Statistics(
+        ratio=ratio,
+        # of a mean of squares, and the root halves it
+        ratio_error=float(squares.std(ddof=1) / np.sqrt(count) / (2.0 * ratio)),
+        worst_ratio=float(each.ravel()[np.abs(np.log(each)).argmax()]),
+        covered=float(inside.mean()),
+        covered_error=spread / float(np.sqrt(count)),
+        bias=float(mean.ravel()[np.abs(mean).argmax()]),
+        predicted_std=float(np.sqrt(variances.mean())),
+    )

@@ -1,0 +1,146 @@
+"""What a user would write with SciPy and this library's forward model: a loop with one `least_squares` a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from estimator.paper.inclined import inclined_two_point_contact, project
+from estimator.paper.straight_line import straight_line_contact
+from estimator.paper.two_point import two_point_contact
+from vbaa_calib.antenna.rungs import curves
+from vbaa_calib.camera import CameraOnPlane
+
+from .scenes import Scenes
+
+PARTS = {"two curved points": (0.45, 0.95), "two straight points": (1.1, 2.0), "one of each": (0.6, 2.0)}
+"""Where the two points are taken: up to 1 in contact distances, the rest as 1 + the share of the straight part."""
+CAMERA_B_TILT_RAD = np.radians(30.0)
+FIRST_GUESS = 0.7
+"""Of the length: beyond it the first straight line is drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """A method made ready for some frames.
+
+    Attributes
+    ----------
+    name : for people.
+    solve : from frames' indices to their contact distances, both (B,); what a user would have to run for each frame.
+    """
+
+    name: str
+    solve: Callable[[np.ndarray], np.ndarray]
+
+
+def baselines(scenes: Scenes, rng: np.random.Generator) -> list[Baseline]:
+    """Every baseline for these frames, which are noisy already; `rng` for the noise of camera B's pictures."""
+    layer, antenna = scenes.rig.camera_on_plane(), scenes.rig.antenna
+    stiffness, length = antenna.stiffness_Nm2, antenna.length_m
+    ready = [Baseline(name, _two_points(scenes, layer, ends)) for name, ends in PARTS.items()]
+    picked = _camera_b(scenes, layer, rng)
+
+    def inclined(which: np.ndarray) -> np.ndarray:
+        image = picked[which]
+        moment = scenes.moment_Nm[which]
+        found = inclined_two_point_contact(image[..., 0], image[..., 1], moment, stiffness, CAMERA_B_TILT_RAD, length)
+        return np.asarray(found.contact_m)
+
+    def line(which: np.ndarray) -> np.ndarray:
+        x, y = np.moveaxis(layer.project(scenes.points_px[which])[0], -1, 0)
+        guess = np.full(len(which), FIRST_GUESS * length)
+        return np.asarray(straight_line_contact(x, y, guess, stiffness).contact_m)
+
+    return [*ready, Baseline("one of each, camera B at 30°", inclined), Baseline("straight line", line)]
+
+
+def at_shares(scenes: Scenes, ends: tuple[float, float]) -> np.ndarray:
+    """(B, 2) indices of the points that lie nearest to the places that `PARTS` names."""
+    contact, length = scenes.distance_m[:, None], scenes.rig.antenna.length_m
+    share = np.array(ends)
+    wanted = np.where(share <= 1.0, share * contact, contact + (share - 1.0) * (length - contact))
+    return np.round(np.interp(wanted, scenes.arclength_m, np.arange(len(scenes.arclength_m)))).astype(int)
+
+
+def _two_points(scenes: Scenes, layer: CameraOnPlane, ends: tuple[float, float]) -> Callable[[np.ndarray], np.ndarray]:
+    pixels = np.take_along_axis(scenes.points_px, at_shares(scenes, ends)[..., None], axis=1)
+    stiffness, length = scenes.rig.antenna.stiffness_Nm2, scenes.rig.antenna.length_m
+
+    def solve(which: np.ndarray) -> np.ndarray:
+        plane = layer.project(pixels[which])[0]
+        return np.asarray(two_point_contact(plane[..., 0], plane[..., 1], stiffness, length).contact_m)
+
+    return solve
+
+
+def _camera_b(scenes: Scenes, layer: CameraOnPlane, rng: np.random.Generator) -> np.ndarray:
+    """(B, 2, 2) of the points "one of each" as the paper's orthographic camera B would see them.
+
+    The benchmark's cameras are perspective ones, for which the inclined formulas were not made. The noise is what the
+    points have on plane C through the real camera.
+    """
+    which = at_shares(scenes, PARTS["one of each"])
+    points = np.take_along_axis(scenes.shapes.points_m, which[..., None], axis=1)
+    middle = np.nanmean(scenes.points_px, axis=(0, 1))
+    a, b = layer.project(middle + np.array([[-0.5, 0.0], [0.5, 0.0]]))[0]
+    m_per_px = float(np.linalg.norm(b - a))
+    image = np.asarray(project(points, CAMERA_B_TILT_RAD))
+    return image + rng.normal(0.0, scenes.sigma_px * m_per_px, image.shape)
+
+
+_FORCE_SCALE_N, _DISTANCE_SCALE_M = 0.01, 0.01
+_START = 0.6
+"""Contact distance over length that is tried where the straight line says nothing."""
+
+
+def by_loop(scenes: Scenes, rung: str = "elastica") -> np.ndarray:
+    """(B,) contact distances by Levenberg–Marquardt over (l, f_y, f_z), SciPy's own difference quotients.
+
+    For a camera that sees the antenna along the picture's u. Rig and friction are taken as exactly known.
+    """
+    return np.array([one_contact(scenes, index, rung)[0] for index in range(len(scenes))])
+
+
+def one_contact(scenes: Scenes, index: int, rung: str = "elastica") -> np.ndarray:
+    """(3,) contact distance in m, f_y and f_z in N of one frame; NaN where the fit breaks down."""
+    rig, sensor = scenes.rig, scenes.rig.moment_sensor
+    antenna, to_camera = rig.antenna, rig.T_antenna_camera.inverse()
+    rotation = rig.kinematics.T_world_antenna(scenes.pan_rad[index], scenes.tilt_rad[index]).rotation
+    gravity = (rotation.T @ rig.gravity_world_m_s2)[None]
+    parameters = antenna.parameters[None]
+    points = scenes.points_px[index]
+    u, v = points[np.isfinite(points).all(axis=1)].T
+    reading = (scenes.moment_Nm[index] - sensor.offset_Nm) / sensor.gain
+
+    def residuals(unknowns: np.ndarray) -> np.ndarray:
+        contact = np.clip(unknowns[:1] * _DISTANCE_SCALE_M, 1e-3, antenna.length_m)
+        force = unknowns[None, 1:] * _FORCE_SCALE_N
+        shape = curves(rung, parameters, antenna.length_m, gravity, contact, force)
+        pixels, _ = rig.camera.project(to_camera @ shape.points_m[0])
+        curve = CubicSpline(pixels[:, 0], pixels[:, 1])
+        across = (v - curve(u)) / np.sqrt(1.0 + curve(u, 1) ** 2)
+        felt = sensor.gain * (reading - shape.moment_Nm[0]) / sensor.std_Nm
+        return np.append(across / scenes.sigma_px, felt)
+
+    try:
+        found = least_squares(residuals, _start(scenes, index, reading), method="lm")
+    except ValueError:  # a step to a shape that runs back in the picture, which the spline refuses
+        return np.full(3, np.nan)
+    return np.asarray(found.x * [_DISTANCE_SCALE_M, _FORCE_SCALE_N, _FORCE_SCALE_N])
+
+
+def _start(scenes: Scenes, index: int, reading_Nm: float) -> np.ndarray:
+    """The straight line's contact and f_y, and the moment's f_z, in the unknowns' scales."""
+    antenna = scenes.rig.antenna
+    x, y = np.moveaxis(scenes.rig.camera_on_plane().project(scenes.points_px[index])[0], -1, 0)
+    line = straight_line_contact(x, y, _START * antenna.length_m, antenna.stiffness_Nm2)
+    contact, force = float(line.contact_m), float(line.force_y_N)
+    if not 0.0 < contact < antenna.length_m:
+        contact = _START * antenna.length_m
+        force = 3.0 * antenna.stiffness_Nm2 * float(np.nanmax(np.abs(y))) / contact**3
+    return np.array([contact / _DISTANCE_SCALE_M, force / _FORCE_SCALE_N, reading_Nm / contact / _FORCE_SCALE_N])

@@ -1,0 +1,169 @@
+"""The estimator on scenes of the static rod: weight, bow, clamp error, steep slopes; is the model that it takes enough?
+
+The bias of a frame is what comes out of its picture without noise, in the deviations that the estimator itself gives
+for the noise it is told of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.harness import rms
+from vbaa_calib.core.console import progress
+
+from .bound import bound
+from .scenes import Scenes, deflection_of_push, random_scenes
+from .setup import ACROSS, SIGMA_PX, TOWARDS_CLAMP, Setup, drawn_truth
+from .statistics import Estimates, estimate, quality, truth, words
+
+SMALL_BIAS, SMALL_BIAS_SHARE = 1 / 3, 0.99
+"""A bias up to so much of the deviation is small; goal: so in this share of the `ok` frames."""
+LOCATION_GOAL, FORCE_GOAL = 0.01, 0.02
+"""Of the distance and of the force, rms, where the contact is moved by 5 mm at least, lies within 0.75 L, and where the
+bound allows it."""
+LEAST_DEFLECTION_M, FURTHEST = 5e-3, 0.75
+DRAWN_RIGS = 20
+_SWING_M = 0.1
+
+
+@dataclass(frozen=True)
+class Population:
+    """Random scenes of one rig.
+
+    Attributes
+    ----------
+    friction_std_rad : of the friction angle, with which it is drawn and of which the estimator is told.
+    """
+
+    name: str
+    setup: Setup
+    friction_std_rad: float = 0.0
+
+
+POPULATIONS = (
+    Population("upright, Brown", Setup("brown", 0.0, swing_m=_SWING_M, real=True)),
+    Population("40° towards the clamp, no distortion", Setup("none", 0.7, TOWARDS_CLAMP, swing_m=_SWING_M, real=True)),
+    Population("40° across, fisheye", Setup("fisheye", 0.7, ACROSS, swing_m=_SWING_M, real=True)),
+    Population("60° across, 512x512", Setup("brown", 1.05, ACROSS, (512, 512), swing_m=_SWING_M, real=True)),
+    Population("40° across, friction", Setup("brown", 0.7, ACROSS, swing_m=_SWING_M, real=True), 0.2),
+    Population("40° across, rig off", Setup("brown", 0.7, ACROSS, swing_m=_SWING_M, real=True, exact=False)),
+    Population(
+        "40° across, rig off, friction", Setup("brown", 0.7, ACROSS, swing_m=_SWING_M, real=True, exact=False), 0.2
+    ),
+)
+FIRST_LOOK = tuple(one for one in POPULATIONS if one.name in ("40° across, fisheye", "40° across, rig off"))
+
+
+@dataclass(frozen=True)
+class RodRow:
+    """One population.
+
+    Attributes
+    ----------
+    statuses, models : shares of the noisy frames, and of those with numbers, in words.
+    small_bias : share of the `ok` frames whose bias is small in l, f_y and f_z; bias_99 : the 99th percentile of the
+        largest of the three, in deviations. None where friction or the rig moves every frame by design.
+    l_of_bound, l_covered : of the noisy frames' distances, pooled.
+    impossible : share of the frames in the goals' range whose bound of l is above the goal for the location (the camera
+        sees 𝒟 edge-on, mostly). judged : the other ones in that range that are `ok`.
+    location, location_bound : rms relative error of l of those, and its bound.
+    force, force_bound : the same of the force as a vector; what friction adds along the antenna is hardly seen.
+    """
+
+    population: str
+    frames: int
+    statuses: str
+    models: str
+    small_bias: float | None
+    bias_99: float | None
+    l_of_bound: float
+    l_covered: float
+    impossible: float
+    judged: int
+    location: float
+    location_bound: float
+    force: float
+    force_bound: float
+
+
+def run(frames: int, seed: int, model: str = "auto", chosen: Sequence[Population] = POPULATIONS) -> list[RodRow]:
+    """Every population with so many random frames."""
+    numbered = list(enumerate(chosen))
+    return [
+        _row(one, frames, model, np.random.default_rng((seed, number)))
+        for number, one in progress(numbered, "populations", len(numbered))
+    ]
+
+
+def _row(population: Population, frames: int, model: str, rng: np.random.Generator) -> RodRow:
+    exact, found_exact, found = [], [], []
+    biased = population.setup.exact and not population.friction_std_rad
+    for part in parts(population, frames, rng):
+        exact.append(part)
+        found.append(estimate(part.noisy(rng), model, population.friction_std_rad))
+        if biased:
+            found_exact.append(estimate(part, model, population.friction_std_rad))
+    true = np.concatenate([truth(part) for part in exact])
+    least = [bound(part, population.friction_std_rad) for part in exact]
+    bounds = np.concatenate([one.std for one in least])
+    force_bounds = np.concatenate([one.force_std for one in least])
+    measured = joined(found)
+    good = measured.numbered
+    errors = measured.values - true
+    distance = quality(errors[good, 0], measured.std[good, 0], bounds[good, 0])
+    in_range = np.concatenate([_in_range(part) for part in exact])
+    possible = bounds[:, 0] <= LOCATION_GOAL * true[:, 0]
+    judged = in_range & possible & (measured.status == "ok")
+    force = np.concatenate([part.force_N for part in exact])
+    size = np.linalg.norm(force, axis=1)
+    missed = np.linalg.norm(measured.force_N - force, axis=1)
+    biases = _biases(joined(found_exact), true) if biased else None
+    return RodRow(
+        population=population.name,
+        frames=len(true),
+        statuses=words(measured.status),
+        models=words(measured.model[good]),
+        small_bias=None if biases is None else float((biases <= SMALL_BIAS).mean()),
+        bias_99=None if biases is None else float(np.quantile(biases, SMALL_BIAS_SHARE)),
+        l_of_bound=distance.of_bound,
+        l_covered=distance.covered,
+        impossible=float(1.0 - possible[in_range].mean()) if in_range.any() else np.nan,
+        judged=int(judged.sum()),
+        location=rms(errors[judged, 0] / true[judged, 0]),
+        location_bound=rms(bounds[judged, 0] / true[judged, 0]),
+        force=rms(missed[judged] / size[judged]),
+        force_bound=rms(force_bounds[judged] / size[judged]),
+    )
+
+
+def parts(population: Population, frames: int, rng: np.random.Generator) -> list[Scenes]:
+    """Scenes without noise; of a rig that is off, from several true ones."""
+    rig = population.setup.rig()
+    truths = [rig] if population.setup.exact else [drawn_truth(rig, rng) for _ in range(DRAWN_RIGS)]
+    each = -(-frames // len(truths))
+    return [
+        random_scenes(true_rig, each, rng, friction_std_rad=population.friction_std_rad, sigma_px=SIGMA_PX, given=rig)
+        for true_rig in truths
+    ]
+
+
+def _in_range(scenes: Scenes) -> np.ndarray:
+    """(B,) whether the goals for location and force are about a frame."""
+    antenna = scenes.rig.antenna
+    size = np.linalg.norm(scenes.force_N, axis=1)
+    deflection = deflection_of_push(size, scenes.distance_m, antenna.stiffness_Nm2)
+    return (deflection >= LEAST_DEFLECTION_M) & (scenes.distance_m <= FURTHEST * antenna.length_m)
+
+
+def _biases(found: Estimates, true: np.ndarray) -> np.ndarray:
+    """(K,) largest bias of l, f_y and f_z in deviations, of the `ok` frames."""
+    good = found.status == "ok"
+    return (np.abs(found.values[good] - true[good]) / found.std[good]).max(axis=1)
+
+
+def joined(parts: Sequence[Estimates]) -> Estimates:
+    """Estimates one after the other."""
+    return Estimates(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))

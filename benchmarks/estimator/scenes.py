@@ -1,0 +1,202 @@
+"""Frames with a known truth for the estimator's benchmark, thousands at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vbaa_calib.antenna.elastica import normal_load
+from vbaa_calib.camera import Camera
+from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import Rig
+
+from .setup import SIGMA_PX, inside
+from .shapes import Shapes, ShapesOf, Touches, elastica_shapes, rod_shapes
+
+POINTS = 200
+STEEPEST_RAD = np.radians(35.0)
+_LARGEST_LOAD = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scenes:
+    """B frames of N points: what the estimator is given, and the truth.
+
+    Attributes
+    ----------
+    rig : as the estimator is to know it.
+    points_px : (B, N, 2); NaN where the point is not in the picture.
+    sigma_px : standard deviation of a point along u and along v, for which the pictures are meant, in them or not.
+    moment_Nm, pan_rad, tilt_rad : (B,) the sensor's reading and the joints.
+    touches, shapes : the truth, at the arc lengths (N,) of the points.
+    made_by : what made the shapes.
+    """
+
+    rig: Rig
+    points_px: np.ndarray
+    sigma_px: float
+    moment_Nm: np.ndarray
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
+    touches: Touches
+    shapes: Shapes
+    arclength_m: np.ndarray
+    made_by: ShapesOf
+
+    def __len__(self) -> int:
+        return len(self.moment_Nm)
+
+    @property
+    def distance_m(self) -> np.ndarray:
+        """(B,) true arc length of the contact."""
+        return self.touches.distance_m
+
+    @property
+    def force_N(self) -> np.ndarray:
+        """(B, 3) true force on the antenna, antenna frame."""
+        return self.shapes.force_N
+
+    def picked(self, which: np.ndarray) -> Scenes:
+        """Those with the indices or the mask; indices may repeat."""
+        return replace(
+            self,
+            points_px=self.points_px[which],
+            moment_Nm=self.moment_Nm[which],
+            pan_rad=self.pan_rad[which],
+            tilt_rad=self.tilt_rad[which],
+            touches=self.touches.picked(which),
+            shapes=Shapes(*(values[which] for values in vars(self.shapes).values())),
+        )
+
+    def noisy(self, rng: np.random.Generator, draws: int = 1) -> Scenes:
+        """Each frame `draws` times in a row with fresh noise: points by `sigma_px`, moments by the sensor's."""
+        drawn = self.picked(np.repeat(np.arange(len(self)), draws))
+        return replace(
+            drawn,
+            points_px=drawn.points_px + rng.normal(0.0, self.sigma_px, drawn.points_px.shape),
+            moment_Nm=drawn.moment_Nm + rng.normal(0.0, self.rig.moment_sensor.std_Nm, len(drawn)),
+        )
+
+
+def scenes(
+    rig: Rig,
+    distance_m: np.ndarray,
+    push_N: np.ndarray,
+    friction_rad: np.ndarray | float = 0.0,
+    *,
+    made_by: ShapesOf = elastica_shapes,
+    pan_rad: np.ndarray | float = 0.0,
+    tilt_rad: np.ndarray | float = 0.0,
+    sigma_px: float = SIGMA_PX,
+    points: int = POINTS,
+    given: Rig | None = None,
+) -> Scenes:
+    """Frames without noise, of touches (B,), (B, 2), () or (B,); the points are spread evenly over the arc length.
+
+    `rig` is the true one; `given`, where the two differ, the one that the estimator is to know.
+    """
+    pan, tilt, friction = (
+        np.broadcast_to(np.asarray(v, float), distance_m.shape) for v in (pan_rad, tilt_rad, friction_rad)
+    )
+    touches = Touches(np.asarray(distance_m, float), np.asarray(push_N, float), friction, gravity(rig, pan, tilt))
+    arclength = rig.antenna.length_m * (np.arange(points) + 0.5) / points
+    shapes = made_by(rig, touches, arclength)
+    sensor = rig.moment_sensor
+    return Scenes(
+        rig=rig if given is None else given,
+        points_px=seen(rig.camera, rig.T_antenna_camera, shapes.points_m),
+        sigma_px=sigma_px,
+        moment_Nm=sensor.gain * shapes.moment_Nm + sensor.offset_Nm,
+        pan_rad=pan,
+        tilt_rad=tilt,
+        touches=touches,
+        shapes=shapes,
+        arclength_m=arclength,
+        made_by=made_by,
+    )
+
+
+def seen(camera: Camera, T_antenna_camera: Pose, points_m: np.ndarray, anywhere: bool = False) -> np.ndarray:
+    """(..., 2) pixels of points (..., 3) of the antenna frame; NaN outside the picture, unless `anywhere`."""
+    pixels, valid = camera.project(T_antenna_camera.inverse() @ points_m)
+    given = valid if anywhere else valid & inside(pixels, camera.image_size)
+    return np.where(given[..., None], pixels, np.nan)
+
+
+def gravity(rig: Rig, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> np.ndarray:
+    """(B, 3) in the antenna frame at the joint angles (B,)."""
+    if not rig.gravity_world_m_s2.any():
+        return np.zeros((len(pan_rad), 3))
+    angles, which = np.unique(np.stack([pan_rad, tilt_rad], axis=1), axis=0, return_inverse=True)
+    turns = np.array([rig.kinematics.T_world_antenna(pan, tilt).rotation for pan, tilt in angles])
+    return np.einsum("bji,j->bi", turns, rig.gravity_world_m_s2)[which.reshape(-1)]
+
+
+def random_scenes(
+    rig: Rig,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    made_by: ShapesOf = rod_shapes,
+    reach: tuple[float, float] = (0.1, 0.95),
+    slope_rad: tuple[float, float] = (0.02, STEEPEST_RAD),
+    friction_std_rad: float = 0.0,
+    joint_span_rad: float = 1.0,
+    sigma_px: float = SIGMA_PX,
+    points: int = POINTS,
+    given: Rig | None = None,
+) -> Scenes:
+    """Frames without noise, every roll alike, evenly over contact distances (in lengths) and slopes at the contact.
+
+    Pan and tilt lie within ± `joint_span_rad`. The slope is the one that the push alone would give.
+    """
+    distance = rig.antenna.length_m * rng.uniform(*reach, count)
+    friction = friction_std_rad * rng.normal(size=count)
+    roll = rng.uniform(-np.pi, np.pi, count)
+    size = push_for_slope(rng.uniform(*slope_rad, count), distance, rig.antenna.stiffness_Nm2)
+    joints = rng.uniform(-joint_span_rad, joint_span_rad, (2, count))
+    return scenes(
+        rig,
+        distance,
+        rolled(size, roll),
+        np.clip(friction, -1.2, 1.2),
+        made_by=made_by,
+        pan_rad=joints[0],
+        tilt_rad=joints[1],
+        sigma_px=sigma_px,
+        points=points,
+        given=given,
+    )
+
+
+def rolled(size_N: np.ndarray, roll_rad: np.ndarray | float) -> np.ndarray:
+    """(B, 2) pushes of that size in the deformation plane of roll ξ."""
+    return np.stack(np.broadcast_arrays(size_N * np.cos(roll_rad), size_N * np.sin(roll_rad)), axis=-1)
+
+
+def push_for_slope(slope_rad: np.ndarray, distance_m: np.ndarray, stiffness_Nm2: float) -> np.ndarray:
+    """(B,) size of the frictionless push that gives the antenna that slope at the contact; up to 75°."""
+    loads, _, slopes = _single_loads()
+    return np.interp(slope_rad, slopes, loads) * stiffness_Nm2 / distance_m**2
+
+
+def push_for_deflection(deflection_m: np.ndarray, distance_m: np.ndarray, stiffness_Nm2: float) -> np.ndarray:
+    """(B,) size of the frictionless push that moves the contact aside by so much; NaN where no push does."""
+    loads, aside, _ = _single_loads()
+    top = int(np.argmax(aside)) + 1
+    load = np.interp(deflection_m / distance_m, aside[:top], loads[:top], right=np.nan)
+    return load * stiffness_Nm2 / distance_m**2
+
+
+def deflection_of_push(size_N: np.ndarray, distance_m: np.ndarray, stiffness_Nm2: float) -> np.ndarray:
+    """(B,) how far a frictionless push moves the contact aside; NaN beyond loads F·l²/EI of 6."""
+    loads, aside, _ = _single_loads()
+    return np.interp(size_N * distance_m**2 / stiffness_Nm2, loads, aside, right=np.nan) * distance_m
+
+
+def _single_loads() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Loads F·l²/EI, and deflection over distance and slope that they give a frictionless contact."""
+    loads = np.linspace(0.0, _LARGEST_LOAD, 600)
+    shape = normal_load([1.0], loads)
+    return loads, shape.w_m[:, 0], shape.theta_rad[:, 0]

@@ -1,0 +1,199 @@
+"""Speed against error: the paper's two points, a ruler, the estimator's rungs and a SciPy loop on the same frames."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter
+
+import numpy as np
+
+from benchmarks.harness import least_seconds, or_none, rms_known
+from estimator import ContactEstimator
+from estimator.paper.two_point import two_point_contact
+from vbaa_calib.antenna import linear
+from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.core.console import progress
+
+from .baselines import baselines, by_loop, one_contact
+from .bound import bound
+from .scenes import Scenes, push_for_deflection, rolled, scenes
+from .setup import Setup, drawn_truth
+from .shapes import Shapes, Touches, rod_shapes
+
+MODELS = (*RUNGS, "auto")
+REACH, DEFLECTION_M, ROLL_RAD = (0.3, 0.8), (0.004, 0.008), np.radians(60.0)
+"""Contact distances over length, deflections there, and the largest roll of the deformation plane."""
+LOOP_FRAMES, SINGLE_FRAMES = 100, 20
+"""Frames that the SciPy loop is judged by, and that single frames are timed with: of few a quarter, and a tenth."""
+TRUE_RIGS = 20
+FORMULA_FRAMES = 1_000_000
+PAPER, LOOP = "the paper's two points", "SciPy, a loop"
+LINE, ESTIMATOR = "straight line", "all points"
+
+
+@dataclass(frozen=True)
+class SpeedRow:
+    """One method, one way of calling it.
+
+    Attributes
+    ----------
+    family : of methods, for the figure.
+    rig : "exact", or "calibrated": a covariance that the estimator takes into account, and true rigs drawn from it.
+    frames : that one call was given when it was timed.
+    us_per_frame : least of several timings; of single frames the median over frames.
+    of_bound, of_bound_flat : rms error of the contact distance in standard deviations of the Cramér–Rao bound; with
+        the deformation plane at any roll up to 60°, and within plane C. None where it is not a method's question.
+    typical : the same from the median of |error|, as if normal: deaf to the few that go far astray.
+    answered : share of the frames with a number.
+    """
+
+    method: str
+    family: str
+    rig: str
+    frames: int
+    us_per_frame: float
+    of_bound: float | None
+    of_bound_flat: float | None
+    typical: float | None
+    answered: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Noisy frames with their bound (B,) m."""
+
+    scenes: Scenes
+    bound_m: np.ndarray
+
+    def errors(self, distance_m: np.ndarray) -> np.ndarray:
+        """(K,) in the bound's standard deviations, of the first K frames."""
+        count = len(distance_m)
+        return (distance_m - self.scenes.distance_m[:count]) / self.bound_m[:count]
+
+
+def run(frames: int, seed: int, repeats: int) -> list[SpeedRow]:
+    """Every method over so many frames of N = 200 points under an upright camera."""
+    rows = [formula_alone(FORMULA_FRAMES, seed, repeats)]
+    rolled_frames, flat = population(frames, seed, ROLL_RAD), population(frames, seed + 1, 0.0)
+    rows += _baselines(rolled_frames, flat, seed, repeats)
+    rows.append(_loop(rolled_frames, flat, min(LOOP_FRAMES, -(-frames // 4))))
+    calibrated = [calibrated_population(frames, seed + 2, roll) for roll in (ROLL_RAD, 0.0)]
+    known = {"exact": (rolled_frames, flat), "calibrated": calibrated}
+    for rig, (judged, judged_flat) in known.items():
+        for model in progress(MODELS, f"rungs, {rig} rig", len(MODELS)):
+            rows += list(_estimator(model, rig, judged, judged_flat, repeats))
+    return rows
+
+
+def population(frames: int, seed: int, roll_rad: float) -> Judged:
+    """Noisy frames whose rig is exactly known, no friction, rolls evenly up to the given one."""
+    rig, rng = Setup().rig(), np.random.default_rng(seed)
+    clean = scenes(rig, *_touches(frames, rng, roll_rad))
+    return Judged(clean.noisy(rng), bound(clean).std[:, 0])
+
+
+def calibrated_population(frames: int, seed: int, roll_rad: float) -> Judged:
+    """The same with several true rigs, each one draw of the given rig's covariance away."""
+    given, rng = Setup(exact=False).rig(), np.random.default_rng(seed)
+    distance, push = _touches(frames, rng, roll_rad)
+    parts = []
+    for own in np.array_split(np.arange(frames), min(TRUE_RIGS, frames)):
+        truth = drawn_truth(given, rng)
+        parts.append(scenes(truth, distance[own], push[own], made_by=rod_shapes, given=given).noisy(rng))
+    width = bound(scenes(given, distance, push, made_by=rod_shapes)).std[:, 0]
+    return Judged(joined(parts), width)
+
+
+def joined(parts: Sequence[Scenes]) -> Scenes:
+    """Frames of one given rig, one after the other."""
+    first = parts[0]
+
+    def column(of: Callable[[Scenes], np.ndarray]) -> np.ndarray:
+        return np.concatenate([of(part) for part in parts])
+
+    return replace(
+        first,
+        points_px=column(attrgetter("points_px")),
+        moment_Nm=column(attrgetter("moment_Nm")),
+        pan_rad=column(attrgetter("pan_rad")),
+        tilt_rad=column(attrgetter("tilt_rad")),
+        touches=Touches(*(column(attrgetter(f"touches.{name}")) for name in vars(first.touches))),
+        shapes=Shapes(*(column(attrgetter(f"shapes.{name}")) for name in vars(first.shapes))),
+    )
+
+
+def formula_alone(frames: int, seed: int, repeats: int) -> SpeedRow:
+    """The two-point formulas on points that are on plane C already, every case."""
+    rng, stiffness, length = np.random.default_rng(seed), 3.9e-3, 0.24
+    contact, x = rng.uniform(0.02, 1.0, frames) * length, rng.uniform(0.005, 1.0, (frames, 2)) * length
+    y = linear.deflection(x, contact[:, None], rng.normal(size=(frames, 1)), stiffness)
+    spent = least_seconds(lambda: two_point_contact(x, y, stiffness, length), repeats)
+    return SpeedRow("two points, formula alone", PAPER, "exact", frames, 1e6 * spent / frames, None, None, None, None)
+
+
+def _touches(frames: int, rng: np.random.Generator, roll_rad: float) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (B,) and pushes (B, 2)."""
+    antenna = Setup().rig().antenna
+    distance = rng.uniform(*REACH, frames) * antenna.length_m
+    size = push_for_deflection(rng.uniform(*DEFLECTION_M, frames), distance, antenna.stiffness_Nm2)
+    return distance, rolled(size * rng.choice([-1.0, 1.0], frames), rng.uniform(-roll_rad, roll_rad, frames))
+
+
+def _baselines(judged: Judged, flat: Judged, seed: int, repeats: int) -> Iterator[SpeedRow]:
+    rng = np.random.default_rng((seed, 1))
+    every = np.arange(len(judged.scenes))
+    for ready, ready_flat in zip(baselines(judged.scenes, rng), baselines(flat.scenes, rng), strict=True):
+        family = LINE if ready.name == "straight line" else PAPER
+        off, off_flat = judged.errors(ready.solve(every)), flat.errors(ready_flat.solve(every))
+        for which in (every[:1], every):
+            spent = least_seconds(partial(ready.solve, which), repeats) / len(which)
+            yield _row(ready.name, family, "exact", len(which), spent, off, off_flat)
+
+
+def _loop(judged: Judged, flat: Judged, frames: int) -> SpeedRow:
+    timings, found = [], []
+    for index in range(frames):
+        begun = time.perf_counter()
+        found.append(one_contact(judged.scenes, index)[0])
+        timings.append(time.perf_counter() - begun)
+    off_flat = flat.errors(by_loop(flat.scenes.picked(np.arange(frames))))
+    # each frame is timed once: the median leaves out what disturbed some
+    return _row("elastica", LOOP, "exact", 1, float(np.median(timings)), judged.errors(np.array(found)), off_flat)
+
+
+def _estimator(model: str, rig: str, judged: Judged, flat: Judged, repeats: int) -> Iterator[SpeedRow]:
+    estimator = ContactEstimator(judged.scenes.rig, model=model, friction=0.0)
+
+    def batch(frames: Scenes) -> np.ndarray:
+        found = estimator.estimate_batch(
+            frames.points_px, frames.moment_Nm, frames.pan_rad, frames.tilt_rad, sigma_px=frames.sigma_px
+        )
+        return found.distance_m
+
+    off, off_flat = judged.errors(batch(judged.scenes)), flat.errors(batch(flat.scenes))
+    single = min(SINGLE_FRAMES, -(-len(judged.scenes) // 10))
+    singles = [judged.scenes.picked(np.array([index])) for index in range(single)]
+    each = [least_seconds(partial(batch, one), repeats) for one in singles]
+    yield _row(model, ESTIMATOR, rig, 1, float(np.median(each)), off, off_flat)
+    together = least_seconds(partial(batch, judged.scenes), repeats) / len(judged.scenes)
+    yield _row(model, ESTIMATOR, rig, len(judged.scenes), together, off, off_flat)
+
+
+def _row(
+    method: str, family: str, rig: str, frames: int, seconds: float, errors: np.ndarray, errors_flat: np.ndarray
+) -> SpeedRow:
+    sizes = np.abs(errors[np.isfinite(errors)])
+    return SpeedRow(
+        method=method,
+        family=family,
+        rig=rig,
+        frames=frames,
+        us_per_frame=1e6 * seconds,
+        of_bound=or_none(rms_known(errors)),
+        of_bound_flat=or_none(rms_known(errors_flat)),
+        typical=float(np.median(sizes) / 0.6745) if len(sizes) else None,
+        answered=float(np.isfinite(errors).mean()),
+    )

@@ -1,0 +1,1 @@
+"""Suggested pictures of the board."""

@@ -1,0 +1,182 @@
+"""The camera of a guided session and the hand that holds the board: what a wanted pose turns into."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.calibration.judge import pose_by, rms_on_plane_mm
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.guide.poses import shown_corners
+from vbaa_calib.calibrate.guide.suggestion import Suggestion
+from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
+from vbaa_calib.calibrate.lens.bundle import Observation
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.pose.board_pose import solve_board_pose, start_poses
+from vbaa_calib.camera import Camera
+from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.render.board import board_patch, print_sheet
+from vbaa_calib.simulate.render.picture import digitise, expose, studio, surroundings
+from vbaa_calib.simulate.scene.lens import Lens
+from vbaa_calib.simulate.scene.scene import PictureSpec
+
+GOAL_MM = 0.1
+_SHEET = BoardSpec(squares_x=11, squares_y=8, square_m=0.015, marker_m=0.011)
+_CARD = BoardSpec(squares_x=6, squares_y=5, square_m=0.025, marker_m=0.019)
+_DIM = PictureSpec(1.2, 6.0, 12.0, 0.35, 0.3, 0.35, 0.3, 0.2, 0.4, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A camera, its true lens, a board, and plane C: 240 x 120 mm at 0.4 m, tilted by 35°.
+
+    Attributes
+    ----------
+    lens : name of the true lens model. intrinsics : (4 + k,) its true parameters.
+    sigma_px : deviation of a corner per axis, where corners are projected. picture : how pictures come about where
+        they are rendered and the board is found in them; None where corners are projected.
+    every : whether all ways to choose poses are compared, or the suggested and random ones alone.
+    """
+
+    name: str
+    lens: str
+    image_size: tuple[int, int]
+    intrinsics: np.ndarray
+    board: BoardSpec
+    sigma_px: float
+    picture: PictureSpec | None = None
+    every: bool = False
+
+    @property
+    def camera(self) -> Camera:
+        """The true camera."""
+        return camera_of(LENS_MODELS[self.lens], self.intrinsics, self.image_size)
+
+    @property
+    def plane(self) -> WorkPlane:
+        """Plane C, as the user describes it."""
+        return WorkPlane.about(0.4, float(np.radians(35.0)), 0.24)
+
+
+def rigs() -> list[Rig]:
+    """Two that are hard on the lens, one of them rendered too, and an easy one."""
+    barrel = np.array([520.0, 521.0, 325.0, 236.0, -0.32, 0.14, 5e-4, -4e-4, -0.03])
+    wide = np.array([590.0, 591.0, 641.0, 356.2, 0.31, 0.025, 4e-4, -3e-4, 1e-3, 0.56, 0.061, 5e-3])
+    mild = np.array([900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0])
+    vga, hd = (640, 480), (1280, 720)
+    return [
+        Rig("VGA, barrel, 15 cm board, 0.3 px", "opencv5", vga, barrel, _CARD, 0.3, every=True),
+        Rig("VGA, barrel, 15 cm board, rendered", "opencv5", vga, barrel, _CARD, 0.0, _DIM),
+        Rig("wide rational, 15 cm board, 0.3 px", "rational", hd, wide, _CARD, 0.3),
+        Rig("f 900, A4 board, 0.15 px", "opencv5", hd, mild, _SHEET, 0.15),
+    ]
+
+
+def true_error_mm(camera: Camera, rig: Rig, board_pose: Pose | None = None) -> float:
+    """Rms distance on C between points and where the lens puts their true pixels, mm; 100 mm where there is no ray.
+
+    board_pose : of the board in the jig as it was found with this lens; without it, found from corners exactly seen.
+    """
+    truth, plane, told = rig.camera, rig.plane, rig.plane.points
+    pixels, inside = _seen(truth, plane.T_camera_plane @ np.column_stack([told, np.zeros(len(told))]))
+    true_board = plane.board_pose(rig.board)
+    found = _board_pose(camera, truth, true_board, corner_points(rig.board)) if board_pose is None else board_pose
+    T_camera_plane = found @ true_board.inverse() @ plane.T_camera_plane
+    return rms_on_plane_mm(camera, T_camera_plane, told[inside], pixels[inside])
+
+
+def _seen(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    pixels, valid = camera.project(points)
+    return pixels, valid & camera.in_picture(pixels)
+
+
+def _board_pose(camera: Camera, truth: Camera, start: Pose, points: np.ndarray) -> Pose:
+    pixels, inside = _seen(truth, start @ points)
+    return pose_by(camera, start, Observation(points[inside], pixels[inside]))
+
+
+_HAND_TURN_RAD, _HAND_DISTANCE, _HAND_PLACE = np.radians(5.0), 0.05, 0.03
+_LEAST_CORNERS = 8
+_TRIES = 40
+
+
+class Photographer:
+    """Takes pictures of the board on one rig; noise, hand and lighting all from the seed."""
+
+    def __init__(self, rig: Rig, seed: int) -> None:
+        self.rig, self.rng, self.camera = rig, np.random.default_rng(seed), rig.camera
+        self._taken = 0
+        if rig.picture is not None:
+            lens = Lens(self.camera.model, rig.image_size, self.camera.matrix, self.camera.distortion)
+            self._studio = studio(lens, rig.picture, self.rng)
+            self._sheet = print_sheet(rig.board)
+
+    def by_hand(self, wanted: Pose) -> BoardView | None:
+        """The picture of the board held at about this pose: ± 5°, ± 5 % of the distance, ± 3 % of it to the side.
+
+        A picture on which the board is not found is taken again; None after many.
+        """
+        half = _half(self.rig)
+        for _ in range(_TRIES):
+            turn = Rotation.from_rotvec(_HAND_TURN_RAD * self.rng.normal(size=3)).as_matrix()
+            middle = wanted @ half
+            aside = _HAND_PLACE * middle[2] * self.rng.normal(size=2)
+            moved = middle * (1.0 + _HAND_DISTANCE * self.rng.normal()) + np.append(aside, 0.0)
+            rotation = turn @ wanted.rotation
+            view = self.picture(Pose(rotation, moved - rotation @ half))
+            if view is not None:
+                return view
+        return None
+
+    def picture(self, pose: Pose) -> BoardView | None:
+        """The board at exactly this pose; None where fewer than 8 corners are found."""
+        name = f"{self._taken:03d}.png"
+        view = self._projected(pose, name) if self.rig.picture is None else self._rendered(pose, name)
+        if len(view.ids) < _LEAST_CORNERS:
+            return None
+        self._taken += 1
+        return view
+
+    def _projected(self, pose: Pose, name: str) -> BoardView:
+        ids = shown_corners(self.camera, [pose], self.rig.board)[0]
+        pixels, _ = self.camera.project(pose @ corner_points(self.rig.board)[ids])
+        noisy = pixels + self.rig.sigma_px * self.rng.normal(size=pixels.shape)
+        return BoardView(name, ids, noisy, self.rig.image_size, np.arange(self.rig.board.corner_count // 2))
+
+    def _rendered(self, pose: Pose, name: str) -> BoardView:
+        # the camera looks down on the bench and is turned about its axis a little from picture to picture
+        about = Rotation.from_rotvec([0.0, 0.0, self.rng.uniform(-0.5, 0.5)]).as_matrix()
+        world = about @ np.diag([1.0, -1.0, -1.0])
+        patch = board_patch(self._studio, self._sheet, pose, world)
+        grey = expose(self._studio, surroundings(self._studio, world), [] if patch is None else [patch])
+        return detect_corners(digitise(self._studio.spec, grey, self.rng), self.rig.board, name)
+
+
+def wanted_pose(suggestion: Suggestion, rig: Rig, camera: Camera | None) -> Pose:
+    """Where the board goes when its outline is brought to the one suggested: by it, while there is no lens.
+
+    camera : the lens so far. With it, the pose is what is obeyed.
+    """
+    if camera is not None:
+        return suggestion.T_camera_board
+    flat, seen = rig.camera.unproject_normalized(suggestion.outline_px)
+    if not seen.all():
+        return suggestion.T_camera_board
+    width, height = 2.0 * _half(rig)[:2]
+    corners = np.array([[0.0, 0.0, 0.0], [width, 0.0, 0.0], [width, height, 0.0], [0.0, height, 0.0]])
+    return start_poses(corners, flat)[0]
+
+
+def _half(rig: Rig) -> np.ndarray:
+    return rig.board.square_m * np.array([rig.board.squares_x, rig.board.squares_y, 0.0]) / 2
+
+
+def jig_pose(photographer: Photographer, camera: Camera, pictures: int = 8) -> Pose | None:
+    """Of the board in the jig, found with a lens in pictures of their own noise; None where it is not found."""
+    rig = photographer.rig
+    views = [photographer.picture(rig.plane.board_pose(rig.board)) for _ in range(pictures)]
+    found = [view for view in views if view is not None]
+    return solve_board_pose(found, rig.board, camera).T_camera_board if found else None

@@ -1,0 +1,229 @@
+"""First contact in time: how often the free antenna is taken for a touching one, and how late and how well P₀ is found.
+
+The antenna is turned at constant speed against a knife edge that stands still; rigs are known exactly, or off by a draw
+of an ordinary calibration's covariance. The instant of first touch is where the true force, run back, is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.estimator.setup import Setup, drawn_truth, rod_of
+from estimator.contact.verdict import CONTACT_EVIDENCE
+from estimator.object.track import Event, follow
+from estimator.table.columns import ContactTable
+from vbaa_calib.core.console import progress
+from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.plan.joint_paths import sweep_joints
+from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.scene import Joints, Sweep
+
+from .scenes import RATE_HZ, SIGMA_PX, Stage, Truth, contacts, record
+
+SPEEDS_M_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
+"""Of the antenna at the contact, towards the edge."""
+RIGS = ("exact", "calibrated")
+MOTIONS = ("at rest", "steady", "rest, move, rest")
+BEFORE, LEAST_AFTER, MOST_AFTER, DEEPEST_M = 45, 8, 40, 0.012
+"""Free frames; frames in contact, as many as a press of that depth takes."""
+FREE_FRAMES = 200
+"""Of one recording without contact."""
+
+
+@dataclass(frozen=True)
+class AlarmRow:
+    """Recordings of the free antenna alone.
+
+    Attributes
+    ----------
+    alarms : first contacts that were told. alone : frames that pass for contacts by themselves.
+    """
+
+    rig: str
+    motion: str
+    recordings: int
+    frames: int
+    alarms: int
+    alone: int
+
+
+@dataclass(frozen=True)
+class OnsetRow:
+    """Approaches at one speed.
+
+    Attributes
+    ----------
+    found : approaches whose contact was told once, and not before it was.
+    error_ms, rms_ms : mean and root mean square error of P₀'s time. std_ms : its own median deviation.
+    normalised : root mean square of error over deviation, 1 where the deviation is right.
+    covered : share of true instants within 1.96 deviations.
+    delay_ms : mean time from touch to decision. alone_ms : the same by single frames.
+    """
+
+    rig: str
+    speed_mm_s: float
+    draws: int
+    found: int
+    error_ms: float
+    rms_ms: float
+    std_ms: float
+    normalised: float
+    covered: float
+    delay_ms: float
+    alone_ms: float
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A recording and the time of its first touch."""
+
+    table: ContactTable
+    given: Rig
+    touch_s: float
+
+
+def alarms(frames: int, seed: int) -> list[AlarmRow]:
+    """Free antennas of random poses, cameras and rigs, at least so many frames, a third of them in each motion."""
+    count = -(-frames // (FREE_FRAMES * len(RIGS) * len(MOTIONS)))
+    rows = []
+    for rig in RIGS:
+        for number, motion in enumerate(MOTIONS):
+            counts = np.zeros(2, int)
+            for draw in progress(range(count), f"free, {rig}, {motion}", count):
+                counts += _alarms_of(free_recording(rig, motion, (seed, RIGS.index(rig), number, draw)))
+            rows.append(AlarmRow(rig, motion, count, count * FREE_FRAMES, *counts.tolist()))
+    return rows
+
+
+def _alarms_of(table: ContactTable) -> tuple[int, int]:
+    told = sum(event.kind == "first_contact" for event in follow(table).events)
+    return told, int((table.evidence >= CONTACT_EVIDENCE).sum())
+
+
+def free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:
+    """One recording of an antenna that touches nothing."""
+    rng = np.random.default_rng(list(seed))
+    azimuth = float(rng.uniform(-np.pi, np.pi))
+    given = Setup(real=True, exact=rig == "exact", tilt_rad=float(rng.uniform(0.0, 1.0)), azimuth_rad=azimuth).rig()
+    true = given if rig == "exact" else drawn_truth(given, rng)
+    time = np.arange(FREE_FRAMES) / RATE_HZ
+    share = np.clip((time - time[len(time) // 2]) / rng.uniform(0.3, 2.0), 0.0, 1.0)
+    way = {
+        "at rest": 0.0 * time,
+        "steady": 0.3 * time,
+        "rest, move, rest": 0.8 * share**2 * (3.0 - 2.0 * share),
+    }[motion]
+    start, toward = rng.uniform(-0.8, 0.8, 2), rng.uniform(-1.0, 1.0, 2)
+    angles = start + toward * way[:, None]
+    far = TouchObject("sphere", np.array([0.0, 0.0, 9.0]), np.zeros(3), 0.01, 0.01)
+    return contacts(record(true, far, [[Joints(*pair) for pair in angles.tolist()]], rng, given=given))
+
+
+def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> Approach:
+    """The antenna turned against a knife edge at constant speed, frames at a random phase."""
+    rng = np.random.default_rng(list(seed))
+    given = Setup(real=True, exact=rig == "exact", tilt_rad=float(rng.uniform(0.2, 0.8)), azimuth_rad=2.6).rig()
+    true = given if rig == "exact" else drawn_truth(given, rng)
+    away = float(rng.uniform(0.09, 0.19))
+    edge = TouchObject(
+        "knife_edge",
+        np.array([away, 0.0, 0.0]),
+        np.array([0.0, 0.0, 1.0]),
+        5e-4,
+        0.07,
+        wedge_world=np.array([0.0, 1.0, 0.0]),
+    )
+    tilt = float(rng.uniform(-0.15, 0.15))
+    sweep = Sweep("pan", 1, 1, 1, 0.02, (0.0, 0.0), 0.0, (tilt, tilt))
+    touch_rad = sweep_joints(Stage.of(true, edge), rod_of(true), sweep)[1].pan_rad
+    rate = speed_m_s / away
+    after = int(np.clip(DEEPEST_M / speed_m_s * RATE_HZ, LEAST_AFTER, MOST_AFTER))
+    time = (np.arange(BEFORE + after) + rng.uniform()) / RATE_HZ
+    pan = touch_rad + rate * (time - BEFORE / RATE_HZ)
+    recorded = record(true, edge, [[Joints(float(angle), tilt) for angle in pan]], rng, given=given)
+    return Approach(contacts(replace(recorded, time_s=time)), given, _touch_s(recorded.truth, time))
+
+
+def _touch_s(truth: Truth, time_s: np.ndarray) -> float:
+    """When the true force was zero: the parabola of the time over the force through the first three pressed frames."""
+    first = np.flatnonzero(truth.in_contact)[:3]
+    size = np.linalg.norm(truth.force_antenna_N[first], axis=1)
+    return float(np.polyval(np.polyfit(size / size[-1], time_s[first] - time_s[first[0]], 2), 0.0) + time_s[first[0]])
+
+
+def onsets(draws: int, seed: int, speeds_m_s: Sequence[float] = SPEEDS_M_S) -> list[OnsetRow]:
+    """So many approaches at each speed, with each kind of rig."""
+    rows = []
+    for rig in RIGS:
+        for speed in speeds_m_s:
+            runs = range(draws)
+            made = [
+                approach(rig, speed, (seed, RIGS.index(rig), round(1e6 * speed), draw))
+                for draw in progress(runs, f"approach, {rig}, {1e3 * speed:g} mm/s", draws)
+            ]
+            rows.append(onset_row(rig, speed, made))
+    return rows
+
+
+def onset_row(rig: str, speed_m_s: float, made: Sequence[Approach]) -> OnsetRow:
+    """What came of approaches at one speed."""
+    good, alone = [], []
+    for one in made:
+        event = told(one)
+        if event is not None:
+            good.append((event.time_s - one.touch_s, event.time_std_s, event.time_s + event.delay_s - one.touch_s))
+            single = one.table.time_s[one.table.in_contact]
+            alone.append(single[0] - one.touch_s if len(single) else np.nan)
+    error, std, delay = np.array(good).reshape(-1, 3).T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = error / std
+    return OnsetRow(
+        rig=rig,
+        speed_mm_s=1e3 * speed_m_s,
+        draws=len(made),
+        found=len(good),
+        error_ms=1e3 * _mean(error),
+        rms_ms=1e3 * _mean(error**2) ** 0.5,
+        std_ms=1e3 * _median(std),
+        normalised=_mean(z**2) ** 0.5,
+        covered=_mean(np.abs(z) < 1.96),
+        delay_ms=1e3 * _mean(delay),
+        alone_ms=1e3 * _mean(np.array(alone)),
+    )
+
+
+def told(one: Approach) -> Event | None:
+    """The one first contact of an approach; None where it was not told, more than once, or before it was."""
+    events = [event for event in follow(one.table, one.given).events if event.kind == "first_contact"]
+    early = any(event.time_s + event.delay_s < one.touch_s for event in events)
+    return events[0] if len(events) == 1 and not early and np.isfinite(events[0].time_s) else None
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def as_text(free: Sequence[AlarmRow], rows: Sequence[OnsetRow]) -> str:
+    """Both tables as text."""
+    lines = ["the free antenna:  recordings   frames   alarms   frames beyond the threshold by themselves"]
+    lines += [
+        f"{row.rig:>10}, {row.motion:<17} {row.recordings:8d} {row.frames:8d} {row.alarms:8d} {row.alone:8d}"
+        for row in free
+    ]
+    lines.append(
+        f"approaches at {RATE_HZ:g} frames/s, {SIGMA_PX} px: times in ms\n"
+        "       rig    mm/s  found  error    rms    std  rms/std  within 95 %   delay  by single frames"
+    )
+    lines += [
+        f"{row.rig:>10} {row.speed_mm_s:7.0f} {row.found:3d}/{row.draws:<3d} {row.error_ms:6.1f} {row.rms_ms:6.1f} "
+        f"{row.std_ms:6.1f} {row.normalised:8.2f} {row.covered:12.2f} {row.delay_ms:7.0f} {row.alone_ms:17.0f}"
+        for row in rows
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,259 @@
+"""Whole recordings of an object that the antenna strokes, with their truth: centrelines and moments, no pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from benchmarks.estimator.scenes import seen
+from benchmarks.estimator.setup import rod_of
+from estimator import ContactEstimator
+from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contact import FRICTION_RAD
+from vbaa_calib.antenna.rod import Rod, sample_shape
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Frame
+from vbaa_calib.simulate.contact.holding import Touch, stacked
+from vbaa_calib.simulate.contact.touch import touch_strokes
+from vbaa_calib.simulate.plan.joint_paths import sweep_joints
+from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.scene import Joints, Sweep
+
+PRESS_FRAMES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What a path hangs on (`synth.paths.Place`): an object before a rig. `radius_m` is the antenna's."""
+
+    name: str
+    object: TouchObject
+    radius_m: float
+    kinematics: Kinematics
+    gravity_world_m_s2: np.ndarray
+
+    @staticmethod
+    def of(rig: Rig, obj: TouchObject) -> Stage:
+        """The object before that rig."""
+        return Stage(obj.shape, obj, rig.antenna.diameter_m / 2, rig.kinematics, rig.gravity_world_m_s2)
+
+    def T_world_antenna(self, joints: Joints) -> Pose:
+        """Pose of the antenna frame at given joint angles."""
+        return self.kinematics.T_world_antenna(joints.pan_rad, joints.tilt_rad)
+
+
+def stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep, press_frames: int = PRESS_FRAMES) -> list[Joints]:
+    """A sweep's joint angles with the press and the release spread over so many frames each."""
+    joints = sweep_joints(Stage.of(rig, obj), rod_of(rig), sweep)
+    first, last = sweep.free_frames, len(joints) - sweep.free_frames - 1
+    press = _between(joints[first - 1], joints[first], press_frames)
+    release = _between(joints[last], joints[last + 1], press_frames)
+    return [*joints[:first], *press, *joints[first : last + 1], *release, *joints[last + 1 :]]
+
+
+def _between(start: Joints, end: Joints, count: int) -> list[Joints]:
+    """Angles inside a straight way from one pair to another."""
+    shares = np.linspace(0.0, 1.0, count + 2)[1:-1]
+    return [
+        Joints(
+            start.pan_rad + float(share) * (end.pan_rad - start.pan_rad),
+            start.tilt_rad + float(share) * (end.tilt_rad - start.tilt_rad),
+        )
+        for share in shares
+    ]
+
+
+__all__ = ["FRICTION_RAD", "Recorded", "Stage", "Truth", "contacts", "play", "record", "stroke_joints"]
+
+SIGMA_PX, POINTS, RATE_HZ = 0.1, 150, 30.0
+PAUSE_S = 1.0
+"""Between two strokes, while the antenna is carried round."""
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is true of B frames; NaN without contact.
+
+    Attributes
+    ----------
+    in_contact : (B,) bool.
+    distance_m : (B,) arc length of the contact. tangent_world : (B, 3) of the antenna there, towards the tip.
+    point_world_m : (B, 3) of the antenna's centreline at the contact.
+    touched_world_m : (B, 3) the touched point of the undeformed object. normal_world : (B, 3) outward there.
+    force_antenna_N, force_world_N : (B, 3) the object's force on the antenna; zero without contact.
+    indentation_m : (B,) how far the object gives way.
+    friction_ratio : (B,) of the force's part across the normal over that along it.
+    sticks : (B,) bool, as in `synth.touched.Touch`. slip_m : (B, 3) what the antenna's material point at the contact
+        moved along the object since the frame before, world frame; zero without contact.
+    """
+
+    in_contact: np.ndarray
+    distance_m: np.ndarray
+    tangent_world: np.ndarray
+    point_world_m: np.ndarray
+    touched_world_m: np.ndarray
+    normal_world: np.ndarray
+    force_antenna_N: np.ndarray
+    force_world_N: np.ndarray
+    indentation_m: np.ndarray
+    friction_ratio: np.ndarray
+    sticks: np.ndarray
+    slip_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """One recording of B frames, in order of time.
+
+    Attributes
+    ----------
+    given, true : the rig as the estimator is to know it, and as it is.
+    stroke : (B,) int. time_s, pan_rad, tilt_rad, moment_Nm : (B,).
+    centrelines_px : (B, N, 2), NaN outside the picture; `sigma_px` is the deviation of each coordinate.
+    T_world_antenna : B true poses.
+    """
+
+    given: Rig
+    true: Rig
+    object: TouchObject
+    stroke: np.ndarray
+    time_s: np.ndarray
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
+    centrelines_px: np.ndarray
+    sigma_px: float
+    moment_Nm: np.ndarray
+    T_world_antenna: Sequence[Pose]
+    truth: Truth
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def noisy(self, rng: np.random.Generator, given: Rig | None = None) -> Recorded:
+        """With noise on pixels and readings; `given` is the rig that the estimator is to know, if another."""
+        return replace(
+            self,
+            given=self.given if given is None else given,
+            centrelines_px=self.centrelines_px + rng.normal(0.0, self.sigma_px, self.centrelines_px.shape),
+            moment_Nm=self.moment_Nm + rng.normal(0.0, self.true.moment_sensor.std_Nm, len(self)),
+        )
+
+    @property
+    def slip_velocity_m_s(self) -> np.ndarray:
+        """(B, 3) true slip over the time since the frame before, world frame."""
+        step = np.diff(self.time_s, prepend=np.nan)
+        return self.truth.slip_m / step[:, None]
+
+
+def record(
+    rig: Rig,
+    obj: TouchObject,
+    strokes: Sequence[Sweep | Sequence[Joints]],
+    rng: np.random.Generator,
+    *,
+    given: Rig | None = None,
+    sigma_px: float = SIGMA_PX,
+    points: int = POINTS,
+    rate_hz: float = RATE_HZ,
+) -> Recorded:
+    """`play` with noise; `given`, where it is another than the true one, is the rig that the estimator is to know."""
+    return play(rig, obj, strokes, sigma_px=sigma_px, points=points, rate_hz=rate_hz).noisy(rng, given)
+
+
+def play(
+    rig: Rig,
+    obj: TouchObject,
+    strokes: Sequence[Sweep | Sequence[Joints]],
+    *,
+    sigma_px: float = SIGMA_PX,
+    points: int = POINTS,
+    rate_hz: float = RATE_HZ,
+) -> Recorded:
+    """An object stroked by the antenna, stroke after stroke, without noise yet.
+
+    Parameters
+    ----------
+    rig : the true one.
+    strokes : each a sweep, which is pressed and released by and by (`stroke_joints`), or joint angles.
+    sigma_px : deviation of the noise that is meant, along u and along v.
+    points : of a centreline, evenly over the arc length.
+
+    Raises
+    ------
+    InputError : a sweep that never meets the object. SolveError : the antenna slips off.
+    """
+    rod, radius = rod_of(rig), rig.antenna.diameter_m / 2
+    paths = [stroke_joints(rig, obj, one) if isinstance(one, Sweep) else list(one) for one in strokes]
+    poses = [[rig.kinematics.T_world_antenna(at.pan_rad, at.tilt_rad) for at in path] for path in paths]
+    touches = touch_strokes(rod, radius, obj, poses, rig.gravity_world_m_s2)
+    parts = [_truth(one, path, radius) for one, path in zip(touches, poses, strict=True)]
+    stroke = np.repeat(np.arange(len(paths)), [len(path) for path in paths])
+    true_Nm = np.concatenate([-one.shape.clamp_moment_Nm[:, 1] for one in touches])
+    return Recorded(
+        given=rig,
+        true=rig,
+        object=obj,
+        stroke=stroke,
+        time_s=np.arange(len(stroke)) / rate_hz + PAUSE_S * stroke,
+        pan_rad=np.array([at.pan_rad for path in paths for at in path]),
+        tilt_rad=np.array([at.tilt_rad for path in paths for at in path]),
+        centrelines_px=np.concatenate([_pixels(rig, rod, one, points) for one in touches]),
+        sigma_px=sigma_px,
+        moment_Nm=rig.moment_sensor.gain * true_Nm + rig.moment_sensor.offset_Nm,
+        T_world_antenna=[pose for path in poses for pose in path],
+        truth=Truth(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Truth)}),
+    )
+
+
+def contacts(recorded: Recorded, model: str = "auto", friction: float = FRICTION_RAD) -> ContactTable:
+    """What the estimator makes of a recording, frame by frame; `friction` is the deviation of its angle, rad."""
+    found = ContactEstimator(recorded.given, model=model, friction=friction).estimate_batch(
+        recorded.centrelines_px, recorded.moment_Nm, recorded.pan_rad, recorded.tilt_rad, sigma_px=recorded.sigma_px
+    )
+    frames = [
+        Frame(
+            image=None,
+            pan_rad=float(recorded.pan_rad[i]),
+            tilt_rad=float(recorded.tilt_rad[i]),
+            moment_Nm=float(recorded.moment_Nm[i]),
+            frame=i,
+            time_s=float(recorded.time_s[i]),
+        )
+        for i in range(len(recorded))
+    ]
+    return ContactTable.from_rows([ContactRow.of(*pair) for pair in zip(frames, found, strict=True)])
+
+
+def _pixels(rig: Rig, rod: Rod, touched: Touch, points: int) -> np.ndarray:
+    """(B, N, 2) of the whole centreline, without noise."""
+    arclength = np.broadcast_to(rod.length_m * (np.arange(points) + 0.5) / points, (len(touched.contact_m), points))
+    return seen(rig.camera, rig.T_antenna_camera, sample_shape(touched.shape, arclength)[0])
+
+
+def _truth(touched: Touch, poses: Sequence[Pose], radius_m: float) -> Truth:
+    """Of one stroke."""
+    turn, origin = stacked(poses)
+    point = np.einsum("bij,bj->bi", turn, touched.contact_antenna_m) + origin
+    force = np.einsum("bij,bj->bi", turn, touched.force_antenna_N)
+    along = np.nan_to_num(touched.contact_m)[:, None]
+    tangent = np.einsum("bij,bj->bi", turn, sample_shape(touched.shape, along)[1][:, 0])
+    tangent[~touched.in_contact] = np.nan
+    normal = touched.normal_world
+    press = (force * normal).sum(axis=1)
+    return Truth(
+        in_contact=touched.in_contact,
+        distance_m=touched.contact_m,
+        tangent_world=tangent,
+        point_world_m=point,
+        touched_world_m=touched.touched_world_m,
+        normal_world=normal,
+        force_antenna_N=touched.force_antenna_N,
+        force_world_N=force,
+        indentation_m=radius_m - ((point - touched.touched_world_m) * normal).sum(axis=1),
+        friction_ratio=np.linalg.norm(force - press[:, None] * normal, axis=1) / press,
+        sticks=touched.sticks,
+        slip_m=touched.slip_world_m,
+    )

@@ -1,0 +1,268 @@
+"""Fig. 5 redone: an antenna dragged to and fro over a knife edge; contact points joined, normal, force, friction cone.
+
+The normal ν is across the line through the contact points in the yz plane, ψ the force's direction there. While it
+slides the force lies on the cone's one or other side: |ψ − ν| = α = atan μ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.estimator.setup import drawn_truth, rod_of
+from benchmarks.harness import or_none, rms_known
+from estimator import ContactEstimator
+from estimator.contact.contacts import Contacts
+from estimator.object.estimate import Felt
+from estimator.paper.two_point import contact_position
+from estimator.table.contact import FRICTION_RAD
+from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.contact.holding import Touch
+from vbaa_calib.simulate.contact.touch import touch
+
+from .rig import FELT, Pictures, felt_of, free_shape, paper_rig, taken
+from .sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a, knife_edge
+
+NORMAL_DEG, DISTANCE_M, EDGE_RADIUS_M = 20.0, 0.15, 1e-3
+PRESSED_RAD, DRAGGED_RAD = np.radians(4.0), np.radians(4.0)
+APPROACH, LEG = 24, 16
+"""Frames of the press, and of each of the two legs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dragged:
+    """One true antenna over one edge, B frames.
+
+    Attributes
+    ----------
+    rotation : (B, 3, 3) R_world_antenna; pan_rad, tilt_rad (B,). point_m : (B, 3) true contacts, world.
+    """
+
+    touched: Pictures
+    free: Pictures
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
+    rotation: np.ndarray
+    point_m: np.ndarray
+
+
+def joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pan and tilt (B,), and the part (B,) of each frame: 0 press, 1 there, 2 back."""
+    press = np.linspace(-0.15, 1.0, APPROACH) * PRESSED_RAD
+    there = np.linspace(-1.0, 1.0, LEG) * DRAGGED_RAD
+    along = np.concatenate([np.full(APPROACH, there[0]), there, there[::-1][1:]])
+    against = np.concatenate([press, np.full(2 * LEG - 1, PRESSED_RAD)])
+    cos, sin = np.cos(np.radians(NORMAL_DEG)), np.sin(np.radians(NORMAL_DEG))
+    part = np.repeat([0, 1, 2], [APPROACH, LEG, LEG - 1])
+    return cos * against - sin * along, sin * against + cos * along, part
+
+
+def dragged(true: Rig, friction: float, slip_scale_m: float | None = None) -> Dragged:
+    """The antenna pressed along the edge's normal, then carried along the edge and back.
+
+    `slip_scale_m` asks for the simulator's simpler friction (`synth.touch`), which is faster.
+    """
+    pan, tilt, _ = joints()
+    start = free_shape(true, true.gravity_world_m_s2[None])
+    at = np.array([np.interp(DISTANCE_M, start.arclength_m[0], start.points_m[0, :, axis]) for axis in range(3)])
+    radius = 0.5 * true.antenna.diameter_m
+    obj = knife_edge(NORMAL_DEG, at, radius, radius_m=EDGE_RADIUS_M, friction=friction)
+    poses = [true.kinematics.T_world_antenna(float(p), float(t)) for p, t in zip(pan, tilt, strict=True)]
+    found: Touch = touch(rod_of(true), radius, obj, poses, true.gravity_world_m_s2, slip_scale_m=slip_scale_m)
+    rotation = np.stack([pose.rotation for pose in poses])
+    free = free_shape(true, true.gravity_world_m_s2 @ rotation)
+    point = np.array([pose @ contact for pose, contact in zip(poses, found.contact_antenna_m, strict=True)])
+    return Dragged(taken(true, found.shape), taken(true, free), pan, tilt, rotation, point)
+
+
+FRICTIONS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6)
+TRUE_RIGS = 2
+SHOWN = 0.3
+"""The μ whose contact points are kept."""
+
+
+@dataclass(frozen=True)
+class FrictionRow:
+    """One μ, over the draws: the normal in degrees and μ = tan α, each as mean, scatter and rms error.
+
+    `mu_stated` and `mu_covered` (95 % intervals) of the way that states them.
+    """
+
+    method: str
+    sigma_px: float
+    mu_true: float
+    draws: int
+    answered: float
+    normal_true_deg: float
+    normal_mean_deg: float | None
+    normal_rms_deg: float | None
+    mu_mean: float | None
+    mu_std: float | None
+    mu_rms: float | None
+    mu_stated: float | None = None
+    mu_covered: float | None = None
+
+
+@dataclass(frozen=True)
+class PathRow:
+    """One contact of the path that Fig. 5 draws, across the antenna's axis in the world; the first one is the origin.
+
+    `direction_deg` is ψ of −f from y, as `normal_deg` is ν's; `part` is press, there or back.
+    """
+
+    method: str
+    mu_true: float
+    part: str
+    y_mm: float
+    z_mm: float
+    y_true_mm: float
+    z_true_mm: float
+    direction_deg: float
+    normal_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What a way makes of the frames: contacts (B, 3) m and forces (B, 3) N, world, NaN where it says nothing."""
+
+    point_m: np.ndarray
+    force_N: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cone:
+    """ν in degrees from y, and α in degrees on the way there and back, positive outwards; NaN where not told."""
+
+    normal_deg: float
+    there_deg: float
+    back_deg: float
+
+    @property
+    def mu(self) -> float:
+        """tan of half the angle between the cone's sides: ν drops out."""
+        return float(np.tan(np.radians(0.5 * (self.there_deg + self.back_deg))))
+
+
+def by_two_points(rig: Rig, frames: Dragged, drawn: Pictures, free: Pictures, sigma_px: float) -> Trace:
+    """The paper's way: camera A, then its equations 19 to 22 with the mended rotation."""
+    found = by_camera_a(rig, drawn, free, sigma_px)
+    force = found.force_N
+    point = contact_position(found.distance_m, force[:, 1], force[:, 2], rig.antenna.stiffness_Nm2)
+    force = np.where(np.arange(3) == 0, 0.0, force)
+    return Trace(*(np.einsum("bij,bj->bi", frames.rotation, vector) for vector in (point, force)))
+
+
+def by_all_points(rig: Rig, frames: Dragged, drawn: Pictures, sigma_px: float) -> Contacts:
+    """The estimator, frame by frame."""
+    return ContactEstimator(rig).estimate_batch(
+        drawn.points_px, drawn.moment_Nm[:, 1], frames.pan_rad, frames.tilt_rad, sigma_px=sigma_px
+    )
+
+
+def cone(trace: Trace) -> Cone:
+    """As one would with a ruler: ν across the line through all contacts, ψ over the later half of each leg."""
+    part, known = joints()[2], np.isfinite(trace.point_m).all(axis=1)
+    line = trace.point_m[known & (part > 0), 1:]
+    psi = _turned_deg(trace.force_N)
+    legs = [known & (part == leg) & _later_half(part == leg) for leg in (1, 2)]
+    if len(line) < 3 or not all(leg.any() for leg in legs):
+        return Cone(np.nan, np.nan, np.nan)
+    along = np.linalg.svd(line - line.mean(axis=0))[2][0]
+    normal = float(np.degrees(np.arctan2(along[0], -along[1])))
+    normal = (normal + 90.0) % 180.0 - 90.0
+    # against the motion: going there, to +z of the edge, the force leans back towards −z, −f towards +z
+    there, back = (float(np.median(psi[leg])) for leg in legs)
+    return Cone(normal, there - normal, normal - back)
+
+
+def run(
+    draws: int, seed: int, frictions: Sequence[float] = FRICTIONS, slip_scale_m: float | None = None
+) -> tuple[list[FrictionRow], list[PathRow]]:
+    """All coefficients, noises and ways; the path of the first draw at `SHOWN`."""
+    rig, rng = paper_rig(), np.random.default_rng(seed)
+    trues = [drawn_truth(rig, rng) for _ in range(min(TRUE_RIGS, draws))]
+    rows: list[FrictionRow] = []
+    shown: list[PathRow] = []
+    for friction in frictions:
+        frames = [dragged(true, friction, slip_scale_m) for true in trues]
+        for sigma_px in SIGMAS_PX:
+            cones: dict[str, list[Cone]] = {TWO_POINTS: [], ALL_POINTS: []}
+            felt = []
+            for draw in range(draws):
+                used = frames[draw % len(frames)]
+                drawn, free = (each.noisy(rig, sigma_px, rng) for each in (used.touched, used.free))
+                found = by_all_points(rig, used, drawn, sigma_px)
+                felt.append(felt_of(rig, found, used.pan_rad, used.tilt_rad, FRICTION_RAD))
+                traces = {
+                    TWO_POINTS: by_two_points(rig, used, drawn, free, sigma_px),
+                    ALL_POINTS: Trace(found.point_world_m, found.force_world_N),
+                }
+                for method, trace in traces.items():
+                    cones[method].append(cone(trace))
+                    if friction == SHOWN and sigma_px == SIGMAS_PX[0] and draw == 0:
+                        shown += _path(method, friction, used, trace)
+            for method, several in cones.items():
+                normal, mu = np.array([[each.normal_deg, each.mu] for each in several]).T
+                rows.append(_row(method, sigma_px, friction, normal, mu))
+            rows.append(_felt_row(sigma_px, friction, felt))
+    return rows, shown
+
+
+def _later_half(leg: np.ndarray) -> np.ndarray:
+    place = np.cumsum(leg)
+    return place > 0.5 * place[-1]
+
+
+def _row(method: str, sigma_px: float, friction: float, normal_deg: np.ndarray, mu: np.ndarray) -> FrictionRow:
+    said = np.isfinite(mu)
+    return FrictionRow(
+        method,
+        sigma_px,
+        friction,
+        draws=len(mu),
+        answered=float(said.mean()),
+        normal_true_deg=NORMAL_DEG,
+        normal_mean_deg=float(normal_deg[said].mean()) if said.any() else None,
+        normal_rms_deg=or_none(rms_known(normal_deg[said] - NORMAL_DEG)),
+        mu_mean=float(mu[said].mean()) if said.any() else None,
+        mu_std=float(mu[said].std()) if said.any() else None,
+        mu_rms=or_none(rms_known(mu - friction)),
+    )
+
+
+def _felt_row(sigma_px: float, friction: float, felt: Sequence[Felt]) -> FrictionRow:
+    """With the median normal of each recording, turned into the world's yz plane."""
+    mu, std = np.array([[each.friction.mu, each.friction.std] for each in felt]).T
+    interval = np.array([each.friction.interval for each in felt])
+    normal = np.array([np.median(_turned_deg(each.normals.normal)) for each in felt])
+    said = np.isfinite(mu)
+    inside = (interval[said, 0] <= friction) & (friction <= interval[said, 1])
+    row = _row(FELT, sigma_px, friction, normal, mu)
+    return replace(
+        row, mu_stated=or_none(rms_known(std[said])), mu_covered=float(inside.mean()) if said.any() else None
+    )
+
+
+def _turned_deg(outward: np.ndarray) -> np.ndarray:
+    """(P,) of −n (P, 3) from y."""
+    return np.degrees(np.arctan2(-outward[:, 2], -outward[:, 1]))
+
+
+def _path(method: str, friction: float, frames: Dragged, trace: Trace) -> list[PathRow]:
+    part, normal = joints()[2], cone(trace).normal_deg
+    first = np.nanmean(trace.point_m[:, 1:] - frames.point_m[:, 1:], axis=0) + frames.point_m[APPROACH, 1:]
+    psi = _turned_deg(trace.force_N)
+    seen = 1e3 * (trace.point_m[:, 1:] - first)
+    true = 1e3 * (frames.point_m[:, 1:] - frames.point_m[APPROACH, 1:])
+    return [
+        PathRow(
+            method,
+            friction,
+            ("press", "there", "back")[part[i]],
+            *(float(value) for value in (*seen[i], *true[i], psi[i], normal)),
+        )
+        for i in range(len(part))
+        if np.isfinite(seen[i]).all()
+    ]

@@ -1,0 +1,226 @@
+"""Fig. 7 redone: three slippery knife edges of different normal direction, touched at distances along the antenna."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.estimator.setup import drawn_truth, rod_of
+from benchmarks.harness import or_none, rms_known
+from estimator import ContactEstimator
+from estimator.paper.baselines import Press, ask
+from estimator.paper.baselines.recorded import contact_moments, deflections, noise_of, wire_of
+from vbaa_calib.geometry import Pose, rotation_world_antenna
+from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.contact.touch import touch
+from vbaa_calib.simulate.scene.objects import TouchObject
+
+from .rig import Pictures, free_shape, paper_rig, taken
+
+NORMALS_DEG = (0.0, 30.0, 60.0)
+"""Between the edge's normal and the direction in which the base turns, in the antenna's yz plane."""
+DISTANCES_M = np.linspace(0.06, 0.22, 9)
+PUSH_RAD = np.radians(6.0)
+SIGMAS_PX = (0.1, 0.3)
+TWO_POINTS, ALL_POINTS = "two points, the paper's", "all points, the estimator"
+EDGE_RADIUS_M = 2e-4
+TRUE_RIGS = 8
+"""Rigs that the same calibration may belong to; the draws are shared among them."""
+
+
+@dataclass(frozen=True)
+class SensingRow:
+    """One object touched at one distance, over the draws. None where no draw was answered.
+
+    Attributes
+    ----------
+    answered : share of the draws. l_mean_mm, l_std_mm, l_rms_mm : of the distances, their scatter and errors.
+    l_stated_mm : typical stated deviation. direction_* : of −f in the yz plane from y, in degrees. lean_rms_deg : the
+    whole force, in space, from the object's normal at the contact. covered : share of 95 % intervals of l that hold it.
+    """
+
+    method: str
+    sigma_px: float
+    normal_deg: float
+    l_true_mm: float
+    direction_true_deg: float
+    draws: int
+    answered: float
+    l_mean_mm: float | None
+    l_std_mm: float | None
+    l_rms_mm: float | None
+    l_stated_mm: float | None
+    covered: float | None
+    direction_mean_deg: float | None
+    direction_std_deg: float | None
+    direction_rms_deg: float | None
+    lean_rms_deg: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """One object touched at D distances by one true antenna: pictures with and without it, and the truth.
+
+    Attributes
+    ----------
+    distance_m : (D,). force_N, normal : (D, 3) on the antenna and outward from the object, antenna frame.
+    """
+
+    touched: Pictures
+    free: Pictures
+    distance_m: np.ndarray
+    force_N: np.ndarray
+    normal: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """(D,) distances and their deviations, (D, 3) forces; NaN where there are none."""
+
+    distance_m: np.ndarray
+    distance_std_m: np.ndarray
+    force_N: np.ndarray
+
+
+def knife_edge(
+    normal_deg: float,
+    touch_point_m: np.ndarray,
+    antenna_radius_m: float,
+    *,
+    radius_m: float = EDGE_RADIUS_M,
+    stiffness_N_m: float = np.inf,
+    friction: float = 0.0,
+) -> TouchObject:
+    """An edge in the world's yz plane that an antenna whose centreline passes `touch_point_m` just touches.
+
+    Its normal towards the antenna is turned by the angle from −y towards −z.
+    """
+    angle = np.radians(normal_deg)
+    outward = np.array([0.0, -np.cos(angle), -np.sin(angle)])
+    return TouchObject(
+        "knife_edge",
+        touch_point_m - (radius_m + antenna_radius_m) * outward,
+        np.array([0.0, -np.sin(angle), np.cos(angle)]),
+        radius_m,
+        half_length_m=0.3,
+        stiffness_N_m=stiffness_N_m,
+        friction=friction,
+        wedge_world=-outward,
+    )
+
+
+def touched_edges(true: Rig, normal_deg: float) -> Edges:
+    """The base stands so that the free antenna just touches at each distance, then turns by `PUSH_RAD` about z."""
+    gravity = true.gravity_world_m_s2
+    free = free_shape(true, gravity[None])
+    at = np.array([[np.interp(DISTANCES_M, free.arclength_m[0], free.points_m[0, :, axis])] for axis in range(3)])
+    turn = rotation_world_antenna(PUSH_RAD, 0.0)
+    radius = 0.5 * true.antenna.diameter_m
+    obj = knife_edge(normal_deg, np.zeros(3), radius)
+    poses = [Pose(turn, -point) for point in at[:, 0].T]
+    found = touch(rod_of(true), radius, obj, poses, gravity)
+    contact = np.array([pose @ point for pose, point in zip(poses, found.contact_antenna_m, strict=True)])
+    _, normal = obj.signed_distance(contact)
+    return Edges(taken(true, found.shape), taken(true, free), found.contact_m, found.force_antenna_N, normal @ turn)
+
+
+def by_camera_a(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -> Answers:
+    """The paper's camera A, frame by frame."""
+    points_m = deflections(rig, pictures.points_px, free.points_px)
+    moments_Nm = contact_moments(rig, pictures.moment_Nm, free.moment_Nm)
+    wire, noise = wire_of(rig), noise_of(rig, sigma_px)
+    found = [
+        ask("3D-VBAA, camera A", Press(wire, noise, moment_Nm=moment[None], points_m=points[None]))
+        for points, moment in zip(points_m, moments_Nm, strict=True)
+    ]
+    return Answers(
+        np.array([each.distance_m for each in found]),
+        np.array([each.distance_std_m for each in found]),
+        np.array([each.force_N for each in found]),
+    )
+
+
+def by_all_points(rig: Rig, pictures: Pictures, sigma_px: float, pan_rad: float) -> Answers:
+    """The estimator, told that nothing rubs."""
+    count = len(pictures.points_px)
+    found = ContactEstimator(rig, friction=0.0).estimate_batch(
+        pictures.points_px, pictures.moment_Nm[:, 1], np.full(count, pan_rad), np.zeros(count), sigma_px=sigma_px
+    )
+    return Answers(found.distance_m, found.distance_std_m, found.force_N)
+
+
+def run(draws: int, seed: int) -> list[SensingRow]:
+    """All objects, noises and both ways."""
+    rig, rows = paper_rig(), []
+    rng = np.random.default_rng(seed)
+    trues = [drawn_truth(rig, rng) for _ in range(min(TRUE_RIGS, draws))]
+    for normal_deg in NORMALS_DEG:
+        edges = [touched_edges(true, normal_deg) for true in trues]
+        for sigma_px in SIGMAS_PX:
+            answers: dict[str, list[Answers]] = {TWO_POINTS: [], ALL_POINTS: []}
+            used = [edges[draw % len(edges)] for draw in range(draws)]
+            drawn = [each.touched.noisy(rig, sigma_px, rng) for each in used]
+            for pictures, each in zip(drawn, used, strict=True):
+                answers[TWO_POINTS].append(by_camera_a(rig, pictures, each.free.noisy(rig, sigma_px, rng), sigma_px))
+            answers[ALL_POINTS] = _all_at_once(rig, drawn, sigma_px)
+            for method, several in answers.items():
+                rows += _rows(method, sigma_px, normal_deg, used, several)
+    return rows
+
+
+def direction_deg(force_N: np.ndarray) -> np.ndarray:
+    """(...) angle of −f (..., 3) in the yz plane from y."""
+    return np.degrees(np.arctan2(-force_N[..., 2], -force_N[..., 1]))
+
+
+def _all_at_once(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Answers]:
+    together = Pictures(
+        np.concatenate([each.points_px for each in drawn]), np.concatenate([each.moment_Nm for each in drawn])
+    )
+    found = by_all_points(rig, together, sigma_px, PUSH_RAD)
+    return [Answers(*parts) for parts in zip(*(np.split(v, len(drawn)) for v in vars(found).values()), strict=True)]
+
+
+def _rows(
+    method: str, sigma_px: float, normal_deg: float, used: list[Edges], several: list[Answers]
+) -> list[SensingRow]:
+    distance, std, force = (np.array([getattr(each, name) for each in several]) for name in Answers.__annotations__)
+    true, pushed = np.array([each.distance_m for each in used]), np.array([each.force_N for each in used])
+    normal = np.array([each.normal for each in used])
+    off = 1e3 * (distance - true)
+    turned = direction_deg(force) - direction_deg(pushed)
+    with np.errstate(invalid="ignore"):
+        along = np.einsum("rdi,rdi->rd", force, normal) / np.linalg.norm(force, axis=-1)
+        lean = np.degrees(np.arccos(np.clip(along, -1.0, 1.0)))
+    rows = []
+    for place in range(len(DISTANCES_M)):
+        said = np.isfinite(off[:, place])
+        some = off[said, place], turned[said, place]
+        rows.append(
+            SensingRow(
+                method,
+                sigma_px,
+                normal_deg,
+                l_true_mm=float(1e3 * true[:, place].mean()),
+                direction_true_deg=float(direction_deg(pushed[:, place]).mean()),
+                draws=len(said),
+                answered=float(said.mean()),
+                l_mean_mm=_of(np.mean, 1e3 * distance[said, place]),
+                l_std_mm=_of(np.std, some[0]),
+                l_rms_mm=or_none(rms_known(some[0])),
+                l_stated_mm=or_none(rms_known(1e3 * std[said, place])),
+                covered=_of(np.mean, np.abs(some[0]) <= 1.96e3 * std[said, place]),
+                direction_mean_deg=_of(np.mean, direction_deg(force[said, place])),
+                direction_std_deg=_of(np.std, some[1]),
+                direction_rms_deg=or_none(rms_known(some[1])),
+                lean_rms_deg=or_none(rms_known(lean[said, place])),
+            )
+        )
+    return rows
+
+
+def _of(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+    return float(statistic(values)) if len(values) else None

@@ -1,0 +1,150 @@
+"""What others use to find a thin line in a picture: thinning, a ridge filter, the centroid of every column."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.detect.whisker.corridor import Corridor
+
+from .scenes import Shot, Truth, aside_px, light, normals, variance
+
+FALSE_PX, FALSE_SIGMA = 0.5, 5.0
+"""A point is false when it is off by more than both of these: pixels, and its own standard deviations."""
+
+
+def corridor(shot: Shot, rng: np.random.Generator) -> Corridor:
+    """What a rig would know about where the antenna is: its free axis, a pixel or two and a degree off."""
+    width, height = shot.size
+    bend = shot.bend
+    clamp = np.array(bend.clamp_px if bend else (0.07 * width, 0.5 * height)) + rng.normal(0.0, 0.7, 2)
+    length = (bend.length_px if bend else 0.78 * width) * rng.uniform(0.985, 1.015)
+    angle = (bend.heading_rad if bend else rng.uniform(-0.1, 0.1)) + rng.normal(0.0, 0.008)
+    along = np.linspace(0.0, length, 60)
+    axis = clamp + along[:, None] * np.array([np.cos(angle), np.sin(angle)])
+    return Corridor(axis, 8.0 + 0.9 * along, shot.width_px * rng.uniform(0.95, 1.05))
+
+
+def usual_height(shot: Shot, rng: np.random.Generator) -> float:
+    """What a rig would know from its no-load pictures of the line's height, grey levels: right to a sixth."""
+    seen = shot.width_px / np.hypot(shot.width_px, 2.4 * shot.spec.blur_px)
+    return float(255.0 * seen * (0.88 * shot.spec.antenna - shot.spec.background) * rng.uniform(0.85, 1.15))
+
+
+@dataclass(frozen=True)
+class Score:
+    """One picture's centreline against the truth.
+
+    Attributes
+    ----------
+    errors_px, sigma_px : (N,) signed distance of the points across the antenna, their deviations.
+    false : (N,) whether a point is false.
+    kept : share of the visible antenna that has a point within 2 px along it.
+    """
+
+    errors_px: np.ndarray
+    sigma_px: np.ndarray
+    false: np.ndarray
+    kept: float
+
+
+def score(line: Centreline, truth: Truth) -> Score:
+    """Judge points by the nearest place of the true path; where the antenna is hidden any point is false."""
+    errors, nearest = aside_px(truth.path_px, line.points_px)
+    false = (np.abs(errors) > FALSE_PX) & (np.abs(errors) > FALSE_SIGMA * line.sigma_px)
+    place = np.arange(len(truth.path_px))
+    if len(nearest) and truth.visible.any():
+        # points a hair inside what hides the antenna still show it: the picture is blurred
+        shown = np.convolve(truth.visible, np.ones(9), mode="same") > 0
+        false |= ~shown[nearest]
+        gap = np.abs(place[truth.visible][:, None] - np.sort(nearest)[None]).min(axis=1)
+        kept = float((gap <= 5).mean())
+    else:
+        kept = 0.0
+    return Score(errors, line.sigma_px, false, kept)
+
+
+def bound_px(shot: Shot, points_px: np.ndarray, step_px: float = 0.05) -> np.ndarray:
+    """(N,) Cramér–Rao bound of the place across the antenna, for one column (or row) of pixels each.
+
+    Unknown besides the place: level and slope of the background, the line's height. Noise of known variance.
+    """
+    assert shot.bend is not None
+    from .scenes import truth
+
+    path = truth(shot).path_px
+    _, nearest = aside_px(path, points_px)
+    normal = normals(path)[nearest]
+    whole = light(shot)
+    by_place = (light(shot, step_px) - light(shot, -step_px)) / (2.0 * step_px)
+    by_height = whole - light(shot, antenna=False)
+    weight = 1.0 / np.sqrt(variance(shot, whole))
+    reach = int(np.ceil(0.8 * shot.width_px + 5.0))
+    bounds = np.empty(len(points_px))
+    for index, (point, across) in enumerate(zip(points_px, normal, strict=True)):
+        sideways = abs(across[1]) >= abs(across[0])
+        line, middle = (round(point[0]), round(point[1])) if sideways else (round(point[1]), round(point[0]))
+        cut = slice(max(middle - reach, 0), middle + reach + 1)
+        here = (cut, line) if sideways else (line, cut)
+        t = np.arange(len(whole[here])) / reach
+        nuisance = np.stack([np.ones_like(t), t, by_height[here]], axis=1) * weight[here][:, None]
+        signal = by_place[here] * weight[here]
+        rest = signal - nuisance @ np.linalg.lstsq(nuisance, signal, rcond=None)[0]
+        bounds[index] = 1.0 / np.sqrt(max(float(rest @ rest), 1e-12))
+    return bounds
+
+
+Peer = Callable[[np.ndarray], np.ndarray]
+"""(H, W) uint8 picture of a bright antenna → points (N, 2), px."""
+
+
+def within(corridor: Corridor, size: tuple[int, int]) -> np.ndarray:
+    """(H, W) uint8 mask of a corridor: peers get the same knowledge of where to look; it is no part of their time."""
+    across = np.gradient(corridor.axis_px, axis=0)[:, ::-1] * [-1.0, 1.0]
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    sides = [corridor.axis_px + sign * corridor.reach_px[:, None] * across for sign in (1, -1)]
+    outline = np.concatenate([sides[0], sides[1][::-1]])
+    mask = np.zeros(size[::-1], np.uint8)
+    cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 255)
+    return mask
+
+
+def peers(corridor: Corridor, size: tuple[int, int]) -> dict[str, Peer]:
+    """Name → method, prepared for one corridor."""
+    mask = within(corridor, size)
+    ridge_filter = cv2.ximgproc.RidgeDetectionFilter.create(cv2.CV_32FC1, 1, 1, 3, cv2.CV_8UC1)
+
+    def otsu(image: np.ndarray) -> np.ndarray:
+        return cv2.bitwise_and(cv2.threshold(image, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], mask)
+
+    def thinning(image: np.ndarray) -> np.ndarray:
+        rows, columns = np.nonzero(cv2.ximgproc.thinning(otsu(image)))
+        return np.stack([columns, rows], axis=1).astype(float)
+
+    def ridges(image: np.ndarray) -> np.ndarray:
+        smooth = cv2.GaussianBlur(image, (0, 0), max(0.5 * corridor.width_px, 1.0))
+        return _peaks(cv2.bitwise_and(ridge_filter.getRidgeFilteredImage(255 - smooth), mask))
+
+    def centroid(image: np.ndarray) -> np.ndarray:
+        ground = cv2.mean(image, mask)[0]
+        lit = np.where(otsu(image) > 0, image.astype(np.float32) - np.float32(ground), np.float32(0.0))
+        total = lit.sum(axis=0)
+        columns = np.flatnonzero(total > 0)
+        rows = (np.arange(len(lit), dtype=np.float32) @ lit)[columns] / total[columns]
+        return np.stack([columns, rows], axis=1).astype(float)
+
+    return {"cv2.ximgproc.thinning": thinning, "RidgeDetectionFilter": ridges, "centroid per column": centroid}
+
+
+def _peaks(ridge: np.ndarray) -> np.ndarray:
+    """The strongest place of every column, to a part of a pixel by a parabola."""
+    rows = ridge.argmax(axis=0)
+    columns = np.flatnonzero((ridge.max(axis=0) > 0) & (rows > 0) & (rows < len(ridge) - 1))
+    rows = rows[columns]
+    low, middle, high = (ridge[rows + k, columns].astype(float) for k in (-1, 0, 1))
+    bend = np.minimum(low - 2.0 * middle + high, -1e-6)
+    return np.stack([columns, rows + np.clip(0.5 * (low - high) / bend, -0.5, 0.5)], axis=1)

@@ -1,0 +1,285 @@
+"""Pictures of antennas under every hardship, with the truth beside them; drawn by the simulator's pieces alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+
+from vbaa_calib.simulate.render.antenna import Tube, tube_patch
+from vbaa_calib.simulate.render.picture import Patch, Studio, digitise, expose
+from vbaa_calib.simulate.scene.lens import Lens, RayMap
+from vbaa_calib.simulate.scene.scene import PictureSpec
+
+STEP_PX = 0.4
+"""Spacing of a path's points."""
+
+
+@dataclass(frozen=True)
+class Bend:
+    """How an antenna lies in the picture.
+
+    Attributes
+    ----------
+    clamp_px : (u, v) of the clamp.
+    heading_rad : direction at the clamp, from u towards v.
+    length_px : of the whole antenna.
+    turn_rad : by how much its direction changes in all.
+    contact : where the force acts, as a fraction of the length.
+    force_angle_rad : angle of the force to the clamp's normal.
+    sag : bow of the free antenna, its sagitta as a fraction of the length.
+    shorter : foreshortening along the heading by leaving the plane, 1 for none.
+    """
+
+    clamp_px: tuple[float, float]
+    heading_rad: float
+    length_px: float
+    turn_rad: float = 0.0
+    contact: float = 0.7
+    force_angle_rad: float = 0.0
+    sag: float = 0.0
+    shorter: float = 1.0
+
+
+def _cantilever(turn_rad: float, contact: float, force_angle_rad: float, count: int) -> np.ndarray:
+    """(count,) direction along a cantilever of length one: an elastica whose moment is force times lever arm."""
+    share = np.linspace(0.0, 1.0, count)
+    touched = share <= contact
+    heading = turn_rad * np.where(touched, 1.0 - (1.0 - share / contact) ** 2, 1.0)
+    force = np.array([-np.sin(force_angle_rad), np.cos(force_angle_rad)])
+    for _ in range(25):
+        points = np.cumsum(np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0) / count
+        arm = points[touched][-1] - points
+        curvature = np.where(touched, np.maximum(arm @ np.array([force[1], -force[0]]), 0.0), 0.0)
+        turned = np.cumsum(curvature)
+        heading = 0.5 * heading + 0.5 * turn_rad * turned / max(turned[-1], 1e-12)
+    return heading
+
+
+def path_px(bend: Bend) -> np.ndarray:
+    """(K, 2) the antenna from clamp to tip, a point every `STEP_PX`."""
+    count = max(int(bend.length_px / STEP_PX), 20)
+    share = np.linspace(0.0, 1.0, count)
+    heading = _cantilever(bend.turn_rad, bend.contact, bend.force_angle_rad, count) + 4.0 * bend.sag * share
+    step = bend.length_px / (count - 1) * np.stack([bend.shorter * np.cos(heading), np.sin(heading)], axis=1)
+    local = np.concatenate([np.zeros((1, 2)), np.cumsum(step[:-1], axis=0)])
+    cos, sin = np.cos(bend.heading_rad), np.sin(bend.heading_rad)
+    return np.array(bend.clamp_px) + local @ np.array([[cos, sin], [-sin, cos]])
+
+
+def normals(path: np.ndarray) -> np.ndarray:
+    """(K, 2) unit normals of a dense path."""
+    along = np.gradient(path, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return np.stack([-along[:, 1], along[:, 0]], axis=1)
+
+
+def aside_px(path: np.ndarray, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) signed distance of points from a dense path, and the index (N,) of the nearest point of the path."""
+    from scipy.spatial import cKDTree
+
+    nearest = cKDTree(path).query(points_px)[1] if len(points_px) else np.empty(0, int)
+    offset = points_px - path[nearest]
+    across = normals(path)[nearest]
+    signed = (offset * across).sum(axis=1)
+    past = np.abs((offset * across[:, ::-1] * [1.0, -1.0]).sum(axis=1)) > 2.0
+    # beyond an end of the path the distance across means nothing
+    return np.where(past, np.hypot(*offset.T), signed), nearest
+
+
+PLAIN = PictureSpec(
+    blur_px=0.8,
+    read_noise=1.2,
+    electrons_per_grey=40.0,
+    vignette=0.0,
+    gradient=0.0,
+    background=0.2,
+    clutter=0.0,
+    antenna=0.8,
+    object=0.4,
+    shading_asymmetry=0.0,
+)
+"""A good picture: bright on dark, in focus, even light."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A rectangle that hides what is behind it: middle and half sides in px, its turn, its brightness."""
+
+    middle_px: tuple[float, float]
+    half_px: tuple[float, float]
+    turn_rad: float
+    brightness: float
+
+    def holds(self, points_px: np.ndarray) -> np.ndarray:
+        """Whether points (..., 2) are behind it."""
+        cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        local = (points_px - np.array(self.middle_px)) @ np.array([[cos, -sin], [sin, cos]])
+        return (np.abs(local) <= np.array(self.half_px)).all(axis=-1)
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A shadow (strength below zero) or reflection beside the antenna: its shift and turn about the clamp."""
+
+    aside_px: float
+    turn_rad: float
+    strength: float
+    blur_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One picture to be drawn.
+
+    Attributes
+    ----------
+    size : (width, height), px.
+    bend, width_px : the antenna; `bend` None draws none.
+    clutter : (height, width) brightness of what lies behind, or None for a plain background.
+    blocks, twins : what hides it, what runs beside it.
+    glint : brightness of a highlight along it, and how far off the middle, as a fraction of the half width.
+    smear_px : (u, v) of the motion during the exposure.
+    defocus_px : radius of the disc of confusion.
+    dark : the negative: dark antenna on light ground.
+    """
+
+    size: tuple[int, int]
+    bend: Bend | None
+    width_px: float
+    spec: PictureSpec = PLAIN
+    clutter: np.ndarray | None = None
+    blocks: tuple[Block, ...] = ()
+    twins: tuple[Twin, ...] = ()
+    glint: tuple[float, float] = (0.0, 0.0)
+    smear_px: tuple[float, float] = (0.0, 0.0)
+    defocus_px: float = 0.0
+    dark: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What a drawn picture shows: the path (K, 2) from clamp to tip, and where (K,) it is inside and not hidden."""
+
+    path_px: np.ndarray
+    visible: np.ndarray = field(repr=False)
+
+
+def truth(shot: Shot) -> Truth:
+    """Where the antenna of a shot is."""
+    if shot.bend is None:
+        return Truth(np.empty((0, 2)), np.empty(0, bool))
+    path = path_px(shot.bend)
+    visible: np.ndarray = np.all((path >= 0) & (path <= np.array(shot.size) - 1), axis=1)
+    for block in shot.blocks:
+        visible &= ~block.holds(path)
+    return Truth(path, visible)
+
+
+def light(shot: Shot, aside_px: float = 0.0, antenna: bool = True) -> np.ndarray:
+    """(H, W) grey levels without noise; `aside_px` moves the antenna along its normal, `antenna` leaves it out."""
+    place = _studio(shot)
+    canvas = np.full(shot.size[::-1], shot.spec.background, np.float32) if shot.clutter is None else shot.clutter
+    path = None if shot.bend is None else path_px(shot.bend)
+    if path is not None:
+        for twin in shot.twins:
+            canvas = _with_twin(canvas, shot, path, twin)
+    for block in shot.blocks:
+        canvas = _with_block(canvas, block)
+    patches: list[Patch] = []
+    if antenna and path is not None:
+        moved = path + aside_px * normals(path)
+        patches = _antenna_patches(place, shot, moved)
+    grey = expose(place, canvas, patches)
+    grey = _smeared(grey, shot.smear_px) if any(shot.smear_px) else grey
+    grey = _defocused(grey, shot.defocus_px) if shot.defocus_px > 0 else grey
+    return 255.0 - grey if shot.dark else grey
+
+
+def photograph(shot: Shot, rng: np.random.Generator) -> np.ndarray:
+    """(H, W) uint8 with noise."""
+    return digitise(shot.spec, light(shot), rng)
+
+
+def variance(shot: Shot, grey: np.ndarray) -> np.ndarray:
+    """(H, W) variance of every pixel: shot noise, read noise and rounding."""
+    return np.maximum(grey, 0.0) / shot.spec.electrons_per_grey + shot.spec.read_noise**2 + 1.0 / 12.0
+
+
+def _studio(shot: Shot) -> Studio:
+    width, height = shot.size
+    lens = Lens("opencv", shot.size, np.eye(3), np.zeros(0))
+    u, v = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
+    level = (1.0 - shot.spec.vignette * (u**2 + v**2) / 2) * (1.0 - shot.spec.gradient * (0.5 + 0.35 * u - 0.15 * v))
+    return Studio(shot.spec, RayMap(lens, np.empty((0, 0, 2))), level.astype(np.float32), np.empty((0, 0), np.float32))
+
+
+def _tube(path: np.ndarray, half_width_px: float) -> Tube:
+    across = normals(path)
+    along = np.stack([across[:, 1], -across[:, 0]], axis=1)
+    ones = np.ones(len(path))
+    return Tube(path, along, across, half_width_px * ones, ones, ones)
+
+
+def _antenna_patches(place: Studio, shot: Shot, path: np.ndarray) -> list[Patch]:
+    def obstacle(points: np.ndarray) -> np.ndarray:
+        hidden = np.zeros(len(points), bool)
+        for block in shot.blocks:
+            hidden |= block.holds(points)
+        return np.where(hidden, 0.0, np.inf)
+
+    hide: Callable[[np.ndarray], np.ndarray] | None = obstacle if shot.blocks else None
+    half = 0.5 * shot.width_px
+    body = tube_patch(place, _tube(path, half), shot.spec.antenna, shot.spec.shading_asymmetry, hide)
+    patches = [body]
+    if shot.glint[0] > 0:
+        core = _tube(path + shot.glint[1] * half * normals(path), 0.3 * half)
+        spark = tube_patch(place, core, shot.glint[0], 0.0, hide)
+        # light that is added, whatever is behind it
+        patches.append(None if spark is None else replace(spark, alpha=np.zeros_like(spark.alpha)))
+    return [patch for patch in patches if patch is not None]
+
+
+def _with_block(canvas: np.ndarray, block: Block) -> np.ndarray:
+    height, width = canvas.shape
+    fine = (np.arange(3) - 1.0) / 3.0
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    share = np.zeros(canvas.shape, np.float32)
+    for shift in np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2):
+        share += block.holds(np.stack([u, v], axis=-1) + shift) / np.float32(9.0)
+    return canvas * (1.0 - share) + np.float32(block.brightness) * share
+
+
+def _with_twin(canvas: np.ndarray, shot: Shot, path: np.ndarray, twin: Twin) -> np.ndarray:
+    cos, sin = np.cos(twin.turn_rad), np.sin(twin.turn_rad)
+    moved = path[0] + (path - path[0]) @ np.array([[cos, sin], [-sin, cos]]) + twin.aside_px * normals(path)
+    mask = np.zeros(canvas.shape, np.uint8)
+    points = np.round(16 * moved[:: max(1, len(moved) // 200)]).astype(np.int32).reshape(-1, 1, 2)
+    thickness = max(1, round(shot.width_px))
+    cv2.polylines(mask, [points], False, 255, thickness, cv2.LINE_AA, 4)
+    # its smooth edges make the line about a pixel broader than it is told to be
+    level = min(shot.width_px / (thickness + 1.0), 1.0) / 255.0
+    share = level * cv2.GaussianBlur(mask.astype(np.float32), (0, 0), max(twin.blur_px, 0.3))
+    if twin.strength < 0:
+        return canvas * (1.0 + np.float32(twin.strength) * share)
+    return canvas + np.float32(twin.strength * shot.spec.antenna) * share
+
+
+def _smeared(grey: np.ndarray, smear_px: tuple[float, float]) -> np.ndarray:
+    """Motion at an even speed: the mean of shifted copies, as many to one side as to the other."""
+    count = 2 * int(np.ceil(np.hypot(*smear_px))) + 1
+    total = np.zeros_like(grey)
+    for share in np.linspace(-0.5, 0.5, count):
+        shift = np.array([[1.0, 0.0, share * smear_px[0]], [0.0, 1.0, share * smear_px[1]]])
+        total += cv2.warpAffine(grey, shift, grey.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    return total / count
+
+
+def _defocused(grey: np.ndarray, radius_px: float) -> np.ndarray:
+    reach = int(np.ceil(radius_px)) + 1
+    fine = (np.arange(9 * (2 * reach + 1)) + 0.5) / 9.0 - 0.5 - reach
+    disc = (np.hypot(fine[:, None], fine[None]) <= radius_px).astype(np.float32)
+    kernel = disc.reshape(2 * reach + 1, 9, 2 * reach + 1, 9).mean(axis=(1, 3))
+    return cv2.filter2D(grey, cv2.CV_32F, kernel / kernel.sum(), borderType=cv2.BORDER_REFLECT)

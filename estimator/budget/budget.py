@@ -1,0 +1,263 @@
+"""The error budget of a rig: what each cause contributes to contacts, and what knowing it better would be worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.contact.quantities import edge_on
+from estimator.contact.verdict import EDGE_ON_BLIND_RAD, FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_OWN
+from estimator.solver.rig_arrays import Known
+from estimator.table.contact import FRICTION_RAD
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.rig import Rig
+
+from .parts import (
+    FORCE_PRIOR,
+    FRICTION,
+    MOMENT_NOISE,
+    PIXELS,
+    RESULTS,
+    Answer,
+    Linear,
+    answer,
+    better,
+    in_common,
+    linear,
+    parts,
+    per_result,
+)
+from .space import JOINT_AXES, LENS, ErrorSpace
+from .touches import Touches, ordinary_touches, unknowns_of
+
+NAMES = {
+    PIXELS: "pixel noise",
+    MOMENT_NOISE: "moment noise",
+    FRICTION: "friction angle",
+    LENS: "lens",
+    "camera_rotation": "camera rotation",
+    "camera_position": "camera position",
+    "clamp_angle": "clamp angle",
+    "clamp_offset": "clamp offset",
+    "clamp_give": "clamp give",
+    "bow": "bow",
+    "stiffness": "stiffness EI",
+    "mass": "mass",
+    "moment_gain": "moment gain",
+    "moment_offset": "moment offset",
+    JOINT_AXES: "joint axes",
+    FORCE_PRIOR: "likely force",
+}
+"""Every cause, in the order in which figures stack them."""
+_JIG = "take more pictures of the board in the jig, with a better jig, or a sweep of the joints"
+_NO_LOAD = "take more pictures of the free antenna, at several tilts, and calibrate again"
+_LOADS = "hang more loads, heavier and at several distances, weighed and measured with a caliper"
+REMEDIES = {
+    PIXELS: "bring the camera nearer, take one with more pixels or a longer lens, or light the antenna better",
+    MOMENT_NOISE: "take a quieter moment sensor, or average more readings per picture",
+    FRICTION: "polish or grease the antenna, and say with --friction how slippery it is",
+    LENS: "take more pictures of the board for the lens, up to the borders of the picture",
+    "camera_rotation": _JIG,
+    "camera_position": _JIG,
+    "clamp_angle": _NO_LOAD,
+    "clamp_offset": _NO_LOAD,
+    "clamp_give": _LOADS + "; or stiffen the clamp",
+    "bow": _NO_LOAD,
+    "stiffness": _LOADS,
+    "mass": "weigh the antenna, or take more pictures of it free at several tilts",
+    "moment_gain": _LOADS,
+    "moment_offset": "take more readings without a load",
+    JOINT_AXES: "repeat the sweep of the joints with more poses, or measure the axes",
+    FORCE_PRIOR: "give the moment reading: the picture alone hardly holds the force here",
+}
+RESULT_NAMES = {
+    "distance_m": "distance l",
+    "force_y_N": "force f_y",
+    "force_z_N": "force f_z",
+    "force_N": "lateral force",
+    "point_m": "world point",
+}
+
+
+ADVISED = ("distance_m", "force_N", "point_m")
+"""Results that the advice is about."""
+OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)
+"""Causes that are not the calibration's."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One cause's part of one result, rms over the contacts, in the result's unit.
+
+    Attributes
+    ----------
+    std : the deviation that it contributes; squares add up. share : of the variance.
+    if_halved, if_exact : the result's whole deviation if the cause's were half of what it is, or none.
+    """
+
+    std: float
+    share: float
+    if_halved: float
+    if_exact: float
+
+
+@dataclass(frozen=True)
+class ResultBudget:
+    """One result's budget: its deviation `std`, rms over the contacts; its `parts` by cause, which add up.
+
+    `in_common` is the share of the variance that belongs to no one cause, by correlations; the parts hold it divided.
+    """
+
+    std: float
+    in_common: float
+    parts: dict[str, Part]
+
+    @property
+    def first(self) -> str:
+        """The cause of which half the deviation would help most."""
+        return min(self.parts, key=lambda cause: self.parts[cause].if_halved)
+
+    def gain(self, cause: str) -> float:
+        """The part that half a cause's deviation would take off this result's."""
+        return 1.0 - self.parts[cause].if_halved / self.std
+
+    @property
+    def common_std(self) -> float:
+        """What the calibration contributes: it is common to all frames, and does not average out."""
+        return float(np.sqrt(sum(part.std**2 for cause, part in self.parts.items() if cause not in OWN)))
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """The error budget of a rig.
+
+    Attributes
+    ----------
+    touches : the B contacts that it is for. asked : how many there were, with those that would come without numbers.
+    results : by `RESULTS`.
+    variances : cause → (B, 6) of the rows that `RESULTS` names.
+    exact : causes of which rig.json says that they are exact, or nothing.
+    """
+
+    touches: Touches
+    asked: int
+    results: dict[str, ResultBudget]
+    variances: dict[str, np.ndarray]
+    exact: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def gain(self, cause: str) -> float:
+        """Mean part that half a cause's deviation would take off distance, force and point."""
+        return float(np.mean([self.results[name].gain(cause) for name in ADVISED]))
+
+    @property
+    def first(self) -> str:
+        """The cause to improve first, by `gain`."""
+        return max(self.results["point_m"].parts, key=self.gain)
+
+    @property
+    def first_of_rig(self) -> str | None:
+        """The same among what a calibration finds. None where the rig counts as exact."""
+        return max((cause for cause in self.variances if cause not in OWN), key=self.gain, default=None)
+
+    def leads(self, name: str) -> dict[str, int]:
+        """In how many contacts each cause has the largest part of a result; causes that lead nowhere are left out."""
+        causes = list(self.variances)
+        every = np.stack([per_result(rows)[name] for rows in self.variances.values()])
+        count = np.bincount(every.argmax(axis=0), minlength=len(causes))
+        return {causes[i]: int(count[i]) for i in np.argsort(-count, kind="stable") if count[i]}
+
+
+def error_budget(
+    rig: Rig, touches: Touches | None = None, *, friction: float = FRICTION_RAD, with_moment: bool = True
+) -> Budget:
+    """The budget of a rig, over ordinary contacts unless told.
+
+    Parameters
+    ----------
+    friction : rad, deviation of the friction angle as the estimator is told it.
+    with_moment : False for vision alone.
+
+    Raises
+    ------
+    InputError : a friction that is none, or no contact for which the estimator would give numbers.
+    """
+    if not 0.0 <= friction <= 1.0:
+        raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
+    touches = ordinary_touches(rig) if touches is None else touches
+    known = Known.of(rig, float(friction), np.empty(0))
+    space = ErrorSpace.of(known)
+    with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
+        every = linear(known, space, touches, with_moment)
+        told = _told(known, touches, every, with_moment)
+    if not told.any():
+        raise InputError(
+            "the estimator would give no numbers for " + (f"any of {len(told)} contacts" if len(told) > 1 else "this"),
+            where="budget",
+            remedy="give a contact that is pressed harder and in the picture, or calibrate the rig better",
+        )
+    here = every.picked(told)
+    now = answer(here)
+    by_cause = {cause: part for cause, part in parts(space, now).items() if part.any()}
+    results = _results(space, now, by_cause)
+    aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
+    missing = tuple(cause for cause in NAMES if cause not in (*by_cause, *aside))
+    return Budget(touches.picked(told), len(told), results, by_cause, missing, tuple(_notes(rig, with_moment)))
+
+
+def _told(known: Known, touches: Touches, given: Linear, with_moment: bool) -> np.ndarray:
+    """(B,) whether the estimator would give numbers, as `verdict` decides for contacts that fit well."""
+    sound = np.isfinite(given.points).all(axis=(1, 2)) & (given.usable >= FEWEST_POINTS)
+    std = np.full((len(given), 6), np.nan)
+    if sound.any():
+        std[sound] = np.sqrt(answer(given.picked(sound)).variance)
+    limit = np.minimum(LOW_SIGNAL * known.length_m, LOW_SIGNAL_OWN * touches.distance_m)
+    told = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
+    if with_moment:
+        return told
+    force = np.hypot(*touches.push_N.T)
+    seen = edge_on(known.rig, unknowns_of(known, touches)) >= EDGE_ON_BLIND_RAD
+    return told & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
+
+
+def _results(space: ErrorSpace, now: Answer, by_cause: dict[str, np.ndarray]) -> dict[str, ResultBudget]:
+    whole, shared = _mean(now.variance), _mean(in_common(space, now))
+    own = {cause: _mean(part) for cause, part in by_cause.items()}
+    changed = {
+        cause: [_mean(answer(now.linear, better(space, cause, factor)).variance) for factor in (0.5, 0.0)]
+        if cause != FORCE_PRIOR
+        else [whole, whole]
+        for cause in by_cause
+    }
+
+    def part(cause: str, name: str) -> Part:
+        halved, exact = (float(np.sqrt(values[name])) for values in changed[cause])
+        return Part(float(np.sqrt(own[cause][name])), own[cause][name] / whole[name], halved, exact)
+
+    return {
+        name: ResultBudget(
+            float(np.sqrt(whole[name])), shared[name] / whole[name], {cause: part(cause, name) for cause in by_cause}
+        )
+        for name in RESULTS
+    }
+
+
+def _mean(rows: np.ndarray) -> dict[str, float]:
+    return {name: float(values.mean()) for name, values in per_result(rows).items()}
+
+
+def _notes(rig: Rig, with_moment: bool) -> list[str]:
+    notes = []
+    if not rig.covariance.any():
+        notes.append("rig.json says that the whole rig is exact: nothing of the calibration is counted. Calibrate it.")
+    elif not rig.with_lens:
+        notes.append(
+            "The joint covariance in rig.json is without the lens: the lens counts as exact here. Calibrate again with "
+            "`vbaa calibrate`, which keeps it."
+        )
+    if rig.kinematics.axes_known:
+        notes.append("The joint axes count as exact: no sweep has measured them.")
+    if not with_moment:
+        notes.append("Vision alone: the moment reading is left aside.")
+    return notes

@@ -1,0 +1,220 @@
+"""From linearised contacts to the variance of each result by its causes, as known or with a cause known better.
+
+To first order an estimate is off by T·C·Jᵀ·W·n − T·C·P·x − D·z. n is the noise of points and readings, weighed by W. x
+holds the friction angle and the independent errors of rig and joint axes, z of them, all of unit deviation and held by
+the prior's weights P. C is the inverse of JᵀWJ + P. T says how results follow the unknowns, D how they are off by what
+no frame tells. Noise and errors are independent, so that the variance is the sum of their parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.solver.prediction import look, rig_table
+from estimator.solver.rig_arrays import UNKNOWNS, Known
+from estimator.solver.state import begin, evaluated
+
+from .space import ErrorSpace
+from .touches import RUNG, Touches, as_seen, unknowns_of, world_rotation
+
+PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
+RESULTS = {
+    "distance_m": (0,),
+    "force_y_N": (1,),
+    "force_z_N": (2,),
+    "force_N": (1, 2),
+    "point_m": (3, 4, 5),
+}
+"""Results and the rows that they are made of: of several, the variance is the sum."""
+EXACT_NOISE = 0.01
+"""Noise counts as gone at this part of itself: without any, a picture would tell the whole rig."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes.
+
+    Attributes
+    ----------
+    points, felt : (B, K, K) information in the picture and in the readings.
+    prior : (B, K) weight of the squares.
+    results : (B, 6, K) how distance, f_y, f_z and the world point follow the unknowns (T).
+    beyond : (B, 6, S) how they are off by errors that no frame tells (D).
+    usable : (B,) how many points the picture shows.
+    """
+
+    points: np.ndarray
+    felt: np.ndarray
+    prior: np.ndarray
+    results: np.ndarray
+    beyond: np.ndarray
+    usable: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def picked(self, which: np.ndarray) -> Linear:
+        """Some of the contacts."""
+        return Linear(*(values[which] for values in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Better:
+    """What is known better than it is: factors on the deviations of noise and friction, and on the errors' own steps.
+
+    `errors` (S, S) maps independent errors of unit deviation to those that are left; None: as they are.
+    """
+
+    pixels: float = 1.0
+    moment_noise: float = 1.0
+    friction: float = 1.0
+    errors: np.ndarray | None = None
+
+
+def better(space: ErrorSpace, cause: str, factor: float) -> Better:
+    """A cause's deviation times a factor; a rig's cause as if it were measured again, which tells of others too."""
+    if cause == PIXELS:
+        return Better(pixels=max(factor, EXACT_NOISE))
+    if cause == MOMENT_NOISE:
+        return Better(moment_noise=max(factor, EXACT_NOISE))
+    if cause == FRICTION:
+        return Better(friction=factor)
+    told = space.told[space.causes.index(cause)]
+    return Better(errors=np.eye(space.size) - (1.0 - factor) * told)
+
+
+def linear(known: Known, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linear:
+    """Linearise contacts at what they would be seen as."""
+    frames, unknowns = as_seen(known, touches, with_moment), unknowns_of(known, touches)
+    view = look(frames, RUNG, unknowns)
+    table = rig_table(frames, RUNG, unknowns, view)
+    fits = evaluated(frames, RUNG, table, begin(frames, view, unknowns))
+    prior, moved = fits.problem.prior, fits.problem.felt
+    felt = np.swapaxes(moved, 1, 2) @ moved
+    columns = fits.problem.columns
+    points = np.swapaxes(columns, 1, 2) @ fits.problem.summed.times(columns)
+    rotation = world_rotation(known.rig, touches)
+    touch = np.concatenate([view.by_touch, table.touch], axis=2)
+    distance = np.zeros_like(touch[:, :1])
+    distance[:, 0, 0] = known.length_m
+    results = np.concatenate([distance, touch[:, 4:6], rotation @ touch[:, :3]], axis=1)
+    pan, tilt = (np.full(len(touches), angle) for angle in (touches.pan_rad, touches.tilt_rad))
+    turned, shifted = known.rig.kinematics.by_axes(pan, tilt)
+    moved_by_axes = np.einsum("kbij,bj->bik", turned, view.touch[:, :3]) + np.moveaxis(shifted, 0, -1)
+    beyond = np.concatenate([np.zeros((len(touches), 3, space.size)), moved_by_axes @ space.axes], axis=1)
+    more = space.size - space.rig
+    return Linear(
+        np.pad(points, ((0, 0), (0, more), (0, more))),
+        np.pad(felt, ((0, 0), (0, more), (0, more))),
+        np.pad(prior, ((0, 0), (0, more)), constant_values=1.0),
+        np.pad(results, ((0, 0), (0, 0), (0, more))),
+        beyond,
+        frames.usable.sum(axis=1),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """How B results are off, as known or better.
+
+    Attributes
+    ----------
+    covariance : (B, K, K) of the unknowns.
+    results, beyond : as in `Linear`, for what is left of the errors.
+    """
+
+    linear: Linear
+    known_better: Better
+    covariance: np.ndarray
+    results: np.ndarray
+    beyond: np.ndarray
+
+    @property
+    def by_noise(self) -> dict[str, np.ndarray]:
+        """(B, 6) variance by each kind of noise, by friction, and by what is thought likely of the force."""
+        gain = self.results @ self.covariance
+        weights = self.linear.prior
+        noise = {
+            PIXELS: (self.linear.points / self.known_better.pixels**2, gain @ self._left),
+            MOMENT_NOISE: (self.linear.felt / self.known_better.moment_noise**2, gain @ self._left),
+        }
+        found = {
+            cause: np.einsum("bqk,bkl,bql->bq", slopes, information, slopes)
+            for cause, (information, slopes) in noise.items()
+        }
+        friction = gain[..., UNKNOWNS - 1] ** 2 * weights[:, None, UNKNOWNS - 1]
+        force = (gain[..., 1 : UNKNOWNS - 1] ** 2 * weights[:, None, 1 : UNKNOWNS - 1]).sum(axis=-1)
+        return found | {FRICTION: friction, FORCE_PRIOR: force}
+
+    @property
+    def by_errors(self) -> np.ndarray:
+        """(B, 6, S) how far the results are off by each independent error of rig and joint axes."""
+        weights = self.linear.prior[:, None, UNKNOWNS:]
+        return -(self.results @ self.covariance)[..., UNKNOWNS:] * weights - self.beyond
+
+    @property
+    def variance(self) -> np.ndarray:
+        """(B, 6) of the results, all causes together."""
+        whole: np.ndarray = sum(self.by_noise.values(), np.zeros(()))
+        return np.asarray(whole + (self.by_errors**2).sum(axis=-1))
+
+    @property
+    def _left(self) -> np.ndarray:
+        return _left(self.linear, self.known_better)
+
+
+def answer(given: Linear, known_better: Better = Better()) -> Answer:
+    """The estimate of contacts, made with what is known, or would be."""
+    left = _left(given, known_better)
+    information = given.points / known_better.pixels**2 + given.felt / known_better.moment_noise**2
+    information = left @ information @ left + np.eye(left.shape[-1]) * given.prior[:, None]
+    scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    with np.errstate(all="ignore"):
+        covariance = _inverse(information / (scale[:, :, None] * scale[:, None])) / (scale[:, :, None] * scale[:, None])
+    errors = left[UNKNOWNS:, UNKNOWNS:]
+    return Answer(given, known_better, covariance, given.results @ left, given.beyond @ errors)
+
+
+def in_common(space: ErrorSpace, given: Answer) -> np.ndarray:
+    """(B, 6) variance by errors of rig and joint axes that belongs to no cause alone, by their correlations.
+
+    It is what all of them make less what each makes beyond what the others tell; negative where errors cancel that are
+    correlated. `parts` divides it.
+    """
+    errors = given.by_errors
+    whole = (errors**2).sum(axis=-1)
+    told = np.einsum("bqi,gij,bqj->gbq", errors, space.told_without, errors, optimize=True)
+    return np.asarray(whole - (whole - told).sum(axis=0))
+
+
+def parts(space: ErrorSpace, given: Answer) -> dict[str, np.ndarray]:
+    """(B, 6) variance by every cause; they add up to `Answer.variance`."""
+    errors = given.by_errors
+    shared = np.einsum("bqi,gij,bqj->gbq", errors, space.shares, errors, optimize=True)
+    # rounding leaves what is nothing a little below it
+    return given.by_noise | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
+
+
+def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
+    """(B,) variance of each of `RESULTS` from that of their rows (B, 6)."""
+    return {name: rows[:, list(which)].sum(axis=1) for name, which in RESULTS.items()}
+
+
+def _left(given: Linear, known_better: Better) -> np.ndarray:
+    left = np.eye(given.prior.shape[1])
+    left[UNKNOWNS - 1, UNKNOWNS - 1] = known_better.friction
+    if known_better.errors is not None:
+        left[UNKNOWNS:, UNKNOWNS:] = known_better.errors
+    return left
+
+
+def _inverse(matrices: np.ndarray) -> np.ndarray:
+    """Inverses (B, K, K); infinite where there is none."""
+    values, vectors = np.linalg.eigh(np.where(np.isfinite(matrices), matrices, 0.0))
+    held = values[:, :1] > 1e-15 * values[:, -1:]
+    with np.errstate(all="ignore"):
+        inverse = (vectors / np.where(held, values, 1.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
+    return np.where(held[..., None], inverse, np.inf)

@@ -1,0 +1,127 @@
+"""Contacts as a rig would see them, without noise: what the error budget is made for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.solver.frames import Frames, frames_from_pixels
+from estimator.solver.prediction import antennas, look, readings
+from estimator.solver.rig_arrays import UNKNOWNS, Known
+from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.rig import Rig
+
+RUNG = "rod"
+"""What a fit on a lower rung would say is as good as the same where that rung would be taken."""
+DISTANCES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
+"""Parts of the length."""
+SLOPES_DEG = (5.0, 15.0, 30.0)
+"""Of the antenna at the contact: a light touch, a firm one, and nearly as much as is ordinary."""
+STRONGEST_AT = 0.5
+"""Nearer to the clamp than this part of the length the force stays what gives that slope here: who presses there with
+a force that bends the antenna as much presses several times as hard."""
+DIRECTIONS = 8
+STEEPEST_RAD = np.radians(45.0)
+"""Slopes beyond it are not compared with the rod."""
+FORCE_TOLERANCE = 1e-6
+MOST_POINTS = 400
+_FORCE_STEPS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """B contacts, antenna frame.
+
+    Attributes
+    ----------
+    distance_m : (B,). push_N : (B, 2) lateral force across the clamp's x axis, before friction.
+    pan_rad, tilt_rad : the joints, for all of them.
+    """
+
+    distance_m: np.ndarray
+    push_N: np.ndarray
+    pan_rad: float = 0.0
+    tilt_rad: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.distance_m)
+
+    def picked(self, which: np.ndarray) -> Touches:
+        """Those of a mask or of indices."""
+        return replace(self, distance_m=self.distance_m[which], push_N=self.push_N[which])
+
+
+def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> Touches:
+    """A grid over distance, force by the slope that it makes, and direction of the force around the antenna."""
+    around = 2.0 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+    grid = np.meshgrid(np.array(DISTANCES) * rig.antenna.length_m, np.radians(SLOPES_DEG), around, indexing="ij")
+    distance, slope, angle = (part.reshape(-1) for part in grid)
+    lever = np.maximum(distance, STRONGEST_AT * rig.antenna.length_m)
+    size = 2.0 * rig.antenna.stiffness_Nm2 * slope / lever**2
+    return Touches(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
+
+
+def unknowns_of(known: Known, touches: Touches) -> np.ndarray:
+    """(B, 4) `solve.known.UNKNOWNS`, without friction."""
+    unknowns = np.zeros((len(touches), UNKNOWNS))
+    unknowns[:, 0] = touches.distance_m / known.length_m
+    unknowns[:, 1:3] = touches.push_N / known.force_unit_N
+    return unknowns
+
+
+def of_force(known: Known, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float) -> Touches:
+    """The one contact whose lateral force, antenna frame, is `force_N` (2,); of a push NaN where it bends too far."""
+    touch = Touches(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
+    empty = _empty(known, touch)
+    unknowns = unknowns_of(known, touch)
+    with np.errstate(all="ignore"):
+        for _ in range(_FORCE_STEPS):
+            view = look(empty, RUNG, unknowns)
+            slopes = view.by_touch[:, 4:6, 1:3]
+            if not np.isfinite(slopes).all():
+                break
+            unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - view.touch[:, 4:6])[..., None])[..., 0]
+        view = look(empty, RUNG, unknowns)
+        found = np.abs(view.touch[0, 4:6] - force_N).max() <= FORCE_TOLERANCE * np.hypot(*force_N)
+        ordinary = view.tangents[0, CONTACT] @ view.tangents[0, 0] >= np.cos(STEEPEST_RAD)
+    return replace(
+        touch, push_N=unknowns[:, 1:3] * known.force_unit_N if found and ordinary else np.full((1, 2), np.nan)
+    )
+
+
+def as_seen(known: Known, touches: Touches, with_moment: bool) -> Frames:
+    """Noise-free frames of the contacts: a point a pixel along what is in the picture, and the reading."""
+    rig, empty = known.rig, _empty(known, touches)
+    shapes = antennas(empty, RUNG, unknowns_of(known, touches)[:, None])
+    T_camera_antenna = rig.T_antenna_camera.inverse()
+    nodes, _ = rig.camera.project(T_camera_antenna @ shapes.points_m)
+    length_px = np.nansum(np.hypot(*np.moveaxis(np.diff(nodes, axis=1), -1, 0)), axis=1)
+    count = int(np.clip(np.max(length_px, initial=2.0), 2, MOST_POINTS))
+    share = (np.arange(count) + 0.5) / count
+    points = np.stack(
+        [
+            np.stack([np.interp(share * arc[-1], arc, axis) for axis in curve.T], axis=1)
+            for arc, curve in zip(shapes.arclength_m, shapes.points_m, strict=True)
+        ]
+    )
+    pixels, valid = rig.camera.project(T_camera_antenna @ points)
+    inside = valid & ((pixels >= 0.0) & (pixels <= np.array(rig.camera.image_size) - 1.0)).all(axis=-1)
+    # fewer points than pixels stand for all of them
+    sigma = rig.image.noise_px * np.sqrt(count / np.clip(length_px, 1.0, None))
+    pixels, sigma = np.where(inside[..., None], pixels, np.nan), np.repeat(sigma[:, None], count, axis=1)
+    silent = np.full((len(touches), 2), np.nan)
+    seen = frames_from_pixels(known, pixels, sigma, silent, empty.gravity_m_s2)
+    felt = np.ones((len(touches), 2)) * (with_moment & (known.gain != 0.0))
+    return replace(seen, felt=felt, reading_Nm=readings(replace(empty, felt=felt), shapes) * known.std)
+
+
+def world_rotation(rig: Rig, touches: Touches) -> np.ndarray:
+    """(3, 3) from the antenna frame to the world's at the contacts' joints."""
+    return np.asarray(rig.kinematics.T_world_antenna(touches.pan_rad, touches.tilt_rad).rotation)
+
+
+def _empty(known: Known, touches: Touches) -> Frames:
+    count = len(touches)
+    gravity = np.tile(world_rotation(known.rig, touches).T @ known.rig.gravity_world_m_s2, (count, 1))
+    return frames_from_pixels(known, np.zeros((count, 1, 2)), np.ones((count, 1)), np.full((count, 2), np.nan), gravity)

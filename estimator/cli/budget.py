@@ -1,0 +1,136 @@
+"""`vbaa budget rig.json`: what limits this rig's contacts, and what to improve first."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .estimate import FRICTION_RAD
+
+if TYPE_CHECKING:
+    from estimator.budget.touches import Touches
+    from vbaa_calib.rig import Rig
+
+FIGURES = (".png", ".pdf", ".svg")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa budget`."""
+    parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
+    parser.add_argument("-o", "--output", type=Path, metavar="BUDGET", help="budget.json to write, contact by contact")
+    parser.add_argument("--figure", type=Path, metavar="IMAGE", help="figure to write, .png, .pdf or .svg")
+    parser.add_argument(
+        "--friction",
+        type=float,
+        default=FRICTION_RAD,
+        metavar="RAD",
+        help=f"deviation of the friction angle, as for `vbaa estimate` (default: {FRICTION_RAD}); 0: no friction",
+    )
+    parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment reading aside")
+    one = parser.add_argument_group("one contact", "all three together; without them ordinary contacts all over")
+    one.add_argument("--distance", type=float, metavar="MM", help="of the contact from the clamp, along the antenna")
+    one.add_argument("--force-y", type=float, metavar="MN", help="force on the antenna along its y, in plane C, mN")
+    one.add_argument("--force-z", type=float, metavar="MN", help="along its z, out of plane C, mN")
+    parser.add_argument("--pan", type=float, default=0.0, metavar="DEG", help="joint angle (default: 0)")
+    parser.add_argument("--tilt", type=float, default=0.0, metavar="DEG", help="joint angle (default: 0)")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Make the budget, say it, and write what is asked for."""
+    import json
+
+    from estimator.budget.budget import error_budget
+    from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.files import write_text
+    from vbaa_calib.rig import Rig
+
+    _check_outputs(args)
+    _check_numbers(args)
+    rig = Rig.load(args.rig)
+    touches = _touches(args, rig)
+    budget = error_budget(rig, touches, friction=args.friction, with_moment=not args.no_moment)
+    given = {
+        "rig": str(args.rig),
+        "friction_rad": args.friction,
+        "with_moment": not args.no_moment,
+        "pan_rad": touches.pan_rad,
+        "tilt_rad": touches.tilt_rad,
+    }
+    result = given | as_data(budget)
+    say(table(budget))
+    say("")
+    for line in [*budget.notes, *advice(budget)]:
+        say(line)
+    if args.figure is not None:
+        from estimator.budget.figure import write_figure
+
+        write_figure(args.figure, budget, args.force)
+    if args.output is not None:
+        whole = {"schema": SCHEMA, **result, "by_contact": contacts_as_data(budget)}
+        write_text(args.output, json.dumps(whole, indent=2, allow_nan=False) + "\n", args.force)
+    written = [str(path) for path in (args.output, args.figure) if path is not None]
+    if written:
+        say("wrote " + " and ".join(written))
+    return {**result, "budget": _name(args.output), "figure": _name(args.figure)}
+
+
+def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
+    """The contacts that are asked for. Raises InputError for one that is not on the antenna, or bends it too far."""
+    import numpy as np
+
+    from estimator.budget.touches import of_force, ordinary_touches
+    from estimator.solver.descent import NEAREST
+    from estimator.solver.rig_arrays import Known
+    from vbaa_calib.core.errors import InputError
+
+    pan, tilt = math.radians(args.pan), math.radians(args.tilt)
+    if args.distance is None:
+        return ordinary_touches(rig, pan, tilt)
+    distance, length = 1e-3 * args.distance, rig.antenna.length_m
+    if not NEAREST * length < distance <= length:
+        raise InputError(
+            f"--distance {args.distance:g} mm is not on the antenna",
+            remedy=f"give {1e3 * NEAREST * length:.3g} to {1e3 * length:.4g} mm",
+        )
+    force = 1e-3 * np.array([args.force_y, args.force_z])
+    touch = of_force(Known.of(rig, args.friction, np.empty(0)), distance, force, pan, tilt)
+    if not np.isfinite(touch.push_N).all():
+        raise InputError(
+            f"a force of {1e3 * float(np.hypot(*force)):.3g} mN bends the antenna further than is modelled",
+            remedy="give a smaller force: slopes are ordinary below 35°",
+        )
+    return touch
+
+
+def _check_outputs(args: argparse.Namespace) -> None:
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import refuse_overwrite
+
+    for path in (args.output, args.figure):
+        if path is not None:
+            refuse_overwrite(path, args.force, (args.rig,))
+    if args.output is not None and args.output.suffix.lower() != ".json":
+        raise InputError("is not a .json", where=args.output, remedy="name it budget.json")
+    if args.figure is not None and args.figure.suffix.lower() not in FIGURES:
+        raise InputError(f"is none of {', '.join(FIGURES)}", where=args.figure, remedy="name it budget.png")
+
+
+def _check_numbers(args: argparse.Namespace) -> None:
+    from vbaa_calib.core.errors import InputError
+
+    numbers = {"--distance": args.distance, "--force-y": args.force_y, "--force-z": args.force_z}
+    missing = [name for name, value in numbers.items() if value is None]
+    if 0 < len(missing) < len(numbers):
+        raise InputError("one contact needs --distance, --force-y and --force-z", remedy=f"add {', '.join(missing)}")
+    for name, value in {**numbers, "--pan": args.pan, "--tilt": args.tilt, "--friction": args.friction}.items():
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"{name} is {value}", remedy="give a finite number")
+    if not 0.0 <= args.friction <= 1.0:
+        raise InputError(f"--friction is {args.friction}", remedy="give the angle's deviation in rad, 0 to 1")
+
+
+def _name(path: Path | None) -> str | None:
+    return None if path is None else str(path)

@@ -1,0 +1,129 @@
+"""`vbaa track contacts.csv [--rig rig.json] -o track.csv [--smooth smoothed.csv]`."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from estimator.object.track import Track
+    from estimator.table.columns import ContactTable
+
+COLUMNS = (
+    *("frame", "time_s", "phase", "slip_m_s", "slip_std_m_s", "longitudinal_m_s", "lateral_m_s"),
+    *("slip_X_m_s", "slip_Y_m_s", "slip_Z_m_s", "ringing"),
+)
+"""Of track.csv; a number that does not exist is an empty cell. The three in capitals are along the world's axes."""
+
+
+MOST_TOLD = 20
+"""Events that are said; --json has all."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa track`."""
+    parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
+    parser.add_argument(
+        "--rig", type=Path, help="rig.json that the contacts were made with: tells noise from the calibration's errors"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="TRACK", help="track.csv to write")
+    parser.add_argument(
+        "--smooth",
+        type=Path,
+        metavar="CONTACTS",
+        help="write the contacts smoothed in time as well, .csv or .parquet (needs --rig)",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Follow the recording and write track.csv. Returns the events and how many frames are in each phase."""
+    from estimator.contact.common_errors import shared_errors
+    from estimator.object.track import follow, smooth
+    from estimator.table.table import check_format, read_contacts
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import refuse_overwrite, write_text
+    from vbaa_calib.rig import Rig
+
+    outputs = [args.output] if args.smooth is None else [args.output, args.smooth]
+    for path in outputs:
+        refuse_overwrite(path, args.force, (args.contacts, args.rig))
+    if args.output.suffix != ".csv":
+        raise InputError("is not a .csv", where=args.output, remedy="name it something.csv")
+    if args.smooth is not None:
+        check_format(args.smooth)
+        if args.smooth.resolve() == args.output.resolve():
+            raise InputError("is the track's own file", where=args.smooth, remedy="name another with --smooth")
+        if args.rig is None:
+            remedy = "give the rig.json that the contacts were made with"
+            raise InputError("--smooth needs --rig to tell noise from the calibration's errors", remedy=remedy)
+    table = read_contacts(args.contacts)
+    rig = None if args.rig is None else Rig.load(args.rig)
+    shared = None if rig is None else shared_errors(rig, table)
+    track = follow(table, rig, shared)
+    smoothed = None if args.smooth is None or rig is None else smooth(table, rig, shared, track)
+    write_text(args.output, as_csv(table, track), args.force)
+    if smoothed is not None:
+        _write_smoothed(args.smooth, smoothed, args.force)
+    counts = Counter(track.phase.tolist())
+    say(f"{len(table)} frames: " + ", ".join(f"{count} {phase}" for phase, count in counts.most_common()))
+    for event in track.events[:MOST_TOLD]:
+        say(f"  {event.words}")
+    if len(track.events) > MOST_TOLD:
+        say(f"  … and {len(track.events) - MOST_TOLD} more events: --json has all")
+    for line in track.notes:
+        say(f"  {line}")
+    say("wrote " + ", ".join(map(str, outputs)))
+    return {
+        "track": str(args.output),
+        "smoothed": None if args.smooth is None else str(args.smooth),
+        "frames": len(table),
+        "phases": dict(counts),
+        "ringing": int(track.ringing.sum()),
+        "events": events_as_data(track),
+        "notes": list(track.notes),
+    }
+
+
+def as_csv(table: ContactTable, track: Track) -> str:
+    """track.csv: a line for every frame of the table."""
+    import numpy as np
+
+    def cell(value: float, digits: int = 9) -> str:
+        return f"{value:.{digits}g}" if np.isfinite(value) else ""
+
+    lines = [",".join(COLUMNS)]
+    speed = np.linalg.norm(track.slip_velocity_m_s, axis=1)
+    for i in range(len(table)):
+        numbers = (speed[i], track.slip_std_m_s[i], track.longitudinal_m_s[i], track.lateral_m_s[i])
+        cells = [cell(value) for value in (*numbers, *track.slip_velocity_m_s[i])]
+        begin = (str(table.frame[i]), cell(table.time_s[i], 15), str(track.phase[i]))
+        lines.append(",".join((*begin, *cells, str(bool(track.ringing[i])).lower())))
+    return "\n".join(lines) + "\n"
+
+
+def events_as_data(track: Track) -> list[dict[str, Any]]:
+    """The events as plain data; a time that cannot be told is None."""
+    import math
+    from dataclasses import asdict
+
+    return [
+        {
+            name: None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in asdict(event).items()
+        }
+        for event in track.events
+    ]
+
+
+def _write_smoothed(path: Path, table: ContactTable, force: bool) -> None:
+    from dataclasses import fields
+
+    from estimator.table.columns import ContactRow
+    from estimator.table.table import write_contacts
+
+    names = [each.name for each in fields(ContactRow)]
+    rows = [ContactRow(**{name: getattr(table, name)[i] for name in names}) for i in range(len(table))]
+    write_contacts(path, rows, force)

@@ -1,0 +1,1 @@
+"""Frames to contacts, with uncertainty and status."""

@@ -1,0 +1,200 @@
+"""What the frames of a recording have in common: the calibration's errors, which no number of frames averages out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.solver.frames import Frames, frames_from_pixels
+from estimator.solver.prediction import antennas, look, readings, rig_table
+from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, Known
+from estimator.solver.state import begin, evaluated
+from estimator.table.columns import ContactTable
+from estimator.table.joint_angles import joint_angles
+from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.rig import POSE_PARAMETERS, Rig
+
+RUNG = "elastica"
+CHUNK = 256
+STEP = 0.1
+"""Of the deviations along which contacts are moved: small against what bends."""
+MOST_POINTS = 400
+_FORCE_STEPS = 4
+_WEIGHTS, _HALVINGS = (1e-3, 1e3), 14
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """How far B frames' results are off, world frame, for each of S independent errors of unit deviation.
+
+    The errors are the rig's (pose, antenna, sensor, lens), those of the joint axes, and, last, the friction angle as
+    far as a frame does not tell it: neighbouring contacts rub alike. NaN in frames without a located contact.
+
+    Attributes
+    ----------
+    point_m, force_N, tangent : (B, 3, S).
+    own_m2 : (B, 3, 3) what is left of the world point's covariance: the frame's own noise.
+    """
+
+    point_m: np.ndarray
+    force_N: np.ndarray
+    tangent: np.ndarray
+    own_m2: np.ndarray
+
+    @staticmethod
+    def none(table: ContactTable) -> Shared:
+        """Of frames whose rig is not known: all of their covariance counts as their own."""
+        nothing = np.zeros((len(table), 3, 0))
+        return Shared(nothing, nothing, nothing, table.covariance_world_m2)
+
+
+def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = None) -> Shared:
+    """The errors that the contacts of one recording share.
+
+    Parameters
+    ----------
+    friction_rad : what the contacts were estimated with, see `ContactEstimator`; by default what the table says.
+
+    Raises
+    ------
+    InputError : the contacts are not of this rig.
+    """
+    pan, tilt = joint_angles(rig.kinematics, table)
+    known = Known.of(rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0))
+    rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
+    parts = [_moved(known, table, row, pan[row], tilt[row]) for row in _chunks(rows)]
+    size = parts[0].shape[-1] if parts else 1
+    moved = np.full((len(table), 9, size), np.nan)
+    if parts:
+        moved[rows] = np.concatenate(parts)
+    point, force, tangent = np.split(moved, 3, axis=1)
+    return Shared(point, force, tangent, _rest(table.covariance_world_m2, point))
+
+
+def _chunks(rows: np.ndarray) -> list[np.ndarray]:
+    return [rows[begin : begin + CHUNK] for begin in range(0, len(rows), CHUNK)]
+
+
+def _rest(covariance_m2: np.ndarray, modes_m: np.ndarray) -> np.ndarray:
+    """(B, 3, 3) covariances less what the modes (B, 3, S) explain, without negative variances."""
+    rest = covariance_m2 - modes_m @ np.swapaxes(modes_m, 1, 2)
+    sound = np.isfinite(rest).all(axis=(1, 2))
+    values, vectors = np.linalg.eigh(np.where(sound[:, None, None], rest, 0.0))
+    rest = (vectors * np.clip(values, 0.0, None)[:, None]) @ np.swapaxes(vectors, 1, 2)
+    return np.where(sound[:, None, None], rest, covariance_m2)
+
+
+def _moved(known: Known, table: ContactTable, rows: np.ndarray, pan: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """(B, 9, S) of world point, force and tangent of these rows."""
+    rotation, _ = known.rig.kinematics.world_antenna(pan, tilt)
+    gravity = np.einsum("bji,j->bi", rotation, known.rig.gravity_world_m_s2)
+    frames = _unseen(known, gravity)
+    unknowns = _unknowns(frames, table, rows)
+    seen = _as_seen(frames, unknowns, np.isfinite(table.moment_residual_Nm[rows]))
+    by_error = _errors(seen, unknowns, table.distance_std_m[rows] / known.length_m)
+    shapes = antennas(
+        frames,
+        RUNG,
+        unknowns[:, None] + STEP * np.concatenate([0.0 * by_error[:, :1, :UNKNOWNS], by_error[..., :UNKNOWNS]], axis=1),
+        STEP * _antenna_steps(known, by_error),
+    )
+    values = np.stack([shapes.contact_m, shapes.force_N, shapes.tangents[:, CONTACT]], axis=-2)
+    values = values.reshape(len(rows), -1, 3, 3)
+    slopes = (values[:, 1:] - values[:, :1]) / STEP
+    turned = np.einsum("bij,bsqj->bqis", rotation, slopes)
+    by_axes = _by_axes(known, values[:, 0], pan, tilt)
+    kinematics = known.rig.kinematics
+    size = known.axes.shape[1]
+    # an error of the pose is one of the joint axes, too, where both come from one sweep
+    turned[..., :size] += by_axes @ (kinematics.axes_by_pose @ known.axes[: len(POSE_PARAMETERS)])
+    whole = np.concatenate([turned[..., :size], by_axes * kinematics.axes_std, turned[..., size:]], axis=-1)
+    # what is true lies one deviation further than what is known
+    return -whole.reshape(len(rows), 9, -1)
+
+
+def _unseen(known: Known, gravity: np.ndarray) -> Frames:
+    """Frames with nothing in them but their gravity (B, 3)."""
+    count = len(gravity)
+    return frames_from_pixels(known, np.zeros((count, 1, 2)), np.ones((count, 1)), np.full((count, 2), np.nan), gravity)
+
+
+def _unknowns(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
+    """(B, 4) `solve.known.UNKNOWNS` of contacts: the push that, with its friction, makes the forces of the table."""
+    known = frames.known
+    force = np.stack([table.force_y_N[rows], table.force_z_N[rows]], axis=1)
+    unknowns = np.zeros((len(rows), UNKNOWNS))
+    unknowns[:, 0] = np.clip(table.distance_m[rows] / known.length_m, 0.01, 1.0)
+    unknowns[:, 1:3] = force / known.force_unit_N
+    if known.friction_rad > 0.0:
+        unknowns[:, 3] = np.nan_to_num(table.friction_angle_rad[rows]) / known.friction_rad
+    for _ in range(_FORCE_STEPS):
+        view = look(frames, RUNG, unknowns)
+        step = np.linalg.solve(view.by_touch[:, 4:6, 1:3], (force - view.touch[:, 4:6])[..., None])
+        unknowns[:, 1:3] += step[..., 0]
+    return unknowns
+
+
+def _as_seen(frames: Frames, unknowns: np.ndarray, felt: np.ndarray) -> Frames:
+    """Frames that show these contacts, without noise, about a point a pixel; `felt` (B,): the moment was read."""
+    known, rig = frames.known, frames.known.rig
+    shapes = antennas(frames, RUNG, unknowns[:, None])
+    pixels, valid = rig.camera.project(rig.T_antenna_camera.inverse() @ shapes.points_m)
+    along = np.hypot(*np.moveaxis(np.diff(pixels, axis=1), -1, 0))
+    count = int(np.clip(np.nanmax(np.nansum(along, axis=1), initial=2.0), 2, MOST_POINTS))
+    share = (np.arange(count) + 0.5) / count
+    points = np.stack(
+        [_resampled(arc, curve, share) for arc, curve in zip(shapes.arclength_m, shapes.points_m, strict=True)]
+    )
+    pixels, valid = rig.camera.project(rig.T_antenna_camera.inverse() @ points)
+    size = np.array(rig.camera.image_size)
+    inside = valid & (pixels >= 0.0).all(axis=-1) & (pixels <= size - 1.0).all(axis=-1)
+    pixels = np.where(inside[..., None], pixels, np.nan)
+    sigma = np.full(pixels.shape[:2], rig.image.noise_px)
+    seen = frames_from_pixels(known, pixels, sigma, np.full((len(pixels), 2), np.nan), frames.gravity_m_s2)
+    felt_by = np.stack([felt & (known.gain[0] != 0.0), 0.0 * felt], axis=1)
+    return replace(seen, felt=felt_by * 1.0, reading_Nm=readings(frames, shapes) * known.std)
+
+
+def _resampled(arclength_m: np.ndarray, points_m: np.ndarray, share: np.ndarray) -> np.ndarray:
+    return np.stack([np.interp(share * arclength_m[-1], arclength_m, axis) for axis in points_m.T], axis=1)
+
+
+def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> np.ndarray:
+    """(B, R + 1, 4 + R) how far a fit's unknowns and rig steps end up off for each rig error, and for friction.
+
+    How many points a frame really had shows in the deviation (B,) of its distance, in antenna lengths.
+    """
+    view = look(frames, RUNG, unknowns)
+    fits = evaluated(frames, RUNG, rig_table(frames, RUNG, unknowns, view), begin(frames, view, unknowns))
+    prior, felt = fits.problem.prior, fits.problem.felt
+    beside = np.eye(prior.shape[1]) * prior[:, None] + np.swapaxes(felt, 1, 2) @ felt
+    covariance = _as_certain(fits.equations.information - beside, beside, distance_std**2)
+    # what is off by one deviation pulls with the weight that the prior holds it
+    off = np.swapaxes(covariance * prior[:, None], 1, 2)
+    return np.concatenate([off[:, UNKNOWNS:], off[:, UNKNOWNS - 1 : UNKNOWNS]], axis=1)
+
+
+def _as_certain(points: np.ndarray, beside: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Covariances (B, K, K) of the information in points and beside them, the points' so weighed that the first
+    unknown has these variances (B,), as far as any weight gives it them."""
+    low, high = (np.full(len(variance), value) for value in _WEIGHTS)
+    for _ in range(_HALVINGS):
+        middle = np.sqrt(low * high)
+        vague = np.linalg.inv(middle[:, None, None] * points + beside)[:, 0, 0] > variance
+        low, high = np.where(vague, middle, low), np.where(vague, high, middle)
+    return np.linalg.inv(np.sqrt(low * high)[:, None, None] * points + beside)
+
+
+def _antenna_steps(known: Known, by_error: np.ndarray) -> np.ndarray:
+    """(B, 1 + S, 9) steps of the antenna's parameters, none first."""
+    steps = by_error[..., UNKNOWNS:] @ known.axes[POSES : POSES + ANTENNA].T
+    return np.concatenate([0.0 * steps[:, :1], steps], axis=1)
+
+
+def _by_axes(known: Known, values: np.ndarray, pan: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """(B, 3, 3, 3) of point, force and tangent (B, 3, 3), world frame, by skew, offset and tilt zero."""
+    turned, shifted = known.rig.kinematics.by_axes(pan, tilt)
+    moved = np.einsum("kbij,bqj->bqik", turned, values)
+    moved[:, 0] += np.moveaxis(shifted, 0, -1)
+    return moved

@@ -1,0 +1,216 @@
+"""From a recording on disk to contacts: pictures one at a time, or ready centrelines in a stream."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import islice, tee
+from pathlib import Path
+
+import numpy as np
+
+from estimator.table.contact import Contact, Measured
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import read_picture
+from vbaa_calib.detect.whisker.antenna import corridor, find_along, finder, free_curve, pixels, width_px
+from vbaa_calib.detect.whisker.background import Ground
+from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
+from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.paint import Paint
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Frame, Session, read_centrelines
+
+from .estimate import ContactEstimator, Rough
+
+GRAVITY_STEP_M_S2 = 0.5
+"""A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
+SECOND_LOOK = 0.8
+"""The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
+
+AT_ONCE_PX = 16_000_000
+"""Pictures of so many pixels in all are kept for a second look, so that their rough fits are one batch."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameContact:
+    """A frame and what was estimated from it.
+
+    Attributes
+    ----------
+    line : what was seen in its picture; None where ready centrelines took the place of pictures.
+    measured : what the contact was fitted to.
+    """
+
+    frame: Frame
+    contact: Contact
+    measured: Measured
+    line: Centreline | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Glance:
+    """A frame, its picture (H, W) on the plane of paint, and what a first look saw in it."""
+
+    frame: Frame
+    image: np.ndarray
+    line: Centreline
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What was seen of the antenna in a picture, and what that offers to the fit."""
+
+    line: Centreline
+    measured: Measured
+
+
+def gravity(rig: Rig, frame: Frame) -> np.ndarray:
+    """(3,) gravity in the antenna frame."""
+    return rig.kinematics.T_world_antenna(frame.pan_rad, frame.tilt_rad).rotation.T @ rig.gravity_world_m_s2
+
+
+def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
+    """A centreline with the deviations that this rig's pictures really have."""
+    return _felt(frame, line.points_px, line.sigma_px * rig.image.noise_scale)
+
+
+def _felt(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Measured:
+    """Points (N, 2) with deviations (N,) and the frame's readings."""
+    return Measured(
+        points_px,
+        sigma_px,
+        frame.moment_Nm,
+        frame.pan_rad,
+        frame.tilt_rad,
+        moment_z_Nm=frame.moment_z_Nm,
+        time_s=frame.time_s,
+    )
+
+
+def paint(rig: Rig) -> Paint:
+    """What tells the antenna from its background in this rig's pictures."""
+    return Paint(rig.image.bright, rig.image.weights)
+
+
+def look(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
+    """The antenna on one picture's plane of paint, (H, W), wherever the corridor lets it be."""
+    pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
+    prepared = _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
+    return NOTHING if prepared is None else prepared.find(image, rig.image.bright)
+
+
+@lru_cache(maxsize=64)
+def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | None:
+    """What looks for the antenna under this gravity (antenna frame); None where the lens cannot show the antenna."""
+    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
+    found = finder(corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m), rig.camera)
+    return found if found is None or rig.image.height is None else found.expecting(rig.image.height)
+
+
+def look_again(estimator: ContactEstimator, glances: Sequence[Glance]) -> list[Look]:
+    """The antenna of each picture measured along the shape that the first look led to, which is where the fit begins.
+
+    What was seen in part, or twice, is no antenna to be fitted, and is not looked for again.
+    """
+    rig = estimator.rig
+    firsts = [measured(rig, each.frame, each.line if each.line.found else NOTHING) for each in glances]
+    shapes = estimator.rough(firsts)
+    return [
+        Look(each.line, first) if rough is None else _along(rig, each, rough)
+        for each, first, rough in zip(glances, firsts, shapes, strict=True)
+    ]
+
+
+def _along(rig: Rig, glance: Glance, rough: Rough) -> Look:
+    T_camera_antenna = rig.T_antenna_camera.inverse()
+    guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
+    width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
+    again = find_along(glance.image, guide, width, rig.image.bright)
+    line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
+    return Look(line, replace(measured(rig, glance.frame, line), start=rough.unknowns))
+
+
+def looks(estimator: ContactEstimator, glances: Iterable[Glance]) -> Iterator[Look]:
+    """Second looks at pictures in order, as many at a time as memory allows."""
+    coming = iter(glances)
+    for first in coming:
+        several = [first, *islice(coming, max(AT_ONCE_PX // first.image.size, 1) - 1)]
+        yield from look_again(estimator, several)
+
+
+def read_plane(rig: Rig, path: Path) -> np.ndarray:
+    """A picture (H, W) on the rig's plane of paint. Raises InputError when it cannot be read or has another size."""
+    image = read_picture(path)
+    if image.shape[1::-1] != tuple(rig.camera.image_size):
+        size = "x".join(map(str, image.shape[1::-1]))
+        calibrated = "x".join(map(str, rig.camera.image_size))
+        raise InputError(
+            f"is {size}, the rig's camera {calibrated}", where=path, remedy="use the resolution of the calibration"
+        )
+    return paint(rig).plane(image)
+
+
+def read_ground(rig: Rig, path: Path) -> Ground:
+    """The surroundings from a picture of the same view without the antenna. Raises InputError as `read_plane` does."""
+    return Ground(read_plane(rig, path).astype(np.float32))
+
+
+def glance(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> Glance:
+    """A first look at a frame's picture, less the ground if that is known.
+
+    Raises InputError when the picture cannot be read or has another size.
+    """
+    assert frame.image is not None
+    image = read_plane(estimator.rig, frame.image)
+    if ground is not None:
+        image = ground.taken_off(image)
+    return Glance(frame, image, look(estimator.rig, frame, image))
+
+
+def estimate_pictures(
+    estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
+) -> Iterator[FrameContact]:
+    """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
+    given, kept = tee(looks(estimator, (glance(estimator, frame, ground) for frame in frames)))
+    for frame, seen, contact in zip(frames, kept, estimator.run(each.measured for each in given), strict=True):
+        said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
+        yield FrameContact(frame, said, seen.measured, seen.line)
+
+
+def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
+    """One frame from its picture, as `estimate_pictures` does it but for its motion."""
+    return next(estimate_pictures(estimator, [frame], ground))
+
+
+def measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
+    """What a frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN."""
+    points = lines.get(frame.frame, np.empty((0, 3)))
+    return _felt(frame, points[:, :2], np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px))
+
+
+def estimate_centrelines(
+    estimator: ContactEstimator, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]
+) -> Iterator[FrameContact]:
+    """Every frame from extracted pixels (see `measured_points`), in order, as many at a time as the estimator takes."""
+    # a tee holds no more than what the estimator has taken in and not yet given back
+    given, kept = tee(measured_points(estimator.rig, frame, lines) for frame in frames)
+    for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
+        yield FrameContact(frame, contact, seen)
+
+
+def estimate_recording(
+    estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
+) -> Iterator[FrameContact]:
+    """Every frame of a session's recording, in order; none is dropped. The ground is taken off every picture."""
+    if frames[0].image is not None:
+        return estimate_pictures(estimator, frames, ground)
+    lines = read_centrelines(session)
+    unknown = set(lines) - {frame.frame for frame in frames}
+    if unknown:
+        raise InputError(
+            f"frame {min(unknown)} is not in recording.csv",
+            where=session.root / "recording" / "centrelines.csv",
+            remedy="give every frame its row in recording.csv",
+        )
+    return estimate_centrelines(estimator, frames, lines)

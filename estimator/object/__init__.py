@@ -1,0 +1,1 @@
+"""Contacts to the object: what happened, surface, friction, stiffness."""

@@ -1,0 +1,123 @@
+"""Everything that contacts.csv says of the object: what happened, its shape, its friction and how far it yields."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimator.contact.common_errors import Shared, shared_errors
+from estimator.object.track import follow
+from estimator.table.columns import ContactTable
+
+from .friction import NORMAL_KNOWN_RAD, Friction, Normals, friction
+from .surface import Compliance, Surface, reconstruct, touches_of
+from .track import Track
+
+if TYPE_CHECKING:
+    from vbaa_calib.rig import Rig
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """An object felt with the antenna.
+
+    Attributes
+    ----------
+    track : when the antenna touched, stuck and slid, for every frame of the table.
+    surface : the object's shape, with its compliance.
+    friction : between antenna and object, per touch of the surface.
+    shared : what the frames' errors have in common.
+    """
+
+    track: Track
+    surface: Surface
+    friction: Friction
+    shared: Shared
+
+    @property
+    def compliance(self) -> Compliance:
+        """How far the object yields."""
+        return self.surface.compliance
+
+    @property
+    def normals(self) -> Normals:
+        """The object's normals at the touches, from shape, tangents and forces."""
+        return self.friction.normals
+
+    def summary(self) -> dict[str, Any]:
+        """The object's numbers as plain data; None for what the contacts do not tell, with the reason in words."""
+        surface, rub, soft = self.surface, self.friction, self.surface.compliance
+        return {
+            "contacts": len(surface.touched_m),
+            "patches": len(np.unique(surface.touched_patch)),
+            "triangles": len(surface.triangles),
+            "surface_std_m": _median(surface.touched_std_m),
+            "normal_std_rad": _median(self.normals.std_rad),
+            "friction": {
+                "told": rub.told,
+                "mu": _plain(rub.mu),
+                "std": _plain(rub.std),
+                "interval": [_plain(end) for end in rub.interval],
+                "cone_half_angle_rad": _plain(rub.cone_half_angle_rad),
+                "sliding": int(np.sum(rub.used_as == "sliding")),
+                "at_most": int(np.sum(rub.used_as == "sticking")),
+                "force_from_normal_rad": _median(np.abs(rub.lateral_rad)),
+                "reason": rub.reason,
+            },
+            "stiffness": {
+                "told": soft.told,
+                "stiffness_N_m": _plain(soft.stiffness_N_m),
+                "interval_N_m": [_plain(end) for end in soft.interval_N_m],
+                "compliance_m_N": _plain(soft.compliance_m_N),
+                "compliance_std_m_N": _plain(soft.std_m_N),
+                "reason": soft.reason,
+            },
+            "events": [
+                {"kind": event.kind, "frame": int(event.frame), "time_s": _plain(event.time_s), "words": event.words}
+                for event in self.track.events
+            ],
+            "notes": list(surface.notes),
+        }
+
+
+def feel(table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None) -> Felt:
+    """What the contacts of one object that stood still say of it.
+
+    Parameters
+    ----------
+    table : the frames in order of time.
+    rig : that the contacts were made with. Without it the antenna has no radius, and which of the errors are common
+        is not known: the shape takes them for each frame's own, friction for both.
+    friction_rad : what the contacts were estimated with, see `ContactEstimator`; by default what the table says.
+
+    Raises
+    ------
+    InputError : no frame has a contact point with its force; contacts that are not of this rig.
+    """
+    touches_of(table)  # says what is missing before any work
+    friction_rad = table.assumed_friction_rad if friction_rad is None else friction_rad
+    shared = Shared.none(table) if rig is None else shared_errors(rig, table, friction_rad)
+    radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
+    surface = reconstruct(touches_of(table, shared), radius_m)
+    track = follow(table, rig, None if rig is None else shared, _normals(table, surface))
+    return Felt(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
+
+
+def _normals(table: ContactTable, surface: Surface) -> np.ndarray:
+    """(B, 3) the shape's normals where it tells them, NaN elsewhere."""
+    std = np.sqrt(np.maximum(np.linalg.eigvalsh(surface.touched_normal_covariance)[:, -1], 0.0))
+    told = std < NORMAL_KNOWN_RAD
+    normals = np.full((len(table), 3), np.nan)
+    normals[surface.touched_row[told]] = surface.touched_normal[told]
+    return normals
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _median(values: np.ndarray) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None

@@ -1,0 +1,238 @@
+"""What the touches say of μ, with the errors that they have in common fitted along.
+
+Coulomb: in a touch that slides, friction is μ times the normal force, against the slip. With d the unit slip, lateral
+and longitudinal, the force's angles are
+
+    lateral        −atan(μ d_lat) + the normal's error + noise
+    longitudinal    atan(μ d_long cos(atan(μ d_lat))) + noise     (against the antenna's normal, towards the clamp)
+
+and in all other touches neither of them exceeds atan μ. Sticking and sliding friction are taken as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+SLIDING, STICKING, UNUSED = "sliding", "sticking", "unused"
+
+
+@dataclass(frozen=True, eq=False)
+class Rubs:
+    """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t.
+
+    Angles that are not known, or not well enough to be used, are NaN.
+    All errors are of unit standard deviation times what stands here: the K common
+    ones move all touches at once (rig, neighbouring normals), the own ones each touch by itself.
+
+    Attributes
+    ----------
+    used_as : (P,) "sliding": friction is μ times the normal force, against the slip; "sticking": at most that, which
+        holds for touches whose motion is undecided, too; "unused".
+    slides : (P,) bool, whether a touch is in the midst of sliding, used or not.
+    beside : (P,) bool, whether the shape was felt side by side across the antenna, so that it can tell the normal.
+    lateral_rad : (P,) of the force from the shape's normal, about the antenna, positive along n × t.
+    lateral_std_rad, lateral_modes_rad : (P,), (P, K) its own and common errors, those of the normal included.
+    normal_std_rad, normal_modes_rad : (P,), (P, K) of these the normal's: how far it may be turned along n × t.
+    longitudinal_rad : (P,) the friction angle as the data alone say it, positive for a force towards the clamp.
+    longitudinal_std_rad, longitudinal_modes_rad : (P,), (P, K).
+    slip : (P, 2) unit direction of the antenna's slip, lateral and longitudinal; NaN where it does not slide.
+    slip_std_rad : (P,) of that direction.
+    """
+
+    used_as: np.ndarray
+    slides: np.ndarray
+    beside: np.ndarray
+    lateral_rad: np.ndarray
+    lateral_std_rad: np.ndarray
+    lateral_modes_rad: np.ndarray
+    normal_std_rad: np.ndarray
+    normal_modes_rad: np.ndarray
+    longitudinal_rad: np.ndarray
+    longitudinal_std_rad: np.ndarray
+    longitudinal_modes_rad: np.ndarray
+    slip: np.ndarray
+    slip_std_rad: np.ndarray
+
+    @property
+    def across(self) -> np.ndarray:
+        """(P,) bool: the lateral angle is used."""
+        return (self.used_as != UNUSED) & np.isfinite(self.lateral_rad)
+
+    def __len__(self) -> int:
+        return len(self.used_as)
+
+    def picked(self, which: np.ndarray) -> Rubs:
+        """Those with the indices or the mask (P,), as for the friction of one patch."""
+        return Rubs(**{each.name: getattr(self, each.name)[which] for each in fields(Rubs)})
+
+    def at_rest(self) -> Rubs:
+        """The same, taken as if nothing were known to slide: friction is at most μ times the normal force."""
+        resting = np.where(self.used_as == SLIDING, STICKING, self.used_as)
+        return replace(self, used_as=resting, slides=np.zeros(len(self), bool))
+
+
+FREEDOM = 5.0
+"""Own errors follow Student's t of so many degrees of freedom: a few frames may be wrong, by any amount."""
+DIRECTED = 4.0
+"""A part of the slip that is not so many times its deviation says nothing of μ, which could be of any size then."""
+WRONG = 4.0
+"""In own deviations: farther off, a touch is not believed."""
+NOISE = 3.0
+"""What need not slide speaks of μ only where it lies so many of its own deviations outside the cone: noise alone would
+else ask for a wider one, the more the more such touches there are."""
+_STEPS, _ENOUGH, _LEAST_SHARE = 40, 1e-5, 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """R angles, lateral and longitudinal ones of all touches that are used, and K errors that they have in common.
+
+    Attributes
+    ----------
+    angle_rad, std_rad : (R,) measured angle and its own standard deviation. modes_rad : (R, K) the common errors'.
+    slides : (R,) bool; the others only bound μ.
+    lateral : (R,) bool; the others are longitudinal.
+    slip : (R, 2) lateral and longitudinal unit slip; slip_std_rad : (R,).
+    touch : (R,) which touch an angle is of.
+    """
+
+    angle_rad: np.ndarray
+    std_rad: np.ndarray
+    modes_rad: np.ndarray
+    slides: np.ndarray
+    lateral: np.ndarray
+    slip: np.ndarray
+    slip_std_rad: np.ndarray
+    touch: np.ndarray
+
+    @staticmethod
+    def of(rubs: Rubs) -> Evidence:
+        """What is known of the touches that are used; of those that slide, along the sure parts of the slip."""
+        used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
+        unsure = rubs.slip_std_rad[:, None] * np.abs(rubs.slip[:, ::-1])
+        directed = ~slides[:, None] | (np.abs(rubs.slip) > DIRECTED * unsure)
+        sides = (
+            (rubs.lateral_rad, rubs.lateral_std_rad, rubs.lateral_modes_rad),
+            (rubs.longitudinal_rad, rubs.longitudinal_std_rad, rubs.longitudinal_modes_rad),
+        )
+        rows = [
+            np.flatnonzero(
+                used & sure & np.isfinite(angle) & np.isfinite(std) & (std > 0) & np.isfinite(modes).all(axis=1)
+            )
+            for (angle, std, modes), sure in zip(sides, directed.T, strict=True)
+        ]
+        touch = np.concatenate(rows)
+        slides = slides[touch]
+        angle, std, modes = (
+            np.concatenate([side[k][found] for side, found in zip(sides, rows, strict=True)]) for k in range(3)
+        )
+        return Evidence(
+            angle,
+            std,
+            modes,
+            slides=slides,
+            lateral=np.arange(len(touch)) < len(rows[0]),
+            slip=np.where(slides[:, None], rubs.slip[touch], 0.0),
+            slip_std_rad=np.where(slides, rubs.slip_std_rad[touch], 0.0),
+            touch=touch,
+        )
+
+    def expected(self, mu: np.ndarray) -> np.ndarray:
+        """(G, R) angles of touches that slide, rad, for each μ (G,); 0 of the others."""
+        across = np.arctan(mu[:, None] * self.slip[:, 0])
+        along = np.arctan(mu[:, None] * self.slip[:, 1] * np.cos(across))
+        return np.where(self.lateral, -across, along)
+
+    def spread(self, mu: np.ndarray) -> np.ndarray:
+        """(G, R) own standard deviations, rad, for each μ (G,).
+
+        A slip whose direction is unsure leaves friction's unsure, too. Their logarithm is not part of the cost: with it
+        the errors of the slip would draw μ towards 0.
+        """
+        other = np.where(self.lateral, self.slip[:, 1], self.slip[:, 0])
+        return np.hypot(self.std_rad, mu[:, None] * other * self.slip_std_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """The common errors that explain the angles best, for each of G values of μ.
+
+    Attributes
+    ----------
+    mu : (G,).
+    cost : (G,) negative logarithm of the likelihood, the common errors profiled out.
+    evidence : (G,) the same, integrated out.
+    modes : (G, K) the common errors in standard deviations. covariance : (G, K, K) of them.
+    off : (G, R) residuals in own standard deviations; 0 within the bound of touches that need not slide.
+    """
+
+    mu: np.ndarray
+    cost: np.ndarray
+    evidence: np.ndarray
+    modes: np.ndarray
+    covariance: np.ndarray
+    off: np.ndarray
+
+    def picked(self, which: np.ndarray | slice) -> Fits:
+        """Those of some values."""
+        return Fits(**{each.name: getattr(self, each.name)[which] for each in fields(Fits)})
+
+    @staticmethod
+    def joined(parts: Sequence[Fits]) -> Fits:
+        """One after the other."""
+        return Fits(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Fits)})
+
+
+def losses(off: np.ndarray) -> np.ndarray:
+    """Student's negative log-likelihoods, of residuals in standard deviations."""
+    return 0.5 * (FREEDOM + 1.0) * np.log1p(off**2 / FREEDOM)
+
+
+def weights(off: np.ndarray) -> np.ndarray:
+    """What the residuals count for: slope of `losses` over the residual."""
+    return (FREEDOM + 1.0) / (FREEDOM + off**2)
+
+
+def fits(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> Fits:
+    """Iterated weighted least squares, with a dead zone for touches that need not slide.
+
+    Parameters
+    ----------
+    mu : (G,). start : (K,) the common errors to begin with, none of them without.
+    """
+    modes = evidence.modes_rad
+    z = np.tile(np.zeros(modes.shape[1]) if start is None else start, (len(mu), 1))
+    expected, spread = evidence.expected(mu), evidence.spread(mu)
+    slack = np.where(evidence.slides, 0.0, np.arctan(mu)[:, None] + NOISE * spread)
+
+    def residual(at: np.ndarray) -> np.ndarray:
+        bare = evidence.angle_rad - expected - at @ modes.T
+        return np.sign(bare) * np.maximum(np.abs(bare) - slack, 0.0) / spread
+
+    def cost_of(at: np.ndarray, off: np.ndarray) -> np.ndarray:
+        return 0.5 * np.sum(at**2, axis=1) + losses(off).sum(axis=1)
+
+    def hessian_of(off: np.ndarray) -> np.ndarray:
+        weight = np.where(evidence.slides | (off != 0.0), weights(off), 0.0) / spread**2
+        return np.eye(len(modes.T)) + np.swapaxes(weight[:, :, None] * modes, 1, 2) @ modes
+
+    off = residual(z)
+    cost, share = cost_of(z, off), np.ones(len(mu))
+    for _ in range(_STEPS):
+        pull = (weights(off) * off / spread) @ modes - z
+        step = np.linalg.solve(hessian_of(off), pull[..., None])[..., 0]
+        tried = z + share[:, None] * step
+        tried_off = residual(tried)
+        tried_cost = cost_of(tried, tried_off)
+        better = tried_cost < cost
+        gained = np.where(better, cost - tried_cost, 0.0)
+        z, off = np.where(better[:, None], tried, z), np.where(better[:, None], tried_off, off)
+        cost, share = cost - gained, np.where(better, 1.0, 0.3 * share)
+        if ((gained < _ENOUGH) & (better | (share < _LEAST_SHARE))).all():
+            break
+    hessian = hessian_of(off)
+    _, volume = np.linalg.slogdet(hessian)
+    return Fits(mu, cost, cost + 0.5 * volume, z, np.linalg.inv(hessian), off)

@@ -1,0 +1,129 @@
+"""The located contacts of one object, with what is each one's own error and what is common to all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimator.table.columns import ContactTable
+from vbaa_calib.core.errors import InputError
+
+if TYPE_CHECKING:
+    from estimator.contact.common_errors import Shared
+
+MAX_TOUCHES = 500
+"""More contacts are thinned evenly: the solve costs their number cubed."""
+BIASED_STD = 1.0
+"""Contacts found with a model whose predicted bias exceeds so many of their deviations are not believed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """P located contacts, world frame.
+
+    Attributes
+    ----------
+    point_m : (P, 3) on the antenna's centreline.
+    force_N : (P, 3) the object's force on the antenna, of some size.
+    tangent : (P, 3) unit tangent of the antenna, towards the tip; NaN where unknown and at the antenna's tip, whose
+        end is not tangent to the object.
+    distance_m : (P,) arc length from the clamp.
+    own_m2 : (P, 3, 3) covariance of a point's own error, independent of the others'; NaN where unknown.
+    modes_m, force_modes_N, tangent_modes : (P, 3, S) what S independent common errors of unit deviation do.
+    frame, time_s : (P,).
+    row : (P,) index into the table.
+    stroke : (P,) number of the unbroken run of contact that it belongs to.
+    notes : what was left out, in words.
+    """
+
+    point_m: np.ndarray
+    force_N: np.ndarray
+    tangent: np.ndarray
+    distance_m: np.ndarray
+    own_m2: np.ndarray
+    modes_m: np.ndarray
+    force_modes_N: np.ndarray
+    tangent_modes: np.ndarray
+    frame: np.ndarray
+    time_s: np.ndarray
+    row: np.ndarray
+    stroke: np.ndarray
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.point_m)
+
+
+def touches_of(table: ContactTable, shared: Shared | None = None) -> Touches:
+    """The contacts that can be used: located, with a force whose direction is known; thinned to `MAX_TOUCHES`.
+
+    Parameters
+    ----------
+    table : the contacts of one object that did not move.
+    shared : what of their errors is common; without it, all of it counts as each contact's own.
+
+    Raises
+    ------
+    InputError : no frame has a contact point with its force.
+    """
+    size = np.linalg.norm(table.force_world_N, axis=1)
+    usable = table.located & np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(size) & (size > 0)
+    if not usable.any():
+        unforced = bool(table.located.any()) and not np.isfinite(size).any()
+        raise InputError(
+            "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)"
+            if unforced
+            else "no frame has a located contact with a force (status ok or tip_contact)",
+            remedy="estimate them again" if unforced else "record contacts, or see the reason column of contacts.csv",
+        )
+    biased = usable & (table.bias_std > BIASED_STD)
+    usable &= ~biased
+    row = np.flatnonzero(usable)
+    if not len(row):
+        raise InputError(
+            f"all {np.sum(biased)} contacts were found with a model that is off by more than one standard deviation",
+            remedy="estimate them with --model auto",
+        )
+    notes: tuple[str, ...] = ()
+    if biased.any():
+        notes = (f"{np.sum(biased)} contacts were not used: their model is off by more than one standard deviation",)
+    if len(row) > MAX_TOUCHES:
+        notes += (f"{len(row)} contacts were thinned evenly to {MAX_TOUCHES}",)
+        row = row[np.round(np.linspace(0, len(row) - 1, MAX_TOUCHES)).astype(int)]
+    untold = 0 if shared is None else int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2))))
+    if untold:
+        notes += (
+            f"of {untold} contacts the calibration's errors are not told (distance_std_m): they count as their own",
+        )
+    tangent = table.tangent_world[row]
+    length = np.linalg.norm(tangent, axis=1, keepdims=True)
+    known = (np.abs(length - 1) < 0.1) & (table.status[row] != "tip_contact")[:, None]
+    tangent = np.where(known, tangent / np.where(known, length, 1.0), np.nan)
+    none = np.zeros((len(row), 3, 0))
+    return Touches(
+        point_m=table.point_world_m[row],
+        force_N=table.force_world_N[row],
+        tangent=tangent,
+        distance_m=table.distance_m[row],
+        own_m2=table.covariance_world_m2[row] if shared is None else shared.own_m2[row],
+        modes_m=none if shared is None else _known(shared.point_m[row]),
+        force_modes_N=none if shared is None else _known(shared.force_N[row]),
+        tangent_modes=none if shared is None else _known(shared.tangent[row]),
+        frame=table.frame[row],
+        time_s=table.time_s[row],
+        row=row,
+        stroke=_strokes(usable)[row],
+        notes=notes,
+    )
+
+
+def _known(modes: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(modes), modes, 0.0)
+
+
+def _strokes(usable: np.ndarray) -> np.ndarray:
+    """(B,) how many runs of usable frames have begun before this one."""
+    begins = usable & ~np.concatenate([[False], usable[:-1]])
+    return np.maximum(np.cumsum(begins) - 1, 0)

@@ -1,0 +1,259 @@
+"""What happened, from the states and phases of a recording's frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr, logsumexp
+
+from estimator.table.columns import LOCATED, ContactTable
+
+from .onset import Change, Contacting, settled
+from .result import FIRST_CONTACT, LOSS, ROLLING, SLIDING, SLIP_END, SLIP_START, STICKING, Event
+from .slip import HALF_WINDOW_S
+
+TRUSTED = 60.0
+"""Evidence up to which it grows with the square of the deflection."""
+RATES = np.geomspace(0.3, 30.0, 36)
+"""Trial rates of growth over the one that the last frame alone would ask for."""
+COSINES = np.linspace(-0.8, 0.8, 5)
+BENDS, SHARES = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25])
+"""Trial changes of the rate over the frames looked at, in `UNEVEN`s, and their probabilities."""
+UNEVEN = 0.15
+"""How unevenly an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share."""
+HIDDEN = 0.6
+"""Part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
+first, and only by and by to the contact."""
+STEPPED = 0.02
+"""Probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames."""
+INSTANTS = 64
+FORCES = 6
+"""Located frames whose forces are looked at."""
+OWN_SHARE, RELATIVE = 0.5, 0.03
+"""How much of a force's deviation is thought to differ from frame to frame, and how much of its size besides."""
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """What surrounds a change, in order of time; a loss is looked at backwards.
+
+    Attributes
+    ----------
+    time_s, evidence : (N,) frames before and after. free_evidence : (K,) of frames that are free for certain.
+    force_time_s, force_N, force_std_N : (F,) size of the force in the first located frames.
+    earliest_s, latest_s : between which the instant lies for certain.
+    """
+
+    time_s: np.ndarray
+    evidence: np.ndarray
+    free_evidence: np.ndarray
+    force_time_s: np.ndarray
+    force_N: np.ndarray
+    force_std_N: np.ndarray
+    earliest_s: float
+    latest_s: float
+
+
+def instant(growth: Growth) -> tuple[float, float]:
+    """t₀ and its standard deviation, s."""
+    low, high = growth.earliest_s, growth.latest_s
+    mean, std = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
+    likeliest = None
+    for _ in range(3):  # each time on a finer grid about what was found
+        step = (high - low) / INSTANTS
+        at = low + (np.arange(INSTANTS) + 0.5) * step
+        by_force = _by_force(growth, at)
+        likeliest = by_force.max() if likeliest is None else likeliest
+        log = _by_evidence(growth, at) + np.logaddexp(np.log1p(-STEPPED) + by_force - likeliest, np.log(STEPPED))
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        mean = float(weight @ at)
+        std = float(np.sqrt(weight @ (at - mean) ** 2 + step**2 / 12.0))
+        reach = 6.0 * np.hypot(std, step)
+        low, high = max(low, mean - reach), min(high, mean + reach)
+    return mean, float(np.hypot(std, HIDDEN * _common(growth) / _rate(growth, mean)))
+
+
+def _common(growth: Growth) -> float:
+    """M, the common error in deviations."""
+    level, noise = free_level(growth.free_evidence)
+    return float(np.sqrt(max(2.0 * level - 3.0 * noise, 0.0)))
+
+
+def _rate(growth: Growth, instant_s: float) -> float:
+    """g, deviations per second, by the last frame whose evidence can be trusted or, beyond, is known to be more."""
+    after = np.flatnonzero((growth.time_s > instant_s) & np.isfinite(growth.evidence))
+    if len(after) == 0:
+        return np.inf
+    trusted = after[growth.evidence[after] <= TRUSTED]
+    last = trusted[-1] if len(trusted) else after[0]
+    more = max(float(growth.evidence[last]) - free_level(growth.free_evidence)[0], 1.0)
+    return float(np.sqrt(2.0 * more) / (growth.time_s[last] - instant_s))
+
+
+def free_level(evidence: np.ndarray) -> tuple[float, float]:
+    """Mean evidence E₀ of free frames (K,) and ε², their noise alone; what theory says where there are too few."""
+    if len(evidence) < 5:
+        return 1.5, 1.0
+    mean, variance = max(float(evidence.mean()), 0.05), float(evidence.var(ddof=1))
+    inside = max(4.0 * mean**2 - 6.0 * variance, 0.0)
+    return mean, max((2.0 * mean - np.sqrt(inside)) / 3.0, 0.01)
+
+
+def _by_evidence(growth: Growth, at: np.ndarray) -> np.ndarray:
+    """(A,) log-likelihood of t₀ by the evidence, up to the first frame of which it is only known to be much."""
+    much = np.flatnonzero(growth.evidence > TRUSTED)
+    end = int(much[0]) + 1 if len(much) else len(growth.evidence)
+    telling = np.isfinite(growth.evidence[:end]) & (growth.time_s[:end] > at[0])  # what is before all tells nothing
+    used = np.flatnonzero(telling)
+    if len(used) == 0:
+        return np.zeros(len(at))
+    time, evidence = growth.time_s[used], np.minimum(growth.evidence[used], TRUSTED)
+    root = np.cbrt(np.clip(evidence, 0.0, None))
+    level, noise = free_level(growth.free_evidence)
+    common = _common(growth)
+    late = np.clip(time - at[:, None], 0.0, None)  # (A, N)
+    span = max(float(time[-1] - at[0]), 1e-9)
+    reached = np.sqrt(2.0 * max(float(evidence[-1]) - level, 1.0))
+    rate = RATES * (reached / np.maximum(late[:, -1:], 1e-3 * span))  # (A, G)
+    bend = 1.0 + UNEVEN * BENDS[:, None] * (late / span)[:, None]  # (A, 3, N)
+    x = rate[:, :, None, None] * (bend * late[:, None])[:, None]  # (A, G, 3, N)
+    log = np.empty((*x.shape[:3], len(COSINES)))
+    for index, cosine in enumerate(COSINES):
+        expected = level + cosine * common * x + 0.5 * x**2
+        variance = np.maximum(2.0 * noise * (expected - 1.5 * noise), 0.0) + 1.5 * noise**2
+        skew = variance / expected**2 / 9.0  # the cube root is nearly normal, also where there is hardly a deflection
+        middle, spread = np.cbrt(expected) * (1.0 - skew), np.cbrt(expected) ** 2 * skew
+        each = -0.5 * ((root - middle) ** 2 / spread + np.log(spread))
+        if len(much):
+            each[..., -1] = log_ndtr((middle[..., -1] - np.cbrt(TRUSTED)) / np.sqrt(spread[..., -1]))
+        log[..., index] = each.sum(axis=-1)
+    return logsumexp(log + np.log(SHARES)[:, None], axis=(1, 2, 3))
+
+
+def _by_force(growth: Growth, at: np.ndarray) -> np.ndarray:
+    """(A,) log-likelihood of t₀ by forces on a line from zero, its slope free, a bend and a common error allowed."""
+    if len(growth.force_N) < 2 or not growth.force_time_s[-1] > at[-1]:
+        return np.zeros(len(at))
+    late = growth.force_time_s - at[:, None]  # (A, F)
+    span = late[:, -1:]
+    rate = growth.force_N[-1] / span  # what the bend is a share of
+    bow = UNEVEN * rate * late * (late / span - 1.0)
+    own = (OWN_SHARE * growth.force_std_N) ** 2 + (RELATIVE * growth.force_N) ** 2
+    common = float(growth.force_std_N[0]) ** 2
+    covariance = np.eye(late.shape[1]) * own + common + bow[:, :, None] * bow[:, None]
+    weight = np.linalg.inv(covariance)
+    pull = (weight @ growth.force_N[:, None])[..., 0]
+    slope_weight = (late[:, None] @ weight @ late[..., None])[:, 0, 0]
+    slope = (late * pull).sum(axis=-1) / slope_weight
+    cost = (growth.force_N * pull).sum(axis=-1) - slope**2 * slope_weight
+    # the flat prior of the slope is taken per instant: over the force that it reaches, not over the slope itself
+    flat = np.log(slope_weight) - 2.0 * np.log(span[:, 0])
+    return -0.5 * (cost + np.linalg.slogdet(covariance)[1] + flat)
+
+
+BEFORE, AFTER = 45, 12
+"""Frames around a change whose evidence is looked at."""
+FORCE_S = 0.5
+"""Forces later than this after a change do not tell when it was."""
+
+
+def contact_events(table: ContactTable, contacting: Contacting) -> tuple[Event, ...]:
+    """First contacts and losses, with the times that the growth of the deflection tells."""
+    told = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
+    return tuple(_change(table, contacting, change, told) for change in contacting.changes)
+
+
+def slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.ndarray]) -> tuple[Event, ...]:
+    """Where sticking turns into sliding and back; `strokes` are rows of the table."""
+    found = []
+    for rows in strokes:
+        told = rows[np.isin(phase[rows], (STICKING, ROLLING, SLIDING))]
+        slides = phase[told] == SLIDING
+        for at in np.flatnonzero(slides[1:] != slides[:-1]):
+            found.append(_slips(table, int(told[at]), int(told[at + 1]), bool(slides[at + 1])))
+    return tuple(found)
+
+
+def _slips(table: ContactTable, before: int, after: int, starts: bool) -> Event:
+    low, high = table.time_s[before], table.time_s[after]
+    time, std = float(0.5 * (low + high)), float(np.hypot((high - low) / np.sqrt(12.0), 0.3 * HALF_WINDOW_S))
+    what = "the contact begins to slip" if starts else "the slip ends"
+    kind = SLIP_START if starts else SLIP_END
+    delay = float(high - time + HALF_WINDOW_S)
+    words = f"{what} at {time:.3f} s ± {1e3 * std:.0f} ms"
+    return Event(kind, int(table.frame[after]), time, std, delay, words)
+
+
+def _change(table: ContactTable, contacting: Contacting, change: Change, told: np.ndarray) -> Event:
+    kind, what = (FIRST_CONTACT, "first contact") if change.begins else (LOSS, "contact is lost")
+    frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
+    if len(change.known_before) == 0:
+        words = f"in contact from frame {frame} on, the first that tells: when it began cannot be told"
+        return Event(kind, frame, np.nan, np.nan, np.nan, words)
+    growth = _growth(table, contacting, change, told)
+    if growth is None:
+        low = float(table.time_s[change.known_before[-1]])
+        time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
+        how = "between two frames, no evidence tells it closer"
+    else:
+        time, std = instant(growth)
+        time = time if change.begins else -time
+        how = "seen in several frames together" if change.pooled else "seen in one frame"
+    if not std > 0.0:
+        words = f"{what} with frame {frame}: its times do not tell when"
+        return Event(kind, frame, np.nan, np.nan, np.nan, words)
+    delay = max(decided - time, 0.0)  # noise may end a fading contact a frame too early
+    words = f"{what} at {time:.3f} s ± {1e3 * std:.1f} ms, known with frame {frame}, {1e3 * delay:.0f} ms later, {how}"
+    return Event(kind, frame, float(time), float(std), float(delay), words)
+
+
+def _growth(table: ContactTable, contacting: Contacting, change: Change, told: np.ndarray) -> Growth | None:
+    """The frames about a change, of those that tell (T,); of a loss turned round in time."""
+    state, time = contacting.state, table.time_s
+    place = int(np.searchsorted(told, change.row))
+    if change.begins:
+        free = np.array(settled(change.known_before.tolist()), int)
+        early = told[max(place - BEFORE, 0) : place]
+        early = early[state[early] == 0]
+        late = told[place : place + AFTER]
+        late = late[np.cumprod(state[late] == 1).astype(bool)]
+    else:
+        late = told[max(place - AFTER, 0) : place][::-1]
+        late = late[np.cumprod(state[late] == 1).astype(bool)]
+        early = told[place : place + BEFORE]
+        early = early[np.cumprod(state[early] == 0).astype(bool)][::-1]
+        free = early
+    if len(early) == 0 or len(late) == 0 or not _in_order(time[np.sort([*early, *late])]):
+        return None
+    sign = 1.0 if change.begins else -1.0
+    rows = np.concatenate([early, late])
+    located = late[np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= FORCE_S)][:FORCES]
+    size = np.hypot(table.force_y_N[located], table.force_z_N[located])
+    std = np.hypot(
+        table.force_y_N[located] * table.force_y_std_N[located], table.force_z_N[located] * table.force_z_std_N[located]
+    )
+    sound = np.isfinite(size) & (size > 0.0) & np.isfinite(std)
+    level = table.evidence[free]
+    return Growth(
+        time_s=sign * time[rows],
+        evidence=table.evidence[rows],
+        free_evidence=level[np.isfinite(level)],
+        force_time_s=sign * time[located][sound],
+        force_N=size[sound],
+        force_std_N=std[sound] / size[sound],
+        earliest_s=float(sign * time[early[0]]),
+        latest_s=float(sign * time[_surely(table, contacting, late)]),
+    )
+
+
+def _surely(table: ContactTable, contacting: Contacting, late: np.ndarray) -> int:
+    """The first frame after the instant that is in contact by itself, else the last that is looked at."""
+    alone = late[table.in_contact[late]]
+    return int(alone[0] if len(alone) else late[-1])
+
+
+def _in_order(time_s: np.ndarray) -> bool:
+    return bool(np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all())

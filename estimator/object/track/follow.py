@@ -1,0 +1,160 @@
+"""From a table of contacts to what happened in time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.contact.common_errors import Shared, shared_errors
+from estimator.contact.stream import beam
+from estimator.table.columns import ContactTable
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.rig import Rig
+
+from .events import contact_events, slip_events
+from .onset import Contacting, contacting
+from .result import FREE, ROLLING, SLIDING, STICKING, TOUCHING, UNKNOWN, Event, Track
+from .ringing import ringing_events, swinging
+from .slip import Slip, slip
+from .strokes import Stroke, strokes
+
+CLEAR, STILL_CLEAR = 4.5, 2.5
+"""Deviations by which a slip must stand out to be called one, and for it to go on."""
+NOTHING = 0.05
+"""Share of the joints' motion below which a slip is not called one: curved paths and rolling leave as much."""
+STUCK = 0.15
+"""Share of the joints' motion that the slip must surely stay below where the contact is said to stick."""
+REST_M_S = 3e-4
+"""Nothing slower is told from rest."""
+
+
+def phases(slip: Slip, antenna_radius_m: float) -> np.ndarray:
+    """(P,) what each frame of a stroke does; "touching" where it cannot be told."""
+    speed = np.linalg.norm(slip.velocity_m_s, axis=1)
+    std = _along(slip, speed)
+    carried = np.where(np.isfinite(slip.carried_m_s), slip.carried_m_s, slip.contact_m_s)
+    nothing = NOTHING * carried + antenna_radius_m * slip.turning_rad_s
+    with np.errstate(invalid="ignore"):
+        surely, still = speed - CLEAR * std > nothing, speed - STILL_CLEAR * std > nothing
+        fast = speed > REST_M_S
+        sliding = _held(surely & fast, still & fast)
+        rest = np.maximum(antenna_radius_m * slip.turning_rad_s, REST_M_S)
+        small = speed + 2.0 * std <= np.maximum(STUCK * carried, rest)
+        stuck = ~sliding & small & (speed - STILL_CLEAR * std <= rest)
+        walks = slip.contact_m_s - CLEAR * slip.contact_std_m_s > 2.0 * np.maximum(speed + 2.0 * std, REST_M_S)
+    found = np.full(len(speed), TOUCHING, dtype=object)
+    found[stuck] = STICKING
+    found[stuck & walks] = ROLLING
+    found[sliding] = SLIDING
+    return found.astype(str)
+
+
+def _along(slip: Slip, speed: np.ndarray) -> np.ndarray:
+    """(P,) standard deviation of the speed: along the slip where that is clear, else the larger of all directions."""
+    widest = np.sqrt(np.maximum(np.linalg.eigvalsh(np.nan_to_num(slip.parts_m2_s2, nan=np.inf)).max(axis=-1), 0.0))
+    toward = slip.velocity_m_s / np.maximum(speed, 1e-12)[:, None]
+    own = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, slip.covariance_m2_s2, toward), 0.0))
+    with np.errstate(invalid="ignore"):
+        return np.where(speed > CLEAR * widest, own, widest)
+
+
+def _held(begin: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """(P,) bool: on from a frame that begins it, forward and backward, as long as it is kept."""
+    runs = np.cumsum(~keep)
+    begun = np.unique(runs[begin & keep])
+    return keep & np.isin(runs, begun)
+
+
+RADIUS_M = 0.5e-3
+"""The antenna's, where no rig tells it: of use only for how much a sticking antenna may roll."""
+
+
+def follow(
+    table: ContactTable, rig: Rig | None = None, shared: Shared | None = None, normal_world: np.ndarray | None = None
+) -> Track:
+    """What happens in a recording: first contact, loss, sticking and sliding, ringing.
+
+    Parameters
+    ----------
+    rig : tells calibration from noise, the joints' motion, and the antenna's frequency.
+    shared : `shared_errors(rig, table)`, where it is known already.
+    normal_world : (B, 3) the object's outward normals where something better than the forces' direction is known; NaN
+        elsewhere.
+    """
+    if shared is None and rig is not None:
+        shared = shared_errors(rig, table)
+    ringing = swinging(table)
+    contact = contacting(table, ringing)
+    runs = strokes(table, contact.state, shared)
+    kinematics, radius = (Kinematics(), RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
+    phase, found = _phase(contact), _empty(len(table))
+    for stroke in runs:
+        normal = None if normal_world is None else normal_world[stroke.rows]
+        moving = slip(stroke, table, kinematics, normal)
+        _placed(found, stroke, moving)
+        phase[stroke.rows] = phases(moving, radius)
+    events = contact_events(table, contact)
+    phase = _after_onset(table, phase, contact, events)
+    events += slip_events(table, phase, [stroke.rows for stroke in runs])
+    events += ringing_events(table, ringing, None if rig is None else beam(rig))
+    time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))
+    return Track(
+        phase=phase,
+        ringing=ringing,
+        events=tuple(sorted(events, key=lambda each: each.time_s if np.isfinite(each.time_s) else time_of[each.frame])),
+        notes=tuple(_notes(table, contact, shared)),
+        **found,
+    )
+
+
+def _phase(contact: Contacting) -> np.ndarray:
+    return np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
+
+
+def _empty(count: int) -> dict[str, np.ndarray]:
+    return {
+        "slip_velocity_m_s": np.full((count, 3), np.nan),
+        "slip_std_m_s": np.full(count, np.nan),
+        "longitudinal_m_s": np.full(count, np.nan),
+        "lateral_m_s": np.full(count, np.nan),
+        "slip_covariance_m2_s2": np.full((count, 3, 3), np.nan),
+    }
+
+
+def _placed(found: dict[str, np.ndarray], stroke: Stroke, moving: Slip) -> None:
+    rows = stroke.rows
+    found["slip_velocity_m_s"][rows] = moving.velocity_m_s
+    found["slip_covariance_m2_s2"][rows] = moving.covariance_m2_s2
+    found["longitudinal_m_s"][rows] = moving.longitudinal_m_s
+    found["lateral_m_s"][rows] = moving.lateral_m_s
+    sound = np.isfinite(moving.parts_m2_s2).all(axis=(1, 2))
+    widest = np.linalg.eigvalsh(moving.parts_m2_s2[sound]).max(axis=-1)
+    found["slip_std_m_s"][rows[sound]] = np.sqrt(np.maximum(widest, 0.0))
+
+
+def _after_onset(table: ContactTable, phase: np.ndarray, contact: Contacting, events: tuple[Event, ...]) -> np.ndarray:
+    """The same phases; frames between a first contact or loss and the frame that told it belong to what follows."""
+    phase = phase.copy()
+    for change, event in zip(contact.changes, events, strict=True):
+        if np.isfinite(event.time_s):
+            late = change.known_before[table.time_s[change.known_before] > event.time_s]
+            late = late[np.isin(phase[late], (FREE, TOUCHING))]
+            phase[late] = TOUCHING if change.begins else FREE
+    return phase
+
+
+def _notes(table: ContactTable, contact: Contacting, shared: Shared | None) -> list[str]:
+    notes = []
+    located = table.located
+    if not np.isfinite(table.evidence).any():
+        notes.append("no evidence column: contact is told frame by frame alone, and its instant between two frames")
+    elif not contact.pooled_test:
+        notes.append(
+            "no dozen free frames in about one pose: slow approaches are told frame by frame alone"
+            if np.isfinite(table.pan_rad + table.tilt_rad).any()
+            else "no joint angles: slow approaches are told frame by frame alone"
+        )
+    if located.any() and not np.isfinite(table.tangent_world[located]).any():
+        notes.append("no tangents: slip cannot be told")
+    if located.any() and (shared is None or shared.point_m.shape[-1] == 0):
+        notes.append("no rig: what noise does to the slip is taken from its scatter")
+    return notes

@@ -1,0 +1,181 @@
+"""When contact begins and ends: a sequential test on the evidence that each frame gives for a contact.
+
+A frame alone is in contact from `verdict.CONTACT_EVIDENCE` on. A slow approach shows earlier in several together, but
+not in their sum: the calibration's error is common to all frames, and a rig that is off within its covariance gives
+every free frame the same little evidence. So the last frames are held against the ones before them, which is what this
+very antenna shows when it is free.
+
+Without contact the evidence follows χ²₃/2, or with a common error a noncentral χ² of smaller scatter. Its cube root is
+nearly normal either way (Wilson and Hilferty 1931), so that the difference of two means follows Student's t, the
+baseline's own uncertainty included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.stats import t as student
+
+from estimator.table.columns import ContactTable
+
+WINDOWS = (3, 6, 12)
+"""Last frames that are taken together."""
+ALARM = 1e-6
+"""Probability of a false alarm by each of the windows, in a frame of the free antenna."""
+BASELINE, LEAST_BASELINE = 60, 12
+"""Free frames that tell what the free antenna looks like: at most, at least."""
+LAG = 30
+"""So many of the last free frames are left out where there are enough before them: a slow approach is in them."""
+SPAN_RAD = 0.05
+"""The free antenna looks alike within so much joint travel: a weight that is known badly shows with the pose."""
+LEAST_SCATTER = 0.2
+"""Scatter of the cube root below which no recording is believed: something else would drift."""
+FREE_AGAIN, FIRM, RECENT = 2.5, 40.0, 3
+"""A contact with that much evidence in one of its last frames is lost with the first frame that is within so many
+deviations of the baseline's mean,"""
+FREE_TOGETHER, LEAVING = 1.0, 6
+"""a weaker one with the mean of so many: near the threshold noise alone would end it and begin it again."""
+GAP_S = 0.5
+"""Over a longer gap nothing is carried: what happened in it is not known."""
+TOUCHING = ("ok", "tip_contact", "low_signal")
+"""Statuses that tell a contact; `no_contact` tells none, all others tell neither."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change between the free antenna and contact.
+
+    Attributes
+    ----------
+    row : index of the frame with which it was decided.
+    begins : a contact that begins, or one that is lost.
+    known_before : (K,) indices of frames in the state before, in order; empty where that state was never seen.
+    pooled : several frames together told it, none alone.
+    """
+
+    row: int
+    begins: bool
+    known_before: np.ndarray
+    pooled: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Contacting:
+    """The state of B frames as it was decided in time.
+
+    Attributes
+    ----------
+    state : (B,) 1 in contact, 0 free, -1 not known.
+    changes : in order of time.
+    pooled_test : whether a baseline could ever be learnt, so that slow approaches show early.
+    """
+
+    state: np.ndarray
+    changes: tuple[Change, ...]
+    pooled_test: bool
+
+
+def told(table: ContactTable, ringing: np.ndarray) -> np.ndarray:
+    """(B,) what each frame says by itself: 1 contact, 0 none, -1 neither; a ringing antenna says nothing."""
+    said = np.where(np.isin(table.status, TOUCHING), 1, np.where(table.status == "no_contact", 0, -1))
+    return np.where(ringing, -1, said)
+
+
+def contacting(table: ContactTable, ringing: np.ndarray) -> Contacting:
+    """Go through a recording once, forward, as a live judge would."""
+    said = told(table, ringing)
+    joints = np.column_stack([table.pan_rad, table.tilt_rad])
+    root = np.cbrt(np.clip(table.evidence, 0.0, None))
+    state = np.full(len(table), -1)
+    changes: list[Change] = []
+    run: list[int] = []
+    now, tested, last = -1, False, -np.inf
+    for row in np.flatnonzero(said >= 0).tolist():
+        if table.time_s[row] - last > GAP_S:
+            now, run = -1, []
+        last = float(table.time_s[row])
+        alone = int(said[row])
+        base = _baseline(run if now == 0 else _before_contact(changes), row, joints, root)
+        if now == 1:
+            late = np.array([*run[1 - LEAVING :], row])
+            firm = not (table.evidence[run[-RECENT:]] <= FIRM).all()
+            stays = (
+                _more(root[[row]], root[base], FREE_AGAIN) if firm else _weak_stays(said[late], root[late], root[base])
+            )
+            found = 1 if alone == 1 or stays else 0
+        else:
+            several = alone == 0 and now == 0 and _rises(root, [*run[-WINDOWS[-1] :], row], base)
+            tested = tested or len(base) >= LEAST_BASELINE
+            found = 1 if alone == 1 or several else 0
+        if found != now and not (now == -1 and found == 0):
+            changes.append(Change(row, found == 1, np.array(run, int), alone == 0 and found == 1))
+        if found != now:
+            run = []
+        now = found
+        run.append(row)
+        state[row] = now
+    return Contacting(state, tuple(changes), tested)
+
+
+def _before_contact(changes: Sequence[Change]) -> Sequence[int]:
+    """The free frames before the contact that holds now."""
+    return changes[-1].known_before[-BASELINE - LAG :].tolist() if changes and changes[-1].begins else []
+
+
+def settled(free: Sequence[int]) -> Sequence[int]:
+    """Of the frames of a free run those that no slow approach is in yet."""
+    recent = free[-BASELINE - LAG :]
+    early = recent[:-LAG] if len(recent) >= LAG + LEAST_BASELINE else recent[: -WINDOWS[-1]]
+    return early[-BASELINE:]
+
+
+def _baseline(free: Sequence[int], row: int, joints: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """(K,) the last free frames in poses like this frame's; none where the joints are not known."""
+    near = np.array(settled(free), int)
+    if len(near) == 0:
+        return near
+    close = (np.abs(joints[near] - joints[row]) <= SPAN_RAD).all(axis=1) & np.isfinite(root[near])
+    return near[close]
+
+
+def _rises(root: np.ndarray, run: Sequence[int], base: np.ndarray) -> bool:
+    """Whether the last frames of a run of free ones show more than the baseline's, and noise would hardly ever."""
+    if len(base) < LEAST_BASELINE:
+        return False
+    mean, scatter = _normal(root[base])
+    limit = scatter * _threshold(len(base) - 1)
+    return any(
+        root[list(run[-window:])].mean() - mean > limit * np.sqrt(1.0 / window + 1.0 / len(base))
+        for window in WINDOWS
+        if len(run) >= window
+    )
+
+
+def _normal(values: np.ndarray) -> tuple[float, float]:
+    """Mean and standard deviation, the latter larger where neighbouring frames are alike: they count for fewer."""
+    mean, scatter = float(values.mean()), float(values.std(ddof=1))
+    away = values - mean
+    alike = float(away[1:] @ away[:-1]) / max(float(away @ away), 1e-30)
+    alike = min(max(alike, 0.0), 0.8)
+    return mean, max(scatter, LEAST_SCATTER) * float(np.sqrt((1.0 + alike) / (1.0 - alike)))
+
+
+def _weak_stays(said: np.ndarray, late: np.ndarray, base: np.ndarray) -> bool:
+    """Whether a weak contact holds on by its last frames: too few of them, one that tells it, or all together."""
+    return len(late) < LEAVING or bool((said == 1).any()) or _more(late, base, FREE_TOGETHER)
+
+
+def _more(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
+    """Whether the mean of some frames is more than the free antenna's by so many of its deviations."""
+    if len(base) < LEAST_BASELINE or not np.isfinite(late).all():
+        return False
+    mean, scatter = _normal(base)
+    return bool(late.mean() > mean + deviations * scatter / np.sqrt(len(late)))
+
+
+@lru_cache(maxsize=BASELINE)
+def _threshold(freedom: int) -> float:
+    return float(student.isf(ALARM, freedom))

@@ -1,0 +1,157 @@
+"""How fast the antenna slips: its material point at the contact against the object.
+
+The contact point X walks over the object and along the antenna; the antenna's own point under it moves with
+
+    v = dX/dt − t̂·dl/dt,
+
+l the contact's arc length, t̂ the tangent. The calibration's errors are common to neighbouring frames and cancel in the
+differences but for how the joints turn them; what differs from frame to frame counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from estimator.table.columns import ContactTable
+from vbaa_calib.geometry import Kinematics
+
+from .strokes import Stroke
+
+HALF_WINDOW_S, LEAST_HALF = 0.1, 1
+"""Velocities are slopes over the frames within this time, and over one neighbour on each side at least."""
+SHARE = 0.01
+"""Part of a slip that is left open: the object touches an antenna radius beside the centreline that is followed."""
+LEANING_RAD = 0.35
+"""How far friction may lean the force from the object's normal across the antenna, as a standard deviation."""
+UPRIGHT_RAD = 0.8
+"""A slip that leans further from the plane across the force does not tell the normal: the object gives way there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slip:
+    """Velocities in a stroke of P frames, world frame.
+
+    Attributes
+    ----------
+    velocity_m_s, covariance_m2_s2 : (P, 3), (P, 3, 3) slip in the plane of contact.
+    longitudinal_m_s, lateral_m_s : (P,) its parts along the tangent and along normal × tangent.
+    parts_m2_s2 : (P, 2, 2) their covariance.
+    contact_m_s, contact_std_m_s : (P,) how fast the contact itself moves over the object.
+    carried_m_s : (P,) how fast the contact would move if the joints carried it along; NaN without joint angles.
+    turning_rad_s : (P,) how fast the antenna turns at the contact.
+    """
+
+    velocity_m_s: np.ndarray
+    covariance_m2_s2: np.ndarray
+    longitudinal_m_s: np.ndarray
+    lateral_m_s: np.ndarray
+    parts_m2_s2: np.ndarray
+    contact_m_s: np.ndarray
+    contact_std_m_s: np.ndarray
+    carried_m_s: np.ndarray
+    turning_rad_s: np.ndarray
+
+
+def slip(stroke: Stroke, table: ContactTable, kinematics: Kinematics, normal: np.ndarray | None = None) -> Slip:
+    """The slip in each frame of a stroke; NaN in strokes of fewer than three frames.
+
+    `normal` (P, 3), where known, are the object's outward normals; otherwise the force tells them, and the slip itself.
+    """
+    kernel = slopes(stroke.time_s)
+    moved = kernel @ stroke.material_m
+    modes = _sloped(kernel, stroke.modes_m)
+    covariance = _sloped(kernel.power(2), stroke.material_m2) + modes @ np.swapaxes(modes, 1, 2)
+    covariance = covariance + np.eye(3) * (SHARE**2 * (moved**2).sum(axis=1))[:, None, None]
+    across, upward = _leant(moved, covariance, *_axes(stroke.force_N, stroke.tangent))
+    if normal is not None:
+        told = np.isfinite(normal).all(axis=1)[:, None]
+        exact = _axes(normal, stroke.tangent)
+        across, upward = np.where(told, exact[0], across), np.where(told, exact[1], upward)
+    axes = np.stack([stroke.tangent, across], axis=1)  # (P, 2, 3)
+    parts = np.einsum("pki,pi->pk", axes, moved)
+    parts_m2_s2 = axes @ covariance @ np.swapaxes(axes, 1, 2)
+    plane = np.swapaxes(axes, 1, 2) @ axes
+    contact = kernel @ stroke.point_m
+    contact -= upward * np.einsum("pi,pi->p", contact, upward)[:, None]
+    speed = np.linalg.norm(contact, axis=1)
+    toward = contact / np.maximum(speed, 1e-12)[:, None]
+    noise = _sloped(kernel.power(2), stroke.own_m2)
+    return Slip(
+        velocity_m_s=np.einsum("pij,pj->pi", plane, moved),
+        covariance_m2_s2=plane @ covariance @ plane,
+        longitudinal_m_s=parts[:, 0],
+        lateral_m_s=parts[:, 1],
+        parts_m2_s2=parts_m2_s2,
+        contact_m_s=speed,
+        contact_std_m_s=np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, noise, toward), 0.0)),
+        carried_m_s=_carried(stroke, table, kinematics, kernel),
+        turning_rad_s=np.linalg.norm(kernel @ stroke.tangent, axis=1),
+    )
+
+
+def slopes(time_s: np.ndarray) -> csr_array:
+    """(P, P) rows that make the slope at each time of the straight line through its neighbours; NaN rows for P < 3.
+
+    As many neighbours on either side, so that a steady acceleration does not count; at the ends what there is.
+    """
+    count = len(time_s)
+    if count < 3:
+        return csr_array(np.full((count, count), np.nan))
+    row = np.arange(count)
+    before = row - np.searchsorted(time_s, time_s - HALF_WINDOW_S - 1e-9)
+    after = np.searchsorted(time_s, time_s + HALF_WINDOW_S + 1e-9, side="right") - 1 - row
+    half = np.maximum(np.minimum(before, after), LEAST_HALF)
+    low, high = np.maximum(row - half, 0), np.minimum(row + half, count - 1)
+    low, high = np.where(high - low < 2, np.clip(low, 0, count - 3), low), np.where(high - low < 2, low + 2, high)
+    high = np.minimum(high, count - 1)
+    size = high - low + 1
+    rows = np.repeat(row, size)
+    columns = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size) + np.repeat(low, size)
+    middle = np.bincount(rows, time_s[columns] - time_s[rows]) / size
+    away = time_s[columns] - time_s[rows] - middle[rows]
+    return csr_array((away / np.bincount(rows, away**2)[rows], (rows, columns)), shape=(count, count))
+
+
+def _sloped(kernel: csr_array, values: np.ndarray) -> np.ndarray:
+    """(P, ...) the slopes of values (P, ...)."""
+    return (kernel @ values.reshape(len(values), -1)).reshape(values.shape)
+
+
+def _axes(force: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P, 3) normal × tangent, and the normal itself: the force, square to the tangent. NaN without a force."""
+    upward = force - tangent * np.einsum("pi,pi->p", force, tangent)[:, None]
+    size = np.linalg.norm(upward, axis=1, keepdims=True)
+    upward = np.where(size > 0.0, upward / np.where(size > 0.0, size, 1.0), np.nan)
+    return np.cross(upward, tangent), upward
+
+
+def _leant(
+    moved: np.ndarray, covariance: np.ndarray, across: np.ndarray, upward: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same axes turned about the tangent, where a clear slip says that friction has leant the force.
+
+    A material point slips in the plane of contact. Where it seems to leave it, the plane is another: within what
+    friction can do, and in the measure in which the slip's direction is known.
+    """
+    sideways, away = (np.einsum("pi,pi->p", axis, moved) for axis in (across, upward))
+    noise = np.einsum("pi,pij,pj->p", upward, covariance, upward)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lean = np.arctan(away / sideways)
+        variance = noise / (sideways**2 + away**2) + 0.05**2
+        turn = lean * LEANING_RAD**2 / (LEANING_RAD**2 + variance)
+    turn = np.where(np.abs(lean) < UPRIGHT_RAD, turn, 0.0)[:, None]
+    return np.cos(turn) * across + np.sin(turn) * upward, np.cos(turn) * upward - np.sin(turn) * across
+
+
+def _carried(stroke: Stroke, table: ContactTable, kinematics: Kinematics, kernel: csr_array) -> np.ndarray:
+    """(P,) speed of the antenna frame at the contact, by the joints."""
+    pan, tilt = table.pan_rad[stroke.rows], table.tilt_rad[stroke.rows]
+    point = table.point_antenna_m[stroke.rows]
+    if not (np.isfinite(pan).all() and np.isfinite(tilt).all() and np.isfinite(point).all()):
+        return np.full(len(pan), np.nan)
+    rotation, translation = kinematics.world_antenna(pan, tilt)
+    turning = _sloped(kernel, rotation)
+    return np.linalg.norm(np.einsum("pab,pb->pa", turning, point) + kernel @ translation, axis=1)

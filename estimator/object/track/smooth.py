@@ -1,0 +1,232 @@
+"""Contacts made smooth in time, with covariances that stay honest.
+
+Within a stroke, between one beginning of slip and the next, the contact moves at a velocity that changes by a random
+walk (constant velocity, Kalman; Rauch, Tung and Striebel backward). How much it changes is taken from the data, axis by
+axis: the mean of the intensity under its likelihood, so that a path too short to tell is not taken for a straight line.
+Only what differs between frames is smoothed away. The calibration's error, which no smoothing touches, is added again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from estimator.contact.common_errors import Shared, shared_errors
+from estimator.table.columns import ContactTable
+from estimator.table.joint_angles import joint_angles
+from vbaa_calib.rig import Rig
+
+from .follow import follow
+from .result import LOSS, SLIP_END, SLIP_START, Track
+from .strokes import GAP_FRAMES, own_noise, usual_step
+
+_DECADES = (-8.0, 4.0)
+_TRIALS = 37
+"""Trial intensities of the walk, about the one that would move the path by its own noise in its mean step."""
+_WIDE = 1e6
+"""The first velocity may be so many times what the path's whole way asks for."""
+
+
+def smoothed(
+    time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Smoothed values (P, D) and their covariances (P, D, D).
+
+    Parameters
+    ----------
+    time_s : (P,) increasing. values : (P, D). covariance : (P, D, D) of their independent noise.
+    walk : (D,) intensity of the velocity's random walk, unit²/s³.
+    """
+    count, size = values.shape
+    means, covariances, ahead, ahead_covariances, moves = _filtered(time_s, values, covariance, walk)
+    mean, spread = means[-1], covariances[-1]
+    found, left = np.empty((count, size)), np.empty((count, size, size))
+    found[-1], left[-1] = mean[:size], spread[:size, :size]
+    for i in range(count - 2, -1, -1):
+        gain = np.linalg.solve(ahead_covariances[i + 1], moves[i + 1] @ covariances[i]).T
+        mean = means[i] + gain @ (mean - ahead[i + 1])
+        spread = covariances[i] + gain @ (spread - ahead_covariances[i + 1]) @ gain.T
+        found[i], left[i] = mean[:size], spread[:size, :size]
+    return found, 0.5 * (left + np.swapaxes(left, 1, 2))
+
+
+def _filtered(time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray) -> tuple[list, ...]:
+    """Means and covariances of place and velocity, after and before each value, and the moves between."""
+    size = values.shape[1]
+    unit, nothing = np.eye(size), np.zeros((size, size))
+    span = max(float(time_s[-1] - time_s[0]), 1e-9)
+    wide = ((np.ptp(values, axis=0) ** 2).sum() + np.trace(covariance, axis1=1, axis2=2).mean()) * 100.0
+    mean = np.concatenate([values[0], np.zeros(size)])
+    spread = np.block([[unit * wide, nothing], [nothing, unit * (wide * 100.0 / span**2)]])
+    means, covariances, ahead, ahead_covariances, moves = [], [], [], [], []
+    for i, value in enumerate(values):
+        step = float(time_s[i] - time_s[i - 1]) if i else 0.0
+        move = np.block([[unit, step * unit], [nothing, unit]])
+        noise = np.diag(walk)
+        added = np.block([[noise * step**3 / 3.0, noise * step**2 / 2.0], [noise * step**2 / 2.0, noise * step]])
+        mean, spread = move @ mean, move @ spread @ move.T + added
+        ahead.append(mean)
+        ahead_covariances.append(spread)
+        moves.append(move)
+        gain = np.linalg.solve(spread[:size, :size] + covariance[i], spread[:size]).T
+        kept = np.eye(2 * size)
+        kept[:, :size] -= gain
+        mean = mean + gain @ (value - mean[:size])
+        spread = kept @ spread @ kept.T + gain @ covariance[i] @ gain.T
+        means.append(mean)
+        covariances.append(spread)
+    return means, covariances, ahead, ahead_covariances, moves
+
+
+def walk_of(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
+    """Intensity of the velocity's random walk in a path (P,) with noise of these variances (P,), unit²/s³.
+
+    The mean over trial intensities, evenly on a logarithmic scale, under the likelihood. NaN where nothing can be said.
+    """
+    usable = np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()
+    if not usable or len(values) < 4 or not (np.diff(time_s) > 0.0).all():
+        return np.nan
+    step = float(np.diff(time_s).mean())
+    trials = np.logspace(*_DECADES, _TRIALS) * (float(np.median(variance)) / step**3)
+    log = _log_likelihoods(time_s - time_s[0], values - values.mean(), variance, trials)
+    return float(np.exp(logsumexp(log + np.log(trials)) - logsumexp(log)))
+
+
+def _log_likelihoods(time: np.ndarray, values: np.ndarray, variance: np.ndarray, trials: np.ndarray) -> np.ndarray:
+    """(T,) of the trial intensities, one filter for all of them; the first two values only begin the path."""
+    step = time[1] - time[0]
+    place, speed = np.full(len(trials), values[1]), np.full(len(trials), (values[1] - values[0]) / step)
+    pp = np.full(len(trials), variance[1])
+    pv = np.full(len(trials), variance[1] / step)
+    vv = (variance[0] + variance[1]) / step**2 + trials * step / 3.0
+    log = np.zeros(len(trials))
+    for i in range(2, len(values)):
+        step = time[i] - time[i - 1]
+        place = place + step * speed
+        pp, pv, vv = (
+            pp + 2.0 * step * pv + step**2 * vv + trials * step**3 / 3.0,
+            pv + step * vv + trials * step**2 / 2.0,
+            vv + trials * step,
+        )
+        total, off = pp + variance[i], values[i] - place
+        log -= 0.5 * (off**2 / total + np.log(total))
+        place, speed = place + pp / total * off, speed + pv / total * off
+        pp, pv, vv = pp - pp * pp / total, pv - pp * pv / total, vv - pv * pv / total
+    return log
+
+
+LEAST = 5
+"""Frames of a piece that is smoothed; shorter ones stay as they are."""
+LEAST_NOISE = 1e-6
+"""Of a point's own variance, in every direction: the filter divides by it."""
+
+
+def smooth(table: ContactTable, rig: Rig, shared: Shared | None = None, track: Track | None = None) -> ContactTable:
+    """The same table with contact points, distances and forces smoothed in time.
+
+    What is not located, or lies in too short a piece, stays as it is.
+
+    Parameters
+    ----------
+    rig : tells calibration from noise: without that, smoothed points would claim too much.
+    shared, track : `shared_errors(rig, table)` and `follow(table, rig, shared)`, where they are known already.
+    """
+    if shared is None:
+        shared = shared_errors(rig, table)
+    if track is None:
+        track = follow(table, rig, shared)
+    changed = {name: getattr(table, name).copy() for name in _CHANGED}
+    own = own_noise(table, np.arange(len(table)), shared)
+    rotation, _ = rig.kinematics.world_antenna(*joint_angles(rig.kinematics, table))
+    for rows in pieces(table, track):
+        _smooth_piece(table, rows, own[rows], shared, rotation[rows], changed)
+    return replace(table, **changed)
+
+
+_CHANGED = (
+    *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
+    *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
+)
+
+
+def pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
+    """Rows of the table that may be smoothed together: never across a loss, a gap, or a beginning or end of slip."""
+    good = table.located & np.isfinite(table.time_s) & np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
+    rows = np.flatnonzero(good & (track.phase != "free"))
+    if len(rows) < LEAST:
+        return []
+    time = table.time_s[rows]
+    steps = np.diff(time)
+    ends = (steps > GAP_FRAMES * usual_step(table.time_s)) | ~(steps > 0.0)
+    free = np.cumsum(track.phase == "free")
+    ends |= np.diff(free[rows]) > 0
+    parting = [event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)]
+    at = np.searchsorted(time, [each for each in parting if np.isfinite(each)], side="right") - 1
+    ends[at[(at >= 0) & (at < len(ends))]] = True
+    return [part for part in np.split(rows, np.flatnonzero(ends) + 1) if len(part) >= LEAST]
+
+
+def _smooth_piece(
+    table: ContactTable,
+    rows: np.ndarray,
+    own_m2: np.ndarray,
+    shared: Shared,
+    rotation: np.ndarray,
+    changed: dict[str, np.ndarray],
+) -> None:
+    time, point = table.time_s[rows], table.point_world_m[rows]
+    size = np.trace(own_m2, axis1=1, axis2=2)
+    own_m2 = own_m2 + np.eye(3) * (LEAST_NOISE * np.maximum(size, np.median(size)))[:, None, None]
+    axes = np.linalg.eigh(own_m2.mean(axis=0))[1]
+    turned = axes.T @ own_m2 @ axes
+    path = (point - point.mean(axis=0)) @ axes
+    walks = np.array([walk_of(time, path[:, i], turned[:, i, i]) for i in range(3)])
+    if not np.isfinite(walks).all():
+        return
+    found, left = smoothed(time, path, turned, walks)
+    moved = found @ axes.T + point.mean(axis=0) - point
+    changed["point_world_m"][rows] = point + moved
+    common = shared.point_m[rows]
+    changed["covariance_world_m2"][rows] = axes @ left @ axes.T + common @ np.swapaxes(common, 1, 2)
+    changed["point_antenna_m"][rows] += np.einsum("bji,bj->bi", rotation, moved)
+    _smooth_distance(table, rows, own_m2, changed)
+    _smooth_forces(table, rows, shared, rotation, changed)
+
+
+def _smooth_distance(table: ContactTable, rows: np.ndarray, own_m2: np.ndarray, changed: dict[str, np.ndarray]) -> None:
+    """The distance's own noise is that of the contact point along the antenna."""
+    tangent, total = table.tangent_world[rows], table.distance_std_m[rows] ** 2
+    own = np.einsum("bi,bij,bj->b", tangent, own_m2, tangent)
+    own = np.minimum(np.where(np.isfinite(own), own, total), total)
+    found, left = _one(table.time_s[rows], table.distance_m[rows], own)
+    changed["distance_m"][rows] = found
+    changed["distance_std_m"][rows] = np.sqrt(left + total - own)
+
+
+def _smooth_forces(
+    table: ContactTable, rows: np.ndarray, shared: Shared, rotation: np.ndarray, changed: dict[str, np.ndarray]
+) -> None:
+    """Antenna frame, y and z; the component along the antenna's x follows in the proportion that it had."""
+    time, force = table.time_s[rows], np.einsum("bji,bj->bi", rotation, table.force_world_N[rows])
+    modes = np.einsum("bji,bjs->bis", rotation, shared.force_N[rows])
+    before = np.hypot(table.force_y_N[rows], table.force_z_N[rows])
+    for axis, name in ((1, "force_y"), (2, "force_z")):
+        total = table.__dict__[f"{name}_std_N"][rows] ** 2
+        own = np.clip(total - (modes[:, axis] ** 2).sum(axis=-1), 0.01 * total, total)
+        found, left = _one(time, table.__dict__[f"{name}_N"][rows], own)
+        changed[f"{name}_N"][rows], force[:, axis] = found, found
+        changed[f"{name}_std_N"][rows] = np.sqrt(left + total - own)
+    after = np.hypot(force[:, 1], force[:, 2])
+    force[:, 0] *= np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
+    changed["force_world_N"][rows] = np.einsum("bij,bj->bi", rotation, force)
+
+
+def _one(time: np.ndarray, values: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) smoothed values and their variances; as they were where nothing can be done."""
+    walk = walk_of(time, values, variance)
+    if not np.isfinite(walk):
+        return values, variance
+    found, left = smoothed(time, values[:, None], variance[:, None, None], np.array([walk]))
+    return found[:, 0], left[:, 0, 0]

@@ -1,0 +1,1 @@
+"""The paper's formulas and the systems around it, as baselines."""

@@ -1,0 +1,155 @@
+"""What a system of the paper's family is given of one touch, and what it answers.
+
+A *press* begins at first contact: the base turns on, the object bends the antenna. Directions across the antenna are
+counted (y, z). A turn (w_y, w_z) carries the tip of a free antenna by L·w; an object in its way bends the antenna back
+along −w. A moment (τ_z, τ_y) stands for the force components (f_y, f_z): x·f_y − y·f_x and the paper's x·f_z − z·f_x.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vbaa_calib.core.errors import InputError
+
+QUARTIC = 4
+"""Degree of the no-load shape: that of a beam under its own weight."""
+
+
+@dataclass(frozen=True)
+class Wire:
+    """The antenna: straight, uniform. The deviations are those of its calibration.
+
+    Attributes
+    ----------
+    stiffness_Nm2 : EI. mass_per_length_kg_m : ρA, which only ringing asks for; NaN where not known.
+    """
+
+    length_m: float
+    stiffness_Nm2: float
+    mass_per_length_kg_m: float = np.nan
+    stiffness_std_Nm2: float = 0.0
+    mass_per_length_std_kg_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.length_m < np.inf and 0.0 < self.stiffness_Nm2 < np.inf):
+            raise InputError(
+                f"a wire of {self.length_m} m and {self.stiffness_Nm2} N·m²", remedy="give positive numbers"
+            )
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of a press's numbers, independent of one another; NaN where not known."""
+
+    point_m: float = np.nan
+    moment_Nm: float = np.nan
+    turn_rad: float = np.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """The moment signal of an antenna left ringing against the object: times (R,) s, moments (R,) N·m."""
+
+    time_s: np.ndarray
+    moment_Nm: np.ndarray
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.time_s) != 1 or np.shape(self.time_s) != np.shape(self.moment_Nm):
+            raise InputError("a ring-down's times and moments differ in number", remedy="give (R,) of both")
+
+
+@dataclass(frozen=True, eq=False)
+class Press:
+    """F frames of one touch in order of time; the last one is now.
+
+    Attributes
+    ----------
+    turn_rad : (F, 2) turns (w_y, w_z) of the base since first contact; None where the base does not turn.
+    moment_Nm : (F, 2) moments (τ_z, τ_y) by the contact alone, those of the free antenna taken off; a column of NaN
+        where there is no such sensor, None without any.
+    points_m : (F, N, 2) centreline as seen on plane C, deflections from the free antenna (`tared`), NaN where nothing
+        is seen; None without a camera.
+    camera_tilt_rad : the paper's ϕ; 0 is camera A.
+    """
+
+    wire: Wire
+    noise: Noise = field(default_factory=Noise)
+    turn_rad: np.ndarray | None = None
+    moment_Nm: np.ndarray | None = None
+    points_m: np.ndarray | None = None
+    camera_tilt_rad: float = 0.0
+    ring: Ring | None = None
+
+    def __post_init__(self) -> None:
+        for name, values, dimensions in (("turn_rad", self.turn_rad, 2), ("moment_Nm", self.moment_Nm, 2)):
+            if values is not None and (np.ndim(values) != dimensions or np.shape(values)[1] != 2):
+                raise InputError(f"{name} has shape {np.shape(values)}", where="press", remedy="give (F, 2)")
+        if self.points_m is not None and (np.ndim(self.points_m) != 3 or np.shape(self.points_m)[2] != 2):
+            raise InputError(f"points_m has shape {np.shape(self.points_m)}", where="press", remedy="give (F, N, 2)")
+        given = [values for values in (self.turn_rad, self.moment_Nm, self.points_m) if values is not None]
+        if len({len(values) for values in given}) > 1 or any(len(values) == 0 for values in given):
+            raise InputError("turns, moments and centrelines differ in number", where="press", remedy="give F of each")
+
+    @property
+    def has(self) -> frozenset[str]:
+        """Which of `methods.NEEDS` it brings."""
+        found = {"wire"}
+        if self.turn_rad is not None and np.isfinite(self.turn_rad).all():
+            found.add("turns")
+        if self.moment_Nm is not None:
+            felt = np.isfinite(self.moment_Nm).all(axis=0)
+            found |= {name for name, there in zip(("moment_z", "moment_y"), felt, strict=True) if there}
+        if self.points_m is not None:
+            found.add("centreline")
+        if self.ring is not None and np.isfinite(self.wire.mass_per_length_kg_m):
+            found.add("ring")
+        return frozenset(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What a system says of the press, at its last frame. NaN is what it cannot say; `reason` says why.
+
+    Attributes
+    ----------
+    distance_m, distance_std_m : arc length of the contact. Deviations are NaN where the noise is not known.
+    force_N, force_std_N : (3,) the object's force on the antenna, antenna frame.
+    object_stiffness_N_m, object_stiffness_std_N_m : the environment's. `object_at_least_N_m` : two deviations below it.
+    candidates_m : (K,) distances that explain the data equally well, where they are several.
+    """
+
+    distance_m: float = np.nan
+    distance_std_m: float = np.nan
+    force_N: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    force_std_N: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    object_stiffness_N_m: float = np.nan
+    object_stiffness_std_N_m: float = np.nan
+    object_at_least_N_m: float = np.nan
+    candidates_m: np.ndarray = field(default_factory=lambda: np.empty(0))
+    reason: str = ""
+
+
+def tared(points_m: np.ndarray, free_m: np.ndarray) -> np.ndarray:
+    """Points (F, N, 2) on plane C with the free antenna's line taken off: y less a quartic through `free_m` (M, 2).
+
+    The free antenna is to be seen at the same joint angles, so that the same weight bends it. Rows with NaN do not
+    count. Raises InputError with fewer than five points.
+    """
+    free = free_m[np.isfinite(free_m).all(axis=1)]
+    if len(free) <= QUARTIC:
+        raise InputError(f"{len(free)} points of the free antenna", remedy=f"at least {QUARTIC + 1} are needed")
+    line = np.polynomial.Polynomial.fit(free[:, 0], free[:, 1], QUARTIC)
+    return np.stack([points_m[..., 0], points_m[..., 1] - line(points_m[..., 0])], axis=-1)
+
+
+def world_turn(rotations: np.ndarray) -> np.ndarray:
+    """(F, 2) turns (w_y, w_z), rad, since the first of F base rotations R_world_antenna (F, 3, 3).
+
+    By so much, and to that side, the antenna's x axis has turned from where it was.
+    """
+    now = np.einsum("ji,fj->fi", rotations[0], rotations[:, :, 0])
+    aside = np.linalg.norm(now[:, 1:], axis=1, keepdims=True)
+    angle = np.arctan2(aside, now[:, :1])
+    return now[:, 1:] * np.divide(angle, aside, out=np.ones_like(angle), where=aside > 0.0)

@@ -1,0 +1,159 @@
+"""The Dynamic Active Antenna: the contact's distance from the frequency at which the touched antenna rings.
+
+Clamped at its base, held but free to turn at the contact, free beyond it, the antenna's first mode rises from the free
+antenna's frequency (contact at the clamp) to its largest where the contact sits on a node of the second mode, l =
+0.783 L, and falls again towards the tip. So beyond about half the length two distances ring alike.
+
+Ueno, Kaneko, *Dynamic Active Antenna* (ICRA 1994, 1995): the paper's [15], [16].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from estimator.contact.motion import Beam
+from vbaa_calib.core.errors import InputError
+
+from .press import Press, Reading, Ring, Wire
+
+STANDS_OUT = 5.0
+"""The ringing's amplitude must be so many deviations of its own."""
+FEWEST_PERIODS, FEWEST_SAMPLES = 2.0, 12
+_NODES, _FINER = 65, 8
+
+
+@dataclass(frozen=True)
+class Ringing:
+    """A damped oscillation that was found in a signal; deviations from the misfit that is left, taken as white.
+
+    Attributes
+    ----------
+    omega_rad_s : of the damped oscillation. decay_per_s : of its envelope. amplitude_Nm : at the signal's begin.
+    """
+
+    omega_rad_s: float
+    omega_std_rad_s: float
+    decay_per_s: float
+    amplitude_Nm: float
+    amplitude_std_Nm: float
+
+    @property
+    def natural_rad_s(self) -> float:
+        """Without damping: √(ω² + decay²)."""
+        return float(np.hypot(self.omega_rad_s, self.decay_per_s))
+
+
+def dynamic_active_antenna(press: Press) -> Reading:
+    """l from the natural frequency of the ring-down in the moment signal.
+
+    Assumes: a contact that neither moves nor is left while the antenna rings, and that lets it turn; one mode that
+    outlives the others. An object that gives way lowers the frequency: it feels like a contact nearer to the clamp.
+    """
+    if press.ring is None:
+        raise InputError("no ring-down", where="press", remedy="give ring")
+    curve = _frequencies(press.wire)
+    band = 0.8 * float(curve(0.0)), 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _NODES)).max())
+    found = fit_ringing(press.ring, band)
+    if isinstance(found, str):
+        return Reading(reason=found)
+    return distance_by_frequency(press.wire, found.natural_rad_s, found.omega_std_rad_s)
+
+
+def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
+    """The strongest damped sinusoid over a constant, by least squares; in words why there is none.
+
+    It is looked for in the band, within which a first mode can be: higher modes may be louder.
+    """
+    time, signal = np.asarray(ring.time_s, float), np.asarray(ring.moment_Nm, float)
+    given = np.isfinite(time) & np.isfinite(signal)
+    time, signal = time[given] - (time[given].min() if given.any() else 0.0), signal[given]
+    if len(time) < FEWEST_SAMPLES:
+        return f"{len(time)} samples: at least {FEWEST_SAMPLES} are needed"
+    start = _start(time, signal, band_rad_s)
+    if start is None:
+        return "the times do not rise, or are too few for the first mode's frequencies"
+    size = float(signal.std()) or 1.0
+    omega, span = start, float(time[-1])
+
+    def basis(shape: np.ndarray) -> np.ndarray:
+        envelope = np.exp(-shape[1] * time / span)
+        turn = omega * shape[0] * time
+        return np.stack([envelope * np.cos(turn), envelope * np.sin(turn), np.ones_like(time)], axis=1)
+
+    def misfit(unknowns: np.ndarray) -> np.ndarray:
+        return basis(unknowns[:2]) @ unknowns[2:] - signal / size
+
+    linear = np.linalg.lstsq(basis(np.array([1.0, 1.0])), signal / size, rcond=None)[0]
+    solved = least_squares(misfit, np.concatenate([[1.0, 1.0], linear]), x_scale="jac")
+    free = len(time) - len(solved.x)
+    information = solved.jac.T @ solved.jac
+    if not np.isfinite(solved.x).all() or np.linalg.cond(information) > 1e14:
+        return "no oscillation can be told from the signal"
+    covariance = np.linalg.inv(information) * (2.0 * solved.cost / free)
+    amplitude = float(np.hypot(*solved.x[2:4]))
+    toward = solved.x[2:4] / max(amplitude, 1e-300)
+    amplitude_std = float(np.sqrt(toward @ covariance[2:4, 2:4] @ toward))
+    found = Ringing(
+        omega_rad_s=float(abs(omega * solved.x[0])),
+        omega_std_rad_s=float(omega * np.sqrt(covariance[0, 0])),
+        decay_per_s=float(solved.x[1] / span),
+        amplitude_Nm=size * amplitude,
+        amplitude_std_Nm=size * amplitude_std,
+    )
+    if amplitude < STANDS_OUT * amplitude_std:
+        return "no ringing stands out of the signal's noise"
+    if found.omega_rad_s * span < FEWEST_PERIODS * 2.0 * np.pi:
+        return f"fewer than {FEWEST_PERIODS:.0f} periods: the frequency cannot be told from a drift"
+    return found
+
+
+def distance_by_frequency(wire: Wire, natural_rad_s: float, std_rad_s: float) -> Reading:
+    """The contact's distance at which the first mode has this frequency; NaN where two have, with both of them."""
+    curve = _frequencies(wire)
+    relative = 0.5 * np.hypot(
+        wire.stiffness_std_Nm2 / wire.stiffness_Nm2, wire.mass_per_length_std_kg_m / wire.mass_per_length_kg_m
+    )
+    std = float(np.hypot(std_rad_s, natural_rad_s * relative))
+    free, tip = float(curve(0.0)), float(curve(1.0))
+    if natural_rad_s < free + 2.0 * std:
+        return Reading(reason=f"{_hertz(natural_rad_s)} is the free antenna's frequency, or below: nothing holds it")
+    places = curve.solve(natural_rad_s, extrapolate=False)
+    if len(places) == 0:
+        return Reading(reason=f"{_hertz(natural_rad_s)} is faster than the first mode is with any contact")
+    distances = np.sort(places) * wire.length_m
+    if natural_rad_s > tip - 2.0 * std:
+        distances = distances if len(distances) > 1 else np.array([distances[0], wire.length_m])
+        listed = " and ".join(f"{1e3 * value:.0f}" for value in distances)
+        return Reading(
+            candidates_m=distances,
+            reason=f"{_hertz(natural_rad_s)} is rung with a contact on either side of the second mode's node: "
+            f"{listed} mm",
+        )
+    slope = float(curve(places[0], 1)) / wire.length_m
+    return Reading(float(distances[0]), std / slope, candidates_m=distances)
+
+
+def _frequencies(wire: Wire) -> CubicSpline:
+    """ω of the first mode over the contact's place in lengths, exact at `_NODES` places."""
+    beam = Beam(wire.length_m, wire.stiffness_Nm2, wire.mass_per_length_kg_m)
+    places = np.linspace(0.0, 1.0, _NODES)
+    return CubicSpline(places, beam.first_mode_rad_s(places))
+
+
+def _start(time_s: np.ndarray, signal: np.ndarray, band_rad_s: tuple[float, float]) -> float | None:
+    """ω of the periodogram's peak in the band, beyond what a drift fills; None where there is no such frequency."""
+    if not (np.diff(time_s) > 0.0).all():
+        return None
+    even = np.interp(np.linspace(0.0, time_s[-1], len(time_s)), time_s, signal)
+    power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(len(even)), _FINER * len(even))) ** 2
+    omega = 2.0 * np.pi * np.arange(len(power)) / _FINER / len(even) * (len(even) - 1) / time_s[-1]
+    inside = (np.arange(len(power)) >= _FINER) & (omega >= band_rad_s[0]) & (omega <= band_rad_s[1])
+    return float(omega[np.argmax(np.where(inside, power, -1.0))]) if inside.any() else None
+
+
+def _hertz(omega_rad_s: float) -> str:
+    return f"{omega_rad_s / (2.0 * np.pi):.1f} Hz"

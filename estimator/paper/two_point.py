@@ -1,0 +1,250 @@
+"""The paper's two-point formulas for the upright camera, which sees (x, y) of the antenna on plane C.
+
+Two points x1 < x2 and the deflections y1, y2 there fix the contact distance l and the force component f_y. The ratio
+y2/y1 depends on l alone and grows with it: from x2/x1 (l → 0) over (3x2 − x1)/2x1 (l = x1) and
+2x2³/((3x2 − x1)x1²) (l = x2) to (x2/x1)² (l → ∞). So exactly one of the three cases holds, and the ratio says which.
+
+NumPy or torch; arguments broadcast, and the work is in float64. The last axis of `x_m` and `y_m` holds the two points,
+in either order. Where no contact 0 < l ≤ L explains them the numbers are NaN and the part is `Part.NONE`: coincident
+points, deflections of opposite sign or zero, a straight line through the clamp, points at or behind the clamp.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import torch
+
+from vbaa_calib.core.arrays import Array, like, namespace, widest_float
+
+_PIECE = {np: 16384, torch: 65536}
+"""Frames worked on at a time: few enough for the cache, for torch enough to share among its threads."""
+
+
+def floats(*values: Any) -> list[Array]:
+    """Values in float64: tensors on one device as soon as one of them is a tensor, otherwise arrays."""
+    tensors = [value for value in values if isinstance(value, torch.Tensor)]
+    if not tensors:
+        return [np.asarray(value, float) for value in values]
+    device = tensors[0].device
+    reference = torch.empty(0, dtype=widest_float(device), device=device)
+    return [like(reference, value) for value in values]
+
+
+def in_pieces(work: Callable[..., tuple[Array, ...]], batch: tuple[int, ...], *values: Array) -> list[Array]:
+    """Results (batch) of a function of flat arrays (n,), worked out in pieces that stay in a processor's cache.
+
+    `values` broadcast to the batch, and one of them has its shape; single numbers are handed on as they are. Warnings
+    about NaN are off.
+    """
+    xp = namespace(values[0])
+    flat = [v if v.ndim == 0 and batch else xp.broadcast_to(v, batch).reshape(-1) for v in values]
+    count = math.prod(batch)
+    step = _PIECE[xp] if xp is np or values[0].device.type == "cpu" else max(count, 1)
+    with np.errstate(all="ignore"):
+        pieces = [
+            work(*(v if v.ndim == 0 else v[start : start + step] for v in flat))
+            for start in range(0, max(count, 1), step)
+        ]
+    return [xp.concat(list(column)).reshape(batch) for column in zip(*pieces, strict=True)]
+
+
+_ROUNDING = 1e-9
+
+
+class Part(IntEnum):
+    """Which parts of the antenna the two points lie on: the paper's cases (i), (ii), (iii)."""
+
+    NONE = 0
+    CURVED = 1
+    STRAIGHT = 2
+    MIXED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class TwoPointContact:
+    """What two points on plane C tell.
+
+    Attributes
+    ----------
+    part : (...) a `Part` each.
+    contact_m : (...) contact distance l.
+    force_y_N : (...) force component f_y.
+    x_m : (..., 2) where the two points are, in the order in which they were given.
+    """
+
+    part: Array
+    contact_m: Array
+    force_y_N: Array
+    x_m: Array
+
+    @property
+    def condition_contact(self) -> Array:
+        """(...) largest relative error of l per relative error of y1 and y2. Worked out when first asked for."""
+        return self._conditions[0]
+
+    @property
+    def condition_force(self) -> Array:
+        """(...) largest relative error of f_y per relative error of y1 and y2."""
+        return self._conditions[1]
+
+    @cached_property
+    def _conditions(self) -> tuple[Array, Array]:
+        with np.errstate(all="ignore"):
+            return conditions(*(elasticity(self.x_m[..., point], self.contact_m) for point in (0, 1)))
+
+
+def two_point_contact(x_m: Any, y_m: Any, stiffness_Nm2: Any, length_m: Any = np.inf) -> TwoPointContact:
+    """Contact distance and f_y from two points (..., 2), by the one case that is consistent with its own solution.
+
+    `length_m` (...) is the antenna's length L; a contact beyond it is inadmissible.
+    """
+    x, y, stiffness, length = floats(x_m, y_m, stiffness_Nm2, length_m)
+    xp = namespace(x)
+    batch = np.broadcast_shapes(x.shape[:-1], y.shape[:-1], stiffness.shape, length.shape)
+    x, y = xp.broadcast_to(x, (*batch, 2)), xp.broadcast_to(y, (*batch, 2))
+    part, contact, force = in_pieces(_solved, batch, x[..., 0], x[..., 1], y[..., 0], y[..., 1], stiffness, length)
+    return TwoPointContact(part, contact, force, x)
+
+
+def curved(x_m: Any, y_m: Any, stiffness_Nm2: Any) -> tuple[Array, Array]:
+    """Case (i): l (...) by Eq. (11) and f_y (...) by Eq. (10), which solve Eq. (8) and Eq. (9); NaN unless x2 ≤ l."""
+    x, y, stiffness = floats(x_m, y_m, stiffness_Nm2)
+    x1, x2, y1, y2 = ordered(x[..., 0] > x[..., 1], (x[..., 0], x[..., 1]), (y[..., 0], y[..., 1]))
+    with np.errstate(all="ignore"):
+        contact = (x1**3 * y2 - x2**3 * y1) / (3.0 * (x1**2 * y2 - x2**2 * y1))
+        force = 6.0 * stiffness * (x2**2 * y1 - x1**2 * y2) / (x1**2 * x2**2 * (x2 - x1))
+        return _if((x1 > 0.0) & (x1 < x2) & (x2 <= contact), contact, force)
+
+
+def straight(x_m: Any, y_m: Any, stiffness_Nm2: Any) -> tuple[Array, Array]:
+    """Case (ii): l (...) by Eq. (15) and f_y (...) by Eq. (14), which solve Eq. (12) and Eq. (13); NaN unless l ≤ x1.
+
+    In Eq. (14) the last factor of the denominator is squared: as printed, the force has not even the unit of a force.
+    """
+    x, y, stiffness = floats(x_m, y_m, stiffness_Nm2)
+    x1, x2, y1, y2 = ordered(x[..., 0] > x[..., 1], (x[..., 0], x[..., 1]), (y[..., 0], y[..., 1]))
+    with np.errstate(all="ignore"):
+        contact = 3.0 * (x1 * y2 - x2 * y1) / (y2 - y1)
+        force = 2.0 * stiffness * (y2 - y1) ** 3 / (9.0 * (x2 - x1) * (x1 * y2 - x2 * y1) ** 2)
+        return _if((contact > 0.0) & (contact <= x1) & (x1 < x2), contact, force)
+
+
+def mixed(x_m: Any, y_m: Any, stiffness_Nm2: Any) -> tuple[Array, Array]:
+    """Case (iii), which the paper omits: Eq. (8) at x1 and Eq. (13) at x2; NaN unless x1 ≤ l ≤ x2.
+
+    Without f_y they leave −y1·l³ + 3x2y1·l² − 3x1²y2·l + x1³y2 = 0, which has one root in [x1, x2].
+    """
+    x, y, stiffness = floats(x_m, y_m, stiffness_Nm2)
+    x1, x2, y1, y2 = ordered(x[..., 0] > x[..., 1], (x[..., 0], x[..., 1]), (y[..., 0], y[..., 1]))
+    with np.errstate(all="ignore"):
+        spread, ratio = x1 / x2, y2 / y1
+        contact = x2 * _mixed_root(spread, spread**2 * ratio)
+        force = 6.0 * stiffness * y2 / bending(x2, contact)
+        return _if(_part(spread, ratio) == Part.MIXED, contact, force)
+
+
+def force_z(moment_Nm: Any, contact_m: Any) -> Array:
+    """Force component f_z (...) in N from the moment sensor, Eq. (16); NaN unless l > 0."""
+    moment, contact = floats(moment_Nm, contact_m)
+    return moment / namespace(contact).where(contact > 0.0, contact, np.nan)
+
+
+def contact_position(contact_m: Any, force_y_N: Any, force_z_N: Any, stiffness_Nm2: Any) -> Array:
+    """The contact (l, Δy, Δz), (..., 3) m in the antenna frame, Eq. (20)."""
+    contact, force_y, force_z, stiffness = floats(contact_m, force_y_N, force_z_N, stiffness_Nm2)
+    xp = namespace(contact)
+    give = xp.where(contact >= 0.0, contact, np.nan) ** 3 / (3.0 * stiffness)
+    parts = (contact, give * force_y, give * force_z)
+    shape = np.broadcast_shapes(*(part.shape for part in parts))
+    return xp.stack([xp.broadcast_to(part, shape) for part in parts], -1)
+
+
+def conditions(elasticity_1: Array, elasticity_2: Array) -> tuple[Array, Array]:
+    """Condition numbers (...) of l and of f_y in y1 and y2, from each point's e_i = ∂ln y_i/∂ln l at constant force.
+
+    ln y_i moves by d ln f + e_i·d ln l. Solved for l and f, with both errors at their worst signs.
+    """
+    gap = abs(elasticity_2 - elasticity_1)
+    return 2.0 / gap, (abs(elasticity_1) + abs(elasticity_2)) / gap
+
+
+def bending(x: Array, contact: Array) -> Array:
+    """Deflection (...) at x times 6EI/f under a force at `contact`, on either part and wherever x is."""
+    xp = namespace(x)
+    near = xp.minimum(x, contact)
+    return (3.0 * xp.maximum(x, contact) - near) * near**2
+
+
+def elasticity(x: Array, contact: Array) -> Array:
+    """∂ln y/∂ln l (...) at constant force: 1 far beyond the point, 3/2 at it, towards 2 far before it."""
+    near = namespace(x).minimum(x, contact)
+    return 3.0 * contact * near * (2.0 * x - near) / bending(x, contact)
+
+
+def ordered(swap: Array, *pairs: tuple[Array, Array]) -> list[Array]:
+    """Each pair (first, second) of (...), exchanged where asked for, one after the other."""
+    xp = namespace(swap)
+    return [value for a, b in pairs for value in (xp.where(swap, b, a), xp.where(swap, a, b))]
+
+
+def relative_contact(part: Array, spread: Array, ratio: Array) -> Array:
+    """λ = l/x2 (...) of points in the given part with q = x1/x2 and r = y2/y1: Eq. (11), Eq. (15), the mixed cubic."""
+    xp = namespace(spread)
+    known = spread * spread * ratio
+    # rounding must not carry a contact beside one of the points out of its part
+    root = xp.where(part == Part.MIXED, _mixed_root(spread, known), np.nan)
+    root = xp.where(part == Part.STRAIGHT, xp.minimum(3.0 * (spread * ratio - 1.0) / (ratio - 1.0), spread), root)
+    curved_root = (1.0 - spread * known) / (3.0 * (1.0 - known))
+    return xp.where(part == Part.CURVED, xp.where(curved_root > 1.0, curved_root, 1.0), root)
+
+
+def _solved(x_a: Array, x_b: Array, y_a: Array, y_b: Array, stiffness: Array, length: Array) -> tuple[Array, ...]:
+    """Part, l and f_y (n,) of the points (x_a, y_a) and (x_b, y_b), (n,) each."""
+    xp = namespace(x_a)
+    x1, x2, y1, y2 = ordered(x_a > x_b, (x_a, x_b), (y_a, y_b))
+    spread, ratio = x1 / x2, y2 / y1
+    part = _part(spread, ratio)
+    contact = x2 * relative_contact(part, spread, ratio)
+    fits = (contact > 0.0) & (contact <= length * (1.0 + _ROUNDING)) & (x1 > 0.0)
+    contact = xp.where(fits, xp.minimum(contact, length), np.nan)
+    return xp.where(fits, part, int(Part.NONE)), contact, 6.0 * stiffness * y2 / bending(x2, contact)
+
+
+def _if(admissible: Array, contact: Array, force: Array) -> tuple[Array, Array]:
+    xp = namespace(contact)
+    return xp.where(admissible, contact, np.nan), xp.where(admissible, force, np.nan)
+
+
+def _part(spread: Array, ratio: Array) -> Array:
+    """The part (...) from q = x1/x2 in (0, 1) and r = y2/y1; comparisons with NaN leave NONE."""
+    xp = namespace(spread)
+    steady = spread * ratio
+    known = spread * steady
+    inside = (spread > 0.0) & (spread < 1.0) & (steady > 1.0) & (known < 1.0)
+    mixed_from, curved_from = 2.0 * steady > 3.0 - spread, known * (3.0 - spread) >= 2.0
+    part = xp.where(mixed_from, xp.where(curved_from, int(Part.CURVED), int(Part.MIXED)), int(Part.STRAIGHT))
+    return xp.where(inside, part, int(Part.NONE))
+
+
+def _mixed_root(spread: Array, known: Array) -> Array:
+    """l/x2 = λ in [q, 1] with λ²(3 − λ) = k(3λ − q), k = q²r: the middle one of three real roots.
+
+    With 3 − λ interpolated between the ends of k's range it is a quadratic, right to 6 %. Newton's four steps from
+    there reach rounding for every q: Cardano's formula would lose half the digits where two roots meet (q → 0).
+    """
+    xp = namespace(spread)
+    lowest, highest = 0.5 * spread * (3.0 - spread), 2.0 / (3.0 - spread)
+    share = (known - lowest) / (highest - lowest)
+    cubed = 3.0 - spread - (1.0 - spread) * share
+    root = (3.0 * known + xp.sqrt(9.0 * known**2 - 4.0 * cubed * known * spread)) / (2.0 * cubed)
+    for _ in range(4):
+        residual = root**2 * (3.0 - root) - known * (3.0 * root - spread)
+        root = root - residual / (3.0 * (root * (2.0 - root) - known))
+    return xp.minimum(xp.maximum(root, spread), xp.ones_like(root))

@@ -1,0 +1,1 @@
+"""The table of contacts: contacts.csv and contacts.parquet."""

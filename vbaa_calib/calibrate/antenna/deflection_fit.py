@@ -1,0 +1,269 @@
+"""Least squares of one rod's deflections: beam or elastica, with a gauge offset and a clamp that may turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.linalg import cho_solve
+from scipy.optimize import brentq
+from scipy.stats import t as student
+
+from vbaa_calib.antenna import linear
+from vbaa_calib.antenna.elastica import planar_elastica_dead
+from vbaa_calib.core.errors import SolveError
+
+_LENGTHS = 8
+_LEVEL = 0.95
+_PLAIN_SHARES = (0.0, 0.2)
+_PLAIN_ONLY = 0.6
+"""Prior probability of no correlation. By sampling: less of it overstates the std of plain scatter by half and more,
+more of it understates that of correlated errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModels:
+    """K models of the readings' errors and what each says about P least-squares parameters.
+
+    Attributes
+    ----------
+    weights : (K,) probabilities, adding up to 1.
+    lengths_m : (K,) correlation length λ; 0 for plain scatter.
+    covariances : (K, P, P) of the least-squares estimate.
+    freedom : N − P, degrees of freedom of every one of them.
+    """
+
+    weights: np.ndarray
+    lengths_m: np.ndarray
+    covariances: np.ndarray
+    freedom: int
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(P, P) mean over the models."""
+        return np.einsum("k,kij->ij", self.weights, self.covariances)
+
+    @property
+    def length_m(self) -> float:
+        """The weighted median of the correlation length."""
+        order = np.argsort(self.lengths_m)
+        at = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
+        return float(self.lengths_m[order[min(at, len(order) - 1)]])
+
+    def half_width(self, direction: np.ndarray, other_std: float) -> float:
+        """Half the 95 % interval of direction @ parameters, with an independent error of known std added.
+
+        direction : (P,). Student's t under every model, with Welch and Satterthwaite's degrees of freedom for the sum.
+        """
+        own = np.einsum("i,kij,j->k", direction, self.covariances, direction)
+        scale = np.sqrt(own + other_std**2)
+        if not scale.any():
+            return 0.0
+        freedom = self.freedom * (scale**2 / np.maximum(own, 1e-30 * scale.max() ** 2)) ** 2
+        tail = 0.5 + 0.5 * _LEVEL
+
+        def excess(half: float) -> float:
+            return float(self.weights @ student.cdf(half / scale, freedom)) - tail
+
+        widest = float(scale.max() * student.ppf(tail, self.freedom))
+        return float(brentq(excess, 0.0, widest * (1.0 + 1e-9)))
+
+
+def error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, least_std_m: float) -> ErrorModels:
+    """Weigh the error models by the residuals (N,) of a least-squares fit with the design matrix (N, P), N > P.
+
+    λ runs log-uniformly from half the typical spacing to the whole span of x (N,), beyond which it cannot be told from
+    the parameters; `least_std_m` bounds the readings' standard deviation from below.
+    """
+    count, parameters = design.shape
+    inverse = np.linalg.pinv(design)
+    pairs = [(0.0, 1.0)]
+    priors = np.full(1 + _LENGTHS * len(_PLAIN_SHARES), (1.0 - _PLAIN_ONLY) / (_LENGTHS * len(_PLAIN_SHARES)))
+    priors[0] = _PLAIN_ONLY
+    span, spacing = np.ptp(x_m), np.median(np.diff(x_m))
+    for length in np.geomspace(0.5 * spacing, span, _LENGTHS):
+        pairs += [(float(length), share) for share in _PLAIN_SHARES]
+    weighed = [
+        _weigh(_correlation(x_m, length, share), design, residuals_m, inverse, least_std_m) for length, share in pairs
+    ]
+    log_weights = np.log(priors) + [log_weight for log_weight, _ in weighed]
+    weights = np.exp(log_weights - log_weights.max())
+    return ErrorModels(
+        weights / weights.sum(),
+        np.array([length for length, _ in pairs]),
+        np.array([covariance for _, covariance in weighed]),
+        count - parameters,
+    )
+
+
+def neighbour_correlation(residuals: np.ndarray) -> float:
+    """Correlation of each residual (N,) with the next; 0 where there are none."""
+    square = float(residuals @ residuals)
+    return float(residuals[1:] @ residuals[:-1]) / square if square > 0.0 else 0.0
+
+
+def _correlation(x_m: np.ndarray, length_m: float, plain_share: float) -> np.ndarray:
+    if length_m == 0.0:
+        return np.eye(len(x_m))
+    apart = np.abs(x_m[:, None] - x_m)
+    # 1e-9: places that all but coincide must not make it singular
+    return (1.0 - plain_share) * np.exp(-apart / length_m) + (plain_share + 1e-9) * np.eye(len(x_m))
+
+
+def _weigh(
+    correlation: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, inverse: np.ndarray, least_std_m: float
+) -> tuple[float, np.ndarray]:
+    """Restricted log-likelihood of one model, the scale integrated out, and its covariance (P, P) of the estimate."""
+    lower = np.linalg.cholesky(correlation)
+    weighted = cho_solve((lower, True), design)
+    normal = design.T @ weighted
+    left = residuals_m - design @ np.linalg.solve(normal, weighted.T @ residuals_m)
+    freedom = len(residuals_m) - design.shape[1]
+    variance = float(left @ cho_solve((lower, True), left)) / freedom
+    variance = max(variance, least_std_m**2, np.finfo(float).tiny)
+    log_weight = -np.log(lower.diagonal()).sum() - 0.5 * np.linalg.slogdet(normal)[1] - 0.5 * freedom * np.log(variance)
+    return float(log_weight), variance * inverse @ correlation @ inverse.T
+
+
+LEAST_READINGS = 8
+"""Fewer readings have no neighbours to be compared with."""
+_THRESHOLD = 5.0
+_PER_MEDIAN = 1.4826
+_ANCHORS = 40
+
+
+def robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[float, float]:
+    """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares; intercept 0 if held.
+
+    Of all lines through two readings (through one and the origin), at most 780 of them, spread evenly.
+    """
+    anchors = np.unique(np.linspace(0, len(y) - 1, _ANCHORS).astype(int))
+    apart = 0.2 * np.ptp(regressor)
+    if offset:
+        pairs = np.array([p for p in combinations(anchors, 2) if abs(regressor[p[0]] - regressor[p[1]]) > apart])
+        slopes = np.diff(y[pairs])[:, 0] / np.diff(regressor[pairs])[:, 0]
+        intercepts = y[pairs[:, 0]] - slopes * regressor[pairs[:, 0]]
+    else:
+        anchors = anchors[np.abs(regressor[anchors]) > 0.2 * np.abs(regressor).max()]
+        slopes = y[anchors] / regressor[anchors]
+        intercepts = np.zeros_like(slopes)
+    misses = np.median(np.abs(y - slopes[:, None] * regressor - intercepts[:, None]), axis=1)
+    best = int(np.argmin(misses))
+    return float(slopes[best]), float(intercepts[best])
+
+
+def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
+    """(N,) bool: which residuals from a robust fit, in the order of x, are slips. None of fewer than 8.
+
+    `least_std` bounds the scatter from below: readings that are rounded may agree too well.
+    """
+    if len(residuals) < LEAST_READINGS:
+        return np.zeros(len(residuals), bool)
+    around = residuals - np.array([np.median(_neighbours(residuals, index)) for index in range(len(residuals))])
+    return _far(residuals, least_std) & _far(around, least_std)
+
+
+def _neighbours(values: np.ndarray, index: int) -> np.ndarray:
+    """The four nearest in order, two on either side where there are two."""
+    first = min(max(index - 2, 0), len(values) - 5)
+    return np.delete(values[first : first + 5], index - first)
+
+
+def _far(values: np.ndarray, least_std: float) -> np.ndarray:
+    scale = max(_PER_MEDIAN * float(np.median(np.abs(values))), least_std)
+    return np.abs(values) > _THRESHOLD * scale
+
+
+Forward = Callable[[float], np.ndarray]
+"""EI in N·m² → deflections (N,) in m at the readings."""
+
+_STEPS = 60
+_NODES = np.linspace(0.0, 1.0, 201)
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Where the least squares ended, and the design matrix (N, P) there.
+
+    Its columns are the derivatives by the compliance 1/EI (relative: dy/d ln 1/EI), the offset and the clamp's
+    rotation, the last two only if they are free.
+    """
+
+    stiffness_Nm2: float
+    offset_m: float
+    clamp_rotation_rad: float
+    design: np.ndarray
+
+
+def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
+    """Small deflections at x (N,)."""
+    return lambda stiffness: linear.deflection(x_m, distance_m, force_N, stiffness)
+
+
+def elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
+    """Large deflections under a hanging weight, read at the places x (N,) on the undeflected rod's axis.
+
+    NaN where the rod is bent so far that it no longer reaches to a reading.
+    """
+
+    def deflections(stiffness: float) -> np.ndarray:
+        shape = planar_elastica_dead(_NODES * distance_m, distance_m, force_N, stiffness)
+        x, w, theta = shape.x_m[0], shape.w_m[0], shape.theta_rad[0]
+        if not np.all(np.diff(x) > 0.0):
+            return np.full(len(x_m), np.nan)
+        # beyond the load the rod is straight
+        beyond = w[-1] + np.tan(theta[-1]) * (x_m - x[-1])
+        return np.where(x_m <= x[-1], CubicHermiteSpline(x, w, np.tan(theta))(x_m), beyond)
+
+    return deflections
+
+
+def least_squares(
+    forward: Forward,
+    x_m: np.ndarray,
+    deflection_m: np.ndarray,
+    start_Nm2: float,
+    *,
+    offset: bool,
+    turning: bool = False,
+) -> Parameters:
+    """Gauss-Newton in the compliance, exact in one step for the beam. All arrays (N,).
+
+    Raises SolveError when it does not settle, as for a clamp that takes over all of the deflection.
+    """
+    stiffness = start_Nm2
+    extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
+    for _ in range(_STEPS):
+        shape = forward(stiffness)
+        design = np.stack([by_compliance(forward, stiffness), *extra], axis=1)
+        if not np.isfinite(design).all() or not np.isfinite(shape).all():
+            break
+        solution = np.linalg.lstsq(design, deflection_m - shape, rcond=None)[0]
+        step = float(np.clip(solution[0], -0.5, 1.0))
+        stiffness /= 1.0 + step
+        if abs(step) < 1e-10:
+            rest = iter(solution[1:])
+            return Parameters(
+                stiffness, float(next(rest)) if offset else 0.0, float(next(rest)) if turning else 0.0, design
+            )
+    raise SolveError(
+        "the fit of EI does not settle: the readings are not those of one rod in a clamp; check force, distance "
+        "and the table's columns"
+    )
+
+
+def by_compliance(forward: Forward, stiffness_Nm2: float) -> np.ndarray:
+    """(N,) dy/d ln(1/EI) in m."""
+    share = 1e-4
+    return (forward(stiffness_Nm2 / (1.0 + share)) - forward(stiffness_Nm2 / (1.0 - share))) / (2.0 * share)
+
+
+def slope_at_load(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:
+    """dy/dx of the rod at the load, without sign; "linear" or "elastica"."""
+    if model == "linear":
+        return float(linear.slope(distance_m, distance_m, abs(force_N), stiffness_Nm2))
+    shape = planar_elastica_dead(np.array([distance_m]), distance_m, abs(force_N), stiffness_Nm2)
+    return float(np.tan(shape.theta_rad[0, 0]))

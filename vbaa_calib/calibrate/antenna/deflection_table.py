@@ -1,0 +1,125 @@
+"""A table of measured deflections: x_m,unloaded_y_m,loaded_y_m, and everything that may be wrong with one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from vbaa_calib.core.csv_rows import number, read_csv
+from vbaa_calib.core.errors import InputError
+
+COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")
+LEAST_READINGS = 4
+"""Two unknowns, EI and the gauge's offset, and something left over to judge the scatter by."""
+MOST_READINGS = 1000
+_LONGEST_ROD_m = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class DeflectionTable:
+    """N readings of a gauge along a clamped rod, without and with the load.
+
+    Attributes
+    ----------
+    x_m : (N,) strictly increasing, measured from the clamp along the undeflected rod.
+    unloaded_y_m, loaded_y_m : (N,) the gauge's readings, positive in the force's direction.
+    resolution_m : the last decimal that is written down; 0 where that means nothing.
+    """
+
+    x_m: np.ndarray
+    unloaded_y_m: np.ndarray
+    loaded_y_m: np.ndarray
+    resolution_m: float = 0.0
+
+    @property
+    def deflection_m(self) -> np.ndarray:
+        """(N,) what the load added: constant errors of the gauge along x, the rod's sag and bow cancel."""
+        return self.loaded_y_m - self.unloaded_y_m
+
+
+def read_deflections(path: Path, force_N: float, distance_m: float) -> DeflectionTable:
+    """The table of a CSV. Raises InputError naming file, line and remedy for anything that cannot be one."""
+    check_load(force_N, distance_m)
+    rows = read_csv(path, COLUMNS)
+    if not LEAST_READINGS <= len(rows) <= MOST_READINGS:
+        few = len(rows) < LEAST_READINGS
+        raise InputError(
+            f"has {len(rows)} readings",
+            where=path,
+            remedy=f"at least {LEAST_READINGS}, spread between clamp and load, are needed"
+            if few
+            else f"average them to {MOST_READINGS} at most",
+        )
+    x, unloaded, loaded = (np.array([number(row, name, path) for row in rows]) for name in COLUMNS)
+    places = [f"{path} line {row['line']}" for row in rows]
+    _check_positions(x, distance_m, places)
+    _check_deflections(loaded - unloaded, x, force_N, distance_m, places, path)
+    finest = min(_last_decimal(row[name]) for row in rows for name in COLUMNS[1:])
+    return DeflectionTable(x, unloaded, loaded, 10.0**finest)
+
+
+def check_load(force_N: float, distance_m: float) -> None:
+    """Raises InputError when force or distance cannot be those of a bench test."""
+    if not np.isfinite(force_N) or force_N == 0.0:
+        raise InputError(f"the force is {force_N:g}", remedy="give the load in newtons (mass in kg times 9.81)")
+    if not 0.0 < distance_m <= _LONGEST_ROD_m:
+        raise InputError(f"the distance is {distance_m:g}", remedy="give metres from the clamp to the load")
+
+
+def _check_positions(x_m: np.ndarray, distance_m: float, places: list[str]) -> None:
+    for index, (x, place) in enumerate(zip(x_m, places, strict=True)):
+        if x < 0.0:
+            raise InputError(
+                f"x_m is {x:g}", where=place, remedy="measure x from the clamp towards the load, in metres"
+            )
+        if x > distance_m:
+            raise InputError(
+                f"x_m is {x:g}, beyond the load at {distance_m:g} m",
+                where=place,
+                remedy="give x and the distance in metres from the clamp, and take out readings beyond the load",
+            )
+        if index and x == x_m[index - 1]:
+            raise InputError(
+                f"x_m is {x:g} a second time", where=place, remedy="put the mean of repeated readings in one row"
+            )
+        if index and x < x_m[index - 1]:
+            raise InputError(
+                f"x_m falls from {x_m[index - 1]:g} to {x:g}",
+                where=place,
+                remedy="sort the rows by x, and check this one",
+            )
+
+
+def _check_deflections(
+    deflection_m: np.ndarray, x_m: np.ndarray, force_N: float, distance_m: float, places: list[str], path: Path
+) -> None:
+    worst = int(np.argmax(np.abs(deflection_m)))
+    if abs(deflection_m[worst]) > distance_m:
+        raise InputError(
+            f"the rod is deflected by {deflection_m[worst]:g} m, more than its length {distance_m:g} m",
+            where=places[worst],
+            remedy="give the readings in metres (1 mm is 0.001)",
+        )
+    if not deflection_m.any():
+        raise InputError(
+            "loaded_y_m equals unloaded_y_m in every row", where=path, remedy="give the readings without and with load"
+        )
+    # by the half nearer to the load, where the bending stands out from the gauge's offset
+    far = deflection_m[x_m >= np.median(x_m)]
+    rise = np.polyfit(x_m, deflection_m, 1)[0]
+    if np.median(far) * force_N < 0.0 and rise * force_N < 0.0:
+        raise InputError(
+            f"the deflections (loaded less unloaded, {np.median(far):g} m near the load) run against the force",
+            where=path,
+            remedy="swap the two columns, or give the force the other sign",
+        )
+
+
+def _last_decimal(text: str) -> int:
+    """Power of ten of the last digit that is written down: -3 for 0.120 and for 5e-3."""
+    exponent = Decimal(text).as_tuple().exponent
+    assert isinstance(exponent, int)
+    return exponent

@@ -1,0 +1,161 @@
+"""What goes into the joint solve: what was seen of the antenna, and what was known before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
+from vbaa_calib.camera import Camera
+from vbaa_calib.detect.whisker.paint import Paint
+from vbaa_calib.geometry import Pose
+from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.session import Load, LoadReadings, Still
+
+DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3
+"""Finite-difference steps of a load's distance, towards the clamp, and of the logarithm of its force."""
+
+EXACT = LoadReadings()
+
+
+def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
+    """What a place and a weight are known by: equal numbers are the same one, and off by the same."""
+    force = float(np.hypot(load.force_y_N, load.force_z_N))
+    return ("distance", f"{load.distance_m:.4f}"), ("mass", f"{force:.3g}")
+
+
+def readings_altered(load: Load) -> tuple[Load, Load]:
+    """The load a step nearer to the clamp, and a step heavier."""
+    heavier = float(np.exp(LOG_FORCE_STEP))
+    return (
+        replace(load, distance_m=load.distance_m - DISTANCE_STEP_M),
+        replace(load, force_y_N=heavier * load.force_y_N, force_z_N=heavier * load.force_z_N),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingGroups:
+    """The unknown errors of the readings of F stills, K in all, each in its standard deviations.
+
+    Attributes
+    ----------
+    std : (K,) of each: m of a place, relative of a weight.
+    distance, force : (F,) which of the K a still's place and weight are; −1 for none.
+    """
+
+    std: np.ndarray
+    distance: np.ndarray
+    force: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """K."""
+        return len(self.std)
+
+    @staticmethod
+    def of(stills: Sequence[Still], known: LoadReadings) -> ReadingGroups:
+        """Which readings of these stills are uncertain."""
+        stds: Mapping[str, float] = {"distance": known.distance_std_m, "mass": known.force_std_relative}
+        numbers: dict[tuple[str, str], int] = {}
+        found = {"distance": np.full(len(stills), -1), "mass": np.full(len(stills), -1)}
+        for index, still in enumerate(stills):
+            for key in reading_keys(still) if isinstance(still, Load) else ():
+                if stds[key[0]] > 0:
+                    found[key[0]][index] = numbers.setdefault(key, len(numbers))
+        return ReadingGroups(np.array([stds[kind] for kind, _ in numbers]), found["distance"], found["mass"])
+
+    def corrected(self, stills: Sequence[Still], errors: np.ndarray) -> list[Still]:
+        """The stills with their loads moved and made heavier by errors (K,)."""
+        if not self.count:
+            return list(stills)
+        return [self._one(still, index, errors * self.std) for index, still in enumerate(stills)]
+
+    def _one(self, still: Still, index: int, steps: np.ndarray) -> Still:
+        if not isinstance(still, Load):
+            return still
+        place, weight = self.distance[index], self.force[index]
+        heavier = 1.0 if weight < 0 else float(np.exp(steps[weight]))
+        further = 0.0 if place < 0 else float(steps[place])
+        return replace(
+            still,
+            distance_m=still.distance_m + further,
+            force_y_N=heavier * still.force_y_N,
+            force_z_N=heavier * still.force_z_N,
+        )
+
+    def ends(self, stills: Sequence[Still], at: np.ndarray, farthest_m: float) -> np.ndarray:
+        """(K,) the largest errors for which no load of these stills, corrected by errors `at`, hangs further out."""
+        ends = np.full(self.count, np.inf)
+        for still, place in zip(stills, self.distance, strict=True):
+            if isinstance(still, Load) and place >= 0:
+                room = at[place] + (farthest_m - still.distance_m) / self.std[place]
+                ends[place] = min(ends[place], room)
+        return ends
+
+    def columns(self, index: int, by_distance: np.ndarray, by_log_force: np.ndarray) -> np.ndarray:
+        """(..., K) slopes by the errors, from those (...) of a still by its distance (per m) and log force."""
+        slopes = np.zeros((*np.shape(by_distance), self.count))
+        for group, slope in ((self.distance[index], by_distance), (self.force[index], by_log_force)):
+            if group >= 0:
+                slopes[..., group] = slope * self.std[group]
+        return slopes
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """One still of the antenna: what was seen, what was read, and the load on it, if any.
+
+    Attributes
+    ----------
+    points_px : (N, 2) on the centreline. sigma_px : (N,) their standard deviations across it.
+    gravity_m_s2 : (3,) antenna frame.
+    paint : what tells the antenna from its background. height : of its line above that, grey levels.
+    """
+
+    still: Still
+    points_px: np.ndarray
+    sigma_px: np.ndarray
+    gravity_m_s2: np.ndarray
+    paint: Paint = field(default_factory=Paint)
+    height: float = 0.0
+
+    @property
+    def load_N(self) -> np.ndarray:
+        """(2,) force components y, z."""
+        return np.array([self.still.force_y_N, self.still.force_z_N]) if isinstance(self.still, Load) else np.zeros(2)
+
+    def with_readings_altered(self) -> tuple[Observation, Observation]:
+        """With its load a step nearer to the clamp, and with a little more force; itself where it has none."""
+        if not isinstance(self.still, Load):
+            return self, self
+        nearer, heavier = readings_altered(self.still)
+        return replace(self, still=nearer), replace(self, still=heavier)
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known before the stills.
+
+    Attributes
+    ----------
+    poses : the camera's pose by one or several ways.
+    start : camera pose from which the solution's steps are counted.
+    camera : the lens; one without a covariance counts as exact.
+    mean, std : (11,) of the antenna's parameters, gain and offset.
+    readings : how well the loads' places and forces are known.
+    """
+
+    poses: Sequence[PoseEstimate]
+    start: Pose
+    camera: Camera
+    mean: np.ndarray
+    std: np.ndarray
+    readings: LoadReadings = EXACT
+
+    @cached_property
+    def lens_axes(self) -> np.ndarray:
+        """(P, P): along its columns the lens varies independently, by unit deviations; (0, 0) for an exact one."""
+        return np.zeros((0, 0)) if self.camera.covariance is None else independent_axes(self.camera.covariance)

@@ -1,0 +1,281 @@
+"""Camera pose, antenna, moment sensor and lens against everything that was seen of the free and the loaded antenna."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vbaa_calib.antenna.shape import PARAMETERS, Curves, bend
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import SolveError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
+from vbaa_calib.rig.reprojection import (
+    ImageCurves,
+    SeenPoints,
+    image_curves,
+    see,
+    whitened_residuals,
+    whitened_with_lens,
+    with_slopes_on_curve,
+)
+from vbaa_calib.session import Load
+
+from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
+
+SWEEPS = 4
+"""Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
+
+
+def still_curves(
+    observations: Sequence[Observation],
+    antennas: np.ndarray,
+    length_m: float,
+    *,
+    compliance: np.ndarray | None = None,
+    loaded: bool = True,
+) -> Curves:
+    """Shapes of A antennas (A, 9) in each of F stills, still by still: (F·A) curves.
+
+    compliance : (A, 2) factors on what bends each antenna to y and to z; 1 where not given.
+    loaded : False takes the loads off; node `CONTACT` stays where they hang.
+    """
+    count, each = len(observations), len(antennas)
+    factor = np.tile(np.ones((each, 2)) if compliance is None else compliance, (count, 1))
+    gravity = np.repeat([one.gravity_m_s2 for one in observations], each, axis=0)
+    load = np.repeat([one.load_N if loaded else np.zeros(2) for one in observations], each, axis=0)
+    contact = [one.still.distance_m if isinstance(one.still, Load) else 0.5 * length_m for one in observations]
+    return bend(
+        np.tile(antennas, (count, 1)),
+        length_m,
+        gravity * np.hstack([np.ones((len(factor), 1)), factor]),
+        np.repeat(contact, each),
+        load * factor,
+        dead=True,
+        sweeps=SWEEPS,
+    )
+
+
+POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
+GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
+BENT = 1 + len(PARAMETERS)
+"""Curves in each still: the antenna, and one a step further along each of its parameters."""
+RIG = len(RIG_PARAMETERS)
+INSIDE = 1.0 - 1e-5
+"""Part of the length beyond which a load counts as on the tip, where moving it further changes nothing."""
+
+
+class LensLost(SolveError):
+    """A step of the lens within its covariance led to one that is none: its covariance is not to be trusted so far."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The residuals of everything, for parameters (17 + P + K,).
+
+    These are `RIG_PARAMETERS`, then steps along `lens_axes`, then what the loads' readings are off by, in deviations.
+
+    Attributes
+    ----------
+    observations : with the loads as the parameters had them at the last `relinearised`.
+    groups : what the readings have in common. readings_at : (K,) parameters that are in `observations` already.
+    seen_at_lens : every observation's points, through the lens that is `lens_at` (P,) steps away.
+    noise_scale : factor on the deviations that the points claim.
+    kept : (F,) which observations take part.
+    """
+
+    observations: Sequence[Observation]
+    prior: Prior
+    seen_at_lens: Sequence[SeenPoints]
+    lens_at: np.ndarray
+    length_m: float
+    moment_std_Nm: float
+    noise_scale: float
+    kept: np.ndarray
+    groups: ReadingGroups
+    readings_at: np.ndarray
+
+    @staticmethod
+    def of(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> Problem:
+        """With all observations in, their points' deviations as claimed, and the lens as it is."""
+        count = len(observations)
+        groups = ReadingGroups.of([one.still for one in observations], prior.readings)
+        kept, at = np.ones(count, bool), np.zeros(groups.count)
+        blank = Problem(observations, prior, (), np.zeros(0), length_m, moment_std_Nm, 1.0, kept, groups, at)
+        return blank.relinearised(blank.begin)
+
+    def over(self, observations: Sequence[Observation]) -> Problem:
+        """The same rig over other stills, their loads exact, none seen yet."""
+        kept, groups = np.ones(len(observations), bool), ReadingGroups.of([], EXACT)
+        return replace(
+            self, observations=observations, seen_at_lens=(), kept=kept, groups=groups, readings_at=np.zeros(0)
+        )
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(17 + P + K,) upper ends of the parameters: no load hangs beyond the tip."""
+        ends = np.full(self.lens.stop + self.groups.count, np.inf)
+        ends[self.lens.stop :] = self.groups.ends(
+            [one.still for one in self.observations], self.readings_at, INSIDE * self.length_m
+        )
+        return ends
+
+    @property
+    def begin(self) -> np.ndarray:
+        """(17 + P + K,) parameters before anything was seen."""
+        return np.concatenate([np.zeros(6), self.prior.mean, np.zeros(len(self.prior.lens_axes) + self.groups.count)])
+
+    @property
+    def lens(self) -> slice:
+        """Where the lens' steps are among the parameters; the readings come after them."""
+        return slice(RIG, RIG + len(self.prior.lens_axes))
+
+    def relinearised(self, parameters: np.ndarray) -> Problem:
+        """The same with all points seen through the lens, and all loads as they are, that the parameters ask for.
+
+        Raises LensLost where that lens folds before points that the prior's lens sees.
+        """
+        camera = self.camera(parameters)
+        here = replace(self._loaded(parameters), readings_at=parameters[self.lens.stop :])
+        curves, view = here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse()
+        seen = [
+            with_slopes_on_curve(
+                see(camera, one.points_px, one.sigma_px), camera, image_curves(curves.picked(np.array([index])), view)
+            )
+            for index, one in enumerate(self.observations)
+        ]
+        if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
+            raise LensLost("the lens that the stills ask for folds inside the picture")
+        return replace(here, seen_at_lens=seen, lens_at=parameters[self.lens])
+
+    def camera(self, parameters: np.ndarray) -> Camera:
+        """The lens that the parameters ask for; its covariance is still the prior's."""
+        camera, step = self.prior.camera, self.prior.lens_axes @ parameters[self.lens]
+        return camera.moved(step) if len(step) else camera
+
+    @property
+    def certain(self) -> int:
+        """How many residuals, the last ones, are the priors': they are what they say, and are never weighed down."""
+        return 6 * len(self.prior.poses) + len(self.prior.mean) + len(self.prior.lens_axes) + self.groups.count
+
+    def pose(self, parameters: np.ndarray) -> Pose:
+        """Camera pose in the antenna frame."""
+        return self.prior.start.retract(parameters[POSE])
+
+    def seen(self, parameters: np.ndarray) -> list[SeenPoints]:
+        """The points of every observation through the lens that the parameters ask for, to first order."""
+        step = self.prior.lens_axes @ (parameters[self.lens] - self.lens_at)
+        return [points.with_lens_moved(step) for points in self.seen_at_lens]
+
+    def curves(self, antennas: np.ndarray, compliance: np.ndarray | None = None) -> Curves:
+        """Shapes of A antennas (A, 9) in each of F stills, still by still.
+
+        compliance : (A, 2) factors on what bends each antenna to y and to z; 1 where not given.
+        """
+        return still_curves(self.observations, antennas, self.length_m, compliance=compliance)
+
+    def evaluate(self, parameters: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """Per observation (N, 16 + P + K): whitened distances, their slopes by pose, antenna, lens and readings;
+        (F, 10 + K) moments.
+
+        The moments are those of the antenna and of one a step further along each of its parameters, then slopes by the
+        readings.
+        """
+        here = self._loaded(parameters)
+        antennas = np.repeat(parameters[None, ANTENNA], BENT, axis=0)
+        antennas[1:] += np.diag(RIG_STEPS[6:])
+        pose = self.pose(parameters)
+        views = [each.inverse() for each in [pose, *map(pose.retract, np.diag(RIG_STEPS[:6]))]]
+        curves = here.curves(antennas)
+        order = np.array([0] * 7 + list(range(1, BENT)))
+        seen, blocks = self.seen(parameters), []
+        for index, points in enumerate(seen):
+            images = image_curves(curves.picked(BENT * index + order), [*views, *[views[0]] * (BENT - 1)])
+            blocks.append(self._with_slopes(points, images))
+        moments = curves.moment_Nm.reshape(len(self.observations), BENT)
+        if not self.groups.count:
+            return blocks, moments
+        by_load = here.slopes_by_load(parameters, seen)
+        by_readings = [self.groups.columns(index, *slopes.T) for index, slopes in enumerate(by_load)]
+        blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_readings, strict=True)]
+        return blocks, np.hstack([moments, [rows[-1] for rows in by_readings]])
+
+    def _loaded(self, parameters: np.ndarray) -> Problem:
+        """With the loads as the parameters have them."""
+        errors = parameters[self.lens.stop :] - self.readings_at
+        if not errors.any():
+            return self
+        stills = self.groups.corrected([one.still for one in self.observations], errors)
+        loaded = [replace(one, still=still) for one, still in zip(self.observations, stills, strict=True)]
+        return replace(self, observations=loaded)
+
+    def slopes_by_load(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
+        """Per observation (N + 1, 2): slopes of the whitened distances, and of the moment, by its own load.
+
+        By its place along the antenna, per m, and by the logarithm of its force; zero for a free one.
+        """
+        three = [each for one in self.observations for each in (one, *one.with_readings_altered())]
+        curves = replace(self, observations=three).curves(parameters[None, ANTENNA])
+        view, found = [self.pose(parameters).inverse()] * 3, []
+        steps = np.array([-DISTANCE_STEP_M, LOG_FORCE_STEP])
+        for index, points in enumerate(seen):
+            which = np.arange(3 * index, 3 * index + 3)
+            distances = whitened_residuals(points, image_curves(curves.picked(which), view))
+            whole = np.vstack([distances, curves.moment_Nm[which]])
+            found.append((whole[:, 1:] - whole[:, :1]) / steps)
+        return found
+
+    def _with_slopes(self, points: SeenPoints, images: ImageCurves) -> np.ndarray:
+        distances, by_lens = whitened_with_lens(points, images)
+        slopes = (distances[:, 1:] - distances[:, :1]) / RIG_STEPS
+        return np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes])
+
+    def residuals(
+        self, parameters: np.ndarray, evaluated: tuple[list[np.ndarray], np.ndarray] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, antenna to readings.
+
+        evaluated : what `evaluate` gives there, if that is known.
+        """
+        distances, moments = self.evaluate(parameters) if evaluated is None else evaluated
+        parts = [self._points(distances), self._moments(parameters, moments)]
+        parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
+        size = len(parameters)
+        std = np.concatenate([self.prior.std, np.ones(size - RIG)])
+        away = parameters[6:] - np.concatenate([self.prior.mean, np.zeros(size - RIG)])
+        parts.append((away / std, np.hstack([np.zeros((size - 6, 6)), np.diag(1 / std)])))
+        return np.concatenate([part for part, _ in parts]), np.vstack([rows for _, rows in parts])
+
+    def _points(self, distances: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        whole = np.vstack([block for block, kept in zip(distances, self.kept, strict=True) if kept]) / self.noise_scale
+        return whole[:, 0], np.hstack([whole[:, 1 : 1 + GAIN], np.zeros((len(whole), 2)), whole[:, 1 + GAIN :]])
+
+    def _moments(self, parameters: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rows = np.zeros((len(moments), len(parameters)))
+        rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:BENT] - moments[:, :1]) / RIG_STEPS[6:]
+        rows[:, self.lens.stop :] = parameters[GAIN] * moments[:, BENT:]
+        rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
+        misfit = -self.moment_residuals_Nm(parameters, moments)
+        return misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm
+
+    def moment_residuals_Nm(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
+        """(F,) the sensor's readings less what the parameters predict."""
+        readings = np.array([obs.still.moment_Nm for obs in self.observations])
+        return readings - parameters[GAIN] * moments[:, 0] - parameters[OFFSET]
+
+    def _pose_prior(self, estimate: PoseEstimate, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        whiten = np.linalg.inv(np.linalg.cholesky(estimate.covariance))
+        away = self.pose(parameters).tangent_from(estimate.T_antenna_camera)
+        rows = np.zeros((6, len(parameters)))
+        rows[:, POSE] = whiten
+        if len(self.prior.lens_axes):
+            by_lens = estimate.lens_sensitivity @ self.prior.lens_axes
+            rows[:, self.lens] = -whiten @ by_lens
+            away = away - by_lens @ parameters[self.lens]
+        return whiten @ away, rows
+
+
+assert RIG == OFFSET + 1

@@ -1,0 +1,169 @@
+"""What the joint solve's residuals say of its assumptions: equal compliance, weight, the sensor's noise and drift.
+
+Each check asks what one more parameter would have become, to first order: nothing is solved again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from vbaa_calib.antenna.shape import PARAMETERS
+from vbaa_calib.rig.reprojection import image_curves, whitened_residuals
+
+from .bundle_adjustment import JointSolution
+from .problem import ANTENNA
+
+ANISOTROPY_STEP = 1e-2
+MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")
+FALSE_READING = 5.0
+"""Standard deviations beyond which a moment reading is taken for a wrong one."""
+LEAST_GAIN = 1e-3
+"""The weight is said to be seen when the pictures narrow its variance by more than this part."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number and its standard deviation; None where the data do not hold it."""
+
+    value: float
+    std: float
+
+    @property
+    def in_std(self) -> float:
+        """The number in standard deviations."""
+        return self.value / self.std
+
+    def to_dict(self) -> dict[str, float]:
+        """{"value", "std"}."""
+        return {"value": self.value, "std": self.std}
+
+
+@dataclass(frozen=True, eq=False)
+class Checks:
+    """Assumption by assumption.
+
+    Attributes
+    ----------
+    anisotropy : log of the stiffness against bending to y over that to z; assumption 4 says 0. None without loads.
+    mass_per_length_kg_m : from the sag alone, without what was known of it before; None where the sag cannot tell.
+    drift_Nm_per_s : of the moment sensor; `drift_Nm_per_row` where the stills have no times.
+    noise_Nm : of the moment sensor as the stills show it, and its 95 % interval.
+    """
+
+    anisotropy: Estimate | None
+    mass_per_length_kg_m: Estimate | None
+    drift_Nm_per_s: Estimate | None
+    drift_Nm_per_row: Estimate | None
+    noise_Nm: float
+    noise_interval_95_Nm: tuple[float, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """For rig.json."""
+        named = {
+            "anisotropy": self.anisotropy,
+            "mass_per_length_kg_m": self.mass_per_length_kg_m,
+            "drift_Nm_per_s": self.drift_Nm_per_s,
+            "drift_Nm_per_row": self.drift_Nm_per_row,
+        }
+        return {name: one and one.to_dict() for name, one in named.items()} | {
+            "noise_Nm": self.noise_Nm,
+            "noise_interval_95_Nm": list(self.noise_interval_95_Nm),
+        }
+
+
+def check(joint: JointSolution) -> Checks:
+    """All checks of a joint solution."""
+    problem = joint.problem
+    times = [observation.still.time_s for observation in problem.observations]
+    timed = all(time is not None for time in times)
+    drift = _drift(joint, np.array(times, float) if timed else np.arange(len(times), dtype=float))
+    noise, interval = _moment_noise(joint)
+    return Checks(
+        anisotropy=_anisotropy(joint),
+        mass_per_length_kg_m=_mass(joint),
+        drift_Nm_per_s=drift if timed else None,
+        drift_Nm_per_row=None if timed else drift,
+        noise_Nm=noise,
+        noise_interval_95_Nm=interval,
+    )
+
+
+def one_more(joint: JointSolution, column: np.ndarray) -> Estimate | None:
+    """What a further parameter would be whose change moves the residuals along column (R,)."""
+    solution = joint.solution
+    weights = solution.weights
+    own = column * weights
+    information, _, scale = solution.normal_equations()
+    others = (solution.jacobian * weights[:, None]).T @ own / scale
+    left = float(own @ own - others @ np.linalg.solve(information, others))
+    if left <= 1e-9 * float(own @ own):
+        return None
+    return Estimate(float(-(own @ (solution.residuals * weights)) / left), left**-0.5)
+
+
+def _column(joint: JointSolution, points: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """(R,) from the points' part, kept ones only, and the moments' (F,)."""
+    kept_moments = moments[joint.kept]
+    rest = len(joint.solution.residuals) - len(points) - len(kept_moments)
+    return np.concatenate([points, kept_moments, np.zeros(rest)])
+
+
+def _anisotropy(joint: JointSolution) -> Estimate | None:
+    problem = joint.problem
+    if not any(observation.load_N.any() for observation in problem.observations):
+        return None
+    factors = np.array([[1.0, 1.0], np.exp([-0.5 * ANISOTROPY_STEP, 0.5 * ANISOTROPY_STEP])])
+    antenna = joint.solution.parameters[ANTENNA]
+    curves = problem.curves(np.stack([antenna, antenna]), factors)
+    view = [joint.T_antenna_camera.inverse()] * 2
+    slopes = []
+    for index, points in enumerate(problem.seen(joint.solution.parameters)):
+        if joint.kept[index]:
+            pair = image_curves(curves.picked(np.array([2 * index, 2 * index + 1])), view)
+            distances = whitened_residuals(points, pair)
+            slopes.append((distances[:, 1] - distances[:, 0]) / ANISOTROPY_STEP / problem.noise_scale)
+    return one_more(joint, _column(joint, np.concatenate(slopes), np.zeros(len(problem.observations))))
+
+
+def _mass(joint: JointSolution) -> Estimate | None:
+    prior = joint.problem.prior
+    mean, variance = float(prior.mean[MASS - 6]), float(prior.std[MASS - 6]) ** 2
+    value, posterior = float(joint.parameters[MASS]), float(joint.covariance[MASS, MASS])
+    information = 1.0 / posterior - 1.0 / variance
+    if information * variance < LEAST_GAIN:
+        return None
+    alone = (value / posterior - mean / variance) / information
+    return Estimate(float(np.exp(alone)), float(np.exp(alone) * information**-0.5))
+
+
+def _drift(joint: JointSolution, when: np.ndarray) -> Estimate | None:
+    if np.ptp(when) == 0.0:
+        return None
+    points = np.zeros(len(joint.solution.residuals) - _rest(joint))
+    return one_more(joint, _column(joint, points, (when - when[joint.kept].mean()) / joint.problem.moment_std_Nm))
+
+
+def _rest(joint: JointSolution) -> int:
+    """How many residuals come after the points'."""
+    return int(joint.kept.sum()) + joint.problem.certain
+
+
+def _moment_noise(joint: JointSolution) -> tuple[float, tuple[float, float]]:
+    """Noise of one reading and its interval, the degrees of freedom that the fit took from the readings left out."""
+    problem, solution = joint.problem, joint.solution
+    residuals = joint.moment_residuals_Nm[joint.kept]
+    # a reading that is wrong is not noise: it is named instead
+    usual = max(1.4826 * float(np.median(np.abs(residuals))), problem.moment_std_Nm)
+    good = np.abs(residuals) <= FALSE_READING * usual
+    first = len(solution.residuals) - _rest(joint)
+    rows = (solution.jacobian * solution.weights[:, None])[first : first + len(residuals)][good]
+    information, _, scale = solution.normal_equations()
+    taken = float(np.trace((rows / scale) @ np.linalg.solve(information, (rows / scale).T)))
+    freedom = max(float(good.sum()) - taken, 1.0)
+    squares = float((residuals[good] ** 2).sum())
+    low, high = (float(np.sqrt(squares / chi2.ppf(q, freedom))) for q in (0.975, 0.025))
+    return float(np.sqrt(squares / freedom)), (low, high)

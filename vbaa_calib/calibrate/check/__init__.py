@@ -1,0 +1,1 @@
+"""Is a rig still right? New pictures against its predictions."""

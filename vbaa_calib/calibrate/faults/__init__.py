@@ -1,0 +1,1 @@
+"""Diagnoses of typed values, pictures and hardware."""

@@ -1,0 +1,163 @@
+"""What can be said of a session whose calibration did not come to an end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, solve_joint
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
+from vbaa_calib.calibrate.antenna.residual_checks import check
+from vbaa_calib.calibrate.antenna.session_rig import nominal_parameters, observe
+from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.session import Load, Session, read_loads, read_noload
+
+from .clamp import bow_diagnosis, soft_clamp, step_diagnosis
+from .free_antenna import DEAF, fits, own_scatter, solve_free, worst_still
+from .gravity import gravity_diagnosis
+from .jacobian_rows import StillRows
+from .load_rows import Row, all_by_commonest, corrected, row_diagnoses, unexplained, wrong_rows
+from .sensor import drift_of, sensor_diagnoses
+from .typed_loads import typed_load_doubts
+
+DISTANCE_STD_M, FORCE_STD = 7e-4, 7e-3
+"""How well places and weights of loads are taken to be known: a little less well than they usually are."""
+CONTRADICTS = 5.0
+"""Scatter of the points, over their pictures' own, beyond which the stills contradict each other."""
+ONE_CONTRADICTS = 20.0
+"""The same of a single still. Clean sessions have one at 5 now and then, when a ruler was read badly."""
+
+
+def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSolution) -> list[Diagnosis]:
+    """What is wrong with loads, antenna, clamp, moment sensor, gravity and joint readings.
+
+    What explains other faults away comes first, and those are then not asked for: with a wrong gravity, or with loads
+    noted wrong, the clamp and the bow are wrong as well.
+
+    Parameters
+    ----------
+    kinematics : with what a sweep found of the joints (`PlaneC.kinematics`).
+    joint : of all stills, as `solve_antenna` gives it.
+    """
+    problem = joint.problem
+    own = own_scatter(joint.noted)
+    try:
+        free: JointSolution | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
+    except SolveError:
+        free = None
+    if free is not None:
+        gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, own)
+        if gravity is not None:
+            return [gravity, *_sensor(session, joint, False)]
+    rows = wrong_rows(free, joint.noted, problem.length_m) if free is not None else []
+    named = [row for row in rows if row.reading is not None]
+    if named:
+        count = sum(isinstance(one.still, Load) for one in joint.noted)
+        for tried in (rows, all_by_commonest(named, joint.noted, problem.length_m)):
+            if tried and _fit_corrected(joint, tried, own):
+                right, odd = [[row for row in tried if (row.reading is None) == none] for none in (False, True)]
+                return [*row_diagnoses(right, count), *unexplained(odd), *_sensor(session, joint, False)]
+        return [_contradiction(joint, own, rows), *_sensor(session, joint, False)]
+    held = _held(session, kinematics, joint, free, own)
+    if rows and not any(one.grave for one in held):
+        held = unexplained(rows)
+    elif not held and (joint.noise_scale > CONTRADICTS * own or worst_still(joint) > ONE_CONTRADICTS * own):
+        held = [_contradiction(joint, own, rows)]
+    return [*held, *_sensor(session, joint, not held)]
+
+
+def _held(
+    session: Session, kinematics: Kinematics, joint: JointSolution, free: JointSolution | None, own: float
+) -> list[Diagnosis]:
+    """What moved, and how the antenna is held."""
+    linear = StillRows.of(joint)
+    if free is not None:
+        linear = linear.with_readings(DISTANCE_STD_M, FORCE_STD, min(free.noise_scale, joint.noise_scale))
+    if not fits(joint.noise_scale, own):
+        deaf = replace(joint, problem=replace(joint.problem, moment_std_Nm=DEAF * joint.problem.moment_std_Nm))
+        gravity = gravity_diagnosis(deaf, kinematics, session.gravity_world_m_s2, own)
+        if gravity is not None:
+            return [gravity]
+    moved = step_diagnosis(joint, linear.without_sensor(), own)
+    found = [moved] if moved is not None else [bow_diagnosis(joint), soft_clamp(linear)]
+    return [one for one in found if one is not None]
+
+
+def _fit_corrected(joint: JointSolution, rows: Sequence[Row], own: float) -> bool:
+    """Whether all stills fit one antenna once the rows are what their pictures ask for."""
+    problem = joint.problem
+    observations: list[Observation] = corrected(joint.noted, rows)
+    try:
+        right = solve_joint(observations, problem.prior, problem.length_m, DEAF * problem.moment_std_Nm)
+    except SolveError:
+        return False
+    return fits(right.noise_scale, own) and worst_still(right) <= ONE_CONTRADICTS * own
+
+
+def _contradiction(joint: JointSolution, own: float, rows: Sequence[Row]) -> Diagnosis:
+    names = [
+        one.still.image.name if one.still.image else f"no {index + 1}"
+        for index, (one, kept) in enumerate(zip(joint.noted, joint.kept, strict=True))
+        if not kept
+    ]
+    names += [row.load.image.name for row in rows if row.load.image and row.load.image.name not in names]
+    off = max(float(joint.noise_scale), worst_still(joint)) / own
+    which = f", {', '.join(names[:3])} the most" if names else ""
+    return Diagnosis(
+        "stills_contradict",
+        f"the stills do not fit one antenna: the points lie up to {off:.0f} times further off it than their own "
+        f"scatter{which}; no single cause explains it",
+        "check unit, sign and place of every load, the joints' angles (rad), gravity_world, and that nothing moved",
+        grave=True,
+    )
+
+
+def _sensor(session: Session, joint: JointSolution, moments_known: bool) -> list[Diagnosis]:
+    checks = check(joint)
+    drift = drift_of(checks.drift_Nm_per_s, checks.drift_Nm_per_row)
+    return sensor_diagnoses(joint, session.moment_std_Nm, *drift, moments_known)
+
+
+def with_cause(session: Session, kinematics: Kinematics, before: Prior, error: SolveError) -> SolveError | InputError:
+    """What to raise instead of an error of `solve_antenna`: with its likely cause, where one is found."""
+    nominal = nominal_parameters(session.antenna)
+    try:
+        free = observe(session, kinematics, read_noload(session), before.camera, before.start, nominal, "free antenna")
+        loaded = observe(
+            session, kinematics, read_loads(session), before.camera, before.start, nominal, "known loads", free[0].paint
+        )
+    except VbaaError:
+        # nothing was seen: the error says that better
+        return error
+    causes = explain_failure(session, kinematics, [*free, *loaded], before)
+    typed = [one for one in causes if one.name.startswith("load_")]
+    if typed:
+        return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
+    return SolveError(f"{error}. Likely: {causes[0]}") if causes else error
+
+
+def explain_failure(
+    session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
+) -> list[Diagnosis]:
+    """What a calibration that raised may have failed of: by the typed loads, and by the free antenna. Raises nothing.
+
+    observations, before : what `solve_antenna` was to solve.
+    """
+    loads: list[Load] = [one.still for one in observations if isinstance(one.still, Load)]
+    found = typed_load_doubts(loads, session.antenna)
+    length, std = session.antenna.length_m, session.moment_std_Nm
+    try:
+        # without the sensor, which may be what is wrong
+        return still_diagnoses(session, kinematics, solve_joint(observations, before, length, DEAF * std)) or found
+    except SolveError:
+        pass
+    try:
+        free = solve_free(observations, before, length, std)
+    except SolveError:
+        return found
+    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, own_scatter(observations))
+    if gravity is not None:
+        return [gravity]
+    rows = wrong_rows(free, observations, length)
+    return row_diagnoses(rows, len(loads)) or found or unexplained(rows)

@@ -1,0 +1,1 @@
+"""Which picture or load to take next."""

@@ -1,0 +1,179 @@
+"""Known loads that could be hung next, and what each would add to the joint solve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, RIG, Problem
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.rig import RIG_STEPS
+from vbaa_calib.session import Load, Session, Still, gravity_antenna
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+STEEPEST_RAD = np.deg2rad(35.0)
+"""Slope at the load up to which the model of the antenna is exact enough."""
+NEAREST, FARTHEST_M = 0.35, 5e-3
+"""Loads hang beyond this part of the length, and this far from the tip at least: a hook needs a place."""
+RULER_M, PLACES = 5e-3, 9
+"""Distances that are easily found on a ruler, and how many of them are looked at."""
+SIDEWAYS = 0.02
+"""Part of a hanging weight that may pull along the antenna: a load is known across it only."""
+STRAIGHT = np.cos(np.deg2rad(10.0))
+"""Loads that pull further off gravity than this are taken over a pulley."""
+LEAST_VISIBLE = 0.97
+"""Part of what is seen of the free antenna that must be seen of the loaded one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A load that could be hung, and its worth.
+
+    Attributes
+    ----------
+    direction : (2,) unit (y, z) of its pull, antenna frame. over_pulley : it does not hang straight down.
+    rows : (N, 17 + P) of the whitened Jacobian that it would add.
+    by_distance, by_log_force : (N,) how its residuals would move with its own readings, per m and per unit.
+    """
+
+    load: Load
+    mass_kg: float
+    direction: np.ndarray
+    over_pulley: bool
+    rows: np.ndarray
+    by_distance: np.ndarray
+    by_log_force: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """A direction in which a weight can pull, at a place of the joints."""
+
+    pan_rad: float
+    tilt_rad: float
+    direction: np.ndarray
+    gravity_m_s2: np.ndarray
+    over_pulley: bool
+
+
+def pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[Pull]:
+    """Straight down at the joints seen so far, where that is across the antenna; over a pulley to all four sides where
+    the session did so before, or is weightless."""
+    joints = {(0.0, 0.0), *((one.still.pan_rad, one.still.tilt_rad) for one in observations)}
+    home = [Still(None, pan, tilt, 0.0) for pan, tilt in sorted(joints, key=lambda at: (abs(at[0]) + abs(at[1]), at))]
+    gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, home)
+    found: list[Pull] = []
+    for still, pull in zip(home, gravity, strict=True):
+        size, across = float(np.linalg.norm(pull)), float(np.hypot(pull[1], pull[2]))
+        if size > 0 and abs(pull[0]) <= SIDEWAYS * size:
+            down = pull[1:] / across
+            if all(down @ known.direction < STRAIGHT for known in found):
+                found.append(Pull(still.pan_rad, still.tilt_rad, down, pull, False))
+    if uses_pulley(observations):
+        for direction in np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]):
+            if all(direction @ known.direction < STRAIGHT for known in found):
+                found.append(Pull(home[0].pan_rad, home[0].tilt_rad, direction, gravity[0], True))
+    return found
+
+
+def uses_pulley(observations: Sequence[Observation]) -> bool:
+    """Whether some load pulls elsewhere than down, or nothing pulls down at all."""
+    if not any(one.gravity_m_s2.any() for one in observations):
+        return True
+    for one in observations:
+        size = float(np.linalg.norm(one.load_N) * np.linalg.norm(one.gravity_m_s2))
+        if size > 0 and float(one.load_N @ one.gravity_m_s2[1:]) < STRAIGHT * size:
+            return True
+    return False
+
+
+def candidates(
+    joint: JointSolution, session: Session, kinematics: Kinematics, masses_kg: Sequence[float]
+) -> list[Candidate]:
+    """Every weight at every place and pull that the elastica and the picture support."""
+    length = session.antenna.length_m
+    grid = np.arange(RULER_M, length - FARTHEST_M + 1e-9, RULER_M)
+    grid = grid[grid >= NEAREST * length]
+    if not len(grid):
+        grid = np.array([length - FARTHEST_M])
+    places = np.unique(grid[np.linspace(0, len(grid) - 1, min(PLACES, len(grid))).round().astype(int)])
+    stiffness = float(np.exp(joint.parameters[ANTENNA][6]))
+    wanted = []
+    for pull in pulls(session, kinematics, joint.problem.observations):
+        weight = float(np.linalg.norm(pull.gravity_m_s2)) or STANDARD_GRAVITY_M_S2
+        for mass in sorted(set(masses_kg)):
+            force = mass * weight * pull.direction
+            wanted += [
+                (mass, pull, Load(None, pull.pan_rad, pull.tilt_rad, 0.0, float(at), float(force[0]), float(force[1])))
+                for at in places
+                if mass * weight * at**2 / (2.0 * stiffness) <= STEEPEST_RAD
+            ]
+    if not wanted:
+        return []
+    observations = [Observation(load, np.zeros((0, 2)), np.zeros(0), pull.gravity_m_s2) for _, pull, load in wanted]
+    placed, inside = _predicted(joint, observations)
+    chosen = [item for item, seen in zip(wanted, inside, strict=True) if seen]
+    if not chosen:
+        return []
+    problem = joint.problem.over(placed).relinearised(joint.solution.parameters[: joint.problem.lens.stop])
+    rows = _rows(joint, problem)
+    readings = _by_readings(joint, problem)
+    return [
+        Candidate(load, mass, pull.direction, pull.over_pulley, jacobian, *own)
+        for (mass, pull, load), jacobian, own in zip(chosen, rows, readings, strict=True)
+    ]
+
+
+def _predicted(joint: JointSolution, wanted: Sequence[Observation]) -> tuple[list[Observation], list[bool]]:
+    """The wanted stills with the points that would be seen of them, those that stay in the picture; which those are."""
+    problem, parameters = joint.problem, joint.solution.parameters
+    free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
+    curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
+    camera, view = problem.camera(parameters), joint.T_antenna_camera.inverse()
+    pixels, valid = camera.project(curves.points_m @ view.rotation.T + view.translation_m)
+    width, height = camera.image_size
+    seen = valid & (pixels >= 0).all(axis=-1) & (pixels <= [width - 1, height - 1]).all(axis=-1)
+    share = np.gradient(curves.arclength_m, axis=1) / problem.length_m
+    visible = (share * seen).sum(axis=1)
+    usual = [one for one, kept in zip(problem.observations, problem.kept, strict=True) if kept]
+    points = float(np.median([len(one.points_px) for one in usual])) / max(float(visible[0]), 1e-3)
+    sigma = float(np.median(np.concatenate([one.sigma_px for one in usual])))
+    inside = [bool(own >= LEAST_VISIBLE * visible[0] > 0) for own in visible[1:]]
+    placed = []
+    for index in (np.flatnonzero(inside) + 1).tolist():
+        # a node stands for all the points of its piece of the antenna
+        which = seen[index]
+        each = sigma / np.sqrt(np.maximum(points * share[index, which], 1e-3))
+        placed.append(replace(wanted[index - 1], points_px=pixels[index, which], sigma_px=each))
+    return placed, inside
+
+
+def _rows(joint: JointSolution, problem: Problem) -> list[np.ndarray]:
+    """Per still (N + 1, 17 + P): whitened rows of points and moment."""
+    parameters = joint.solution.parameters[: problem.lens.stop]
+    blocks, moments = problem.evaluate(parameters)
+    found = []
+    for block, moment in zip(blocks, moments, strict=True):
+        rows = np.zeros((len(block) + 1, len(parameters)))
+        rows[:-1, :GAIN] = block[:, 1 : 1 + GAIN] / problem.noise_scale
+        rows[:-1, RIG:] = block[:, 1 + GAIN :] / problem.noise_scale
+        # as `Problem._moments` has them
+        rows[-1, ANTENNA] = parameters[GAIN] * (moment[1:] - moment[0]) / RIG_STEPS[6:]
+        rows[-1, GAIN], rows[-1, OFFSET] = moment[0], 1.0
+        rows[-1] /= problem.moment_std_Nm
+        found.append(rows)
+    return found
+
+
+def _by_readings(joint: JointSolution, problem: Problem) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Per still (N + 1,) twice: how its residuals move with its distance and with the logarithm of its force."""
+    parameters, found = joint.solution.parameters[: problem.lens.stop], []
+    for slopes in problem.slopes_by_load(parameters, problem.seen_at_lens):
+        slopes[:-1] /= problem.noise_scale
+        slopes[-1] *= parameters[GAIN] / problem.moment_std_Nm
+        found.append((slopes[:, 0], slopes[:, 1]))
+    return found

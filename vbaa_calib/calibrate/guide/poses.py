@@ -1,0 +1,159 @@
+"""Where a person can hold the board: a designed set of poses, with what of the board each shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.lens.board_flex import bend
+from vbaa_calib.calibrate.lens.bundle import Observation
+from vbaa_calib.camera import Camera
+from vbaa_calib.geometry import Pose
+
+from .view_uncertainty import Design
+
+FILLS = (0.9, 0.6, 0.4)
+"""Shares of the picture's shorter relative side that the board takes up, near to far."""
+
+COLUMNS, LINES = (0.1, 0.3, 0.5, 0.7, 0.9), (0.1, 0.3, 0.5, 0.7, 0.9)
+_TILT_RAD = np.radians(38.0)
+_TILTS = 8
+_LEAST_CORNERS, _LEAST_SHARE = 8, 0.35
+_LEAST_MARKER_PX = 18.0
+_EDGE_PX = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """One way to hold the board.
+
+    Attributes
+    ----------
+    place : (2,) where its middle is in the picture, 0 to 1 from the upper left. distance_m : of its middle.
+    tilt_rad : between its normal and the line of sight. away_rad : which way in the picture it leans back, from right
+        (0) to down (π/2). roll_rad : about the line of sight, 0 with the board's x to the right.
+    """
+
+    place: tuple[float, float]
+    distance_m: float
+    tilt_rad: float
+    away_rad: float
+    roll_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A way to hold the board, its T_camera_board, and which corners (N,) the picture shows with all their markers."""
+
+    held: Held
+    T_camera_board: Pose
+    ids: np.ndarray
+
+
+def coarse_set(design: Design, spec: BoardSpec, near_m: float, far_m: float) -> list[Held]:
+    """The designed set: distances, places, and leaning in every direction; distances within the limits given."""
+    distances = sorted({float(np.clip(d, near_m, far_m)) for d in _distances(design, spec)})
+    leans = [(0.0, 0.0)] + [(_TILT_RAD, 2 * np.pi * index / _TILTS) for index in range(_TILTS)]
+    return [
+        Held((x, y), distance, tilt, away, 0.0)
+        for distance in distances
+        for x in COLUMNS
+        for y in LINES
+        for tilt, away in leans
+    ]
+
+
+def finer_set(best: Held, near_m: float, far_m: float) -> list[Held]:
+    """Ways to hold the board near the best so far: place, distance, leaning, and a quarter turn."""
+    places = [(best.place[0] + dx, best.place[1] + dy) for dx in (-0.08, 0.0, 0.08) for dy in (-0.08, 0.0, 0.08)]
+    ways = [Held(place, best.distance_m, best.tilt_rad, best.away_rad, best.roll_rad) for place in places]
+    for ratio in (0.8, 1.0, 1.25):
+        distance = float(np.clip(ratio * best.distance_m, near_m, far_m))
+        for tilt in np.radians((0.0, 25.0, 38.0, 50.0)):
+            for roll in (0.0, np.pi / 2):
+                ways.append(Held(best.place, distance, float(tilt), best.away_rad, roll))
+    return ways
+
+
+def _distances(design: Design, spec: BoardSpec) -> list[float]:
+    size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
+    filled = np.max(size * design.intrinsics[:2] / np.array(design.image_size))
+    return [float(filled / fill) for fill in FILLS]
+
+
+def candidates(design: Design, spec: BoardSpec, ways: Sequence[Held], share: float = _LEAST_SHARE) -> list[Candidate]:
+    """Those ways that show at least a share of the board's corners, none too small or too steep to be read."""
+    places = np.array([way.place for way in ways]) * (np.array(design.image_size) - 1)
+    rays, seen = design.camera.unproject(places)
+    kept = [way for way, ok in zip(ways, seen.tolist(), strict=True) if ok]
+    poses = _poses(kept, rays[seen], spec)
+    shown = shown_corners(design.camera, poses, spec)
+    least = max(_LEAST_CORNERS, round(share * spec.corner_count))
+    return [Candidate(way, pose, ids) for way, pose, ids in zip(kept, poses, shown, strict=True) if len(ids) >= least]
+
+
+def shown_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> list[np.ndarray]:
+    """Ids (N,) of the corners whose four squares are in the picture, for each T_camera_board.
+
+    None where the board is seen so small or so steeply that its markers cannot be read.
+    """
+    if not poses:
+        return []
+    lattice, around = _lattice(spec)
+    pixels, valid = camera.project(np.concatenate([pose @ lattice for pose in poses]))
+    pixels, valid = pixels.reshape(len(poses), -1, 2), valid.reshape(len(poses), -1)
+    with np.errstate(invalid="ignore"):
+        inside = np.all((pixels > _EDGE_PX) & (pixels < np.array(camera.image_size) - 1 - _EDGE_PX), axis=-1)
+    found = []
+    for mask, own in zip((inside & valid)[:, around].all(axis=-1), pixels, strict=True):
+        ids = np.flatnonzero(mask)
+        readable = len(ids) and _smallest_px(own[around[ids]]) * spec.marker_m / spec.square_m > _LEAST_MARKER_PX
+        found.append(ids if readable else ids[:0])
+    return found
+
+
+def _poses(ways: Sequence[Held], rays: np.ndarray, spec: BoardSpec) -> list[Pose]:
+    """The board's middle on each ray (N, 3), turned to the camera, then leaned and rolled."""
+    if not ways:
+        return []
+    across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(rays))], axis=1)
+    sine = np.linalg.norm(across, axis=1)
+    facing = across * (np.arctan2(sine, rays[:, 2]) / np.maximum(sine, 1e-12))[:, None]
+    # leaning back towards `away`: the normal, which leads away from the viewer, turns the other way
+    lean = np.array([[np.sin(way.away_rad), -np.cos(way.away_rad), 0.0] for way in ways])
+    lean *= np.array([way.tilt_rad for way in ways])[:, None]
+    roll = np.array([[0.0, 0.0, way.roll_rad] for way in ways])
+    turned = Rotation.from_rotvec(facing) * Rotation.from_rotvec(lean) * Rotation.from_rotvec(roll)
+    half = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
+    rotations = turned.as_matrix()
+    shifts = np.array([way.distance_m for way in ways])[:, None] * rays - rotations @ half
+    return [Pose(rotation, shift) for rotation, shift in zip(rotations, shifts, strict=True)]
+
+
+@lru_cache(maxsize=8)
+def _lattice(spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 3) m all corners of squares, and (corner_count, 4) which lie diagonal to each inner corner."""
+    nx, ny = spec.squares_x + 1, spec.squares_y + 1
+    x, y = np.meshgrid(np.arange(nx), np.arange(ny))
+    lattice = spec.square_m * np.stack([x.ravel(), y.ravel(), np.zeros(nx * ny)], axis=1)
+    column, line = np.rint(corner_points(spec)[:, :2] / spec.square_m).astype(int).T
+    around = [(line + dy) * nx + column + dx for dy, dx in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
+    return lattice, np.stack(around, axis=1)
+
+
+def _smallest_px(around: np.ndarray) -> float:
+    """Smallest height, px, of a square: from the diagonals (N, 4, 2) of the four squares around each corner."""
+    first, second = around[:, 2] - around[:, 0], around[:, 3] - around[:, 1]
+    area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+    sides = np.linalg.norm(around - np.roll(around, 1, axis=1), axis=-1)
+    return float((area / sides.max(axis=1)).min() / 2)
+
+
+def observation(candidate: Candidate, spec: BoardSpec) -> Observation:
+    """Its corners; their pixels are left at nil, for only derivatives are asked of them."""
+    return Observation(corner_points(spec)[candidate.ids], np.zeros((len(candidate.ids), 2)), bend(spec)[candidate.ids])

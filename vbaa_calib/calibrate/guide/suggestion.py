@@ -1,0 +1,246 @@
+"""How close a live picture is to the pose that was suggested, and what to change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.camera import Camera
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.view_quality import fixes_homography
+from vbaa_calib.geometry import Pose
+
+from .poses import Candidate, Held, candidates, coarse_set, finer_set, observation
+from .view_uncertainty import Taken, WorkPlane, mean_square, nominal_intrinsics, view_blocks
+
+_DIRECTIONS = (
+    "right edge",
+    "lower right corner",
+    "lower edge",
+    "lower left corner",
+    "left edge",
+    "upper left corner",
+    "upper edge",
+    "upper right corner",
+)
+_FACING_RAD = np.radians(8.0)
+_UPRIGHT_RAD = np.radians(60.0)
+_WHOLE = 0.95
+
+
+@dataclass(frozen=True)
+class Seen:
+    """How a board stands before the camera.
+
+    Attributes
+    ----------
+    place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
+    tilt_rad : between its normal and the line of sight. away_rad : where in the picture it leans back, right 0,
+        down π/2. long_rad : its long side's angle in the picture, within ±π/2.
+    """
+
+    place: tuple[float, float]
+    distance_m: float
+    tilt_rad: float
+    away_rad: float
+    long_rad: float
+
+
+def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> Seen:
+    """What a pose looks like from the camera."""
+    half = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
+    middle = T_camera_board @ half
+    distance = float(np.linalg.norm(middle))
+    ray = middle / distance
+    pixel, valid = camera.project(middle[None])
+    flat = camera.matrix[:2, 2] + np.diag(camera.matrix)[:2] * ray[:2] / max(ray[2], 0.05)
+    place = (pixel[0] if valid[0] else flat) / (np.array(camera.image_size) - 1)
+    normal = T_camera_board.rotation[:, 2]
+    cosine = float(normal @ ray)
+    lean = -(normal - cosine * ray)
+    long_side = T_camera_board.rotation[:, 0 if spec.squares_x >= spec.squares_y else 1]
+    angle = float(np.arctan2(long_side[1], long_side[0]))
+    return Seen(
+        (float(place[0]), float(place[1])),
+        distance,
+        float(np.arccos(np.clip(abs(cosine), 0.0, 1.0))),
+        float(np.arctan2(lean[1], lean[0])),
+        float((angle + np.pi / 2) % np.pi - np.pi / 2),
+    )
+
+
+def pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: int, metric: bool) -> str:
+    """A pose for the terminal: where, how far, how turned; right and left as the picture shows them.
+
+    corners : how many of the board's are to be seen. metric : whether the distance is known.
+    """
+    seen = seen_as(camera, T_camera_board, spec)
+    parts = [f"board in the {place_words(seen.place)} of the picture"]
+    if corners < _WHOLE * spec.corner_count:
+        parts[0] += f", partly outside it ({corners} of its {spec.corner_count} corners seen)"
+    parts.append(f"{seen.distance_m:.2f} m away" if metric else f"{_size_words(camera, seen, spec)}")
+    parts.append(lean_words(seen.tilt_rad, seen.away_rad))
+    if abs(seen.long_rad) > _UPRIGHT_RAD:
+        parts.append("its long side upright")
+    return ", ".join(parts)
+
+
+def _size_words(camera: Camera, seen: Seen, spec: BoardSpec) -> str:
+    size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
+    share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
+    return f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height"
+
+
+def lean_words(tilt_rad: float, away_rad: float) -> str:
+    """Which edge is turned away from the camera, and by how much."""
+    if tilt_rad < _FACING_RAD:
+        return "facing the camera"
+    sector = round(away_rad / (np.pi / 4)) % 8
+    return f"its {_DIRECTIONS[sector]} turned {5 * round(np.degrees(tilt_rad) / 5)}° away from the camera"
+
+
+def place_words(place: tuple[float, float]) -> str:
+    """ "upper left", "middle", ... of the picture."""
+    across = "left" if place[0] < 0.4 else "right" if place[0] > 0.6 else ""
+    down = "upper" if place[1] < 0.4 else "lower" if place[1] > 0.6 else ""
+    if across and down:
+        return f"{down} {across}"
+    return across or {"upper": "upper middle", "lower": "lower middle"}.get(down, "middle")
+
+
+NEAREST, FURTHEST = 0.6, 1.7
+"""Of plane C's distance: what lies beyond is out of focus in a camera that is sharp on plane C."""
+
+_WHOLE_SHARE = 0.95
+_WHOLE_PICTURES = 3
+_ROUNDS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """The picture to take next.
+
+    Attributes
+    ----------
+    T_camera_board : pose of the board. outline_px : (4, 2) its outline in the picture, from the board's origin round.
+    words : what a person can do. std_m : on plane C after it by noise, were the lens right; NaN while there is none.
+    """
+
+    T_camera_board: Pose
+    outline_px: np.ndarray
+    words: str
+    std_m: float
+
+
+def best_next(taken: Taken, plane: WorkPlane, spec: BoardSpec, functional: np.ndarray | None) -> Suggestion | None:
+    """The best of a designed set of poses, then of those near it. None where none shows enough of the board.
+
+    functional : of `plane_functional`; without it the lens as a whole is what is to be known better.
+    """
+    aim = np.eye(taken.information.shape[0])[None] if functional is None else functional
+    # the first pictures find the board and start the lens: all of it has to be seen
+    share = _WHOLE_SHARE if taken.pictures < _WHOLE_PICTURES else None
+    limits = NEAREST * plane.distance_m, FURTHEST * plane.distance_m
+    best = _best(taken, coarse_set(taken.design, spec, *limits), spec, aim, share)
+    if best is None:
+        return None
+    for _ in range(_ROUNDS):
+        best = _best(taken, [best[0].held, *finer_set(best[0].held, *limits)], spec, aim, share) or best
+    candidate, square = best
+    known = taken.solved and functional is not None
+    return Suggestion(
+        candidate.T_camera_board,
+        _outline(taken, candidate, spec),
+        pose_words(taken.design.camera, candidate.T_camera_board, spec, len(candidate.ids), taken.solved),
+        taken.inflation * float(np.sqrt(square)) if known else np.nan,
+    )
+
+
+def _best(
+    taken: Taken, ways: Sequence[Held], spec: BoardSpec, aim: np.ndarray, share: float | None
+) -> tuple[Candidate, float] | None:
+    found = candidates(taken.design, spec, ways) if share is None else candidates(taken.design, spec, ways, share)
+    if not found:
+        return None
+    poses = np.array([candidate.T_camera_board.vector for candidate in found])
+    blocks, _ = view_blocks(taken.design, poses, [observation(candidate, spec) for candidate in found])
+    squares = mean_square(aim, taken.information + blocks)
+    index = int(np.argmin(squares))
+    return found[index], float(squares[index])
+
+
+def _outline(taken: Taken, candidate: Candidate, spec: BoardSpec) -> np.ndarray:
+    """Corners that lie outside the picture, where the lens may fold, by the homography of those inside."""
+    points = corner_points(spec)[candidate.ids]
+    pixels, _ = taken.design.camera.project(candidate.T_camera_board @ points)
+    homography, _ = cv2.findHomography(points[:, :2], pixels)
+    width, height = spec.square_m * spec.squares_x, spec.square_m * spec.squares_y
+    corners = np.array([[[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]])
+    return cv2.perspectiveTransform(corners, homography)[0]
+
+
+_LEAST_CORNERS = 6
+_PLACE, _DISTANCE, _LEAN_RAD = 0.12, 0.2, np.radians(15.0)
+_SAY = 0.6
+_LONG_RAD = np.radians(40.0)
+
+
+def closeness(
+    suggestion: Suggestion,
+    view: BoardView,
+    spec: BoardSpec,
+    camera: Camera | None,
+    image_size: tuple[int, int],
+) -> tuple[float, str]:
+    """0 to 1, and what to change in words ("further left, nearer"). Above about 0.6 is as good as the pose itself.
+
+    camera : the lens so far; without it a nominal one is taken. image_size : (width, height) px of the view.
+    """
+    if len(view.ids) == 0:
+        return 0.0, "the board is not seen"
+    points = corner_points(spec)[view.ids]
+    if len(view.ids) < _LEAST_CORNERS or not fixes_homography(points[:, :2]):
+        return 0.0, "too little of the board is seen"
+    camera = camera or camera_of(LENS_MODELS["none"], nominal_intrinsics(image_size), image_size)
+    pose = _pose(points, view.corners_px, camera)
+    if pose is None:
+        return 0.0, "the board is seen at too flat an angle"
+    return _compared(seen_as(camera, suggestion.T_camera_board, spec), seen_as(camera, pose, spec))
+
+
+def _pose(points: np.ndarray, pixels: np.ndarray, camera: Camera) -> Pose | None:
+    flat, valid = camera.unproject_normalized(pixels)
+    if valid.sum() < _LEAST_CORNERS or not fixes_homography(points[valid, :2]):
+        return None
+    ok, rotvec, shift = cv2.solvePnP(points[valid], flat[valid], np.eye(3), None)
+    return Pose.from_rotvec(rotvec.ravel(), shift.ravel()) if ok and shift[2, 0] > 0.0 else None
+
+
+def _compared(wanted: Seen, seen: Seen) -> tuple[float, str]:
+    across, down = np.subtract(wanted.place, seen.place)
+    farther = np.log(wanted.distance_m / seen.distance_m)
+    lean = _lean(wanted) - _lean(seen)
+    turn = (wanted.long_rad - seen.long_rad + np.pi / 2) % np.pi - np.pi / 2
+    parts = [
+        (abs(across) / _PLACE, "further right" if across > 0 else "further left"),
+        (abs(down) / _PLACE, "lower" if down > 0 else "higher"),
+        (abs(farther) / _DISTANCE, "farther away" if farther > 0 else "nearer"),
+        (float(np.linalg.norm(lean)) / _LEAN_RAD, _lean_words(wanted)),
+        (0.6 * max(abs(turn) / _LONG_RAD - 0.5, 0.0) * 2, "turned by a quarter" if abs(turn) > 1.0 else "less askew"),
+    ]
+    share = float(1.0 / (1.0 + 0.4 * sum(size**2 for size, _ in parts)))
+    said = [words for size, words in sorted(parts, reverse=True) if size > _SAY][:3]
+    return share, ", ".join(said) if said else "hold it there"
+
+
+def _lean(seen: Seen) -> np.ndarray:
+    return seen.tilt_rad * np.array([np.cos(seen.away_rad), np.sin(seen.away_rad)])
+
+
+def _lean_words(wanted: Seen) -> str:
+    return lean_words(wanted.tilt_rad, wanted.away_rad)

@@ -1,0 +1,321 @@
+"""The pictures taken so far: what they tell of the lens, and what makes that doubtful."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.lens.board_flex import bend
+from vbaa_calib.calibrate.lens.bundle import FLEX, Observation, Stack, State, rows
+from vbaa_calib.calibrate.lens.initialization import start_poses, widened
+from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
+from vbaa_calib.calibrate.lens.outliers import usable_views
+from vbaa_calib.camera import Camera
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.geometry import Pose
+
+_GRID = (13, 7)
+_HALF_WIDTH_PER_LENGTH = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class WorkPlane:
+    """Plane C as far as it is known, and the part of it that is used.
+
+    Attributes
+    ----------
+    T_camera_plane : z = 0 is the plane, x runs along the antenna from the clamp.
+    length_m, half_width_m : used are x from 0 to the length and y from minus to plus the half width.
+    """
+
+    T_camera_plane: Pose
+    length_m: float
+    half_width_m: float
+
+    @staticmethod
+    def about(distance_m: float, inclination_rad: float, length_m: float) -> WorkPlane:
+        """Before the jig was seen: its middle on the camera's axis, turned about the picture's upright."""
+        turn = Pose.from_rotvec(np.array([0.0, inclination_rad, 0.0]), np.array([0.0, 0.0, distance_m]))
+        to_clamp = Pose(np.eye(3), np.array([-length_m / 2, 0.0, 0.0]))
+        return WorkPlane(turn @ to_clamp, length_m, _HALF_WIDTH_PER_LENGTH * length_m)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(n, 2) x and y of points all over the part that is used, m."""
+        x, y = np.linspace(0.0, self.length_m, _GRID[0]), np.linspace(-1.0, 1.0, _GRID[1]) * self.half_width_m
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+    @property
+    def distance_m(self) -> float:
+        """From the camera to the middle of the part that is used."""
+        return float(np.linalg.norm(self.T_camera_plane @ np.array([self.length_m / 2, 0.0, 0.0])))
+
+    def board_pose(self, spec: BoardSpec) -> Pose:
+        """T_camera_board of a board that lies on the plane in the middle of the part that is used, print up."""
+        half = spec.square_m * np.array([spec.squares_x, spec.squares_y]) / 2
+        away = self.T_camera_plane.rotation[:, 2] @ self.T_camera_plane.translation_m >= 0.0
+        # the board's z leads away from the camera, whichever way the plane's does
+        turn = np.eye(3) if away else np.diag([1.0, -1.0, -1.0])
+        middle = np.array([self.length_m / 2, 0.0, 0.0])
+        return self.T_camera_plane @ Pose(turn, middle - turn @ np.append(half, 0.0))
+
+
+_FOCAL_PRIOR, _ASPECT_PRIOR, _CENTRE_PRIOR = 0.3, 0.01, 0.05
+_DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
+_TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_SAGITTA_PER_EXTENT = 0.005
+_LEAST_JIG_CORNERS = 6
+_LEAST_RAYS = 0.5
+_RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
+NOMINAL_FOCAL_PER_WIDTH = 1.1
+"""Of a camera that no picture tells of: a field of view of 49°, as most webcams and machine lenses have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The lens about which the worth of pictures is counted, with more freedom than the lens that was chosen.
+
+    A simple lens that a few pictures chose would be sure of itself for the wrong reason: what it cannot describe it
+    does not doubt. Here it may also be wrong in what the next richer model could describe, within reason.
+
+    Attributes
+    ----------
+    model, intrinsics : the lens, (4 + k,). image_size : (width, height) px.
+    scale : (4 + k + 2, p) intrinsics and sagittas for a unit of each z (p,), of which each is 0 ± 1 before any picture.
+    sigma_px : deviation of a corner, per axis. sagittas_m : (2,) of the board.
+    """
+
+    model: LensModel
+    intrinsics: np.ndarray
+    image_size: tuple[int, int]
+    scale: np.ndarray
+    sigma_px: float
+    sagittas_m: np.ndarray
+
+    @property
+    def shared(self) -> np.ndarray:
+        """(4 + k + 2,) intrinsics and sagittas."""
+        return np.concatenate([self.intrinsics, self.sagittas_m])
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of this lens, without a covariance."""
+        return camera_of(self.model, self.intrinsics, self.image_size)
+
+
+def nominal_intrinsics(image_size: tuple[int, int], focal_px: float | None = None) -> np.ndarray:
+    """(4,) fx, fy, cx, cy of a camera that no picture tells of."""
+    focal = focal_px or NOMINAL_FOCAL_PER_WIDTH * max(image_size)
+    return np.array([focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
+
+
+def design_about(
+    name: str,
+    intrinsics: np.ndarray,
+    image_size: tuple[int, int],
+    sigma_px: float,
+    spec: BoardSpec,
+    sagittas_m: np.ndarray | None = None,
+) -> Design:
+    """A design one step richer than the lens model `name` at its solution (4 + k,).
+
+    sagittas_m : (2,) of a board that was found to be bent; they are doubted too.
+    """
+    chosen = LENS_MODELS[name]
+    model = LENS_MODELS[_RICHER.get(name, name)]
+    wide = np.zeros(4 + model.distortion_count)
+    wide[: len(intrinsics)] = intrinsics[: len(wide)]
+    if chosen.camera_model != model.camera_model:
+        wide = widened(intrinsics, model, image_size)
+        if not np.any(wide[4:]):
+            model, wide = chosen, np.array(intrinsics, float)
+    prior = _prior(model, wide, image_size, spec, sagittas_m is not None)
+    return Design(model, wide, image_size, prior, sigma_px, np.zeros(FLEX) if sagittas_m is None else sagittas_m)
+
+
+def has_rays(design: Design) -> bool:
+    """Whether most of the picture has a ray: a lens from too few pictures may have hardly any."""
+    columns, lines = (np.linspace(0, length - 1, 9) for length in design.image_size)
+    _, valid = design.camera.unproject(np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2))
+    return bool(valid.mean() > _LEAST_RAYS)
+
+
+def _prior(
+    model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], spec: BoardSpec, flex: bool
+) -> np.ndarray:
+    """`Design.scale`: how wrong each part of a lens may be, from what cameras are like."""
+    size, unit = len(intrinsics), np.eye(len(intrinsics) + FLEX)
+    fx, fy = intrinsics[:2]
+    both, apart = fx * unit[0] + fy * unit[1], fx * unit[0] - fy * unit[1]
+    middle = [_CENTRE_PRIOR * max(image_size) * unit[index] for index in (2, 3)]
+    columns = [_FOCAL_PRIOR * both, _ASPECT_PRIOR * apart, *middle]
+    moved = _largest_shift(model, intrinsics, image_size)
+    half_diagonal = np.hypot(*image_size) / 2
+    for index in model.free:
+        kind = "tangential" if model.parameter_names[4 + index] in _TANGENTIAL else "radial"
+        columns.append(_DISTORTION_PRIOR[kind] * half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
+    if flex:
+        extent = spec.square_m * max(spec.squares_x, spec.squares_y)
+        columns += [_SAGITTA_PER_EXTENT * extent * unit[size + index] for index in range(FLEX)]
+    return np.stack(columns, axis=1)
+
+
+def _largest_shift(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
+    """(4 + k,) px by which a unit of each parameter moves the pixel it moves most, over the picture."""
+    camera = camera_of(model, intrinsics, image_size)
+    columns, lines = (np.linspace(0, length - 1, 9) for length in image_size)
+    pixels = np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2)
+    rays, valid = camera.unproject(pixels)
+    rays = rays[valid & (rays[:, 2] > 0.05)]
+    if not len(rays):
+        return np.zeros(len(intrinsics))
+    stack = Stack.of([Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))])
+    state = State(np.concatenate([intrinsics, np.zeros(FLEX)]), np.zeros((1, 6)))
+    by_shared = rows(model, state, stack)[1]
+    return np.linalg.norm(by_shared, axis=1).max(axis=0)[:-FLEX]
+
+
+def view_blocks(
+    design: Design, poses: np.ndarray, observations: Sequence[Observation]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of views at poses (V, 6): information (V, p, p) in `Design` coordinates and what it pulls with (V, p).
+
+    The views' own poses are eliminated.
+    """
+    stack = Stack.of(observations)
+    residuals, by_shared, by_pose = rows(design.model, State(design.shared, np.asarray(poses, float)), stack)
+    whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
+    count = design.scale.shape[1]
+    blocks = np.zeros((len(observations), count + 1, count + 1))
+    for index, (first, last) in enumerate(zip(stack.bounds[:-1], stack.bounds[1:], strict=True)):
+        flat, own = whole[first:last].reshape(2 * (last - first), -1), by_pose[first:last].reshape(-1, 6)
+        basis, _ = np.linalg.qr(own)
+        left = flat - basis @ (basis.T @ flat)
+        blocks[index] = left.T @ left
+    return blocks[:, :count, :count], blocks[:, :count, count]
+
+
+def plane_functional(design: Design, plane: WorkPlane, spec: BoardSpec) -> np.ndarray | None:
+    """(n, 2, p) how far points on the plane come out wrong, m, for a unit of each z, the board in the jig seen exactly.
+
+    The camera's pose is found again with the wrong lens from the board in the jig, which takes up what a pose can.
+    None where plane or board are hardly in the picture.
+    """
+    told = plane.points
+    space = np.column_stack([told, np.zeros(len(told))])
+    inside = _in_picture(design, plane.T_camera_plane @ space)
+    board, sagitta = corner_points(spec), bend(spec)
+    T_camera_board = plane.board_pose(spec)
+    seen = _in_picture(design, T_camera_board @ board)
+    if inside.mean() < 0.5 or seen.sum() < _LEAST_JIG_CORNERS:
+        return None
+    jig_shared, jig_pose, _ = _slopes(design, T_camera_board, Observation(board[seen], board[seen, :2], sagitta[seen]))
+    # the plane's points turn about the board's origin, as the board does
+    on_board = T_camera_board.inverse() @ (plane.T_camera_plane @ space[inside])
+    own_shared, own_pose, by_point = _slopes(design, T_camera_board, Observation(on_board, on_board[:, :2]))
+    taken_up = np.linalg.lstsq(jig_pose.reshape(-1, 6), jig_shared.reshape(len(jig_shared) * 2, -1), rcond=None)[0]
+    in_pixels = own_shared - own_pose @ taken_up
+    in_plane = by_point @ plane.T_camera_plane.rotation[:, :2]
+    return -np.linalg.solve(in_plane, in_pixels)
+
+
+def _slopes(design: Design, pose: Pose, view: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    vector = pose.vector[None]
+    _, by_shared, by_pose = rows(design.model, State(design.shared, vector), Stack.of([view]))
+    return by_shared @ design.scale, by_pose, by_pose[:, :, 3:]
+
+
+def _in_picture(design: Design, points: np.ndarray) -> np.ndarray:
+    pixels, valid = design.camera.project(points)
+    return valid & design.camera.in_picture(pixels)
+
+
+def mean_square(functional: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """(...) mean over the points (n, 2, p) of their squared error, m², under information (..., p, p) with the prior."""
+    flat = functional.reshape(-1, functional.shape[-1])
+    form = flat.T @ flat / len(functional)
+    whole = information + np.eye(form.shape[0])
+    return np.trace(np.linalg.solve(whole, np.broadcast_to(form, whole.shape)), axis1=-2, axis2=-1)
+
+
+def pulled_square(functional: np.ndarray, information: np.ndarray, pull: np.ndarray) -> float:
+    """Mean square, m², by which points on the plane (n, 2, p) would move if the richer lens of the design were taken.
+
+    pull : (p,) of all views. Where the lens that was chosen is right, it is no more than `mean_square` says.
+    """
+    step = np.linalg.solve(information + np.eye(len(information)), pull)
+    return float(np.mean(np.sum((functional @ step) ** 2, axis=1)))
+
+
+_NOMINAL_SIGMA_PX = 0.2
+_LEAST_SIGMA_PX = 0.02
+_NOMINAL_MODEL = "radial"
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """What the pictures so far are worth.
+
+    Attributes
+    ----------
+    design : the lens they are judged about. information : (p, p) of all of them, in its coordinates, without the prior.
+    pull : (p,) by how much they ask for another lens of the design, in units of information.
+    pictures : how many it rests on. solved : whether it is a solution or a nominal lens.
+    inflation : by how much the pictures contradict each other more than their noise explains, at least 1.
+    doubt : what forbids to call it enough, in words; empty where nothing does.
+    """
+
+    design: Design
+    information: np.ndarray
+    pull: np.ndarray
+    pictures: int
+    solved: bool
+    inflation: float
+    doubt: str
+
+
+def with_a_lens(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> Taken:
+    """Of the views that a lens rests on, without their outliers."""
+    camera, by_name = solution.camera, {view.name: view for view in views}
+    intrinsics = camera.parameters
+    points, rise, observations, poses = corner_points(spec), bend(spec), [], []
+    for used in solution.views:
+        view = by_name[used.name]
+        good = ~np.isin(view.ids, used.outlier_ids)
+        ids = view.ids[good]
+        observations.append(Observation(points[ids], view.corners_px[good], rise[ids]))
+        poses.append(used.T_camera_board.vector)
+    sigma = _sigma_px(solution, sum(len(view.pixels) for view in observations))
+    sagittas = solution.board_flex.sagittas_m if solution.board_flex.used else None
+    design = design_about(solution.model, intrinsics, camera.image_size, sigma, spec, sagittas)
+    blocks, pulls = view_blocks(design, np.array(poses), observations)
+    chosen = next((row for row in solution.comparison if row.model == solution.model), None)
+    disagree = chosen is not None and not chosen.halves_agree and chosen.halves is not None
+    inflation = max(1.0, float(chosen.halves)) if disagree and chosen is not None and chosen.halves else 1.0
+    doubt = "the lens folds inside the picture: pictures with the board near the border are missing"
+    whole = blocks.sum(axis=0), pulls.sum(axis=0)
+    return Taken(design, *whole, len(poses), True, inflation, "" if solution.monotonic else doubt)
+
+
+def _sigma_px(solution: LensSolution, corners: int) -> float:
+    """Per axis, from the residuals and what the solve could fit away."""
+    free = 2 * corners - 6 * len(solution.views) - len(solution.camera.parameter_names)
+    return max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(free, 1))))
+
+
+def before_a_lens(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> Taken:
+    """Of views that are too few for a lens, under a nominal one."""
+    intrinsics = nominal_intrinsics(image_size)
+    design = design_about(_NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, spec)
+    usable = usable_views(views, spec, MIN_CORNERS)[0] if views else []
+    points = corner_points(spec)
+    observations = [Observation(points[view.ids], view.corners_px) for view in usable]
+    count = design.scale.shape[1]
+    if not observations:
+        return Taken(design, np.zeros((count, count)), np.zeros(count), 0, False, 1.0, "")
+    blocks, pulls = view_blocks(design, start_poses(intrinsics, observations), observations)
+    return Taken(design, blocks.sum(axis=0), pulls.sum(axis=0), len(usable), False, 1.0, "")

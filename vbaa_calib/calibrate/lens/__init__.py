@@ -1,0 +1,1 @@
+"""Camera intrinsics from views of the board."""

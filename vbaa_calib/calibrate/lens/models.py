@@ -1,0 +1,236 @@
+"""A lens held from folding: the slope of its radial curve is kept up as far as the picture's corner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from vbaa_calib.camera import Camera
+
+OPENCV_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+FISHEYE_NAMES = ("k1", "k2", "k3", "k4")
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """A lens model: which distortion coefficients it has, and which of them are free.
+
+    Attributes
+    ----------
+    name : as `--model` takes it.
+    camera_model : "opencv" or "fisheye".
+    distortion_count : coefficients stored, in OpenCV's order.
+    free : indices of those that are solved for; the others stay zero.
+    simpler : the model whose solution is a good start for this one.
+    """
+
+    name: str
+    camera_model: str
+    distortion_count: int
+    free: tuple[int, ...]
+    simpler: str | None
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """fx, fy, cx, cy, then the distortion in OpenCV's order."""
+        names = FISHEYE_NAMES if self.camera_model == "fisheye" else OPENCV_NAMES
+        return ("fx", "fy", "cx", "cy", *names[: self.distortion_count])
+
+
+LENS_MODELS = {
+    model.name: model
+    for model in (
+        LensModel("none", "opencv", 0, (), None),
+        LensModel("radial", "opencv", 4, (0, 1), "none"),
+        LensModel("opencv4", "opencv", 4, (0, 1, 2, 3), "radial"),
+        # from the solution without k3: a free k3 from a cold start ends far from the minimum on long lenses
+        LensModel("opencv5", "opencv", 5, (0, 1, 2, 3, 4), "opencv4"),
+        # from the fisheye, whose curve is smooth: from polynomials it often ends with a pole inside the picture
+        LensModel("rational", "opencv", 8, tuple(range(8)), "fisheye"),
+        LensModel("thin", "opencv", 12, tuple(range(12)), "rational"),
+        LensModel("tilted", "opencv", 14, tuple(range(14)), "thin"),
+        LensModel("fisheye", "fisheye", 4, (0, 1, 2, 3), None),
+    )
+}
+"""By name, from simple to rich."""
+
+Projection = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+def camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
+    """(3, 3) camera matrix from (fx, fy, cx, cy, *distortion)."""
+    fx, fy, cx, cy = intrinsics[:4]
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def _project_opencv(
+    points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    distortion = intrinsics[4:] if len(intrinsics) > 4 else np.zeros(4)
+    pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], camera_matrix(intrinsics), distortion)
+    return pixels.reshape(-1, 2), jacobian[:, 6 : 6 + len(intrinsics)], jacobian[:, :6]
+
+
+def _project_fisheye(
+    points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    pixels, jacobian = cv2.fisheye.projectPoints(
+        points.reshape(-1, 1, 3),
+        pose[:3].reshape(3, 1),
+        pose[3:].reshape(3, 1),
+        camera_matrix(intrinsics),
+        intrinsics[4:].reshape(4, 1),
+    )
+    return pixels.reshape(-1, 2), jacobian[:, :8], jacobian[:, 8:14]
+
+
+PROJECTIONS: dict[str, Projection] = {"opencv": _project_opencv, "fisheye": _project_fisheye}
+"""Camera model → projection of points (N, 3), pose (6,) = rotation vector and translation, intrinsics (4 + k,), to
+pixels (N, 2) and the derivatives of the interleaved pixels by intrinsics (2N, 4 + k) and by the pose (2N, 6)."""
+
+
+def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
+    """The camera of intrinsics (fx, fy, cx, cy, *distortion), without a covariance."""
+    return Camera(model.camera_model, image_size, camera_matrix(intrinsics), intrinsics[4:])
+
+
+_NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}
+_DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
+_SAMPLES = 160
+_FURTHEST_PER_CORNER = 4.0
+_BEYOND_CORNER = 1.02
+_WIDEST_RAD = 1.5
+_POLE = 1e-3
+_NEARLY, _BEFORE_POLE, _FAR = 0.02, 0.95, 1e-6
+
+
+@dataclass(frozen=True)
+class Unfolding:
+    """What is added to a cost so that the lens does not fold inside the picture.
+
+    Attributes
+    ----------
+    least_slope : of the distorted radius by the ideal one (by the angle, for a fisheye), wherever the picture reaches.
+    weight_px2 : cost of a slope of nil at one of the radii looked at.
+    image_size : (width, height) px.
+    """
+
+    least_slope: float
+    weight_px2: float
+    image_size: tuple[int, int]
+
+    def rows(self, model: LensModel, intrinsics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (m,) px of the radii where the slope is too small, their negative derivatives (m, 4 + k)."""
+        reach = corner_radius(intrinsics, self.image_size)
+        furthest = _FURTHEST_PER_CORNER * reach
+        radii = np.linspace(0.0, min(furthest, np.pi) if model.camera_model == "fisheye" else furthest, _SAMPLES)
+        curve, slope, by_distortion = radial_curve(model, intrinsics[4:], radii)
+        # what lies beyond the picture may do as it likes
+        within = np.concatenate([[True], np.maximum.accumulate(curve)[:-1] < reach])
+        short = within & (slope < self.least_slope)
+        scale = np.sqrt(self.weight_px2) / self.least_slope
+        by_lens = np.zeros((int(short.sum()), len(intrinsics)))
+        by_lens[:, 4:] = scale * by_distortion[short]
+        return scale * (self.least_slope - slope[short]), by_lens
+
+
+def radial_curve(
+    model: LensModel, distortion: np.ndarray, radii: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distorted radius (m,) at ideal radii (m,), its slope (m,), and the slope's derivatives (m, k)."""
+    top = [index for index in _NUMERATOR[model.camera_model] if index < len(distortion)]
+    bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(distortion)]
+    numerator, by_numerator = _even_polynomial(distortion[top], radii)
+    denominator, by_denominator = _even_polynomial(distortion[bottom], radii)
+    denominator = np.where(np.abs(denominator) < _POLE, _POLE, denominator)
+    ratio = numerator / denominator
+    turning = (by_numerator - ratio * by_denominator) / denominator
+    by_distortion = np.zeros((len(radii), len(distortion)))
+    for power, index in enumerate(top, start=1):
+        term = radii ** (2 * power)
+        by_distortion[:, index] = ((2 * power + 1) - radii * by_denominator / denominator) * term / denominator
+    for power, index in enumerate(bottom, start=1):
+        term = radii ** (2 * power)
+        own = (2 * power + 1) * ratio + radii * (turning - ratio * by_denominator / denominator)
+        by_distortion[:, index] = -own * term / denominator
+    return radii * ratio, ratio + radii * turning, by_distortion
+
+
+def _even_polynomial(coefficients: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """1 + c₁r² + c₂r⁴ + … and its derivative by r, (m,) each."""
+    value, slope = np.ones_like(radii), np.zeros_like(radii)
+    for power, coefficient in enumerate(coefficients, start=1):
+        value = value + coefficient * radii ** (2 * power)
+        slope = slope + 2 * power * coefficient * radii ** (2 * power - 1)
+    return value, slope
+
+
+def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
+    """Distorted radius of the corner of a (width, height) picture that is furthest from the axis, and 2 % more.
+
+    intrinsics : (4 + k,); decentring, which moves the corner a little, is left out.
+    """
+    fx, fy, cx, cy = intrinsics[:4]
+    x = np.array([-0.5, image_size[0] - 0.5]) - cx
+    y = np.array([-0.5, image_size[1] - 0.5]) - cy
+    return _BEYOND_CORNER * float(np.hypot(np.abs(x).max() / fx, np.abs(y).max() / fy))
+
+
+def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
+    """Whether every pixel of the picture has a ray of its own (`Camera.valid_region`), and none lies beside a pole.
+
+    A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
+    directions to one pixel.
+    """
+    if _pole_in_sight(model, intrinsics, image_size):
+        return False
+    return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
+
+
+def _pole_in_sight(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
+    """Whether the radial curve has a pole, or nearly one, before it has left the picture or just beyond.
+
+    A pole with a zero beside it is narrower than any sampling of the curve, and which of the two comes first is often
+    decided by the last digits of the corners.
+    """
+    bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
+    coefficients = intrinsics[4:][bottom]
+    if not np.isfinite(coefficients).all():
+        return True
+    # of one over the radius' square, so that small coefficients do no harm
+    inverses = np.roots([1.0, *coefficients])
+    squares = 1.0 / inverses[np.abs(inverses) > _FAR]
+    near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
+    if not len(near):
+        return False
+    before = np.linspace(0.0, _BEFORE_POLE * np.sqrt(near.min()), _SAMPLES)
+    return bool(radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size))
+
+
+def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
+    """(12,) intrinsics of a rational lens that follows a fisheye's curve over the picture, without a pole.
+
+    A rational lens that is solved from another start often has a pole beside a nil, just beyond the corners seen. None
+    where the fisheye sees more than 86° off its axis or folds.
+    """
+    reach = corner_radius(intrinsics, image_size)
+    angles = np.linspace(0.0, _WIDEST_RAD, _SAMPLES)
+    curve, slope, _ = radial_curve(fisheye, intrinsics[4:], angles)
+    seen = angles < angles[np.argmax(curve >= reach)]
+    if not seen.any() or np.any(slope[seen] <= 0.0):
+        return None
+    radii = np.tan(angles[seen][1:])
+    ratio, square = curve[seen][1:] / radii, radii**2
+    powers = square[:, None] ** np.arange(1, 4)
+    # near the axis all is well anyhow; far out the powers would rule
+    weight = 1.0 / (1.0 + square)
+    design = np.hstack([powers, -ratio[:, None] * powers]) * weight[:, None]
+    lowest = np.array([-np.inf] * 3 + [0.0] * 3)
+    found = lsq_linear(design, (ratio - 1.0) * weight, bounds=(lowest, np.inf)).x
+    distortion = np.zeros(8)
+    distortion[[*_NUMERATOR["opencv"], *_DENOMINATOR["opencv"]]] = found
+    return np.concatenate([intrinsics[:4], distortion])

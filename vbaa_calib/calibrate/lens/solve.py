@@ -1,0 +1,235 @@
+"""From all corners to one lens: outliers, the bend of the board, and the lens model are decided together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .board_flex import BoardFlex, judge_flex
+from .bundle import Bundle, Observation, free_directions, polished
+from .information import Information, information
+from .initialization import fit_lens, rough_lens, unfolded
+from .models import LENS_MODELS, LensModel, is_monotonic
+from .outliers import Inliers, fit_without_outliers, refined_robustly
+from .validation import AGREE, Halves, compare_halves, excess_in_errors, held_out_squares, rms_over
+
+CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
+"""What `auto` compares, from simple to rich. Thin-prism and tilted lenses must be asked for by name."""
+
+_CENTRED, _DECENTRED = ("none", "radial"), "opencv4"
+_EXCESS, _SMALL_EXCESS = 1.0, 2.0
+_NEGLIGIBLE, _SMALL = 1.002, 1.05
+_AGREEMENT_MAY_COST = 1.005
+_CLEARLY = 1.01
+_MONOTONIC_MAY_COST = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """How one lens model does.
+
+    Attributes
+    ----------
+    model : its name. free_parameters : of the lens, focal lengths and principal point included.
+    rms_px : over the corners it was fitted to. held_out_rms_px : over views that only had their poses fitted.
+    monotonic : whether it maps the whole picture without folding.
+    halves : how far the lenses of two halves of the views differ (`Halves.deviations`), and halves_p_value the chance
+        of that; None where they cannot be compared.
+    """
+
+    model: str
+    free_parameters: int
+    rms_px: float
+    held_out_rms_px: float
+    monotonic: bool
+    halves: float | None = None
+    halves_p_value: float | None = None
+
+    @property
+    def halves_agree(self) -> bool:
+        """Whether the halves differ no more than predicted, or cannot be compared."""
+        return self.halves_p_value is None or self.halves_p_value >= AGREE
+
+
+def assess(
+    model: LensModel,
+    bundle: Bundle,
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    directions: np.ndarray,
+    known: Information,
+) -> tuple[Candidate, np.ndarray]:
+    """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
+    squares = held_out_squares(model, bundle, observations, directions, known)
+    halves: Halves | None = compare_halves(model, bundle.intrinsics, known, image_size)
+    candidate = Candidate(
+        model=model.name,
+        free_parameters=directions.shape[1] - int(np.any(directions[-2:] != 0.0, axis=0).sum()),
+        rms_px=bundle.rms_px,
+        held_out_rms_px=rms_over(squares, observations),
+        monotonic=is_monotonic(model, bundle.intrinsics, image_size),
+        halves=None if halves is None else halves.deviations,
+        halves_p_value=None if halves is None else halves.p_value,
+    )
+    return candidate, squares
+
+
+def choose_lens(
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    square_pixels: bool = False,
+    flex: bool = False,
+    warm: Mapping[str, Bundle] | None = None,
+) -> tuple[LensModel, Bundle, tuple[Candidate, ...]]:
+    """The lens model that the views ask for, its solution, and the comparison it rests on.
+
+    Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. Taken is
+    the first in order of complexity whose held-out error is within one standard error (over views) of the best, two
+    where that is under 5 %, or within 0.2 %. A lens without decentring must also beat the one with it, by over 1 %.
+    Models that fold inside the picture are passed over unless every other is 10 % worse, those whose halves disagree
+    unless every other is 0.5 % worse; one that the views leave open is left out.
+
+    warm : solutions by model name for nearly the same corners, to start from.
+    """
+    fits: dict[str, Bundle] = {}
+    errors, candidates = {}, []
+    for name in CANDIDATES:
+        model, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex)
+        bundle = fit_lens(model, observations, image_size, square_pixels, flex, {**fits, **(warm or {})})
+        fits[name] = bundle = unfolded(model, bundle, observations, directions, image_size)
+        known = information(model, bundle, observations, directions)
+        if known is None:
+            continue
+        candidate, errors[name] = assess(model, bundle, observations, image_size, directions, known)
+        candidates.append(candidate)
+    chosen = _simplest_good(candidates, errors) if candidates else CANDIDATES[0]
+    return LENS_MODELS[chosen], fits[chosen], tuple(candidates)
+
+
+def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:
+    allowed = _unless_too_dear(candidates, [c for c in candidates if c.monotonic], _MONOTONIC_MAY_COST)
+    allowed = _unless_too_dear(allowed, [c for c in allowed if c.halves_agree], _AGREEMENT_MAY_COST)
+    rows = {candidate.model: candidate for candidate in allowed}
+    best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
+    for candidate in allowed:
+        own = errors[candidate.model]
+        if candidate.model in _CENTRED and _DECENTRED in rows and not _may_be_centred(candidate, rows, errors):
+            continue
+        loss = candidate.held_out_rms_px / best.held_out_rms_px
+        tolerated = _SMALL_EXCESS if loss <= _SMALL else _EXCESS
+        if loss <= _NEGLIGIBLE or excess_in_errors(own, errors[best.model]) <= tolerated:
+            return candidate.model
+    return best.model
+
+
+def _may_be_centred(candidate: Candidate, rows: Mapping[str, Candidate], errors: Mapping[str, np.ndarray]) -> bool:
+    """Every lens is a little off its axis: to deny that takes evidence, and more than chance gives."""
+    worse = rows[_DECENTRED].held_out_rms_px > _CLEARLY * candidate.held_out_rms_px
+    return worse and excess_in_errors(errors[_DECENTRED], errors[candidate.model]) > _EXCESS
+
+
+def _unless_too_dear(
+    every: Sequence[Candidate], preferred: Sequence[Candidate], may_cost: float
+) -> Sequence[Candidate]:
+    least = min(candidate.held_out_rms_px for candidate in every)
+    return preferred if any(candidate.held_out_rms_px <= may_cost * least for candidate in preferred) else every
+
+
+SCREENING = ("opencv5", "fisheye", "rational")
+"""Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
+
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class LensFit:
+    """A lens over the good corners, with all that was decided about it.
+
+    Attributes
+    ----------
+    inliers : the good corners among all observations. bundle : the solution over them, one pose for each good view.
+    information : of the corners at that solution; None where they leave the lens open.
+    comparison : the lens models that were assessed.
+    """
+
+    lens: LensModel
+    bundle: Bundle
+    inliers: Inliers
+    flex: BoardFlex
+    comparison: tuple[Candidate, ...]
+    information: Information | None
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """The good corners under a first lens, that lens' solution over them, and solutions of others to start from."""
+
+    lens: LensModel
+    inliers: Inliers
+    bundle: Bundle
+    warm: dict[str, Bundle]
+
+
+def screen(
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    model: str,
+    square_pixels: bool,
+    min_corners: int,
+) -> Screened:
+    """The good corners under the lens given, or under the best of `SCREENING` for "auto"; the board may be bent.
+
+    Which lens is best is told by the median corner of a robust fit, which outliers do not move.
+    """
+    known: dict[str, Bundle] = {}
+    robust = {}
+    for name in ("opencv4", *SCREENING) if model == "auto" else (model,):
+        lens, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex=True)
+        known[name] = rough_lens(lens, observations, image_size, square_pixels, known)
+        if name in SCREENING or name == model:
+            robust[name] = refined_robustly(lens, known[name], observations, directions)
+    best = min(robust, key=lambda name: robust[name].sigma_px)
+    lens, directions = LENS_MODELS[best], free_directions(LENS_MODELS[best], square_pixels, flex=True)
+    inliers, bundle = fit_without_outliers(lens, robust[best], observations, directions, min_corners)
+    warm = {name: replace(fit, poses=fit.poses[inliers.views]) for name, fit in (known | robust).items()}
+    return Screened(lens, inliers, bundle, warm)
+
+
+def decide(
+    start: Screened,
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    model: str,
+    square_pixels: bool,
+    min_corners: int,
+) -> LensFit:
+    """Bend of the board, lens model, and once more the outliers under them, until neither decision changes."""
+    lens, inliers, bundle, warm = start.lens, start.inliers, start.bundle, start.warm
+    comparison: tuple[Candidate, ...] = ()
+    decided, judged = None, None
+    for _ in range(_ROUNDS):
+        good = inliers.of(observations)
+        corners = sum(len(view.pixels) for view in good)
+        if judged != (lens.name, corners):
+            flex = judge_flex(lens, bundle, good, square_pixels)
+            judged = (lens.name, corners)
+        if decided == (lens.name, flex.used):
+            break
+        if model == "auto":
+            lens, bundle, comparison = choose_lens(good, image_size, square_pixels, flex.used, warm)
+        else:
+            bundle = fit_lens(lens, good, image_size, square_pixels, flex.used, {lens.name: bundle})
+        decided = (lens.name, flex.used)
+        directions = free_directions(lens, square_pixels, flex.used)
+        whole = [observations[index] for index in inliers.views]
+        within, bundle = fit_without_outliers(lens, bundle, whole, directions, min_corners, inliers.masks)
+        inliers = Inliers(inliers.views[within.views], within.masks)
+        warm = {name: replace(fit, poses=fit.poses[within.views]) for name, fit in warm.items()}
+    good = inliers.of(observations)
+    bundle = polished(lens, unfolded(lens, bundle, good, directions, image_size), good, directions)
+    known = information(lens, bundle, good, directions)
+    if model != "auto" and known is not None:
+        comparison = (assess(lens, bundle, good, image_size, directions, known)[0],)
+    return LensFit(lens, bundle, inliers, flex, comparison, known)

@@ -1,0 +1,121 @@
+"""What the covariance of a lens means in the picture: how far each pixel's ray may be off.
+
+A lens that is a little wrong and a camera that is a little turned look much the same. Who solves for the camera's pose
+with this lens, as every rig does, has that part taken up by the pose. `compensated` leaves out of the uncertainty what
+a turn of the camera explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vbaa_calib.camera import Camera
+from vbaa_calib.camera.projection import ray_derivatives
+from vbaa_calib.core.errors import InputError
+
+GRID = (17, 13)
+_COMPENSATING = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectionUncertainty:
+    """Over a grid of pixels.
+
+    Attributes
+    ----------
+    pixels : (R, C, 2). covariance_px2 : (R, C, 2, 2) of the projection of the fixed ray that each pixel has; NaN where
+        the lens has no ray.
+    """
+
+    pixels: np.ndarray
+    covariance_px2: np.ndarray
+
+    @property
+    def std_px(self) -> np.ndarray:
+        """(R, C) in the worst direction."""
+        values = np.full(self.pixels.shape[:-1], np.nan)
+        known = np.isfinite(self.covariance_px2).all(axis=(-1, -2))
+        values[known] = np.sqrt(np.linalg.eigvalsh(self.covariance_px2[known])[:, -1].clip(0.0))
+        return values
+
+
+def projection_uncertainty(
+    camera: Camera, compensated: bool = True, grid: tuple[int, int] = GRID
+) -> ProjectionUncertainty:
+    """Covariance of the projection over the whole picture, on `grid` = (columns, rows).
+
+    compensated : what a turn of the camera explains is left out.
+
+    Raises InputError when the camera has no covariance.
+    """
+    pixels = pixel_grid(camera.image_size, grid)
+    jacobian = projection_jacobian(camera, pixels)
+    if compensated:
+        jacobian = compensate(camera, pixels, jacobian)
+    return ProjectionUncertainty(pixels, _carried(jacobian, camera))
+
+
+def ray_covariance(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) covariance of the unit rays of fixed pixels (..., 2), rad²; of rank 2; NaN where there is no ray.
+
+    Raises InputError when the camera has no covariance.
+    """
+    moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
+    covariance = _carried(moved.by_parameter, camera)
+    return np.where(moved.valid[..., None, None], covariance, np.nan)
+
+
+def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = GRID) -> np.ndarray:
+    """(rows, columns, 2) pixels from border to border of a (width, height) picture, for `grid` = (columns, rows)."""
+    columns, rows = (np.linspace(-0.5, size - 0.5, count) for size, count in zip(image_size, grid, strict=True))
+    return np.stack(np.meshgrid(columns, rows), axis=-1)
+
+
+def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """(..., 2, 4 + k) how the projection of a fixed ray, the one of each pixel (..., 2), moves with the lens.
+
+    By the camera's (fx, fy, cx, cy, distortion); NaN where the pixel has no ray.
+    """
+    moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
+    jacobian = -_pseudo_inverse(moved.by_pixel, moved.valid) @ moved.by_parameter
+    return np.where(moved.valid[..., None, None], jacobian, np.nan)
+
+
+def turn_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """(..., 2, 3) how the projection of each pixel's ray moves when the ray is turned by a rotation vector, per rad."""
+    moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
+    x, y, z = np.moveaxis(moved.rays, -1, 0)
+    zero = np.zeros_like(x)
+    # ω × r = −[r]× ω
+    turned = -np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
+    return np.where(moved.valid[..., None, None], _pseudo_inverse(moved.by_pixel, moved.valid) @ turned, np.nan)
+
+
+def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """(..., 2, p) what is left of derivatives (..., 2, p) by p causes when the camera turns to meet each best.
+
+    Best is in the mean square over those pixels (..., 2) that have a ray.
+    """
+    turn = turn_jacobian(camera, pixels)
+    known = np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
+    left = np.full_like(jacobian, np.nan)
+    if known.any():
+        design = turn[known].reshape(-1, _COMPENSATING)
+        met = np.linalg.lstsq(design, jacobian[known].reshape(len(design), -1), rcond=None)[0]
+        left[known] = jacobian[known] - turn[known] @ met
+    return left
+
+
+def _pseudo_inverse(by_pixel: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """(..., 2, 3) from a tangent of the ray sphere to pixels."""
+    safe = np.where(valid[..., None, None], by_pixel, np.eye(3)[:, :2])
+    transposed = np.swapaxes(safe, -1, -2)
+    return np.linalg.solve(transposed @ safe, transposed)
+
+
+def _carried(jacobian: np.ndarray, camera: Camera) -> np.ndarray:
+    if camera.covariance is None:
+        raise InputError("the camera has no covariance", remedy="calibrate it with vbaa intrinsics")
+    return jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)

@@ -1,0 +1,1 @@
+"""Plane C from the free antenna over a board."""

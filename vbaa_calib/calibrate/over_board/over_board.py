@@ -1,0 +1,211 @@
+"""Plane C from the free antenna seen over a board that lies on it: the antenna's own axis and clamp make the frame.
+
+The board gives the plane: its normal, and its distance with the height of the antenna's axis above the print. The
+antenna gives the x axis, the direction of its clamped tangent in that plane, and the origin, its clamp: one known
+length back from its tip, or where the clamp's edge is marked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.antenna.session_rig import check_size
+from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.detect.board.view_quality import fixes_homography
+from vbaa_calib.detect.over_board.measure import BoardLine, find_over_board
+from vbaa_calib.detect.over_board.search import PlaneAbove
+from vbaa_calib.geometry import Pose
+
+from .fit import OverFit, OverProblem, solve_over
+from .free_antenna import (
+    ClampMark,
+    FreeAntenna,
+    Mark,
+    from_clamp,
+    nominal_free_antenna,
+    outermost,
+    refuse_moved,
+    refuse_scattered,
+    refuse_shadowed,
+    refuse_too_long,
+    refuse_touching,
+    see_with_lens,
+)
+
+__all__ = ["ClampMark", "FreeAntenna", "OverBoardSolution", "nominal_free_antenna", "solve_over_board"]
+
+WAY = "over board"
+_CORNER_REACH_PX = 12.0
+"""A corner this near to the antenna was sharpened in a window that shows the antenna."""
+_NAMED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class OverBoardSolution:
+    """The camera's pose by the antenna over the board.
+
+    Attributes
+    ----------
+    estimate : the pose and what it is worth. The frame is the antenna's own; a jig that holds the same frame only as
+        well as the clamp repeats differs by the clamp's scatter.
+    board : the board's pose, with the second solution that a plane allows.
+    line : the antenna in the picture, from clamp to tip.
+    fit : the numbers of the fit: covariance in the plane, scatter, where on the antenna the points lie.
+    """
+
+    estimate: PoseEstimate
+    board: BoardPose
+    line: BoardLine
+    fit: OverFit
+
+
+def solve_over_board(
+    images: Mapping[str, np.ndarray],
+    spec: BoardSpec,
+    camera: Camera,
+    antenna: FreeAntenna,
+    height_m: float,
+    height_std_m: float,
+    *,
+    guess: Pose | None = None,
+    clamp: ClampMark | None = None,
+    bright: bool | None = None,
+) -> OverBoardSolution:
+    """Pose of the camera from pictures of the free antenna over a board that lies on plane C.
+
+    Parameters
+    ----------
+    images : name → (H, W) uint8; camera, antenna and board stand still in all of them.
+    height_m, height_std_m : of the antenna's axis at the clamp above the print.
+    guess : a rough T_antenna_camera: only says which end is clamped, and to which side z points. Without it z points
+        to the camera's side, and the clamped end is the one at the mark, or else the one that leaves the picture.
+    clamp : the clamp's visible edge, where it is known.
+    bright : whether the antenna is brighter than black print; None: as the pictures show.
+
+    Raises
+    ------
+    InputError : no board, no antenna, one that touches the board or hides in its own shadow, one whose ends do not
+        tell which is clamped or do not fix its place, or pictures that do not agree.
+    SolveError : the antenna could not be fitted.
+    """
+    if not images:
+        raise InputError("there are no pictures of the antenna over the board", remedy="take one, or leave the way out")
+    toward = 1.0 if guess is None else float(np.sign(guess.translation_m[2]) or 1.0)
+    refuse_touching(antenna, height_m, toward)
+    for name, image in images.items():
+        check_size(image, camera, name)
+    views = [detect_corners(image, spec, name) for name, image in images.items()]
+    picture = _typical(list(images.values()))
+    board, line = _board_and_line(picture, views, spec, camera, antenna, height_m, bright)
+    refuse_moved(images, picture, line)
+    refuse_shadowed(line, _name(images))
+    plane = PlaneAbove(camera, board.T_camera_board, height_m)
+    line = from_clamp(line, plane, guess, clamp, _name(images))
+    refuse_too_long(line, plane, antenna, _name(images))
+    marks = _marks(line, camera, antenna, clamp, _name(images))
+    seen = see_with_lens(camera, line.points_px, line.sigma_px)
+    problem = OverProblem(seen, marks, board, height_m, height_std_m, antenna, toward)
+    fit = solve_over(problem, _start(line, plane, antenna, clamp))
+    refuse_scattered(fit.noise_scale, _name(images))
+    estimate = PoseEstimate(WAY, fit.T_antenna_camera, fit.covariance, fit.lens_sensitivity)
+    return OverBoardSolution(estimate, board, line, fit)
+
+
+def _name(images: Mapping[str, np.ndarray]) -> str:
+    names = list(images)
+    return ", ".join(names[:_NAMED]) + (" …" if len(names) > _NAMED else "")
+
+
+def _typical(images: Sequence[np.ndarray]) -> np.ndarray:
+    """(H, W) float32: the pictures' median, whose noise is less and which one disturbed picture does not change."""
+    return np.median(np.stack(images), axis=0).astype(np.float32)
+
+
+def _board_and_line(
+    picture: np.ndarray,
+    views: Sequence[BoardView],
+    spec: BoardSpec,
+    camera: Camera,
+    antenna: FreeAntenna,
+    height_m: float,
+    bright: bool | None,
+) -> tuple[BoardPose, BoardLine]:
+    """Board and antenna, the board once more without the corners that the antenna runs past."""
+    board = _board(views, spec, camera)
+    line = _line(picture, board, views, spec, camera, antenna, height_m, bright)
+    reach = _CORNER_REACH_PX + 0.5 * line.width_px
+    clear = [_without(view, line.distance_px(view.corners_px) < reach) for view in views]
+    ids = np.unique(np.concatenate([view.ids for view in clear]))
+    if len(clear[0].ids) == len(views[0].ids) or not fixes_homography(corner_points(spec)[ids, :2]):
+        return board, line
+    board = _board(clear, spec, camera)
+    return board, _line(picture, board, views, spec, camera, antenna, height_m, line.bright)
+
+
+def _without(view: BoardView, covered: np.ndarray) -> BoardView:
+    kept = None if view.covariance_px2 is None else view.covariance_px2[~covered]
+    return replace(view, ids=view.ids[~covered], corners_px=view.corners_px[~covered], covariance_px2=kept)
+
+
+def _board(views: Sequence[BoardView], spec: BoardSpec, camera: Camera) -> BoardPose:
+    try:
+        return solve_board_pose(views, spec, camera)
+    except InputError as error:
+        what = error.what.replace("pictures of the jig", "pictures of the antenna over the board")
+        raise InputError(what, where=error.where, remedy=error.remedy) from None
+
+
+def _line(
+    picture: np.ndarray,
+    board: BoardPose,
+    views: Sequence[BoardView],
+    spec: BoardSpec,
+    camera: Camera,
+    antenna: FreeAntenna,
+    height_m: float,
+    bright: bool | None,
+) -> BoardLine:
+    line = find_over_board(picture, camera, board.T_camera_board, spec, height_m, antenna.diameter_m, bright)
+    if line is None:
+        raise InputError(
+            "no antenna is found over the board",
+            where=", ".join(view.name for view in views[:_NAMED]),
+            remedy="let it run across several squares; a white antenna shows over black, a dark one over white",
+        )
+    return line
+
+
+def _marks(line: BoardLine, camera: Camera, antenna: FreeAntenna, clamp: ClampMark | None, where: str) -> list[Mark]:
+    marks = []
+    tip = line.ends[1]
+    if tip is not None:
+        seen = see_with_lens(camera, tip.point_px[None], np.array([tip.std_px]))
+        marks.append(Mark(-1, seen, antenna.length_std_m))
+    if clamp is not None:
+        marks.append(Mark(0, see_with_lens(camera, clamp.point_px[None], np.array([clamp.std_px])), 0.0))
+    if not marks:
+        raise InputError(
+            "the antenna's tip is not in the picture, and its clamp is not marked",
+            where=where,
+            remedy="bring the tip into the picture, or mark the clamp's edge",
+        )
+    return marks
+
+
+def _start(line: BoardLine, plane: PlaneAbove, antenna: FreeAntenna, clamp: ClampMark | None) -> np.ndarray:
+    """(3,) angle and clamp as if the antenna were straight."""
+    ends = plane.to_plane(outermost(line))[0]
+    along = np.diff(ends, axis=0)[0]
+    unit = along / np.linalg.norm(along)
+    origin = ends[1] - antenna.length_m * unit
+    if line.ends[1] is None and clamp is not None:
+        origin = plane.to_plane(clamp.point_px[None])[0][0]
+    return np.array([np.arctan2(unit[1], unit[0]), *origin])

@@ -1,0 +1,222 @@
+"""Plane C from a session, by every way that it holds, and whether they agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from targets.board import BoardSpec
+from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
+from vbaa_calib.calibrate.lens.board_flex import BoardFlex
+from vbaa_calib.calibrate.over_board.free_antenna import ClampMark, nominal_free_antenna
+from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
+from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
+from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, loosened, require_agreement
+from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import list_images, read_gray
+from vbaa_calib.detect.board.corners import BoardView, detect_files, detect_folder
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.geometry.independent_axes import conditioned
+from vbaa_calib.session import OverBoard, Session, has_over, has_sweep, read_sweep
+
+SIGHT_BIAS_PX = 0.02
+"""How far all corners may lie to one side of the antenna's centrelines: the board is measured on edges, the antenna on
+a line, and light and blur move them differently. On rendered pictures it is 0.015 px. It does not average out."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneC:
+    """The camera's pose by every way that was measured.
+
+    Attributes
+    ----------
+    estimates : one per way. differences : of every pair.
+    jig, sweep, over : what each way found, None where the session has not that way.
+    kinematics : the session's, with what the sweep found of the joints.
+    """
+
+    estimates: tuple[PoseEstimate, ...]
+    differences: tuple[Difference, ...]
+    jig: BoardPose | None
+    sweep: SweepSolution | None
+    over: OverBoardSolution | None
+    kinematics: Kinematics
+
+    @property
+    def by_antenna_alone(self) -> bool:
+        """Whether nothing but the antenna itself says where its frame is."""
+        return [estimate.way for estimate in self.estimates] == ["over board"]
+
+    @property
+    def boards(self) -> dict[str, BoardPose]:
+        """The boards whose single pose carries a way: each may have a second one that fits nearly as well."""
+        found = {} if self.jig is None else {"jig": self.jig}
+        return found if self.over is None else found | {"over board": self.over.board}
+
+    def to_dict(self) -> dict[str, Any]:
+        """For rig.json."""
+        return {
+            "ways": [
+                {
+                    "way": estimate.way,
+                    "T_antenna_camera": estimate.T_antenna_camera.to_dict(),
+                    "std": np.sqrt(np.diag(estimate.covariance)).tolist(),
+                }
+                for estimate in self.estimates
+            ],
+            "differences": [difference.to_dict() for difference in self.differences],
+            "boards": {
+                way: {"rms_px": board.rms_px, "second_solution_ratio": board.second_ratio}
+                for way, board in self.boards.items()
+            },
+            "sweep": self.sweep and _sweep_document(self.sweep),
+        }
+
+
+def _sweep_document(sweep: SweepSolution) -> dict[str, Any]:
+    return {
+        "rms_px": sweep.rms_px,
+        "pictures": sweep.pictures,
+        "left_out": [{"name": view.name, "reason": view.reason} for view in sweep.left_out],
+        "angle_std_rad": sweep.angle_std_rad,
+        "axes_free": sweep.axes_free,
+        "axis_skew_rad": sweep.axis_skew_rad,
+        "axis_skew_std_rad": sweep.axis_skew_std_rad,
+        "axis_offset_m": sweep.axis_offset_m,
+        "axis_offset_std_m": sweep.axis_offset_std_m,
+        "T_world_board": sweep.T_world_board.to_dict(),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneViews:
+    """What shows plane C, way by way; None where the session has not the way."""
+
+    jig: Sequence[BoardView] | None
+    sweep: Sequence[BoardView] | None
+    over: Mapping[str, np.ndarray] | None
+
+
+def picture_folders(session: Session) -> list[str]:
+    """The folders of the session whose pictures show plane C. Raises InputError when it shows it in no way."""
+    has = {"plane": session.T_antenna_board is not None, "sweep": has_sweep(session), "over": has_over(session)}
+    folders = [name for name, there in has.items() if there]
+    if not folders:
+        raise InputError(
+            "jig is missing, and nothing else says where the camera is on the antenna's base",
+            where=session.root / "session.yaml",
+            remedy="give jig.T_antenna_board, the pose of the board in the jig, or take a sweep/ or over/ "
+            "(docs/formats.md)",
+        )
+    return folders
+
+
+def read_views(session: Session) -> PlaneViews:
+    """Find the boards. Raises InputError where a picture shows none, or not the one described."""
+    folders, sweep = picture_folders(session), None
+    jig = detect_folder(session.root / "plane", session.board) if "plane" in folders else None
+    if "sweep" in folders:
+        sweep = detect_files([picture.image for picture in read_sweep(session)], session.board)
+    over = None
+    if "over" in folders:
+        over = {str(path): read_gray(path) for path in list_images(session.root / "over")}
+    return PlaneViews(jig, sweep, over)
+
+
+def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneViews) -> PlaneC:
+    """Plane C by every way.
+
+    flex : the bend of the board, as the lens' views show it. Raises InputError when ways contradict each other.
+    """
+    jig = sweep = over = None
+    estimates: list[PoseEstimate] = []
+    if views.jig is not None and session.T_antenna_board is not None:
+        jig = solve_board_pose(views.jig, session.board, camera, flex.bend)
+        std = session.jig_translation_std_m, session.jig_rotation_std_rad
+        estimates.append(jig_estimate(jig, session.T_antenna_board, *std))
+    if views.sweep is not None:
+        sweep = solve_sweep(
+            views.sweep, read_sweep(session), session.board, camera, session.kinematics, session.tilt_zero_std_rad
+        )
+        estimates.append(sweep.estimate)
+    if views.over is not None and session.over is not None:
+        over = _over(session, session.over, camera, views.over, estimates)
+        doubt = clamp_doubt(over, session.over, session.board) if estimates else None
+        estimates.append(over.estimate if doubt is None else loosened(over.estimate, *doubt))
+    estimates = [loosened(estimate, *sight_doubt(estimate, camera)) for estimate in estimates]
+    estimates = [loosened(estimate, *print_doubt(estimate, session)) for estimate in estimates]
+    apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
+    require_agreement(apart, session.root)
+    return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
+
+
+def _over(
+    session: Session, over: OverBoard, camera: Camera, images: Mapping[str, np.ndarray], known: Sequence[PoseEstimate]
+) -> OverBoardSolution:
+    rotation = session.kinematics.T_world_antenna(over.pan_rad, over.tilt_rad).rotation
+    antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
+    guess = fused(known) if known else None
+    mark = None if over.clamp_px is None else ClampMark(np.array(over.clamp_px), over.clamp_std_px)
+    height = over.height_m, over.height_std_m
+    return solve_over_board(images, session.board, camera, antenna, *height, guess=guess, clamp=mark)
+
+
+def clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (K, 6) and deviations (K,) in which the antenna's own frame may differ from that of jig and joints.
+
+    The antenna is clamped to within what a careful builder can be trusted with, and the board lies parallel to plane C
+    as well as its height is known at both its ends.
+    """
+    camera_m = found.estimate.T_antenna_camera.translation_m
+    turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
+    across = np.hstack([np.zeros((2, 4)), np.eye(2)])
+    half_m = 0.5 * board.square_m * min(board.squares_x, board.squares_y)
+    tilt = over.height_std_m / half_m
+    return np.vstack([turns, across]), np.array(
+        [tilt, tilt, CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M, CLAMP_OFFSET_STD_M]
+    )
+
+
+def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
+    turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
+    return turns, SIGHT_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
+
+
+def print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, np.ndarray]:
+    """Direction (1, 6) and deviation (1,): a print larger than measured puts the camera further away.
+
+    From the board in the jig; in a sweep and over a board from where the antenna's frame is.
+    """
+    camera_m = estimate.T_antenna_camera.translation_m
+    origin_m = np.zeros(3)
+    if estimate.way == "jig" and session.T_antenna_board is not None:
+        origin_m = session.T_antenna_board.translation_m
+    elif estimate.way == "sweep":
+        # the sweep sees the camera from the joints' crossing
+        origin_m = session.kinematics.T_actuator_antenna.inverse().translation_m
+    reach_m = camera_m - origin_m
+    return np.concatenate([np.zeros(3), reach_m])[None], np.array([session.print_scale_std])
+
+
+def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
+    """The session's, with axes and tilt's zero as sweep and all ways together have them, and what they leave open."""
+    if sweep is None:
+        return session.kinematics
+    swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)
+    both = [[swept.covariance, sweep.axes_with_pose.T], [sweep.axes_with_pose, sweep.axes_covariance]]
+    by_pose, left = conditioned(np.block(both), len(swept.covariance))
+    skew, offset, zero = by_pose @ fused(estimates).tangent_from(swept.T_antenna_camera)
+    return replace(
+        sweep.kinematics,
+        axis_skew_rad=sweep.kinematics.axis_skew_rad + skew,
+        axis_offset_m=sweep.kinematics.axis_offset_m + offset,
+        tilt_zero_rad=sweep.kinematics.tilt_zero_rad + zero,
+        axes_std=left,
+        axes_by_pose=by_pose,
+    )

@@ -1,0 +1,1 @@
+"""The camera pose from boards: jig, actuator sweep, and their fusion."""

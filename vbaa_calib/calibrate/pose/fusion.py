@@ -1,0 +1,129 @@
+"""Plane C by several ways: do they agree within their uncertainty, and what do they say together?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEstimate:
+    """The camera's pose by one way.
+
+    Attributes
+    ----------
+    way : its name, as reports print it.
+    T_antenna_camera : pose of the camera in the antenna frame.
+    covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the antenna frame, the lens
+        held fixed.
+    lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
+        lens' covariance C the whole covariance is `covariance + S C Sᵀ`.
+    """
+
+    way: str
+    T_antenna_camera: Pose
+    covariance: np.ndarray
+    lens_sensitivity: np.ndarray
+
+
+CONTRADICTION = 1e-4
+"""Ways that agree differ this much or more in one calibration of 10,000."""
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """How far two ways are apart.
+
+    Attributes
+    ----------
+    ways : their names.
+    step : (6,) from the first pose to the second, `Pose.retract`'s tangent. covariance : (6, 6) of it.
+    """
+
+    ways: tuple[str, str]
+    step: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def statistic(self) -> float:
+        """χ² with 6 degrees of freedom where both are right."""
+        std = np.sqrt(np.diag(self.covariance))
+        scaled = self.step / std
+        return float(scaled @ np.linalg.solve(self.covariance / np.outer(std, std), scaled))
+
+    @property
+    def p_value(self) -> float:
+        """How often ways that are both right differ as much."""
+        return float(chi2.sf(self.statistic, 6))
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the difference is within its uncertainty."""
+        return self.p_value > CONTRADICTION
+
+    def __str__(self) -> str:
+        turn, shift = 1e3 * np.linalg.norm(self.step[:3]), 1e3 * np.linalg.norm(self.step[3:])
+        size = np.sqrt(self.statistic / 6)
+        return f"{self.ways[0]} and {self.ways[1]} differ by {shift:.2f} mm and {turn:.2f} mrad, {size:.1f} std"
+
+    def to_dict(self) -> dict[str, Any]:
+        """For rig.json."""
+        return {
+            "ways": list(self.ways),
+            "shift_m": self.step[3:].tolist(),
+            "turn_rad": self.step[:3].tolist(),
+            "std": np.sqrt(np.diag(self.covariance)).tolist(),
+            "p_value": self.p_value,
+        }
+
+
+def differences(ways: Sequence[PoseEstimate], lens_covariance: np.ndarray) -> list[Difference]:
+    """Every pair of ways. What both share through the lens, whose covariance is (P, P), cancels."""
+    return [_difference(one, other, lens_covariance) for one, other in combinations(ways, 2)]
+
+
+def _difference(one: PoseEstimate, other: PoseEstimate, lens_covariance: np.ndarray) -> Difference:
+    covariance = one.covariance + other.covariance
+    if len(lens_covariance):
+        by_lens = other.lens_sensitivity - one.lens_sensitivity
+        covariance = covariance + by_lens @ lens_covariance @ by_lens.T
+    step = other.T_antenna_camera.tangent_from(one.T_antenna_camera)
+    return Difference((one.way, other.way), step, covariance)
+
+
+def require_agreement(found: Sequence[Difference], where: object) -> None:
+    """Raises InputError when ways contradict each other, naming the one that stands alone if there is one."""
+    apart = [difference for difference in found if not difference.agrees]
+    if not apart:
+        return
+    names = sorted({name for difference in found for name in difference.ways})
+    alone = [name for name in names if all((name in one.ways) != one.agrees for one in found)]
+    which = f"{alone[0]} stands alone" if len(alone) == 1 and len(names) > 2 else "one of them is wrong"
+    raise InputError(
+        f"the ways to plane C contradict each other: {'; '.join(map(str, apart))}: {which}",
+        where=where,
+        remedy="measure it again, or say in session.yaml what it is worth (jig.translation_std_m, "
+        "jig.rotation_std_rad, over.height_std_m), or take its folder away",
+    )
+
+
+def fused(ways: Sequence[PoseEstimate]) -> Pose:
+    """The pose that all ways together say for the lens as it is: where the joint solve starts."""
+    first = ways[0].T_antenna_camera
+    weights = [np.linalg.inv(way.covariance) for way in ways]
+    pulls = [weight @ way.T_antenna_camera.tangent_from(first) for weight, way in zip(weights, ways, strict=True)]
+    return first.retract(np.linalg.solve(np.sum(weights, axis=0), np.sum(pulls, axis=0)))
+
+
+def loosened(estimate: PoseEstimate, directions: np.ndarray, std: np.ndarray) -> PoseEstimate:
+    """The estimate with more doubt along directions (K, 6) of its tangent, of standard deviations (K,)."""
+    spread = directions.T * std
+    return replace(estimate, covariance=estimate.covariance + spread @ spread.T)

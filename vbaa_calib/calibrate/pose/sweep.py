@@ -1,0 +1,380 @@
+"""Plane C by the actuator sweep: both joints move camera and antenna in front of a board that is fixed in the world.
+
+What the pictures tell. Each shows where the camera stands relative to the board, and all of them together how each
+joint moves the camera. Pan alone gives one line in the camera frame, the pan axis: the camera's turn about it and its
+place along it stay open, for the unknown board can follow both. Tilt alone leaves the same open for the tilt axis. Two
+lines that are not parallel leave nothing open: their common perpendicular is the actuator frame's x, its foot on the
+tilt axis the origin. The angle between the lines and their distance are two numbers more than a pose needs: the joints'
+skew and offset. The least motion is a cross, pan and tilt moved one after the other, to either side of the middle.
+
+What they cannot tell.
+- The zero of the pan: turning world and board together about the pan axis changes no picture. It is the world's
+  heading, and the camera's pose on the antenna does not depend on it.
+- The zero of the tilt: an encoder that reads zero elsewhere turns the camera on the actuator about the tilt axis, and
+  changes no picture either. The covariance holds `tilt_zero_std_rad` along `tilt_zero_tangent`; another way to plane C,
+  fused with this one, finds the zero.
+- The sense of a joint: with the sign of all its angles turned round, a camera that is half a turn away on the actuator
+  fits the pictures as well. Only the comparison with another way shows it.
+- Where on the attachment the antenna is: that is T_actuator_antenna, from the session, taken as exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.stats import chi2
+
+from targets.board import BoardSpec
+from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.session import SweepPicture
+
+from .fusion import PoseEstimate
+from .sweep_model import AXES, CAMERA, SweepCorners, SweepState, linearise, start, turned_over
+from .sweep_solve import ALL_FREE, AXES_HELD, SweepFit, fit, inlying, robust
+
+LEAST_PICTURES = 5
+"""A cross: the middle, and either side of both joints. Three fix the pose, but of fewer than five nothing tells how far
+the readings scatter: with four, and 0.3 mrad, 14 of 120 sweeps were off by over six of their standard deviations."""
+
+_LEAST_TURN_RAD = 0.01
+_GROSS_PICTURE = 5.0
+_GROSS_LEAST_PX = 0.5
+_GROSS_ANGLE = 5.0
+_ROUNDS = 6
+_FEW_PICTURES = 8
+_NO_ENCODER_RAD = 5e-3  # joints at rest scatter less: such a misfit is one wrong row's
+_AGREE = 0.1
+_OWN_STEPS = 20
+_OWN_STEP_RAD = 0.2
+_OWN_FIT_PX = 5.0
+_CROSS = "take a cross at least: the middle, pan to either side, tilt to either side, by 0.1 rad and more"
+_MEND = "look the rows through; the board must not move, the joints be at rest, the angles in radians"
+
+
+def usable_pictures(
+    views: Sequence[BoardView], pictures: Sequence[SweepPicture], spec: BoardSpec, camera: Camera
+) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
+    """Views that fix the board's pose, their readings, and the others with the reason.
+
+    Raises InputError when too few are left, or a picture has another size than the lens was calibrated at.
+    """
+    for view in views:
+        if view.image_size != tuple(camera.image_size):
+            was, is_ = (f"{size[0]}x{size[1]} px" for size in (camera.image_size, view.image_size))
+            raise InputError(
+                f"is {is_}, the lens was calibrated at {was}",
+                where=view.name,
+                remedy="take all pictures at one resolution",
+            )
+    usable, dropped = usable_views(views, spec, 0)
+    places = [next(i for i, view in enumerate(views) if view is one) for one in usable]
+    if len(usable) < LEAST_PICTURES:
+        raise InputError(
+            f"{len(usable)} pictures of the sweep show the board, at least {LEAST_PICTURES} are needed", remedy=_CROSS
+        )
+    return usable, [pictures[place] for place in places], dropped
+
+
+def refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
+    """Raises InputError unless both joints moved in the pictures that can be used."""
+    spans = {
+        "pan": np.ptp([reading.pan_rad for reading in readings]),
+        "tilt": np.ptp([reading.tilt_rad for reading in readings]),
+    }
+    still = [name for name, span in spans.items() if span < _LEAST_TURN_RAD]
+    if len(still) == 2:
+        raise InputError("neither joint moved in the pictures of the sweep", remedy=_CROSS)
+    if still:
+        moved = "tilt" if still == ["pan"] else "pan"
+        raise InputError(
+            f"only the {moved} moved in the sweep: the camera's turn about the {moved} axis and its place along it "
+            "stay open",
+            remedy=f"add pictures with the {still[0]} turned by 0.1 rad and more",
+        )
+
+
+def which_pictures(
+    camera: Camera, state: SweepState, corners: SweepCorners
+) -> tuple[SweepState, np.ndarray, np.ndarray]:
+    """A robust state, which pictures it explains (P,) bool, and by how much it misses each (P,) px.
+
+    A picture is taken back where its angles are no further off than those of the others scatter.
+
+    Raises InputError when the angles belong to hardly more than half of the pictures, or one row is wrong and nothing
+    tells which.
+    """
+    state = _settled(camera, state, corners)
+    kept = np.ones(corners.pictures, bool)
+    for _ in range(_ROUNDS):
+        state, residuals = robust(camera, state, corners, kept[corners.picture], ALL_FREE)
+        error = _missed_px(residuals, corners)
+        before, kept = kept, error <= max(_GROSS_PICTURE * float(np.median(error[kept])), _GROSS_LEAST_PX)
+        if np.array_equal(kept, before):
+            break
+    kept = _taken_back(camera, state, corners, kept)
+    if LEAST_PICTURES <= kept.sum() <= _FEW_PICTURES:
+        state, kept = _without_the_odd_one(camera, state, corners, kept)
+    if kept.sum() < max(LEAST_PICTURES, 0.6 * corners.pictures):
+        what = f"the angles of sweep.csv explain {kept.sum()} of {corners.pictures} pictures, too few"
+        raise InputError(what, remedy=_MEND)
+    return state, kept, _missed_px(linearise(camera, state, corners).residuals_px, corners)
+
+
+def _settled(camera: Camera, state: SweepState, corners: SweepCorners) -> SweepState:
+    """A robust state from a start, whichever way the board leans; with the axes where they are given."""
+    every = np.ones(len(corners.pixels), bool)
+    first = robust(camera, state, corners, every, AXES_HELD)
+    other = robust(camera, turned_over(first[0], corners), corners, every, AXES_HELD)
+    return min((first, other), key=lambda one: float(np.linalg.norm(one[1], axis=1).sum()))[0]
+
+
+def _missed_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarray:
+    distance = np.linalg.norm(residuals, axis=1)
+    return np.array([np.median(distance[corners.picture == index]) for index in range(corners.pictures)])
+
+
+def _taken_back(camera: Camera, state: SweepState, corners: SweepCorners, kept: np.ndarray) -> np.ndarray:
+    readings = np.stack([corners.pan_rad, corners.tilt_rad], axis=1)
+    for _ in range(_ROUNDS):
+        if kept.all():
+            break
+        found, _ = inlying(camera, state, corners, kept[corners.picture], ALL_FREE)
+        back = kept.copy()
+        for index in np.flatnonzero(~kept):
+            angles = _own_angles(camera, found.state, corners, int(index))
+            if angles is not None:
+                back[index] = np.abs(angles - readings[index]).max() <= _GROSS_ANGLE * found.angle_std_rad
+        if np.array_equal(back, kept):
+            break
+        state, kept = found.state, back
+    return kept
+
+
+def _without_the_odd_one(
+    camera: Camera, state: SweepState, corners: SweepCorners, kept: np.ndarray
+) -> tuple[SweepState, np.ndarray]:
+    """Leaves out the picture without which the angles of the others agree.
+
+    Among few pictures one wrong row bends the fit so far that all seem a little off.
+    """
+    whole, _ = inlying(camera, state, corners, kept[corners.picture], ALL_FREE)
+    if whole.angle_std_rad < _NO_ENCODER_RAD:
+        return whole.state, kept
+    places = np.arange(corners.pictures)
+    others = [kept & (places != index) for index in np.flatnonzero(kept)]
+    fits = [inlying(camera, state, corners, some[corners.picture], ALL_FREE)[0] for some in others]
+    agree = [i for i, found in enumerate(fits) if found.angle_std_rad < _AGREE * whole.angle_std_rad]
+    if len(agree) > 1:
+        raise InputError(
+            f"one row of sweep.csv is off by {whole.angle_std_rad:.2g} rad or more, and nothing tells which",
+            remedy="look them through, or take a few pictures more",
+        )
+    return (fits[agree[0]].state, others[agree[0]]) if agree else (whole.state, kept)
+
+
+def _own_angles(camera: Camera, state: SweepState, corners: SweepCorners, picture: int) -> np.ndarray | None:
+    """(2,) pan and tilt at which one picture's corners would fit a state best; None where no angles near by do."""
+    mine = corners.picture == picture
+    angles = np.array([corners.pan_rad[picture], corners.tilt_rad[picture]])
+    for _ in range(_OWN_STEPS):
+        alone = SweepCorners(
+            corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[:1], angles[1:]
+        )
+        moved = linearise(camera, state, alone)
+        design, left = moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel()
+        angles = angles + np.clip(np.linalg.lstsq(design, left, rcond=None)[0], -_OWN_STEP_RAD, _OWN_STEP_RAD)
+    error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
+    return angles if error < _OWN_FIT_PX else None
+
+
+def left_out_reason(
+    camera: Camera, state: SweepState, corners: SweepCorners, index: int, error_px: float, kinematics: Kinematics
+) -> str:
+    """Why a picture was left out, with the angles at which it would fit."""
+    what = f"its corners lie {error_px:.1f} px from where its angles put them"
+    angles = _own_angles(camera, state, corners, index)
+    if angles is None:
+        return f"{what}; did the board or the camera move?"
+    pan, tilt = angles[0], angles[1] - kinematics.tilt_zero_rad
+    row_tilt = corners.tilt_rad[index] - kinematics.tilt_zero_rad
+    return (
+        f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {corners.pan_rad[index]:.3f}, "
+        f"{row_tilt:.3f}"
+    )
+
+
+AXIS_SKEW_STD_RAD = 5e-3
+AXIS_OFFSET_STD_M = 5e-4
+"""How near to the given skew and offset a careful workshop keeps the axes. To hold them exactly there is not honest:
+0.3 mrad and 0.02 mm, which a good sweep hardly sees, then put the camera seven of its standard deviations off."""
+
+_ASKED_FOR = 0.05
+_LOOSE_RAD = 0.02
+_LOOSE_SHARE = 0.05
+_LOOSE_ANGLES_RAD = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class SweepSolution:
+    """What a sweep says.
+
+    Attributes
+    ----------
+    estimate : the camera's pose in the antenna frame. Its covariance holds the doubt about the tilt's zero.
+    tilt_zero_tangent : (6,) how that pose moves (`Pose.retract`'s tangent, antenna frame) for each radian by which
+        `Kinematics.tilt_zero_rad` is larger than was assumed.
+    tilt_zero_std_rad : the doubt that the covariance holds along it.
+    kinematics : as given, with the axes as solved.
+    axes_covariance : (3, 3) of skew, offset and tilt zero. axes_with_pose : (3, 6) their covariance with the estimate.
+    axes_free : whether the axes were solved without regard to where they were given, because the data contradict it.
+    axis_skew_rad, axis_offset_m : as the pictures alone show them, with their standard deviations.
+    T_world_board : pose of the board in the world.
+    rms_px : reprojection error over the corners used, angles put right.
+    corners, outliers : how many corners were used, and how many left out as wrong.
+    angle_std_rad : scatter of the joint angles' readings as the pictures show it; 0 where they count as exact.
+    pictures : how many were used. left_out : the others, each with its reason.
+    """
+
+    estimate: PoseEstimate
+    tilt_zero_tangent: np.ndarray
+    tilt_zero_std_rad: float
+    kinematics: Kinematics
+    axes_covariance: np.ndarray
+    axes_with_pose: np.ndarray
+    axes_free: bool
+    axis_skew_rad: float
+    axis_skew_std_rad: float
+    axis_offset_m: float
+    axis_offset_std_m: float
+    T_world_board: Pose
+    rms_px: float
+    corners: int
+    outliers: int
+    angle_std_rad: float
+    pictures: int
+    left_out: tuple[DroppedView, ...]
+
+
+def solve_sweep(
+    views: Sequence[BoardView],
+    pictures: Sequence[SweepPicture],
+    spec: BoardSpec,
+    camera: Camera,
+    kinematics: Kinematics,
+    tilt_zero_std_rad: float,
+) -> SweepSolution:
+    """The camera's pose in the antenna frame from a sweep.
+
+    Parameters
+    ----------
+    views : the board as each picture shows it. pictures : the joints' readings, in the same order.
+    kinematics : how the antenna is mounted. Its skew and offset count as known to within AXIS_SKEW_STD_RAD and
+        AXIS_OFFSET_STD_M, and not at all where the pictures contradict that (5 % level).
+    tilt_zero_std_rad : how well the tilt encoder's zero is known.
+
+    Raises
+    ------
+    InputError : too few usable pictures, only one joint moved, both too little, angles that do not belong to the
+        pictures, or a picture size that is not the camera's.
+    SolveError : the corners of hardly a picture are those of the board.
+    """
+    seen, readings, dropped = usable_pictures(views, pictures, spec, camera)
+    refuse_one_joint(readings)
+    corners = SweepCorners.of(seen, readings, spec, kinematics)
+    state, kept, error_px = which_pictures(camera, start(camera, corners, kinematics), corners)
+    refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])
+    free, used = inlying(camera, state, corners, kept[corners.picture], ALL_FREE)
+    chosen = _with_axes(camera, corners, free, used, kinematics)
+    _refuse_loose(chosen)
+    left_out = [
+        DroppedView(view.name, left_out_reason(camera, chosen.state, corners, index, error_px[index], kinematics))
+        for index, view in enumerate(seen)
+        if not kept[index]
+    ]
+    estimate, tangent, with_pose = _estimate(chosen, kinematics.T_actuator_antenna, tilt_zero_std_rad)
+    state, measured = chosen.state, free.state
+    skew_std, offset_std = np.sqrt(np.diag(free.covariance[AXES, AXES]))
+    return SweepSolution(
+        estimate=estimate,
+        tilt_zero_tangent=tangent,
+        tilt_zero_std_rad=tilt_zero_std_rad,
+        kinematics=replace(kinematics, axis_skew_rad=state.axis_skew_rad, axis_offset_m=state.axis_offset_m),
+        axes_covariance=block_diag(chosen.covariance[AXES, AXES], tilt_zero_std_rad**2),
+        axes_with_pose=with_pose,
+        axes_free=chosen is free,
+        axis_skew_rad=measured.axis_skew_rad,
+        axis_skew_std_rad=float(skew_std),
+        axis_offset_m=measured.axis_offset_m,
+        axis_offset_std_m=float(offset_std),
+        T_world_board=Pose(np.eye(3), kinematics.position_world_m) @ state.T_foot_board,
+        rms_px=float(np.sqrt(np.mean(np.sum(chosen.residuals_px[used] ** 2, axis=1)))),
+        corners=int(used.sum()),
+        outliers=int((kept[corners.picture] & ~used).sum()),
+        angle_std_rad=chosen.angle_std_rad,
+        pictures=int(kept.sum()),
+        left_out=(*dropped, *left_out),
+    )
+
+
+def _with_axes(
+    camera: Camera, corners: SweepCorners, free: SweepFit, used: np.ndarray, kinematics: Kinematics
+) -> SweepFit:
+    """The fit in which the axes are known to lie about where they were given, unless the data speak against it."""
+    given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
+    off = given - [free.state.axis_skew_rad, free.state.axis_offset_m]
+    spread = free.covariance[AXES, AXES] + np.diag(np.square([AXIS_SKEW_STD_RAD, AXIS_OFFSET_STD_M]))
+    if chi2.sf(off @ np.linalg.solve(spread, off), 2) < _ASKED_FOR:
+        return free
+    gain = free.covariance[:, AXES] @ np.linalg.inv(spread)
+    skew, offset = given - off + (gain @ off)[AXES]
+    held = fit(camera, replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), corners, used, AXES_HELD)
+    # Joseph's form: no difference of covariances
+    left, known = np.eye(len(gain)), np.diag(np.square([AXIS_SKEW_STD_RAD, AXIS_OFFSET_STD_M]))
+    left[:, AXES] -= gain
+    covariance = left @ free.covariance @ left.T + gain @ known @ gain.T
+    return replace(held, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[AXES])
+
+
+def _refuse_loose(found: SweepFit) -> None:
+    """Raises InputError where the moves were too small, or the angles too far off, to tell the pose."""
+    if found.angle_std_rad > _LOOSE_ANGLES_RAD:
+        raise InputError(
+            f"the angles of sweep.csv scatter by {found.angle_std_rad:.2g} rad about what the pictures show",
+            remedy="take every picture with the joints at rest, the board fixed and the angles in radians",
+        )
+    of_camera = found.covariance[CAMERA, CAMERA]
+    turn = float(np.sqrt(np.linalg.eigvalsh(of_camera[:3, :3])[-1]))
+    place = float(np.sqrt(np.linalg.eigvalsh(of_camera[3:, 3:])[-1]))
+    reach = float(np.linalg.norm(found.state.T_actuator_camera.translation_m - found.state.T_foot_board.translation_m))
+    if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach:
+        raise InputError(
+            f"the sweep leaves the camera's pose open to {turn:.2g} rad and {1e3 * place:.2g} mm",
+            remedy="turn pan and tilt further, each by itself, with the board large in the pictures",
+        )
+
+
+def _estimate(
+    found: SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float
+) -> tuple[PoseEstimate, np.ndarray, np.ndarray]:
+    """The camera in the antenna frame, how an error of the tilt's zero moves it, (6,) a radian, and its covariance
+    (3, 6) with skew, offset and zero."""
+    T_actuator_camera = found.state.T_actuator_camera
+    to_antenna = np.kron(np.eye(2), T_actuator_antenna.rotation.T)
+    tilt_axis = np.array([0.0, 1.0, 0.0])
+    tangent = to_antenna @ np.concatenate([tilt_axis, np.cross(tilt_axis, T_actuator_camera.translation_m)])
+    covariance = to_antenna @ found.covariance[CAMERA, CAMERA] @ to_antenna.T
+    estimate = PoseEstimate(
+        way="sweep",
+        T_antenna_camera=T_actuator_antenna.inverse() @ T_actuator_camera,
+        covariance=covariance + tilt_zero_std_rad**2 * np.outer(tangent, tangent),
+        lens_sensitivity=to_antenna @ found.by_lens[CAMERA],
+    )
+    of_axes = found.covariance[AXES, CAMERA] @ to_antenna.T
+    return estimate, tangent, np.vstack([of_axes, tilt_zero_std_rad**2 * tangent])

@@ -1,0 +1,255 @@
+"""What a sweep should look like: corners of a board fixed in the world, seen by a camera that two joints carry.
+
+p_camera = X⁻¹ · Ry(tilt) · Rx(−skew) · Trans(−offset along x) · Rz(−pan) · B · p_board with X = T_actuator_camera and
+B the board's pose in the world's directions, from where the pan axis is met by the axes' common perpendicular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import SolveError
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.view_quality import fixes_homography
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.session import SweepPicture
+
+from .board_pose import mirrored
+
+CAMERA, BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
+"""Columns of a step: tangents of X and of B, then axis skew and axis offset."""
+
+STATE = 14
+_OUT_OF_SIGHT_PX = 1e3
+_Y = np.array([0.0, 1.0, 0.0])
+_Z = np.array([0.0, 0.0, 1.0])
+_X = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, eq=False)
+class SweepCorners:
+    """All corners of all pictures, one after the other.
+
+    Attributes
+    ----------
+    points_m : (N, 3) board frame. pixels : (N, 2). picture : (N,) which picture each is of.
+    pan_rad, tilt_rad : (P,) readings of the P pictures, the tilt with its zero.
+    """
+
+    points_m: np.ndarray
+    pixels: np.ndarray
+    picture: np.ndarray
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
+
+    @staticmethod
+    def of(
+        views: Sequence[BoardView], pictures: Sequence[SweepPicture], spec: BoardSpec, kinematics: Kinematics
+    ) -> SweepCorners:
+        """From the board seen in every picture, and the joints' readings there."""
+        points = corner_points(spec)
+        return SweepCorners(
+            np.concatenate([points[view.ids] for view in views]),
+            np.concatenate([view.corners_px for view in views]),
+            np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
+            np.array([seen.pan_rad for seen in pictures]),
+            np.array([seen.tilt_rad for seen in pictures]) + kinematics.tilt_zero_rad,
+        )
+
+    @property
+    def pictures(self) -> int:
+        """How many pictures there are."""
+        return len(self.pan_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class SweepState:
+    """What is solved for."""
+
+    T_actuator_camera: Pose
+    T_foot_board: Pose
+    axis_skew_rad: float
+    axis_offset_m: float
+
+    def moved(self, step: np.ndarray) -> SweepState:
+        """By a step (14,) as CAMERA, BOARD and AXES split it."""
+        return SweepState(
+            self.T_actuator_camera.retract(step[CAMERA]),
+            self.T_foot_board.retract(step[BOARD]),
+            self.axis_skew_rad + float(step[12]),
+            self.axis_offset_m + float(step[13]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Residuals and their negative derivatives.
+
+    Attributes
+    ----------
+    residuals_px : (N, 2) observed less predicted; far off where the lens does not see the point.
+    by_state : (N, 2, 14). by_angles : (N, 2, 2) by the picture's own pan and tilt. by_lens : (N, 2, 4 + k).
+    """
+
+    residuals_px: np.ndarray
+    by_state: np.ndarray
+    by_angles: np.ndarray
+    by_lens: np.ndarray
+
+
+def turns_actuator_foot(corners: SweepCorners, axis_skew_rad: float) -> np.ndarray:
+    """(P, 3, 3) Ry(tilt)·Rx(−skew)·Rz(−pan): directions of the world seen from the moving attachment."""
+    tilt = Rotation.from_rotvec(corners.tilt_rad[:, None] * _Y)
+    pan = Rotation.from_rotvec(-corners.pan_rad[:, None] * _Z)
+    return (tilt * Rotation.from_rotvec(-axis_skew_rad * _X) * pan).as_matrix()
+
+
+def T_camera_foot(state: SweepState, corners: SweepCorners, picture: int) -> Pose:
+    """Where one picture's camera sees the foot on the pan axis, the world's directions."""
+    turn = turns_actuator_foot(corners, state.axis_skew_rad)[picture]
+    tilt = corners.tilt_rad[picture]
+    foot = -state.axis_offset_m * np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
+    return state.T_actuator_camera.inverse() @ Pose(turn, foot)
+
+
+def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> Linearised:
+    """Residuals and derivatives of all corners at a state."""
+    X, B = state.T_actuator_camera, state.T_foot_board
+    whole = turns_actuator_foot(corners, state.axis_skew_rad)
+    tilts = Rotation.from_rotvec(corners.tilt_rad[:, None] * _Y).as_matrix()
+    # directions of the foot frame, and of the frame between the joints, seen from the camera: (N, 3, 3)
+    camera_foot = (X.rotation.T @ whole)[corners.picture]
+    camera_tilted = (X.rotation.T @ tilts)[corners.picture]
+    lever = corners.points_m @ B.rotation.T
+    at_foot = lever + B.translation_m
+    at_actuator = np.einsum("nij,nj->ni", whole[corners.picture], at_foot)
+    at_actuator -= state.axis_offset_m * (tilts @ _X)[corners.picture]
+    points = (at_actuator - X.translation_m) @ X.rotation
+    pixels, by_lens, by_point = _projected(camera, points)
+    # moving a point by ω × q changes the pixel by g·(ω × q) = ω·(q × g)
+    by_actuator = by_point @ X.rotation.T
+    by_foot = np.einsum("nkj,njl->nkl", by_point, camera_foot)
+    by_tilted = np.einsum("nkj,njl->nkl", by_point, camera_tilted)
+    at_tilted = np.einsum("nji,nj->ni", tilts[corners.picture], at_actuator)
+    by_tilt = np.cross(at_actuator[:, None], by_actuator) @ _Y
+    by_state = np.concatenate(
+        [
+            -np.cross((at_actuator - X.translation_m)[:, None], by_actuator),
+            -by_actuator,
+            np.cross(lever[:, None], by_foot),
+            by_foot,
+            -np.cross(at_tilted[:, None], by_tilted)[..., :1],
+            -by_tilted[..., :1],
+        ],
+        axis=-1,
+    )
+    by_pan = -np.cross(at_foot[:, None], by_foot) @ _Z
+    by_angles = np.stack([by_pan, by_tilt], axis=-1)
+    return Linearised(corners.pixels - pixels, by_state, by_angles, by_lens)
+
+
+def _projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (N, 2) and their derivatives by the lens (N, 2, 4 + k) and by the point (N, 2, 3)."""
+    seen = camera.project(points)[1]
+    intrinsics = camera.parameters
+    ahead = np.where(seen[:, None], points, _Z)
+    pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), intrinsics)
+    mask = seen[:, None, None]
+    return (
+        np.where(seen[:, None], pixels, _OUT_OF_SIGHT_PX * 10),
+        np.where(mask, by_lens.reshape(len(points), 2, -1), 0.0),
+        np.where(mask, by_pose[:, 3:].reshape(-1, 2, 3), 0.0),
+    )
+
+
+T = TypeVar("T")
+
+_ROUNDS = 20
+_SHARP_RAD = 0.01
+_SHARP_M = 1e-3
+
+
+def start(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
+    """From the board's pose in each picture alone, pictures weighed so that a few wrong ones do not count.
+
+    With K the turn that the joints give a picture, R_X·R_camera_board = K·R_B holds for all of them, which is linear in
+    both rotations: they are the first singular vectors of the sum of the Kronecker products of the two known turns
+    (Shah 2013). The two places then follow from linear least squares.
+    """
+    poses, which = _board_poses(camera, corners)
+    if len(which) < 3:
+        raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
+    seen = np.array([pose.rotation for pose in poses])
+    known = turns_actuator_foot(corners, kinematics.axis_skew_rad)[which]
+
+    def turns(weights: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        X, B = _rotations(known, seen, weights)
+        return (X, B), np.linalg.norm(X @ seen - known @ B, axis=(1, 2))
+
+    X, B = _settled(turns, len(which), _SHARP_RAD)
+    offset = kinematics.axis_offset_m * np.stack(
+        [np.cos(corners.tilt_rad), np.zeros(corners.pictures), -np.sin(corners.tilt_rad)], axis=1
+    )
+    right = -offset[which] - np.array([pose.translation_m for pose in poses]) @ X.T
+    design = np.concatenate([np.broadcast_to(np.eye(3), known.shape), -known], axis=-1)
+
+    def places(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        root = np.sqrt(weights)[:, None]
+        both = np.linalg.lstsq((design * root[..., None]).reshape(-1, 6), (right * root).ravel(), rcond=None)[0]
+        return both, np.linalg.norm(design @ both - right, axis=1)
+
+    both = _settled(places, len(which), _SHARP_M)
+    return SweepState(Pose(X, both[:3]), Pose(B, both[3:]), kinematics.axis_skew_rad, kinematics.axis_offset_m)
+
+
+def turned_over(state: SweepState, corners: SweepCorners) -> SweepState:
+    """The same with the board leaning to the other side of the line of sight, which looks much alike."""
+    camera_foot = T_camera_foot(state, corners, 0)
+    other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
+    return replace(state, T_foot_board=camera_foot.inverse() @ other)
+
+
+def _settled(solve: Callable[[np.ndarray], tuple[T, np.ndarray]], count: int, sharp: float) -> T:
+    """The solution whose misfits (P,), not their squares, are least: by weights that go with one over the misfit."""
+    weights = np.ones(count)
+    for _ in range(_ROUNDS):
+        solution, misfit = solve(weights)
+        weights = 1.0 / np.maximum(misfit, sharp)
+    return solution
+
+
+def _rotations(known: np.ndarray, seen: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R_X and R_B, (3, 3), that bring R_X·seen and known·R_B closest together; known and seen (P, 3, 3)."""
+    product = np.einsum("p,pji,pkl->iljk", weights, known, seen).reshape(9, 9)
+    left, _, right = np.linalg.svd(product)
+    R_B, R_X = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
+    return _nearest_rotation(R_X), _nearest_rotation(R_B)
+
+
+def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
+    return left @ right
+
+
+def _board_poses(camera: Camera, corners: SweepCorners) -> tuple[list[Pose], np.ndarray]:
+    """T_camera_board by homography, picture by picture, and which pictures allow it."""
+    ideal, valid = camera.unproject_normalized(corners.pixels)
+    poses, which = [], []
+    for index in range(corners.pictures):
+        mine = valid & (corners.picture == index)
+        if mine.sum() < 4 or not fixes_homography(corners.points_m[mine, :2]):
+            continue
+        done, rotvec, translation = cv2.solvePnP(corners.points_m[mine], ideal[mine], np.eye(3), None)
+        if done and np.isfinite(rotvec).all() and np.isfinite(translation).all() and translation[2, 0] > 0.0:
+            poses.append(Pose.from_rotvec(rotvec.ravel(), translation))
+            which.append(index)
+    return poses, np.array(which, int)

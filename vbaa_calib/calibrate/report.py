@@ -1,0 +1,328 @@
+"""What a person should know of a calibration: doubts in words, the result in a few lines, the evidence for rig.json."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Collection, Sequence
+from importlib.metadata import version
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from targets.board import BoardSpec
+from vbaa_calib.antenna.shape import PARAMETERS
+from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.residual_checks import FALSE_READING, Checks
+from vbaa_calib.calibrate.antenna.session_rig import LOG_MASS_STD
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution
+from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
+from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.console import say
+from vbaa_calib.core.files import sha256
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Load, NominalAntenna, Session, Still
+
+from .pipeline import Calibration
+from .plane_c import PlaneC, picture_folders
+
+PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")
+"""Whose versions rig.json names."""
+STIFFNESS_DOUBT = 0.15
+"""Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
+SIGNIFICANT = 3.0
+"""Standard deviations beyond which an assumption counts as broken."""
+SCATTERED = 5.0
+"""Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
+EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
+"""How the names of the diagnoses begin that say why the shapes scatter."""
+ANISOTROPY_MATTERS = 0.01
+"""Part by which the compliances must differ at least: a wire drawn 0.25 % out of round."""
+
+
+def still_doubts(joint: JointSolution, stills: Sequence[Still]) -> list[str]:
+    """Stills whose rows look wrong."""
+    found = []
+    std = joint.problem.moment_std_Nm
+    for index, still in enumerate(stills):
+        rms, off = joint.point_rms[index], joint.moment_residuals_Nm[index] / std
+        name = still.image.name if still.image else "?"
+        kind = "load" if isinstance(still, Load) else "no-load frame"
+        if not joint.kept[index]:
+            found.append(f"{kind} {name}: left out, its shape lies {rms:.1f} std off the model; is its row right?")
+        elif abs(off) > FALSE_READING:
+            found.append(f"{kind} {name}: the moment reading is {off:+.1f} std off; is its row right?")
+    return found
+
+
+def prior_doubts(joint: JointSolution, said: Collection[str] = ()) -> list[str]:
+    """What the antenna's pictures say against what was known before them: the ways to plane C, the clamp, the loads.
+
+    said : names of the diagnoses that were said already; their consequences are not repeated.
+    """
+    problem, found = joint.problem, []
+    first = len(joint.solution.residuals) - problem.certain
+    for index, estimate in enumerate(problem.prior.poses):
+        own = joint.solution.residuals[first + 6 * index : first + 6 * index + 6]
+        if chi2.sf(float(own @ own), 6) < CONTRADICTION:
+            found.append(
+                f"the antenna's pictures contradict the {estimate.way} by {np.sqrt(own @ own / 6):.0f} std: is the "
+                "camera where it was, and is session.yaml right about it?"
+            )
+    known = problem.prior.mean[:6], problem.prior.std[:6]
+    for name, value, mean, std in zip(PARAMETERS[:6], joint.parameters[6:12], *known, strict=True):
+        told = "antenna_bent" in said and name.startswith("bow")
+        if abs(value - mean) > SIGNIFICANT * std and not told:
+            found.append(
+                f"{name} is {value:.3g}, {abs(value - mean) / std:.1f} times what a careful builder misses it by: is "
+                "plane C right, and the antenna straight in its clamp?"
+            )
+    if joint.noise_scale > SCATTERED and not any(name.startswith(EXPLAINS_SCATTER) for name in said):
+        found.append(
+            f"the shapes scatter {joint.noise_scale:.0f} times more about the model than their pictures explain: check "
+            "the unit and the sign of forces and distances, and gravity"
+        )
+    return found
+
+
+def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[str]:
+    """EI against E·πd⁴/64, equal compliance (assumption 4), and the density that the sag asks for."""
+    found = []
+    difference = rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2 - 1
+    if abs(difference) > max(STIFFNESS_DOUBT, SIGNIFICANT * rig.std("log_stiffness_Nm2")):
+        found.append(
+            f"EI is {100 * difference:+.0f} % off E·πd⁴/64 = {nominal.stiffness_Nm2:.4g} N·m²: check diameter, loads "
+            "and their unit"
+        )
+    uneven = checks.anisotropy
+    if uneven is not None and abs(uneven.value) > max(ANISOTROPY_MATTERS, SIGNIFICANT * uneven.std):
+        found.append(
+            f"the antenna is {100 * abs(uneven.value):.1f} ± {100 * uneven.std:.1f} % stiffer against bending to "
+            f"{'y' if uneven.value > 0 else 'z'}: it is not equally compliant (assumption 4), is it round?"
+        )
+    mass, known = checks.mass_per_length_kg_m, nominal.mass_per_length_kg_m
+    doubt = 0.0 if mass is None else SIGNIFICANT * float(np.hypot(mass.std, LOG_MASS_STD * known))
+    if mass is not None and abs(mass.value - known) > doubt:
+        area = nominal.mass_per_length_kg_m / nominal.density_kg_m3
+        found.append(
+            f"the sag asks for a density of {mass.value / area:.0f} ± {mass.std / area:.0f} kg/m³, the session says "
+            f"{nominal.density_kg_m3:.0f}: check diameter, density and the direction of gravity"
+        )
+    return found
+
+
+def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
+    """Sign, noise and drift of the moment sensor."""
+    found = []
+    if rig.moment_sensor.gain <= 0:
+        found.append("the moment sensor's gain is negative: its sign is turned round")
+    if checks.noise_interval_95_Nm[0] > session.moment_std_Nm:
+        found.append(
+            f"the moment sensor scatters by {1e3 * checks.noise_Nm:.3g} mN·m, the session says "
+            f"{1e3 * session.moment_std_Nm:.3g}: the former is used"
+        )
+    drift, per = checks.drift_Nm_per_s or checks.drift_Nm_per_row, "s" if checks.drift_Nm_per_s else "row"
+    if drift is not None and abs(drift.in_std) > SIGNIFICANT:
+        found.append(
+            f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}: let it warm "
+            "up, and zero it again before a recording"
+        )
+    return found
+
+
+def plane_doubts(plane: PlaneC) -> list[str]:
+    """Boards with two poses, and pictures and joints of the sweep that are not as the session says."""
+    found = [
+        f"the board of the way {way!r} has a second pose that fits nearly as well: take it from a steeper angle"
+        for way, board in plane.boards.items()
+        if board.is_ambiguous
+    ]
+    if plane.sweep is None:
+        return found
+    found += [f"sweep {view.name}: left out, {view.reason}" for view in plane.sweep.left_out]
+    if plane.sweep.axes_free:
+        skew, offset = 1e3 * plane.sweep.axis_skew_rad, 1e3 * plane.sweep.axis_offset_m
+        found.append(
+            f"the joints' axes miss the right angle by {skew:.2f} mrad and pass each other by {offset:.2f} mm: solved "
+            "with that"
+        )
+    return found
+
+
+def doubts(calibration: Calibration) -> list[str]:
+    """What a person should look at, in words; a doubt that a diagnosis explains is left to that."""
+    session, rig, plane = calibration.session, calibration.rig, calibration.plane
+    diagnoses = calibration.still_diagnoses
+    said = {one.name for one in diagnoses}
+    found = [*map(str, calibration.lens_diagnoses), *plane_doubts(plane), *map(str, diagnoses)]
+    found += prior_doubts(calibration.joint, said)
+    named = "\n".join(one.words for one in diagnoses)
+    pictures = [still.image.name for still in calibration.stills if still.image and still.image.name in named]
+    for line in still_doubts(calibration.joint, calibration.stills):
+        if not any(f" {picture}:" in line for picture in pictures):
+            found.append(line)
+    if not any(one.grave for one in diagnoses):
+        found += antenna_doubts(session.antenna, rig, calibration.checks)
+    if not any(name.startswith("sensor_") for name in said):
+        found += sensor_doubts(session, rig, calibration.checks)
+    return found
+
+
+def report(calibration: Calibration, warnings: Sequence[str]) -> None:
+    """The result in a few lines of prose."""
+    rig, antenna = calibration.rig, calibration.rig.antenna
+    position = 1e3 * rig.T_antenna_camera.translation_m
+    off = 1e3 * np.sqrt(np.diag(rig.covariance)[:6])
+    std = [rig.std(name) for name in ("log_stiffness_Nm2", "moment_gain", "moment_offset_Nm")]
+    say(f"lens       {calibration.lens.model}: rms {calibration.lens.rms_px:.3f} px")
+    ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
+    say(
+        f"plane C    camera at ({position[0]:.1f}, {position[1]:.1f}, {position[2]:.1f}) mm in the antenna frame, "
+        f"± {off[3:].max():.2g} mm, ± {off[:3].max():.2g} mrad (by {ways})"
+    )
+    for difference in calibration.plane.differences:
+        say(f"           {difference}")
+    say(f"antenna    EI = {antenna.stiffness_Nm2:.5g} ± {antenna.stiffness_Nm2 * std[0]:.2g} N·m²")
+    sensor = rig.moment_sensor
+    say(f"sensor     gain {sensor.gain:.4f} ± {std[1]:.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m")
+    for line in warnings:
+        say(f"look at    {line}")
+
+
+def summary(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
+    """The numbers of the result at a glance, for `--json`."""
+    joint, jig = calibration.joint, calibration.plane.jig
+    return {
+        "lens_rms_px": float(calibration.lens.rms_px),
+        "plane_rms_px": None if jig is None else float(jig.rms_px),
+        "plane_second_solution_ratio": None if jig is None else jig.second_ratio,
+        "noise_scale": joint.noise_scale,
+        "worst_still_rms": float(joint.point_rms.max()),
+        "moment_residual_rms_Nm": float(np.sqrt((joint.moment_residuals_Nm**2).mean())),
+        "warnings": list(warnings),
+    }
+
+
+def evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
+    """What rig.json's quality section holds: the summary, and what it rests on, part by part."""
+    nominal, rig = calibration.session.antenna, calibration.rig
+    lens, jig = camera_document(calibration.lens, calibration.session.board), calibration.session.T_antenna_board
+    return summary(calibration, warnings) | {
+        "lens": {key: value for key, value in lens.items() if key not in calibration.lens.camera.to_dict()},
+        "plane": calibration.plane.to_dict(),
+        # the board's printed face, so that one picture of it tells later whether the camera is where it was
+        "jig": None if jig is None else {"T_antenna_board": jig.to_dict()},
+        "stills": [_row(calibration, index, still) for index, still in enumerate(calibration.stills)],
+        "antenna": {
+            "nominal_stiffness_Nm2": nominal.stiffness_Nm2,
+            "stiffness_over_nominal": rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2,
+            "nominal_density_kg_m3": nominal.density_kg_m3,
+        },
+        "checks": calibration.checks.to_dict(),
+    }
+
+
+def _row(calibration: Calibration, index: int, still: Still) -> dict[str, Any]:
+    joint = calibration.joint
+    row: dict[str, Any] = {
+        "image": os.path.relpath(still.image, calibration.session.root) if still.image else None,
+        "point_rms": float(joint.point_rms[index]),
+        "moment_residual_Nm": float(joint.moment_residuals_Nm[index]),
+        "kept": bool(joint.kept[index]),
+    }
+    if isinstance(still, Load):
+        row |= {"distance_m": still.distance_m, "force_y_N": still.force_y_N, "force_z_N": still.force_z_N}
+    return row
+
+
+def rig_document(
+    session: Session, calibration: Calibration, warnings: Sequence[str], command: Sequence[str]
+) -> dict[str, Any]:
+    """rig.json: the rig, the evidence for it, and what it was made of by which command line."""
+    return calibration.rig.to_dict() | {
+        "quality": evidence(calibration, warnings),
+        "inputs_sha256": inputs(session),
+        "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
+        | {name: version(name) for name in PACKAGES},
+        "command": list(command),
+    }
+
+
+def inputs(session: Session) -> dict[str, str]:
+    """sha256 of every file that the calibration read."""
+    files = [session.root / "session.yaml"]
+    for name in ("intrinsics", *picture_folders(session), "noload", "loads"):
+        files += sorted(path for path in (session.root / name).iterdir() if path.is_file())
+    return {str(path.relative_to(session.root)): sha256(path) for path in files}
+
+
+def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
+    """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
+    covariance = solution.camera.covariance
+    assert covariance is not None
+    flex = solution.board_flex
+    return {
+        **solution.camera.to_dict(),
+        "std": dict(zip(solution.camera.parameter_names, covariance.diagonal().clip(0.0) ** 0.5, strict=True)),
+        "lens_model": solution.model,
+        "monotonic": solution.monotonic,
+        "verdict": solution.verdict,
+        "rms_px": solution.rms_px,
+        "rms_inliers_px": solution.rms_inliers_px,
+        "projection_uncertainty": uncertainty_document(solution.camera),
+        "board_flex": {
+            "sagittas_m": flex.sagittas_m.tolist(),
+            "std_m": None if flex.std_m is None else flex.std_m.tolist(),
+            "covariance_m2": None if flex.covariance_m2 is None else flex.covariance_m2.tolist(),
+            "sagitta_mm": flex.sagitta_mm,
+            "used": flex.used,
+            "reason": flex.reason,
+            "p_value": flex.p_value,
+            "flat_held_out_rms_px": flex.flat_held_out_rms_px,
+            "bent_held_out_rms_px": flex.bent_held_out_rms_px,
+        },
+        "views": [
+            {
+                "name": view.name,
+                "corners": view.corners,
+                "left_out": view.left_out,
+                "outlier_ids": list(view.outlier_ids),
+                "rms_px": view.rms_px,
+                "outlying": view.outlying,
+                "T_camera_board": view.T_camera_board.to_dict(),
+            }
+            for view in solution.views
+        ],
+        "dropped": [{"name": view.name, "reason": view.reason} for view in solution.dropped],
+        "model_comparison": [
+            {
+                "model": candidate.model,
+                "free_parameters": candidate.free_parameters,
+                "rms_px": candidate.rms_px,
+                "held_out_rms_px": candidate.held_out_rms_px,
+                "monotonic": candidate.monotonic,
+                "halves": candidate.halves,
+                "halves_p_value": candidate.halves_p_value,
+            }
+            for candidate in solution.comparison
+        ],
+        "warnings": list(solution.warnings),
+        "board": spec.to_dict(),
+    }
+
+
+def uncertainty_document(camera: Camera) -> dict[str, Any]:
+    """Standard deviation of the projection in its worst direction over the picture, px; null where there is no ray.
+
+    `std_px` has what a turn of the camera explains taken out, `std_fixed_camera_px` has not.
+    """
+    turning, fixed = (projection_uncertainty(camera, compensated) for compensated in (True, False))
+    return {
+        "columns_px": turning.pixels[0, :, 0].tolist(),
+        "rows_px": turning.pixels[:, 0, 1].tolist(),
+        "std_px": [[value if isfinite(value) else None for value in row] for row in turning.std_px.tolist()],
+        "std_fixed_camera_px": [[value if isfinite(value) else None for value in row] for row in fixed.std_px.tolist()],
+    }

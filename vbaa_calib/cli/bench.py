@@ -1,0 +1,35 @@
+"""`vbaa bench`: runs the repository's benchmarks/, which the installed package does not carry."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import vbaa_calib
+from vbaa_calib.core.errors import InputError
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa bench`."""
+    _suite().configure(parser)
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Measure one subject, or several one after the other."""
+    result: dict[str, Any] = _suite().run(args)
+    return result
+
+
+def _suite() -> ModuleType:
+    """`benchmarks.cli` of the checkout that this package runs from."""
+    checkout = Path(vbaa_calib.__file__).parents[1]
+    if not (checkout / "benchmarks" / "cli.py").is_file():
+        raise InputError(
+            "the benchmarks are not part of the installed package",
+            where="bench",
+            remedy="run `vbaa bench` in a checkout of the repository, after `make install`",
+        )
+    return importlib.import_module("benchmarks.cli")

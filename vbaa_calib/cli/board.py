@@ -1,0 +1,232 @@
+"""`vbaa board -o board.pdf`: the board to print, or to show on a screen."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, replacing, write_text
+
+if TYPE_CHECKING:
+    from targets.board import BoardSpec
+
+SUFFIXES = (".pdf", ".svg", ".png")
+_FINE_MODULE_MM = 0.5
+_MM_PER_INCH = 25.4
+_LARGEST_MM = 10_000.0
+_OF_THE_BOARD = ("squares", "square_mm", "marker_mm", "dictionary", "legacy", "thickness_mm")
+_OF_PAPER, _OF_SCREENS = ("paper", "margin_mm"), ("px_per_mm", "screen_ppi")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa board`."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="SHEET",
+        help="board.pdf or .svg to print, .png for a screen",
+    )
+    board = parser.add_argument_group("board, described by a file or by flags; what is left out is chosen to fit")
+    board.add_argument("--spec", type=Path, metavar="FILE", help="board.yaml, or a session.yaml")
+    board.add_argument("--squares", metavar="CxR", help="columns x rows (default: 11x7)")
+    board.add_argument(
+        "--square-mm", type=float, metavar="MM", help="side of a square (default: the largest that fits)"
+    )
+    board.add_argument("--marker-mm", type=float, metavar="MM", help="side of a marker (default: 3/4 of the square)")
+    board.add_argument("--dictionary", metavar="NAME", help="of OpenCV's markers (default: DICT_4X4_100)")
+    board.add_argument("--legacy", action="store_true", default=None, help="the pattern of OpenCV before 4.6")
+    board.add_argument("--thickness-mm", type=float, metavar="MM", help="of the plate it is mounted on (default: 0)")
+    board.add_argument(
+        "--write-spec",
+        type=Path,
+        metavar="FILE",
+        help="where the board's description goes (default: SHEET's name, .yaml)",
+    )
+    paper = parser.add_argument_group("to print")
+    paper.add_argument(
+        "--paper", metavar="NAME", help="A5 to A0, Letter, Legal, Tabloid or 300x200 in mm (default: A4)"
+    )
+    paper.add_argument("--margin-mm", type=float, metavar="MM", help="that the printer leaves white (default: 8)")
+    screen = parser.add_argument_group("for a screen").add_mutually_exclusive_group()
+    screen.add_argument("--px-per-mm", type=float, metavar="N", help="pixels per millimetre of the screen")
+    screen.add_argument(
+        "--screen-ppi",
+        type=float,
+        metavar="N",
+        help="pixels per inch: those along its diagonal by its diagonal in inches",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Write the sheet and, where flags described the board, its board.yaml. Returns the numbers."""
+    kind = args.output.suffix.lower()
+    if kind not in SUFFIXES:
+        raise InputError(f"has the suffix {kind!r}", where=args.output, remedy=f"take one of {', '.join(SUFFIXES)}")
+    _refuse_flags(args, _OF_SCREENS if kind != ".png" else _OF_PAPER, f"has no meaning for a {kind} file")
+    refuse_overwrite(args.output, args.force, [args.spec])
+    try:
+        return _for_screens(args) if kind == ".png" else _for_paper(args, kind)
+    except ValueError as error:
+        raise InputError(str(error), where=args.spec or "vbaa board") from None
+
+
+def _refuse_flags(args: argparse.Namespace, names: tuple[str, ...], why: str) -> None:
+    for name in names:
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')} {why}", where="vbaa board", remedy="leave it out")
+
+
+def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
+    from targets.paper import paper_named
+    from targets.sheet import MARGIN_MM, lay_out
+    from targets.write_sheet import as_pdf, as_svg, draw
+
+    paper = paper_named("A4" if args.paper is None else args.paper)
+    margin = MARGIN_MM if args.margin_mm is None else args.margin_mm
+    spec = _wanted(args, paper=paper, margin_mm=margin)
+    layout = lay_out(spec, paper, margin)
+    written = _write_spec(args, spec, changed=False)
+    drawing = draw(spec, layout)
+    _write(args, as_pdf(drawing) if kind == ".pdf" else as_svg(drawing).encode())
+    result = _told(args, spec, written) | {
+        "paper": paper.name,
+        "orientation": layout.orientation,
+        "page_mm": [layout.width, layout.height],
+        "size_mm": [round(layout.board_width, 6), round(layout.board_height, 6)],
+        "rulers_mm": {"x": layout.ruler_x, "y": layout.ruler_y},
+    }
+    say(f"paper    {paper.name} {layout.orientation}, {layout.width:g} x {layout.height:g} mm")
+    say(f"rulers   {layout.ruler_x:g} mm along the lower edge (x), {layout.ruler_y:g} mm along the left one (y)")
+    _say_warnings(result, spec)
+    say("next     print it at 100 %, glue it to something flat, and measure both rulers (docs/board.md)")
+    return result
+
+
+def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
+    import cv2
+
+    from targets.screen import as_pixels, on_screen
+
+    if args.px_per_mm is None and args.screen_ppi is None:
+        raise InputError(
+            "a .png needs the screen's pixel size",
+            where="vbaa board",
+            remedy="give --screen-ppi (pixels along the diagonal by its inches) or --px-per-mm",
+        )
+    px_per_mm = args.px_per_mm if args.screen_ppi is None else args.screen_ppi / _MM_PER_INCH
+    wanted = _wanted(args)
+    board = on_screen(wanted, px_per_mm)
+    written = _write_spec(args, board.spec, changed=board.spec != wanted)
+    _write(args, cv2.imencode(".png", as_pixels(board))[1].tobytes())
+    columns, rows = wanted.squares_x, wanted.squares_y
+    result = _told(args, board.spec, written) | {
+        "px_per_mm": px_per_mm,
+        "image_size": list(board.size_px),
+        "square_px": board.square_px,
+        "marker_px": board.marker_px,
+        "margin_px": board.margin_px,
+        "size_mm": [round(1e3 * board.spec.square_m * count, 6) for count in (columns, rows)],
+    }
+    say(f"picture  {board.size_px[0]} x {board.size_px[1]} pixels, a square is {board.square_px} of them")
+    if board.spec != wanted:
+        say(f"look at  a square is {1e3 * board.spec.square_m:.6g} mm there, not {1e3 * wanted.square_m:.6g}")
+    say("next     show it at 100 %, one pixel on one pixel, and measure the board: the pixel density is what you gave")
+    return result
+
+
+def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
+    """The board of --spec or of the flags, what is left out filled in."""
+    from targets.sheet import fill_in
+    from vbaa_calib.detect.board.board_file import load_board
+
+    if args.spec is not None:
+        _refuse_flags(args, _OF_THE_BOARD, "and --spec both describe the board")
+        return load_board(args.spec)
+    for name in ("square_mm", "marker_mm"):
+        length = getattr(args, name)
+        if length is not None and not 0 < length < _LARGEST_MM:
+            what = f"--{name.replace('_', '-')} is {length:g}"
+            raise InputError(
+                what, where="vbaa board", remedy=f"give millimetres, more than 0 and below {_LARGEST_MM:g}"
+            )
+    given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")}
+    return fill_in(
+        _counts(args.squares), **given, legacy_pattern=bool(args.legacy), thickness_mm=args.thickness_mm or 0.0, **room
+    )
+
+
+def _counts(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*([0-9]{1,6})\s*[xX×]\s*([0-9]{1,6})\s*", text)
+    if not found:
+        raise InputError(f"--squares is {text!r}", where="vbaa board", remedy="give columns x rows, such as 11x7")
+    return int(found[1]), int(found[2])
+
+
+def _write_spec(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> Path | None:
+    """Write the board's description unless the user's own already says it. Returns where it stands."""
+    from targets.sheet import spec_document
+    from vbaa_calib.detect.board.board_file import load_board
+
+    if args.spec is not None and not changed and args.write_spec is None:
+        return None
+    path = args.write_spec or args.output.with_suffix(".yaml")
+    if os.path.realpath(path) == os.path.realpath(args.output):
+        raise InputError("is the sheet itself", where=path, remedy="give --write-spec another name")
+    refuse_overwrite(path, True, [args.spec])
+    if path.is_file():
+        try:
+            if load_board(path) == spec:
+                return path
+        except InputError:
+            pass  # no board at all: in the way like any other file
+        # it may hold what was measured since: a print's scale, the mount's thickness
+        if args.write_spec is None or not args.force:
+            raise InputError(
+                "exists already and describes another board",
+                where=path,
+                remedy=f"print that one with --spec {path}, or name another with --write-spec (--force replaces that)",
+            )
+    write_text(path, spec_document(spec, f"as `vbaa board` drew it in {args.output.name}"))
+    return path
+
+
+def _write(args: argparse.Namespace, data: bytes) -> None:
+    with replacing(args.output, args.force) as temporary:
+        temporary.write_bytes(data)
+
+
+def _told(args: argparse.Namespace, spec: BoardSpec, written: Path | None) -> dict[str, Any]:
+    from targets.sheet import board_id, size_words
+
+    say(f"board    {board_id(spec)}: {size_words(spec)}")
+    say(f"wrote    {args.output}" + (f", described in {written}" if written else ""))
+    return {
+        "output": str(args.output),
+        "spec_file": str(written or args.spec),
+        "id": board_id(spec),
+        "board": spec.to_dict(),
+        "corners": spec.corner_count,
+        "markers": spec.squares_x * spec.squares_y // 2,
+    }
+
+
+def _say_warnings(result: dict[str, Any], spec: BoardSpec) -> None:
+    module = 1e3 * spec.marker_m / (int(spec.dictionary[len("DICT_")]) + 2)
+    gap = 500 * (spec.square_m - spec.marker_m)
+    warnings = []
+    if module < _FINE_MODULE_MM:
+        warnings.append(f"a marker's module is {module:.2g} mm: few printers draw it clean, few cameras see it")
+    if gap < 0.5 * module:
+        warnings.append(f"{gap:.2g} mm of white around a marker is little: markers of 3/4 of the square are found best")
+    result["warnings"] = warnings
+    for warning in warnings:
+        say(f"look at  {warning}")

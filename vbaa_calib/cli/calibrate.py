@@ -1,0 +1,46 @@
+"""`vbaa calibrate SESSION -o rig.json`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .intrinsics import MODELS
+
+if TYPE_CHECKING:
+    from vbaa_calib.calibrate.pipeline import Calibration
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa calibrate`."""
+    parser.add_argument("session", type=Path, help="the session folder (docs/formats.md)")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="rig.json to write")
+    parser.add_argument(
+        "--model", default="auto", choices=MODELS, help="lens model (default: chosen on held-out views)"
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Calibrate a session and write rig.json."""
+    from vbaa_calib.calibrate.pipeline import calibrate
+    from vbaa_calib.calibrate.report import doubts, report, rig_document, summary
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.files import refuse_overwrite, write_json
+    from vbaa_calib.session import load_session, refuse_measured
+
+    refuse_overwrite(args.output, args.force)
+    refuse_measured(args.output, args.session)
+    session = load_session(args.session)
+    calibration = calibrate(session, args.model)
+    warnings = doubts(calibration)
+    report(calibration, warnings)
+    write_json(args.output, rig_document(session, calibration, warnings, args.argv), force=args.force)
+    say(f"wrote {args.output}")
+    return {"rig": str(args.output), **summary(calibration, warnings), **numbers(calibration)}
+
+
+def numbers(calibration: Calibration) -> dict[str, Any]:
+    """The calibrated values with their standard deviations."""
+    described = calibration.rig.to_dict()
+    return {key: described[key] for key in ("T_antenna_camera", "antenna", "moment_sensor")}

@@ -1,0 +1,98 @@
+"""`vbaa doctor`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import textwrap
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.doctor import elsewhere, machine, opencv, packages, shadows
+from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
+
+CHECKS: dict[str, Callable[[], Finding]] = {
+    "python": packages.python_version,
+    "packages": packages.packages,
+    "shadows": shadows.shadows,
+    "opencv": opencv.opencv,
+    "torch": elsewhere.torch,
+    "drawing": elsewhere.drawing,
+    "cameras": elsewhere.cameras,
+    "folders": machine.writable,
+    "disk": machine.disk,
+    "computing": machine.computing,
+    "terminal": machine.terminal,
+    "detector": opencv.detector,
+}
+"""The order of the table. What may end the process comes last, when the rest has been said."""
+_WIDTH = 118
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa doctor`."""
+    parser.add_argument(
+        "--skip", action="append", default=[], choices=list(CHECKS), metavar="CHECK", help=f"one of {', '.join(CHECKS)}"
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Look at everything, say it as it is found. The result's `exit_code` is 1 where something fails, else 0."""
+    findings = []
+    for finding in examine({name: check for name, check in CHECKS.items() if name not in args.skip}):
+        findings.append(finding)
+        _print(as_lines(finding))
+    counts = {status: sum(finding.status == status for finding in findings) for status in (OK, LOOK, FAILS)}
+    _print(["", verdict(counts)])
+    return {
+        "healthy": counts[FAILS] == 0,
+        "exit_code": int(counts[FAILS] > 0),
+        "counts": counts,
+        "findings": [finding.to_dict() for finding in findings],
+    }
+
+
+def examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
+    """Each check's finding; a check that breaks is a finding too, and does not stop the others."""
+    for name, check in checks.items():
+        try:
+            yield check()
+        except Exception as error:  # whatever an unhealthy installation raises
+            words = f"could not be looked at ({type(error).__name__}: {' '.join(str(error).split())})"
+            remedy = "mend what is told above, and look again"
+            yield Finding(name, words, (Diagnosis("check_broke", f"{name} {words}", remedy, grave=True),))
+
+
+def verdict(counts: Mapping[str, int]) -> str:
+    """One sentence."""
+    if counts[FAILS]:
+        return (
+            f"not healthy: {counts[FAILS]} of {sum(counts.values())} fail; do what stands beside them, and look again"
+        )
+    if counts[LOOK]:
+        return f"healthy; {counts[LOOK]} of {sum(counts.values())} deserve a look"
+    return "healthy"
+
+
+def as_lines(finding: Finding) -> list[str]:
+    """A line of the table, and under it what is wrong and what to do."""
+    head = f"{finding.status:<6}{finding.name:<11}"
+    if not finding.problems:
+        return textwrap.wrap(finding.words, _WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
+    lines = []
+    for problem in finding.problems:
+        lines += textwrap.wrap(
+            problem.words, _WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False
+        )
+        # a command must stay on one line to be copied
+        lines.append(f"{'':<{len(head)}}→ {problem.remedy}")
+        head = " " * len(head)
+    return lines
+
+
+def _print(lines: list[str]) -> None:
+    """To stderr, whatever it can show: the doctor may not fall ill of the terminal that it finds."""
+    encoding = getattr(sys.stderr, "encoding", None) or "ascii"
+    for line in lines:
+        print(line.encode(encoding, "replace").decode(encoding), file=sys.stderr, flush=True)

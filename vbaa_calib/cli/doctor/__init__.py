@@ -1,1 +1,0 @@
-"""`vbaa doctor`: is this installation healthy?"""

@@ -1,0 +1,56 @@
+"""`vbaa simulate`: a synthetic session from a scene file."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `vbaa simulate`."""
+    parser.add_argument("scene", help="a scene file, or the name of a bundled scene such as demo")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="SESSION", help="folder to write")
+    parser.add_argument("--seed", type=int, help="random seed in place of the scene's")
+    parser.add_argument(
+        "--pictures",
+        choices=("all", "none"),
+        default="all",
+        help="none: recording/centrelines.csv in place of the recording's pictures (boards, loads and no-load stay)",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Write the session. Returns its folder and counts. Raises InputError for a wrong scene or a folder in the way."""
+    from dataclasses import replace
+
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.simulate.scene.scene import bundled_scene
+    from vbaa_calib.simulate.scene.scene_file import load_scene
+    from vbaa_calib.simulate.write import write_session
+
+    started = time.perf_counter()
+    given = Path(args.scene)
+    scene = load_scene(given if given.is_file() or given.suffix else bundled_scene(args.scene))
+    if args.seed is not None:
+        if args.seed < 0:
+            raise InputError(f"--seed is {args.seed}", where="vbaa simulate", remedy="give a whole number from 0")
+        scene = replace(scene, seed=args.seed)
+    planned = write_session(scene, args.output, force=args.force, recording_pictures=args.pictures == "all")
+    frames = planned.truth["frames"]
+    touching = sum(frame["in_contact"] for frame in frames)
+    seconds = time.perf_counter() - started
+    say(f"{args.output}: scene {scene.name}, {len(frames)} frames of which {touching} in contact, {seconds:.1f} s")
+    return {
+        "session": str(args.output),
+        "scene": scene.name,
+        "seed": scene.seed,
+        "intrinsics": scene.intrinsics.pictures,
+        "noload": len(scene.noload),
+        "loads": len(scene.loads),
+        "frames": len(frames),
+        "frames_in_contact": touching,
+        "seconds": round(seconds, 3),
+    }

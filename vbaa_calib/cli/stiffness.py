@@ -1,0 +1,236 @@
+"""`vbaa stiffness TABLE.csv --force N --distance M`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
+
+if TYPE_CHECKING:
+    from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
+    from vbaa_calib.calibrate.antenna.stiffness import Fit, StiffnessSolution
+
+SCHEMA = "vbaa.stiffness/1"
+_PLAUSIBLE_MODULUS_PA = (1e8, 1.3e12)
+_FEW_READINGS = 8
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa stiffness`."""
+    parser.add_argument("table", type=Path, help="CSV with the columns x_m,unloaded_y_m,loaded_y_m")
+    # here --force is newtons, and the front door's flag of that name gives way: --overwrite stands for it
+    load = parser.add_argument_group("load", conflict_handler="resolve")
+    load.add_argument(
+        "--force", "--load", dest="force_N", type=float, required=True, metavar="N", help="in newtons, + along +y"
+    )
+    parser.add_argument("--overwrite", dest="force", action="store_true", help="replace stiffness.json if it exists")
+    parser.add_argument(
+        "--distance", dest="distance_m", type=float, required=True, metavar="M", help="clamp to load, in metres"
+    )
+    section = parser.add_mutually_exclusive_group()
+    section.add_argument("--diameter", type=float, metavar="M", help="of a round rod, in metres: gives Young's modulus")
+    section.add_argument(
+        "--second-moment", type=float, metavar="M4", help="second moment of area in m^4: gives Young's modulus"
+    )
+    parser.add_argument(
+        "--no-offset", action="store_true", help="the gauge showed 0 at the clamp both times: hold its offset at 0"
+    )
+    parser.add_argument(
+        "--clamp-share",
+        type=float,
+        default=0.02,
+        metavar="S",
+        help="how far the clamp may turn (standard deviation), as a share of the slope at the load (default: 0.02)",
+    )
+    parser.add_argument("-o", "--output", type=Path, help="stiffness.json to write")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Read, solve, report; write stiffness.json if asked. Returns its numbers."""
+    from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
+    from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
+
+    if args.output:
+        _refuse_overwrite(args.output, args.force, args.table)
+    moment = _second_moment(args.diameter, args.second_moment, args.distance_m)
+    if not 0.0 <= args.clamp_share <= 1.0:
+        raise InputError(f"--clamp-share is {args.clamp_share:g}", remedy="give a share from 0 (rigid) to 1")
+    table = read_deflections(args.table, args.force_N, args.distance_m)
+    try:
+        solution = solve_stiffness(
+            table, args.force_N, args.distance_m, offset=not args.no_offset, clamp_share_std=args.clamp_share
+        )
+    except InputError as error:
+        raise InputError(error.what, where=args.table, remedy=error.remedy) from None
+    document = stiffness_document(table, solution, args.force_N, args.distance_m, moment)
+    document |= {"inputs_sha256": {args.table.name: sha256(args.table)}, "command": list(args.argv)}
+    report(document)
+    if args.output:
+        write_json(args.output, document, args.force)
+        say(f"wrote {args.output}")
+        return {"output": str(args.output), **document}
+    return document
+
+
+def _refuse_overwrite(path: Path, allowed: bool, table: Path) -> None:
+    refuse_overwrite(path, True, [table])
+    if path.exists() and not allowed:
+        raise InputError("exists already", where=path, remedy="give --overwrite to replace it, or another name")
+
+
+def _second_moment(diameter_m: float | None, second_moment_m4: float | None, distance_m: float) -> float | None:
+    if diameter_m is not None:
+        if not 0.0 < diameter_m < distance_m:
+            raise InputError(f"--diameter is {diameter_m:g}", remedy="give metres, less than the rod's length")
+        return math.pi * diameter_m**4 / 64.0
+    if second_moment_m4 is not None and not 0.0 < second_moment_m4 < distance_m**4:
+        raise InputError(
+            f"--second-moment is {second_moment_m4:g}", remedy="give m^4 (1 mm^4 is 1e-12): π d⁴/64, or b h³/12"
+        )
+    return second_moment_m4
+
+
+def stiffness_document(
+    table: DeflectionTable, solution: StiffnessSolution, force_N: float, distance_m: float, moment_m4: float | None
+) -> dict[str, Any]:
+    """stiffness.json (docs/formats.md)."""
+    fit = solution.fit
+    document: dict[str, Any] = {
+        "schema": SCHEMA,
+        "force_N": force_N,
+        "distance_m": distance_m,
+        "readings": len(table.x_m),
+        "stiffness_Nm2": fit.stiffness_Nm2,
+        "stiffness_std_Nm2": fit.std_Nm2,
+        "stiffness_interval_95_Nm2": list(solution.interval_Nm2),
+        "clamp_share_std": solution.clamp_share_std,
+        "clamp_std_Nm2": solution.clamp_std_Nm2,
+        "offset_m": fit.offset_m,
+        "offset_std_m": fit.offset_std_m,
+        "offset_free": solution.offset_free,
+        "rms_m": fit.rms_m,
+        "residual_correlation": solution.correlation,
+        "correlation_length_m": solution.correlation_length_m,
+        "effective_readings": solution.effective_readings,
+        "model": solution.model,
+        "model_reason": solution.model_reason,
+        "slope_at_load": solution.slope_at_load,
+        "linear_bias": solution.linear_bias,
+        "rows": [
+            {"x_m": float(x), "deflection_m": float(y), "residual_m": float(r), "outlier": index in solution.outliers}
+            for index, (x, y, r) in enumerate(zip(table.x_m, table.deflection_m, solution.residuals_m, strict=True))
+        ],
+        "alternatives": _alternatives(solution, moment_m4),
+    }
+    if moment_m4 is not None:
+        document["second_moment_m4"] = moment_m4
+        document["youngs_modulus_Pa"] = fit.stiffness_Nm2 / moment_m4
+        document["youngs_modulus_std_Pa"] = fit.std_Nm2 / moment_m4
+        document["youngs_modulus_interval_95_Pa"] = [bound / moment_m4 for bound in solution.interval_Nm2]
+    document["not_separated"] = _not_separated(solution)
+    document["warnings"] = _warnings(table, solution, document)
+    return document
+
+
+def _alternatives(solution: StiffnessSolution, moment_m4: float | None) -> list[dict[str, Any]]:
+    other = "the gauge's offset held at 0" if solution.offset_free else "the gauge's offset free"
+    fits = [(other, solution.other_offset), ("the clamp free to turn", solution.free_clamp)]
+    return [_alternative(assumption, fit, moment_m4) for assumption, fit in fits if fit is not None]
+
+
+def _alternative(assumption: str, fit: Fit, moment_m4: float | None) -> dict[str, Any]:
+    row = {
+        "assumption": assumption,
+        "stiffness_Nm2": fit.stiffness_Nm2,
+        "stiffness_std_Nm2": fit.std_Nm2,
+        "offset_m": fit.offset_m,
+        "clamp_rotation_rad": fit.clamp_rotation_rad,
+        "rms_m": fit.rms_m,
+    }
+    return row if moment_m4 is None else row | {"youngs_modulus_Pa": fit.stiffness_Nm2 / moment_m4}
+
+
+def _not_separated(solution: StiffnessSolution) -> list[str]:
+    fit, other, free = solution.fit, solution.other_offset, solution.free_clamp
+    held = "held at 0" if solution.offset_free else "free"
+    sentences = [
+        f"the gauge's offset: with it {held}, EI would be {_percent(other, fit)}, at {1e3 * other.rms_m:.3g} mm rms "
+        f"against {1e3 * fit.rms_m:.3g}",
+    ]
+    if free is not None:
+        sentences.append(
+            f"a clamp that turns from a softer rod: if the clamp may turn as it likes, it would turn by "
+            f"{1e3 * free.clamp_rotation_rad:.3g} mrad and EI would be {_percent(free, fit)} (± "
+            f"{100 * free.std_Nm2 / fit.stiffness_Nm2:.3g} %), at {1e3 * free.rms_m:.3g} mm rms; the better fit is no "
+            "proof of it, for the turning takes up any other error that grows along the rod"
+        )
+    return [
+        *sentences,
+        "force and distance: both are taken as exact; an error of 1 % in the force is 1 % in EI, in "
+        "the distance 1 to 1.5 %",
+    ]
+
+
+def _percent(fit: Fit, reference: Fit) -> str:
+    return f"{fit.stiffness_Nm2:.4g} N·m² ({100 * (fit.stiffness_Nm2 / reference.stiffness_Nm2 - 1):+.3g} %)"
+
+
+def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dict[str, Any]) -> list[str]:
+    warnings = [
+        f"the reading at x = {table.x_m[index]:g} m is off by {1e3 * solution.residuals_m[index]:+.3g} mm, far from "
+        "its neighbours: left out"
+        for index in solution.outliers
+    ]
+    kept = len(table.x_m) - len(solution.outliers)
+    if kept < _FEW_READINGS:
+        warnings.append(f"{kept} readings are too few to see slips among them or whether neighbours err together")
+    if solution.effective_readings < 0.5 * kept:
+        warnings.append(
+            f"neighbouring residuals err together (correlation {solution.correlation:.2f}): the {kept} readings fix EI "
+            f"no better than {solution.effective_readings:.1f} independent ones would; the interval allows for it"
+        )
+    free = solution.free_clamp
+    if free is not None and abs(free.stiffness_Nm2 - solution.fit.stiffness_Nm2) > 2.0 * free.std_Nm2:
+        warnings.append("the readings ask for a clamp that turns, or a clamp that is not where x = 0 is: check it")
+    if table.x_m[-1] < 0.6 * document["distance_m"]:
+        warnings.append("no reading in the outer 40 % between clamp and load, where most of the bending shows")
+    if solution.model == "elastica" and _unloaded_range_m(table) > 0.2 * float(abs(table.deflection_m).max()):
+        warnings.append("the unloaded rod is not straight: with large deflections its sag does not cancel")
+    low, high = _PLAUSIBLE_MODULUS_PA
+    modulus = document.get("youngs_modulus_Pa")
+    if modulus is not None and not low < modulus < high:
+        warnings.append(f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section")
+    return warnings
+
+
+def _unloaded_range_m(table: DeflectionTable) -> float:
+    return float(table.unloaded_y_m.max() - table.unloaded_y_m.min())
+
+
+def report(document: dict[str, Any]) -> None:
+    """The result in a few lines of prose."""
+    low, high = document["stiffness_interval_95_Nm2"]
+    value, std = document["stiffness_Nm2"], document["stiffness_std_Nm2"]
+    say(f"EI         {value:.5g} ± {std:.2g} N·m², 95 % {low:.5g} … {high:.5g}")
+    if "youngs_modulus_Pa" in document:
+        low, high = (bound / 1e9 for bound in document["youngs_modulus_interval_95_Pa"])
+        modulus, std = document["youngs_modulus_Pa"] / 1e9, document["youngs_modulus_std_Pa"] / 1e9
+        say(f"E          {modulus:.4g} ± {std:.2g} GPa, 95 % {low:.4g} … {high:.4g}")
+    say(f"model      {document['model']}: {document['model_reason']}")
+    offset = f"offset {1e3 * document['offset_m']:.3g} ± {1e3 * document['offset_std_m']:.2g} mm"
+    if not document["offset_free"]:
+        offset = "offset held at 0"
+    say(f"residuals  {1e3 * document['rms_m']:.3g} mm rms, {offset}")
+    say(
+        f"readings   {document['readings']}, worth {document['effective_readings']:.1f} independent ones; "
+        f"neighbouring residuals correlate by {document['residual_correlation']:.2f}"
+    )
+    for sentence in document["not_separated"]:
+        say(f"unknown    {sentence}")
+    for warning in document["warnings"]:
+        say(f"warning    {warning}")

@@ -1,0 +1,101 @@
+"""mrcal's .cameramodel (dkogan/mrcal, mrcal/cameramodel.py): a Python literal, there and here for `ast.literal_eval`.
+
+- Pixels: (0, 0) is the centre of the first pixel. intrinsics: fx, fy, cx, cy, then OpenCV's coefficients in its order.
+- LENSMODEL_PINHOLE, _OPENCV4, 5, 8, 12. There is no equidistant fisheye and no sensor tilt.
+- extrinsics: a rotation vector and a shift that take points of the reference frame to the camera's (rt_cam_ref, before
+  version 2.5 rt_fromref): the inverse of our T_reference_camera. mrcal leaves the unit of length open; ours is metres.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_text
+from vbaa_calib.geometry import Pose
+
+from .exchanged import Exchanged, Format
+from .values import camera_of, held_in, intrinsics, numbers, refuse_fisheye, whole
+
+COUNTS = {
+    "LENSMODEL_PINHOLE": 0,
+    "LENSMODEL_OPENCV4": 4,
+    "LENSMODEL_OPENCV5": 5,
+    "LENSMODEL_OPENCV8": 8,
+    "LENSMODEL_OPENCV12": 12,
+}
+_LARGEST = 100_000_000
+"""Characters; the data of a whole calibration stand in such a file as text."""
+
+
+def read(path: Path, which: str | None) -> Exchanged:
+    """From a .cameramodel file."""
+    if which is not None:
+        raise InputError("holds one camera", where=path, remedy="leave --camera out")
+    data = _literal(read_text(path), path)
+    name = data.get("lens_model", data.get("lensmodel"))
+    if not isinstance(name, str) or name not in COUNTS:
+        raise InputError(
+            f"lens_model is {name!r:.60}",
+            where=path,
+            remedy=f"one of {', '.join(COUNTS)} is needed; `mrcal-convert-lensmodel` fits one",
+        )
+    size = data.get("imagersize")
+    width, height = (whole(side, "imagersize", path) for side in numbers(size, "imagersize", path, (2,)))
+    values = numbers(data.get("intrinsics"), "intrinsics", path, (4 + COUNTS[name],))
+    turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,)))
+    pose = Pose.from_rotvec(turn_shift[:3], turn_shift[3:]).inverse()
+    region = ("valid_intrinsics_region is left out",) if data.get("valid_intrinsics_region") else ()
+    return Exchanged(camera_of("opencv", (width, height), values[:4], values[4:], path), pose, notes=region)
+
+
+def write(given: Exchanged) -> str:
+    """A .cameramodel file; without a pose the camera is its own reference."""
+    camera = given.camera
+    refuse_fisheye(camera, "mrcal")
+    coefficients = held_in(camera, tuple(COUNTS.values()), "mrcal")
+    name = next(name for name, count in COUNTS.items() if count == len(coefficients))
+    pose = (given.T_reference_camera or Pose.identity()).inverse()
+    numbers_text = ", ".join(map(repr, [*intrinsics(camera), *coefficients]))
+    turn_shift = ", ".join(map(repr, [*pose.rotvec_rad.tolist(), *pose.translation_m.tolist()]))
+    return (
+        "{\n"
+        f"    'lens_model':  '{name}',\n\n"
+        "    # intrinsics are fx,fy,cx,cy,distortion0,distortion1,....\n"
+        f"    'intrinsics': [ {numbers_text} ],\n\n"
+        "    # extrinsics are rt_cam_ref, metres\n"
+        f"    'extrinsics': [ {turn_shift} ],\n\n"
+        f"    'imagersize': [ {camera.image_size[0]}, {camera.image_size[1]} ]\n"
+        "}\n"
+    )
+
+
+def fits(text: str) -> bool:
+    """Whether the text names a lens of mrcal's."""
+    return re.search(r"['\"]lens_?model['\"]\s*:\s*['\"]LENSMODEL_", text) is not None
+
+
+def _literal(text: str, path: Path) -> dict[str, Any]:
+    remedy = "a Python mapping with lens_model, intrinsics, extrinsics and imagersize is needed"
+    if len(text) > _LARGEST:
+        raise InputError(f"has {len(text)} characters", where=path, remedy="this is no .cameramodel file")
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of odd escapes in its strings
+            data = ast.literal_eval(text)
+    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None)
+        raise InputError(
+            "is no mrcal .cameramodel", where=f"{path} line {line}" if line else path, remedy=remedy
+        ) from None
+    if not isinstance(data, dict):
+        raise InputError("is no mapping", where=path, remedy=remedy)
+    return data
+
+
+FORMAT = Format("mrcal", ".cameramodel of mrcal", read, write, fits, with_pose=True)

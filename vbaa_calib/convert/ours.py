@@ -1,0 +1,68 @@
+"""rig.json and camera.json. Of rig.json the camera and its pose in the antenna frame are taken.
+
+camera.json has no place of its own for a pose; one that another program's file brought along stands under
+`T_reference_camera`, which `Camera.load` passes over.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from vbaa_calib.camera import Camera
+from vbaa_calib.camera.camera import SCHEMA as CAMERA_SCHEMA
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_json
+from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import Rig
+from vbaa_calib.rig.rig import SCHEMA as RIG_SCHEMA
+from vbaa_calib.session import read_pose
+
+from .exchanged import Exchanged, Format
+from .values import numbers
+
+POSE_KEY = "T_reference_camera"
+OF_RIG = ("antenna, moment sensor and joints, with their covariance",)
+
+
+def read(path: Path, which: str | None) -> Exchanged:
+    """From rig.json or camera.json."""
+    if which is not None:
+        raise InputError("holds one camera", where=path, remedy="leave --camera out")
+    data = read_json(path)
+    if data.get("schema") == RIG_SCHEMA:
+        rig = Rig.from_dict(data, path)
+        return Exchanged(rig.camera, rig.T_antenna_camera, OF_RIG)
+    if data.get("schema") != CAMERA_SCHEMA:
+        raise InputError(
+            f"schema is {data.get('schema')!r}",
+            where=path,
+            remedy=f"{RIG_SCHEMA} or {CAMERA_SCHEMA} is needed; another program's file needs --from",
+        )
+    return Exchanged(Camera.load(path), _pose(data.get(POSE_KEY), path))
+
+
+def write(given: Exchanged) -> str:
+    """camera.json."""
+    pose = {} if given.T_reference_camera is None else {POSE_KEY: given.T_reference_camera.to_dict()}
+    return json.dumps(given.camera.to_dict() | pose, indent=2, allow_nan=False) + "\n"
+
+
+def fits(text: str) -> bool:
+    """Whether the text is a JSON object with a schema of ours."""
+    return text.lstrip().startswith("{") and (f'"{CAMERA_SCHEMA}"' in text or f'"{RIG_SCHEMA}"' in text)
+
+
+def _pose(data: object, path: Path) -> Pose | None:
+    if data is None:
+        return None
+    if not isinstance(data, dict):
+        raise InputError(f"{POSE_KEY} is no pose", where=path, remedy="give translation_m and rotation_xyzw")
+    pose = {
+        key: numbers(data.get(key), f"{POSE_KEY}.{key}", path, (count,))
+        for key, count in (("translation_m", 3), ("rotation_xyzw", 4))
+    }
+    return read_pose(pose, path, POSE_KEY)
+
+
+FORMAT = Format("vbaa", "rig.json, camera.json", read, write, fits, with_pose=True, with_covariance=True)

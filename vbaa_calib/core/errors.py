@@ -1,0 +1,67 @@
+"""The one exception root. Library code raises these; only the command line turns them into exit codes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+_LONGEST = 600
+"""Characters of each part of an error."""
+
+
+class VbaaError(Exception):
+    """Root of every error this project raises on purpose."""
+
+    exit_code = 1
+
+
+class InputError(VbaaError):
+    """Something that came from outside is wrong: a file, a value, a call.
+
+    Parameters
+    ----------
+    what : what is wrong, in one clause.
+    where : file, and row or key, if there is one.
+    remedy : what the user can do about it.
+    """
+
+    exit_code = 2
+
+    def __init__(self, what: str, *, where: object = None, remedy: str | None = None) -> None:
+        self.what, self.where, self.remedy = what, where, remedy
+        line = clipped(what) if where is None else f"{clipped(str(where))}: {clipped(what)}"
+        super().__init__(f"{line}; {clipped(remedy)}" if remedy else line)
+
+
+def clipped(text: str) -> str:
+    """The text without its middle where nobody would read all of it: a value out of a file may have any length."""
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
+
+
+class SolveError(VbaaError):
+    """A solver did not reach an answer that may be trusted."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """One thing that is wrong, or looks wrong, with what was measured.
+
+    Attributes
+    ----------
+    name : stable, in snake_case: for scripts.
+    words : what was seen, one clause, with its numbers.
+    remedy : what to do.
+    grave : the measurement must not be used as it is; else it deserves a look.
+    """
+
+    name: str
+    words: str
+    remedy: str
+    grave: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.words}; {self.remedy}"
+
+    def to_dict(self) -> dict[str, str | bool]:
+        """For JSON: the fields by name."""
+        return {"name": self.name, "words": self.words, "remedy": self.remedy, "grave": self.grave}

@@ -1,0 +1,258 @@
+"""Reading and writing files: hostile input is refused in one line, and nothing is ever left half-written."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import json
+import math
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .errors import InputError
+from .yaml_text import UniqueKeyLoader
+
+MOST_BYTES = 2_000_000_000
+MOST_YAML_BYTES = 1_000_000
+"""What people write by hand; PyYAML takes seconds for it."""
+MOST_JSON_BYTES = 256_000_000
+
+
+def read_bytes(path: Path, kind: str = "file", most: int = MOST_BYTES) -> bytes:
+    """The contents of a file. Raises InputError as `require_file` does, and when it cannot be read."""
+    require_file(path, kind, most)
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        what = f"cannot be read ({error.strerror})"
+        raise InputError(what, where=path, remedy="check the path and its permissions") from None
+
+
+def require_file(path: Path, kind: str = "file", most: float = math.inf) -> None:
+    """Raises InputError for what is missing, a folder, a pipe or device (it may never end), or over `most` bytes.
+
+    `kind` is what the error calls it.
+    """
+    try:
+        status = Path(path).stat()
+    except FileNotFoundError:
+        raise InputError(f"no such {kind}", where=path, remedy="check the path") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be read ({why})", where=path, remedy="check the path and its permissions") from None
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(f"is a folder, not a {kind}", where=path, remedy=f"name the {kind} inside it")
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError("is a pipe or a device", where=path, remedy="write its contents to a file first")
+    if status.st_size > most:
+        what = f"holds {status.st_size / 1e6:.0f} MB, more than {most / 1e6:.0f} MB"
+        raise InputError(what, where=path, remedy=f"is this the {kind} that is meant?")
+
+
+def read_text(path: Path, most: int = MOST_BYTES) -> str:
+    """The file's text, UTF-8. Raises InputError as `read_bytes` does, and when it is not text."""
+    try:
+        text = read_bytes(path, most=most).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
+    return io.IncrementalNewlineDecoder(None, translate=True).decode(text, final=True)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """A YAML mapping. Raises InputError naming the line of what is wrong."""
+    try:
+        data = yaml.load(read_text(path, MOST_YAML_BYTES), Loader=UniqueKeyLoader)
+    except RecursionError:
+        raise InputError("is not valid YAML (nested too deeply)", where=path, remedy="write it again") from None
+    except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # PyYAML lets the bare errors of int(), datetime() and its own tables through, e.g. for `!!bool maybe`
+        mark = getattr(error, "problem_mark", None)
+        place = f"{path} line {mark.line + 1}" if mark else path
+        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
+        raise InputError(f"is not valid YAML ({problem})", where=place, remedy="mend that line") from None
+    if not isinstance(data, dict):
+        raise InputError("must be a mapping of keys to values", where=path, remedy="see docs/formats.md")
+    return data
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object. Raises InputError naming the line of what is wrong."""
+    try:
+        data = json.loads(read_text(path, MOST_JSON_BYTES), object_pairs_hook=_unique_object)
+    except json.JSONDecodeError as error:
+        where, problem = f"{path} line {error.lineno}", error.msg
+    except RecursionError:
+        where, problem = str(path), "nested too deeply"
+    except ValueError as error:
+        where, problem = str(path), str(error)
+    else:
+        if not isinstance(data, dict):
+            raise InputError("must be a JSON object", where=path, remedy="see docs/formats.md")
+        return data
+    raise InputError(f"is not valid JSON ({problem})", where=where, remedy="write it again")
+
+
+def _unique_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    data: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in data:
+            raise ValueError(f"the key {key!r} stands twice")
+        data[key] = value
+    return data
+
+
+def sha256(path: Path) -> str:
+    """Hex digest of a file's bytes. Raises InputError when it cannot be read."""
+    require_file(path)
+    try:
+        with Path(path).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=path, remedy="check the path") from None
+
+
+def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()) -> None:
+    """Raises InputError when a file may not be written to `path`; to be called before the work, not after it.
+
+    A file in the way is refused unless `force` is on; a folder or a device always, and a folder that is not there, and
+    one of the command's own `inputs`.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    if kind == "folder":
+        raise InputError("is a folder", where=path, remedy="name a file inside it")
+    if kind == "other":
+        raise InputError("is not a regular file", where=path, remedy="take another name")
+    there = [Path(each) for each in inputs if each is not None and kind == "file" and Path(each).exists()]
+    if any(path.samefile(each) for each in there):
+        raise InputError("is an input of this command", where=path, remedy="take another name")
+    if kind != "none" and not force:
+        raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
+    folder = path.resolve().parent
+    if not folder.is_dir():
+        raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError("its folder is read-only", where=path, remedy="write somewhere else")
+
+
+def _kind(path: Path) -> str:
+    """What stands at a path: none, file, folder, link (to nothing) or other. Raises InputError for no path at all."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return "link" if path.is_symlink() else "none"
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be written ({why})", where=path, remedy="take another name") from None
+    return "folder" if stat.S_ISDIR(mode) else "file" if stat.S_ISREG(mode) else "other"
+
+
+@contextmanager
+def replacing(path: Path, force: bool = True) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its place only when the block ends well (write, fsync, rename).
+
+    A link is followed: the file it leads to is replaced. Raises InputError as `refuse_overwrite` does.
+    """
+    refuse_overwrite(path, force)
+    target = Path(path).resolve()
+    try:
+        # the suffix stays: writers like VTK's choose the format by it
+        handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="write somewhere else") from None
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        with disk_told(path):
+            yield temporary
+            with temporary.open("rb+") as stream:
+                os.fsync(stream.fileno())
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            temporary.replace(target)
+            _sync_folder(target.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+_DISK = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
+
+
+@contextmanager
+def disk_told(path: Path) -> Iterator[None]:
+    """Raises InputError naming `path` in place of a disk's error: full, over a quota or a limit, read-only."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _DISK:
+            raise
+        do = _DISK[error.errno]
+        remedy = f"{do} more space, or write somewhere else" if do else "write somewhere else"
+        raise InputError(f"cannot be written ({error.strerror})", where=path, remedy=remedy) from None
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a new name last through a power cut; only POSIX systems can."""
+    if os.name != "posix":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError:  # some network drives refuse it for folders
+        pass
+    finally:
+        os.close(handle)
+
+
+def write_text(path: Path, text: str, force: bool = True) -> None:
+    """Write a text file, whole or not at all."""
+    with replacing(path, force) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, data: Mapping[str, Any], force: bool = True) -> None:
+    """Write a JSON object, whole or not at all. NaN is refused: it is not JSON."""
+    write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n", force)
+
+
+@contextmanager
+def replacing_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder beside `path` that takes its place only when the block ends well.
+
+    Whether what is there may be replaced is for the caller to settle before.
+    """
+    parent = path.resolve().parent
+    try:
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
+    except OSError as error:
+        raise InputError(f"cannot be made ({error.strerror})", where=path, remedy="take another name") from None
+    try:
+        with disk_told(path):
+            yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o777 & ~umask)
+        if path.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
+            path.rename(old / "replaced")
+            try:
+                temporary.rename(path)
+            except OSError:
+                (old / "replaced").rename(path)
+                raise
+            finally:
+                shutil.rmtree(old)
+        else:
+            temporary.rename(path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)

@@ -1,0 +1,214 @@
+"""Reading pictures: a damaged one is refused by name, never half-decoded."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from .errors import InputError
+from .files import read_bytes
+
+_NO_FRAME = (0xC4, 0xC8, 0xCC)
+"""JPEG markers between C0 and CF that carry no size."""
+_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+
+
+def picture_size(data: bytes) -> tuple[int, int]:
+    """(width, height) in px of a PNG, JPEG, BMP or TIFF; (0, 0) where it cannot be told."""
+    try:
+        if data.startswith(b"\x89PNG\r\n\x1a\n"):
+            return struct.unpack_from(">II", data, 16)
+        if data.startswith(b"\xff\xd8"):
+            return _of_jpeg(data)
+        if data.startswith(b"BM"):
+            width, height = struct.unpack_from("<ii", data, 18)
+            return abs(width), abs(height)  # a negative height: top row first
+        if data.startswith((b"II*\0", b"MM\0*")):
+            return _of_tiff(data, "<" if data.startswith(b"II") else ">")
+    except (struct.error, IndexError):
+        pass
+    return 0, 0
+
+
+def _of_jpeg(data: bytes) -> tuple[int, int]:
+    """Of its first frame; a thumbnail lies inside a segment that is passed over."""
+    position = 2
+    while data[position : position + 1] == b"\xff":
+        marker = data[position + 1]
+        if 0xC0 <= marker <= 0xCF and marker not in _NO_FRAME:
+            height, width = struct.unpack_from(">HH", data, position + 5)
+            return width, height
+        fill = marker == 0xFF
+        position += 1 if fill else 2 + struct.unpack_from(">H", data, position + 2)[0]
+    return 0, 0
+
+
+def _of_tiff(data: bytes, order: str) -> tuple[int, int]:
+    """Of the first directory."""
+    (directory,) = struct.unpack_from(f"{order}I", data, 4)
+    (entries,) = struct.unpack_from(f"{order}H", data, directory)
+    found = {}
+    for start in range(directory + 2, directory + 2 + 12 * entries, 12):
+        tag, kind = struct.unpack_from(f"{order}HH", data, start)
+        (found[tag],) = struct.unpack_from(f"{order}H" if kind == 3 else f"{order}I", data, start + 8)
+    return found.get(_TIFF_WIDTH, 0), found.get(_TIFF_HEIGHT, 0)
+
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+_SENSOR_BITS = (10, 12, 14, 16)
+_MOST_PIXELS = 200_000_000
+_AGAIN = "copy or export the picture again, or remove it"
+_log_level = threading.Lock()
+
+
+def list_images(folder: Path) -> list[Path]:
+    """Pictures in a folder (png, jpg, jpeg, tif, tiff, bmp), sorted by name.
+
+    Raises InputError when the folder is missing, is not a folder, or holds no picture.
+    """
+    folder = Path(folder)
+    if not folder.exists():
+        raise InputError("no such folder", where=folder, remedy="check the path")
+    if not folder.is_dir():
+        raise InputError("is not a folder", where=folder, remedy="name the folder that holds the pictures")
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError as error:
+        raise InputError(f"cannot be read ({error})", where=folder, remedy="check its permissions") from None
+    images = [path for path in entries if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")]
+    if not images:
+        raise InputError("holds no pictures", where=folder, remedy=f"put {', '.join(SUFFIXES)} files into it")
+    return images
+
+
+def read_gray(path: Path) -> np.ndarray:
+    """One picture as (H, W) uint8, in the sensor's own orientation (an EXIF rotation is not applied).
+
+    Colour is turned to gray. A 16-bit picture is scaled by the smallest usual sensor depth (10, 12, 14, 16 bit) that
+    holds its brightest pixel. Raises InputError naming the file when it is missing, empty, truncated or damaged.
+    """
+    return gray_from_bytes(read_bytes(Path(path), "picture"), Path(path))
+
+
+def gray_from_bytes(data: bytes, path: Path) -> np.ndarray:
+    """As `read_gray`, of a picture file's bytes that were read already; `path` is what errors name."""
+    pixels = _pixels(data, path, cv2.IMREAD_GRAYSCALE)
+    return pixels if pixels.dtype == np.uint8 else _to_8_bit(pixels)
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """One picture in all its depth and colour: (H, W) grey or (H, W, 3) blue, green, red, in the sensor's orientation.
+
+    uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
+    Raises InputError as `read_gray` does.
+    """
+    return picture_from_bytes(read_bytes(Path(path), "picture"), Path(path))
+
+
+def picture_from_bytes(data: bytes, path: Path) -> np.ndarray:
+    """As `read_picture`, of a picture file's bytes that were read already; `path` is what errors name."""
+    pixels = _pixels(data, path, cv2.IMREAD_UNCHANGED)
+    return pixels if pixels.dtype == np.uint8 else (pixels * _to_255(pixels)).astype(np.float32)
+
+
+def _pixels(data: bytes, path: Path, colours: int) -> np.ndarray:
+    if not data:
+        raise InputError("is an empty file", where=path, remedy=_AGAIN)
+    _refuse_truncated(data, path)
+    width, height = picture_size(data)
+    if width * height > _MOST_PIXELS:
+        # a small file may announce pixels that fill the memory
+        what = f"is {width}x{height} px, more than {_MOST_PIXELS / 1e6:.0f} million"
+        raise InputError(what, where=path, remedy="export a smaller picture, or remove it")
+    pixels = _decode(data, colours)
+    if pixels is not None and pixels.ndim == 3:
+        pixels = pixels[..., :3] if pixels.shape[2] > 2 else pixels[..., 0]
+    if pixels is None or pixels.ndim not in (2, 3) or pixels.size == 0:
+        raise InputError("is not a picture that can be read", where=path, remedy=_AGAIN)
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise InputError(
+            f"holds pixels of type {pixels.dtype}", where=path, remedy="save it with 8 or 16 bits per channel"
+        )
+    return pixels
+
+
+def _decode(data: bytes, colours: int) -> np.ndarray | None:
+    # "unchanged" is all bits set, and keeps depth and orientation by itself
+    kept = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = colours if colours == cv2.IMREAD_UNCHANGED else colours | kept
+    # the level is global to the process, so two threads must not restore each other's
+    with _log_level:
+        level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        except cv2.error:
+            return None
+        finally:
+            cv2.utils.logging.setLogLevel(level)
+
+
+def _to_8_bit(pixels: np.ndarray) -> np.ndarray:
+    return np.rint(pixels * _to_255(pixels)).astype(np.uint8)
+
+
+def _to_255(pixels: np.ndarray) -> float:
+    """Factor to the range of 8 bits from the sensor's own depth."""
+    brightest = int(pixels.max())
+    bits = next(bits for bits in _SENSOR_BITS if brightest < 1 << bits)
+    return 255.0 / ((1 << bits) - 1)
+
+
+def _refuse_truncated(data: bytes, path: Path) -> None:
+    # decoders fill what is missing with gray and only print a warning
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        whole = _png_is_whole(data)
+    elif data.startswith(b"\xff\xd8"):
+        whole = _jpeg_is_whole(data)
+    elif data.startswith(b"BM") and len(data) >= 6:
+        whole = len(data) >= struct.unpack_from("<I", data, 2)[0]
+    else:
+        return
+    if not whole:
+        raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
+
+
+def _png_is_whole(data: bytes) -> bool:
+    """Walk the chunks to IEND, checking each CRC."""
+    position = 8
+    while position + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, position)
+        end = position + 12 + length
+        if end > len(data):
+            return False
+        kind_and_body = memoryview(data)[position + 4 : end - 4]
+        if zlib.crc32(kind_and_body) != struct.unpack_from(">I", data, end - 4)[0]:
+            return False
+        if data[position + 4 : position + 8] == b"IEND":
+            return True
+        position = end
+    return False
+
+
+def _jpeg_is_whole(data: bytes) -> bool:
+    """Walk the segments to the end-of-image marker; an embedded thumbnail's own end does not count."""
+    position = 2
+    while True:
+        position = data.find(b"\xff", position)
+        if position < 0 or position + 1 >= len(data):
+            return False
+        marker = data[position + 1]
+        if marker == 0xD9:
+            return True
+        if marker == 0xFF:  # fill byte
+            position += 1
+        elif marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD7:  # stuffed byte, TEM, restarts: no body
+            position += 2
+        elif position + 4 > len(data):
+            return False
+        else:
+            position += 2 + struct.unpack_from(">H", data, position + 2)[0]

@@ -1,0 +1,1 @@
+"""ChArUco corners and their covariance."""

@@ -1,0 +1,174 @@
+"""ChArUco corners in pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec, opencv_board
+from vbaa_calib.core.console import progress, say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import list_images, read_gray
+
+from .covariance import corner_covariances
+from .diagnosis import explain_mismatch, rows_too_many
+from .layout import Markers, px_per_square
+from .view_quality import ViewQuality, measure_quality
+
+_WORKERS = 2
+_FEW_CORNERS = 6
+_FOUND_SHARE = 0.3
+_WINDOW_PER_GAP = 0.9
+_SMALLEST_WINDOW_PX = 4
+_LARGEST_WINDOW_PX = 10
+_FURTHEST_PX = 1.5
+_STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """What one picture shows of the board.
+
+    Attributes
+    ----------
+    name : the picture's name.
+    ids : (N,) corner ids in OpenCV's order.
+    corners_px : (N, 2) their pixels; (0, 0) is the centre of the first pixel.
+    image_size : (width, height) px.
+    marker_ids : (M,) ids of all markers of the dictionary, on the board or not.
+    marker_corners_px : (M, 4, 2) their outlines.
+    covariance_px2 : (N, 2, 2) of each corner, from the picture's noise alone (`corner_covariance`).
+    quality : blur, saturation and contrast (`view_quality`).
+    """
+
+    name: str
+    ids: np.ndarray
+    corners_px: np.ndarray
+    image_size: tuple[int, int]
+    marker_ids: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    marker_corners_px: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 2)))
+    covariance_px2: np.ndarray | None = None
+    quality: ViewQuality | None = None
+
+    @property
+    def marker_count(self) -> int:
+        """Number of markers seen."""
+        return len(self.marker_ids)
+
+
+def detect_corners(image: np.ndarray, spec: BoardSpec, name: str = "") -> BoardView:
+    """Find the board's corners in one picture, (H, W) uint8. A picture without the board gives an empty view.
+
+    OpenCV's own settings are kept. On the real photo sets no marker refinement (sub-pixel, contour) is better on all:
+    each changes the reprojection error by a few per cent, up or down. Corners next to a single marker are left out,
+    for they are grossly wrong on a board that is partly covered.
+    """
+    height, width = image.shape
+    # OpenCV refuses a picture without pixels
+    seen = image if image.size else np.zeros((1, 1), np.uint8)
+    corners, ids, quadrangles, marker_ids = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(seen)
+    found = np.zeros((0, 2)) if corners is None else np.asarray(corners, float).reshape(-1, 2)
+    outlines = np.asarray(quadrangles, float).reshape(-1, 4, 2)
+    sharpened, windows = _sharpened(image, found, outlines, spec)
+    found_ids = np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel()
+    return BoardView(
+        name,
+        found_ids,
+        sharpened,
+        (width, height),
+        np.zeros(0, int) if marker_ids is None else np.asarray(marker_ids, int).ravel(),
+        outlines,
+        corner_covariances(image, sharpened, windows),
+        measure_quality(image, found_ids, sharpened, spec),
+    )
+
+
+def _sharpened(
+    image: np.ndarray, corners: np.ndarray, outlines: np.ndarray, spec: BoardSpec
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (N, 2) refined again in windows that stop short of the markers, and the half windows (N,) they rest on.
+
+    In drawn pictures with known corners OpenCV's window, which reaches the markers, is off by 0.14 px rms and up to
+    0.6 px, this one by 0.03 px; on the real photo sets the reprojection error changes by under 1 %. Where the gap
+    between corner and markers is too narrow for a window, OpenCV's corner stays.
+    """
+    if not len(corners) or not len(outlines):
+        return corners, np.full(len(corners), _SMALLEST_WINDOW_PX)
+    ratio = spec.marker_m / spec.square_m
+    smallest = np.linalg.svd(px_per_square(outlines, ratio), compute_uv=False)[:, 1]
+    nearest = np.argsort(np.linalg.norm(outlines.mean(axis=1)[None] - corners[:, None], axis=-1), axis=1)[:, :2]
+    gap_px = smallest[nearest].min(axis=1) * (1.0 - ratio) / 2.0
+    windows = np.minimum(_WINDOW_PER_GAP * gap_px, _LARGEST_WINDOW_PX).astype(int)
+    refined, used = corners.copy(), _opencv_windows(corners, outlines)
+    for window in np.unique(windows[windows >= _SMALLEST_WINDOW_PX]).tolist():
+        chosen = np.flatnonzero(windows == window)
+        start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)
+        better = cv2.cornerSubPix(image, start, (window, window), (-1, -1), _STOP).reshape(-1, 2)
+        near = np.linalg.norm(better - corners[chosen], axis=1) < _FURTHEST_PX
+        refined[chosen[near]] = better[near]
+        used[chosen[near]] = window
+    return refined, used
+
+
+def _opencv_windows(corners: np.ndarray, outlines: np.ndarray) -> np.ndarray:
+    """(N,) half windows of OpenCV's own refinement: up to two pixels short of the nearest marker corner."""
+    to_marker = np.linalg.norm(outlines.reshape(1, -1, 2) - corners[:, None], axis=-1).min(axis=1)
+    return np.clip((to_marker - 2.0).astype(int), 1, 10)
+
+
+def detect_folder(folder: Path, spec: BoardSpec) -> list[BoardView]:
+    """The board in every picture of a folder, by name. See `detect_files`."""
+    return detect_files(list_images(folder), spec)
+
+
+def detect_files(paths: Sequence[Path], spec: BoardSpec) -> list[BoardView]:
+    """The board in every picture named.
+
+    Raises InputError for a damaged picture, pictures of different size, and a board spec that does not fit what the
+    pictures show (dictionary, legacy pattern, number of squares, size of markers), naming the causes and the spec that
+    fits where they can be found.
+    """
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        found = pool.map(lambda path: detect_corners(read_gray(path), spec, Path(path).name), paths)
+        views = list(progress(found, "detecting the board", len(paths)))
+    _refuse_mixed_sizes(paths, views)
+    _refuse_wrong_spec(paths, views, spec)
+    return views
+
+
+def _refuse_mixed_sizes(paths: Sequence[Path], views: Sequence[BoardView]) -> None:
+    first = views[0]
+    for path, view in zip(paths, views, strict=True):
+        if view.image_size != first.image_size:
+            raise InputError(
+                f"is {view.image_size[0]}x{view.image_size[1]} px, {first.name} is "
+                f"{first.image_size[0]}x{first.image_size[1]} px",
+                where=path,
+                remedy="calibrate from pictures of one camera at one resolution",
+            )
+
+
+def _refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView], spec: BoardSpec) -> None:
+    place = Path(paths[0]).parent if len(paths) > 1 else paths[0]
+    markers = [Markers(view.marker_ids, view.marker_corners_px) for view in views]
+    found = sum(len(view.ids) >= _FEW_CORNERS for view in views) >= _FOUND_SHARE * len(views)
+    mismatch = explain_mismatch(lambda index: read_gray(paths[index]), markers, spec, found)
+    if mismatch is not None:
+        causes = ", ".join(mismatch.causes)
+        raise InputError(f"the board spec does not fit the pictures: {causes}", where=place, remedy=mismatch.remedy)
+    if not any(len(view.ids) for view in views):
+        raise InputError(
+            "no board is found in any picture",
+            where=place,
+            remedy="check that the board is sharp, lit, large enough and whole markers are in view",
+        )
+    if missing := rows_too_many(markers, spec, views[0].image_size):
+        say(
+            f"{place}: the pictures show room for the board's last {missing} rows and no marker there: is squares_y "
+            f"{spec.squares_y - missing}, not {spec.squares_y}? The corners are the same."
+        )

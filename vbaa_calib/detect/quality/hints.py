@@ -1,0 +1,188 @@
+"""What is wrong with one picture of the board, for a person who can still take it again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from targets.board import BoardSpec
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.diagnosis import MIRRORED, explain_mismatch
+from vbaa_calib.detect.board.layout import Markers
+
+from .blur import blur_ellipse, edge_blur
+from .glare import Levels, blemishes, levels
+from .outline import BoardMap, board_map
+from .screen import CLIPPED, GROWN, LEAST_CORNERS, MOST_BLUR_PER_GAP, NOISY_PX, corner_std_px
+
+_NEAR_LIMIT = 0.7
+_MOVED, _MOVED_LEAST_PX = 1.6, 1.3
+_UNSHARP_PX, _MOVED_EDGES = 1.6, 3.0
+_DARK, _BRIGHT, _PALE = 80.0, 170.0, 60.0
+_SMALL_SQUARE_PX, _SMALL_SHARE = 16.0, 0.05
+_FEW_SHARE = 0.5
+_SMEAR_PER_STD = 3.0
+"""Length of a uniform movement over the blur's standard deviation as the edges show it, measured on drawn boards."""
+
+
+def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis]:
+    """Faults of a picture (H, W) uint8 as `detect_corners` saw it, the grave ones first.
+
+    Grave: its corners are missing or wrong, do not take it. The others cost accuracy, or may be meant so.
+    """
+    where = board_map(view, spec)
+    seen = None if where is None else levels(image, where, spec)
+    found = _blur(image, view, spec) + _light(view, seen)
+    if not any(one.name in ("motion_blur", "out_of_focus", "overexposed") for one in found):
+        found += _blemish(where, seen, spec)
+    if where is not None:
+        found += _size(view, where, spec) + _edge(view, where, spec)
+    if len(view.ids) < LEAST_CORNERS:
+        found += _missing(image, view)
+    return sorted(found, key=lambda one: not one.grave)
+
+
+def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosis | None:
+    """Whether the picture (H, W) shows another board than the spec, or is mirrored; None where nothing can be told.
+
+    All dictionaries are tried, mirrored and as negatives too: seconds, where no marker of the spec is found.
+    """
+    markers = [Markers(view.marker_ids, view.marker_corners_px)]
+    mismatch = explain_mismatch(lambda _: image, markers, spec, len(view.ids) >= LEAST_CORNERS)
+    if mismatch is None:
+        return None
+    if mismatch.causes == (MIRRORED,):
+        return Diagnosis(
+            "mirrored_picture",
+            "the board is found only in the mirror image",
+            "switch off mirroring at the camera, or mirror the pictures back",
+            grave=True,
+        )
+    return Diagnosis("wrong_board", f"not the board named: {', '.join(mismatch.causes)}", mismatch.remedy, grave=True)
+
+
+def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
+    """No board, or too little of it: by the light and the edges of the whole picture, where they tell."""
+    low, high = np.percentile(image[::4, ::4], (5.0, 95.0)) if image.size else (0.0, 0.0)
+    if view.marker_count:
+        seen = f"{view.marker_count} marker{'s are' if view.marker_count > 1 else ' is'} seen"
+        words = f"{seen} and {len(view.ids)} corners, at least {LEAST_CORNERS} are needed"
+        missing = Diagnosis("few_corners", words, "show more of the board, nearer, sharp and evenly lit", grave=True)
+    elif high < 0.5 * _DARK:
+        words, remedy = f"the picture is dark (its brightest parts: {high:.0f} of 255)", "add light, or expose longer"
+        return [Diagnosis("too_dark", words, remedy, grave=True)]
+    elif low > 250.0:
+        words, remedy = "nearly all of the picture is clipped white", "less light, or expose for a shorter time"
+        return [Diagnosis("overexposed", words, remedy, grave=True)]
+    else:
+        remedy = "show the whole board, near enough and sharp"
+        missing = Diagnosis("no_board", "no marker of the board is seen", remedy, grave=True)
+    edges = edge_blur(image)
+    if edges is None or edges.most_px < _UNSHARP_PX:
+        return [missing]
+    if view.marker_count and edges.most_px > _MOVED_EDGES * edges.least_px:
+        # where no marker is seen it may well be other things' edges that are soft
+        words = f"edges are blurred by {edges.most_px:.1f} px {_direction(edges.direction_rad)}, others are sharp"
+        return [missing, Diagnosis("motion_blur", words, "if something moved: hold board and camera still")]
+    if edges.least_px < _UNSHARP_PX:
+        return [missing]
+    words = f"nothing in the picture is sharp: its edges are blurred by {edges.least_px:.1f} px or more"
+    return [missing, Diagnosis("out_of_focus", words, "focus on the board, and hold it still", grave=True)]
+
+
+def _blur(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis]:
+    quality = view.quality
+    if quality is None or not np.isfinite(quality.mean_blur_px):
+        return []
+    limit = MOST_BLUR_PER_GAP * quality.gap_px
+    ellipse = blur_ellipse(image, view, spec)
+    grave = quality.mean_blur_px > limit
+    moving = ellipse is not None and ellipse.motion > _MOVED and ellipse.long_px > _MOVED_LEAST_PX
+    if ellipse is not None and moving:
+        smear = _SMEAR_PER_STD * np.sqrt(max(ellipse.long_px**2 - ellipse.short_px**2, 0.0))
+        words = f"moved by about {smear:.0f} px {_direction(ellipse.direction_rad)} while it was taken"
+        return [Diagnosis("motion_blur", words, "hold board and camera still, or add light", grave)]
+    if grave or quality.mean_blur_px > _NEAR_LIMIT * limit:
+        words = f"blurred by {quality.mean_blur_px:.1f} px, {limit:.1f} px is the most that the corners bear"
+        remedy = "focus on the board (then leave the focus alone), or show it larger"
+        return [Diagnosis("out_of_focus", words, remedy, grave)]
+    return []
+
+
+def _direction(angle_rad: float) -> str:
+    """In words; angles in the picture grow downwards."""
+    names = ("sideways", "along the diagonal \\", "up or down", "along the diagonal /")
+    return names[round(angle_rad / (np.pi / 4.0)) % 4]
+
+
+def _light(view: BoardView, seen: Levels | None) -> list[Diagnosis]:
+    quality = view.quality
+    if quality is None or not np.isfinite(quality.contrast):
+        return []
+    if quality.saturated > CLIPPED and quality.edge_level > GROWN:
+        words = f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
+        return [Diagnosis("overexposed", words, "less light, or expose for a shorter time", grave=True)]
+    noisy = corner_std_px(view) > NOISY_PX
+    uncertain = f", its corners are uncertain by {corner_std_px(view):.2f} px" if noisy else ""
+    differ = f"black and white differ by {quality.contrast:.0f} grey levels{uncertain}"
+    if seen is not None and seen.white < _DARK and (noisy or quality.contrast < _PALE):
+        return [Diagnosis("too_dark", f"dark: {differ}", "add light, or expose longer")]
+    if quality.contrast < _PALE:
+        veiled = seen is not None and seen.black > _BRIGHT - _PALE
+        remedy = "turn the board out of the light's reflection, clean the lens" if veiled else "light the board better"
+        return [Diagnosis("pale", f"pale: {differ}", remedy)]
+    if noisy:
+        return [Diagnosis("noisy", f"noisy: {differ}", "add light, or show the board larger")]
+    return []
+
+
+def _blemish(where: BoardMap | None, seen: Levels | None, spec: BoardSpec) -> list[Diagnosis]:
+    """The largest patch of the board that has lost its black."""
+    patches = [] if seen is None or seen.white - seen.black < 0.5 * _PALE else blemishes(seen)
+    if where is None or not patches:
+        return []
+    patch = max(patches, key=lambda one: (one.shining, one.squares))
+    place = _place(where, spec, np.array(patch.centre))
+    many = f"{patch.squares} square{'s' if patch.squares > 1 else ''}"
+    grave = patch.squares > 0.25 * spec.squares_x * spec.squares_y
+    if patch.shining:
+        words = f"light is reflected {place} of the board: {many} washed out"
+        return [Diagnosis("reflection", words, "turn the board or move the lamp until the patch is gone", grave)]
+    words = f"something covers the board {place}: {many} not black where it should be"
+    return [Diagnosis("covered", words, "keep fingers and things off the squares", grave)]
+
+
+def _place(where: BoardMap, spec: BoardSpec, centre: np.ndarray) -> str:
+    """Where on the board as it stands in the picture: "in the upper left"."""
+    outline, point = where.outline_px(spec), where.pixels(centre)[0]
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    u, v = (3.0 * (point - low) / np.maximum(high - low, 1e-9)).astype(int).clip(0, 2)
+    if u == v == 1:
+        return "in the middle"
+    words = [word for word in (("upper", "", "lower")[v], ("left", "", "right")[u]) if word]
+    if len(words) == 2:
+        return f"in the {words[0]} {words[1]}"
+    return {"upper": "at the top", "lower": "at the bottom"}.get(words[0], f"at the {words[0]}")
+
+
+def _size(view: BoardView, where: BoardMap, spec: BoardSpec) -> list[Diagnosis]:
+    width, height = view.image_size
+    share = where.square_px(spec) ** 2 * spec.squares_x * spec.squares_y / (width * height)
+    if share >= _SMALL_SHARE and where.square_px(spec) >= _SMALL_SQUARE_PX:
+        return []
+    words = f"the board is small: {100 * share:.0f} % of the picture, squares of {where.square_px(spec):.0f} px"
+    return [Diagnosis("board_small", words, "bring it nearer, until it fills a third of the picture or more")]
+
+
+def _edge(view: BoardView, where: BoardMap, spec: BoardSpec) -> list[Diagnosis]:
+    """Pictures with the board across the border are welcome as long as half of it is seen."""
+    width, height = view.image_size
+    outline = where.outline_px(spec)
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    beyond = np.array([-low[0], high[0] - width, -low[1], high[1] - height])
+    share = len(view.ids) / spec.corner_count
+    if beyond.max() <= 0.0 or share >= _FEW_SHARE:
+        return []
+    side = ("left", "right", "top", "bottom")[int(beyond.argmax())]
+    words = f"the board leaves the picture at the {side}: {len(view.ids)} of {spec.corner_count} corners are seen"
+    return [Diagnosis("board_outside", words, "bring it further in")]

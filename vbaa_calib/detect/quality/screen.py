@@ -1,0 +1,94 @@
+"""Which views of the board are good enough to calibrate from, and why the others are not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.view_quality import ViewQuality
+
+LEAST_CORNERS = 6
+MOST_BLUR_PER_GAP = 0.5
+"""Blur over the room between squares and markers. Up to 0.4 corners are as good as their covariance says; at 0.55 they
+are off by 0.7 px where it says 0.2, for the markers have run into the corners."""
+CLIPPED, GROWN = 0.5, 0.85
+"""Share of white pixels beyond the range, with the grey level at the squares' edges: from there on clipped white has
+eaten into black and corners err by more than 1.5 times what they do in a picture exposed well. Clipped whites alone
+change nothing."""
+NOISIER, NOISY_PX = 4.0, 0.1
+"""A view goes when its corners are so many times less certain than the median view's, and less than this, in px."""
+_BLURRED, _PALE = 1.5, 0.5
+
+
+def screen_views(
+    views: Sequence[BoardView], min_corners: int = LEAST_CORNERS
+) -> tuple[list[BoardView], list[tuple[BoardView, str]]]:
+    """Views worth keeping, and the others, each with the reason in words. The thresholds were measured on drawn boards.
+
+    A view without `quality` or `covariance_px2` is judged by its corners alone.
+    """
+    std_px = np.array([corner_std_px(view) for view in views])
+    typical = _Typical(
+        _median([view.quality.mean_blur_px for view in views if view.quality is not None]),
+        _median([view.quality.contrast for view in views if view.quality is not None]),
+        _median(std_px),
+    )
+    kept, dropped = [], []
+    for view, std in zip(views, std_px.tolist(), strict=True):
+        reason = _too_few(view, min_corners) or (view.quality and _too_poor(view.quality, std, typical))
+        if reason:
+            dropped.append((view, reason))
+        else:
+            kept.append(view)
+    return kept, dropped
+
+
+def corner_std_px(view: BoardView) -> float:
+    """Standard deviation of the view's median corner, px (of its distance from the truth); NaN where unknown."""
+    if view.covariance_px2 is None or not len(view.covariance_px2):
+        return float("nan")
+    return float(np.sqrt(np.median(np.trace(view.covariance_px2, axis1=1, axis2=2))))
+
+
+@dataclass(frozen=True)
+class _Typical:
+    """The set's medians: blur px, contrast in grey levels, standard deviation of a corner px."""
+
+    blur_px: float
+    contrast: float
+    std_px: float
+
+
+def _median(values: Sequence[float] | np.ndarray) -> float:
+    known = np.asarray(values, float)
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _too_few(view: BoardView, min_corners: int) -> str:
+    if len(view.ids) == 0:
+        return "the board is not found" if view.marker_count == 0 else "markers are found, corners are not"
+    if len(view.ids) < min_corners:
+        return f"{len(view.ids)} corners, at least {min_corners} are needed"
+    if view.quality is not None and view.quality.collinear:
+        return "its corners lie (nearly) on a line"
+    return ""
+
+
+def _too_poor(quality: ViewQuality, std_px: float, typical: _Typical) -> str:
+    blur = quality.mean_blur_px
+    if blur > MOST_BLUR_PER_GAP * quality.gap_px:
+        return f"blurred by {blur:.1f} px ({quality.blur_in_words}), the markers {quality.gap_px:.1f} px off run in"
+    if quality.saturated > CLIPPED and quality.edge_level > GROWN:
+        return f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
+    if std_px > NOISIER * typical.std_px and std_px > NOISY_PX:
+        worse = f"its corners are uncertain by {std_px:.2f} px, the median view's by {typical.std_px:.2f} px"
+        if blur > _BLURRED * typical.blur_px:
+            return f"blurred by {blur:.1f} px ({quality.blur_in_words}): {worse}"
+        if quality.contrast < _PALE * typical.contrast:
+            return f"pale, black and white differ by {quality.contrast:.0f} grey levels: {worse}"
+        return f"noisy: {worse}"
+    return ""

@@ -1,0 +1,1 @@
+"""The antenna in a picture."""

@@ -1,0 +1,67 @@
+"""The antenna in a picture, found from what is known of the free antenna."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vbaa_calib.antenna.shape import Curves, bend
+from vbaa_calib.camera import Camera
+from vbaa_calib.geometry import Pose
+
+from .centreline import NOTHING, Centreline
+from .corridor import Corridor, length_px
+from .finder import AntennaFinder
+from .profile import measure
+
+REACH_PER_LENGTH = 0.9
+"""How far to the side the antenna may be, as a fraction of the distance from the clamp: 42°."""
+LEAST_AXIS, LEAST_LENGTH_PX = 4, 10.0
+"""Least number of the free antenna's points that the lens must show, and least length: end on, there is no line."""
+CLAMP_REACH_PX = 8.0
+"""How far off the clamp itself may be."""
+
+
+def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray) -> Curves:
+    """The free antenna under its weight: parameters (9,), gravity (3,) antenna frame; a batch of one."""
+    return bend(parameters[None], length_m, gravity_m_s2[None], np.array([0.5 * length_m]), np.zeros((1, 2)))
+
+
+def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.ndarray:
+    """(M, 2) pixels of antenna-frame points (M, 3); points that the lens cannot show are left out."""
+    projected, valid = camera.project(T_camera_antenna @ points_m)
+    return projected[valid]
+
+
+def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diameter_m: float) -> float:
+    """The antenna's width in the picture, halfway along its points (N, 3), antenna frame."""
+    depth = (T_camera_antenna @ points_m[len(points_m) // 2])[2]
+    return float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth)
+
+
+def corridor(camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: float) -> Corridor:
+    """Where in the picture an antenna may be whose free shape is known."""
+    axis = pixels(camera, T_camera_antenna, free.points_m[0])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(axis, axis=0).T))])
+    width = width_px(camera, T_camera_antenna, free.points_m[0], diameter_m)
+    return Corridor(axis, CLAMP_REACH_PX + REACH_PER_LENGTH * along, width)
+
+
+def finder(where: Corridor, camera: Camera) -> AntennaFinder | None:
+    """What looks for the antenna in a corridor of this camera's pictures; None where too little of it can be shown."""
+    return AntennaFinder.prepare(where, camera.image_size) if _shows(where) else None
+
+
+def _shows(where: Corridor) -> bool:
+    return len(where.axis_px) >= LEAST_AXIS and length_px(where.axis_px) >= LEAST_LENGTH_PX
+
+
+def find(image: np.ndarray, where: Corridor, bright: bool = True) -> Centreline:
+    """The centreline in an (H, W) picture; for many pictures make one `AntennaFinder` and use it for all."""
+    if not _shows(where):
+        return NOTHING
+    return AntennaFinder.prepare(where, (image.shape[1], image.shape[0])).find(image, bright)
+
+
+def find_along(image: np.ndarray, guide_px: np.ndarray, width: float, bright: bool = True) -> Centreline:
+    """The centreline measured across a predicted path (K, 2), which must be within about a width of the truth."""
+    return measure(image, guide_px, width, bright)

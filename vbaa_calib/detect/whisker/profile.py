@@ -1,0 +1,253 @@
+"""Measure the antenna to a fraction of a pixel: its cross-section, as the picture shows it, fitted to raw profiles.
+
+Raw pixels of every column that it crosses (of every row where it runs more upward than sideways), because interpolated
+ones share their noise, and shift a thin line with its phase on the pixel grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.ndimage import binary_erosion, uniform_filter1d
+from scipy.stats import chi2
+
+from . import smooth
+from .acceptance import described
+from .centreline import NOTHING, Centreline
+from .crossings import Crossings, crossings
+from .line_shape import Binned, Fits, LineShape, between_flanks, binned, expected, fit, learn, nearest, tapering
+from .path_refinement import align
+
+SEEN_RATIO = 4.5
+"""Least height over its standard deviation for a profile to count as seen."""
+QUIET = 0.4
+"""Quantile of the profiles' residuals taken for the picture's noise: more than half may lie beside an object."""
+DISTURBED = 1.8
+"""Profiles that leave this many times the noise show something beside the antenna, which draws the line aside."""
+LEAST_CLEAN = 0.3
+"""With less than this fraction undisturbed, disturbed profiles are kept too, with the deviations that they deserve."""
+MARGIN_PX = 2
+"""Columns dropped on either side of a gap: part of their profile shows what hides the antenna."""
+STRAY, STRAY_PX = 5.0, 0.12
+"""A point this many deviations, and at least so far, off a smooth curve through its neighbours is another thing's."""
+TAUGHT_BY = 160
+"""The cross-section is learned from about so many profiles."""
+ALIKE = 0.8
+"""Length of the mean phase on the pixel grid above which the profiles lie alike."""
+LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.04
+"""With its sides so different, as a part of its height, a line this broad is measured by its flanks; a highlight still
+pulls it by about this part of its width."""
+EDGE_RUN, EDGE_NOTICED = 21, 3.0
+"""An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the
+background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
+ORDINARY_BLUR_PX = 0.8
+"""Blur of a lens in focus, standard deviation."""
+LEAST_PROFILES = 8
+"""Across the antenna, for there to be a line, and for its noise to be told."""
+BROADER = 1.5
+"""A line so much broader than expected is measured again with longer profiles."""
+
+
+def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool = True) -> Centreline:
+    """The centreline near a guide, one point for every column (or row) of pixels that it crosses.
+
+    Parameters
+    ----------
+    image : (H, W) grey levels.
+    guide_px : (K, 2) a path within about one antenna width of the truth, from clamp to tip.
+    width_px : the antenna's width.
+    bright : brighter than its background.
+
+    Notes
+    -----
+    A point is kept where the line's height stands out from its noise and agrees with its neighbours', the profile
+    leaves no more residual than noise does, and it lies on a smooth curve with the others: an object's edge beside the
+    antenna draws the line aside, and alike for many neighbours.
+    """
+    if len(guide_px) < 2 or np.hypot(*np.diff(guide_px, axis=0).T).sum() < 8.0:
+        return NOTHING
+    return measure_on(image, align(image, guide_px, width_px, width_px + 2.0, bright).path_px, width_px, bright)
+
+
+def measure_on(
+    image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool, blurred_px: float = 0.0
+) -> Centreline:
+    """As `measure`, along a path (K, 2) that lies on the antenna to a fraction of its width.
+
+    `blurred_px` : by how much broader than the antenna the line may be.
+    """
+    half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
+    line = _measured(image, path_px, width_px, half, bright)
+    if line.breadth > BROADER:
+        wider = _measured(image, path_px, width_px, int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0)), bright)
+        return wider if len(wider.points_px) >= len(line.points_px) else line
+    return line
+
+
+@lru_cache(maxsize=16)
+def _ordinary(width_px: float, half: int) -> LineShape:
+    return expected(width_px, ORDINARY_BLUR_PX, half + 2)
+
+
+def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool) -> Centreline:
+    found = crossings(image, path_px, half, bright)
+    if found.inside.sum() < LEAST_PROFILES:
+        return NOTHING
+    width_px = round(width_px, 2)
+    lines = _lines(found, width_px, half)
+    kept, clean, there = _kept(found, lines)
+    if not kept.any():
+        return NOTHING
+    sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
+    pulled = PULLED * width_px * float(np.clip((lines.lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
+    sigma = np.hypot(np.hypot(sigma, pulled), _beside_an_edge(found, lines, there))
+    kept, course = _without_strays(found, lines, sigma, kept)
+    kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
+    breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
+    return described(found, lines.centre, sigma, kept, there, course, lines.fits.height, breadth, lines.noise)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """The fitted lines.
+
+    Attributes
+    ----------
+    centre : (N,) along the profiles from the path, px.
+    fits, rms : the last fit and its residuals' rms (N,).
+    shape : the cross-section. noise : of a pixel, grey levels. lopsided : how the shape's sides differ, of its height.
+    """
+
+    centre: np.ndarray
+    fits: Fits
+    rms: np.ndarray
+    shape: LineShape
+    noise: float
+    lopsided: float
+
+
+def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
+    """Learn the cross-section from some of the profiles, then fit it to all.
+
+    At first an antenna in focus; then one at the blur that is seen; then whatever the profiles show. Where all of them
+    lie alike on the pixel grid, a free shape could not be told from a shift, and the second is kept. The shape is
+    broader where the antenna is nearer to the camera.
+    """
+    some = found.every(max(1, len(found.along) // TAUGHT_BY))
+    length = max(float(found.along[-1]), 1e-6)
+    shape, curve, base = _ordinary(width_px, half), np.zeros(len(found.along)), np.zeros(len(some.along))
+    doubt = 0.0
+    for step in range(2):
+        fits = fit(shape, some, base)
+        chosen = _teachers(fits, some.inside, half)
+        if chosen.sum() < 4:
+            break
+        if step:
+            # not at first: the path is good enough to tell the blur by
+            course = smooth.fit(some.along / length, fits.shift, chosen.astype(float), (1.0, 0.3), 12, 1e-3)
+            base, curve = course.values, course.at(found.along / length)
+        heights = shape.at(some.distances(base)[chosen])[0] + fits.residuals[chosen] / fits.height[chosen, None]
+        taper = tapering(shape, some, base, fits, chosen)
+        found, some = found.tapered(taper), some.tapered(taper)
+        seen = binned(some.distances(base)[chosen], heights, half + 2)
+        free = step == 1 and abs(np.exp(2j * np.pi * some.across[chosen, 0]).mean()) < ALIKE
+        shape = learn(seen) if free else nearest(seen, width_px)
+        if free:
+            doubt = seen.lopsided(smooth.median(fits.rms[chosen] / fits.height[chosen]))
+            if width_px > FLANKED_PX and doubt > LOPSIDED:
+                shape, shift = _lopsided(seen, width_px)
+                curve = curve + shift * found.side * found.stretch
+    fits = fit(shape, found, curve)
+    return _Lines(curve + fits.shift, fits, fits.rms, shape, _noise(fits.rms[found.inside], half), doubt)
+
+
+def _lopsided(seen: Binned, width_px: float) -> tuple[LineShape, float]:
+    """A lopsided shape, about the middle between its flanks, and where this middle is, px."""
+    shape = learn(seen, even=False)
+    middle = between_flanks(shape, width_px)
+    return shape.about(middle), middle
+
+
+def _teachers(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:
+    """(N,) profiles that show a clear line, as high as most, and nothing else."""
+    rms = fits.rms
+    noise = _noise(rms[inside], half)
+    good = inside & (fits.height > SEEN_RATIO * noise * fits.unit_height) & (np.abs(fits.shift) < 1.5)
+    if not good.any():
+        return good
+    typical = smooth.median(fits.height[good])
+    good &= (fits.height > 0.4 * typical) & (fits.height < 2.5 * typical)
+    calm = good & (rms < DISTURBED * noise + 0.02 * typical)
+    return calm if calm.sum() >= 0.3 * good.sum() else good
+
+
+def _kept(found: Crossings, lines: _Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,) which profiles show the antenna well enough, which show nothing else beside it, which show it at all."""
+    fits, rms, noise = lines.fits, lines.rms, lines.noise
+    half = 0.5 * (fits.gain.shape[1] - 1)
+    seen = found.inside & (np.abs(lines.centre) < half - 2.0)
+    seen &= fits.height > SEEN_RATIO * np.maximum(rms, noise) * fits.unit_height
+    if not seen.any():
+        return seen, seen, seen
+    typical = smooth.median(fits.height[seen])
+    seen &= (fits.height > 0.3 * typical) & (fits.height < 3.0 * typical)
+    clean = seen & (rms < DISTURBED * noise)
+    kept = clean if clean.mean() >= LEAST_CLEAN else seen & (rms < 4.0 * noise + 0.1 * typical)
+    return kept, clean, seen
+
+
+def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarray:
+    """(N,) standard deviation across the antenna, from the residuals at each distance from the centre.
+
+    Where along the antenna there is more noise than elsewhere, the deviations are larger in proportion.
+    """
+    fits = lines.fits
+    distance = np.abs(found.across - lines.centre[:, None]).astype(np.intp)
+    bins = int(distance.max()) + 1
+    squares = fits.residuals[clean] ** 2 / fits.freed[clean]
+    at = distance[clean].ravel()
+    number = np.bincount(at, minlength=bins)
+    variance = np.bincount(at, squares.ravel(), bins) / np.maximum(number, 1)
+    variance = np.where(number > 0, variance, lines.noise**2)
+    power = np.where(clean, lines.rms**2, 0.0)
+    near, overall = uniform_filter1d(power, 41, mode="constant"), power.sum() / max(int(clean.sum()), 1)
+    share = uniform_filter1d(clean.astype(float), 41, mode="constant")
+    local = np.where(share > 0.2, near / np.maximum(share, 1e-9), overall) / max(overall, 1e-12)
+    own = np.where(clean, local, np.maximum(local, lines.rms**2 / max(overall, 1e-12)))
+    return np.sqrt(np.einsum("nt,nt->n", fits.gain**2, variance[distance]) * own) / found.stretch
+
+
+def _beside_an_edge(found: Crossings, lines: _Lines, there: np.ndarray) -> np.ndarray:
+    """(N,) by how much an edge of the background along the antenna may draw the points aside, px."""
+    share = uniform_filter1d(there.astype(float), EDGE_RUN, mode="constant")
+    moved, noise = (
+        uniform_filter1d(np.where(there, values, 0.0), EDGE_RUN, mode="constant") / np.maximum(share, 1e-9)
+        for values in (lines.fits.stepped, (lines.noise * lines.fits.stepped_unit) ** 2)
+    )
+    # running sums leave rounding below zero
+    deviation = np.sqrt(np.maximum(noise, 0.0) / np.maximum(EDGE_RUN * share, 1.0))
+    return np.where(np.abs(moved) > EDGE_NOTICED * deviation, np.abs(moved), 0.0) / found.stretch
+
+
+def _without_strays(
+    found: Crossings, lines: _Lines, sigma: np.ndarray, kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) the kept points that lie on one smooth curve, and that curve's course (N,) along the profiles."""
+    share = found.along / max(float(found.along[-1]), 1e-6)
+    weights = kept / np.maximum(sigma, 0.02) ** 2
+    spread = max(smooth.median(sigma[kept]), 0.02)
+    curve = smooth.fit(share, lines.centre, weights, (6.0 * spread, 4.0 * spread), 24, 1e-4)
+    off = np.abs(lines.centre - curve.values)
+    return kept & (off < np.maximum(STRAY * sigma * found.stretch, STRAY_PX)), curve.values
+
+
+def _noise(rms: np.ndarray, half: int) -> float:
+    """The picture's noise from the profiles' residuals (N,), of which more than half may be disturbed."""
+    return smooth.quantile(rms, QUIET) / _quiet_part(2 * half - 3) + 1e-6 if len(rms) else 1e-6
+
+
+@lru_cache(maxsize=32)
+def _quiet_part(freedom: int) -> float:
+    return float(np.sqrt(chi2.ppf(QUIET, freedom) / freedom))

@@ -1,0 +1,219 @@
+"""How well the installed OpenCV finds the corners of one board, and how well we do, in pictures with known corners."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec, opencv_board
+from vbaa_calib.core.console import progress
+from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.simulate.render.board import print_sheet
+
+from .detector_pictures import Conditions, draw_board
+
+SQUARE_PX = (24.0, 40.0, 64.0)
+BLUR_PX = (0.5, 1.0, 2.0)
+OPENCV, OURS = "OpenCV", "vbaa-calib"
+_LEAST_CORNERS = 12
+
+Detector = Callable[[np.ndarray, BoardSpec], BoardView]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One detector under one condition.
+
+    Attributes
+    ----------
+    found : share of all corners.
+    bias_px : mean error along u and v. rms_px : of the distances; worst_px : the largest. NaN where too few are found.
+    median_px : of the distances, by which one wild corner does not show.
+    error_per_std : rms of the errors in their predicted standard deviations, per coordinate; None without a prediction.
+    """
+
+    detector: str
+    square_px: float
+    blur_px: float
+    found: float
+    bias_px: tuple[float, float]
+    rms_px: float
+    median_px: float
+    worst_px: float
+    error_per_std: float | None
+
+    @property
+    def measured(self) -> bool:
+        """Whether corners enough were found to speak of errors."""
+        return bool(np.isfinite(self.rms_px))
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: what was not measured is null."""
+        numbers = {"rms_px": self.rms_px, "median_px": self.median_px, "worst_px": self.worst_px}
+        return {
+            "detector": self.detector,
+            "square_px": self.square_px,
+            "blur_px": self.blur_px,
+            "found": self.found,
+            "bias_px": list(self.bias_px) if self.measured else None,
+            **{name: value if self.measured else None for name, value in numbers.items()},
+            "error_per_std": self.error_per_std if self.measured else None,
+        }
+
+
+def opencv_corners(image: np.ndarray, spec: BoardSpec) -> BoardView:
+    """OpenCV's ChArUco corners as they come."""
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(image)
+    height, width = image.shape
+    found = np.zeros((0, 2)) if corners is None else np.asarray(corners, float).reshape(-1, 2)
+    return BoardView("", np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel(), found, (width, height))
+
+
+DETECTORS: dict[str, Detector] = {OPENCV: opencv_corners, OURS: detect_corners}
+
+
+def try_detectors(
+    spec: BoardSpec,
+    pictures: int,
+    seed: int,
+    detectors: Mapping[str, Detector] = DETECTORS,
+    square_px: Sequence[float] = SQUARE_PX,
+    blur_px: Sequence[float] = BLUR_PX,
+) -> list[Row]:
+    """Every detector on the same pictures: `pictures` random poses for each size of the squares and each blur.
+
+    The pictures come from the simulator, which shares no code with OpenCV's detector; the corners are those of the
+    pose, projected. Noise of 2 grey levels.
+    """
+    sheet, rng = print_sheet(spec), np.random.default_rng(seed)
+    rows = []
+    conditions = [Conditions(square, blur) for square in square_px for blur in blur_px]
+    for condition in progress(conditions, "drawing and detecting the board"):
+        errors: dict[str, list[np.ndarray]] = {name: [] for name in detectors}
+        pulls: dict[str, list[np.ndarray]] = {name: [] for name in detectors}
+        for _ in range(pictures):
+            board = draw_board(sheet, condition, rng)
+            picture = board.picture(rng)
+            for name, detect in detectors.items():
+                view = detect(picture, spec)
+                error = view.corners_px - board.corners_px[view.ids]
+                errors[name].append(error)
+                if view.covariance_px2 is not None and len(error):
+                    pulls[name].append(_squared_pulls(error, view.covariance_px2))
+        for name in detectors:
+            rows.append(_row(name, condition, errors[name], pulls[name], pictures * spec.corner_count))
+    return rows
+
+
+def _squared_pulls(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    return np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
+
+
+def _row(
+    name: str, condition: Conditions, errors: Sequence[np.ndarray], pulls: Sequence[np.ndarray], corners: int
+) -> Row:
+    every = np.concatenate([np.zeros((0, 2)), *errors])
+    nan = float("nan")
+    found = len(every) / corners
+    if len(every) < _LEAST_CORNERS:
+        return Row(name, condition.square_px, condition.blur_px, found, (nan, nan), nan, nan, nan, None)
+    distance = np.linalg.norm(every, axis=1)
+    bias = every.mean(axis=0)
+    return Row(
+        detector=name,
+        square_px=condition.square_px,
+        blur_px=condition.blur_px,
+        found=found,
+        bias_px=(float(bias[0]), float(bias[1])),
+        rms_px=float(np.sqrt((distance**2).mean())),
+        median_px=float(np.median(distance)),
+        worst_px=float(distance.max()),
+        error_per_std=float(np.sqrt(np.concatenate(pulls).mean() / 2)) if pulls else None,
+    )
+
+
+BIASED_PX = 0.08
+"""A mean error that no chance makes: the detectors at hand stay below 0.02 px."""
+HALF_PX = (0.35, 0.65)
+GOOD_PX = 0.1
+_FOUND = 0.5
+
+
+def mean_bias_px(rows: Sequence[Row], detector: str) -> np.ndarray:
+    """(2,) mean error along u and v, over the conditions under which half the corners or more are found; else NaN."""
+    measured = [row.bias_px for row in rows if row.detector == detector and row.measured and row.found >= _FOUND]
+    return np.median(measured, axis=0) if measured else np.full(2, np.nan)
+
+
+def is_sound(rows: Sequence[Row]) -> bool:
+    """Whether neither detector is off as a whole, nor silent under every condition."""
+    biases = np.array([mean_bias_px(rows, detector) for detector in (OPENCV, OURS)])
+    return bool((np.abs(biases) < BIASED_PX).all())
+
+
+def verdict(rows: Sequence[Row]) -> list[str]:
+    """Sentences: whether OpenCV, and what we make of its corners, can be trusted, and down to which size of squares."""
+    return [*_of_opencv(mean_bias_px(rows, OPENCV)), *_of_ours(rows)]
+
+
+def _of_opencv(bias: np.ndarray) -> list[str]:
+    name = f"OpenCV {cv2.__version__}"
+    if not np.isfinite(bias).all():
+        return [
+            f"{name} finds this board under none of the conditions: are its squares too many, or its markers too thin?"
+        ]
+    shift = f"({bias[0]:+.2f}, {bias[1]:+.2f}) px"
+    if np.abs(bias).max() < BIASED_PX:
+        return [f"{name} finds this board's corners without bias: {shift} in the mean."]
+    if ((np.abs(bias) > HALF_PX[0]) & (np.abs(bias) < HALF_PX[1])).any():
+        return [
+            f"{name} is half a pixel off, {shift}: it counts pixels from a corner of the first one, as versions before "
+            "4.14 did. Update it."
+        ]
+    return [f"{name} is off by {shift} in the mean. Update it, or report it."]
+
+
+def _of_ours(rows: Sequence[Row]) -> list[str]:
+    bias = mean_bias_px(rows, OURS)
+    if not np.isfinite(bias).all():
+        return []
+    sentences = []
+    if np.abs(bias).max() >= BIASED_PX:
+        sentences.append(
+            f"The corners used here are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px: do not calibrate with them."
+        )
+    good = [
+        row for row in rows if row.detector == OURS and row.measured and row.found >= _FOUND and row.rms_px <= GOOD_PX
+    ]
+    if not good:
+        return [*sentences, f"Under no condition tried are corners within {GOOD_PX} px rms: the markers leave no room."]
+    smallest = min(row.square_px for row in good)
+    sentences.append(f"Our corners are within {GOOD_PX} px rms from squares of {smallest:g} px on.")
+    pulls = [row.error_per_std for row in good if row.error_per_std is not None]
+    if pulls and max(pulls) > 1.5:
+        sentences.append(
+            f"Errors are up to {max(pulls):.1f} times what noise alone makes: in sharp pictures with little noise "
+            "the detector's own bias from corner to corner rules."
+        )
+    return sentences
+
+
+def as_text(rows: Sequence[Row]) -> str:
+    """The table."""
+    lines = [
+        "square px  blur px  detector     found   bias u, v px        rms   median    worst  error/std",
+        "----------------------------------------------------------------------------------------------",
+    ]
+    for row in rows:
+        head = f"{row.square_px:9g} {row.blur_px:8g}  {row.detector:<11} {100 * row.found:5.0f} %"
+        if not row.measured:
+            lines.append(f"{head}   too few to measure")
+            continue
+        pull = "" if row.error_per_std is None else f"{row.error_per_std:10.2f}"
+        bias = f"{row.bias_px[0]:+.3f}, {row.bias_px[1]:+.3f}"
+        lines.append(f"{head}  {bias:>16} {row.rms_px:9.3f} {row.median_px:8.3f} {row.worst_px:8.3f} {pull}")
+    return "\n".join(lines)

@@ -1,0 +1,57 @@
+"""What one look at the installation found."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from typing import Any
+
+from vbaa_calib.core.errors import Diagnosis
+
+OK, LOOK, FAILS = "ok", "look", "fails"
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes
+    ----------
+    name : what was looked at, in a word or two.
+    words : what was seen.
+    problems : what is wrong with it; none where it is well. A grave one means that something will not work.
+    numbers : for JSON.
+    """
+
+    name: str
+    words: str
+    problems: tuple[Diagnosis, ...] = ()
+    numbers: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def status(self) -> str:
+        """ok, look or fails."""
+        if not self.problems:
+            return OK
+        return FAILS if any(problem.grave for problem in self.problems) else LOOK
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        problems = [problem.to_dict() for problem in self.problems]
+        return {
+            "name": self.name,
+            "status": self.status,
+            "words": self.words,
+            "problems": problems,
+            "numbers": self.numbers,
+        }
+
+
+def by_system(debian: str, macos: str, windows: str, system: str | None = None) -> str:
+    """The remedy for the system at hand. Linux gets Debian's and Ubuntu's."""
+    return {"darwin": macos, "win32": windows}.get(system or sys.platform, debian)
+
+
+def pip(*words: str) -> str:
+    """A pip command of this very Python, which need not be the one that `pip` belongs to."""
+    return " ".join([sys.executable, "-m", "pip", *words])

@@ -1,0 +1,1 @@
+"""The antenna pressed against an object."""

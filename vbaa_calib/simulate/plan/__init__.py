@@ -1,0 +1,1 @@
+"""What happens in a session, before the first picture."""

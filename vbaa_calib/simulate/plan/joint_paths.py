@@ -1,0 +1,99 @@
+"""The joint angles of a recording: where the free antenna first touches, and how far it is pushed past that."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from vbaa_calib.antenna.rod import Rod, solve_rod
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.scene import Joints, Sweep
+
+_SCAN_RAD = np.deg2rad(np.arange(-70.0, 70.5, 1.0))
+_POINTS = 500
+_BISECTIONS = 16
+_NEAREST = 20
+
+
+class Place(Protocol):
+    """What of a scene a path hangs on. `radius_m` is the antenna's; `gravity_world_m_s2` is (3,)."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def object(self) -> TouchObject: ...
+    @property
+    def radius_m(self) -> float: ...
+    @property
+    def gravity_world_m_s2(self) -> np.ndarray: ...
+    def T_world_antenna(self, joints: Joints) -> Pose:
+        """Pose of the antenna frame at given joint angles."""
+
+
+def _free_points(place: Place, rod: Rod, tilts_rad: np.ndarray) -> np.ndarray:
+    """(B, 500, 3) the free antenna's centreline at each tilt, antenna frame; pan does not change the weight on it."""
+    gravity = np.array([place.T_world_antenna(Joints(0.0, t)).rotation.T @ place.gravity_world_m_s2 for t in tilts_rad])
+    contact = np.full(len(tilts_rad), rod.length_m)
+    shape = solve_rod(rod, gravity, contact, np.zeros((len(tilts_rad), 3)))
+    s = np.linspace(0.0, rod.length_m, _POINTS)
+    return np.array(
+        [
+            np.stack([np.interp(s, arclength, points[:, axis]) for axis in range(3)], axis=1)
+            for arclength, points in zip(shape.arclength_m, shape.points_m, strict=True)
+        ]
+    )
+
+
+def _touches(place: Place, points_antenna_m: np.ndarray, joints: Joints) -> bool:
+    """Whether the free antenna, were the object not in its way, would reach into it."""
+    points = place.T_world_antenna(joints) @ points_antenna_m
+    near = np.argsort(place.object.rough_distance(points))[:_NEAREST]
+    return bool(place.object.signed_distance(points[near])[0].min() < place.radius_m)
+
+
+def _joints(press: str, pressed_rad: float, other_rad: float) -> Joints:
+    return Joints(pressed_rad, other_rad) if press == "pan" else Joints(other_rad, pressed_rad)
+
+
+def first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float) -> float:
+    """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3).
+
+    Raises InputError when there is none.
+    """
+
+    def touching(pressed_rad: float) -> bool:
+        return _touches(place, points_antenna_m, _joints(sweep.press, pressed_rad, other_rad))
+
+    scan = sweep.toward * _SCAN_RAD
+    hit = next((index for index, angle in enumerate(scan) if touching(angle)), 0)
+    if hit == 0:
+        raise InputError(
+            f"the antenna never meets the object by {sweep.press} in the "
+            f"{'positive' if sweep.toward > 0 else 'negative'} direction with the other joint at "
+            f"{np.rad2deg(other_rad):.1f}°",
+            where=f"scene {place.name}: recording.sweeps",
+            remedy="move the object or sweep elsewhere",
+        )
+    free, touched = scan[hit - 1], scan[hit]
+    for _ in range(_BISECTIONS):
+        middle = (free + touched) / 2
+        free, touched = (free, middle) if touching(middle) else (middle, touched)
+    return float(touched)
+
+
+def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
+    """The frames of one stroke: free, then pressed against the object while the other joint sweeps, then free again."""
+    swept = np.linspace(*sweep.sweep_rad, sweep.frames)
+    phase = np.linspace(0.0, 2 * np.pi * sweep.swells, sweep.frames)
+    push = sweep.push_rad[0] + (sweep.push_rad[1] - sweep.push_rad[0]) * (0.5 - 0.5 * np.cos(phase))
+    points = _free_points(place, rod, swept if sweep.press == "pan" else np.zeros_like(swept))
+    touch = np.array([first_touch(place, sweep, p, other) for p, other in zip(points, swept, strict=True)])
+    before, after = np.full(sweep.free_frames, swept[0]), np.full(sweep.free_frames, swept[-1])
+    clear = -sweep.clearance_rad * np.linspace(1.3, 1.0, sweep.free_frames)
+    relative = np.concatenate([touch[0] + sweep.toward * clear, touch + sweep.toward * push])
+    pressed = np.concatenate([relative, touch[-1] + sweep.toward * clear[::-1]])
+    others = np.concatenate([before, swept, after])
+    return [_joints(sweep.press, float(p), float(o)) for p, o in zip(pressed, others, strict=True)]

@@ -1,0 +1,287 @@
+"""Everything that happens in a session, worked out before the first picture: shapes, readings, truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec
+from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
+from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.contact.holding import Touch
+from vbaa_calib.simulate.contact.touch import touch_strokes
+from vbaa_calib.simulate.scene.lens import Lens, normalise
+from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, Scene, true_rod
+
+from .joint_paths import sweep_joints
+
+_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+_PLACES = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
+_SPILL = 0.9
+
+
+def board_poses(lens: Lens, board: BoardSpec, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
+    """T_camera_board of every picture: the board stays about inside the picture and reaches its borders and corners."""
+    size = board.square_m * np.array([board.squares_x, board.squares_y])
+    focal = np.diag(lens.matrix)[:2]
+    middle = (np.array(lens.image_size) - 1) / 2
+    poses = []
+    for index in range(spec.pictures):
+        distance, tilt = rng.uniform(*spec.distance_m), rng.uniform(*spec.tilt_rad)
+        around = index * _GOLDEN_ANGLE + rng.uniform(-0.3, 0.3)
+        turn = Rotation.from_rotvec(tilt * np.array([np.cos(around), np.sin(around), 0.0]))
+        rotation = (turn * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])).as_matrix()
+        room = np.maximum(middle - _SPILL * focal * size / (2 * distance), 0.0)
+        pixel = middle + room * _PLACES[index % len(_PLACES)] * rng.uniform(0.85, 1.0)
+        centre = distance * np.append(normalise(lens, pixel[None])[0], 1.0)
+        poses.append(Pose(rotation, centre - rotation @ np.append(size / 2, 0.0)))
+    return poses
+
+
+SCHEMA = "vbaa.truth/1"
+
+
+def frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
+    """What is true of one frame; None where there is no contact."""
+    if not touched.in_contact[index]:
+        names = (
+            "distance_m",
+            "contact_antenna_m",
+            "contact_world_m",
+            "touched_world_m",
+            "normal_world",
+            "indentation_m",
+        )
+        return {
+            "in_contact": False,
+            **dict.fromkeys(names),
+            "force_N": [0.0, 0.0, 0.0],
+            "sticks": False,
+            "slip_world_m": None,
+        }
+    contact = T_world_antenna @ touched.contact_antenna_m[index]
+    surface, normal = touched.touched_world_m[index], touched.normal_world[index]
+    return {
+        "in_contact": True,
+        "distance_m": float(touched.contact_m[index]),
+        "force_N": touched.force_antenna_N[index].tolist(),
+        "contact_antenna_m": touched.contact_antenna_m[index].tolist(),
+        "contact_world_m": contact.tolist(),
+        "touched_world_m": surface.tolist(),
+        "normal_world": normal.tolist(),
+        "indentation_m": float(np.maximum(scene.radius_m - (contact - surface) @ normal, 0.0)),
+        "sticks": bool(touched.sticks[index]),
+        "slip_world_m": touched.slip_world_m[index].tolist(),
+    }
+
+
+def rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
+    """The rig, its sensors and the object, in the units that their names say."""
+    obj = scene.object
+    rigid = not np.isfinite(obj.stiffness_N_m)
+    return {
+        "schema": SCHEMA,
+        "scene": scene.name,
+        "seed": scene.seed,
+        "camera": {
+            "model": scene.lens.model,
+            "image_size": list(scene.lens.image_size),
+            "matrix": scene.lens.matrix.tolist(),
+            "distortion": scene.lens.distortion.tolist(),
+        },
+        "T_antenna_camera": scene.T_antenna_camera.to_dict(),
+        "stiffness_Nm2": rod.bending_stiffness_Nm2,
+        "antenna": {
+            "length_m": rod.length_m,
+            "diameter_m": scene.antenna.diameter_m,
+            "torsional_stiffness_Nm2": rod.torsional_stiffness_Nm2,
+            "mass_per_length_kg_m": rod.mass_per_length_kg_m,
+            "T_antenna_clamp": rod.T_antenna_clamp.to_dict(),
+            "clamp_angle_rad": scene.true.clamp_angle_rad.tolist(),
+            "natural_curvature_per_m": rod.natural_curvature_per_m.tolist(),
+        },
+        "moment_sensor": {
+            "gain": scene.moment.gain,
+            "offset_Nm": scene.moment.offset_Nm,
+            "std_Nm": scene.moment.std_Nm,
+        },
+        "object": {
+            "shape": obj.shape,
+            "center_world_m": obj.center_world_m.tolist(),
+            "axis_world": obj.axis_world.tolist(),
+            "wedge_world": obj.wedge_world.tolist(),
+            "radius_m": obj.radius_m,
+            "half_length_m": obj.half_length_m,
+            "stiffness_N_m": None if rigid else obj.stiffness_N_m,
+            "friction": obj.friction,
+            "bumps": [
+                {"direction_world": one.direction_world.tolist(), "height_m": one.height_m, "width_m": one.width_m}
+                for one in obj.bumps
+            ],
+        },
+    }
+
+
+STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
+"""One independent stream of random numbers for each purpose, so that more of one does not change another."""
+
+
+def stream(scene: Scene, purpose: str, index: int = 0) -> np.random.Generator:
+    """The random numbers of one purpose, or of one picture."""
+    return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(STREAMS[purpose], index)))
+
+
+@dataclass(frozen=True, eq=False)
+class BoardShot:
+    """One picture of the board. `path` is relative to the session; the pose is that of the printed face."""
+
+    path: str
+    joints: Joints
+    T_camera_board: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class AntennaShot:
+    """One picture of the antenna.
+
+    Attributes
+    ----------
+    path : its file, relative to the session.
+    arclength_m, points_m : (N,) and (N, 3) the antenna's centreline, antenna frame.
+    indentation_m : how far the object gives way to the antenna; None when the object is not there.
+    """
+
+    path: str
+    joints: Joints
+    arclength_m: np.ndarray
+    points_m: np.ndarray
+    indentation_m: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A whole session: pictures to take, tables to write (path → rows), truth to keep."""
+
+    shots: Sequence[BoardShot | AntennaShot]
+    tables: Mapping[str, Sequence[Mapping[str, Any]]]
+    truth: Mapping[str, Any] = field(default_factory=dict)
+
+
+def plan(scene: Scene) -> Plan:
+    """Work out a scene. Raises InputError when path and object do not fit, or a load is too much."""
+    rod = true_rod(scene)
+    noise = stream(scene, "moments")
+    boards = _boards(scene)
+    noload, noload_rows, noload_truth = _held(scene, rod, [(j, None) for j in scene.noload], "noload", noise)
+    loads, load_rows, load_truth = _held(scene, rod, [(load.joints, load) for load in scene.loads], "loads", noise)
+    frames, frame_rows, frame_truth = _recording(scene, rod, noise)
+    tables = {
+        "noload/noload.csv": noload_rows,
+        "loads/loads.csv": load_rows,
+        "recording/recording.csv": frame_rows,
+    }
+    held = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
+    views = [shot.T_camera_board.to_dict() for shot in boards if shot.path.startswith("intrinsics/")]
+    truth = rig_truth(scene, rod) | {"T_camera_board": views} | held
+    return Plan([*boards, *noload, *loads, *frames], tables, truth)
+
+
+def _boards(scene: Scene) -> list[BoardShot]:
+    home = Joints(0.0, 0.0)
+    poses = board_poses(scene.lens, scene.board, scene.intrinsics, stream(scene, "boards"))
+    hand_held = [BoardShot(f"intrinsics/board_{i:03d}.png", home, pose) for i, pose in enumerate(poses)]
+    in_jig = scene.T_antenna_camera.inverse() @ scene.T_antenna_face
+    return hand_held + [BoardShot(f"plane/jig_{i:03d}.png", home, in_jig) for i in range(scene.jig_pictures)]
+
+
+def _gravity(scene: Scene, joints: Sequence[Joints]) -> np.ndarray:
+    return np.array([scene.T_world_antenna(j).rotation.T @ scene.gravity_world_m_s2 for j in joints])
+
+
+def _true_moments(shape: RodShape) -> np.ndarray:
+    """(B,) x·f_z − z·f_x of all loads, the paper's τ_y: minus the right-handed y moment."""
+    return -shape.clamp_moment_Nm[:, 1]
+
+
+def _readings(scene: Scene, true_Nm: np.ndarray, noise: np.random.Generator) -> np.ndarray:
+    sensor = scene.moment
+    return sensor.gain * true_Nm + sensor.offset_Nm + sensor.std_Nm * noise.standard_normal(len(true_Nm))
+
+
+def _row(image: str, joints: Joints, reading_Nm: float) -> dict[str, Any]:
+    return {"image": image, "pan_rad": joints.pan_rad, "tilt_rad": joints.tilt_rad, "moment_Nm": reading_Nm}
+
+
+def _held(
+    scene: Scene, rod: Rod, cases: Sequence[tuple[Joints, KnownLoad | None]], folder: str, noise: np.random.Generator
+) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
+    """Pictures, rows and truth of the antenna held still, free or under a known load."""
+    joints = [case[0] for case in cases]
+    contact = np.array([load.distance_m if load else rod.length_m for _, load in cases])
+    force = np.array([[0.0, load.force_y_N, load.force_z_N] if load else [0.0, 0.0, 0.0] for _, load in cases])
+    try:
+        shape = solve_rod(rod, _gravity(scene, joints), contact, force)
+    except SolveError as error:
+        where = f"scene {scene.name}: {folder}"
+        raise InputError(str(error), where=where, remedy="take a smaller load or a stiffer antenna") from error
+    moments = _true_moments(shape)
+    shots, rows, truth = [], [], []
+    for i, reading in enumerate(_readings(scene, moments, noise)):
+        image = f"{folder}_{i:03d}.png"
+        shots.append(AntennaShot(f"{folder}/{image}", joints[i], shape.arclength_m[i], shape.points_m[i]))
+        load = cases[i][1]
+        known = (
+            {"distance_m": load.distance_m, "force_y_N": load.force_y_N, "force_z_N": load.force_z_N} if load else {}
+        )
+        rows.append(_row(image, joints[i], float(reading)) | known)
+        truth.append(
+            {"image": image, "moment_true_Nm": float(moments[i]), "tip_antenna_m": shape.points_m[i, -1].tolist()}
+        )
+    return shots, rows, truth
+
+
+def _pressed(scene: Scene, rod: Rod) -> list[tuple[list[Joints], Touch]]:
+    """Each stroke's joint angles and contacts. Raises InputError when the antenna slips off or never touches."""
+    sweeps = scene.recording.sweeps
+    joints = [sweep_joints(scene, rod, sweep) for sweep in sweeps]
+    remedy = "push less, sweep less or move the object"
+    where = f"scene {scene.name}: recording.sweeps"
+    poses = [[scene.T_world_antenna(j) for j in stroke] for stroke in joints]
+    try:
+        touches = touch_strokes(rod, scene.radius_m, scene.object, poses, scene.gravity_world_m_s2)
+    except SolveError as error:
+        raise InputError(str(error), where=where, remedy=remedy) from error
+    for number, (sweep, touched) in enumerate(zip(sweeps, touches, strict=True)):
+        missed = np.flatnonzero(~touched.in_contact[sweep.free_frames : len(joints[number]) - sweep.free_frames])
+        if missed.size:
+            raise InputError(
+                f"frame {missed[0]} of the stroke passes the object by", where=f"{where}[{number}]", remedy=remedy
+            )
+    return list(zip(joints, touches, strict=True))
+
+
+def _recording(
+    scene: Scene, rod: Rod, noise: np.random.Generator
+) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
+    shots: list[AntennaShot] = []
+    rows: list[dict[str, Any]] = []
+    truth: list[dict[str, Any]] = []
+    start_s = 0.0
+    for joints, touched in _pressed(scene, rod):
+        moments = _true_moments(touched.shape)
+        readings = _readings(scene, moments, noise)
+        for i, at in enumerate(joints):
+            frame, image = len(rows), f"frame_{len(rows):04d}.png"
+            facts = frame_truth(scene, touched, i, scene.T_world_antenna(at))
+            time_s = round(start_s + i / scene.recording.rate_hz, 6)
+            rows.append({"frame": frame, "time_s": time_s} | _row(image, at, float(readings[i])))
+            truth.append({"frame": frame} | facts | {"moment_true_Nm": float(moments[i])})
+            arclength, points = touched.shape.arclength_m[i], touched.shape.points_m[i]
+            shots.append(AntennaShot(f"recording/{image}", at, arclength, points, facts["indentation_m"] or 0.0))
+        start_s += len(joints) / scene.recording.rate_hz + scene.recording.pause_s
+    return shots, rows, truth

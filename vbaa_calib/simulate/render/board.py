@@ -1,0 +1,94 @@
+"""The ChArUco board as the camera sees it: every sub-pixel's ray is met with the printed sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec, opencv_board
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.scene.lens import project
+
+from .picture import LAMP_WORLD, Patch, Studio, frame_around
+
+INK, PAPER = 0.05, 0.88
+MARGIN_SQUARES = 0.5
+_SUBPIXELS = 3
+_FULL = 65535
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A printed board with its white margin.
+
+    Attributes
+    ----------
+    texture : (rows, columns, 2) uint16, brightness and presence; zero outside the sheet.
+    texels_per_m : resolution.
+    margin_m : width of the white margin.
+    """
+
+    spec: BoardSpec
+    texture: np.ndarray
+    texels_per_m: float
+    margin_m: float
+
+
+def print_sheet(spec: BoardSpec) -> Sheet:
+    """Draw the board so finely, and at such a scale, that squares, markers and their bits begin at whole texels."""
+    bits = int(spec.dictionary[len("DICT_")]) + 2
+    ratio = spec.marker_m / spec.square_m
+
+    def misfit(texels: int) -> float:
+        module, gap = texels * ratio / bits, texels * (1 - ratio) / 2
+        return abs(module - round(module)) * bits + abs(gap - round(gap))
+
+    square = min(range(72, 132, 2), key=lambda texels: (round(misfit(texels), 6), abs(texels - 90)))
+    margin = round(MARGIN_SQUARES * square)
+    size = (spec.squares_x * square + 2 * margin, spec.squares_y * square + 2 * margin)
+    drawing = opencv_board(spec).generateImage(size, marginSize=margin, borderBits=1)
+    brightness = np.where(drawing > 127, np.uint16(PAPER * _FULL), np.uint16(INK * _FULL))
+    texture = np.stack([brightness, np.full_like(brightness, _FULL)], axis=-1)
+    return Sheet(spec, texture, square / spec.square_m, margin / square * spec.square_m)
+
+
+def outline(sheet: Sheet) -> np.ndarray:
+    """(n, 3) points around the sheet's edge, board frame, m."""
+    rows, columns = sheet.texture.shape[:2]
+    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows], [0, 0]]) / sheet.texels_per_m - sheet.margin_m
+    steps = np.linspace(0.0, 1.0, 12, endpoint=False)[:, None]
+    sides = [a + steps * (b - a) for a, b in pairwise(corners)]
+    return np.pad(np.concatenate(sides), ((0, 0), (0, 1)))
+
+
+def board_patch(place: Studio, sheet: Sheet, T_camera_board: Pose, R_world_camera: np.ndarray) -> Patch | None:
+    """The sheet in front of the camera, or None when it is outside the picture or seen from behind.
+
+    R_world_camera : (3, 3), for the light on it.
+    """
+    rotation, shift = T_camera_board.rotation, T_camera_board.translation_m
+    if rotation[:, 2] @ shift <= 0:
+        return None
+    left, top, right, bottom = frame_around(place, project(place.rays.lens, T_camera_board @ outline(sheet)))
+    if right <= left or bottom <= top:
+        return None
+    rays = place.rays.block(left, top, right, bottom, _SUBPIXELS)
+    board_from_ray = np.linalg.inv(np.stack([rotation[:, 0], rotation[:, 1], shift], axis=1))
+    scale = sheet.texels_per_m
+    texel_from_board = np.array(
+        [[scale, 0, scale * sheet.margin_m - 0.5], [0, scale, scale * sheet.margin_m - 0.5], [0, 0, 1]]
+    )
+    texels = cv2.perspectiveTransform(rays, texel_from_board @ board_from_ray)
+    ahead = rays @ board_from_ray[2, :2].astype(np.float32) + np.float32(board_from_ray[2, 2])
+    if not (ahead > 0).all():
+        texels[ahead <= 0] = -1e4
+    fine = cv2.remap(
+        sheet.texture, np.clip(texels, -1e4, 3e4), np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+    )
+    facing = -(R_world_camera @ rotation[:, 2]) @ LAMP_WORLD
+    light = (0.6 + 0.4 * max(facing, 0.0)) / _FULL
+    ink, presence = cv2.split(fine)
+    return Patch(left, top, _SUBPIXELS, np.float32(light) * ink, np.float32(1 / _FULL) * presence)

@@ -1,0 +1,175 @@
+"""The touched object as the camera sees it: ray casting, shaded and antialiased."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.scene.lens import project
+from vbaa_calib.simulate.scene.objects import LINES, WEDGES, TouchObject, march, reach_m, surface_at
+
+from .antenna import DepthOfObstacle
+from .picture import LAMP_WORLD, Layer, Studio, frame_around
+
+BLADE_HALF_ANGLE_RAD, BLADE_DEPTH_M = np.deg2rad(3.0), 0.025
+_AMBIENT = 0.35
+_SUBPIXELS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """Where rays meet an object: depth (N,) in lengths of the ray's vector (inf: a miss), normal (N, 3), face (N,)."""
+
+    depth: np.ndarray
+    normal: np.ndarray
+    face: np.ndarray
+
+
+def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
+    """First hits of rays from one origin (3,) along directions (N, 3), world frame."""
+    if obj.shape == "sphere":
+        return _cast_sphere(obj, origin_m, directions)
+    if obj.shape == "cylinder":
+        return _cast_cylinder(obj, origin_m, directions)
+    if obj.shape == "knife_edge":
+        return _cast_blade(obj, origin_m, directions)
+    depth = march(obj, origin_m, directions)
+    reach = np.where(np.isfinite(depth), depth, 0.0)
+    return _hits(depth, *surface_at(obj, origin_m + reach[:, None] * directions))
+
+
+def _hits(depth: np.ndarray, normal: np.ndarray, face: np.ndarray) -> Hits:
+    missed = ~np.isfinite(depth)
+    return Hits(depth, np.where(missed[:, None], 0.0, normal), np.where(missed, -1, face))
+
+
+def _quadric(a: np.ndarray, half_b: np.ndarray, c: float) -> tuple[np.ndarray, np.ndarray]:
+    """Entry and exit of a ray in a convex quadric, a·t² + 2·half_b·t + c < 0 inside; (inf, −inf) when it passes by."""
+    root = half_b**2 - a * c
+    passes = (root < 0) | (a <= 0)
+    spread, safe = np.sqrt(np.maximum(root, 0.0)), np.where(a > 0, a, 1.0)
+    return np.where(passes, np.inf, (-half_b - spread) / safe), np.where(passes, -np.inf, (-half_b + spread) / safe)
+
+
+def _cast_sphere(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
+    start = origin_m - obj.center_world_m
+    enter, _ = _quadric((directions**2).sum(axis=1), directions @ start, float(start @ start - obj.radius_m**2))
+    depth = np.where(enter > 0, enter, np.inf)
+    reach = np.where(np.isfinite(depth), depth, 0.0)
+    return _hits(depth, (start + reach[:, None] * directions) / obj.radius_m, np.zeros(len(depth), int))
+
+
+def _cast_cylinder(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
+    start, axis = origin_m - obj.center_world_m, obj.axis_world
+    along, start_along = directions @ axis, float(start @ axis)
+    across, start_across = directions - along[:, None] * axis, start - start_along * axis
+    enter, leave = _quadric(
+        (across**2).sum(axis=1), across @ start_across, float(start_across @ start_across - obj.radius_m**2)
+    )
+    steep = np.where(np.abs(along) < 1e-12, 1e-12, along)
+    ends = np.sort(
+        np.stack([-obj.half_length_m - start_along, obj.half_length_m - start_along])[:, None] / steep, axis=0
+    )
+    first, last = np.maximum(enter, ends[0]), np.minimum(leave, ends[1])
+    depth = np.where((first < last) & (first > 0), first, np.inf)
+    reach = np.where(np.isfinite(depth), depth, 0.0)
+    on_cap = ends[0] > enter
+    round_normal = (start_across + reach[:, None] * across) / obj.radius_m
+    return _hits(depth, np.where(on_cap[:, None], -np.sign(steep)[:, None] * axis, round_normal), on_cap.astype(int))
+
+
+def _blade_faces(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
+    """Half-spaces normal·(x − center) ≤ offset whose intersection is the blade: (6, 3) and (6,)."""
+    axis, into = obj.axis_world, obj.wedge_world
+    side = np.cross(axis, into)
+    sin, cos = np.sin(BLADE_HALF_ANGLE_RAD), np.cos(BLADE_HALF_ANGLE_RAD)
+    normals = np.stack([-into, cos * side - sin * into, -cos * side - sin * into, into, axis, -axis])
+    radius, half = obj.radius_m, obj.half_length_m
+    return normals, np.array([radius, radius, radius, BLADE_DEPTH_M, half, half])
+
+
+def _cast_blade(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
+    normals, offsets = _blade_faces(obj)
+    room = offsets - normals @ (origin_m - obj.center_world_m)
+    speed = directions @ normals.T
+    speed = np.where(np.abs(speed) < 1e-12, 1e-12, speed)
+    cross = room / speed
+    enter = np.where(speed < 0, cross, -np.inf)
+    leave = np.where(speed > 0, cross, np.inf).min(axis=1)
+    face = enter.argmax(axis=1)
+    first = enter.max(axis=1)
+    depth = np.where((first < leave) & (first > 0), first, np.inf)
+    return _hits(depth, normals[face], face)
+
+
+def pressed_in(obj: TouchObject, depth_m: float) -> TouchObject:
+    """The object with its skin drawn back: a soft one gives way to the antenna, which then is not buried in it."""
+    if obj.shape in WEDGES:
+        return replace(obj, center_world_m=obj.center_world_m + depth_m * obj.wedge_world)
+    return replace(obj, radius_m=max(obj.radius_m - depth_m, 0.2 * obj.radius_m))
+
+
+def _world_rays(rays: np.ndarray, T_world_camera: Pose) -> np.ndarray:
+    """(N, 2) x/z, y/z to (N, 3) directions in the world whose length counts depth along the camera's z."""
+    turn = T_world_camera.rotation
+    return rays @ turn[:, :2].T + turn[:, 2]
+
+
+def obstacle(place: Studio, obj: TouchObject, T_world_camera: Pose) -> DepthOfObstacle:
+    """The object as something that may stand in front of the antenna."""
+
+    def depth(pixels: np.ndarray) -> np.ndarray:
+        return cast(obj, T_world_camera.translation_m, _world_rays(place.rays.at(pixels), T_world_camera)).depth
+
+    return depth
+
+
+def _bounding_points(obj: TouchObject) -> np.ndarray:
+    axis = obj.axis_world if obj.shape in LINES else np.array([0.0, 0.0, 1.0])
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    side = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
+    reach = BLADE_DEPTH_M * 1.2 if obj.shape == "knife_edge" else obj.radius_m
+    half = obj.half_length_m if obj.shape in LINES else obj.radius_m
+    if obj.shape in ("box_edge", "freeform"):
+        reach = half = reach_m(obj)
+    corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3)
+    return obj.center_world_m + corners @ np.stack([half * axis, reach * side, reach * np.cross(axis, side)])
+
+
+def _shade(obj: TouchObject, hits: Hits, origin_m: np.ndarray, directions: np.ndarray, albedo: float) -> np.ndarray:
+    reach = np.where(np.isfinite(hits.depth), hits.depth, 0.0)
+    points = origin_m + reach[:, None] * directions - obj.center_world_m
+    stains = np.sin(points @ [310.0, 120.0, -90.0]) + np.sin(points @ [-70.0, 210.0, 260.0] + 1.0)
+    light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(hits.normal @ LAMP_WORLD, 0.0)
+    return albedo * light * (1.0 + 0.04 * stains) * np.isfinite(hits.depth)
+
+
+def object_layer(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Layer | None:
+    """The object's picture, edges antialiased; None when it is outside the picture."""
+    corners = T_world_camera.inverse() @ _bounding_points(obj)
+    left, top, right, bottom = frame_around(place, project(place.rays.lens, corners))
+    if right <= left or bottom <= top:
+        return None
+    origin, albedo = T_world_camera.translation_m, place.spec.object
+    shape = (bottom - top, right - left)
+    directions = _world_rays(place.rays.centres[top:bottom, left:right].reshape(-1, 2), T_world_camera)
+    hits = cast(obj, origin, directions)
+    brightness = _shade(obj, hits, origin, directions, albedo).reshape(shape)
+    alpha = np.isfinite(hits.depth).astype(float).reshape(shape)
+
+    faces = (hits.face + 1).astype(np.uint8).reshape(shape)
+    around = np.ones((3, 3), np.uint8)
+    rows, columns = np.nonzero(cv2.dilate(faces, around) != cv2.erode(faces, around))
+    if rows.size:
+        steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
+        inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
+        samples = np.stack([columns + left, rows + top], axis=1)[:, None, :] + inner
+        fine = _world_rays(place.rays.at(samples.reshape(-1, 2)), T_world_camera)
+        fine_hits = cast(obj, origin, fine)
+        brightness[rows, columns] = _shade(obj, fine_hits, origin, fine, albedo).reshape(len(rows), -1).mean(axis=1)
+        alpha[rows, columns] = np.isfinite(fine_hits.depth).reshape(len(rows), -1).mean(axis=1)
+    where = (slice(top, bottom), slice(left, right))
+    return Layer(where, brightness.astype(np.float32), alpha.astype(np.float32))

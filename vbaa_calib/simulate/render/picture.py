@@ -1,0 +1,177 @@
+"""From brightness to grey levels: the bench behind everything, the light on it, blur, noise, quantisation.
+
+Brightness is linear: 0 is black, 1 the whitest that the sensor can hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vbaa_calib.simulate.scene.lens import Lens, RayMap, ray_map
+from vbaa_calib.simulate.scene.scene import PictureSpec
+
+LAMP_WORLD = np.array([-0.32, 0.38, 0.87]) / np.linalg.norm([-0.32, 0.38, 0.87])
+"""Direction toward the lamp, world frame: it shades board, antenna and object."""
+
+_BENCH_TEXELS, _BENCH_REACH = 1600, 1.3
+_SHAPES = 60
+"""Things that lie on the bench, in each of three degrees of focus."""
+
+
+@dataclass(frozen=True, eq=False)
+class Studio:
+    """What all pictures of a scene share.
+
+    Attributes
+    ----------
+    rays : the lens, with the ray of every pixel.
+    light : (height, width) float32, how much of the light reaches each pixel.
+    bench : (n, n) float32 brightness of the surroundings over directions in the world.
+    """
+
+    spec: PictureSpec
+    rays: RayMap
+    light: np.ndarray
+    bench: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Something in front of what was drawn before, pixel by pixel.
+
+    Attributes
+    ----------
+    where : index of its pixels in the picture, anything that NumPy takes.
+    brightness, alpha : brightness already weighted with the covered part, and the covered part, of each pixel.
+    """
+
+    where: tuple
+    brightness: np.ndarray
+    alpha: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Something in front whose edges are measured: drawn in sub-pixels, so that blur comes before sampling.
+
+    Attributes
+    ----------
+    left, top : its first pixel in the picture.
+    factor : sub-pixels per pixel.
+    brightness, alpha : (rows·factor, columns·factor) float32, as in `Layer`.
+    """
+
+    left: int
+    top: int
+    factor: int
+    brightness: np.ndarray
+    alpha: np.ndarray
+
+
+def studio(lens: Lens, spec: PictureSpec, rng: np.random.Generator) -> Studio:
+    """Work out what all pictures share. Raises InputError when the lens folds inside the picture."""
+    return Studio(spec, ray_map(lens), _light(lens, spec), _bench(spec, rng))
+
+
+def _light(lens: Lens, spec: PictureSpec) -> np.ndarray:
+    width, height = lens.image_size
+    u, v = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
+    corners = 1.0 - spec.vignette * (u**2 + v**2) / 2
+    one_side = 1.0 - spec.gradient * (0.5 + 0.3 * u - 0.2 * v)
+    return (corners * one_side).astype(np.float32)
+
+
+def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
+    size = (_BENCH_TEXELS, _BENCH_TEXELS)
+    cloud = np.zeros(size, np.float32)
+    for cells, weight in ((6, 0.5), (17, 0.25), (70, 0.12)):
+        coarse = rng.standard_normal((cells, cells)).astype(np.float32)
+        cloud += weight * cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
+    cloud += 0.3 * cv2.GaussianBlur(rng.standard_normal(size).astype(np.float32), (0, 0), 1.0)
+    shapes = sum((_soft_shapes(rng, softness) for softness in (0.8, 2.0, 6.0)), np.zeros(size, np.float32))
+    brightness = spec.background * (1.0 + spec.clutter * (cloud + shapes))
+    return np.clip(brightness, 0.02 * spec.background, 1.0).astype(np.float32)
+
+
+def _soft_shapes(rng: np.random.Generator, softness: float) -> np.ndarray:
+    """Boards, discs and edges lying about, out of focus."""
+    canvas = np.zeros((_BENCH_TEXELS, _BENCH_TEXELS), np.float32)
+    for _ in range(_SHAPES):
+        centre, size = rng.uniform(0, _BENCH_TEXELS, 2), rng.uniform(25, 260, 2)
+        one = np.zeros_like(canvas)
+        if rng.uniform() < 0.3:
+            cv2.circle(one, centre.astype(int).tolist(), int(size[0] / 2), 1.0, -1)
+        else:
+            corners = cv2.boxPoints((centre.tolist(), size.tolist(), float(rng.uniform(0, 180))))
+            cv2.fillConvexPoly(one, np.round(corners).astype(np.int32), 1.0)
+        canvas += np.float32(rng.uniform(-0.7, 0.7)) * one
+    return cv2.GaussianBlur(canvas, (0, 0), softness)
+
+
+def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
+    """(height, width) float32 brightness behind everything, seen by a camera turned like this.
+
+    The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically,
+    straight down in the middle, so that it goes on past the horizon.
+    """
+    rays = place.rays.centres
+    shape = rays.shape[:2]
+    # scaled by 1/n, not normalised first: u = dx / (|d| − dz)
+    directions = rays.reshape(-1, 2) @ R_world_camera[:, :2].T + R_world_camera[:, 2]
+    below = np.linalg.norm(directions, axis=1) - directions[:, 2]
+    lay = directions[:, :2] / np.maximum(below, 1e-3)[:, None]
+    texel = ((lay / _BENCH_REACH + 1.0) * (_BENCH_TEXELS / 2)).astype(np.float32).reshape(*shape, 2)
+    return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+
+
+def over(canvas: np.ndarray, layer: Layer) -> np.ndarray:
+    """A new picture, (H, W) as the canvas is, with the layer in front."""
+    result = canvas.copy()
+    result[layer.where] = result[layer.where] * (1.0 - layer.alpha) + layer.brightness
+    return result
+
+
+def frame_around(place: Studio, pixels: np.ndarray) -> tuple[int, int, int, int]:
+    """(left, top, right, bottom) of the pixels around points (n, 2), with room for the blur.
+
+    The whole picture when a point has no pixel.
+    """
+    size = np.array(place.rays.lens.image_size)
+    if not np.isfinite(pixels).all():
+        return 0, 0, int(size[0]), int(size[1])
+    room = 3 + int(np.ceil(4 * place.spec.blur_px))
+    left, top = np.clip(np.floor(pixels.min(axis=0)) - room, 0, size).astype(int)
+    right, bottom = np.clip(np.ceil(pixels.max(axis=0)) + room + 1, 0, size).astype(int)
+    return int(left), int(top), int(right), int(bottom)
+
+
+def expose(place: Studio, canvas: np.ndarray, patches: Sequence[Patch] = ()) -> np.ndarray:
+    """(height, width) grey levels, float, before noise and quantisation: the patches in front, blur, light.
+
+    The patches must not overlap one another.
+    """
+    picture = _blur(canvas, place.spec.blur_px)
+    for patch in patches:
+        rows, columns = (length // patch.factor for length in patch.alpha.shape)
+        where = slice(patch.top, patch.top + rows), slice(patch.left, patch.left + columns)
+        behind = cv2.resize(canvas[where], patch.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        # blur is linear: what the patch adds to what it hides can be blurred by itself, as finely as it was drawn
+        change = _blur(patch.brightness - patch.alpha * behind, place.spec.blur_px * patch.factor)
+        picture[where] += cv2.resize(change, (columns, rows), interpolation=cv2.INTER_AREA)
+    return 255.0 * picture * place.light
+
+
+def _blur(brightness: np.ndarray, sigma_px: float) -> np.ndarray:
+    """A blurred copy."""
+    return cv2.GaussianBlur(brightness, (0, 0), sigma_px) if sigma_px > 0 else brightness.copy()
+
+
+def digitise(spec: PictureSpec, grey: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(height, width) uint8 with shot noise and read noise."""
+    sigma = np.sqrt(np.maximum(grey, 0.0) / np.float32(spec.electrons_per_grey) + np.float32(spec.read_noise**2))
+    noisy = grey + sigma * rng.standard_normal(grey.shape, dtype=np.float32)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""What a simulated rig is made of: scene files, lens, objects."""

@@ -1,0 +1,262 @@
+"""What a simulated rig is made of and what is done with it: a scene file, checked, as plain data. SI units, radians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec
+from vbaa_calib.antenna.rod import Rod
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.session import NominalAntenna
+
+from .lens import Lens
+from .objects import TouchObject
+
+
+@dataclass(frozen=True, eq=False)
+class TrueAntenna:
+    """How the simulated antenna differs from what session.yaml says of it.
+
+    Attributes
+    ----------
+    stiffness_factor : true EI over nominal EI.
+    clamp_angle_rad : (2,) turn of the clamped tangent about the antenna frame's y and z axes.
+    clamp_offset_m : (3,) the clamp in the antenna frame.
+    natural_curvature_per_m : (2,) bow of the unloaded, weightless wire about its own y and z axes.
+    holder_m : (2,) radius and length of the dark collet that holds the antenna; zeros for none.
+    """
+
+    stiffness_factor: float
+    clamp_angle_rad: np.ndarray
+    clamp_offset_m: np.ndarray
+    natural_curvature_per_m: np.ndarray
+    holder_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class MomentSensor:
+    """The sensor reads gain · moment + offset + noise."""
+
+    std_Nm: float
+    gain: float
+    offset_Nm: float
+
+
+POISSON_STEEL = 0.3
+
+
+@dataclass(frozen=True)
+class PictureSpec:
+    """How a picture comes about.
+
+    Attributes
+    ----------
+    blur_px : standard deviation of the Gaussian point spread function.
+    read_noise : standard deviation, grey levels.
+    electrons_per_grey : photo-electrons behind one grey level; shot noise has the variance grey / electrons_per_grey.
+    vignette, gradient : how much darker the corners, and one side, are (0 = even light).
+    background : mean brightness of the bench, 0 to 1.
+    clutter : contrast of texture and soft shapes on the bench, 0 to 1.
+    antenna, object : albedo of the antenna's paint and of the object, 0 to 1.
+    shading_asymmetry : how much brighter one side of the tube is; it pulls the centroid of its picture off the axis.
+    """
+
+    blur_px: float
+    read_noise: float
+    electrons_per_grey: float
+    vignette: float
+    gradient: float
+    background: float
+    clutter: float
+    antenna: float
+    object: float
+    shading_asymmetry: float
+
+
+@dataclass(frozen=True)
+class IntrinsicsSpec:
+    """Pictures of the hand-held board: how many, and the ranges of distance and tilt."""
+
+    pictures: int
+    distance_m: tuple[float, float]
+    tilt_rad: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Joints:
+    """The two joint angles."""
+
+    pan_rad: float
+    tilt_rad: float
+
+
+@dataclass(frozen=True)
+class KnownLoad:
+    """A load that keeps its direction (a thread over a pulley): force components (y, z) in the antenna frame."""
+
+    joints: Joints
+    distance_m: float
+    force_y_N: float
+    force_z_N: float
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One stroke of a recording: `press` moves toward the object, past first touch, while the other joint sweeps.
+
+    Attributes
+    ----------
+    press : "pan" or "tilt".
+    toward : +1 or −1, the way `press` turns when it approaches.
+    frames : frames in contact.
+    free_frames : frames before and after, backed off from first touch by `clearance_rad`.
+    push_rad : smallest and largest push past first touch; it swells and ebbs between them `swells` times.
+    sweep_rad : first and last angle of the other joint.
+    """
+
+    press: str
+    toward: int
+    frames: int
+    free_frames: int
+    clearance_rad: float
+    push_rad: tuple[float, float]
+    swells: float
+    sweep_rad: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Strokes along the object, one after the other, at one rate; `pause_s` passes between two strokes."""
+
+    rate_hz: float
+    pause_s: float
+    sweeps: tuple[Sweep, ...]
+
+
+@dataclass(frozen=True)
+class OverSpec:
+    """How the board lies under the antenna.
+
+    Attributes
+    ----------
+    height_m : plane C above the printed face.
+    center_m : the board's middle in plane C, antenna frame (x, y).
+    turn_rad : of the board's x axis from the antenna's, seen by the viewer, clockwise.
+    pictures : how many.
+    joints : the joints' angles.
+    shadow : how much of the light the antenna's shadow takes, 0 for none. penumbra_m : its softness on the board.
+    """
+
+    height_m: float
+    center_m: tuple[float, float]
+    turn_rad: float
+    pictures: int
+    joints: Joints
+    shadow: float = 0.35
+    penumbra_m: float = 1.5e-3
+
+    def T_antenna_board(self, spec: BoardSpec) -> Pose:
+        """Pose of the printed face: its z is the antenna frame's, turned round."""
+        half = 0.5 * spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0])
+        cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        rotation = np.array([[cos, -sin, 0.0], [-sin, -cos, 0.0], [0.0, 0.0, -1.0]])
+        return Pose(rotation, np.array([*self.center_m, -self.height_m]) - rotation @ half)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A whole scene file.
+
+    Attributes
+    ----------
+    T_antenna_board : pose of the jig's board, back face, in the antenna frame.
+    gravity_world_m_s2 : (3,).
+    sweep : whether the joints are swept in front of a board that is fixed in the world. over : how the free antenna is
+        shown over a board, None where it is not.
+    """
+
+    name: str
+    seed: int
+    lens: Lens
+    T_antenna_camera: Pose
+    board: BoardSpec
+    T_antenna_board: Pose
+    jig_pictures: int
+    antenna: NominalAntenna
+    true: TrueAntenna
+    moment: MomentSensor
+    kinematics: Kinematics
+    gravity_world_m_s2: np.ndarray
+    object: TouchObject
+    picture: PictureSpec
+    intrinsics: IntrinsicsSpec
+    noload: tuple[Joints, ...]
+    loads: tuple[KnownLoad, ...]
+    recording: Recording
+    sweep: bool = False
+    over: OverSpec | None = None
+
+    @property
+    def T_antenna_face(self) -> Pose:
+        """Pose of the jig board's printed face: one thickness in front of its back."""
+        return self.T_antenna_board @ Pose(np.eye(3), np.array([0.0, 0.0, -self.board.thickness_m]))
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the antenna."""
+        return self.antenna.diameter_m / 2
+
+    def T_world_antenna(self, joints: Joints) -> Pose:
+        """Pose of the antenna frame at given joint angles."""
+        return self.kinematics.T_world_antenna(joints.pan_rad, joints.tilt_rad)
+
+
+def true_rod(scene: Scene) -> Rod:
+    """The antenna as it really is. A round steel wire: GJ = EI / (1 + ν)."""
+    stiffness = scene.antenna.stiffness_Nm2 * scene.true.stiffness_factor
+    about_y, about_z = scene.true.clamp_angle_rad
+    return Rod(
+        length_m=scene.antenna.length_m,
+        bending_stiffness_Nm2=stiffness,
+        torsional_stiffness_Nm2=stiffness / (1 + POISSON_STEEL),
+        mass_per_length_kg_m=scene.antenna.mass_per_length_kg_m,
+        T_antenna_clamp=Pose.from_rotvec(np.array([0.0, about_y, about_z]), scene.true.clamp_offset_m),
+        natural_curvature_per_m=scene.true.natural_curvature_per_m,
+    )
+
+
+def camera_pose(
+    inclination_rad: float, azimuth_rad: float, roll_rad: float, distance_m: float, look_at_m: np.ndarray
+) -> Pose:
+    """T_antenna_camera of a camera that looks at a point from above.
+
+    Its axis leans by `inclination_rad` from the antenna frame's z; seen from the point, the camera leans toward the
+    direction `azimuth_rad` in plane C, counted from x to y. Without roll, the antenna's x axis runs to the right.
+    """
+    sin, cos = np.sin(inclination_rad), np.cos(inclination_rad)
+    toward_camera = np.array([sin * np.cos(azimuth_rad), sin * np.sin(azimuth_rad), cos])
+    forward = -toward_camera
+    right = np.array([1.0, 0.0, 0.0]) - forward[0] * forward
+    right /= np.linalg.norm(right)
+    upright = np.stack([right, np.cross(forward, right), forward], axis=1)
+    turn = Rotation.from_rotvec([0.0, 0.0, roll_rad]).as_matrix()
+    return Pose(upright @ turn, look_at_m + distance_m * toward_camera)
+
+
+def bundled_scene(name: str) -> Path:
+    """Path of a scene that comes with the package. Raises InputError when there is none of that name."""
+    path = Path(__file__).parent / "scenes" / f"{name}.yaml"
+    if name not in bundled_names():
+        remedy = f"the bundled ones are {', '.join(bundled_names())}"
+        raise InputError("is neither a file nor a bundled scene", where=name, remedy=remedy)
+    return path
+
+
+def bundled_names() -> list[str]:
+    """Names of the scenes that come with the package."""
+    return sorted(path.stem for path in (Path(__file__).parent / "scenes").glob("*.yaml"))

@@ -1,1 +1,0 @@
-"""Simulated sessions: forward physics and pictures; nothing here knows the estimator or the camera layer."""

@@ -1,0 +1,1 @@
+"""What the wizard knows and keeps: questions, answers, pictures, and what follows from them."""

@@ -1,0 +1,190 @@
+"""Between the wizard's answers and session.yaml, both ways, and the tables."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec
+from targets.print_scale import READING_STD_MM, PrintScale, print_scale
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_yaml, write_text
+from vbaa_calib.core.yaml_text import UniqueKeyDumper
+from vbaa_calib.session import SCHEMA, Session, has_sweep, load_session, session_from
+
+from .catalogue import by_key
+from .journal import READINGS, Journal, Taken
+from .store import Store
+
+MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
+"""Answers that a scale needs: what the rulers say, and what was read on them."""
+_WHERE = "board_along_x_mm, board_along_y_mm"
+
+
+def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
+    """The print's scale; None before both readings were given. Raises InputError for readings that cannot be."""
+    if any(name not in answers for name in MEASURED):
+        return None
+    x, along_x, y, along_y = (float(answers[name]) for name in MEASURED)
+    try:
+        return print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", READING_STD_MM)))
+    except ValueError as error:
+        # targets.scale knows its own parameters, not what they are called here
+        what = str(error).replace("reading_std", "board_reading_std")
+        what = what.replace("reading_x", "board_along_x").replace("reading_y", "board_along_y")
+        raise InputError(what, where=_WHERE, remedy="measure it again") from None
+
+
+def square_scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
+    """The same. Raises InputError for a print whose squares are not square, too: no board describes it."""
+    scale = scale_of(answers)
+    if scale is not None and scale.differs:
+        raise InputError(scale.words, where=_WHERE, remedy=scale.remedy)
+    return scale
+
+
+GRAVITY_M_S2 = 9.80665
+DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
+COLUMNS = {folder: ("image", *names) for folder, names in READINGS.items()}
+
+
+def session_data(
+    answers: Mapping[str, Any], board: BoardSpec, before: Mapping[str, Any], print_scale_std: float = 0.0
+) -> dict[str, Any]:
+    """session.yaml out of the answers; what is not answered yet has its default. Keys that nobody asks for stay.
+
+    board : as it was printed. before : what session.yaml holds. print_scale_std : of the print's scale, relative.
+    """
+    value = {key: answers.get(key, question.default) for key, question in by_key().items()}
+    data = dict(before) | {
+        "schema": SCHEMA,
+        "board": board.to_dict(),
+        "antenna": {
+            "length_m": 1e-3 * (value["antenna_length_mm"] or 100.0),
+            "diameter_m": 1e-3 * (value["antenna_diameter_mm"] or 1.0),
+            "youngs_modulus_Pa": 1e9 * value["youngs_modulus_GPa"],
+            "density_kg_m3": value["density_kg_m3"],
+        },
+        "moment_sensor": dict(before.get("moment_sensor") or {}) | {"std_Nm": 1e-3 * value["moment_std_mNm"]},
+    }
+    if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
+        data["load_readings"] = {
+            "distance_std_m": 1e-3 * value["distance_std_mm"],
+            "force_std_relative": 1e-2 * value["mass_std_percent"],
+        }
+    if print_scale_std:
+        data["print_scale_std"] = round(print_scale_std, 9)
+    elif "board_given" not in answers:
+        data.pop("print_scale_std", None)
+    if "gravity" in answers or "gravity_world" not in before:
+        down = DIRECTIONS.get(value["gravity"])
+        data["gravity_world"] = None if down is None else [GRAVITY_M_S2 * float(part) for part in down]
+    way = value["plane_way"]
+    # the calibration takes every way that session.yaml names: one that was chosen before must not stay
+    for other in {"jig", "over"} - {way}:
+        if not answers.get(f"{other}_given"):
+            data.pop(other, None)
+    if way == "jig" and value["jig_translation_mm"] is not None:
+        data["jig"] = _jig(value)
+        data["board"]["thickness_m"] = 1e-3 * value["board_thickness_mm"]
+    if way == "over" and value["over_height_mm"] is not None:
+        data["over"] = dict(before.get("over") or {}) | {"height_m": 1e-3 * value["over_height_mm"]}
+    return data
+
+
+def check_jig_axes(x: str, y: str) -> None:
+    """Raises InputError for axes of the board that run along the same line."""
+    if x.lstrip("-") == y.lstrip("-"):
+        what = f"the board's x runs along {x} and its y along {y}"
+        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
+
+
+def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
+    check_jig_axes(value["jig_board_x"], value["jig_board_y"])
+    x, y = (np.array(DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
+    turn = Rotation.from_rotvec(value["jig_turn_deg"], degrees=True)
+    rotation = turn * Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
+    return {
+        "T_antenna_board": {
+            "translation_m": [1e-3 * part for part in value["jig_translation_mm"]],
+            "rotation_xyzw": [float(part) for part in rotation.as_quat()],
+        },
+        "translation_std_m": 1e-3 * value["jig_std_mm"],
+        "rotation_std_rad": float(np.radians(value["jig_std_deg"])),
+    }
+
+
+def session_of(store: Store, board: BoardSpec, print_scale_std: float = 0.0) -> Session:
+    """The session as the answers have it so far. Raises InputError for answers that do not go together."""
+    path = store.root / "session.yaml"
+    before = read_yaml(path) if path.exists() else {}
+    return session_from(session_data(store.journal.answers, board, before, print_scale_std), store.root, path)
+
+
+def write_session(store: Store, board: BoardSpec, print_scale_std: float = 0.0) -> None:
+    """Write session.yaml and the tables as the journal has them, where they are not so already."""
+    path = store.root / "session.yaml"
+    before = read_yaml(path) if path.exists() else {}
+    data = session_data(store.journal.answers, board, before, print_scale_std)
+    if is_ready(store.journal) and data != before:
+        text = yaml.dump(
+            data, Dumper=UniqueKeyDumper, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True
+        )
+        write_text(path, text)
+    for step in ("plane", "noload", "loads"):
+        folder = store.folder(step)
+        if folder in COLUMNS and store.journal.of(step).taken:
+            write_table(store.root / folder / f"{folder}.csv", folder, store.journal.of(step).taken)
+
+
+def write_table(path: Path, folder: str, taken: Sequence[Taken]) -> None:
+    """The table of a folder of pictures; numbers to the last bit. Untouched where it says the same already."""
+    columns = [*COLUMNS[folder], *(["time_s"] if all("time_s" in one.readings for one in taken) else [])]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for one in taken:
+        writer.writerow([Path(one.file).name, *(repr(float(one.readings[name])) for name in columns[1:])])
+    if not path.exists() or path.read_text(encoding="utf-8", errors="replace") != text.getvalue():
+        write_text(path, text.getvalue())
+
+
+def answers_of(session_yaml: Path) -> dict[str, Any]:
+    """What a session.yaml that was written by hand answers already. Raises InputError where it is wrong."""
+    session, data = load_session(session_yaml.parent), read_yaml(session_yaml)
+    ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
+    x_mm = 1e3 * session.board.square_m * session.board.squares_x
+    y_mm = 1e3 * session.board.square_m * session.board.squares_y
+    found: dict[str, Any] = {
+        "board": str(session_yaml),
+        "measure_x_mm": x_mm,
+        "measure_y_mm": y_mm,
+        "board_along_x_mm": x_mm,
+        "board_along_y_mm": y_mm,
+        "board_reading_std_mm": READING_STD_MM,
+        "antenna_length_mm": 1e3 * session.antenna.length_m,
+        "antenna_diameter_mm": 1e3 * session.antenna.diameter_m,
+        "youngs_modulus_GPa": 1e-9 * session.antenna.youngs_modulus_Pa,
+        "density_kg_m3": session.antenna.density_kg_m3,
+        "moment_std_mNm": 1e3 * session.moment_std_Nm,
+        "distance_std_mm": 1e3 * session.load_readings.distance_std_m,
+        "mass_std_percent": 1e2 * session.load_readings.force_std_relative,
+        "board_given": True,
+        "gravity_given": True,
+        "jig_given": ways["jig"],
+        "over_given": ways["over"],
+    }
+    way = next((way for way, there in ways.items() if there), None)
+    return found if way is None else found | {"plane_way": way}
+
+
+def is_ready(journal: Journal) -> bool:
+    """Whether session.yaml can be written: all of it that has no default was answered."""
+    return all(key in journal.answers for key in ("board", "antenna_length_mm", "antenna_diameter_mm", "plane_way"))

@@ -1,0 +1,81 @@
+"""`vbaa check`: is this rig still right? A verdict in words, check.json, and a report to read."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vbaa_calib.calibrate.check.pictures import NewPictures
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `vbaa check`."""
+    parser.add_argument("rig", type=Path, help="rig.json, as vbaa calibrate writes it")
+    parser.add_argument(
+        "session",
+        type=Path,
+        nargs="?",
+        help="a session to hold it against; with --board or --free the one that the rig was calibrated from, for its "
+        "board and jig alone, if rig.json does not record them",
+    )
+    new = parser.add_argument_group("new pictures")
+    new.add_argument("--board", type=Path, metavar="PICTURE", help="the board in its jig, as it is now")
+    new.add_argument("--free", type=Path, metavar="PICTURE", help="the free antenna, as it is now")
+    new.add_argument("--pan", type=float, metavar="RAD", help="the pan's reading with --free (default: 0)")
+    new.add_argument("--tilt", type=float, metavar="RAD", help="the tilt's reading with --free (default: 0)")
+    new.add_argument(
+        "--moment", type=float, metavar="NM", help="the moment sensor's reading with --free, N·m (default: not noted)"
+    )
+    parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
+    parser.add_argument("-o", "--output", type=Path, metavar="CHECK", help="check.json to write")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Judge the rig. Returns all numbers; the exit code is 0 whatever the verdict.
+
+    Raises InputError for a broken rig or session, or a file in the way.
+    """
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import refuse_overwrite, write_json, write_text
+
+    for path, suffixes in ((args.html, (".html", ".htm")), (args.output, (".json",))):
+        if path is not None:
+            if path.suffix.lower() not in suffixes:
+                raise InputError(f"is not a {suffixes[0]}", where=path, remedy=f"name it something{suffixes[0]}")
+            refuse_overwrite(path, args.force)
+
+    new = _new_pictures(args)
+    from vbaa_calib.calibrate.check.check import assess
+    from vbaa_calib.core.console import say
+    from viz.check.page import page
+
+    document = assess(args.rig, args.session, new).to_dict()
+    for finding in [*document["session_findings"], *document["findings"]]:
+        say(f"{finding['level']:14s} {finding['question']} {finding['words']}")
+        if finding["remedy"]:
+            say(f"{'':14s} → {finding['remedy']}")
+    say(f"verdict        {document['verdict']}")
+    if args.output is not None:
+        write_json(args.output, document, args.force)
+        say(f"wrote {args.output}")
+    if args.html is not None:
+        write_text(args.html, page(document), args.force)
+        say(f"wrote {args.html}")
+    return document
+
+
+def _new_pictures(args: argparse.Namespace) -> NewPictures | None:
+    from vbaa_calib.calibrate.check.pictures import NewPictures
+    from vbaa_calib.core.errors import InputError
+
+    with_free = {name: getattr(args, name) for name in ("pan", "tilt", "moment") if getattr(args, name) is not None}
+    if args.free is None and with_free:
+        flags = ", ".join(f"--{name}" for name in with_free)
+        raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")
+    if args.board is None and args.free is None:
+        return None
+    return NewPictures(
+        args.board, args.free, with_free.get("pan", 0.0), with_free.get("tilt", 0.0), with_free.get("moment")
+    )

@@ -1,0 +1,139 @@
+"""`vbaa demo`: the whole way on a bundled scene, by the very commands a user would type."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import write_json
+
+SCENES = ("demo", "upright_knife", "steep_sphere")
+
+GOALS = (
+    ("contact point", "contact_point_rmse_m", 1e3, "mm", 1.5),
+    ("contact distance", "distance_rmse_m", 1e3, "mm", None),
+    ("force", "force_rmse_relative", 100.0, "%", 8.0),
+    ("force direction", "direction_rmse_rad", 180 / np.pi, "°", 4.0),
+    ("stiffness EI", "stiffness_relative_error", 100.0, "%", 2.0),
+    ("focal length", "focal_relative_error", 100.0, "%", 0.5),
+    ("camera position", "camera_position_error_m", 1e3, "mm", None),
+    ("camera rotation", "camera_rotation_error_rad", 180 / np.pi, "°", None),
+)
+"""Name, key of the score, factor, unit, and the error it may have at most. Distance: 2 % of the antenna's length."""
+DISTANCE_GOAL = 0.02
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa demo`."""
+    parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for everything (default: demo)")
+    parser.add_argument("--scene", choices=SCENES, default="demo", help="which bundled scene")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Simulate, calibrate, estimate, reconstruct, view; then compare with the truth."""
+    from viz.render.render import can_render
+
+    started = time.perf_counter()
+    out: Path = args.out
+    prepare(out, args.force)
+    drawable = can_render()
+    if not drawable:
+        say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")
+    for command in commands(out, args.scene, screenshot=drawable):
+        step(command)
+    result = finish(out, time.perf_counter() - started, args.argv)
+    say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")
+    return result
+
+
+def prepare(out: Path, force: bool) -> None:
+    """Make the folder. Raises InputError when it holds something that is not a demo's, or a demo without `force`."""
+    if os.path.isdir(out) and any(out.iterdir()):
+        if not (out / "session" / "session.yaml").is_file():
+            raise InputError("is not empty and not a demo's folder", where=out, remedy="name another with --out")
+        if not force:
+            raise InputError("exists already", where=out, remedy="give --force to replace it, or another --out")
+    elif os.path.lexists(out) and not os.path.isdir(out):
+        raise InputError("is a file", where=out, remedy="name a folder with --out")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be made ({why})", where=out, remedy="name another folder with --out") from None
+
+
+def commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
+    """The command lines, in order. Where nothing can be rendered, scene.png is left out; scene.html needs no OpenGL."""
+    names = ("session", "rig.json", "contacts.csv", "object.vtp", "scene.png", "scene.html")
+    session, rig, contacts, surface, picture, page = (str(out / name) for name in names)
+    view = ["view", contacts, "--rig", rig, "--session", session, "--truth", f"{session}/truth.json", "--html", page]
+    return [
+        ["simulate", scene, "-o", session],
+        ["calibrate", session, "-o", rig],
+        ["estimate", session, "--rig", rig, "-o", contacts, "--no-report"],
+        ["reconstruct", contacts, "--rig", rig, "-o", surface],
+        [*view, "--screenshot", picture] if screenshot else view,
+    ]
+
+
+def step(command: list[str]) -> None:
+    """Print one command line and run it."""
+    from vbaa_calib.cli.main import run_verb
+
+    say(f"\n$ vbaa {shlex.join(command)}")
+    begun = time.perf_counter()
+    run_verb([*command, "--force"])
+    say(f"  ({time.perf_counter() - begun:.1f} s)")
+
+
+def table(errors: dict[str, Any], length_m: float) -> list[tuple[str, float, str, float | None]]:
+    """Rows (name, error, unit, goal) in units that people use."""
+    goals = {"distance_rmse_m": 1e3 * DISTANCE_GOAL * length_m}
+    return [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in GOALS]
+
+
+def finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
+    """Score, table, report.html and summary.json. `argv` is the demo's command line, told in the report."""
+    from estimator.table.table import read_contacts
+    from vbaa_calib.core.files import read_json
+    from vbaa_calib.rig import Rig
+    from viz.report.make import Sources, make_report
+
+    from .score import score
+
+    rig, contacts = Rig.load(out / "rig.json"), read_contacts(out / "contacts.csv")
+    truth = read_json(out / "session" / "truth.json")
+    errors = score(rig, contacts, truth).to_dict()
+    rows = table(errors, rig.antenna.length_m)
+    say(f"\n{'error against truth':<20}{'':>10}     goal")
+    for name, value, unit, goal in rows:
+        say(f"{name:<20}{value:>10.3f} {unit:<3} {'' if goal is None else f'≤ {goal:g}'}")
+    say(f"{'error² over predicted variance':<31}{errors['nees']:.1f} (1 is honest)")
+    say(f"{'frames right':<20}{errors['frames_ok']:>6} of {errors['frames']}")
+    session, picture = out / "session", out / "scene.png"
+    make_report(
+        out / "report.html",
+        Sources(
+            out / "contacts.csv",
+            out / "rig.json",
+            session,
+            session / "truth.json",
+            picture if picture.exists() else None,
+        ),
+        title=f"vbaa demo: {truth.get('scene', 'scene')}",
+        argv=argv,
+        summary=rows,
+        force=True,
+    )
+    result = {"session": str(session), "seconds": round(seconds, 2), **errors}
+    write_json(out / "summary.json", result, force=True)
+    return result

@@ -1,0 +1,102 @@
+"""`vbaa reconstruct`: contacts.csv to the object's surface and stiffness."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from estimator.object.surface import Compliance
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `vbaa reconstruct`."""
+    parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
+    parser.add_argument(
+        "--rig",
+        type=Path,
+        help="rig.json: its antenna's radius lies between contact and object, its errors are common to all contacts",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="OBJECT", help="object.vtp, object.ply or object.glb"
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
+    from estimator.object.surface import reconstruct, touches_of
+    from estimator.table.table import read_contacts
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import refuse_overwrite
+    from viz.files.object_file import check_suffix, write_object
+
+    check_suffix(args.output)
+    refuse_overwrite(args.output, args.force, (args.contacts, args.rig))
+    table = read_contacts(args.contacts)
+    if not table.located.any():
+        raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
+    radius, shared = 0.0, None
+    if args.rig is None:
+        say(
+            "without --rig the antenna's radius is not known: the surface runs through the antenna's centreline; and "
+            "calibration errors count as each contact's own, so that the uncertainty comes out too small"
+        )
+    else:
+        from estimator.contact.common_errors import shared_errors
+        from vbaa_calib.rig import Rig
+
+        rig = Rig.load(args.rig)
+        radius, shared = rig.antenna.diameter_m / 2, shared_errors(rig, table)
+    surface = reconstruct(touches_of(table, shared), radius)
+    write_object(surface, args.output, force=args.force)
+    patches = int(surface.patch.max()) + 1
+    say(
+        f"{args.output}: {len(surface.touched_m)} contacts in {patches} patches, {len(surface.triangles)} triangles, "
+        f"{len(surface.lines)} line segments"
+    )
+    for note in (*surface.notes, surface.compliance.reason):
+        say(f"  {note}")
+    return {
+        "object": str(args.output),
+        "contacts": len(surface.touched_m),
+        "points": len(surface.points_m),
+        "patches": patches,
+        "triangles": len(surface.triangles),
+        "lines": len(surface.lines),
+        "left_out": int(surface.left_out.sum()),
+        "median_std_m": _median(surface.std_m),
+        "median_contact_std_m": _median(surface.touched_std_m),
+        **_stiffness(surface.compliance),
+        "notes": list(surface.notes),
+    }
+
+
+def _median(values: np.ndarray) -> float | None:
+    import numpy as np
+
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
+
+
+def _stiffness(soft: Compliance) -> dict[str, Any]:
+    """The object's yielding in plain numbers; None where there is no number, or an endless one."""
+    low, high = soft.interval_N_m
+    return {
+        "stiffness_told": soft.told,
+        "stiffness_N_m": _finite(soft.stiffness_N_m),
+        "stiffness_low_N_m": _finite(low),
+        "stiffness_high_N_m": _finite(high),
+        "compliance_m_N": _finite(soft.compliance_m_N),
+        "compliance_std_m_N": _finite(soft.std_m_N),
+        "stiffness_in_words": soft.reason,
+    }
+
+
+def _finite(value: float) -> float | None:
+    import math
+
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,35 @@
+"""`vbaa report`: contacts.csv as a page to read."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `vbaa report`."""
+    parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
+    parser.add_argument("--rig", type=Path, help="rig.json: friction, stiffness, and the rig in the picture need it")
+    parser.add_argument("--session", type=Path, help="the session folder: adds a picture of its recording; needs --rig")
+    parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: drawn beside the estimates")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="PAGE", help="the page to write (default: report.html beside the contacts)"
+    )
+    parser.add_argument("--title", default="What the antenna felt", help="title of the page")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Write the page. Returns where it is. Raises InputError for wrong input or a file in the way."""
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.errors import InputError
+    from viz.report.make import Sources, beside, make_report, refuse_report
+
+    output = beside(args.contacts) if args.output is None else args.output
+    refuse_report(output, args.force)
+    if args.session is not None and args.rig is None:
+        raise InputError("--session needs --rig", where="vbaa report", remedy="give the rig.json it was recorded with")
+    sources = Sources(args.contacts, args.rig, args.session, args.truth)
+    make_report(output, sources, title=args.title, argv=args.argv, force=args.force)
+    say(f"{output}: {output.stat().st_size / 1e6:.1f} MB, opens offline in any browser")
+    return {"report": str(output)}

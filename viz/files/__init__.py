@@ -1,0 +1,1 @@
+"""The object as .vtp, .ply, .glb."""

@@ -1,0 +1,113 @@
+"""The window's own controls: a slider for time, keys for colours and contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyvista as pv
+
+from viz.parts.part import INK
+from viz.scene.colours import MODES, Scale, contact_scale
+
+from .stage import Stage
+
+HELP = "c: colour by force, time, uncertainty    a: contacts of all moments, or up to this one    q: close"
+
+
+class Controls:
+    """What the viewer has chosen; `stage` follows."""
+
+    def __init__(self, plotter: pv.Plotter, stage: Stage, mode: str) -> None:
+        self.plotter, self.stage = plotter, stage
+        self.mode, self.moment, self.everything = mode, stage.scene.moments.main, True
+        self._bar: str | None = None
+
+    def go(self, moment: float) -> None:
+        """Show the moment nearest to the slider's value."""
+        self.moment = round(moment)
+        self.refresh()
+
+    def next_mode(self) -> None:
+        """Colour by the next of `MODES`."""
+        self.mode = MODES[(MODES.index(self.mode) + 1) % len(MODES)]
+        self.stage.paint(self.mode)
+        self.refresh()
+
+    def toggle_everything(self) -> None:
+        """All contacts, or those up to the moment."""
+        self.everything = not self.everything
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Draw what is chosen and say it in words."""
+        moments = self.stage.scene.moments
+        self.stage.show(self.moment, everything=self.everything)
+        scale = contact_scale(self.stage.scene, self.mode)
+        words = (
+            f"{moments.time_s[self.moment]:.2f} s, frame {moments.frame[self.moment]}: {moments.words[self.moment]}\n"
+            f"contacts and forces coloured by {self.mode}\n{HELP}"
+        )
+        self.plotter.add_text(words, position="upper_left", font_size=10, color=INK, name="words")
+        self._colour_bar(scale)
+
+    def _colour_bar(self, scale: Scale) -> None:
+        if self._bar is not None:
+            self.plotter.remove_scalar_bar(self._bar)
+        self._bar = f"{scale.title}, {scale.unit}\n"
+        # the contacts bring their own colours: the bar has a mapper of its own
+        mapper = pv.DataSetMapper()
+        mapper.lookup_table = pv.LookupTable(values=_between(scale.stops), scalar_range=(scale.low, scale.high))
+        self.plotter.add_scalar_bar(
+            self._bar,
+            mapper=mapper,
+            color=INK,
+            n_labels=3,
+            fmt="%.4g",
+            width=0.3,
+            height=0.07,
+            position_x=0.67,
+            position_y=0.9,
+            title_font_size=16,
+            label_font_size=14,
+        )
+
+
+def _between(stops: tuple[str, ...], count: int = 128) -> np.ndarray:
+    """(count, 4) uint8 RGBA along hex colours."""
+    rgb = np.array([pv.Color(stop).int_rgb for stop in stops], float)
+    place = np.linspace(0, len(stops) - 1, count)
+    mixed = np.stack([np.interp(place, np.arange(len(stops)), channel) for channel in rgb.T], axis=1)
+    return np.column_stack([mixed.round(), np.full(count, 255)]).astype(np.uint8)
+
+
+def furnish(plotter: pv.Plotter, stage: Stage, mode: str) -> Controls:
+    """Put slider, keys and legend into the window."""
+    controls = Controls(plotter, stage, mode)
+    moments = stage.scene.moments
+    if len(moments) > 1:
+        plotter.add_slider_widget(
+            controls.go,
+            (0, len(moments) - 1),
+            value=moments.main,
+            title="moment",
+            pointa=(0.30, 0.07),
+            pointb=(0.95, 0.07),
+            color=INK,
+            fmt="%.0f",
+            style="modern",
+            slider_width=0.02,
+            tube_width=0.006,
+            title_height=0.018,
+        )
+    plotter.add_key_event("c", controls.next_mode)
+    plotter.add_key_event("a", controls.toggle_everything)
+    labels = {part.name: [f" {part.label}", part.colour] for part in stage.parts if part.contact is None}
+    plotter.add_legend(
+        list(labels.values()),
+        face="rectangle",
+        bcolor=None,
+        loc="lower left",
+        size=(0.27, 0.025 * len(labels)),
+        font_family="arial",
+    )
+    controls.refresh()
+    return controls

@@ -1,0 +1,131 @@
+"""The rig as it stood while it touched: shapes, camera and plane C, carried into the world."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from estimator.table.columns import ContactTable
+from estimator.table.joint_angles import joint_angles
+from vbaa_calib.antenna.shape import bend
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import read_picture
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import load_session, read_recording
+
+from .moments import Moments
+from .scene import RigItems
+
+GHOSTS = 6
+PICTURE_GRID = (10, 13)
+"""Nodes down and across of the drawn picture: between them the lens counts as straight."""
+
+
+def rig_items(rig: Rig, table: ContactTable, moments: Moments) -> RigItems:
+    """The rig at these moments, and which of them become ghosts: some spread over the located contacts.
+
+    Raises InputError when the contacts are not of this rig.
+    """
+    poses = poses_at(rig.kinematics, table, moments.row)
+    located = np.flatnonzero(table.located[moments.row])
+    spread = np.unique(located[np.linspace(0, len(located) - 1, GHOSTS).round().astype(int)])
+    length = rig.antenna.length_m
+    bent, free = (_shapes(rig, table, moments.row, poses, share) for share in (1.0, 0.0))
+    centre = rig.T_antenna_camera.translation_m
+    return RigItems(
+        poses=poses,
+        bent_m=bent,
+        free_m=free,
+        ghosts=spread[spread != moments.main],
+        antenna_radius_m=rig.antenna.diameter_m / 2,
+        plane_m=length * np.array([[0, -0.3, 0], [1.05, -0.3, 0], [1.05, 0.3, 0], [0, 0.3, 0]]),
+        camera_m=centre,
+        picture_m=rig.T_antenna_camera @ picture_grid(rig.camera, 0.4 * length),
+    )
+
+
+def poses_at(kinematics: Kinematics, table: ContactTable, rows: np.ndarray) -> np.ndarray:
+    """(M, 4, 4) T_world_antenna in these rows of the table; NaN where neither joints nor contact are known.
+
+    Raises InputError when the contacts are not of this rig.
+    """
+    rotation, translation = kinematics.world_antenna(*(angle[rows] for angle in joint_angles(kinematics, table)))
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = rotation, translation
+    poses[~np.isfinite(poses).all(axis=(1, 2))] = np.nan
+    return poses
+
+
+def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, share: float) -> np.ndarray:
+    """(M, N, 3) world: the antenna under `share` of the force that was estimated; free where none was."""
+    length, count = rig.antenna.length_m, len(rows)
+    rotation = np.where(np.isfinite(poses[:, :3, :3]), poses[:, :3, :3], 0.0)
+    angle = np.nan_to_num(table.friction_angle_rad[rows])
+    across = np.nan_to_num(np.column_stack([table.force_y_N[rows], table.force_z_N[rows]]))
+    # `bend` takes the part along the antenna's normal there, which turns with the antenna
+    size = np.nan_to_num(np.linalg.norm(table.force_world_N[rows], axis=1)) * np.cos(angle)
+    aside = np.hypot(*across.T)
+    push = np.divide(size, aside, out=np.zeros(count), where=(aside > 0) & table.located[rows])
+    curves = bend(
+        np.repeat(rig.antenna.parameters[None], count, axis=0),
+        length,
+        np.einsum("mji,j->mi", rotation, rig.gravity_world_m_s2),
+        np.clip(np.nan_to_num(table.distance_m[rows], nan=length / 2), 0.01 * length, length),
+        share * push[:, None] * across,
+        friction_rad=angle,
+    )
+    return np.einsum("mij,mnj->mni", poses[:, :3, :3], curves.points_m) + poses[:, None, :3, 3]
+
+
+def picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
+    """(H, W, 3) camera frame: a grid over the whole picture at a depth, as the lens sees it.
+
+    Where the lens has no ray, that of a lens without distortion is drawn.
+    """
+    rows, columns = PICTURE_GRID
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, columns), np.linspace(-0.5, height - 0.5, rows))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    rays, valid = camera.unproject(pixels)
+    straight = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.matrix).T
+    rays = np.where((valid & (rays[:, 2] > 0.1))[:, None], rays, straight)
+    return (depth_m * rays / rays[:, 2:]).reshape(rows, columns, 3)
+
+
+WIDEST_PX = 360
+
+
+def one_picture(path: Path, image_size: tuple[int, int], count: int) -> tuple[np.ndarray, ...]:
+    """The same picture (H, W, 3) RGB for `count` moments.
+
+    Raises InputError when it cannot be read or is not of the camera's `image_size` (width, height).
+    """
+    return (_small(path, image_size),) * count
+
+
+def session_pictures(folder: Path, frames: np.ndarray, image_size: tuple[int, int]) -> tuple[np.ndarray | None, ...]:
+    """The recording's picture (H, W, 3) RGB of each frame (M,), None for a frame that has none.
+
+    Raises InputError when the session is damaged, holds no picture of these frames, or one of another size.
+    """
+    paths = {frame.frame: frame.image for frame in read_recording(load_session(folder))}
+    wanted = [paths.get(int(frame)) for frame in frames]
+    if not any(wanted):
+        raise InputError("holds no picture of these frames", where=folder, remedy="give the session of this recording")
+    return tuple(None if path is None else _small(path, image_size) for path in wanted)
+
+
+def _small(path: Path, image_size: tuple[int, int]) -> np.ndarray:
+    pixels = read_picture(path)
+    height, width = pixels.shape[:2]
+    if (width, height) != tuple(image_size):
+        what = f"is {width} x {height} pixels, the rig's camera {image_size[0]} x {image_size[1]}"
+        raise InputError(what, where=path, remedy="give a picture of this rig's camera")
+    factor = min(WIDEST_PX / width, 1.0)
+    size = (max(round(factor * width), 1), max(round(factor * height), 1))
+    small = cv2.resize(np.clip(pixels, 0, 255).astype(np.uint8), size, interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB)

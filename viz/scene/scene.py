@@ -1,0 +1,184 @@
+"""What there is to see, as plain arrays in the world frame. `viz.parts` draws it; pyvista stays there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimator.table.columns import ContactTable
+
+from .moments import Moments, moments_of
+from .truth import TruthObject, truth_object
+
+if TYPE_CHECKING:
+    from estimator.object.surface import Surface
+
+__all__ = ["Contacts", "ObjectMesh", "RigItems", "Scene", "Touch", "TruthObject", "build_scene", "truth_object"]
+
+
+@dataclass(frozen=True, eq=False)
+class RigItems:
+    """The rig at each of M moments; NaN where its joints are not known.
+
+    Attributes
+    ----------
+    poses : (M, 4, 4) T_world_antenna.
+    bent_m : (M, N, 3) the antenna; free_m (M, N, 3): where it would be without the object.
+    ghosts : (G,) the moments whose antennas are drawn faintly.
+    antenna_radius_m : of the wire.
+    plane_m : (4, 3) antenna frame: corners of the drawn patch of plane C.
+    camera_m : (3,) antenna frame: the camera's centre.
+    picture_m : (H, W, 3) antenna frame: where the picture is drawn, as the lens sees it; rows down, columns right.
+    """
+
+    poses: np.ndarray
+    bent_m: np.ndarray
+    free_m: np.ndarray
+    ghosts: np.ndarray
+    antenna_radius_m: float
+    plane_m: np.ndarray
+    camera_m: np.ndarray
+    picture_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """P located contacts in the order of time. NaN where the table gives nothing.
+
+    Attributes
+    ----------
+    points_m : (P, 3) on the antenna's centreline.
+    force_N : (P, 3) the object's force on the antenna.
+    covariance_m2 : (P, 3, 3) of the points.
+    time_s : (P,) since the recording's first frame.
+    row : (P,) index into the contact table.
+    """
+
+    points_m: np.ndarray
+    force_N: np.ndarray
+    covariance_m2: np.ndarray
+    time_s: np.ndarray
+    row: np.ndarray
+
+    @property
+    def size_mN(self) -> np.ndarray:
+        """(P,) force magnitudes."""
+        return 1e3 * np.linalg.norm(self.force_N, axis=1)
+
+    @property
+    def principal(self) -> tuple[np.ndarray, np.ndarray]:
+        """(P, 3, 3) unit principal axes of the covariances in columns, and (P, 3) m standard deviations, rising."""
+        known = np.isfinite(self.covariance_m2).all(axis=(1, 2))
+        variance, axes = np.linalg.eigh(np.where(known[:, None, None], self.covariance_m2, 0.0))
+        return axes, np.where(known[:, None], np.sqrt(np.maximum(variance, 0.0)), np.nan)
+
+    @property
+    def std_mm(self) -> np.ndarray:
+        """(P,) standard deviation along the most uncertain direction."""
+        return 1e3 * self.principal[1][:, -1]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectMesh:
+    """The reconstructed object: points (V, 3), normals (V, 3), triangles (T, 3), lines (E, 2).
+
+    `std_m` (V,) is each point's standard deviation along its normal, NaN where it is not known; None for none.
+    """
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    triangles: np.ndarray
+    lines: np.ndarray
+    std_m: np.ndarray | None = None
+
+    @staticmethod
+    def of(surface: Surface) -> ObjectMesh:
+        """What is drawn of a reconstructed surface."""
+        return ObjectMesh(surface.points_m, surface.normals, surface.triangles, surface.lines, surface.std_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """What touching told beyond the single contacts.
+
+    Attributes
+    ----------
+    row : (K,) index into the contact table of each touch; normals (K, 3): the object's, NaN where the shape is silent.
+    cone_rad : half angle of the friction cone; None where friction is not told.
+    facts : sentences on friction, stiffness and what else was found, or why it was not.
+    """
+
+    row: np.ndarray
+    normals: np.ndarray
+    cone_rad: float | None = None
+    facts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that is drawn; what is None or empty is left out.
+
+    `pictures` holds what the camera saw at each moment, (H, W, 3) uint8 RGB all of one size, None where there is none.
+    """
+
+    contacts: Contacts
+    moments: Moments
+    rig: RigItems | None = None
+    object: ObjectMesh | None = None
+    truth: TruthObject | None = None
+    touch: Touch | None = None
+    pictures: tuple[np.ndarray | None, ...] = field(default=())
+
+    @property
+    def touched_m(self) -> tuple[np.ndarray, float]:
+        """Centre (3,) and radius of a ball around what was touched."""
+        points = [self.contacts.points_m]
+        if self.object is not None:
+            points.append(self.object.points_m)
+        stacked = np.concatenate(points)
+        centre = (stacked.min(axis=0) + stacked.max(axis=0)) / 2
+        return centre, max(float(np.linalg.norm(stacked - centre, axis=1).max()), 5e-3)
+
+    @property
+    def normals(self) -> np.ndarray:
+        """(P, 3) the object's outward normal at each contact; NaN where it is not known."""
+        normals = np.full_like(self.contacts.points_m, np.nan)
+        if self.touch is not None:
+            _, here, there = np.intersect1d(self.contacts.row, self.touch.row, return_indices=True)
+            normals[here] = self.touch.normals[there]
+        return normals
+
+
+def build_scene(
+    table: ContactTable,
+    *,
+    moments: Moments | None = None,
+    rig: RigItems | None = None,
+    surface: ObjectMesh | None = None,
+    truth: TruthObject | None = None,
+    touch: Touch | None = None,
+    pictures: tuple[np.ndarray | None, ...] = (),
+) -> Scene:
+    """The scene of one recording.
+
+    Parameters
+    ----------
+    table : its contacts; frames without a located contact are moments, but no contacts.
+    moments : those that `rig` and `pictures` are of; by default what `moments_of` chooses.
+
+    Raises
+    ------
+    InputError : there is nothing to draw.
+    """
+    moments = moments_of(table) if moments is None else moments
+    row = np.flatnonzero(table.located)
+    contacts = Contacts(
+        table.point_world_m[row],
+        table.force_world_N[row],
+        table.covariance_world_m2[row],
+        table.time_s[row] - table.time_s[0],
+        row,
+    )
+    return Scene(contacts, moments, rig, surface, truth, touch, pictures)
