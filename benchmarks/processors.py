@@ -55,7 +55,7 @@ class Machine:
     threads: int = 1
 
 
-def machines() -> list[Machine]:
+def _machines() -> list[Machine]:
     """Those that this processor can stand in for."""
     from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
@@ -230,7 +230,7 @@ def main() -> int:
         here, kernel = on(Machine("this machine", {}), sessions, args.photographs)
         rows = [["this machine", kernel, *_told(here), *["" for _ in STAGES]]]
         good = True
-        for machine in machines():
+        for machine in _machines():
             there, kernel = on(machine, sessions, args.photographs)
             cells = []
             for stage in STAGES:

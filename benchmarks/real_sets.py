@@ -65,32 +65,32 @@ def tables(data: Path) -> str:
     """All tables of the page, in Markdown."""
     views = {one.title: detect_folder(data / one.folder, one.spec) for one in SETS}
     solved = {one.title: solve_intrinsics(views[one.title], one.spec) for one in SETS}
-    wrong = {one.title: wrong_flag(one, data, views[one.title]) for one in SETS if one.spec is _ENDOSCOPE}
+    wrong = {one.title: _wrong_flag(one, data, views[one.title]) for one in SETS if one.spec is _ENDOSCOPE}
     parts = [
         "### The lenses",
         table(
             ("set", "model", "rms px", "held out px", "fx px", "fy px", "cx px", "cy px", "halves", "as published"),
-            [lens_row(one, solved[one.title]) for one in SETS],
+            [_lens_row(one, solved[one.title]) for one in SETS],
         ),
         "### How well each lens is known",
         "Standard deviation of a projected point in its worst direction, once with the camera held, once with what a "
         "turn of the camera explains left out; and of a ray at the board's distance.",
         table(
             ("set", "middle px", "worst px", "middle px, turning", "worst px, turning", "board at m", "middle mm"),
-            [uncertainty_row(one, solved[one.title]) for one in SETS],
+            [_uncertainty_row(one, solved[one.title]) for one in SETS],
         ),
         "### The models compared",
         table(
             ("set", "model", "rms px", "held out px", "halves differ by", "p", "folds"),
-            [row for one in SETS for row in candidate_rows(one, solved[one.title])],
+            [row for one in SETS for row in _candidate_rows(one, solved[one.title])],
         ),
         "### What was used and what was not",
         table(
             ("set", "photos", "used", "corners", "outliers", "photos dropped, and why", "board"),
-            [used_row(one, solved[one.title], len(views[one.title])) for one in SETS],
+            [_used_row(one, solved[one.title], len(views[one.title])) for one in SETS],
         ),
         "### The endoscope's board with the wrong legacy flag",
-        table(("set", "flag", "rms px", "corners", "fx px", "what `vbaa intrinsics` says"), list(wrong_rows(wrong))),
+        table(("set", "flag", "rms px", "corners", "fx px", "what `vbaa intrinsics` says"), list(_wrong_rows(wrong))),
     ]
     return "\n\n".join(parts)
 
@@ -101,7 +101,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def lens_row(one: PhotoSet, solution: LensSolution) -> list[str]:
+def _lens_row(one: PhotoSet, solution: LensSolution) -> list[str]:
     """One set's row of the first table."""
     matrix, covariance = solution.camera.matrix, solution.camera.covariance
     assert covariance is not None
@@ -114,7 +114,7 @@ def lens_row(one: PhotoSet, solution: LensSolution) -> list[str]:
     return [one.title, solution.model, rms, f"{chosen.held_out_rms_px:.3f}", *values, agree, published]
 
 
-def uncertainty_row(one: PhotoSet, solution: LensSolution) -> list[str]:
+def _uncertainty_row(one: PhotoSet, solution: LensSolution) -> list[str]:
     """One set's row of the second table."""
     fixed, turning = (projection_uncertainty(solution.camera, compensated).std_px for compensated in (False, True))
     row, column = (size // 2 for size in fixed.shape)
@@ -125,7 +125,7 @@ def uncertainty_row(one: PhotoSet, solution: LensSolution) -> list[str]:
     return [one.title, *(f"{cell:.3f}" for cell in cells), f"{distance:.2f}", f"{1e3 * distance * ray:.3f}"]
 
 
-def candidate_rows(one: PhotoSet, solution: LensSolution) -> list[list[str]]:
+def _candidate_rows(one: PhotoSet, solution: LensSolution) -> list[list[str]]:
     """One set's rows of the comparison; the chosen model is in bold."""
     rows = []
     for candidate in solution.comparison:
@@ -137,7 +137,7 @@ def candidate_rows(one: PhotoSet, solution: LensSolution) -> list[list[str]]:
     return rows
 
 
-def used_row(one: PhotoSet, solution: LensSolution, photos: int) -> list[str]:
+def _used_row(one: PhotoSet, solution: LensSolution, photos: int) -> list[str]:
     """One set's row of what was used."""
     reasons = Counter(view.reason for view in solution.dropped)
     dropped = "; ".join(f"{count} × {reason}" for reason, count in reasons.most_common()) or "none"
@@ -156,7 +156,7 @@ class Flagged:
     refusal: str
 
 
-def wrong_flag(one: PhotoSet, data: Path, right: Sequence[BoardView]) -> Flagged:
+def _wrong_flag(one: PhotoSet, data: Path, right: Sequence[BoardView]) -> Flagged:
     """The set with its legacy flag turned round, past the check that refuses it."""
     spec = replace(one.spec, legacy_pattern=not one.spec.legacy_pattern)
     paths = list_images(data / one.folder)
@@ -170,7 +170,7 @@ def wrong_flag(one: PhotoSet, data: Path, right: Sequence[BoardView]) -> Flagged
     return Flagged(solved[0], solved[1], refusal)
 
 
-def wrong_rows(flagged: dict[str, Flagged]) -> list[list[str]]:
+def _wrong_rows(flagged: dict[str, Flagged]) -> list[list[str]]:
     """Two rows for each set: the right flag, then the wrong one."""
     rows = []
     for title, found in flagged.items():

@@ -14,7 +14,7 @@ from .board import DICTIONARY_SIZES, BoardSpec
 from .paper import PAPERS_MM, Paper, floor_to
 
 
-def legacy_matters(spec: BoardSpec) -> bool:
+def _legacy_matters(spec: BoardSpec) -> bool:
     """Whether OpenCV's old and new pattern differ for this board: for an even number of rows only."""
     return spec.squares_y % 2 == 0
 
@@ -26,7 +26,7 @@ def board_id(spec: BoardSpec) -> str:
     legacy flag where both patterns are the same.
     """
     lengths = [round(1e9 * length) for length in (spec.square_m, spec.marker_m)]
-    legacy = spec.legacy_pattern and legacy_matters(spec)
+    legacy = spec.legacy_pattern and _legacy_matters(spec)
     text = f"charuco {spec.squares_x} {spec.squares_y} {lengths} {spec.dictionary} {legacy}"
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
@@ -45,7 +45,7 @@ def spec_document(spec: BoardSpec, note: str = "") -> str:
 def size_words(spec: BoardSpec) -> str:
     """Squares, markers and dictionary for a person."""
     pattern = ""
-    if legacy_matters(spec):
+    if _legacy_matters(spec):
         pattern = ", legacy pattern (OpenCV before 4.6)" if spec.legacy_pattern else ", pattern of OpenCV 4.6 and later"
     return (
         f"{spec.squares_x} × {spec.squares_y} squares of {1e3 * spec.square_m:.6g} mm, "
@@ -132,7 +132,7 @@ class Layout:
         return "landscape" if self.width > self.height else "portrait"
 
 
-def header_lines(spec: BoardSpec, width_mm: float, size: float = 1.0) -> tuple[Line, ...]:
+def _header_lines(spec: BoardSpec, width_mm: float, size: float = 1.0) -> tuple[Line, ...]:
     """What the header says, broken into lines of at most `width_mm`; the letters so many times as large as usual."""
     wanted = [
         Line(f"ChArUco board {board_id(spec)}", 4.2, bold=True),
@@ -152,7 +152,7 @@ def font_name(bold: bool) -> str:
     return "Helvetica-Bold" if bold else "Helvetica"
 
 
-def quiet_mm(spec: BoardSpec) -> float:
+def _quiet_mm(spec: BoardSpec) -> float:
     """White around the board."""
     return max(LEAST_QUIET_MM, QUIET_SQUARES * 1e3 * spec.square_m)
 
@@ -226,9 +226,9 @@ def _on_page(spec: BoardSpec, paper: Paper, page: tuple[float, float], margin: f
     text_width = width - 2 * margin - QR_MM * size - GAP_MM
     if text_width < 15:
         return None
-    header = header_lines(spec, text_width, size)
+    header = _header_lines(spec, text_width, size)
     header_height = max(QR_MM * size, LINE_SPACING * sum(line.size_mm for line in header))
-    quiet = quiet_mm(spec)
+    quiet = _quiet_mm(spec)
     board_width, board_height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
     left, right = margin + ruler + quiet, margin + quiet
     top, bottom = margin + header_height + quiet, margin + ruler + quiet

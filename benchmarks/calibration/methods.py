@@ -66,7 +66,7 @@ def solve_oracle(given: Draw) -> Camera:
     return camera_of(rig.model, bundle.intrinsics, rig.image_size)
 
 
-def solve_opencv(given: Draw, criteria: tuple[int, int, float] = DEFAULT) -> Camera:
+def _solve_opencv(given: Draw, criteria: tuple[int, int, float] = DEFAULT) -> Camera:
     """`cv2.calibrateCamera` with the true lens model."""
     points = corner_points(BOARD).astype(np.float32)
     rig = given.rig
@@ -114,8 +114,8 @@ def methods() -> dict[str, Method | str]:
 
 SOLVERS: dict[str, Callable[[Draw], Camera | LensSolution]] = {
     "oracle": solve_oracle,
-    "OpenCV, default": solve_opencv,
-    "OpenCV, 300 iterations": partial(solve_opencv, criteria=_TIGHT),
+    "OpenCV, default": _solve_opencv,
+    "OpenCV, 300 iterations": partial(_solve_opencv, criteria=_TIGHT),
     "ours, lens given": solve_ours,
     "ours, auto": partial(solve_ours, model="auto"),
 }

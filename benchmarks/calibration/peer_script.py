@@ -42,7 +42,7 @@ class Answer(NamedTuple):
     kept: list[np.ndarray]
 
 
-def solve_with_mrcal(mrcal: ModuleType, given: Problem) -> Answer:
+def _solve_with_mrcal(mrcal: ModuleType, given: Problem) -> Answer:
     """Its own seed, then the core, then all with outlier rejection, board warp and regularisation: its defaults."""
     views, rows = len(given.ids), len(given.points_m) // given.columns
     observed = np.full((views, rows * given.columns, 3), -1.0)
@@ -94,7 +94,7 @@ def solve_with_mrcal(mrcal: ModuleType, given: Problem) -> Answer:
     return Answer(intrinsics[0], [row[ids, 2] > 0.0 for row, ids in zip(observed, given.ids, strict=True)])
 
 
-def solve_with_lensboy(lensboy: ModuleType, given: Problem) -> Answer:
+def _solve_with_lensboy(lensboy: ModuleType, given: Problem) -> Answer:
     """Its OpenCV model with its defaults: target warp and outlier filter on."""
     included = np.zeros(14, dtype=bool)
     included[: {"opencv5": 5, "rational": 8}[given.lens]] = True
@@ -114,7 +114,7 @@ def solve_with_lensboy(lensboy: ModuleType, given: Problem) -> Answer:
     return Answer(np.concatenate([core, np.ravel(camera.distortion_coeffs)[included]]), kept)
 
 
-SOLVERS = {"mrcal": solve_with_mrcal, "lensboy": solve_with_lensboy}
+SOLVERS = {"mrcal": _solve_with_mrcal, "lensboy": _solve_with_lensboy}
 
 
 def main(peer: str, problems: str, answers: str) -> None:

@@ -45,7 +45,7 @@ class PeerAnswer:
     failure: str = ""
 
 
-def interpreters() -> list[str]:
+def _interpreters() -> list[str]:
     """Where peers are looked for: this interpreter, the system's, and those in `VBAA_PEER_PYTHON`."""
     named = [path for path in os.environ.get(INTERPRETERS, "").split(os.pathsep) if path]
     return list(dict.fromkeys([*named, sys.executable, _SYSTEM_PYTHON]))
@@ -74,7 +74,7 @@ def _version(interpreter: str, peer: str) -> str | None:
 
 def interpreter_of(peer: str) -> str | None:
     """The first interpreter that imports the peer, or None."""
-    return next((path for path in interpreters() if _version(path, peer) is not None), None)
+    return next((path for path in _interpreters() if _version(path, peer) is not None), None)
 
 
 def versions() -> dict[str, str]:

@@ -149,7 +149,7 @@ ms: one thread's processor time from the decoded picture to distance and force; 
 
 def as_text(rows: Sequence[ChainRow], spent: Sequence[StageRow], lost: Sequence[LossRow]) -> str:
     """The tables for people."""
-    lines = [headline_sentence(rows), _NOTES]
+    lines = [_headline_sentence(rows), _NOTES]
     for (size, rig), own in groupby(rows, key=lambda row: (row.size, row.rig)):
         lines += ["", *_methods(size, rig, list(own))]
     lines += ["", *_losses(lost), "", *_stages(spent)]
@@ -165,7 +165,7 @@ def headline(rows: Sequence[ChainRow]) -> str:
     )
 
 
-def headline_sentence(rows: Sequence[ChainRow]) -> str:
+def _headline_sentence(rows: Sequence[ChainRow]) -> str:
     """What it comes down to."""
     row = _chosen(rows)
     return (

@@ -126,10 +126,10 @@ def cell(size: tuple[int, int], known: str, count: int, seed: int) -> Cell:
     rng = np.random.default_rng([seed, *size, RIGS[known]])
     given = Setup(tilt_rad=CAMERA_TILT_RAD, azimuth_rad=TOWARDS_CLAMP, image_size=size, real=True, exact=RIGS[known])
     rig = given.rig()
-    return Cell(size, known, rig, [photograph(drawn_truth(rig, rng), rng) for _ in range(count)])
+    return Cell(size, known, rig, [_photograph(drawn_truth(rig, rng), rng) for _ in range(count)])
 
 
-def photograph(rig: Rig, rng: np.random.Generator) -> Photograph:
+def _photograph(rig: Rig, rng: np.random.Generator) -> Photograph:
     """One picture of a true rig, contact and noise at random."""
     length = rig.antenna.length_m
     distance = rng.uniform(*REACH, 1) * length

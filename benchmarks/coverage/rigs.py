@@ -196,7 +196,7 @@ def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
     )
 
 
-def true_rod(truth: np.ndarray) -> Rod:
+def _true_rod(truth: np.ndarray) -> Rod:
     """The antenna of parameters (11,), a wire with ν = 0.3."""
     y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass = truth[:8]
     stiffness = np.exp(log_stiffness)
@@ -220,7 +220,7 @@ def _view(rig: CoverageRig, name: str, T_camera_board: Pose, rng: np.random.Gene
     return BoardView(name, ids, noisy, rig.lens.image_size, np.arange(40))
 
 
-def planned_stills() -> list[Still]:
+def _planned_stills() -> list[Still]:
     """The free antenna at every tilt, then every load along y and along z; nothing read yet."""
     free = [Still(image=None, pan_rad=0.0, tilt_rad=tilt, moment_Nm=0.0) for tilt in TILTS_RAD]
     hung = [
@@ -240,11 +240,11 @@ def planned_stills() -> list[Still]:
 
 
 def _stills(rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator) -> list[Seen]:
-    stills = planned_stills()
+    stills = _planned_stills()
     gravity = gravity_antenna(Kinematics(), GRAVITY_WORLD_M_S2, stills)
     loads = [(s.distance_m, 0.0, s.force_y_N, s.force_z_N) if isinstance(s, Load) else (0.1, 0, 0, 0) for s in stills]
     hung = np.array(loads, float)
-    held, rod = _clamp_turns(truth, gravity, hung), true_rod(truth)
+    held, rod = _clamp_turns(truth, gravity, hung), _true_rod(truth)
     # the clamp turns: the same as if weight and load turned the other way, and then all that is seen with the clamp
     shape = solve_rod(rod, held.inv().apply(gravity), hung[:, 0], held.inv().apply(hung[:, 1:]))
     gain, offset = truth[9:]
@@ -259,7 +259,7 @@ def _stills(rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator) -> li
 
 def _clamp_turns(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Rotation:
     """(F,) how far the clamp gives way to the moment that it holds in each still."""
-    moment = solve_rod(true_rod(truth), gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
+    moment = solve_rod(_true_rod(truth), gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
     return Rotation.from_rotvec(truth[8] / np.exp(truth[6]) * moment * [0.0, 1.0, 1.0])
 
 

@@ -66,7 +66,7 @@ def solve(given: Draw) -> Solved:
         T_antenna_camera=joint.T_antenna_camera,
         parameters=joint.parameters[6:],
         covariance=joint.covariance[:first, :first],
-        plane_covariance=plane_covariance(joint),
+        plane_covariance=_plane_covariance(joint),
         noise_scale=joint.noise_scale,
         seconds=tuple(np.diff(clock).tolist()),
     )
@@ -80,7 +80,7 @@ def observations(given: Draw) -> list[Observation]:
     ]
 
 
-def plane_covariance(joint: JointSolution) -> np.ndarray:
+def _plane_covariance(joint: JointSolution) -> np.ndarray:
     """(P + 6, P + 6) of the lens, then of the camera's pose, out of the joint covariance."""
     order = np.r_[len(RIG_PARAMETERS) : len(joint.covariance), :6]
     return joint.covariance[np.ix_(order, order)]

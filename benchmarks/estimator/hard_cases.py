@@ -59,17 +59,17 @@ def _ordinary(
     return scenes(rig, distance, rolled(size, roll if roll_rad is None else roll_rad)).noisy(rng)
 
 
-def near_the_clamp(count: int, rng: Rng) -> Hard:
+def _near_the_clamp(count: int, rng: Rng) -> Hard:
     """l from 1 to 5 % of the length."""
     return Hard(_ordinary(count, rng, reach=(0.01, 0.05)))
 
 
-def near_the_tip(count: int, rng: Rng) -> Hard:
+def _near_the_tip(count: int, rng: Rng) -> Hard:
     """l from 97 % of the length on."""
     return Hard(_ordinary(count, rng, reach=(0.97, 1.0)))
 
 
-def hardly_bent(count: int, rng: Rng) -> Hard:
+def _hardly_bent(count: int, rng: Rng) -> Hard:
     """Deflections at the contact of about one deviation of a point."""
     return Hard(_ordinary(count, rng, deflection_m=3e-5))
 
@@ -81,29 +81,29 @@ def coincident(count: int, rng: Rng) -> Hard:
     return Hard(replace(frames, points_px=one + rng.normal(0.0, SIGMA_PX, one.shape)))
 
 
-def before_the_contact(count: int, rng: Rng) -> Hard:
+def _before_the_contact(count: int, rng: Rng) -> Hard:
     """Only points on the curved part."""
     frames = _ordinary(count, rng)
     return Hard(_hidden(frames, frames.arclength_m > frames.distance_m[:, None]))
 
 
-def beyond_the_contact(count: int, rng: Rng) -> Hard:
+def _beyond_the_contact(count: int, rng: Rng) -> Hard:
     """Only points on the straight part."""
     frames = _ordinary(count, rng)
     return Hard(_hidden(frames, frames.arclength_m < frames.distance_m[:, None]))
 
 
-def along_the_sight(count: int, rng: Rng) -> Hard:
+def _along_the_sight(count: int, rng: Rng) -> Hard:
     """ξ = 90° under the upright camera: all bending is towards it."""
     return Hard(_ordinary(count, rng, roll_rad=np.pi / 2))
 
 
-def lying_camera(count: int, rng: Rng) -> Hard:
+def _lying_camera(count: int, rng: Rng) -> Hard:
     """A camera that looks along the antenna, 87° inclined."""
     return Hard(_ordinary(count, rng, Setup(tilt_rad=np.radians(87.0), azimuth_rad=TOWARDS_CLAMP)))
 
 
-def edge_on(count: int, rng: Rng) -> Hard:
+def _edge_on(count: int, rng: Rng) -> Hard:
     """The camera's centre within 0.02 rad of the deformation plane."""
     rig = Setup(tilt_rad=np.radians(40.0), azimuth_rad=ACROSS).rig()
     centre = rig.T_antenna_camera.translation_m
@@ -112,28 +112,28 @@ def edge_on(count: int, rng: Rng) -> Hard:
     return Hard(scenes(rig, distance, rolled(size, roll)).noisy(rng))
 
 
-def close_by(count: int, rng: Rng) -> Hard:
+def _close_by(count: int, rng: Rng) -> Hard:
     """A camera 60 mm from the antenna, which sees the middle of it."""
     rig = replace(Setup().rig(), T_antenna_camera=looking_pose(0.2, TOWARDS_CLAMP, 0.06))
     return Hard(_ordinary(count, rng, rig=rig))
 
 
-def no_moment_there(count: int, rng: Rng) -> Hard:
+def _no_moment_there(count: int, rng: Rng) -> Hard:
     """τ = 0: no force along z."""
     return Hard(_ordinary(count, rng, roll_rad=0.0))
 
 
-def no_sensor(count: int, rng: Rng) -> Hard:
+def _no_sensor(count: int, rng: Rng) -> Hard:
     """Vision alone, camera inclined by 45°."""
     return Hard(_ordinary(count, rng, Setup(tilt_rad=np.radians(45.0))), with_moment=False)
 
 
-def no_sensor_upright(count: int, rng: Rng) -> Hard:
+def _no_sensor_upright(count: int, rng: Rng) -> Hard:
     """Vision alone by the camera that sees least of f_z."""
     return Hard(_ordinary(count, rng), with_moment=False)
 
 
-def huge_load(count: int, rng: Rng) -> Hard:
+def _huge_load(count: int, rng: Rng) -> Hard:
     """Slopes of 45 to 75° at the contact."""
     rig = Setup(swing_m=0.15).rig()
     distance, _, roll = _touched(rig, rng, count)
@@ -141,7 +141,7 @@ def huge_load(count: int, rng: Rng) -> Hard:
     return Hard(scenes(rig, distance, rolled(size, roll)).noisy(rng))
 
 
-def few_points(points: int) -> Maker:
+def _few_points(points: int) -> Maker:
     """So many points, evenly over the antenna."""
 
     def make(count: int, rng: Rng) -> Hard:
@@ -164,12 +164,12 @@ def outliers(count: int, rng: Rng) -> Hard:
     return Hard(with_outliers(frames, 0.2, rng))
 
 
-def single_precision(count: int, rng: Rng) -> Hard:
+def _single_precision(count: int, rng: Rng) -> Hard:
     """Pixels in float32."""
     return Hard(_ordinary(count, rng), single=True)
 
 
-def of_size(factor: float) -> Maker:
+def _of_size(factor: float) -> Maker:
     """The same scene so many times larger, in everything but the picture."""
 
     def make(count: int, rng: Rng) -> Hard:
@@ -179,28 +179,28 @@ def of_size(factor: float) -> Maker:
 
 
 CASES: dict[str, Maker] = {
-    "l → 0": near_the_clamp,
-    "l → L": near_the_tip,
-    "δ → 0": hardly_bent,
+    "l → 0": _near_the_clamp,
+    "l → L": _near_the_tip,
+    "δ → 0": _hardly_bent,
     "all points in one place": coincident,
-    "points before the contact only": before_the_contact,
-    "points beyond the contact only": beyond_the_contact,
-    "ξ = 90°, upright camera": along_the_sight,
-    "camera inclined by 87°": lying_camera,
-    "camera's centre almost in 𝒟": edge_on,
-    "camera 60 mm away": close_by,
-    "τ = 0": no_moment_there,
-    "no sensor, camera at 45°": no_sensor,
-    "no sensor, upright camera": no_sensor_upright,
-    "slopes of 45 to 75°": huge_load,
-    "2 points": few_points(2),
-    "3 points": few_points(3),
-    "5 points": few_points(5),
+    "points before the contact only": _before_the_contact,
+    "points beyond the contact only": _beyond_the_contact,
+    "ξ = 90°, upright camera": _along_the_sight,
+    "camera inclined by 87°": _lying_camera,
+    "camera's centre almost in 𝒟": _edge_on,
+    "camera 60 mm away": _close_by,
+    "τ = 0": _no_moment_there,
+    "no sensor, camera at 45°": _no_sensor,
+    "no sensor, upright camera": _no_sensor_upright,
+    "slopes of 45 to 75°": _huge_load,
+    "2 points": _few_points(2),
+    "3 points": _few_points(3),
+    "5 points": _few_points(5),
     "40 % missing": missing,
     "20 % outliers": outliers,
-    "float32 pixels": single_precision,
-    "1000 times larger": of_size(1e3),
-    "1000 times smaller": of_size(1e-3),
+    "float32 pixels": _single_precision,
+    "1000 times larger": _of_size(1e3),
+    "1000 times smaller": _of_size(1e-3),
 }
 """Name → what makes its frames."""
 

@@ -110,7 +110,7 @@ def _row(population: Population, frames: int, model: str, rng: np.random.Generat
     least = [bound(part, population.friction_std_rad) for part in exact]
     bounds = np.concatenate([one.std for one in least])
     force_bounds = np.concatenate([one.force_std for one in least])
-    measured = joined(found)
+    measured = _joined(found)
     good = measured.numbered
     errors = measured.values - true
     distance = quality(errors[good, 0], measured.std[good, 0], bounds[good, 0])
@@ -120,7 +120,7 @@ def _row(population: Population, frames: int, model: str, rng: np.random.Generat
     force = np.concatenate([part.force_N for part in exact])
     size = np.linalg.norm(force, axis=1)
     missed = np.linalg.norm(measured.force_N - force, axis=1)
-    biases = _biases(joined(found_exact), true) if biased else None
+    biases = _biases(_joined(found_exact), true) if biased else None
     return RodRow(
         population=population.name,
         frames=len(true),
@@ -164,6 +164,6 @@ def _biases(found: Estimates, true: np.ndarray) -> np.ndarray:
     return (np.abs(found.values[good] - true[good]) / found.std[good]).max(axis=1)
 
 
-def joined(parts: Sequence[Estimates]) -> Estimates:
+def _joined(parts: Sequence[Estimates]) -> Estimates:
     """Estimates one after the other."""
     return Estimates(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))

@@ -76,11 +76,11 @@ class Judged:
 
 def run(frames: int, seed: int, repeats: int) -> list[SpeedRow]:
     """Every method over so many frames of N = 200 points under an upright camera."""
-    rows = [formula_alone(FORMULA_FRAMES, seed, repeats)]
+    rows = [_formula_alone(FORMULA_FRAMES, seed, repeats)]
     rolled_frames, flat = population(frames, seed, ROLL_RAD), population(frames, seed + 1, 0.0)
     rows += _baselines(rolled_frames, flat, seed, repeats)
     rows.append(_loop(rolled_frames, flat, min(LOOP_FRAMES, -(-frames // 4))))
-    calibrated = [calibrated_population(frames, seed + 2, roll) for roll in (ROLL_RAD, 0.0)]
+    calibrated = [_calibrated_population(frames, seed + 2, roll) for roll in (ROLL_RAD, 0.0)]
     known = {"exact": (rolled_frames, flat), "calibrated": calibrated}
     for rig, (judged, judged_flat) in known.items():
         for model in progress(MODELS, f"rungs, {rig} rig", len(MODELS)):
@@ -95,7 +95,7 @@ def population(frames: int, seed: int, roll_rad: float) -> Judged:
     return Judged(clean.noisy(rng), bound(clean).std[:, 0])
 
 
-def calibrated_population(frames: int, seed: int, roll_rad: float) -> Judged:
+def _calibrated_population(frames: int, seed: int, roll_rad: float) -> Judged:
     """The same with several true rigs, each one draw of the given rig's covariance away."""
     given, rng = Setup(exact=False).rig(), np.random.default_rng(seed)
     distance, push = _touches(frames, rng, roll_rad)
@@ -125,7 +125,7 @@ def joined(parts: Sequence[Scenes]) -> Scenes:
     )
 
 
-def formula_alone(frames: int, seed: int, repeats: int) -> SpeedRow:
+def _formula_alone(frames: int, seed: int, repeats: int) -> SpeedRow:
     """The two-point formulas on points that are on plane C already, every case."""
     rng, stiffness, length = np.random.default_rng(seed), 3.9e-3, 0.24
     contact, x = rng.uniform(0.02, 1.0, frames) * length, rng.uniform(0.005, 1.0, (frames, 2)) * length

@@ -37,7 +37,7 @@ def suggested(
     return photographer.by_hand(wanted_pose(progress.suggestion, rig, camera))
 
 
-def as_people_do(photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None) -> BoardView:
+def _as_people_do(photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None) -> BoardView:
     """Tilted by up to 40°, rolled a little, its middle in the middle two thirds, at any distance that is in focus."""
     rng = photographer.rng
     while True:
@@ -63,7 +63,7 @@ def anywhere(photographer: Photographer, views: Sequence[BoardView], solution: L
             return view
 
 
-def covering(photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None) -> BoardView:
+def _covering(photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None) -> BoardView:
     """The rule of thumb: the board in the middle of the emptiest part of the picture, tilted at random."""
     rng, rig = photographer.rng, photographer.rig
     counts = np.zeros(_CELLS)
@@ -81,7 +81,7 @@ def covering(photographer: Photographer, views: Sequence[BoardView], solution: L
                 return taken
 
 
-def most_determinant(
+def _most_determinant(
     photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None
 ) -> BoardView | None:
     """The pose, of those that suggestions are chosen from, that adds most to the determinant of the information."""
@@ -116,9 +116,9 @@ def _picture(photographer: Photographer, place: np.ndarray, rotation: np.ndarray
 SUGGESTED, PEOPLE = "as suggested", "random, as people do"
 WAYS: dict[str, Way] = {
     SUGGESTED: suggested,
-    PEOPLE: as_people_do,
+    PEOPLE: _as_people_do,
     "random, anywhere": anywhere,
-    "emptiest part": covering,
-    "largest determinant": most_determinant,
+    "emptiest part": _covering,
+    "largest determinant": _most_determinant,
 }
 """Name → way to choose the next pose; the first is ours."""

@@ -140,12 +140,12 @@ def contestants(camera: Camera, pixels: np.ndarray) -> Iterator[tuple[str, Undis
     if camera.model == "opencv":
         families.append(("kornia", _kornia, (5, 10, 50)))
     for family, make, always in families:
-        needed = steps_needed(camera, make, reachable)
+        needed = _steps_needed(camera, make, reachable)
         for steps in sorted({*always, needed}):
             yield f"{family}, {steps} steps", make(camera, steps)
 
 
-def steps_needed(camera: Camera, make: Callable[[Camera, int], Undistort], pixels: np.ndarray) -> int:
+def _steps_needed(camera: Camera, make: Callable[[Camera, int], Undistort], pixels: np.ndarray) -> int:
     """Fewest steps of the ladder that make a method exact, or that it stops improving at."""
     best, chosen = np.inf, LADDER[0]
     for steps in LADDER:

@@ -93,7 +93,7 @@ def alarms(frames: int, seed: int) -> list[AlarmRow]:
         for number, motion in enumerate(MOTIONS):
             counts = np.zeros(2, int)
             for draw in progress(range(count), f"free, {rig}, {motion}", count):
-                counts += _alarms_of(free_recording(rig, motion, (seed, RIGS.index(rig), number, draw)))
+                counts += _alarms_of(_free_recording(rig, motion, (seed, RIGS.index(rig), number, draw)))
             rows.append(AlarmRow(rig, motion, count, count * FREE_FRAMES, *counts.tolist()))
     return rows
 
@@ -103,7 +103,7 @@ def _alarms_of(table: ContactTable) -> tuple[int, int]:
     return told, int((table.evidence >= CONTACT_EVIDENCE).sum())
 
 
-def free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:
+def _free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:
     """One recording of an antenna that touches nothing."""
     rng = np.random.default_rng(list(seed))
     azimuth = float(rng.uniform(-np.pi, np.pi))

@@ -145,7 +145,7 @@ class Cone:
         return float(np.tan(np.radians(0.5 * (self.there_deg + self.back_deg))))
 
 
-def by_two_points(rig: Rig, frames: Dragged, drawn: Pictures, free: Pictures, sigma_px: float) -> Trace:
+def _by_two_points(rig: Rig, frames: Dragged, drawn: Pictures, free: Pictures, sigma_px: float) -> Trace:
     """The paper's way: camera A, then its equations 19 to 22 with the mended rotation."""
     found = by_camera_a(rig, drawn, free, sigma_px)
     force = found.force_N
@@ -154,7 +154,7 @@ def by_two_points(rig: Rig, frames: Dragged, drawn: Pictures, free: Pictures, si
     return Trace(*(np.einsum("bij,bj->bi", frames.rotation, vector) for vector in (point, force)))
 
 
-def by_all_points(rig: Rig, frames: Dragged, drawn: Pictures, sigma_px: float) -> Contacts:
+def _by_all_points(rig: Rig, frames: Dragged, drawn: Pictures, sigma_px: float) -> Contacts:
     """The estimator, frame by frame."""
     return ContactEstimator(rig).estimate_batch(
         drawn.points_px, drawn.moment_Nm[:, 1], frames.pan_rad, frames.tilt_rad, sigma_px=sigma_px
@@ -193,10 +193,10 @@ def run(
             for draw in range(draws):
                 used = frames[draw % len(frames)]
                 drawn, free = (each.noisy(rig, sigma_px, rng) for each in (used.touched, used.free))
-                found = by_all_points(rig, used, drawn, sigma_px)
+                found = _by_all_points(rig, used, drawn, sigma_px)
                 felt.append(felt_of(rig, found, used.pan_rad, used.tilt_rad, FRICTION_RAD))
                 traces = {
-                    TWO_POINTS: by_two_points(rig, used, drawn, free, sigma_px),
+                    TWO_POINTS: _by_two_points(rig, used, drawn, free, sigma_px),
                     ALL_POINTS: Trace(found.point_world_m, found.force_world_N),
                 }
                 for method, trace in traces.items():

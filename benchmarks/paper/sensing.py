@@ -143,7 +143,7 @@ def by_camera_a(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -
     )
 
 
-def by_all_points(rig: Rig, pictures: Pictures, sigma_px: float, pan_rad: float) -> Answers:
+def _by_all_points(rig: Rig, pictures: Pictures, sigma_px: float, pan_rad: float) -> Answers:
     """The estimator, told that nothing rubs."""
     count = len(pictures.points_px)
     found = ContactEstimator(rig, friction=0.0).estimate_batch(
@@ -180,7 +180,7 @@ def _all_at_once(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Answe
     together = Pictures(
         np.concatenate([each.points_px for each in drawn]), np.concatenate([each.moment_Nm for each in drawn])
     )
-    found = by_all_points(rig, together, sigma_px, PUSH_RAD)
+    found = _by_all_points(rig, together, sigma_px, PUSH_RAD)
     return [Answers(*parts) for parts in zip(*(np.split(v, len(drawn)) for v in vars(found).values()), strict=True)]
 
 

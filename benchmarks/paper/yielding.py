@@ -94,7 +94,7 @@ def run(draws: int, seed: int) -> list[YieldingRow]:
             for name in BASELINES:
                 readings[name].append(ask(name, press))
             whole.append(drawn)
-        readings[ALL_POINTS] = [by_all_points(rig, drawn) for drawn in whole]
+        readings[ALL_POINTS] = [_by_all_points(rig, drawn) for drawn in whole]
         gained = 3e3 * rig.antenna.stiffness_Nm2 / (stiffness * DISTANCE_M**2)
         for name, several in readings.items():
             row = _row(name, stiffness, np.array([each.distance_m for each in used]), several)
@@ -102,7 +102,7 @@ def run(draws: int, seed: int) -> list[YieldingRow]:
     return rows
 
 
-def by_all_points(rig: Rig, drawn: Pictures) -> Reading:
+def _by_all_points(rig: Rig, drawn: Pictures) -> Reading:
     """The estimator's last contact, and 1/k from all of its contacts: their way in the world's y over the force there.
 
     The covariances hold the calibration as if it were each frame's own error, so that k's deviation is a cautious one.

@@ -32,7 +32,7 @@ def good(rng: Rng, size: Size) -> Shot:
     return Shot(size, bend, float(rng.uniform(2.0, 8.0)), spec)
 
 
-def uneven_light(rng: Rng, shot: Shot) -> Shot:
+def _uneven_light(rng: Rng, shot: Shot) -> Shot:
     """Dark corners and one side in the dark."""
     spec = replace(shot.spec, vignette=rng.uniform(0.3, 0.7), gradient=rng.uniform(0.3, 0.7))
     return replace(shot, spec=spec)
@@ -62,10 +62,10 @@ def highlights(rng: Rng, shot: Shot) -> Shot:
 
 def clutter(rng: Rng, shot: Shot) -> Shot:
     """Texture, soft shapes, straight edges and bars of any width behind it."""
-    return replace(shot, clutter=rubbish(rng, shot.size, float(rng.uniform(0.15, 0.4))))
+    return replace(shot, clutter=_rubbish(rng, shot.size, float(rng.uniform(0.15, 0.4))))
 
 
-def twin(rng: Rng, shot: Shot) -> Shot:
+def _twin(rng: Rng, shot: Shot) -> Shot:
     """A shadow or a fainter reflection beside it."""
     strength = float(rng.uniform(-0.6, -0.3) if rng.uniform() < 0.5 else rng.uniform(0.2, 0.5))
     aside = float(rng.choice([-1, 1]) * (shot.width_px + rng.uniform(2.0, 20.0)))
@@ -115,13 +115,13 @@ def dark(rng: Rng, shot: Shot) -> Shot:
 
 
 HARDSHIPS: dict[str, Callable[[Rng, Shot], Shot]] = {
-    "uneven light": uneven_light,
+    "uneven light": _uneven_light,
     "defocus": defocus,
     "motion blur": motion,
     "sensor noise": noise,
     "highlights": highlights,
     "clutter": clutter,
-    "shadow or reflection": twin,
+    "shadow or reflection": _twin,
     "hidden up to 40 %": hidden,
     "1.5 to 2 px wide": thin,
     "8 to 20 px wide": thick,
@@ -143,7 +143,7 @@ def mixed(rng: Rng, size: Size, empty: bool = False) -> Shot:
     return replace(shot, bend=None, twins=(), glint=(0.0, 0.0)) if empty else shot
 
 
-def rubbish(rng: Rng, size: Size, contrast: float) -> np.ndarray:
+def _rubbish(rng: Rng, size: Size, contrast: float) -> np.ndarray:
     """(H, W) float32 brightness: clouds, texture, soft shapes, straight edges, bars."""
     width, height = size
     canvas = np.zeros((height, width), np.float32)

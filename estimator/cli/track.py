@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     shared = None if rig is None else shared_errors(rig, table)
     track = follow(table, rig, shared)
     smoothed = None if args.smooth is None or rig is None else smooth(table, rig, shared, track)
-    write_text(args.output, as_csv(table, track), args.force)
+    write_text(args.output, _as_csv(table, track), args.force)
     if smoothed is not None:
         _write_smoothed(args.smooth, smoothed, args.force)
     counts = Counter(track.phase.tolist())
@@ -82,12 +82,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "frames": len(table),
         "phases": dict(counts),
         "ringing": int(track.ringing.sum()),
-        "events": events_as_data(track),
+        "events": _events_as_data(track),
         "notes": list(track.notes),
     }
 
 
-def as_csv(table: ContactTable, track: Track) -> str:
+def _as_csv(table: ContactTable, track: Track) -> str:
     """track.csv: a line for every frame of the table."""
     import numpy as np
 
@@ -104,7 +104,7 @@ def as_csv(table: ContactTable, track: Track) -> str:
     return "\n".join(lines) + "\n"
 
 
-def events_as_data(track: Track) -> list[dict[str, Any]]:
+def _events_as_data(track: Track) -> list[dict[str, Any]]:
     """The events as plain data; a time that cannot be told is None."""
     import math
     from dataclasses import asdict

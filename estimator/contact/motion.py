@@ -70,7 +70,7 @@ def neighbours(time_s: Array, judged: Array, reach_s: Array, longest_s: float, *
     return Neighbours(judged, at[:, used], after[:, used], inside[:, used], enough)
 
 
-def second_derivative(near: Neighbours, points: Array, std: Array) -> tuple[Array, Array, Array]:
+def _second_derivative(near: Neighbours, points: Array, std: Array) -> tuple[Array, Array, Array]:
     """Second derivatives (R, G, 3) of points (n, G, 3), their standard deviations (R, G, 3) and weights (R, W).
 
     `std` (n, 1) or (n, G) is that of one component of a point. Where there are `TESTED` frames or more, and the points
@@ -236,7 +236,7 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     half_period_s = math.pi / float(beam.first_mode_rad_s(np.zeros(())))
     near = neighbours(kept.time_s, as_index(place), 0.5 * math.pi / mode, half_period_s, live=live)
     near = replace(near, enough=near.enough & known[judged])
-    acceleration, std, weights = second_derivative(near, kept.points_m, kept.std_m)
+    acceleration, std, weights = _second_derivative(near, kept.points_m, kept.std_m)
     response = -(weights * xp.cos(mode[:, None] * near.after_s)).sum(-1) / mode**2
     density = beam.mass_per_length_kg_m
     return Inertia(-density * acceleration, density * std, response)

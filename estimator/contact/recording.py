@@ -139,7 +139,7 @@ def looks(estimator: ContactEstimator, glances: Iterable[Glance]) -> Iterator[Lo
         yield from look_again(estimator, several)
 
 
-def read_plane(rig: Rig, path: Path) -> np.ndarray:
+def _read_plane(rig: Rig, path: Path) -> np.ndarray:
     """A picture (H, W) on the rig's plane of paint. Raises InputError when it cannot be read or has another size."""
     image = read_picture(path)
     if image.shape[1::-1] != tuple(rig.camera.image_size):
@@ -153,7 +153,7 @@ def read_plane(rig: Rig, path: Path) -> np.ndarray:
 
 def read_ground(rig: Rig, path: Path) -> Ground:
     """The surroundings from a picture of the same view without the antenna. Raises InputError as `read_plane` does."""
-    return Ground(read_plane(rig, path).astype(np.float32))
+    return Ground(_read_plane(rig, path).astype(np.float32))
 
 
 def glance(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> Glance:
@@ -162,7 +162,7 @@ def glance(estimator: ContactEstimator, frame: Frame, ground: Ground | None = No
     Raises InputError when the picture cannot be read or has another size.
     """
     assert frame.image is not None
-    image = read_plane(estimator.rig, frame.image)
+    image = _read_plane(estimator.rig, frame.image)
     if ground is not None:
         image = ground.taken_off(image)
     return Glance(frame, image, look(estimator.rig, frame, image))
@@ -183,7 +183,7 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground |
     return next(estimate_pictures(estimator, [frame], ground))
 
 
-def measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
+def _measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
     """What a frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN."""
     points = lines.get(frame.frame, np.empty((0, 3)))
     return _felt(frame, points[:, :2], np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px))
@@ -194,7 +194,7 @@ def estimate_centrelines(
 ) -> Iterator[FrameContact]:
     """Every frame from extracted pixels (see `measured_points`), in order, as many at a time as the estimator takes."""
     # a tee holds no more than what the estimator has taken in and not yet given back
-    given, kept = tee(measured_points(estimator.rig, frame, lines) for frame in frames)
+    given, kept = tee(_measured_points(estimator.rig, frame, lines) for frame in frames)
     for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
         yield FrameContact(frame, contact, seen)
 

@@ -53,17 +53,17 @@ def statuses(numbers: Numbers) -> np.ndarray:
             (~numbers.finite, FAILED),
             (~(numbers.evidence >= CONTACT_EVIDENCE), NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
-            (blindly(numbers) & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
-            (unexplained(numbers) | misled(numbers), FAILED),
+            (_blindly(numbers) & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
+            (unexplained(numbers) | _misled(numbers), FAILED),
             (uncertain & held, LOW),
-            (uncertain | loose(numbers) | rivalled(numbers), UNOBSERVABLE),
+            (uncertain | loose(numbers) | _rivalled(numbers), UNOBSERVABLE),
             (contradiction(numbers) > CONTRADICTION, FAILED),
             (numbers.at_tip, TIP),
         ]
     return np.select([which for which, _ in order], [status for _, status in order], OK)
 
 
-def rivalled(numbers: Numbers) -> np.ndarray:
+def _rivalled(numbers: Numbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
     apart = np.abs(numbers.rival_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
     return apart.any(axis=1) & (numbers.rival < RIVAL * numbers.scatter**2)
@@ -73,11 +73,11 @@ def unexplained(numbers: Numbers) -> np.ndarray:
     """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
     shapeless = ~numbers.converged | (numbers.scatter > WRONG_SHAPE)
     # without a reading a steep bend along the line of sight fits almost anything, if not quite
-    shapeless |= blindly(numbers) & ((numbers.scatter > 1.0) | (np.abs(numbers.unknowns[:, 3]) > STEEP_BLIND))
-    return shapeless | at_clamp(numbers) | leaning(numbers) | doubled(numbers)
+    shapeless |= _blindly(numbers) & ((numbers.scatter > 1.0) | (np.abs(numbers.unknowns[:, 3]) > STEEP_BLIND))
+    return shapeless | _at_clamp(numbers) | leaning(numbers) | _doubled(numbers)
 
 
-def blindly(numbers: Numbers) -> np.ndarray:
+def _blindly(numbers: Numbers) -> np.ndarray:
     """(B,) whether vision is alone, and cannot tell the contact from its mirror image but by perspective."""
     return numbers.blind & ~numbers.felt.any(axis=1)
 
@@ -87,7 +87,7 @@ def contradicted(numbers: Numbers) -> np.ndarray:
     return unexplained(numbers) & numbers.explained_alone
 
 
-def at_clamp(numbers: Numbers) -> np.ndarray:
+def _at_clamp(numbers: Numbers) -> np.ndarray:
     """(B,) whether the contact lies no further from the clamp than distances are looked for."""
     return numbers.unknowns[:, 0] <= NEAREST * (1.0 + 1e-6)
 
@@ -97,7 +97,7 @@ def leaning(numbers: Numbers) -> np.ndarray:
     return np.abs(numbers.unknowns[:, 3]) > STEEP
 
 
-def doubled(numbers: Numbers) -> np.ndarray:
+def _doubled(numbers: Numbers) -> np.ndarray:
     """(B,) whether a second force explains so much more that the distance cannot be believed."""
     return (numbers.second > SECOND_CONTACT) & (numbers.second_harm > HARM)
 
@@ -110,10 +110,10 @@ def loose(numbers: Numbers) -> np.ndarray:
     """
     std, force = np.max(numbers.std[:, 1:3], axis=1), np.hypot(numbers.unknowns[:, 1], numbers.unknowns[:, 2])
     swaying = ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < LOW_SIGNAL)
-    return swaying | (blindly(numbers) & ~(std < 0.5 * force))
+    return swaying | (_blindly(numbers) & ~(std < 0.5 * force))
 
 
-def misled(numbers: Numbers) -> np.ndarray:
+def _misled(numbers: Numbers) -> np.ndarray:
     """(B,) whether the rung, a demanded one, is too low by more than its deviations can make good."""
     bias = numbers.bias[np.arange(len(numbers)), numbers.rung]
     return np.isfinite(bias) & (bias > MISLED)
@@ -146,13 +146,13 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
     scatter, lean = numbers.scatter[index], abs(numbers.unknowns[index, 3])
     if not numbers.finite[index]:
         return "the fit left the domain of the model"
-    if misled(numbers)[index] and not unexplained(numbers)[index]:
+    if _misled(numbers)[index] and not unexplained(numbers)[index]:
         rung = int(numbers.rung[index])
         return (
             f"{RUNGS[rung]} is too low for this frame, some {numbers.bias[index, rung]:.0f} std off: take a higher rung"
         )
     two = ""
-    if doubled(numbers)[index]:
+    if _doubled(numbers)[index]:
         places = sorted((numbers.unknowns[index, 0], numbers.second_place[index]))
         near, far = (1e3 * length_m * place for place in places)
         two = f"two contacts explain it better, near {near:.0f} and {far:.0f} mm, or the rig is off"
@@ -161,11 +161,11 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
         return f"{why}; or {two}" if two else why
     if two:
         return f"the shape is not that of one contact: {two}"
-    if at_clamp(numbers)[index]:
+    if _at_clamp(numbers)[index]:
         return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
     if leaning(numbers)[index]:
         return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
-    if scatter > WRONG_SHAPE or (scatter > 1.0 and blindly(numbers)[index]):
+    if scatter > WRONG_SHAPE or (scatter > 1.0 and _blindly(numbers)[index]):
         return f"the shape is not that of one contact: points lie {scatter:.1f} std off or more"
     if not numbers.converged[index]:
         return "the fit did not converge"
@@ -173,7 +173,7 @@ def _failed(numbers: Numbers, index: int, length_m: float) -> str:
 
 
 def _unobservable(numbers: Numbers, index: int, length_m: float) -> str:
-    if numbers.edge_on_rad[index] < (EDGE_ON_BLIND_RAD if blindly(numbers)[index] else EDGE_ON_RAD):
+    if numbers.edge_on_rad[index] < (EDGE_ON_BLIND_RAD if _blindly(numbers)[index] else EDGE_ON_RAD):
         return f"the camera sees the deformation plane edge-on, {np.degrees(numbers.edge_on_rad[index]):.1f}° off"
     if not np.isfinite(numbers.std[index, 0]):
         return "nothing in picture and moment holds the contact distance"

@@ -24,7 +24,7 @@ from vbaa_calib.core.arrays import Array, like, namespace
 from .two_point import Part, bending, elasticity, floats, in_pieces, ordered, relative_contact
 
 
-def real_roots(rising: Array) -> Array:
+def _real_roots(rising: Array) -> Array:
     """Real roots (n, degree) of polynomials (n, degree + 1) in rising powers; NaN in place of the complex ones."""
     xp = namespace(rising)
     degree = rising.shape[1] - 1
@@ -58,7 +58,7 @@ _ENDLESS = 1e15
 _HALVINGS = 36
 
 
-def candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
+def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
     """Part, l, x1 and x2 (n, 3) of every contact: the first and second not straight, and the straight one; or NaN.
 
     The point nearer to the clamp is the first; `ratio` is y2/y1, `torque` τ_y·tanφ/2EI.
@@ -249,7 +249,7 @@ def _solved(
     xp = namespace(y_a)
     xp1, xp2, y1, y2 = ordered(abs(y_a) > abs(y_b), (xp_a, xp_b), (y_a, y_b))
     twist = moment * xp.tan(tilt)
-    part, contact, x1, x2 = candidates(xp1, xp2, y2 / y1, twist / (2.0 * stiffness))
+    part, contact, x1, x2 = _candidates(xp1, xp2, y2 / y1, twist / (2.0 * stiffness))
     limit = (length + 0.0 * y1)[:, None]
     contact = xp.where((contact > 0.0) & (contact <= limit * (1.0 + _ROUNDING)), xp.minimum(contact, limit), np.nan)
     force = (6.0 * stiffness * y2)[:, None] / bending(x2, contact)
@@ -306,7 +306,7 @@ def _eq29(
     a0, a1, a2, a3 = (p1**k - p2**k * e1 for k in range(4))
     sextic = [8.0 * g**3 * a0, 3.0 * g**2 * a0, 15.0 * g**2 * a1, 6.0 * g * a1, 6.0 * g * a2, 3.0 * a2, -a3]
     # as a polynomial in 1/l: its leading coefficient does not vanish with γ
-    contact = unit[:, None] / real_roots(xp.stack(sextic, -1))
+    contact = unit[:, None] / _real_roots(xp.stack(sextic, -1))
     inside = (contact > 0.0) & (contact <= (length + 0.0 * unit)[:, None])
     smallest = xp.amin(xp.where(inside, contact, np.inf), -1)
     return (xp.where(smallest < np.inf, smallest, np.nan),)

@@ -86,7 +86,7 @@ def problem(known: Known, view: View, table: RigTable, found: Match, scatter: Ar
     return Problem(found, columns, felt, view.misfit, prior, scatter)
 
 
-def huber(residuals: Array) -> Array:
+def _huber(residuals: Array) -> Array:
     """Half the Huber squares of whitened residuals."""
     xp = namespace(residuals)
     size = xp.abs(residuals)
@@ -103,8 +103,8 @@ def huber_weights(residuals: Array) -> Array:
 def cost(this: Problem, at: Array, moved: Array | None = None) -> Array:
     """(B,) robust cost with the priors of values `at` (B, K), after a small move (B, K) towards them."""
     distance, misfit = (this.found.distance, this.misfit) if moved is None else this.residuals(moved)
-    points = huber(this.whitened(distance)).sum(-1)
-    return points + huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
+    points = _huber(this.whitened(distance)).sum(-1)
+    return points + _huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
 
 
 def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations:
@@ -117,7 +117,7 @@ def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations
     pull = (this.columns.mT @ summed.load[..., None] + felt.mT @ misfit[..., None])[..., 0]
     diagonal = counted(at, this.columns.shape[-1])
     information[:, diagonal, diagonal] += this.prior
-    total = huber(whitened).sum(-1) + huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
+    total = _huber(whitened).sum(-1) + _huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
     return Equations(information, pull - this.prior * at, total)
 
 

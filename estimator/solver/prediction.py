@@ -153,11 +153,11 @@ def readings(frames: Frames, shapes: Curves) -> Array:
     xp, known = namespace(shapes.points_m), frames.known
     about_z = xp.zeros_like(shapes.moment_Nm)
     if known.rig.second_moment_sensor is not None:
-        about_z = moment_about_z(frames, shapes)
+        about_z = _moment_about_z(frames, shapes)
     return (known.gain * xp.stack([shapes.moment_Nm, about_z], -1) + known.offset) / known.std
 
 
-def moment_about_z(frames: Frames, shapes: Curves) -> Array:
+def _moment_about_z(frames: Frames, shapes: Curves) -> Array:
     """(B·K,) x·f_y − y·f_x of force and weight about the antenna frame's origin, N·m."""
     xp = namespace(shapes.points_m)
     contact, force = shapes.points_m[:, CONTACT], shapes.force_N

@@ -93,7 +93,7 @@ def _best_second(fits: Settled, known: Worth) -> tuple[Array, Array, Array]:
     force = force[every, best_place]
     moved = sum(force[:, axis] * taken[every, 0, 2 * best_place + axis] for axis in (0, 1))
     harm = xp.abs(moved) / known.std[:, 0]
-    louder = (about.scatter / neighbour_scatter(about)) ** 2
+    louder = (about.scatter / _neighbour_scatter(about)) ** 2
     return gain[every, best_place] * louder, places[best_place], harm
 
 
@@ -123,7 +123,7 @@ def _best_force(own: Array, taken: Array, pull: Array) -> tuple[Array, Array]:
     return xp.stack([cos * major - sin * minor, sin * major + cos * minor], -1), gain
 
 
-def neighbour_scatter(about: Problem) -> Array:
+def _neighbour_scatter(about: Problem) -> Array:
     """(B,) factor on the points' deviations by which neighbours along the antenna differ, at least 1.
 
     A second contact leaves a smooth misfit: the scatter about the fit would take it for noise.

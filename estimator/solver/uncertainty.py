@@ -89,7 +89,7 @@ def worth(fits: Settled) -> Worth:
     own = felt[..., :UNKNOWNS] + felt[..., UNKNOWNS:] @ follows
     fitted = ((own @ covariance) * own).sum(-1)
     fitted = fitted + ((felt[..., UNKNOWNS:] @ rig_covariance) * felt[..., UNKNOWNS:]).sum(-1)
-    covariance = covariance * clamour(fits.problem)[:, None, None]
+    covariance = covariance * _clamour(fits.problem)[:, None, None]
     redundant = xp.clip(1.0 - fitted, LEAST_REDUNDANCY**2, None)
     return Worth(
         xp.where(known[:, None, None], covariance, xp.inf),
@@ -100,7 +100,7 @@ def worth(fits: Settled) -> Worth:
     )
 
 
-def clamour(about: Problem) -> Array:
+def _clamour(about: Problem) -> Array:
     """(B,) factor on the variance by the points that count linearly: each still pulls, and says nothing.
 
     Σψ²/Σw of Huber's ψ and weights, which is 1 for noise; noise itself is not taken for outliers.

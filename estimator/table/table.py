@@ -22,7 +22,7 @@ TOGETHER = 4096
 """Rows of a row group."""
 
 
-def require_arrow(path: Path) -> Any:
+def _require_arrow(path: Path) -> Any:
     """The package pyarrow with its Parquet part. Raises InputError naming the file that needs it."""
     try:
         importlib.import_module("pyarrow.parquet")
@@ -32,12 +32,12 @@ def require_arrow(path: Path) -> Any:
         raise InputError("Parquet needs the package pyarrow", where=path, remedy=remedy) from None
 
 
-def write_parquet(path: Path, rows: Iterable[Mapping[str, Any]], force: bool) -> None:
+def _write_parquet(path: Path, rows: Iterable[Mapping[str, Any]], force: bool) -> None:
     """Write rows of the same columns, at least one, as they come, whole or not at all; NaN stays NaN.
 
     Raises InputError as `files.replacing` does.
     """
-    arrow = require_arrow(path)
+    arrow = _require_arrow(path)
     rest, writer = iter(rows), None
     with replacing(path, force) as temporary:
         try:
@@ -50,12 +50,12 @@ def write_parquet(path: Path, rows: Iterable[Mapping[str, Any]], force: bool) ->
                 writer.close()
 
 
-def read_parquet(path: Path, columns: Sequence[str], optional: Sequence[str]) -> Iterator[dict[str, str]]:
+def _read_parquet(path: Path, columns: Sequence[str], optional: Sequence[str]) -> Iterator[dict[str, str]]:
     """Rows as text, as `csv_rows` gives them: "" for null and NaN, and the row's number from 1 on as `line`.
 
     Raises InputError for a missing or damaged file, or a missing column.
     """
-    arrow = require_arrow(path)
+    arrow = _require_arrow(path)
     require_file(path)
     line = 0
     try:
@@ -150,7 +150,7 @@ def cells(row: ContactRow) -> dict[str, Cell]:
     return {name: values[name] for name in (*COLUMNS, *EXTRA_COLUMNS)}
 
 
-def row_of(record: Mapping[str, str], path: Path) -> ContactRow:
+def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
     """The row behind a record of texts, whose place in the file is its `line`. Raises InputError for a wrong cell."""
     where = f"{path} line {record['line']}"
     if record["status"] not in STATUSES:
@@ -238,7 +238,7 @@ ROWS_TOGETHER = 1024
 def check_format(path: Path) -> None:
     """Raises InputError for a suffix that is neither .csv nor .parquet, or a Parquet file that could not be written."""
     if path.suffix == PARQUET:
-        require_arrow(path)
+        _require_arrow(path)
     elif path.suffix != ".csv":
         raise InputError("is neither .csv nor .parquet", where=path, remedy="the suffix chooses the format")
 
@@ -252,7 +252,7 @@ def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) 
     """
     path = Path(path)
     if path.suffix == PARQUET:
-        write_parquet(path, map(cells, rows), force)
+        _write_parquet(path, map(cells, rows), force)
         return
     with replacing(path, force) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
@@ -277,14 +277,14 @@ def read_contacts(path: Path) -> ContactTable:
         backwards, a covariance that is none; with file, line and remedy.
     """
     path = Path(path)
-    read = read_parquet if path.suffix == PARQUET else csv_rows
+    read = _read_parquet if path.suffix == PARQUET else csv_rows
     records: Iterable[dict[str, str]] = read(path, COLUMNS, EXTRA_COLUMNS)
     rows: list[ContactRow] = []
     parts: list[ContactTable] = []
     lines: dict[int, str] = {}
     time_s = -np.inf
     for record in records:
-        row, where = row_of(record, path), f"{path} line {record['line']}"
+        row, where = _row_of(record, path), f"{path} line {record['line']}"
         if row.frame in lines:
             raise InputError(
                 f"frame {row.frame} stands already in line {lines[row.frame]}", where=where, remedy="keep one of them"

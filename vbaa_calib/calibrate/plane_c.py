@@ -146,10 +146,10 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
         estimates.append(sweep.estimate)
     if views.over is not None and session.over is not None:
         over = _over(session, session.over, camera, views.over, estimates)
-        doubt = clamp_doubt(over, session.over, session.board) if estimates else None
+        doubt = _clamp_doubt(over, session.over, session.board) if estimates else None
         estimates.append(over.estimate if doubt is None else loosened(over.estimate, *doubt))
     estimates = [loosened(estimate, *sight_doubt(estimate, camera)) for estimate in estimates]
-    estimates = [loosened(estimate, *print_doubt(estimate, session)) for estimate in estimates]
+    estimates = [loosened(estimate, *_print_doubt(estimate, session)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     require_agreement(apart, session.root)
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
@@ -166,7 +166,7 @@ def _over(
     return solve_over_board(images, session.board, camera, antenna, *height, guess=guess, clamp=mark)
 
 
-def clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
+def _clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
     """Directions (K, 6) and deviations (K,) in which the antenna's own frame may differ from that of jig and joints.
 
     The antenna is clamped to within what a careful builder can be trusted with, and the board lies parallel to plane C
@@ -188,7 +188,7 @@ def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.
     return turns, SIGHT_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
 
 
-def print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, np.ndarray]:
+def _print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, np.ndarray]:
     """Direction (1, 6) and deviation (1,): a print larger than measured puts the camera further away.
 
     From the board in the jig; in a sweep and over a board from where the antenna's frame is.

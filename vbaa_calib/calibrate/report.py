@@ -133,7 +133,7 @@ def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
     return found
 
 
-def plane_doubts(plane: PlaneC) -> list[str]:
+def _plane_doubts(plane: PlaneC) -> list[str]:
     """Boards with two poses, and pictures and joints of the sweep that are not as the session says."""
     found = [
         f"the board of the way {way!r} has a second pose that fits nearly as well: take it from a steeper angle"
@@ -157,7 +157,7 @@ def doubts(calibration: Calibration) -> list[str]:
     session, rig, plane = calibration.session, calibration.rig, calibration.plane
     diagnoses = calibration.still_diagnoses
     said = {one.name for one in diagnoses}
-    found = [*map(str, calibration.lens_diagnoses), *plane_doubts(plane), *map(str, diagnoses)]
+    found = [*map(str, calibration.lens_diagnoses), *_plane_doubts(plane), *map(str, diagnoses)]
     found += prior_doubts(calibration.joint, said)
     named = "\n".join(one.words for one in diagnoses)
     pictures = [still.image.name for still in calibration.stills if still.image and still.image.name in named]
@@ -272,7 +272,7 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "verdict": solution.verdict,
         "rms_px": solution.rms_px,
         "rms_inliers_px": solution.rms_inliers_px,
-        "projection_uncertainty": uncertainty_document(solution.camera),
+        "projection_uncertainty": _uncertainty_document(solution.camera),
         "board_flex": {
             "sagittas_m": flex.sagittas_m.tolist(),
             "std_m": None if flex.std_m is None else flex.std_m.tolist(),
@@ -314,7 +314,7 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
     }
 
 
-def uncertainty_document(camera: Camera) -> dict[str, Any]:
+def _uncertainty_document(camera: Camera) -> dict[str, Any]:
     """Standard deviation of the projection in its worst direction over the picture, px; null where there is no ray.
 
     `std_px` has what a turn of the camera explains taken out, `std_fixed_camera_px` has not.

@@ -19,14 +19,14 @@ from .projection import Intrinsics, pixel_to_chart, pixel_to_normalized, pixel_t
 from .slopes import normalized_by_lens, pixel_to_normalized_with_slopes
 
 
-def checked_model(name: Any) -> LensModel:
+def _checked_model(name: Any) -> LensModel:
     """The model of that name. Raises InputError for an unknown one."""
     if not isinstance(name, str) or name not in MODELS:
         raise InputError(f"the camera model is {name!r}", remedy=f"choose one of {', '.join(sorted(MODELS))}")
     return MODELS[name]
 
 
-def checked_image_size(image_size: Any) -> tuple[int, int]:
+def _checked_image_size(image_size: Any) -> tuple[int, int]:
     """(width, height), positive integers."""
     size = list(image_size) if isinstance(image_size, Sequence | np.ndarray) else []
     if len(size) != 2 or not all(isinstance(side, int | np.integer) and side > 0 for side in size):
@@ -34,7 +34,7 @@ def checked_image_size(image_size: Any) -> tuple[int, int]:
     return int(size[0]), int(size[1])
 
 
-def checked_matrix(matrix: Any) -> np.ndarray:
+def _checked_matrix(matrix: Any) -> np.ndarray:
     """(3, 3) read-only copy of a camera matrix: fx, fy > 0, no skew, last row 0 0 1."""
     values = _numbers(matrix, "the camera matrix")
     if values.shape != (3, 3):
@@ -49,7 +49,7 @@ def checked_matrix(matrix: Any) -> np.ndarray:
     return values
 
 
-def checked_distortion(distortion: Any, model: LensModel) -> np.ndarray:
+def _checked_distortion(distortion: Any, model: LensModel) -> np.ndarray:
     """(k,) read-only copy of the coefficients; OpenCV's (1, k) and (k, 1) are taken too."""
     values = _numbers(distortion, "distortion")
     if values.size != max(values.shape, default=0) or values.size not in model.counts:
@@ -60,7 +60,7 @@ def checked_distortion(distortion: Any, model: LensModel) -> np.ndarray:
     return values.reshape(-1)
 
 
-def checked_covariance(covariance: Any, count: int) -> np.ndarray:
+def _checked_covariance(covariance: Any, count: int) -> np.ndarray:
     """(count, count) read-only copy of a symmetric, positive semidefinite matrix."""
     values = _numbers(covariance, "the covariance")
     if values.shape != (count, count):
@@ -105,7 +105,7 @@ class ValidRegion:
     image_fraction: float
 
 
-def valid_region(intrinsics: Intrinsics, image_size: tuple[int, int]) -> ValidRegion:
+def _valid_region(intrinsics: Intrinsics, image_size: tuple[int, int]) -> ValidRegion:
     """Region of a lens and the share of an image (width, height) that it covers, border pixels included."""
     lens: Lens = lens_of(intrinsics.model, intrinsics.coefficients)
     columns, rows = (np.linspace(-0.5, size - 0.5, _SAMPLES_PER_SIDE) for size in image_size)
@@ -153,16 +153,16 @@ class Camera:
     intrinsics: Intrinsics = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        model = checked_model(self.model)
-        matrix, distortion = checked_matrix(self.matrix), checked_distortion(self.distortion, model)
+        model = _checked_model(self.model)
+        matrix, distortion = _checked_matrix(self.matrix), _checked_distortion(self.distortion, model)
         names = _MATRIX_NAMES + model.coefficient_names[: distortion.size]
         if self.parameter_names and tuple(self.parameter_names) != names:
             raise InputError(f"the parameters are {list(self.parameter_names)}", remedy=f"give them as {list(names)}")
         settled = {
-            "image_size": checked_image_size(self.image_size),
+            "image_size": _checked_image_size(self.image_size),
             "matrix": matrix,
             "distortion": distortion,
-            "covariance": None if self.covariance is None else checked_covariance(self.covariance, len(names)),
+            "covariance": None if self.covariance is None else _checked_covariance(self.covariance, len(names)),
             "parameter_names": names,
             "intrinsics": Intrinsics(
                 model,
@@ -278,7 +278,7 @@ class Camera:
 
     def valid_region(self) -> ValidRegion:
         """Where this lens is one to one, and what share of the image that covers."""
-        return valid_region(self.intrinsics, self.image_size)
+        return _valid_region(self.intrinsics, self.image_size)
 
     def _answer(self, function: Any, given: ArrayT, last: int, name: str) -> tuple[ArrayT, ArrayT]:
         work = working(given, last, name)

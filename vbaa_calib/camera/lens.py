@@ -62,7 +62,7 @@ class Lens:
 
 
 @lru_cache(maxsize=128)
-def prepare(name: str, coefficients: tuple[float, ...]) -> Lens:
+def _prepare(name: str, coefficients: tuple[float, ...]) -> Lens:
     """The lens of that model and these coefficients. A few milliseconds; the latest 128 are remembered."""
     model = MODELS[name]
     with np.errstate(all="ignore"):
@@ -78,7 +78,7 @@ def prepare(name: str, coefficients: tuple[float, ...]) -> Lens:
 
 def lens_of(model: LensModel, c: Coefficients | torch.Tensor) -> Lens:
     """The one lens of these coefficients, (k,) numbers or a tensor."""
-    return prepare(model.name, tuple(c.tolist() if isinstance(c, torch.Tensor) else c))
+    return _prepare(model.name, tuple(c.tolist() if isinstance(c, torch.Tensor) else c))
 
 
 def each_lens(model: LensModel, c: torch.Tensor, shape: tuple[int, ...]) -> Iterator[tuple[Any, Lens]]:

@@ -90,7 +90,7 @@ def invert_radial(
         return found
     rest = ~found.valid
     _, low, high = table.bracket(xp, distorted[rest])
-    radius[rest] = bracketed(xp, model, c, distorted[rest], low, high)
+    radius[rest] = _bracketed(xp, model, c, distorted[rest], low, high)
     return _checked(xp, model, c, table, radius, distorted)
 
 
@@ -104,7 +104,7 @@ def _checked(
     return RadialSolution(radius, solved & (radius >= 0) & (radius <= table.ideal_limit), gain, d_gain)
 
 
-def bracketed(
+def _bracketed(
     xp: ModuleType,
     model: LensModel,
     c: Sequence[float],
@@ -145,7 +145,7 @@ def radial_table(model: LensModel, c: Sequence[float]) -> RadialTable:
     even = np.linspace(0.0, distorted[-1] / (1.0 + distorted[-1]), _NODES)
     targets = np.append(even[:-1] / (1.0 - even[:-1]), distorted[-1])
     upper = np.clip(np.searchsorted(distorted, targets), 1, count - 1)
-    nodes = bracketed(np, model, c, targets, radius[upper - 1], radius[upper], _TABLE_STEPS)
+    nodes = _bracketed(np, model, c, targets, radius[upper - 1], radius[upper], _TABLE_STEPS)
     nodes = np.maximum.accumulate(nodes)
     return RadialTable(
         ideal_limit=float(radius[-1]),

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         )
     except InputError as error:
         raise InputError(error.what, where=args.table, remedy=error.remedy) from None
-    document = stiffness_document(table, solution, args.force_N, args.distance_m, moment)
+    document = _stiffness_document(table, solution, args.force_N, args.distance_m, moment)
     document |= {"inputs_sha256": {args.table.name: sha256(args.table)}, "command": list(args.argv)}
     report(document)
     if args.output:
@@ -95,7 +95,7 @@ def _second_moment(diameter_m: float | None, second_moment_m4: float | None, dis
     return second_moment_m4
 
 
-def stiffness_document(
+def _stiffness_document(
     table: DeflectionTable, solution: StiffnessSolution, force_N: float, distance_m: float, moment_m4: float | None
 ) -> dict[str, Any]:
     """stiffness.json (docs/formats.md)."""

@@ -18,7 +18,7 @@ _NO_FRAME = (0xC4, 0xC8, 0xCC)
 _TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
 
 
-def picture_size(data: bytes) -> tuple[int, int]:
+def _picture_size(data: bytes) -> tuple[int, int]:
     """(width, height) in px of a PNG, JPEG, BMP or TIFF; (0, 0) where it cannot be told."""
     try:
         if data.startswith(b"\x89PNG\r\n\x1a\n"):
@@ -120,7 +120,7 @@ def _pixels(data: bytes, path: Path, colours: int) -> np.ndarray:
     if not data:
         raise InputError("is an empty file", where=path, remedy=_AGAIN)
     _refuse_truncated(data, path)
-    width, height = picture_size(data)
+    width, height = _picture_size(data)
     if width * height > _MOST_PIXELS:
         # a small file may announce pixels that fill the memory
         what = f"is {width}x{height} px, more than {_MOST_PIXELS / 1e6:.0f} million"

@@ -88,7 +88,7 @@ def drawing(attempt: Try = try_python) -> Finding:
     return Finding("drawing", "3-D pictures cannot be drawn", (problem,), {"exit_code": tried.code})
 
 
-def video_devices() -> list[str]:
+def _video_devices() -> list[str]:
     """Linux' camera devices, in order."""
     return sorted(glob.glob("/dev/video*"), key=lambda path: (len(path), path))
 
@@ -106,7 +106,7 @@ def cameras(
     """Cameras, and whether they give a picture. None is no fault: pictures come from files and streams too."""
     problems: list[Diagnosis] = []
     if system == "linux":
-        devices = video_devices() if devices is None else devices
+        devices = _video_devices() if devices is None else devices
         shut = [path for path in devices if not readable(path)]
         if shut:
             words = f"{', '.join(shut)} may not be opened by you"

@@ -33,14 +33,16 @@ def the_folders() -> dict[str, Path | None]:
     return folders
 
 
-def try_to_write(folder: Path) -> None:
+def _try_to_write(folder: Path) -> None:
     """Write a file there that vanishes again. Raises OSError. Permissions alone say too little."""
     with tempfile.TemporaryFile(dir=folder) as stream:
         stream.write(b"vbaa doctor")
         stream.flush()
 
 
-def writable(folders: Mapping[str, Path | None] | None = None, write: Callable[[Path], None] = try_to_write) -> Finding:
+def writable(
+    folders: Mapping[str, Path | None] | None = None, write: Callable[[Path], None] = _try_to_write
+) -> Finding:
     """Whether files can be written where one stands, to the temporary folder and to the cache."""
     folders = the_folders() if folders is None else folders
     problems = []

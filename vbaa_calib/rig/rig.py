@@ -20,7 +20,7 @@ from .parameters import POSE_PARAMETERS, RIG_PARAMETERS
 from .parts import Antenna, AntennaImage, camera_from_dict, check_view, kinematics_from_dict, kinematics_to_dict
 
 
-def joint_covariance(joint: Mapping[str, Any], lens: tuple[str, ...], where: object) -> np.ndarray:
+def _joint_covariance(joint: Mapping[str, Any], lens: tuple[str, ...], where: object) -> np.ndarray:
     """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens, from the mapping `joint`.
 
     Raises InputError for other parameters, another shape, or a matrix that is no covariance.
@@ -123,7 +123,7 @@ class Rig:
         """From the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
         schemas.check(data, "rig", where)
         camera = camera_from_dict(data["camera"], where)
-        covariance = joint_covariance(data["joint"], camera.parameter_names, where)
+        covariance = _joint_covariance(data["joint"], camera.parameter_names, where)
         if len(covariance) > len(RIG_PARAMETERS):
             lens = slice(len(RIG_PARAMETERS), None)
             camera = replace(camera, covariance=covariance[lens, lens])

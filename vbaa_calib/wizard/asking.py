@@ -31,7 +31,7 @@ class Earlier:
 
     def take_back(self, store: Store, step: str) -> bool:
         """Forget the last answer of a step, so that it is asked again; False where there is none."""
-        taken_back = take_back(store, step)
+        taken_back = _take_back(store, step)
         self._answers |= taken_back
         return bool(taken_back)
 
@@ -87,7 +87,7 @@ def absolute(folder: Path, text: str) -> str:
     return path
 
 
-def take_back(store: Store, step: str) -> dict[str, Any]:
+def _take_back(store: Store, step: str) -> dict[str, Any]:
     """Forget the last answer of a step, so that it is asked again, and what rests on it. Those answers; empty for none.
 
     The way to plane C stays while it has pictures: they are in that way's folder, and `redo` puts them aside.

@@ -22,7 +22,7 @@ from .still import ON_A_STAND, StillGate
 KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
 
 
-def readings_of(known: Known, desk: Desk, step: str, given: Given, name: str) -> dict[str, float]:
+def _readings_of(known: Known, desk: Desk, step: str, given: Given, name: str) -> dict[str, float]:
     """Readings in SI of the picture `name`, none where the step has none to read.
 
     Raises InputError for readings that are missing or cannot be where nobody is there to be asked, and for given ones
@@ -251,7 +251,7 @@ class Taking:
         name, self.pending = self.step.name, offered
         twin = next((one for one in self.known.taken(name) if one.sha256 == offered.sha256), None)
         if twin is None:
-            readings = readings_of(self.known, self.desk, name, self.given, offered.name)
+            readings = _readings_of(self.known, self.desk, name, self.given, offered.name)
             judged = self._judged(offered, readings)
         else:
             readings, judged = {}, Judged(f"is the same picture as {twin.file}")

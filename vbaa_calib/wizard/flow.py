@@ -23,19 +23,19 @@ from .capture import GO_ON, NoMore, Taking
 from .sources import Source, SourceLost, open_source
 
 
-def opened(known: Known, desk: Desk, step: Step) -> Source:
+def _opened(known: Known, desk: Desk, step: Step) -> Source:
     """The step's source; asked for again where somebody is there and it cannot be opened."""
     while True:
         try:
-            return source_of(known.store, step.name, desk.interactive)
+            return _source_of(known.store, step.name, desk.interactive)
         except InputError as error:
             if not desk.interactive:
                 raise
             desk.wrong(str(error))
-        ask_for_source(known.store, desk, step)
+        _ask_for_source(known.store, desk, step)
 
 
-def ask_for_source(store: Store, desk: Desk, step: Step) -> None:
+def _ask_for_source(store: Store, desk: Desk, step: Step) -> None:
     """Ask where the step's pictures come from."""
     question = next(question for question in SOURCES if question.step == step.name)
     if step.name == "lens" and question.key not in store.journal.answers:
@@ -43,7 +43,7 @@ def ask_for_source(store: Store, desk: Desk, step: Step) -> None:
     store.answer({question.key: desk.ask(question, {})})
 
 
-def source_text(store: Store, step: str) -> str:
+def _source_text(store: Store, step: str) -> str:
     """Where a step's pictures come from: its own source, or the folder of its name in the source of all; "" unknown."""
     answers = store.journal.answers
     own = answers.get(f"{step}_source")
@@ -54,9 +54,9 @@ def source_text(store: Store, step: str) -> str:
     return inside if "://" not in text and os.path.isdir(inside) else text
 
 
-def source_of(store: Store, step: str, wait: bool) -> Source:
+def _source_of(store: Store, step: str, wait: bool) -> Source:
     """The source of a step's pictures, those that were judged already left out. Raises InputError."""
-    text, record = source_text(store, step), store.journal.of(step)
+    text, record = _source_text(store, step), store.journal.of(step)
     folder = Path(text)
     if "://" not in text and os.path.isdir(text) and folder.resolve().is_relative_to(store.root.resolve()):
         raise InputError(
@@ -67,14 +67,14 @@ def source_of(store: Store, step: str, wait: bool) -> Source:
     return open_source(text, () if os.path.isfile(text) else record.judged, wait)
 
 
-def given_of(store: Store, step: str) -> Given:
+def _given_of(store: Store, step: str) -> Given:
     """Readings that were written down beforehand: those named, or the table in the folder of the pictures."""
     named = store.journal.answers.get(f"{step}_readings")
     if isinstance(named, list):
         return from_list(named, f"{step}_readings")
     if named:
         return from_table(Path(str(named)))
-    beside = Path(source_text(store, step)) / f"{store.folder(step)}.csv"
+    beside = Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
     return from_table(beside) if os.path.isfile(beside) else Given()
 
 
@@ -197,10 +197,10 @@ def _through(known: Known, desk: Desk, step: Step, earlier: Earlier) -> Command:
         if done:
             return Command("closed")
     while True:
-        source = opened(known, desk, step)
+        source = _opened(known, desk, step)
         try:
             desk.say(f"pictures from {source.name}")
-            given = given_of(known.store, step.name)
+            given = _given_of(known.store, step.name)
             return Taking(known, desk, step, source, given, wants_more).run()
         except (SourceLost, NoMore) as error:
             if not desk.interactive:
@@ -212,12 +212,12 @@ def _through(known: Known, desk: Desk, step: Step, earlier: Earlier) -> Command:
         if lost:
             desk.ask(AGAIN, {})
         else:
-            ask_for_source(known.store, desk, step)
+            _ask_for_source(known.store, desk, step)
 
 
 def _goes_on(known: Known, desk: Desk, step: Step) -> tuple[bool, bool]:
     """Whether what was there when the step began will do, so that no source is opened; whether more was wanted."""
-    unattended = not desk.interactive and not source_text(known.store, step.name)
+    unattended = not desk.interactive and not _source_text(known.store, step.name)
     if not unattended and not desk.interactive:
         return False, False
     progress = step.look(known)

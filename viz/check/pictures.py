@@ -21,7 +21,7 @@ _MOST_ARROWS = 4000
 _CELLS = (8, 6)
 
 
-def picture_axes(image_size: Sequence[float], right: float = 18.0) -> Axes:
+def _picture_axes(image_size: Sequence[float], right: float = 18.0) -> Axes:
     """Axes over a picture (width, height), rows downward, its aspect kept."""
     width, height = (float(size) for size in image_size)
     inner = _INNER * height / width
@@ -36,7 +36,7 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
     data : as `PictureMap.to_dict` makes it, and `has_ray`, where the lens has a ray.
     extra : rows of `along_antenna`: the antenna's axis is drawn through them.
     """
-    axes = picture_axes(image_size, right=96.0)
+    axes = _picture_axes(image_size, right=96.0)
     x, y = np.array(data["columns_px"]), np.array(data["rows_px"])
     values = np.array(data["std"], float)
     known = values[np.isfinite(values)]
@@ -55,7 +55,7 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
 
 def coverage(corners_px: np.ndarray, image_size: Sequence[float]) -> str:
     """Where corners (N, 2) lie, and how many in each of 8 × 6 fields."""
-    axes, size = picture_axes(image_size), np.array(image_size, float)
+    axes, size = _picture_axes(image_size), np.array(image_size, float)
     title = "where the corners lie"
     cells = np.clip((corners_px + 0.5) / size * _CELLS, 0, np.array(_CELLS) - 1).astype(int)
     counts = np.zeros(_CELLS, int)
@@ -77,7 +77,7 @@ def coverage(corners_px: np.ndarray, image_size: Sequence[float]) -> str:
 
 def arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> str:
     """Residuals as arrows from predicted to seen, enlarged alike."""
-    axes = picture_axes(image_size)
+    axes = _picture_axes(image_size)
     lengths = np.concatenate([np.linalg.norm(_array(view["residuals_px"]), axis=1) for view in boards])
     factor = _round_down(0.045 * float(image_size[0]) / max(float(np.quantile(lengths, 0.95)), 1e-6))
     every = -(-len(lengths) // _MOST_ARROWS)

@@ -44,18 +44,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     started = time.perf_counter()
     out: Path = args.out
-    prepare(out, args.force)
+    _prepare(out, args.force)
     drawable = can_render()
     if not drawable:
         say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")
     for command in commands(out, args.scene, screenshot=drawable):
         step(command)
-    result = finish(out, time.perf_counter() - started, args.argv)
+    result = _finish(out, time.perf_counter() - started, args.argv)
     say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")
     return result
 
 
-def prepare(out: Path, force: bool) -> None:
+def _prepare(out: Path, force: bool) -> None:
     """Make the folder. Raises InputError when it holds something that is not a demo's, or a demo without `force`."""
     if os.path.isdir(out) and any(out.iterdir()):
         if not (out / "session" / "session.yaml").is_file():
@@ -101,7 +101,7 @@ def table(errors: dict[str, Any], length_m: float) -> list[tuple[str, float, str
     return [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in GOALS]
 
 
-def finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
+def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     """Score, table, report.html and summary.json. `argv` is the demo's command line, told in the report."""
     from estimator.table.table import read_contacts
     from vbaa_calib.core.files import read_json

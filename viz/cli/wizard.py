@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vbaa_calib.wizard.ui.interface import Desk
 
 
-def greeting(store: Store, session: Path, page: str, titles: Mapping[str, str]) -> list[str]:
+def _greeting(store: Store, session: Path, page: str, titles: Mapping[str, str]) -> list[str]:
     """Paragraphs for whoever starts the wizard. page : the live page's address, "" for none. titles : of the steps."""
     lines = [_resumed(store.journal, session, titles)] if not store.is_new else _new(session)
     if page:
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     if not 0 <= args.port <= _LAST_PORT:
         raise InputError(f"there is no port {args.port}", where="--port", remedy=f"0 for any, or up to {_LAST_PORT}")
-    given = answers_given(args)
+    given = _answers_given(args)
     try:
         with Store(args.session) as store:
             return _run(args, store, Known(store), given)
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise VbaaError(f"{where}: cannot be read or written ({why}); {remedy}") from error
 
 
-def answers_given(args: argparse.Namespace) -> dict[str, Any]:
+def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     """Answers of --answers and of flags, which win; checked. Raises InputError."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import read_yaml
@@ -154,7 +154,7 @@ def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[st
         page = Page(store, titles, known.lens_corners, args.port)
     desk: Desk = Terminal(page) if attended else Nobody()
     try:
-        desk.greet(greeting(store, args.session, "" if page is None else page.url, titles))
+        desk.greet(_greeting(store, args.session, "" if page is None else page.url, titles))
         adopt(store, desk)
         # first: a picture that was changed is a stranger from then on
         _forget_lost(store, desk)

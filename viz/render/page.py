@@ -97,7 +97,7 @@ def _swatch(part: Part, scene: Scene) -> str:
     return f'style="background:{part.colour if scale is None else _gradient(scale)}"'
 
 
-def legend(scene: Scene, parts: list[Part], title: str) -> str:
+def _legend(scene: Scene, parts: list[Part], title: str) -> str:
     """The card with scales, layers to switch, points of view and what was found."""
     layers: dict[str, Part] = {}
     for part in parts:
@@ -142,7 +142,7 @@ def dressed(viewer_html: str, scene: Scene, parts: list[Part], title: str, told:
         f"{head}<style>{style}</style>{body}"
         # the viewer empties the element it draws in: with one of its own, the cards stay
         '<div class="content"></div>'
-        f"{legend(scene, parts, title)}"
+        f"{_legend(scene, parts, title)}"
         '<div class="card" id="seen" hidden><img alt="what the camera saw at this moment">'
         "<small>the camera's picture</small></div>"
         '<div class="card" id="time"><div><button type="button" id="play">play</button>'

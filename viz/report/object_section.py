@@ -60,7 +60,7 @@ def sensed(table: ContactTable, rig: Rig | None, truth: Truth | None) -> Sensed:
         felt = feel(table, rig)
     except InputError as error:
         track = _followed(table, rig)
-        events = () if track is None else event_facts(track)
+        events = () if track is None else _event_facts(track)
         why = Fact("The object", f"Nothing can be said of it: {str(error).rstrip('.')}.", "open")
         return Sensed(track=track, facts=(*events, why))
     return described(felt, table, rig, truth)
@@ -78,22 +78,22 @@ def _followed(table: ContactTable, rig: Rig | None) -> Track | None:
 def described(felt: Felt, table: ContactTable, rig: Rig | None, truth: Truth | None) -> Sensed:
     """What was felt in words, and as what is drawn of it."""
     facts = (
-        *event_facts(felt.track),
-        friction_fact(felt.friction),
-        stiffness_fact(felt.surface.compliance),
-        *shape_facts(felt.surface),
+        *_event_facts(felt.track),
+        _friction_fact(felt.friction),
+        _stiffness_fact(felt.surface.compliance),
+        *_shape_facts(felt.surface),
     )
     radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
     return Sensed(
         felt,
         felt.track,
-        cone_data(felt, table, np.nan if truth is None else truth.friction),
-        yield_data(felt.surface, table, radius_m, np.nan if truth is None else truth.compliance_m_N),
+        _cone_data(felt, table, np.nan if truth is None else truth.friction),
+        _yield_data(felt.surface, table, radius_m, np.nan if truth is None else truth.compliance_m_N),
         facts,
     )
 
 
-def event_facts(track: Track, most: int = 8) -> list[Fact]:
+def _event_facts(track: Track, most: int = 8) -> list[Fact]:
     """When contact began and ended, `most` times at most, how often other things happened, and what was not told."""
     events, notes = track.events, [_sentence(note) for note in track.notes]
     if not events:
@@ -115,7 +115,7 @@ def _when(time_s: float, std_s: float) -> str:
     return f"at {time_s:.{digits}f} ± {std_s:.{digits}f} s"
 
 
-def friction_fact(friction: Friction) -> Fact:
+def _friction_fact(friction: Friction) -> Fact:
     """μ with its interval, or why it cannot be told."""
     if not friction.told:
         return Fact("Friction", _sentence(f"The data cannot tell: {friction.reason}"), "open")
@@ -128,7 +128,7 @@ def friction_fact(friction: Friction) -> Fact:
     )
 
 
-def stiffness_fact(compliance: Compliance) -> Fact:
+def _stiffness_fact(compliance: Compliance) -> Fact:
     """The object's stiffness with its interval, or its bound, or why it cannot be told."""
     low, high = compliance.interval_N_m
     if not compliance.told:
@@ -140,7 +140,7 @@ def stiffness_fact(compliance: Compliance) -> Fact:
     return Fact("Stiffness", words)
 
 
-def shape_facts(surface: Surface) -> list[Fact]:
+def _shape_facts(surface: Surface) -> list[Fact]:
     """How much of the object is known, and how well."""
     patches = len(np.unique(surface.touched_patch))
     known = surface.std_m[np.isfinite(surface.std_m)]
@@ -158,7 +158,7 @@ def _sentence(note: str) -> str:
     return note[:1].upper() + note[1:].rstrip(".") + "."
 
 
-def cone_data(felt: Felt, table: ContactTable, true_mu: float) -> ConeData:
+def _cone_data(felt: Felt, table: ContactTable, true_mu: float) -> ConeData:
     """Forces of the touches along and across the object's normal."""
     friction, surface = felt.friction, felt.surface
     size = np.linalg.norm(table.force_world_N[surface.touched_row], axis=1)
@@ -175,7 +175,9 @@ def cone_data(felt: Felt, table: ContactTable, true_mu: float) -> ConeData:
     )
 
 
-def yield_data(surface: Surface, table: ContactTable, antenna_radius_m: float, true_compliance_m_N: float) -> YieldData:
+def _yield_data(
+    surface: Surface, table: ContactTable, antenna_radius_m: float, true_compliance_m_N: float
+) -> YieldData:
     """How far each contact lies inside the unpressed surface, over the force along its normal."""
     row, normal = surface.touched_row, surface.touched_normal
     inside = ((surface.touched_m - table.point_world_m[row]) * normal).sum(axis=1) + antenna_radius_m

@@ -57,10 +57,10 @@ def from_file(path: Path, words: str) -> Picture:
     image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     if image is None:
         raise InputError("is not a picture", where=path, remedy="give the PNG that vbaa view --screenshot wrote")
-    return Picture(packed(image), words)
+    return Picture(_packed(image), words)
 
 
-def packed(image: np.ndarray) -> bytes:
+def _packed(image: np.ndarray) -> bytes:
     """(H, W, 3) uint8, blue, green, red, as a JPEG that is not wider than a page needs."""
     scale = min(1.0, WIDEST_PX / image.shape[1])
     if scale < 1.0:
@@ -134,7 +134,7 @@ def seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path 
     except VbaaError as error:
         return Picture(b"", f"No picture of the recording: {error}")
     return Picture(
-        packed(image),
+        _packed(image),
         f"Frame {frame.frame}, the one of the greatest force, with what was seen of the antenna, the fitted shape, the "
         "contact and the force; `vbaa estimate --overlay` draws every frame so.",
     )

@@ -191,18 +191,18 @@ def verdict(rubs: Rubs, mu: Coefficient | None) -> Verdict:
     if not enough(rubs):
         few = f"only {sliding}" if sliding else "none"
         words = f"of {used} contacts whose normal is known {few} lie{'s' * (sliding < 2)} in the midst of a slide"
-        return Verdict(False, f"{words}{bound_words(bounds)}", bounds)
+        return Verdict(False, f"{words}{_bound_words(bounds)}", bounds)
     against = _contradiction(sliding, mu)
     if against:
         return _nothing(against)
     if mu.std > max(STD, STD_SHARE * mu.mu):
-        return Verdict(False, f"{_weakness(rubs)}{bound_words(bounds)}", bounds)
+        return Verdict(False, f"{_weakness(rubs)}{_bound_words(bounds)}", bounds)
     widened = f", scattering {mu.scatter:.1f} times as much as they should" if mu.scatter > 1.5 else ""
     beside = f" and {used - sliding} that must not exceed it" if used > sliding else ""
     return Verdict(True, f"from {sliding} sliding contacts{widened}{beside}", mu.interval)
 
 
-def bound_words(bounds: np.ndarray) -> str:
+def _bound_words(bounds: np.ndarray) -> str:
     """The bounds (2,) that there are, ready to be added to a sentence."""
     lower, upper = bounds[0] > 0.005, np.isfinite(bounds[1])
     low = np.floor(100.0 * bounds[0]) / 100.0

@@ -26,7 +26,7 @@ noise along the antenna flattens what is bent. Rubbed at μ = 0.6, a rigid cylin
 (`vbaa bench object`)."""
 
 
-def compliance_of(fit: Fit) -> Compliance:
+def _compliance_of(fit: Fit) -> Compliance:
     """What a fit with a compliance says."""
     solution, touches, compliance_m_N = fit.solution, fit.touches, fit.state.compliance_m_N
     press = np.sum(touches.force_N * fit.normals.normal, axis=1)
@@ -65,7 +65,7 @@ def compliance_of(fit: Fit) -> Compliance:
     )
 
 
-def nothing_known(reason: str) -> Compliance:
+def _nothing_known(reason: str) -> Compliance:
     """Where there is nothing to judge by."""
     return Compliance(np.nan, np.nan, np.nan, np.nan, np.full(2, np.nan), False, reason)
 
@@ -100,7 +100,7 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
         found = fit(touches, antenna_radius_m, patches, found.state, True)
         if known:
             notes.append(f"the contacts scatter {scale:.2g} times as much as their covariances say: all were widened")
-    compliance = compliance_of(found)
+    compliance = _compliance_of(found)
     if not compliance.told:
         found = fit(touches, antenna_radius_m, patches, found.state, False)
     return _surface(found, compliance, known, [*touches.notes, *notes])
@@ -133,7 +133,7 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
     pieces: list[Piece] = []
     for index, patch in enumerate(found.patches):
         m = patch.members
-        touched[m], touched_std[m] = touched_on(found, index)
+        touched[m], touched_std[m] = _touched_on(found, index)
         pieces.append(piece_of(found, index, touched_std[m]))
     sizes = [len(piece.points_m) for piece in pieces]
     starts = np.cumsum([0, *sizes[:-1]])
@@ -170,12 +170,12 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
         touched_frame=touches.frame,
         touched_force_N=np.linalg.norm(touches.force_N, axis=1),
         left_out=left_out,
-        compliance=compliance if known else nothing_known("the contacts have no covariance: stiffness cannot be told"),
+        compliance=compliance if known else _nothing_known("the contacts have no covariance: stiffness cannot be told"),
         notes=tuple(notes),
     )
 
 
-def touched_on(fit: Fit, index: int) -> tuple[np.ndarray, np.ndarray]:
+def _touched_on(fit: Fit, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Where a patch's touches lie on its shape (N, 3), world, and the deviations (N,) along the normal."""
     patch = fit.patches[index]
     local = (fit.point_m[patch.members] - patch.center_m) @ patch.frame.T

@@ -72,7 +72,7 @@ def patches_of(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, 
     """The patches, and a first guess (P, 3) of the normals."""
     normal = facing(touches.force_N, touches.tangent, touches.point_m)
     points = touches.point_m - antenna_radius_m * normal
-    label, vague = group(points, normal), vague_touches(touches, normal)
+    label, vague = group(points, normal), _vague_touches(touches, normal)
     patches = []
     for index in range(label.max() + 1):
         members = np.flatnonzero(label == index)
@@ -82,7 +82,7 @@ def patches_of(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, 
     return tuple(patches), normal
 
 
-def vague_touches(touches: Touches, normal: np.ndarray) -> np.ndarray:
+def _vague_touches(touches: Touches, normal: np.ndarray) -> np.ndarray:
     """(P,) whose place along the surface is so uncertain that the shape between there and here is anyone's guess."""
     whole = np.trace(touches.own_m2, axis1=1, axis2=2)
     across = np.einsum("pi,pij,pj->p", normal, touches.own_m2, normal)
@@ -98,7 +98,7 @@ def first_state(touches: Touches, patches: tuple[Patch, ...], normal: np.ndarray
         if patch.wide:
             along, across, up = (normal[patch.members] @ patch.frame.T).T
             slope[patch.members] = np.clip(-np.stack([along, across], axis=1) / np.maximum(up, 0.3)[:, None], -2, 2)
-    vague = vague_touches(touches, normal)
+    vague = _vague_touches(touches, normal)
     widened = np.where(vague, IGNORED, 1.0)
     return State(normal, 0.0, slope, np.zeros((count, 2, 2)), (None,) * len(patches), widened, vague)
 

@@ -78,7 +78,7 @@ def heights(fit: Fit, index: int, flat_m: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _mesh(fit: Fit, index: int, flat_m: np.ndarray, bound_m: float) -> Piece:
-    places, grid = footprint(flat_m)
+    places, grid = _footprint(flat_m)
     points, normals, std = heights(fit, index, places)
     shown = std <= max(bound_m, std.min())
     number = np.where(grid >= 0, np.append(np.where(shown, np.cumsum(shown) - 1, -1), -1)[grid], -1)
@@ -86,7 +86,7 @@ def _mesh(fit: Fit, index: int, flat_m: np.ndarray, bound_m: float) -> Piece:
     return Piece(points[shown], normals[shown], std[shown], nowhere, _triangles(number), np.empty((0, 2), int))
 
 
-def footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their numbers, −1 elsewhere.
 
     A closing: what no disc as wide as a bridged gap reaches without holding a touch.

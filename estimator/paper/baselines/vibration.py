@@ -60,7 +60,7 @@ def dynamic_active_antenna(press: Press) -> Reading:
     found = fit_ringing(press.ring, band)
     if isinstance(found, str):
         return Reading(reason=found)
-    return distance_by_frequency(press.wire, found.natural_rad_s, found.omega_std_rad_s)
+    return _distance_by_frequency(press.wire, found.natural_rad_s, found.omega_std_rad_s)
 
 
 def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
@@ -111,7 +111,7 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
     return found
 
 
-def distance_by_frequency(wire: Wire, natural_rad_s: float, std_rad_s: float) -> Reading:
+def _distance_by_frequency(wire: Wire, natural_rad_s: float, std_rad_s: float) -> Reading:
     """The contact's distance at which the first mode has this frequency; NaN where two have, with both of them."""
     curve = _frequencies(wire)
     relative = 0.5 * np.hypot(

@@ -61,16 +61,16 @@ def vbaa_3d_camera_b(press: Press) -> Reading:
         alone = np.where(found.solutions > 1, np.nan, found.contact_m)
         return np.stack([alone, found.force_y_N, found.force_z_N], axis=1)
 
-    return _answered(press, solve, two_points(press, -1), moment)
+    return _answered(press, solve, _two_points(press, -1), moment)
 
 
-def contact_of_points(press: Press, points_m: np.ndarray) -> np.ndarray:
+def _contact_of_points(press: Press, points_m: np.ndarray) -> np.ndarray:
     """(M, 2) l and f_y of two upright points each, (M, 2, 2); NaN where no contact explains them."""
     found = two_point_contact(points_m[..., 0], points_m[..., 1], press.wire.stiffness_Nm2, press.wire.length_m)
     return np.stack([found.contact_m, found.force_y_N], axis=-1)
 
 
-def two_points(press: Press, frame: int, shares: tuple[float, float] = SHARES) -> np.ndarray | None:
+def _two_points(press: Press, frame: int, shares: tuple[float, float] = SHARES) -> np.ndarray | None:
     """(2, 2) the points of a frame that are seen nearest to these shares of the length; None without two of them."""
     if press.points_m is None:
         raise InputError("no centrelines", where="press", remedy="give points_m")
@@ -100,7 +100,7 @@ def _upright(press: Press, with_moment: bool) -> Reading:
         return np.stack([found.contact_m, found.force_y_N, force_z(given[:, 4], found.contact_m)], axis=1)
 
     moment = _moment_y(press) if with_moment else np.nan
-    points = two_points(press, -1)
+    points = _two_points(press, -1)
     if points is None:
         return Reading(reason="fewer than two points of the antenna are seen apart from each other")
     if abs(points[1, 1] - points[0, 1]) > STEEP * abs(points[1, 0] - points[0, 0]):
@@ -205,14 +205,14 @@ def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, fl
 
 def _given_way(press: Press, frame: int) -> tuple[np.ndarray, np.ndarray] | None:
     """−f_y and u of one frame, and their covariance (2, 2); None without two points."""
-    points = two_points(press, frame)
+    points = _two_points(press, frame)
     if points is None or press.turn_rad is None:
         return None
     stiffness = press.wire.stiffness_Nm2
 
     def solve(given: np.ndarray) -> np.ndarray:
         pairs = np.stack([np.broadcast_to(points[:, 0], (len(given), 2)), given[:, :2]], axis=-1)
-        contact, force = contact_of_points(press, pairs).T
+        contact, force = _contact_of_points(press, pairs).T
         bent = force * contact**3 / (3.0 * stiffness)
         return np.stack([-force, contact * np.sin(given[:, 2]) + bent * np.cos(given[:, 2])], axis=1)
 

@@ -150,7 +150,7 @@ FALSE_READING_STD = 5.0
 """Deviations by which a still's own place and weight may have to be off for it to fit, before it is left out."""
 
 
-def fitting(
+def _fitting(
     distances: Sequence[np.ndarray], scale: float, groups: ReadingGroups, errors: np.ndarray, kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,).
@@ -290,7 +290,7 @@ def _solved(
         problem = problem.relinearised(parameters)
         distances, moments = problem.evaluate(parameters)
         readings = parameters[problem.lens.stop :]
-        fits, rms = fitting(distances, scale, problem.groups, readings, kept)
+        fits, rms = _fitting(distances, scale, problem.groups, readings, kept)
         # stills on the border do not come and go for ever, and the last pass is over those that it leaves
         fits = kept if turn == PASSES else fits & kept if turn > PASSES // 2 else fits
         problem = replace(problem, kept=fits)

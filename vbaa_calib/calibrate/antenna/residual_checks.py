@@ -92,7 +92,7 @@ def check(joint: JointSolution) -> Checks:
     )
 
 
-def one_more(joint: JointSolution, column: np.ndarray) -> Estimate | None:
+def _one_more(joint: JointSolution, column: np.ndarray) -> Estimate | None:
     """What a further parameter would be whose change moves the residuals along column (R,)."""
     solution = joint.solution
     weights = solution.weights
@@ -126,7 +126,7 @@ def _anisotropy(joint: JointSolution) -> Estimate | None:
             pair = image_curves(curves.picked(np.array([2 * index, 2 * index + 1])), view)
             distances = whitened_residuals(points, pair)
             slopes.append((distances[:, 1] - distances[:, 0]) / ANISOTROPY_STEP / problem.noise_scale)
-    return one_more(joint, _column(joint, np.concatenate(slopes), np.zeros(len(problem.observations))))
+    return _one_more(joint, _column(joint, np.concatenate(slopes), np.zeros(len(problem.observations))))
 
 
 def _mass(joint: JointSolution) -> Estimate | None:
@@ -144,7 +144,7 @@ def _drift(joint: JointSolution, when: np.ndarray) -> Estimate | None:
     if np.ptp(when) == 0.0:
         return None
     points = np.zeros(len(joint.solution.residuals) - _rest(joint))
-    return one_more(joint, _column(joint, points, (when - when[joint.kept].mean()) / joint.problem.moment_std_Nm))
+    return _one_more(joint, _column(joint, points, (when - when[joint.kept].mean()) / joint.problem.moment_std_Nm))
 
 
 def _rest(joint: JointSolution) -> int:

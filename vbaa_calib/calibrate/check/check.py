@@ -150,7 +150,7 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
         nominal = session.antenna.stiffness_Nm2
     own = rig_findings(rig, quality, plane_map(rig), along_antenna(rig), nominal)
     taken = _taken(data, rig, path, session, new)
-    checked = None if taken is None else check_taken(rig, quality, taken)
+    checked = None if taken is None else _check_taken(rig, quality, taken)
     return Assessment(rig, path, tuple(own), quality, checked, nominal)
 
 
@@ -167,7 +167,7 @@ def _taken(
     return from_pictures(recorded_session(data, rig, path), new, "rig.json does not record the jig: name its session")
 
 
-def check_taken(rig: Rig, quality: Mapping[str, Any], taken: Taken) -> SessionCheck:
+def _check_taken(rig: Rig, quality: Mapping[str, Any], taken: Taken) -> SessionCheck:
     """The lens, then the camera's pose, then the antenna and the sensor, each in the light of those before."""
     check_pictures(progress(list(taken.pictures()), "reading the pictures"), rig.camera.image_size, "the rig's lens is")
     spec = taken.session.board

@@ -90,7 +90,7 @@ class LensEvidence:
     change_px: float
 
 
-def board_points(spec: BoardSpec, bent: Bend | None) -> np.ndarray:
+def _board_points(spec: BoardSpec, bent: Bend | None) -> np.ndarray:
     """(corner_count, 3) of the board, bent as the calibration found it."""
     points = corner_points(spec)
     if bent is not None:
@@ -109,7 +109,7 @@ def check_lens(
 
     bent : the board's shape, as the calibration found it.
     """
-    points_m = board_points(spec, bent)
+    points_m = _board_points(spec, bent)
     views, dropped = _posed(camera, boards, spec, points_m, bent)
     if not views:
         return None

@@ -122,7 +122,7 @@ def finite(value: Any) -> float | None:
     return float(value) if usable else None
 
 
-def texts_at(data: Mapping[str, Any], *keys: str) -> list[str]:
+def _texts_at(data: Mapping[str, Any], *keys: str) -> list[str]:
     """A list of texts at a path of keys; empty where it is not recorded."""
     value = _at(data, keys)
     return [str(line) for line in value] if isinstance(value, list) else []
@@ -292,7 +292,7 @@ def _recorded(quality: Mapping[str, Any]) -> Finding:
     name, question = "doubts", "Did the calibration have doubts of its own?"
     if not quality:
         return Finding(name, question, NOT_GIVEN, "not recorded")
-    lines = [*texts_at(quality, "warnings"), *texts_at(quality, "lens", "warnings")]
+    lines = [*_texts_at(quality, "warnings"), *_texts_at(quality, "lens", "warnings")]
     if not lines:
         return Finding(name, question, HOLDS, "none")
     return Finding(name, question, LOOK, "; ".join(lines), "do what they say, then calibrate again")

@@ -83,7 +83,7 @@ class Step:
 def steps(rows: StillRows) -> list[Step]:
     """For each kind the change, at the place in time, that explains most; stills without times are taken in order."""
     stills = [one.still for one in rows.joint.noted]
-    whole = in_time(stills)
+    whole = _in_time(stills)
     order = [index for index in whole if rows.moments[index] >= 0]
     best = []
     for kind, names in KINDS.items():
@@ -99,7 +99,7 @@ def steps(rows: StillRows) -> list[Step]:
     return best
 
 
-def in_time(stills: Sequence[Still]) -> list[int]:
+def _in_time(stills: Sequence[Still]) -> list[int]:
     """Indices in the order in which the stills were taken, as far as that was noted."""
     times = [still.time_s for still in stills]
     if any(time is None for time in times):

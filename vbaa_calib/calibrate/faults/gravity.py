@@ -73,11 +73,11 @@ def gravity_diagnosis(
     """
     observations = free.problem.observations
     noted = np.array([one.gravity_m_s2 for one in observations])
-    now = left_by(free, noted)
+    now = _left_by(free, noted)
     if fits(now.noise_scale, own):
         return None
     others = otherwise([one.still for one in observations], kinematics, gravity_world_m_s2, noted)
-    tried = sorted(((left_by(free, other.gravity_m_s2), other) for other in others), key=lambda one: one[0].squares)
+    tried = sorted(((_left_by(free, other.gravity_m_s2), other) for other in others), key=lambda one: one[0].squares)
     if not tried:
         return None
     least, best = tried[0]
@@ -92,7 +92,7 @@ def gravity_diagnosis(
     return Diagnosis(best.name, f"the free antenna sags as if {words}, and not as noted", best.remedy, grave=True)
 
 
-def left_by(free: JointSolution, gravity_m_s2: np.ndarray) -> Left:
+def _left_by(free: JointSolution, gravity_m_s2: np.ndarray) -> Left:
     """What the no-load frames leave unexplained under another gravity (F, 3), antenna frame, all else solved anew."""
     problem = free.problem
     observations = [

@@ -139,7 +139,7 @@ def typed_load_doubts(
     return found
 
 
-def slope_rad(load: Load, antenna: NominalAntenna) -> float:
+def _slope_rad(load: Load, antenna: NominalAntenna) -> float:
     """Slope at the load by the linear beam, f·l²/2EI."""
     return _force_N(load) * load.distance_m**2 / (2.0 * antenna.stiffness_Nm2)
 
@@ -175,7 +175,7 @@ def _distances(loads: Sequence[Load], antenna: NominalAntenna) -> list[Diagnosis
 def _forces(loads: Sequence[Load], antenna: NominalAntenna) -> list[Diagnosis]:
     found = []
     inside = [index for index, load in enumerate(loads) if 0 < load.distance_m <= antenna.length_m]
-    slopes = {index: slope_rad(loads[index], antenna) for index in inside}
+    slopes = {index: _slope_rad(loads[index], antenna) for index in inside}
     steep = [index for index in inside if slopes[index] > TOO_STEEP_RAD]
     if steep:
         index = max(steep, key=lambda one: slopes[one])

@@ -60,7 +60,7 @@ RESHAPED = 0.006
 
 def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: BoardSpec) -> Diagnosis | None:
     """Whether an earlier view shows the board in (nearly) the same pose: says which, the one that is nearest."""
-    near = [(distance, other) for other in earlier if (distance := apart_px(view, other, spec)) is not None]
+    near = [(distance, other) for other in earlier if (distance := _apart_px(view, other, spec)) is not None]
     if not near:
         return None
     distance, other = min(near, key=lambda one: one[0])
@@ -71,7 +71,7 @@ def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: BoardSpec) ->
     )
 
 
-def apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | None:
+def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | None:
     """Rms distance of the corners that both show, px, where the pose counts as the same; else None."""
     ids, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
     if len(ids) < LEAST_CORNERS or 2 * len(ids) < max(len(view.ids), len(other.ids)):
@@ -161,7 +161,7 @@ def little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Boa
 def _repeated(views: Sequence[BoardView], spec: BoardSpec) -> Diagnosis | None:
     kept: list[BoardView] = []
     for view in views:
-        if all(apart_px(view, other, spec) is None for other in kept):
+        if all(_apart_px(view, other, spec) is None for other in kept):
             kept.append(view)
     again = len(views) - len(kept)
     if again < _REPEATED * len(views):

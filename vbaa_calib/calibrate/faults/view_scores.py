@@ -118,7 +118,7 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
         flat = every[first:last].reshape(2 * (last - first), -1)
         left.append(flat - pose @ (pose.T @ flat))
     flat = np.vstack(left)
-    basis = orthonormal(flat[:, : directions.shape[1]])
+    basis = _orthonormal(flat[:, : directions.shape[1]])
     freedom = len(flat) - basis.shape[1] - 6 * len(chosen)
     if freedom <= 0 or not np.isfinite(flat).all():
         return None
@@ -134,7 +134,7 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
     )
 
 
-def orthonormal(columns: np.ndarray) -> np.ndarray:
+def _orthonormal(columns: np.ndarray) -> np.ndarray:
     """(n, r) orthonormal basis of what columns (n, p) span, whatever their scales."""
     norms = np.linalg.norm(columns, axis=0)
     vectors, values, _ = np.linalg.svd(columns[:, norms > 0.0] / norms[norms > 0.0], full_matrices=False)

@@ -73,14 +73,14 @@ def pulls(session: Session, kinematics: Kinematics, observations: Sequence[Obser
             down = pull[1:] / across
             if all(down @ known.direction < STRAIGHT for known in found):
                 found.append(Pull(still.pan_rad, still.tilt_rad, down, pull, False))
-    if uses_pulley(observations):
+    if _uses_pulley(observations):
         for direction in np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]):
             if all(direction @ known.direction < STRAIGHT for known in found):
                 found.append(Pull(home[0].pan_rad, home[0].tilt_rad, direction, gravity[0], True))
     return found
 
 
-def uses_pulley(observations: Sequence[Observation]) -> bool:
+def _uses_pulley(observations: Sequence[Observation]) -> bool:
     """Whether some load pulls elsewhere than down, or nothing pulls down at all."""
     if not any(one.gravity_m_s2.any() for one in observations):
         return True

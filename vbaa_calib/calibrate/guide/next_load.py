@@ -25,15 +25,15 @@ def percent(part: float) -> str:
     return f"{100 * part:.2g} %"
 
 
-def axis_name(direction: np.ndarray) -> str:
+def _axis_name(direction: np.ndarray) -> str:
     """The axis (y or z, with its sign) that a direction (2,) is nearest to."""
     axis = int(np.argmax(np.abs(direction)))
     return AXES[axis, int(np.sign(direction[axis]))]
 
 
-def suggestion_words(one: Candidate, after: StiffnessErrors) -> str:
+def _suggestion_words(one: Candidate, after: StiffnessErrors) -> str:
     """What to hang, where, and what it brings."""
-    how = f"over a pulley, pulling to {axis_name(one.direction)}" if one.over_pulley else "straight down"
+    how = f"over a pulley, pulling to {_axis_name(one.direction)}" if one.over_pulley else "straight down"
     at = f"pan {np.rad2deg(one.load.pan_rad):.0f}°, tilt {np.rad2deg(one.load.tilt_rad):.0f}°"
     return (
         f"hang {1e3 * one.mass_kg:.4g} g at {1e3 * one.load.distance_m:.0f} mm from the clamp, {how} ({at}): "
@@ -41,7 +41,7 @@ def suggestion_words(one: Candidate, after: StiffnessErrors) -> str:
     )
 
 
-def missing_words(
+def _missing_words(
     hung: Sequence[Load], gain_std: float, gain_known: float, least_loads: int, at_hand: Sequence[Pull]
 ) -> tuple[str, ...]:
     """What the loads so far do not show."""
@@ -65,7 +65,7 @@ def missing_words(
     return tuple(found)
 
 
-def progress_words(
+def _progress_words(
     now: StiffnessErrors,
     goal: float,
     reachable: float,
@@ -201,19 +201,19 @@ def load_progress(
     ]
     gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
     # a load that shows the gain comes first where the gain is not known, if any can
-    wanted = [index for index, one in enumerate(offered) if gain_std <= GAIN_KNOWN or shows_gain(one)]
+    wanted = [index for index, one in enumerate(offered) if gain_std <= GAIN_KNOWN or _shows_gain(one)]
     wanted = wanted or list(range(len(offered)))
     worth = [errors.whole for errors in best_use.after_each()]
     best = min(wanted, key=lambda index: worth[index]) if wanted else None
-    ahead, ahead_at_best = reachable(best_use, planner)
-    few, blind = len(hung) < LEAST_LOADS, gain_std > GAIN_KNOWN and any(map(shows_gain, offered))
+    ahead, ahead_at_best = _reachable(best_use, planner)
+    few, blind = len(hung) < LEAST_LOADS, gain_std > GAIN_KNOWN and any(map(_shows_gain, offered))
     reached = now.whole <= goal_relative
     helps = best is not None and ahead_at_best < (1 - HELPS) * best_use.now().whole
     enough = not few and not blind and (reached or not helps)
     suggestion = None
     if best is not None and (not enough or helps):
         suggestion = suggested(offered[best], planner.after(best).now())
-    missing = missing_words(
+    missing = _missing_words(
         hung, gain_std, GAIN_KNOWN, LEAST_LOADS, pulls(session, kinematics, joint.problem.observations)
     )
     return LoadProgress(
@@ -227,16 +227,16 @@ def load_progress(
         enough=enough,
         reached=reached,
         missing=missing,
-        words=progress_words(now, goal_relative, ahead, enough, reached, suggestion is not None, bool(masses_kg)),
+        words=_progress_words(now, goal_relative, ahead, enough, reached, suggestion is not None, bool(masses_kg)),
     )
 
 
-def shows_gain(one: Candidate) -> bool:
+def _shows_gain(one: Candidate) -> bool:
     """Whether a load pulls far enough out of plane C for the moment sensor to feel it."""
     return bool(abs(one.direction[1]) > OUT_OF_PLANE)
 
 
-def reachable(best_use: Planner, planner: Planner) -> tuple[float, float]:
+def _reachable(best_use: Planner, planner: Planner) -> tuple[float, float]:
     """EI's relative standard deviation after the best few further loads, one by one; NaN without any.
 
     As the solve at hand has it (`planner`), and at best.
@@ -265,5 +265,5 @@ def suggested(one: Candidate, after: StiffnessErrors) -> LoadSuggestion:
         force_z_N=load.force_z_N,
         std_relative=after.noise,
         std_relative_with_readings=after.whole,
-        words=suggestion_words(one, after),
+        words=_suggestion_words(one, after),
     )

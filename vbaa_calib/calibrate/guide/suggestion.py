@@ -74,7 +74,7 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> Seen:
     )
 
 
-def pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: int, metric: bool) -> str:
+def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: int, metric: bool) -> str:
     """A pose for the terminal: where, how far, how turned; right and left as the picture shows them.
 
     corners : how many of the board's are to be seen. metric : whether the distance is known.
@@ -156,7 +156,7 @@ def best_next(taken: Taken, plane: WorkPlane, spec: BoardSpec, functional: np.nd
     return Suggestion(
         candidate.T_camera_board,
         _outline(taken, candidate, spec),
-        pose_words(taken.design.camera, candidate.T_camera_board, spec, len(candidate.ids), taken.solved),
+        _pose_words(taken.design.camera, candidate.T_camera_board, spec, len(candidate.ids), taken.solved),
         taken.inflation * float(np.sqrt(square)) if known else np.nan,
     )
 

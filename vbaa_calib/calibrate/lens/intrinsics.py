@@ -60,7 +60,7 @@ def _halves(chosen: Candidate) -> str:
     return f"Two halves of the views {agree} ({chosen.halves:.1f} predicted deviations)."
 
 
-def lens_warnings(
+def _lens_warnings(
     chosen: Candidate | None,
     model: str,
     monotonic: bool,
@@ -252,7 +252,7 @@ def _solution(
     monotonic = is_monotonic(lens, bundle.intrinsics, image_size)
     chosen = next((candidate for candidate in fit.comparison if candidate.model == lens.name), None)
     pixels = np.concatenate([view.pixels for view in good])
-    warnings = lens_warnings(chosen, lens.name, monotonic, bundle, covariance, pixels, image_size)
+    warnings = _lens_warnings(chosen, lens.name, monotonic, bundle, covariance, pixels, image_size)
     return LensSolution(
         camera=camera,
         model=lens.name,

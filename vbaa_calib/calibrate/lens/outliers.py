@@ -52,7 +52,7 @@ def usable_views(
     return kept, dropped + [DroppedView(view.name, reason) for view, reason in poor]
 
 
-def good_views(
+def _good_views(
     residuals: Sequence[np.ndarray], good: Sequence[np.ndarray], observations: Sequence[Observation], min_corners: int
 ) -> np.ndarray:
     """(V,) which views are worth keeping, from their residuals (N, 2) px and masks of good corners (N,).
@@ -161,7 +161,7 @@ def fit_without_outliers(
         whole = [observations[index] for index in views.tolist()]
         residuals = residuals_px(model, bundle, whole)
         good = inlier_masks(residuals)
-        keep = good_views(residuals, good, whole, min_corners)
+        keep = _good_views(residuals, good, whole, min_corners)
         if masks is not None and keep.all() and all(map(np.array_equal, good, masks)):
             break
         views, masks = views[keep], tuple(mask for mask, kept in zip(good, keep, strict=True) if kept)

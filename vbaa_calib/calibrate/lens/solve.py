@@ -53,7 +53,7 @@ class Candidate:
         return self.halves_p_value is None or self.halves_p_value >= AGREE
 
 
-def assess(
+def _assess(
     model: LensModel,
     bundle: Bundle,
     observations: Sequence[Observation],
@@ -76,7 +76,7 @@ def assess(
     return candidate, squares
 
 
-def choose_lens(
+def _choose_lens(
     observations: Sequence[Observation],
     image_size: tuple[int, int],
     square_pixels: bool = False,
@@ -102,7 +102,7 @@ def choose_lens(
         known = information(model, bundle, observations, directions)
         if known is None:
             continue
-        candidate, errors[name] = assess(model, bundle, observations, image_size, directions, known)
+        candidate, errors[name] = _assess(model, bundle, observations, image_size, directions, known)
         candidates.append(candidate)
     chosen = _simplest_good(candidates, errors) if candidates else CANDIDATES[0]
     return LENS_MODELS[chosen], fits[chosen], tuple(candidates)
@@ -218,7 +218,7 @@ def decide(
         if decided == (lens.name, flex.used):
             break
         if model == "auto":
-            lens, bundle, comparison = choose_lens(good, image_size, square_pixels, flex.used, warm)
+            lens, bundle, comparison = _choose_lens(good, image_size, square_pixels, flex.used, warm)
         else:
             bundle = fit_lens(lens, good, image_size, square_pixels, flex.used, {lens.name: bundle})
         decided = (lens.name, flex.used)
@@ -231,5 +231,5 @@ def decide(
     bundle = polished(lens, unfolded(lens, bundle, good, directions, image_size), good, directions)
     known = information(lens, bundle, good, directions)
     if model != "auto" and known is not None:
-        comparison = (assess(lens, bundle, good, image_size, directions, known)[0],)
+        comparison = (_assess(lens, bundle, good, image_size, directions, known)[0],)
     return LensFit(lens, bundle, inliers, flex, comparison, known)

@@ -32,13 +32,13 @@ def held_out_squares(
     views, known, gives the lens without them; where that says that the views are missed by much more than when they are
     seen, the step may be too long to be trusted and the lens is solved anew.
     """
-    stepped = stepped_squares(known)
+    stepped = _stepped_squares(known)
     if stepped.sum() <= _LITTLE_MORE * known.squares.sum():
         return stepped
     return solved_squares(model, bundle, observations, directions)
 
 
-def stepped_squares(known: Information) -> np.ndarray:
+def _stepped_squares(known: Information) -> np.ndarray:
     """(V,) as `held_out_squares`, to first order."""
     folds = min(_FOLDS, len(known.squares))
     group = np.arange(len(known.squares)) % folds

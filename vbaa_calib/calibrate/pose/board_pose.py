@@ -39,14 +39,14 @@ def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
         for rotvec, translation in zip(rotvecs, translations, strict=True):
             if np.all(np.isfinite(rotvec)) and np.all(np.isfinite(translation)) and translation[2] > 0.0:
                 start = Pose.from_rotvec(rotvec.ravel(), translation)
-                if all(turn_between(start, other) > _SAME_START_RAD for other in starts):
+                if all(_turn_between(start, other) > _SAME_START_RAD for other in starts):
                     starts.append(start)
     if not starts:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     return starts
 
 
-def turn_between(one: Pose, other: Pose) -> float:
+def _turn_between(one: Pose, other: Pose) -> float:
     """Angle between two orientations, rad."""
     return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
@@ -273,7 +273,7 @@ def _second(
 ) -> PoseCandidate | None:
     for start in others:
         T_camera_board = _refined(start, camera, points, pixels, "linear")
-        if turn_between(T_camera_board, first) > _SAME_RAD and bool(camera.project(T_camera_board @ points)[1].all()):
+        if _turn_between(T_camera_board, first) > _SAME_RAD and bool(camera.project(T_camera_board @ points)[1].all()):
             return PoseCandidate(T_camera_board, _rms(_residual(T_camera_board, camera, points, pixels)))
     return None
 
@@ -303,7 +303,7 @@ def jig_estimate(
     T_antenna_camera = T_antenna_board @ T_camera_board.inverse()
     rotation = T_antenna_camera.rotation
     # Turning the board by w turns the camera by −R·w about the board, which also moves it.
-    lever = cross_matrix(rotation @ T_camera_board.translation_m)
+    lever = _cross_matrix(rotation @ T_camera_board.translation_m)
     by_board = np.block([[-rotation, np.zeros((3, 3))], [-lever @ rotation, -rotation]])
     by_jig = np.block([[np.eye(3), np.zeros((3, 3))], [lever, np.eye(3)]])
     jig = np.repeat([rotation_std_rad, translation_std_m], 3) ** 2
@@ -315,7 +315,7 @@ def jig_estimate(
     )
 
 
-def cross_matrix(vector: np.ndarray) -> np.ndarray:
+def _cross_matrix(vector: np.ndarray) -> np.ndarray:
     """(3, 3) with `cross_matrix(a) @ b == np.cross(a, b)`."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -58,7 +58,7 @@ _CROSS = "take a cross at least: the middle, pan to either side, tilt to either 
 _MEND = "look the rows through; the board must not move, the joints be at rest, the angles in radians"
 
 
-def usable_pictures(
+def _usable_pictures(
     views: Sequence[BoardView], pictures: Sequence[SweepPicture], spec: BoardSpec, camera: Camera
 ) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
     """Views that fix the board's pose, their readings, and the others with the reason.
@@ -82,7 +82,7 @@ def usable_pictures(
     return usable, [pictures[place] for place in places], dropped
 
 
-def refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
+def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
     """Raises InputError unless both joints moved in the pictures that can be used."""
     spans = {
         "pan": np.ptp([reading.pan_rad for reading in readings]),
@@ -100,7 +100,7 @@ def refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
         )
 
 
-def which_pictures(
+def _which_pictures(
     camera: Camera, state: SweepState, corners: SweepCorners
 ) -> tuple[SweepState, np.ndarray, np.ndarray]:
     """A robust state, which pictures it explains (P,) bool, and by how much it misses each (P,) px.
@@ -194,7 +194,7 @@ def _own_angles(camera: Camera, state: SweepState, corners: SweepCorners, pictur
     return angles if error < _OWN_FIT_PX else None
 
 
-def left_out_reason(
+def _left_out_reason(
     camera: Camera, state: SweepState, corners: SweepCorners, index: int, error_px: float, kinematics: Kinematics
 ) -> str:
     """Why a picture was left out, with the angles at which it would fit."""
@@ -285,16 +285,16 @@ def solve_sweep(
         pictures, or a picture size that is not the camera's.
     SolveError : the corners of hardly a picture are those of the board.
     """
-    seen, readings, dropped = usable_pictures(views, pictures, spec, camera)
-    refuse_one_joint(readings)
+    seen, readings, dropped = _usable_pictures(views, pictures, spec, camera)
+    _refuse_one_joint(readings)
     corners = SweepCorners.of(seen, readings, spec, kinematics)
-    state, kept, error_px = which_pictures(camera, start(camera, corners, kinematics), corners)
-    refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])
+    state, kept, error_px = _which_pictures(camera, start(camera, corners, kinematics), corners)
+    _refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])
     free, used = inlying(camera, state, corners, kept[corners.picture], ALL_FREE)
     chosen = _with_axes(camera, corners, free, used, kinematics)
     _refuse_loose(chosen)
     left_out = [
-        DroppedView(view.name, left_out_reason(camera, chosen.state, corners, index, error_px[index], kinematics))
+        DroppedView(view.name, _left_out_reason(camera, chosen.state, corners, index, error_px[index], kinematics))
         for index, view in enumerate(seen)
         if not kept[index]
     ]

@@ -106,16 +106,16 @@ class Linearised:
     by_lens: np.ndarray
 
 
-def turns_actuator_foot(corners: SweepCorners, axis_skew_rad: float) -> np.ndarray:
+def _turns_actuator_foot(corners: SweepCorners, axis_skew_rad: float) -> np.ndarray:
     """(P, 3, 3) Ry(tilt)·Rx(−skew)·Rz(−pan): directions of the world seen from the moving attachment."""
     tilt = Rotation.from_rotvec(corners.tilt_rad[:, None] * _Y)
     pan = Rotation.from_rotvec(-corners.pan_rad[:, None] * _Z)
     return (tilt * Rotation.from_rotvec(-axis_skew_rad * _X) * pan).as_matrix()
 
 
-def T_camera_foot(state: SweepState, corners: SweepCorners, picture: int) -> Pose:
+def _T_camera_foot(state: SweepState, corners: SweepCorners, picture: int) -> Pose:
     """Where one picture's camera sees the foot on the pan axis, the world's directions."""
-    turn = turns_actuator_foot(corners, state.axis_skew_rad)[picture]
+    turn = _turns_actuator_foot(corners, state.axis_skew_rad)[picture]
     tilt = corners.tilt_rad[picture]
     foot = -state.axis_offset_m * np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
     return state.T_actuator_camera.inverse() @ Pose(turn, foot)
@@ -124,7 +124,7 @@ def T_camera_foot(state: SweepState, corners: SweepCorners, picture: int) -> Pos
 def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> Linearised:
     """Residuals and derivatives of all corners at a state."""
     X, B = state.T_actuator_camera, state.T_foot_board
-    whole = turns_actuator_foot(corners, state.axis_skew_rad)
+    whole = _turns_actuator_foot(corners, state.axis_skew_rad)
     tilts = Rotation.from_rotvec(corners.tilt_rad[:, None] * _Y).as_matrix()
     # directions of the foot frame, and of the frame between the joints, seen from the camera: (N, 3, 3)
     camera_foot = (X.rotation.T @ whole)[corners.picture]
@@ -189,7 +189,7 @@ def start(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> Swee
     if len(which) < 3:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     seen = np.array([pose.rotation for pose in poses])
-    known = turns_actuator_foot(corners, kinematics.axis_skew_rad)[which]
+    known = _turns_actuator_foot(corners, kinematics.axis_skew_rad)[which]
 
     def turns(weights: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
         X, B = _rotations(known, seen, weights)
@@ -213,7 +213,7 @@ def start(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> Swee
 
 def turned_over(state: SweepState, corners: SweepCorners) -> SweepState:
     """The same with the board leaning to the other side of the line of sight, which looks much alike."""
-    camera_foot = T_camera_foot(state, corners, 0)
+    camera_foot = _T_camera_foot(state, corners, 0)
     other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
     return replace(state, T_foot_board=camera_foot.inverse() @ other)
 

@@ -71,14 +71,14 @@ class SweepFit:
         return float(np.sqrt(self.angle_ratio * self.variance_px2))
 
 
-def picture_blocks(rows: np.ndarray, corners: SweepCorners) -> np.ndarray:
+def _picture_blocks(rows: np.ndarray, corners: SweepCorners) -> np.ndarray:
     """(P, m, m) sums of products of rows (N, 2, m), picture by picture."""
     bounds = np.searchsorted(corners.picture, np.arange(corners.pictures + 1))
     flat = [rows[first:last].reshape(-1, rows.shape[-1]) for first, last in pairwise(bounds)]
     return np.array([block.T @ block for block in flat])
 
 
-def eliminated(blocks: np.ndarray, angle_ratio: float) -> tuple[np.ndarray, float]:
+def _eliminated(blocks: np.ndarray, angle_ratio: float) -> tuple[np.ndarray, float]:
     """Sum of blocks (P, m, m) with the last two columns, the angles, marginalised: (m − 2, m − 2), and its log det."""
     total = blocks[:, :-2, :-2].sum(axis=0)
     if angle_ratio == 0.0:
@@ -89,15 +89,15 @@ def eliminated(blocks: np.ndarray, angle_ratio: float) -> tuple[np.ndarray, floa
     return total - np.einsum("pai,paj->ij", cross, through), float(shrink)
 
 
-def normal_equations(blocks: np.ndarray, angle_ratio: float) -> Normal:
+def _normal_equations(blocks: np.ndarray, angle_ratio: float) -> Normal:
     """From blocks (P, m, m) of columns: free steps, residual, angles."""
-    whole, shrink = eliminated(blocks, angle_ratio)
+    whole, shrink = _eliminated(blocks, angle_ratio)
     return Normal(whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]), shrink)
 
 
 def _blocks(moved: Linearised, corners: SweepCorners, weights: np.ndarray, free: np.ndarray) -> np.ndarray:
     rows = np.concatenate([moved.by_state[..., free], moved.residuals_px[..., None], moved.by_angles], axis=-1)
-    return picture_blocks(rows * np.sqrt(weights)[:, None, None], corners)
+    return _picture_blocks(rows * np.sqrt(weights)[:, None, None], corners)
 
 
 def _solved(A: np.ndarray, b: np.ndarray, damping: float = 0.0) -> np.ndarray:
@@ -117,7 +117,7 @@ def descend(
 ) -> tuple[SweepState, Linearised]:
     """Levenberg–Marquardt from a start, corners weighed by weights (N,)."""
     moved = linearise(camera, state, corners)
-    system = normal_equations(_blocks(moved, corners, weights, free), angle_ratio)
+    system = _normal_equations(_blocks(moved, corners, weights, free), angle_ratio)
     damping = 1e-4
     for _ in range(steps):
         step = np.zeros(STATE)
@@ -126,7 +126,7 @@ def descend(
             break
         new_state = state.moved(step)
         trial = linearise(camera, new_state, corners)
-        new = normal_equations(_blocks(trial, corners, weights, free), angle_ratio)
+        new = _normal_equations(_blocks(trial, corners, weights, free), angle_ratio)
         if np.isfinite(new.cost) and new.cost <= system.cost:
             state, moved, system = new_state, trial, new
             damping = max(0.1 * damping, 1e-15)
@@ -162,14 +162,14 @@ def fit(camera: Camera, state: SweepState, corners: SweepCorners, used: np.ndarr
     weights, ratio = used.astype(float), 0.0
     for _ in range(_RATIO_ROUNDS):
         state, moved = descend(camera, state, corners, weights, free, ratio)
-        before, ratio = ratio, angle_variance_ratio(_blocks(moved, corners, weights, free), 2 * int(used.sum()))
+        before, ratio = ratio, _angle_variance_ratio(_blocks(moved, corners, weights, free), 2 * int(used.sum()))
         if abs(ratio - before) <= _SAME_RATIO * before:
             break
     state, moved = descend(camera, state, corners, weights, free, ratio)
     return _worth(moved, state, corners, weights, free, ratio)
 
 
-def angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
+def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
     """Variance of the joint angles over that of a corner's coordinate, (rad/px)², by restricted likelihood.
 
     Parameters
@@ -180,7 +180,7 @@ def angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
     sight = float(np.mean(np.trace(blocks[:, -2:, -2:], axis1=1, axis2=2))) / 2
 
     def badness(power: float) -> float:
-        system = normal_equations(blocks, 10**power / sight)
+        system = _normal_equations(blocks, 10**power / sight)
         left = max(system.cost - float(system.b @ _solved(system.A, system.b)), 1e-30)
         return system.log_determinant + _log_determinant(system.A) + freedom * np.log(left)
 
@@ -221,8 +221,8 @@ def _worth(
     rows = np.concatenate(
         [moved.by_state[..., free], moved.by_lens, moved.residuals_px[..., None], moved.by_angles], axis=-1
     )
-    blocks = picture_blocks(rows * np.sqrt(weights)[:, None, None], corners)
-    whole, _ = eliminated(blocks, ratio)
+    blocks = _picture_blocks(rows * np.sqrt(weights)[:, None, None], corners)
+    whole, _ = _eliminated(blocks, ratio)
     A, coupling, cost = whole[:count, :count], whole[:count, count : count + lens], float(whole[-1, -1])
     variance = max(cost / max(2 * weights.sum() - count, 1.0), _ROUNDING_PX**2)
     covariance, by_lens = np.zeros((STATE, STATE)), np.zeros((STATE, lens))

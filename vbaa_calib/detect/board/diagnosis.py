@@ -45,7 +45,7 @@ def search(read: Callable[[int], np.ndarray], count: int, spec: BoardSpec, least
         seen = [_turned(picture, turned) for picture in pictures]
         found: list[tuple[int, Sighting]] = []
         for dictionary in _FAMILIES:
-            markers = [find_markers(picture, dictionary) for picture in seen]
+            markers = [_find_markers(picture, dictionary) for picture in seen]
             layout = best_layout(markers, prefer, least_pairs)
             if layout is not None:
                 found.append((layout.total - layout.wrong, Sighting(dictionary, turned, markers, layout)))
@@ -59,7 +59,7 @@ def _turned(picture: np.ndarray, turned: str) -> np.ndarray:
     return 255 - picture if turned in (NEGATIVE, _BOTH) else picture
 
 
-def find_markers(picture: np.ndarray, dictionary: str) -> Markers:
+def _find_markers(picture: np.ndarray, dictionary: str) -> Markers:
     """Markers of a dictionary (its OpenCV name) in a picture (H, W) uint8."""
     known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
     outlines, ids, _ = cv2.aruco.ArucoDetector(known).detectMarkers(picture)
@@ -87,10 +87,10 @@ class Mismatch:
         """What to do, with the fitting spec as a line of YAML that can be pasted."""
         if self.fitting is None:
             return f"print a board whose markers are of one of {DICTIONARIES[0]} … {DICTIONARIES[-1]}"
-        return f"this board fits: {as_yaml(self.fitting)}"
+        return f"this board fits: {_as_yaml(self.fitting)}"
 
 
-def as_yaml(spec: BoardSpec) -> str:
+def _as_yaml(spec: BoardSpec) -> str:
     """The spec as one line of YAML, as board.yaml has it."""
     return yaml.safe_dump(spec.to_dict(), default_flow_style=True, sort_keys=False, width=10_000).strip()
 
@@ -151,7 +151,7 @@ def _legacy_is_wrong(markers: Sequence[Markers], own: Layout, spec: BoardSpec) -
     return other >= PAIRS_NEEDED and here < 0.2 * other
 
 
-def rows_seen(layout: Layout) -> int:
+def _rows_seen(layout: Layout) -> int:
     """Rows of squares up to the last whose markers stand as the layout has them."""
     cells = marker_cells(layout.squares_x, layout.on_even_squares, len(layout.fits))
     seen = np.flatnonzero(layout.fits >= PAIRS_NEEDED)
@@ -181,7 +181,7 @@ def _compared(sighting: Sighting, spec: BoardSpec) -> Mismatch | None:
     layout, causes = sighting.layout, []
     if sighting.turned:
         causes.append(sighting.turned)
-    fitting = fitting_spec(sighting, spec)
+    fitting = _fitting_spec(sighting, spec)
     if fitting is None:
         return Mismatch((*causes, f"its markers are of {sighting.dictionary}"), None)
     if fitting.dictionary != spec.dictionary:
@@ -203,10 +203,10 @@ def _compared(sighting: Sighting, spec: BoardSpec) -> Mismatch | None:
     return Mismatch(tuple(causes), fitting) if causes else None
 
 
-def fitting_spec(sighting: Sighting, spec: BoardSpec) -> BoardSpec | None:
+def _fitting_spec(sighting: Sighting, spec: BoardSpec) -> BoardSpec | None:
     """The spec that the pictures show: what they leave open is kept; None where its dictionary is none of ours."""
     layout = sighting.layout
-    rows = max(rows_seen(layout), 2)
+    rows = max(_rows_seen(layout), 2)
     if layout.squares_x == spec.squares_x and rows <= spec.squares_y and layout.on_even_squares == _on_even(spec):
         rows = spec.squares_y
     legacy = layout.on_even_squares or (spec.legacy_pattern and rows % 2 == 1)

@@ -72,14 +72,14 @@ def sight_picture(image: np.ndarray, line: Centreline, where: Corridor | None, t
 def corridor_mask(where: Corridor, image_size: tuple[int, int]) -> np.ndarray:
     """(H, W) uint8, 255 where the antenna may be."""
     mask = np.zeros((image_size[1], image_size[0]), np.uint8)
-    left, right = corridor_sides(where)
+    left, right = _corridor_sides(where)
     for i in range(len(left) - 1):
         quad = np.stack([left[i], left[i + 1], right[i + 1], right[i]])
         cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(np.clip(quad, -8e3, 8e3)).astype(np.int32)), 255)
     return mask
 
 
-def corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
+def _corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
     """(M, 2) and (M, 2): the corridor's two sides, from clamp to tip."""
     aside = where.reach_px[:, None] * normals(where.axis_px)
     return where.axis_px - aside, where.axis_px + aside
@@ -87,7 +87,7 @@ def corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
 
 def draw_corridor(canvas: Canvas, where: Corridor) -> None:
     """The corridor's outline, the predicted free antenna in its middle, and the clamp."""
-    left, right = corridor_sides(where)
+    left, right = _corridor_sides(where)
     canvas.line(np.concatenate([left, right[::-1], left[:1]]), CORRIDOR)
     canvas.dashes(where.axis_px, FREE, 1.5)
 

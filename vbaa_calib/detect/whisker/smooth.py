@@ -14,7 +14,7 @@ _PLACES = np.linspace(0.0, 1.0, TABLE)
 
 
 @lru_cache(maxsize=8)
-def basis(pieces: int) -> np.ndarray:
+def _basis(pieces: int) -> np.ndarray:
     """(TABLE, pieces + 3) uniform cubic B-splines over [0, 1]."""
     at = np.linspace(0.0, pieces, TABLE)
     first = np.minimum(at.astype(int), pieces - 1)
@@ -41,7 +41,7 @@ class Smooth:
 
     def at(self, share: np.ndarray) -> np.ndarray:
         """Values at other places, given as fractions (M,) of the way."""
-        return np.interp(share, _PLACES, basis(len(self.coefficients) - 3) @ self.coefficients)
+        return np.interp(share, _PLACES, _basis(len(self.coefficients) - 3) @ self.coefficients)
 
 
 def rows(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +76,7 @@ def fit(
     scales : residual at which a point counts half, one round each, in the unit of `values`.
     stiffness : of the penalty on bends, as a fraction of the mean weight of a coefficient.
     """
-    table, (row, part) = basis(pieces), rows(share)
+    table, (row, part) = _basis(pieces), rows(share)
     penalty = stiffness * (weights.sum() / (pieces + 3) + 1e-12) * _bending(pieces) + 1e-9 * np.eye(pieces + 3)
     trusted, curve = weights, np.zeros(len(share))
     coefficients = np.zeros(pieces + 3)

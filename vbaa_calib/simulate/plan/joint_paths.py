@@ -58,7 +58,7 @@ def _joints(press: str, pressed_rad: float, other_rad: float) -> Joints:
     return Joints(pressed_rad, other_rad) if press == "pan" else Joints(other_rad, pressed_rad)
 
 
-def first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float) -> float:
+def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float) -> float:
     """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3).
 
     Raises InputError when there is none.
@@ -90,7 +90,7 @@ def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
     phase = np.linspace(0.0, 2 * np.pi * sweep.swells, sweep.frames)
     push = sweep.push_rad[0] + (sweep.push_rad[1] - sweep.push_rad[0]) * (0.5 - 0.5 * np.cos(phase))
     points = _free_points(place, rod, swept if sweep.press == "pan" else np.zeros_like(swept))
-    touch = np.array([first_touch(place, sweep, p, other) for p, other in zip(points, swept, strict=True)])
+    touch = np.array([_first_touch(place, sweep, p, other) for p, other in zip(points, swept, strict=True)])
     before, after = np.full(sweep.free_frames, swept[0]), np.full(sweep.free_frames, swept[-1])
     clear = -sweep.clearance_rad * np.linspace(1.3, 1.0, sweep.free_frames)
     relative = np.concatenate([touch[0] + sweep.toward * clear, touch + sweep.toward * push])

@@ -46,7 +46,7 @@ def board_poses(lens: Lens, board: BoardSpec, spec: IntrinsicsSpec, rng: np.rand
 SCHEMA = "vbaa.truth/1"
 
 
-def frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
+def _frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
     """What is true of one frame; None where there is no contact."""
     if not touched.in_contact[index]:
         names = (
@@ -80,7 +80,7 @@ def frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose)
     }
 
 
-def rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
+def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
     """The rig, its sensors and the object, in the units that their names say."""
     obj = scene.object
     rigid = not np.isfinite(obj.stiffness_N_m)
@@ -187,7 +187,7 @@ def plan(scene: Scene) -> Plan:
     }
     held = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
     views = [shot.T_camera_board.to_dict() for shot in boards if shot.path.startswith("intrinsics/")]
-    truth = rig_truth(scene, rod) | {"T_camera_board": views} | held
+    truth = _rig_truth(scene, rod) | {"T_camera_board": views} | held
     return Plan([*boards, *noload, *loads, *frames], tables, truth)
 
 
@@ -277,7 +277,7 @@ def _recording(
         readings = _readings(scene, moments, noise)
         for i, at in enumerate(joints):
             frame, image = len(rows), f"frame_{len(rows):04d}.png"
-            facts = frame_truth(scene, touched, i, scene.T_world_antenna(at))
+            facts = _frame_truth(scene, touched, i, scene.T_world_antenna(at))
             time_s = round(start_s + i / scene.recording.rate_hz, 6)
             rows.append({"frame": frame, "time_s": time_s} | _row(image, at, float(readings[i])))
             truth.append({"frame": frame} | facts | {"moment_true_Nm": float(moments[i])})

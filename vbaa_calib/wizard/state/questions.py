@@ -96,7 +96,7 @@ def shown(value: Value) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
-def as_number(given: object) -> float:
+def _as_number(given: object) -> float:
     """A finite number. Raises ValueError; 1_0 and true are slips, not numbers; a decimal comma is named."""
     if isinstance(given, bool) or not isinstance(given, int | float | str):
         raise ValueError("that is not a number")
@@ -129,7 +129,7 @@ def _unit_typed(text: str) -> str:
 
 
 def _read_number(question: Question, given: object) -> float:
-    value = as_number(given)
+    value = _as_number(given)
     if not question.low <= value <= question.high:
         raise ValueError(f"{value:g}{' ' + question.unit if question.unit else ''} cannot be")
     return value

@@ -55,7 +55,7 @@ DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0)
 COLUMNS = {folder: ("image", *names) for folder, names in READINGS.items()}
 
 
-def session_data(
+def _session_data(
     answers: Mapping[str, Any], board: BoardSpec, before: Mapping[str, Any], print_scale_std: float = 0.0
 ) -> dict[str, Any]:
     """session.yaml out of the answers; what is not answered yet has its default. Keys that nobody asks for stay.
@@ -125,15 +125,15 @@ def session_of(store: Store, board: BoardSpec, print_scale_std: float = 0.0) -> 
     """The session as the answers have it so far. Raises InputError for answers that do not go together."""
     path = store.root / "session.yaml"
     before = read_yaml(path) if path.exists() else {}
-    return session_from(session_data(store.journal.answers, board, before, print_scale_std), store.root, path)
+    return session_from(_session_data(store.journal.answers, board, before, print_scale_std), store.root, path)
 
 
 def write_session(store: Store, board: BoardSpec, print_scale_std: float = 0.0) -> None:
     """Write session.yaml and the tables as the journal has them, where they are not so already."""
     path = store.root / "session.yaml"
     before = read_yaml(path) if path.exists() else {}
-    data = session_data(store.journal.answers, board, before, print_scale_std)
-    if is_ready(store.journal) and data != before:
+    data = _session_data(store.journal.answers, board, before, print_scale_std)
+    if _is_ready(store.journal) and data != before:
         text = yaml.dump(
             data, Dumper=UniqueKeyDumper, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True
         )
@@ -185,6 +185,6 @@ def answers_of(session_yaml: Path) -> dict[str, Any]:
     return found if way is None else found | {"plane_way": way}
 
 
-def is_ready(journal: Journal) -> bool:
+def _is_ready(journal: Journal) -> bool:
     """Whether session.yaml can be written: all of it that has no default was answered."""
     return all(key in journal.answers for key in ("board", "antenna_length_mm", "antenna_diameter_mm", "plane_way"))

@@ -24,7 +24,7 @@ from vbaa_calib.wizard.sources.offered import Offered
 from .journal import Journal, Left, Record, Taken
 
 
-def locked(path: Path) -> TextIO:
+def _locked(path: Path) -> TextIO:
     """An open file that is locked until it is closed, or the process ends, however it ends.
 
     Raises InputError where another process has it, or where it cannot be written.
@@ -76,7 +76,7 @@ class Store:
             raise InputError(f"cannot be made ({why})", where=self.root, remedy="name another folder") from None
         if not os.access(self.root, os.W_OK | os.X_OK):
             raise InputError("is read-only", where=self.root, remedy="name a folder that can be written")
-        self._lock = locked(self.root / LOCK)
+        self._lock = _locked(self.root / LOCK)
         try:
             if (self.root / NAME).exists():
                 self.journal = Journal.read(self.root / NAME)
