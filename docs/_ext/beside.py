@@ -20,6 +20,7 @@ PAGES = {
     "vision_benchmark": "benchmarks/vision.md",
     "changelog": "CHANGELOG.md",
     "architecture": "ARCHITECTURE.md",
+    "contributing": "CONTRIBUTING.md",
 }
 """Page of the site → the file beside docs/ that it shows."""
 FOLDERS = {"README.md": "index.md", "benchmarks": "benchmarks.md", "examples": "examples.md", "docs": "index.md"}
