@@ -106,7 +106,7 @@ def _whole_way(session: Path) -> dict[str, Report]:
     """By the commands that a user types, and the library for what they do not write down."""
     from estimator.budget.budget import error_budget
     from estimator.object.estimate import feel
-    from estimator.table.table import read_contacts
+    from estimator.table.files import read_contacts
     from vbaa_calib.cli.main import main
     from vbaa_calib.rig import Rig
 

@@ -11,7 +11,7 @@ import numpy as np
 from estimator.budget.budget import Budget
 from estimator.contact.contacts import Contacts
 from estimator.object.estimate import Felt
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.rig import Rig
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
-    from estimator.table.contact import Contact, Measured
+    from estimator.table.contacts import Contact, Measured
 
 __all__ = ["Contact", "ContactEstimator", "Measured"]
 
-_HOMES = {"Contact": ".table.contact", "Measured": ".table.contact", "ContactEstimator": ".contact.estimate"}
+_HOMES = {"Contact": ".table.contacts", "Measured": ".table.contacts", "ContactEstimator": ".contact.estimate"}
 
 
 def __getattr__(name: str) -> Any:

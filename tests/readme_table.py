@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.object.estimate import Felt, feel
-from estimator.table.table import read_contacts
+from estimator.table.files import read_contacts
 from vbaa_calib.rig import Rig
 from viz.cli.demo import SCENES
 

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.growth.growth import SERIES, Grown, Power, Series, cost_of, fitted, follow, resident_MB
 from benchmarks.growth.report import as_rows, numbers, table, write_figure
 from benchmarks.growth.work import repeated
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from tests.viz.touching import cylinder, touch
 
 SIZES = [10, 30, 100, 300, 1000, 3000]

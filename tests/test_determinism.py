@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.reported import apart, of_contacts, of_rig
-from estimator.table.table import read_contacts
+from estimator.table.files import read_contacts
 from vbaa_calib.rig import Rig
 
 ROOT = Path(__file__).parents[1]

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator import Contact, ContactEstimator
-from estimator.table.columns import LOCATED, STATUSES
+from estimator.table.contacts import LOCATED, STATUSES
 from tests.estimator.drawn_frames import path_px, rig_of, shape
 from vbaa_calib import schemas
 from vbaa_calib.camera import Camera

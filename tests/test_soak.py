@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.growth.work import SESSION, write_recording
-from estimator.table.table import read_contacts
+from estimator.table.files import read_contacts
 from tests.estimator.drawn_frames import picture, rig_of, shape
 
 MOST_MB = 20.0

@@ -24,7 +24,7 @@ from estimator import ContactEstimator
 from estimator.budget.budget import error_budget
 from estimator.contact.recording import estimate_pictures
 from estimator.object.estimate import feel
-from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.calibrate.pipeline import Calibration, calibrate

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator import ContactEstimator
 from estimator.contact.recording import Glance, look, look_again, looks, measured
-from estimator.table.contact import Contact, Measured
+from estimator.table.contacts import Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.rig import Rig

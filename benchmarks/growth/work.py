@@ -24,8 +24,8 @@ from estimator import ContactEstimator
 from estimator.contact.recording import estimate_picture, estimate_recording
 from estimator.object.estimate import feel
 from estimator.object.surface import reconstruct, touches_of
-from estimator.table.columns import ContactRow, ContactTable
-from estimator.table.table import write_contacts
+from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.files import write_contacts
 from vbaa_calib.calibrate.antenna.bundle_adjustment import solve_joint
 from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from estimator.object.estimate import Felt, feel
-from estimator.table.columns import ContactTable
-from estimator.table.contact import FRICTION_RAD
+from estimator.table.contacts import FRICTION_RAD, ContactTable
 
 from .scenes import Recorded, contacts
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.harness import new_figure, or_none, rms_known, save
-from estimator.table.contact import FRICTION_RAD
+from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.console import progress
 
 from .cases import CASES, RIGID, SETUP, SOFT, SOFTER, Case

@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.estimator.setup import Setup, drawn_truth, rod_of
 from estimator.contact.verdict import CONTACT_EVIDENCE
 from estimator.object.track import Event, follow
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.plan.joint_paths import sweep_joints

@@ -10,8 +10,7 @@ import numpy as np
 from benchmarks.estimator.scenes import seen
 from benchmarks.estimator.setup import rod_of
 from estimator import ContactEstimator
-from estimator.table.columns import ContactRow, ContactTable
-from estimator.table.contact import FRICTION_RAD
+from estimator.table.contacts import FRICTION_RAD, ContactRow, ContactTable
 from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Rig

@@ -17,7 +17,7 @@ from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.object.estimate import Felt
 from estimator.paper.two_point import contact_position
-from estimator.table.contact import FRICTION_RAD
+from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.holding import Touch
 from vbaa_calib.simulate.contact.touch import touch

@@ -11,7 +11,7 @@ from benchmarks.estimator.scenes import seen
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, filling_pose, rod_of
 from estimator.contact.contacts import Contacts
 from estimator.object.estimate import Felt, feel
-from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, Rig

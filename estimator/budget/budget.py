@@ -9,7 +9,7 @@ import numpy as np
 from estimator.contact.quantities import edge_on
 from estimator.contact.verdict import EDGE_ON_BLIND_RAD, FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_OWN
 from estimator.solver.rig_arrays import Known
-from estimator.table.contact import FRICTION_RAD
+from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 

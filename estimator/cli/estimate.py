@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
-    from estimator.table.columns import ContactRow
+    from estimator.table.contacts import ContactRow
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame, Session
 
@@ -64,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording and write contacts.csv."""
     from estimator.contact.estimate import ContactEstimator
-    from estimator.table.table import write_contacts
+    from estimator.table.files import write_contacts
     from vbaa_calib.core.console import say
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import check_pictures, load_session
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def check_outputs(args: argparse.Namespace) -> None:
     """Raises InputError for outputs that cannot be written, before any work."""
     from estimator.contact.overlay_folder import refuse_folder
-    from estimator.table.table import check_format
+    from estimator.table.files import check_format
     from vbaa_calib.core.files import refuse_overwrite
     from vbaa_calib.session import refuse_measured
 
@@ -130,7 +130,7 @@ def _rows(
 
     from estimator.contact.overlay_folder import overlaid
     from estimator.contact.recording import estimate_recording, read_ground
-    from estimator.table.columns import ContactRow
+    from estimator.table.contacts import ContactRow
     from vbaa_calib.core.console import progress
 
     ground = None if args.background is None else read_ground(estimator.rig, args.background)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.object.track import Track
-    from estimator.table.columns import ContactTable
+    from estimator.table.contacts import ContactTable
 
 COLUMNS = (
     *("frame", "time_s", "phase", "slip_m_s", "slip_std_m_s", "longitudinal_m_s", "lateral_m_s"),
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Follow the recording and write track.csv. Returns the events and how many frames are in each phase."""
     from estimator.contact.common_errors import shared_errors
     from estimator.object.track import follow, smooth
-    from estimator.table.table import check_format, read_contacts
+    from estimator.table.files import check_format, read_contacts
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import refuse_overwrite, write_text
@@ -121,8 +121,8 @@ def _events_as_data(track: Track) -> list[dict[str, Any]]:
 def _write_smoothed(path: Path, table: ContactTable, force: bool) -> None:
     from dataclasses import fields
 
-    from estimator.table.columns import ContactRow
-    from estimator.table.table import write_contacts
+    from estimator.table.contacts import ContactRow
+    from estimator.table.files import write_contacts
 
     names = [each.name for each in fields(ContactRow)]
     rows = [ContactRow(**{name: getattr(table, name)[i] for name in names}) for i in range(len(table))]

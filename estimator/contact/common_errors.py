@@ -10,7 +10,7 @@ from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.prediction import antennas, look, readings, rig_table
 from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, Known
 from estimator.solver.state import begin, evaluated
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, Rig

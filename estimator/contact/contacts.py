@@ -8,7 +8,7 @@ from typing import overload
 
 import numpy as np
 
-from estimator.table.contact import Contact
+from estimator.table.contacts import Contact
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 

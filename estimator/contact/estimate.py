@@ -13,7 +13,7 @@ from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.ladder import EXPLORER, explore, solve
 from estimator.solver.prediction import look
 from estimator.solver.rig_arrays import Known
-from estimator.table.contact import FRICTION_RAD, Contact, Measured
+from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_index, like
 from vbaa_calib.core.errors import InputError

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from estimator.table.contact import Measured
+from estimator.table.contacts import Measured
 from vbaa_calib.core.errors import InputError
 
 SLIGHTLY = 1e-6

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.table.columns import LOCATED
-from estimator.table.contact import Contact
+from estimator.table.contacts import LOCATED, Contact
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour, stacked

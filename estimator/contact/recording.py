@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.table.contact import Contact, Measured
+from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.whisker.antenna import corridor, find_along, finder, free_curve, pixels, width_px

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.table.contact import Contact, Measured
+from estimator.table.contacts import Contact, Measured
 from vbaa_calib.rig import Rig
 
 from .contacts import Contacts

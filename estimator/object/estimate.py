@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.contact.common_errors import Shared, shared_errors
+from estimator.object.friction import friction
 from estimator.object.track import follow
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
-from .friction import NORMAL_KNOWN_RAD, Friction, Normals, friction
+from .friction import NORMAL_KNOWN_RAD, Friction, Normals
 from .surface import Compliance, Surface, reconstruct, touches_of
 from .track import Track
 

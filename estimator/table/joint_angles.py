@@ -7,7 +7,7 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 
-from .columns import ContactTable
+from .contacts import ContactTable
 
 FOREIGN_M = 1e-3
 """World and antenna points that disagree by more than this come from another rig."""

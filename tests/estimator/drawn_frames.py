@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.table.contact import Contact
+from estimator.table.contacts import Contact
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics, Pose

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.contact.common_errors import Shared
 from estimator.object.track.result import Track
-from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contacts import ContactRow, ContactTable
 
 RADIUS_M, WIRE_M, PRESS_N, SPEED_M_S = 0.04, 4e-4, 0.1, 0.02
 CENTRE_M = np.array([0.16, 0.0, -0.05])

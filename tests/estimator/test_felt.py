@@ -11,7 +11,7 @@ import pytest
 from benchmarks.estimator.setup import Setup, drawn_truth
 from benchmarks.object.scenes import Recorded, contacts, record
 from estimator.object.estimate import Felt, feel
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Sweep

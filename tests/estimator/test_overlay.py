@@ -22,7 +22,7 @@ from estimator.contact.overlay import (
     status_colour,
 )
 from estimator.contact.recording import FrameContact, estimate_picture
-from estimator.table.columns import LOCATED, STATUSES
+from estimator.table.contacts import LOCATED, STATUSES
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.detect.drawing.canvas import Canvas
 from vbaa_calib.detect.drawing.overlay import HIDDEN

@@ -13,8 +13,8 @@ import numpy as np
 
 from estimator.cli import estimate as cli
 from estimator.contact.recording import estimate_centrelines, measured
-from estimator.table.contact import FRICTION_RAD, Contact, Measured
-from estimator.table.table import read_contacts
+from estimator.table.contacts import FRICTION_RAD, Contact, Measured
+from estimator.table.files import read_contacts
 from tests.estimator.drawn_frames import CONTACT_M, path_px, rig_of, shape
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.cli.main import main

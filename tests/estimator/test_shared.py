@@ -12,7 +12,7 @@ from benchmarks.estimator.setup import ACROSS, Setup, moved
 from estimator import ContactEstimator
 from estimator.contact.common_errors import Shared, shared_errors
 from estimator.solver.rig_arrays import Known
-from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig

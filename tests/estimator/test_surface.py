@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from estimator.object.surface import Surface, reconstruct, touches_of
 from estimator.object.surface import touches as touches_module
 from estimator.object.surface.patches import group
-from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contacts import ContactRow, ContactTable
 from tests.viz.touching import ANTENNA_RADIUS_M, cylinder, sphere, touch
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import TouchObject

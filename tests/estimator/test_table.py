@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.table.columns import ContactRow, ContactTable
-from estimator.table.contact import Contact
-from estimator.table.table import COLUMNS, EXTRA_COLUMNS, check_format, read_contacts, write_contacts
+from estimator.table.contacts import Contact, ContactRow, ContactTable
+from estimator.table.files import COLUMNS, EXTRA_COLUMNS, check_format, read_contacts, write_contacts
 from tests.viz.touching import cylinder, touch
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame

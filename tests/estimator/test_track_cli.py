@@ -12,8 +12,8 @@ import pytest
 
 from benchmarks.estimator.setup import Setup
 from estimator.cli.track import COLUMNS, configure, run
-from estimator.table.columns import ContactRow, ContactTable
-from estimator.table.table import read_contacts, write_contacts
+from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.files import read_contacts, write_contacts
 from vbaa_calib.core.errors import InputError
 
 from .track_tables import evidence_table, rubbed, rubbed_table

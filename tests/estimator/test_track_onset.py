@@ -10,7 +10,7 @@ import pytest
 from benchmarks.object.onset import alarms, approach, as_text, onset_row, told
 from estimator.object.track import Event, Track, follow
 from estimator.object.track.events import Growth, free_level, instant
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 from .track_tables import RATE_HZ, evidence, evidence_table
 

@@ -9,7 +9,7 @@ import pytest
 
 from estimator.contact.common_errors import Shared
 from estimator.object.track import Event, Track, follow
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 from .track_tables import RATE_HZ, Rubbed, rubbed, rubbed_table
 

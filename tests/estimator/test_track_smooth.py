@@ -11,7 +11,7 @@ from benchmarks.estimator.setup import Setup
 from estimator.contact.common_errors import Shared
 from estimator.object.track import follow, smooth
 from estimator.object.track.smooth import pieces, smoothed, walk_of
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
 
 from .track_tables import Rubbed, rubbed, rubbed_table

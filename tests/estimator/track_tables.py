@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.geometry import Kinematics
 
 RATE_HZ = 30.0

@@ -19,8 +19,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.table.columns import ContactRow, ContactTable
-from estimator.table.table import read_contacts, write_contacts
+from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.files import read_contacts, write_contacts
 from targets.board import BoardSpec
 from targets.sheet import spec_document
 from vbaa_calib.camera import Camera

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.table.columns import ContactRow, ContactTable
-from estimator.table.table import write_contacts
+from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.files import write_contacts
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 MU, STIFFNESS_N_M = 0.3, 250.0
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
 from viz.scene.moments import moments_of
 from viz.scene.rig_items import rig_items

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from viz.scene.colours import MODES, UNKNOWN, contact_scale, round_ticks, scale
 from viz.scene.object_items import touch_of
 from viz.scene.scene import build_scene

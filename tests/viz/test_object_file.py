@@ -12,7 +12,7 @@ import pyvista as pv
 from vtkmodules.vtkIOGeometry import vtkGLTFReader
 
 from estimator.object.surface import Surface, reconstruct
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 from viz.files.object_file import SUFFIXES, read_object, to_mesh, write_object
 from viz.files.ply import is_whole

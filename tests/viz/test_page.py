@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
 from viz.parts import all_parts
 from viz.render import page, render

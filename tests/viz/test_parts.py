@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject

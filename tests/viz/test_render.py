@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.rig import Rig
 from viz.parts import LOOK, all_parts

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from estimator.contact.overlay import STATUS_COLOURS
-from estimator.table.columns import STATUSES, ContactTable
+from estimator.table.contacts import STATUSES, ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from viz.render.render import can_render

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.table.columns import ContactRow, ContactTable
+from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.joint_angles import from_points
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError

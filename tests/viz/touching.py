@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.table.columns import ContactRow
+from estimator.table.contacts import ContactRow
 from vbaa_calib.geometry import Kinematics
 
 ANTENNA_RADIUS_M = 0.0004

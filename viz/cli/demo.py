@@ -103,7 +103,7 @@ def table(errors: dict[str, Any], length_m: float) -> list[tuple[str, float, str
 
 def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     """Score, table, report.html and summary.json. `argv` is the demo's command line, told in the report."""
-    from estimator.table.table import read_contacts
+    from estimator.table.files import read_contacts
     from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig
     from viz.report.make import Sources, make_report

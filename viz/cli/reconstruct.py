@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
     from estimator.object.surface import reconstruct, touches_of
-    from estimator.table.table import read_contacts
+    from estimator.table.files import read_contacts
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import refuse_overwrite

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
-    from estimator.table.columns import ContactTable
+    from estimator.table.contacts import ContactTable
     from vbaa_calib.rig import Rig
     from viz.scene.scene import Scene
 
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     """All that is read and found, as a scene, and how many frames that was."""
-    from estimator.table.table import read_contacts
+    from estimator.table.files import read_contacts
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import read_json
     from viz.files.object_file import read_object

@@ -12,7 +12,7 @@ from vbaa_calib.core.files import refuse_overwrite
 
 if TYPE_CHECKING:
     from estimator.object.estimate import Felt
-    from estimator.table.columns import ContactTable
+    from estimator.table.contacts import ContactTable
     from vbaa_calib.rig import Rig
 
     from .pictures import Picture
@@ -75,8 +75,8 @@ def make_report(
     ------
     InputError : a source cannot be read, or the page exists and `force` is off.
     """
+    from estimator.table.files import read_contacts
     from estimator.table.joint_angles import joint_angles
-    from estimator.table.table import read_contacts
     from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.contact.overlay import STATUS_COLOURS
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
 
 from .clock import Clock

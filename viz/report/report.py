@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.core.files import write_text
 from vbaa_calib.rig import Rig
 from viz.scene.markup import prose, section

@@ -14,7 +14,7 @@ import numpy as np
 
 import vbaa_calib
 from estimator.contact.overlay import STATUS_COLOURS
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from viz.check.tables import fixed, with_std

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 
 _REMEDY = "give the truth.json that vbaa simulate wrote"

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.contact.overlay import MEANINGS, STATUS_COLOURS
 from estimator.object.surface.touches import BIASED_STD
-from estimator.table.columns import LOCATED, ContactTable
+from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.rig import Rig
 from viz.check.tables import number
 from viz.scene.markup import prose

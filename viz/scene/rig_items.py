@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.camera import Camera

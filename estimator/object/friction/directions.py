@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from estimator.contact.common_errors import Shared
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.geometry import Kinematics
 

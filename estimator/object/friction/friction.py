@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 from .coefficient import coefficient, enough, verdict
 from .directions import Axes, Directions, dot, roll_of, roll_rad, roll_std_rad, unit

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 from .directions import Axes, Directions, directions, dot, side_by_side, unit
 from .evidence import SLIDING, STICKING, UNUSED, Rubs

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 from .equations import value_rows
 from .fit import SETTLED, Fit, first_state, fit, patches_of

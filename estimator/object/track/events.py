@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
-from estimator.table.columns import LOCATED, ContactTable
+from estimator.table.contacts import LOCATED, ContactTable
 
 from .onset import Change, Contacting, settled
 from .result import FIRST_CONTACT, LOSS, ROLLING, SLIDING, SLIP_END, SLIP_START, STICKING, Event

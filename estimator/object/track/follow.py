@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.contact.common_errors import Shared, shared_errors
 from estimator.contact.stream import beam
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.stats import t as student
 
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 WINDOWS = (3, 6, 12)
 """Last frames that are taken together."""

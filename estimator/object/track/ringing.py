@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import lombscargle
 
 from estimator.contact.motion import Beam
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 from .result import RINGING, Event
 from .strokes import usual_step

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from estimator.contact.common_errors import Shared, shared_errors
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.rig import Rig
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.contact.common_errors import Shared
-from estimator.table.columns import ContactTable
+from estimator.table.contacts import ContactTable
 
 GAP_FRAMES = 4.0
 """A run of located frames ends where so many frames' time passes without one."""

@@ -16,7 +16,7 @@ from vbaa_calib.core.csv_rows import csv_rows, number, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing, require_file
 
-from .columns import LOCATED, STATUSES, ContactRow, ContactTable
+from .contacts import LOCATED, STATUSES, ContactRow, ContactTable
 
 TOGETHER = 4096
 """Rows of a row group."""
