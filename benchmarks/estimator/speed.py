@@ -16,6 +16,7 @@ from estimator.paper.two_point import two_point_contact
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.console import progress
+from vbaa_calib.core.robust import NORMAL_QUARTILE
 
 from .baselines import baselines, by_loop, one_contact
 from .bound import bound
@@ -194,6 +195,6 @@ def _row(
         us_per_frame=1e6 * seconds,
         of_bound=or_none(rms_known(errors)),
         of_bound_flat=or_none(rms_known(errors_flat)),
-        typical=float(np.median(sizes) / 0.6745) if len(sizes) else None,
+        typical=float(np.median(sizes) / NORMAL_QUARTILE) if len(sizes) else None,
         answered=float(np.isfinite(errors).mean()),
     )

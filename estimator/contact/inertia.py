@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.solver.curves import cubic, cubics
-from estimator.solver.normal_equations import huber_weights, solved_columns
+from estimator.solver.normal_equations import solved_columns
 from estimator.solver.prediction import by_point
 from estimator.solver.residuals import arclength, between_nodes, rows
 from estimator.solver.rig_arrays import UNKNOWNS
@@ -11,6 +11,7 @@ from estimator.solver.state import Settled
 from estimator.solver.uncertainty import Worth
 from vbaa_calib.antenna.linear import deflection, deflection_by_contact
 from vbaa_calib.core.arrays import Array, counted, like, namespace
+from vbaa_calib.core.robust import huber_weights
 
 from .motion import PIECES, Beam
 

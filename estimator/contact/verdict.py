@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
 
 from estimator.solver.descent import NEAREST
 from estimator.solver.ladder import SMALL
 from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.core.robust import chi_square_p
 
 from .quantities import Numbers
 
@@ -203,7 +203,7 @@ def _noticed(numbers: Numbers, index: int) -> list[str]:
     if numbers.scatter[index] > 1.0:
         noticed.append(f"the points scatter {numbers.scatter[index]:.1f} times more than they should")
     strange = float(numbers.strange[index])
-    if chi2.sf(strange, max(int(numbers.rig_axes[index]), 1)) < STRANGE_RIG:
+    if chi_square_p(strange, max(int(numbers.rig_axes[index]), 1)) < STRANGE_RIG:
         noticed.append(f"the rig's parameters had to move by {np.sqrt(strange):.0f} std to fit: check the rig")
     if contradiction(numbers)[index] > DISAGREEMENT:
         noticed.append(f"picture and moment disagree by {contradiction(numbers)[index]:.0f} std")

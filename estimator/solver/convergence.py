@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from vbaa_calib.core.arrays import Array, counted, namespace, places
+from vbaa_calib.core.robust import MAD_SCALE
 
 from .descent import COARSE_ITERATIONS, COARSE_STANDSTILL, descend
 from .frames import Frames
@@ -116,7 +117,7 @@ def scatter(about: Problem) -> Array:
     size = xp.where(about.found.precision > 0.0, xp.abs(about.whitened(about.found.distance)), xp.inf)
     count = (about.found.precision > 0.0).sum(-1)
     every, middle = counted(size, len(size)), count // 2
-    median = 1.4826 * size[every, xp.argsort(size, -1)[every, middle]] * about.scatter
+    median = MAD_SCALE * size[every, xp.argsort(size, -1)[every, middle]] * about.scatter
     much = median > 1.0 + SCATTERED / xp.sqrt(count + 0.0)
     return xp.where(much, xp.clip(median, None, MOST_SCATTER), xp.ones_like(median))
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from vbaa_calib.antenna.linear import deflection
 from vbaa_calib.antenna.nodes import aligned_arclength
 from vbaa_calib.core.arrays import Array, counted, like, namespace
+from vbaa_calib.core.robust import huber_weights
 
 from .curves import cubic, cubics
 from .frames import Frames
-from .normal_equations import huber_weights
 from .prediction import RigTable, View, by_point, look, rig_table
 from .residuals import Match, Sums, along_chord, between_nodes, rows, sums
 from .rig_arrays import LIKELY_SWAY, Known

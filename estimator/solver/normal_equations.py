@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from vbaa_calib.core.arrays import Array, counted, namespace
-from vbaa_calib.rig.reprojection import ROBUST
+from vbaa_calib.core.robust import huber_losses, huber_weights
 
 from .prediction import RigTable, View
 from .residuals import Match, Sums, sums
@@ -86,25 +86,11 @@ def problem(known: Known, view: View, table: RigTable, found: Match, scatter: Ar
     return Problem(found, columns, felt, view.misfit, prior, scatter)
 
 
-def _huber(residuals: Array) -> Array:
-    """Half the Huber squares of whitened residuals."""
-    xp = namespace(residuals)
-    size = xp.abs(residuals)
-    inner = xp.clip(size, None, ROBUST)
-    return inner * (size - 0.5 * inner)
-
-
-def huber_weights(residuals: Array) -> Array:
-    """Weights on squares that make least squares of Huber's cost."""
-    xp = namespace(residuals)
-    return ROBUST / xp.clip(xp.abs(residuals), ROBUST, None)
-
-
 def cost(this: Problem, at: Array, moved: Array | None = None) -> Array:
     """(B,) robust cost with the priors of values `at` (B, K), after a small move (B, K) towards them."""
     distance, misfit = (this.found.distance, this.misfit) if moved is None else this.residuals(moved)
-    points = _huber(this.whitened(distance)).sum(-1)
-    return points + _huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
+    points = huber_losses(this.whitened(distance)).sum(-1)
+    return points + huber_losses(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
 
 
 def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations:
@@ -117,7 +103,7 @@ def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations
     pull = (this.columns.mT @ summed.load[..., None] + felt.mT @ misfit[..., None])[..., 0]
     diagonal = counted(at, this.columns.shape[-1])
     information[:, diagonal, diagonal] += this.prior
-    total = _huber(whitened).sum(-1) + _huber(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
+    total = huber_losses(whitened).sum(-1) + huber_losses(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
     return Equations(information, pull - this.prior * at, total)
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from vbaa_calib.antenna.linear import deflection
 from vbaa_calib.antenna.nodes import aligned_arclength
 from vbaa_calib.core.arrays import Array, counted, like, namespace, places
+from vbaa_calib.core.robust import MAD_SCALE, huber_weights
 
-from .normal_equations import Problem, huber_weights, solved, solved_columns
+from .normal_equations import Problem, solved, solved_columns
 from .prediction import by_point
 from .state import Settled, evaluated, picked
 from .uncertainty import REFERENCE, Worth
@@ -136,4 +137,4 @@ def _neighbour_scatter(about: Problem) -> Array:
     gap = xp.where(seen[every, order][:, 1:], xp.abs(ordered[:, 1:] - ordered[:, :-1]), xp.inf)
     middle = xp.clip(seen.sum(-1) - 1, 1, None) // 2
     median = gap[every[:, 0], xp.argsort(gap, -1)[every[:, 0], middle]]
-    return xp.clip(1.4826 / 2.0**0.5 * xp.where(xp.isfinite(median), median, 1.0), 1.0, None)
+    return xp.clip(MAD_SCALE / 2.0**0.5 * xp.where(xp.isfinite(median), median, 1.0), 1.0, None)

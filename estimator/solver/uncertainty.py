@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import Array, counted, namespace, places
+from vbaa_calib.core.robust import huber_weights
 
 from .convergence import SCATTERED
 from .descent import moved_unknowns
 from .initialization import Free
-from .normal_equations import Problem, cost, huber_weights, least_cost, solved
+from .normal_equations import Problem, cost, least_cost, solved
 from .prediction import LEANING, View, displaced, look
 from .residuals import match
 from .rig_arrays import UNKNOWNS

@@ -23,8 +23,8 @@ from benchmarks.estimator.setup import (
     looking_pose,
 )
 from vbaa_calib.antenna import linear
+from vbaa_calib.core.robust import HUBER
 from vbaa_calib.rig import MomentSensor, Rig
-from vbaa_calib.rig.reprojection import ROBUST
 
 PAGE = Path(__file__).parents[2] / "docs/theory_bounds.md"
 POINTS, SLOPE_RAD, REACH = 200, 0.03, 0.5
@@ -141,8 +141,8 @@ class TestClosedForm:
         """10° at l = L/2, 0.1 px and 200 points at half a metre: 0.20 mm. Huber's squares cost 0.1 %."""
         known = STEEPNESS * factors(0.5)[0] * SIGMA_PX * 0.5 / 1024 / np.radians(10.0) / np.sqrt(POINTS)
         assert known == pytest.approx(0.20e-3, abs=2e-6)
-        inner = norm.cdf(ROBUST) - norm.cdf(-ROBUST)
-        clipped = inner - 2 * ROBUST * norm.pdf(ROBUST) + ROBUST**2 * (1 - inner)
+        inner = norm.cdf(HUBER) - norm.cdf(-HUBER)
+        clipped = inner - 2 * HUBER * norm.pdf(HUBER) + HUBER**2 * (1 - inner)
         assert np.sqrt(clipped) / inner == pytest.approx(1.001, abs=5e-4)
 
 

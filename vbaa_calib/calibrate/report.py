@@ -10,7 +10,6 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.shape import PARAMETERS
@@ -23,6 +22,7 @@ from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import sha256
+from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Load, NominalAntenna, Session, Still
 
@@ -67,7 +67,7 @@ def prior_doubts(joint: JointSolution, said: Collection[str] = ()) -> list[str]:
     first = len(joint.solution.residuals) - problem.certain
     for index, estimate in enumerate(problem.prior.poses):
         own = joint.solution.residuals[first + 6 * index : first + 6 * index + 6]
-        if chi2.sf(float(own @ own), 6) < CONTRADICTION:
+        if chi_square_p(float(own @ own), 6) < CONTRADICTION:
             found.append(
                 f"the antenna's pictures contradict the {estimate.way} by {np.sqrt(own @ own / 6):.0f} std: is the "
                 "camera where it was, and is session.yaml right about it?"

@@ -18,8 +18,6 @@ from vbaa_calib.geometry import Pose
 
 FOOT_STEPS = 2
 """Newton steps from the nearest node to the foot: each squares an error of a few hundredths of the nodes' spacing."""
-ROBUST = 2.5
-"""Whitened residuals beyond this count linearly (Huber): a few false points must not pull the shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,18 +147,3 @@ def with_slopes_on_curve(seen: SeenPoints, camera: Camera, image: ImageCurves) -
     slopes = camera.lens_slopes_at(on_curve)
     known = np.isfinite(slopes).all(axis=(-1, -2), keepdims=True)
     return replace(seen, by_lens=np.where(known, slopes, seen.by_lens))
-
-
-def robust_cost(residuals: np.ndarray) -> float:
-    """Half the summed Huber squares of whitened residuals (N,)."""
-    size = np.abs(residuals)
-    return float(np.where(size <= ROBUST, 0.5 * size**2, ROBUST * size - 0.5 * ROBUST**2).sum())
-
-
-def robust_weights(residuals: np.ndarray) -> np.ndarray:
-    """(N,) factors on residuals and their Jacobian that make least squares of Huber's cost.
-
-    Refreshed at every step they keep every point in it. SciPy's robust solver leaves out those that count linearly, far
-    from the solution most of them; it then takes three to eight times as many steps, or does not arrive.
-    """
-    return np.sqrt(ROBUST / np.maximum(np.abs(residuals), ROBUST))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+
+from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p
 
 from .evidence import SLIDING, UNUSED, WRONG, Evidence, Fits, Rubs, fits, losses
 
@@ -78,7 +79,7 @@ def coefficient(evidence: Evidence) -> Coefficient:
         upper,
         scatter,
         wrong=float(np.mean(off > WRONG)) if len(off) else 0.0,
-        strain=float(chi2.sf(modes @ modes, max(len(modes), 1))),
+        strain=chi_square_p(modes @ modes, max(len(modes), 1)),
         axes=axes,
         fits=found,
         weight=weight,
@@ -107,7 +108,7 @@ def _likely(evidence: Evidence) -> Fits:
 def _scatter(evidence: Evidence, off: np.ndarray) -> float:
     """Median size of the residuals of what slides in its own deviations, 1 for Gaussian noise as large as was said."""
     off = np.abs(off[evidence.slides])
-    return float(np.median(off) / 0.6745) if len(off) >= _SCATTERED else 1.0
+    return float(np.median(off) / NORMAL_QUARTILE) if len(off) >= _SCATTERED else 1.0
 
 
 def _cost_of_most(evidence: Evidence, found: Fits) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.table.contacts import ContactTable
+from vbaa_calib.core.robust import NORMAL_QUARTILE
 
 from .equations import value_rows
 from .fit import SETTLED, Fit, first_state, fit, patches_of
@@ -110,7 +111,7 @@ def scatter(fit: Fit) -> float:
     """How far the touches lie off what the others predict, in standard deviations of that; 1 where all is well."""
     residual = np.abs(left_out_residuals(fit.solution))
     points = np.concatenate([f.equations.slack == 0 for f in fit.solution.patches])
-    return float(np.median(residual[points])) / 0.6745 if len(fit.touches) >= ENOUGH else 1.0
+    return float(np.median(residual[points])) / NORMAL_QUARTILE if len(fit.touches) >= ENOUGH else 1.0
 
 
 def _with_covariances(touches: Touches) -> tuple[Touches, bool, list[str]]:

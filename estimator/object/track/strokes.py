@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.contact.common_errors import Shared
 from estimator.table.contacts import ContactTable
+from vbaa_calib.core.robust import NORMAL_QUARTILE
 
 GAP_FRAMES = 4.0
 """A run of located frames ends where so many frames' time passes without one."""
@@ -83,7 +84,7 @@ def scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     share = after / (before + after)
     off = path[1:-1] - share * path[:-2] - (1.0 - share) * path[2:]
     off = off / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
-    return np.median(np.abs(off), axis=0) / 0.6745
+    return np.median(np.abs(off), axis=0) / NORMAL_QUARTILE
 
 
 def _stroke(table: ContactTable, rows: np.ndarray, shared: Shared | None) -> Stroke:

@@ -15,9 +15,9 @@ import numpy as np
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
+from vbaa_calib.core.robust import MAD_SCALE, huber_losses, huber_weights, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import inverse_information
-from vbaa_calib.rig.reprojection import robust_cost, robust_weights
 
 from .inputs import Observation, Prior, ReadingGroups
 from .problem import GAIN, OFFSET, RIG, LensLost, Problem
@@ -69,13 +69,13 @@ class Linearised:
     @property
     def weights(self) -> np.ndarray:
         """(R,) factors on residuals and Jacobian that make least squares of the robust cost."""
-        return np.concatenate([robust_weights(self.residuals[: -self.certain]), np.ones(self.certain)])
+        return np.concatenate([np.sqrt(huber_weights(self.residuals[: -self.certain])), np.ones(self.certain)])
 
     @property
     def cost(self) -> float:
         """What is minimised: robust in what was measured, plain squares in what was known before."""
         prior = self.residuals[-self.certain :]
-        return robust_cost(self.residuals[: -self.certain]) + 0.5 * float(prior @ prior)
+        return float(huber_losses(self.residuals[: -self.certain]).sum()) + 0.5 * float(prior @ prior)
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Reweighted information and slope, and the scale that was taken out of both: units differ greatly."""
@@ -333,5 +333,5 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """
     runs = [r[: len(r) // RUN * RUN].reshape(-1, RUN).mean(axis=1) for r in residuals]
-    spread = 1.4826 * np.sqrt(RUN) * float(np.median(np.abs(np.concatenate(runs))))
-    return float(max(spread, 1.4826 * np.median(np.abs(np.concatenate(residuals))), 0.2))
+    spread = MAD_SCALE * np.sqrt(RUN) * float(np.median(np.abs(np.concatenate(runs))))
+    return float(max(spread, mad_std(np.concatenate(residuals)), 0.2))

@@ -15,6 +15,7 @@ from scipy.stats import t as student
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.elastica import planar_elastica_dead
 from vbaa_calib.core.errors import SolveError
+from vbaa_calib.core.robust import mad_std
 
 _LENGTHS = 8
 _LEVEL = 0.95
@@ -131,7 +132,6 @@ def _weigh(
 LEAST_READINGS = 8
 """Fewer readings have no neighbours to be compared with."""
 _THRESHOLD = 5.0
-_PER_MEDIAN = 1.4826
 _ANCHORS = 40
 
 
@@ -173,7 +173,7 @@ def _neighbours(values: np.ndarray, index: int) -> np.ndarray:
 
 
 def _far(values: np.ndarray, least_std: float) -> np.ndarray:
-    scale = max(_PER_MEDIAN * float(np.median(np.abs(values))), least_std)
+    scale = max(mad_std(values), least_std)
     return np.abs(values) > _THRESHOLD * scale
 
 

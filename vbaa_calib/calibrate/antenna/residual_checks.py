@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from vbaa_calib.antenna.shape import PARAMETERS
+from vbaa_calib.core.robust import mad_std
 from vbaa_calib.rig.reprojection import image_curves, whitened_residuals
 
 from .bundle_adjustment import JointSolution
@@ -157,7 +158,7 @@ def _moment_noise(joint: JointSolution) -> tuple[float, tuple[float, float]]:
     problem, solution = joint.problem, joint.solution
     residuals = joint.moment_residuals_Nm[joint.kept]
     # a reading that is wrong is not noise: it is named instead
-    usual = max(1.4826 * float(np.median(np.abs(residuals))), problem.moment_std_Nm)
+    usual = max(mad_std(residuals), problem.moment_std_Nm)
     good = np.abs(residuals) <= FALSE_READING * usual
     first = len(solution.residuals) - _rest(joint)
     rows = (solution.jacobian * solution.weights[:, None])[first : first + len(residuals)][good]

@@ -13,6 +13,7 @@ from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.calibrate.antenna.inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, POSE, still_curves
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
+from vbaa_calib.core.robust import mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import (
@@ -230,4 +231,4 @@ def tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
 def _undisturbed(residuals: np.ndarray) -> np.ndarray:
     """(N,) points that lie where their neighbours do."""
     off = residuals - median_filter(residuals, min(_WINDOW, len(residuals)), mode="nearest")
-    return np.abs(off) <= _FAR * max(1.4826 * float(np.median(np.abs(off))), 0.2)
+    return np.abs(off) <= _FAR * max(mad_std(off), 0.2)

@@ -13,8 +13,9 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, noise_
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.core.errors import SolveError
+from vbaa_calib.core.robust import huber_weights, mad_std
 from vbaa_calib.geometry import Pose
-from vbaa_calib.rig.reprojection import SeenPoints, image_curves, robust_weights, see, whitened_residuals
+from vbaa_calib.rig.reprojection import SeenPoints, image_curves, see, whitened_residuals
 from vbaa_calib.session import Load
 
 DEAF = 1e6
@@ -92,7 +93,7 @@ def own_scatter(observations: Sequence[Observation]) -> float:
     At least 0.2, as the joint solve's has it.
     """
     left = [_off_smooth(one) for one in observations if len(one.points_px) > 2 * DEGREE]
-    return max(1.4826 * float(np.median(np.abs(np.concatenate(left)))), 0.2) if left else 0.2
+    return max(mad_std(np.concatenate(left)), 0.2) if left else 0.2
 
 
 def fits(left: float, own: float) -> bool:
@@ -138,7 +139,9 @@ def scatter_with_step(joint: JointSolution, which: Sequence[int], after: Sequenc
             break
         least = min(least, scale)
         # at first none of the points counts as false: whole stills are far off
-        robust = robust_weights(residuals[:-certain] / scale) if turn >= PLAIN else np.ones(len(residuals) - certain)
+        robust = (
+            np.sqrt(huber_weights(residuals[:-certain] / scale)) if turn >= PLAIN else np.ones(len(residuals) - certain)
+        )
         weights = np.concatenate([robust / scale, np.ones(certain)])
         size = np.linalg.norm(jacobian, axis=0)
         scaled = jacobian / size * weights[:, None]

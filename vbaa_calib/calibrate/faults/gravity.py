@@ -9,8 +9,8 @@ import numpy as np
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, Linearised, noise_scale
 from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.robust import huber_losses
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.rig.reprojection import robust_cost
 from vbaa_calib.session import Still, gravity_antenna
 
 from .free_antenna import fits
@@ -118,7 +118,9 @@ def _left_by(free: JointSolution, gravity_m_s2: np.ndarray) -> Left:
             break
     blocks, _ = problem.evaluate(now.parameters)
     # the points' own: a bow that is not ordinary is no sign of another gravity
-    return Left(2.0 * robust_cost(now.residuals[: -now.certain]), noise_scale([block[:, 0] for block in blocks]))
+    return Left(
+        2.0 * float(huber_losses(now.residuals[: -now.certain]).sum()), noise_scale([block[:, 0] for block in blocks])
+    )
 
 
 def otherwise(

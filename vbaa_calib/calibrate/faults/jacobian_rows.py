@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, Linearised
 from vbaa_calib.calibrate.antenna.inputs import DISTANCE_STEP_M, LOG_FORCE_STEP, Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN
+from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.rig.reprojection import image_curves, whitened_residuals
 from vbaa_calib.session import Load
 
@@ -159,7 +159,7 @@ class Further:
     @property
     def p_value(self) -> float:
         """How often chance does as much."""
-        return float(chi2.sf(self.statistic, len(self.values)))
+        return chi_square_p(self.statistic, len(self.values))
 
     @property
     def in_std(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
 from vbaa_calib.calibrate.antenna.residual_checks import Estimate
 from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.robust import mad_std
 
 LEAST_SPREAD_STD = 30.0
 """The moments must spread by this many of the sensor's deviations, for its gain to be judged."""
@@ -59,7 +60,7 @@ class Readings:
         if len(read) < 3 or not np.isfinite(read).all():
             return None
         gain, offset = _line(true, read)
-        scatter = max(1.4826 * float(np.median(np.abs(read - gain * true - offset))), std_Nm)
+        scatter = max(mad_std(read - gain * true - offset), std_Nm)
         spread = float(np.sqrt(((true - true.mean()) ** 2).sum()))
         return Readings(read, true, std_Nm, gain, offset, scatter / max(spread, 1e-12))
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from vbaa_calib.core.robust import cauchy_weights, radial_std
+
 from .models import PROJECTIONS, LensModel, Unfolding
 
 FLEX = 2
@@ -87,11 +89,9 @@ _RELATIVE_DECREASE = 1e-8
 _STANDSTILL, _UNDAMPED = 1e-6, 1e-8
 _ROUNDING, _POLISHING = 1e-13, 10
 _ROUGHLY = 1e-4
-_CAUCHY_PER_SIGMA = 2.385  # 95 % efficiency on normal noise
 _REWEIGHTINGS = 12
 _STEPS_PER_WEIGHTING = 2
 _SETTLED = 1e-2
-_MEDIAN_LENGTH = 1.1774  # of a plane normal vector, in standard deviations per axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +126,7 @@ class Bundle:
     @property
     def sigma_px(self) -> float:
         """Noise per axis as the median corner has it: half of the corners may be wrong."""
-        return robust_sigma(np.concatenate([np.linalg.norm(r, axis=1) for r in self.residuals_px]))
-
-
-def robust_sigma(distances: np.ndarray) -> float:
-    """Standard deviation per axis of plane normal vectors of these lengths (N,), from their median."""
-    return float(np.median(distances)) / _MEDIAN_LENGTH
+        return radial_std(np.concatenate([np.linalg.norm(r, axis=1) for r in self.residuals_px]))
 
 
 def free_directions(model: LensModel, square_pixels: bool = False, flex: bool = False) -> np.ndarray:
@@ -319,16 +314,10 @@ def _reweighted(
     model: LensModel, state: State, stack: Stack, directions: np.ndarray, unfolding: Unfolding | None
 ) -> tuple[np.ndarray, State]:
     """Cauchy weights (N,) that have settled, and the state that they lead to."""
-    weights = _cauchy_weights(rows(model, state, stack)[0])
+    weights = cauchy_weights(np.linalg.norm(rows(model, state, stack)[0], axis=1))
     for _ in range(_REWEIGHTINGS):
         state, system = _descend(model, state, stack, weights, directions, _STEPS_PER_WEIGHTING, unfolding, _ROUGHLY)
-        before, weights = weights, _cauchy_weights(system.residuals_px)
+        before, weights = weights, cauchy_weights(np.linalg.norm(system.residuals_px, axis=1))
         if np.abs(weights - before).max() < _SETTLED:
             break
     return weights, state
-
-
-def _cauchy_weights(residuals: np.ndarray) -> np.ndarray:
-    distances = np.linalg.norm(residuals, axis=1)
-    sigma = max(robust_sigma(distances), 1e-9)
-    return 1.0 / (1.0 + (distances / (_CAUCHY_PER_SIGMA * sigma)) ** 2)

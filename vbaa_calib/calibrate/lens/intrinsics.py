@@ -10,6 +10,7 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.robust import mad_std
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
@@ -270,7 +271,7 @@ def _solution(
 
 def _used(fit: LensFit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:
     rms = fit.bundle.view_rms_px
-    spread = 1.4826 * float(np.median(np.abs(rms - np.median(rms))))
+    spread = mad_std(rms - np.median(rms))
     limit = np.median(rms) + _OUTLYING * spread
     return tuple(
         UsedView(

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
+
+from vbaa_calib.core.robust import chi_square_p
 
 from .bundle import FLEX, Bundle, Observation, refine
 from .information import Information
@@ -155,4 +156,4 @@ def compare_halves(
     square = float(difference @ form @ difference)
     # a sum of squares of unequal share, by the chi-squared law with its mean, which is 1, and its variance
     freedom = 1.0 / float(np.sum((form @ covariance) * (form @ covariance).T))
-    return Halves(float(np.sqrt(square)), float(chi2.sf(square * freedom, freedom)))
+    return Halves(float(np.sqrt(square)), chi_square_p(square * freedom, freedom))

@@ -16,6 +16,7 @@ from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
 from vbaa_calib.calibrate.pose.board_pose import BoardPose
 from vbaa_calib.core.errors import SolveError
+from vbaa_calib.core.robust import huber_losses, huber_weights
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import inverse_information
 from vbaa_calib.rig.reprojection import (
@@ -24,8 +25,6 @@ from vbaa_calib.rig.reprojection import (
     feet,
     image_curves,
     residuals_by_lens,
-    robust_cost,
-    robust_weights,
     whitened_residuals,
 )
 
@@ -179,11 +178,11 @@ def _of_lens(seen: SeenPoints) -> np.ndarray:
 
 def _weights(residual: np.ndarray, points: int) -> np.ndarray:
     """Huber's for the points; marks and priors count in full."""
-    return np.concatenate([robust_weights(residual[:points]), np.ones(len(residual) - points)])
+    return np.concatenate([np.sqrt(huber_weights(residual[:points])), np.ones(len(residual) - points)])
 
 
 def _cost(residual: np.ndarray, points: int) -> float:
-    return robust_cost(residual[:points]) + 0.5 * float((residual[points:] ** 2).sum())
+    return float(huber_losses(residual[:points]).sum()) + 0.5 * float((residual[points:] ** 2).sum())
 
 
 def _descend(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from vbaa_calib.calibrate.lens.board_flex import Bend, bend
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.robust import radial_std
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
@@ -264,7 +265,7 @@ def _polished(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: 
 
 def _inliers(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(_residual(T_camera_board, camera, points, pixels).reshape(-1, 2), axis=1)
-    sigma = float(np.median(distance)) / 1.1774
+    sigma = radial_std(distance)
     return distance <= max(_GROSS_CORNER * sigma, _GROSS_LEAST_PX)
 
 

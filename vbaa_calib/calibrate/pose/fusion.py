@@ -8,9 +8,9 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.geometry import Pose
 
 
@@ -55,14 +55,12 @@ class Difference:
     @property
     def statistic(self) -> float:
         """χ² with 6 degrees of freedom where both are right."""
-        std = np.sqrt(np.diag(self.covariance))
-        scaled = self.step / std
-        return float(scaled @ np.linalg.solve(self.covariance / np.outer(std, std), scaled))
+        return chi_square(self.step, self.covariance)
 
     @property
     def p_value(self) -> float:
         """How often ways that are both right differ as much."""
-        return float(chi2.sf(self.statistic, 6))
+        return chi_square_p(self.statistic, 6)
 
     @property
     def agrees(self) -> bool:

@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from vbaa_calib.calibrate.lens.bundle import robust_sigma
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.robust import radial_std, soft_l1_weights
 
 from .sweep_model import STATE, Linearised, SweepCorners, SweepState, linearise
 
@@ -149,8 +149,8 @@ def robust(
     moved = linearise(camera, state, corners)
     for _ in range(_REWEIGHTINGS):
         distance = np.linalg.norm(moved.residuals_px, axis=1)
-        scale = _SOFT_PER_SIGMA * max(robust_sigma(distance[used]), 1e-9)
-        before, weights = weights, used / np.sqrt(1.0 + (distance / scale) ** 2)
+        scale = _SOFT_PER_SIGMA * max(radial_std(distance[used]), 1e-9)
+        before, weights = weights, used * soft_l1_weights(distance, scale)
         state, moved = descend(camera, state, corners, weights, free, steps=_STEPS_PER_WEIGHTING)
         if np.abs(weights - before).max() < _SETTLED:
             break
@@ -206,7 +206,7 @@ def inlying(
     for _ in range(_CORNER_ROUNDS):
         found = fit(camera, state, corners, used, free)
         distance = np.linalg.norm(found.residuals_px, axis=1)
-        limit = max(_CHANCE_SIGMAS * robust_sigma(distance[used]), _LEAST_PX)
+        limit = max(_CHANCE_SIGMAS * radial_std(distance[used]), _LEAST_PX)
         state, before, used = found.state, used, candidates & (distance <= limit)
         if np.array_equal(used, before):
             break

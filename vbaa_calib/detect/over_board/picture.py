@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from targets.board import BoardSpec, opencv_board
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.robust import mad_std
 from vbaa_calib.geometry import Pose
 
 _TEXELS = 192
@@ -60,7 +61,7 @@ def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec:
     for _ in range(2):
         black, contrast = _fit_levels(grey, pattern, weight, window)
         residual = np.abs(grey - black - contrast * pattern)
-        spread = 1.4826 * float(np.median(residual[inside])) + 0.3
+        spread = mad_std(residual[inside]) + 0.3
         weight = level.weight * (residual < _COVERED * spread)
     if float(np.median(contrast[inside])) < _LEAST_CONTRAST:
         return None
@@ -158,7 +159,7 @@ def _noise(seen: np.ndarray, pattern: np.ndarray, slope: np.ndarray, inside: np.
     residual = np.abs(seen - pattern)
 
     def spread(where: np.ndarray, by: np.ndarray) -> float:
-        return 1.4826 * float(np.median(residual[where] / by[where])) if where.sum() > 50 else 0.0
+        return mad_std(residual[where] / by[where]) if where.sum() > 50 else 0.0
 
     flat, ones = inside & (slope < _FLAT), np.ones_like(seen)
     dark, light = (spread(flat & side, ones) for side in (pattern < 0.5, pattern >= 0.5))

@@ -1,0 +1,33 @@
+"""Robust statistics against sampling and against the losses that their weights belong to."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.stats import chi2
+
+from vbaa_calib.core.robust import chi_square, chi_square_p, huber_losses, huber_weights, mad_std, radial_std
+
+
+def test_medians_give_the_standard_deviation_of_normal_numbers_and_forgive_outliers():
+    noise = 0.3 * np.random.default_rng(1).standard_normal((200_000, 2))
+    noise[:200] += 1e3
+    assert mad_std(noise[:, 0]) == pytest.approx(0.3, rel=0.01)
+    assert radial_std(np.linalg.norm(noise, axis=1)) == pytest.approx(0.3, rel=0.01)
+
+
+@pytest.mark.parametrize("kind", [np.asarray, torch.as_tensor])
+def test_weights_are_the_slope_of_the_loss_over_the_residual(kind):
+    residuals = np.array([-40.0, -3.0, -1.0, 0.5, 2.4, 2.6, 9.0])
+    step = 1e-6
+    ahead, behind = (np.asarray(huber_losses(kind(residuals + sign * step))) for sign in (1, -1))
+    weights = np.asarray(huber_weights(kind(residuals)))
+    np.testing.assert_allclose((ahead - behind) / (2 * step), weights * residuals, rtol=1e-6)
+
+
+def test_chi_square_is_scipys_whatever_the_units():
+    covariance = np.array([[4.0, 0.3], [0.3, 1.0]])
+    units = np.diag([1e-6, 1e4])
+    errors = np.array([1.0, -2.0])
+    square = errors @ np.linalg.solve(covariance, errors)
+    assert chi_square(units @ errors, units @ covariance @ units) == pytest.approx(square, rel=1e-12)
+    assert chi_square_p(square, 2) == chi2.sf(square, 2)
