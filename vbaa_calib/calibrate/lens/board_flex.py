@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.core.robust import chi_square_p
+from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 
 from .bundle import FLEX, Bundle, Observation, free_directions, refine
@@ -102,7 +102,7 @@ def judge_flex(
     if known is None:
         return BoardFlex(sagittas, None, 1.0, None, None, False, "the views do not tell a bent board from a flat one")
     spread = known.covariance[-FLEX:, -FLEX:]
-    p_value = chi_square_p(sagittas @ np.linalg.solve(spread, sagittas), FLEX)
+    p_value = chi_square_p(chi_square(sagittas, spread), FLEX)
     if p_value > _SIGNIFICANCE:
         reason = f"a flat board explains the corners (chance of this much by noise: {p_value:.2g})"
         return BoardFlex(sagittas, spread, p_value, None, None, False, reason)

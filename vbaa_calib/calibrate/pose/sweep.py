@@ -30,7 +30,7 @@ from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.robust import chi_square_p
+from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import SweepPicture
@@ -330,7 +330,7 @@ def _with_axes(
     given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
     off = given - [free.state.axis_skew_rad, free.state.axis_offset_m]
     spread = free.covariance[AXES, AXES] + np.diag(np.square([AXIS_SKEW_STD_RAD, AXIS_OFFSET_STD_M]))
-    if chi_square_p(off @ np.linalg.solve(spread, off), 2) < _ASKED_FOR:
+    if chi_square_p(chi_square(off, spread), 2) < _ASKED_FOR:
         return free
     gain = free.covariance[:, AXES] @ np.linalg.inv(spread)
     skew, offset = given - off + (gain @ off)[AXES]
