@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.contact.quantities import edge_on
 from estimator.contact.verdict import EDGE_ON_BLIND_RAD, FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_OWN
-from estimator.solver.rig_arrays import Known
+from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
@@ -186,11 +186,11 @@ def error_budget(
     if not 0.0 <= friction <= 1.0:
         raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
     touches = ordinary_touches(rig) if touches is None else touches
-    known = Known.of(rig, float(friction), np.empty(0))
-    space = ErrorSpace.of(known)
+    rig_arrays = RigArrays.from_rig(rig, float(friction), np.empty(0))
+    space = ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
-        every = linear(known, space, touches, with_moment)
-        told = _told(known, touches, every, with_moment)
+        every = linear(rig_arrays, space, touches, with_moment)
+        told = _told(rig_arrays, touches, every, with_moment)
     if not told.any():
         raise InputError(
             "the estimator would give no numbers for " + (f"any of {len(told)} contacts" if len(told) > 1 else "this"),
@@ -206,18 +206,18 @@ def error_budget(
     return Budget(touches.picked(told), len(told), results, by_cause, missing, tuple(_notes(rig, with_moment)))
 
 
-def _told(known: Known, touches: Touches, given: Linear, with_moment: bool) -> np.ndarray:
+def _told(rig_arrays: RigArrays, touches: Touches, given: Linear, with_moment: bool) -> np.ndarray:
     """(B,) whether the estimator would give numbers, as `verdict` decides for contacts that fit well."""
     sound = np.isfinite(given.points).all(axis=(1, 2)) & (given.usable >= FEWEST_POINTS)
     std = np.full((len(given), 6), np.nan)
     if sound.any():
         std[sound] = np.sqrt(answer(given.picked(sound)).variance)
-    limit = np.minimum(LOW_SIGNAL * known.length_m, LOW_SIGNAL_OWN * touches.distance_m)
+    limit = np.minimum(LOW_SIGNAL * rig_arrays.length_m, LOW_SIGNAL_OWN * touches.distance_m)
     told = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
     if with_moment:
         return told
     force = np.hypot(*touches.push_N.T)
-    seen = edge_on(known.rig, unknowns_of(known, touches)) >= EDGE_ON_BLIND_RAD
+    seen = edge_on(rig_arrays.rig, unknowns_of(rig_arrays, touches)) >= EDGE_ON_BLIND_RAD
     return told & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
 
 

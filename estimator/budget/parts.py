@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.solver.prediction import look, rig_table
-from estimator.solver.rig_arrays import UNKNOWNS, Known
-from estimator.solver.state import begin, evaluated
+from estimator.solver.prediction import predict, rig_jacobian
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
+from estimator.solver.state import evaluate, initial_state
 
 from .space import ErrorSpace
 from .touches import RUNG, Touches, as_seen, unknowns_of, world_rotation
@@ -85,24 +85,24 @@ def better(space: ErrorSpace, cause: str, factor: float) -> Better:
     return Better(errors=np.eye(space.size) - (1.0 - factor) * told)
 
 
-def linear(known: Known, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linear:
+def linear(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linear:
     """Linearise contacts at what they would be seen as."""
-    frames, unknowns = as_seen(known, touches, with_moment), unknowns_of(known, touches)
-    view = look(frames, RUNG, unknowns)
-    table = rig_table(frames, RUNG, unknowns, view)
-    fits = evaluated(frames, RUNG, table, begin(frames, view, unknowns))
-    prior, moved = fits.problem.prior, fits.problem.felt
+    frames, unknowns = as_seen(rig_arrays, touches, with_moment), unknowns_of(rig_arrays, touches)
+    prediction = predict(frames, RUNG, unknowns)
+    by_rig = rig_jacobian(frames, RUNG, unknowns, prediction)
+    fits = evaluate(frames, RUNG, by_rig, initial_state(frames, prediction, unknowns))
+    prior, moved = fits.problem.prior, fits.problem.moment_jacobian
     felt = np.swapaxes(moved, 1, 2) @ moved
-    columns = fits.problem.columns
-    points = np.swapaxes(columns, 1, 2) @ fits.problem.summed.times(columns)
-    rotation = world_rotation(known.rig, touches)
-    touch = np.concatenate([view.by_touch, table.touch], axis=2)
+    columns = fits.problem.jacobian
+    points = np.swapaxes(columns, 1, 2) @ fits.problem.sums.times(columns)
+    rotation = world_rotation(rig_arrays.rig, touches)
+    touch = np.concatenate([prediction.point_force_jacobian, by_rig.point_force], axis=2)
     distance = np.zeros_like(touch[:, :1])
-    distance[:, 0, 0] = known.length_m
+    distance[:, 0, 0] = rig_arrays.length_m
     results = np.concatenate([distance, touch[:, 4:6], rotation @ touch[:, :3]], axis=1)
     pan, tilt = (np.full(len(touches), angle) for angle in (touches.pan_rad, touches.tilt_rad))
-    turned, shifted = known.rig.kinematics.by_axes(pan, tilt)
-    moved_by_axes = np.einsum("kbij,bj->bik", turned, view.touch[:, :3]) + np.moveaxis(shifted, 0, -1)
+    turned, shifted = rig_arrays.rig.kinematics.by_axes(pan, tilt)
+    moved_by_axes = np.einsum("kbij,bj->bik", turned, prediction.point_force[:, :3]) + np.moveaxis(shifted, 0, -1)
     beyond = np.concatenate([np.zeros((len(touches), 3, space.size)), moved_by_axes @ space.axes], axis=1)
     more = space.size - space.rig
     return Linear(

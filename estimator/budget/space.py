@@ -7,7 +7,7 @@ from math import factorial
 
 import numpy as np
 
-from estimator.solver.rig_arrays import Known
+from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS
 
 LENS, JOINT_AXES = "lens", "joint_axes"
@@ -55,9 +55,9 @@ class ErrorSpace:
         return self.axes.shape[1]
 
     @staticmethod
-    def of(known: Known) -> ErrorSpace:
+    def of(rig_arrays: RigArrays) -> ErrorSpace:
         """Of a rig as the estimator knows it."""
-        rig_axes, kinematics = np.asarray(known.axes), known.rig.kinematics
+        rig_axes, kinematics = np.asarray(rig_arrays.axes), rig_arrays.rig.kinematics
         own = np.diag(kinematics.axes_std)[:, kinematics.axes_std > 0.0]
         axes = np.hstack([kinematics.axes_by_pose @ rig_axes[: len(POSE_PARAMETERS)], own])
         rig_rows = np.hstack([rig_axes, np.zeros((len(rig_axes), own.shape[1]))])

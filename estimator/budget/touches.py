@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.solver.frames import Frames, frames_from_pixels
-from estimator.solver.prediction import antennas, look, readings
-from estimator.solver.rig_arrays import UNKNOWNS, Known
+from estimator.solver.prediction import bend, predict, predicted_moment
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import Rig
 
@@ -62,38 +62,38 @@ def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> T
     return Touches(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
 
 
-def unknowns_of(known: Known, touches: Touches) -> np.ndarray:
-    """(B, 4) `solve.known.UNKNOWNS`, without friction."""
+def unknowns_of(rig_arrays: RigArrays, touches: Touches) -> np.ndarray:
+    """(B, 4) `rig_arrays.UNKNOWNS`, without friction."""
     unknowns = np.zeros((len(touches), UNKNOWNS))
-    unknowns[:, 0] = touches.distance_m / known.length_m
-    unknowns[:, 1:3] = touches.push_N / known.force_unit_N
+    unknowns[:, 0] = touches.distance_m / rig_arrays.length_m
+    unknowns[:, 1:3] = touches.push_N / rig_arrays.force_unit_N
     return unknowns
 
 
-def of_force(known: Known, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float) -> Touches:
+def of_force(rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float) -> Touches:
     """The one contact whose lateral force, antenna frame, is `force_N` (2,); of a push NaN where it bends too far."""
     touch = Touches(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
-    empty = _empty(known, touch)
-    unknowns = unknowns_of(known, touch)
+    empty = _empty(rig_arrays, touch)
+    unknowns = unknowns_of(rig_arrays, touch)
     with np.errstate(all="ignore"):
         for _ in range(_FORCE_STEPS):
-            view = look(empty, RUNG, unknowns)
-            slopes = view.by_touch[:, 4:6, 1:3]
+            prediction = predict(empty, RUNG, unknowns)
+            slopes = prediction.point_force_jacobian[:, 4:6, 1:3]
             if not np.isfinite(slopes).all():
                 break
-            unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - view.touch[:, 4:6])[..., None])[..., 0]
-        view = look(empty, RUNG, unknowns)
-        found = np.abs(view.touch[0, 4:6] - force_N).max() <= FORCE_TOLERANCE * np.hypot(*force_N)
-        ordinary = view.tangents[0, CONTACT] @ view.tangents[0, 0] >= np.cos(STEEPEST_RAD)
+            unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - prediction.point_force[:, 4:6])[..., None])[..., 0]
+        prediction = predict(empty, RUNG, unknowns)
+        found = np.abs(prediction.point_force[0, 4:6] - force_N).max() <= FORCE_TOLERANCE * np.hypot(*force_N)
+        ordinary = prediction.tangents[0, CONTACT] @ prediction.tangents[0, 0] >= np.cos(STEEPEST_RAD)
     return replace(
-        touch, push_N=unknowns[:, 1:3] * known.force_unit_N if found and ordinary else np.full((1, 2), np.nan)
+        touch, push_N=unknowns[:, 1:3] * rig_arrays.force_unit_N if found and ordinary else np.full((1, 2), np.nan)
     )
 
 
-def as_seen(known: Known, touches: Touches, with_moment: bool) -> Frames:
+def as_seen(rig_arrays: RigArrays, touches: Touches, with_moment: bool) -> Frames:
     """Noise-free frames of the contacts: a point a pixel along what is in the picture, and the reading."""
-    rig, empty = known.rig, _empty(known, touches)
-    shapes = antennas(empty, RUNG, unknowns_of(known, touches)[:, None])
+    rig, empty = rig_arrays.rig, _empty(rig_arrays, touches)
+    shapes = bend(empty, RUNG, unknowns_of(rig_arrays, touches)[:, None])
     T_camera_antenna = rig.T_antenna_camera.inverse()
     nodes, _ = rig.camera.project(T_camera_antenna @ shapes.points_m)
     length_px = np.nansum(np.hypot(*np.moveaxis(np.diff(nodes, axis=1), -1, 0)), axis=1)
@@ -111,9 +111,13 @@ def as_seen(known: Known, touches: Touches, with_moment: bool) -> Frames:
     sigma = rig.image.noise_px * np.sqrt(count / np.clip(length_px, 1.0, None))
     pixels, sigma = np.where(inside[..., None], pixels, np.nan), np.repeat(sigma[:, None], count, axis=1)
     silent = np.full((len(touches), 2), np.nan)
-    seen = frames_from_pixels(known, pixels, sigma, silent, empty.gravity_m_s2)
-    felt = np.ones((len(touches), 2)) * (with_moment & (known.gain != 0.0))
-    return replace(seen, felt=felt, reading_Nm=readings(replace(empty, felt=felt), shapes) * known.std)
+    seen = frames_from_pixels(rig_arrays, pixels, sigma, silent, empty.gravity_m_s2)
+    available = np.ones((len(touches), 2)) * (with_moment & (rig_arrays.gain != 0.0))
+    return replace(
+        seen,
+        sensor_available=available,
+        moment_Nm=predicted_moment(replace(empty, sensor_available=available), shapes) * rig_arrays.std,
+    )
 
 
 def world_rotation(rig: Rig, touches: Touches) -> np.ndarray:
@@ -121,7 +125,9 @@ def world_rotation(rig: Rig, touches: Touches) -> np.ndarray:
     return np.asarray(rig.kinematics.T_world_antenna(touches.pan_rad, touches.tilt_rad).rotation)
 
 
-def _empty(known: Known, touches: Touches) -> Frames:
+def _empty(rig_arrays: RigArrays, touches: Touches) -> Frames:
     count = len(touches)
-    gravity = np.tile(world_rotation(known.rig, touches).T @ known.rig.gravity_world_m_s2, (count, 1))
-    return frames_from_pixels(known, np.zeros((count, 1, 2)), np.ones((count, 1)), np.full((count, 2), np.nan), gravity)
+    gravity = np.tile(world_rotation(rig_arrays.rig, touches).T @ rig_arrays.rig.gravity_world_m_s2, (count, 1))
+    return frames_from_pixels(
+        rig_arrays, np.zeros((count, 1, 2)), np.ones((count, 1)), np.full((count, 2), np.nan), gravity
+    )

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.solver.frames import Frames, frames_from_pixels
-from estimator.solver.prediction import antennas, look, readings, rig_table
-from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, Known
-from estimator.solver.state import begin, evaluated
+from estimator.solver.prediction import bend, predict, predicted_moment, rig_jacobian
+from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
+from estimator.solver.state import evaluate, initial_state
 from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
@@ -61,9 +61,11 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
     InputError : the contacts are not of this rig.
     """
     pan, tilt = joint_angles(rig.kinematics, table)
-    known = Known.of(rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0))
+    rig_arrays = RigArrays.from_rig(
+        rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0)
+    )
     rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
-    parts = [_moved(known, table, row, pan[row], tilt[row]) for row in _chunks(rows)]
+    parts = [_moved(rig_arrays, table, row, pan[row], tilt[row]) for row in _chunks(rows)]
     size = parts[0].shape[-1] if parts else 1
     moved = np.full((len(table), 9, size), np.nan)
     if parts:
@@ -85,60 +87,66 @@ def _rest(covariance_m2: np.ndarray, modes_m: np.ndarray) -> np.ndarray:
     return np.where(sound[:, None, None], rest, covariance_m2)
 
 
-def _moved(known: Known, table: ContactTable, rows: np.ndarray, pan: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+def _moved(
+    rig_arrays: RigArrays, table: ContactTable, rows: np.ndarray, pan: np.ndarray, tilt: np.ndarray
+) -> np.ndarray:
     """(B, 9, S) of world point, force and tangent of these rows."""
-    rotation, _ = known.rig.kinematics.world_antenna(pan, tilt)
-    gravity = np.einsum("bji,j->bi", rotation, known.rig.gravity_world_m_s2)
-    frames = _unseen(known, gravity)
+    rotation, _ = rig_arrays.rig.kinematics.world_antenna(pan, tilt)
+    gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
+    frames = _unseen(rig_arrays, gravity)
     unknowns = _unknowns(frames, table, rows)
     seen = _as_seen(frames, unknowns, np.isfinite(table.moment_residual_Nm[rows]))
-    by_error = _errors(seen, unknowns, table.distance_std_m[rows] / known.length_m)
-    shapes = antennas(
+    by_error = _errors(seen, unknowns, table.distance_std_m[rows] / rig_arrays.length_m)
+    shapes = bend(
         frames,
         RUNG,
         unknowns[:, None] + STEP * np.concatenate([0.0 * by_error[:, :1, :UNKNOWNS], by_error[..., :UNKNOWNS]], axis=1),
-        STEP * _antenna_steps(known, by_error),
+        STEP * _antenna_steps(rig_arrays, by_error),
     )
     values = np.stack([shapes.contact_m, shapes.force_N, shapes.tangents[:, CONTACT]], axis=-2)
     values = values.reshape(len(rows), -1, 3, 3)
     slopes = (values[:, 1:] - values[:, :1]) / STEP
     turned = np.einsum("bij,bsqj->bqis", rotation, slopes)
-    by_axes = _by_axes(known, values[:, 0], pan, tilt)
-    kinematics = known.rig.kinematics
-    size = known.axes.shape[1]
+    by_axes = _by_axes(rig_arrays, values[:, 0], pan, tilt)
+    kinematics = rig_arrays.rig.kinematics
+    size = rig_arrays.axes.shape[1]
     # an error of the pose is one of the joint axes, too, where both come from one sweep
-    turned[..., :size] += by_axes @ (kinematics.axes_by_pose @ known.axes[: len(POSE_PARAMETERS)])
+    turned[..., :size] += by_axes @ (kinematics.axes_by_pose @ rig_arrays.axes[: len(POSE_PARAMETERS)])
     whole = np.concatenate([turned[..., :size], by_axes * kinematics.axes_std, turned[..., size:]], axis=-1)
     # what is true lies one deviation further than what is known
     return -whole.reshape(len(rows), 9, -1)
 
 
-def _unseen(known: Known, gravity: np.ndarray) -> Frames:
+def _unseen(rig_arrays: RigArrays, gravity: np.ndarray) -> Frames:
     """Frames with nothing in them but their gravity (B, 3)."""
     count = len(gravity)
-    return frames_from_pixels(known, np.zeros((count, 1, 2)), np.ones((count, 1)), np.full((count, 2), np.nan), gravity)
+    return frames_from_pixels(
+        rig_arrays, np.zeros((count, 1, 2)), np.ones((count, 1)), np.full((count, 2), np.nan), gravity
+    )
 
 
 def _unknowns(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
-    """(B, 4) `solve.known.UNKNOWNS` of contacts: the push that, with its friction, makes the forces of the table."""
-    known = frames.known
+    """(B, 4) `rig_arrays.UNKNOWNS` of contacts: the push that, with its friction, makes the forces of the table."""
+    rig_arrays = frames.rig_arrays
     force = np.stack([table.force_y_N[rows], table.force_z_N[rows]], axis=1)
     unknowns = np.zeros((len(rows), UNKNOWNS))
-    unknowns[:, 0] = np.clip(table.distance_m[rows] / known.length_m, 0.01, 1.0)
-    unknowns[:, 1:3] = force / known.force_unit_N
-    if known.friction_rad > 0.0:
-        unknowns[:, 3] = np.nan_to_num(table.friction_angle_rad[rows]) / known.friction_rad
+    unknowns[:, 0] = np.clip(table.distance_m[rows] / rig_arrays.length_m, 0.01, 1.0)
+    unknowns[:, 1:3] = force / rig_arrays.force_unit_N
+    if rig_arrays.friction_rad > 0.0:
+        unknowns[:, 3] = np.nan_to_num(table.friction_angle_rad[rows]) / rig_arrays.friction_rad
     for _ in range(_FORCE_STEPS):
-        view = look(frames, RUNG, unknowns)
-        step = np.linalg.solve(view.by_touch[:, 4:6, 1:3], (force - view.touch[:, 4:6])[..., None])
+        prediction = predict(frames, RUNG, unknowns)
+        step = np.linalg.solve(
+            prediction.point_force_jacobian[:, 4:6, 1:3], (force - prediction.point_force[:, 4:6])[..., None]
+        )
         unknowns[:, 1:3] += step[..., 0]
     return unknowns
 
 
 def _as_seen(frames: Frames, unknowns: np.ndarray, felt: np.ndarray) -> Frames:
     """Frames that show these contacts, without noise, about a point a pixel; `felt` (B,): the moment was read."""
-    known, rig = frames.known, frames.known.rig
-    shapes = antennas(frames, RUNG, unknowns[:, None])
+    rig_arrays, rig = frames.rig_arrays, frames.rig_arrays.rig
+    shapes = bend(frames, RUNG, unknowns[:, None])
     pixels, valid = rig.camera.project(rig.T_antenna_camera.inverse() @ shapes.points_m)
     along = np.hypot(*np.moveaxis(np.diff(pixels, axis=1), -1, 0))
     count = int(np.clip(np.nanmax(np.nansum(along, axis=1), initial=2.0), 2, MOST_POINTS))
@@ -151,9 +159,9 @@ def _as_seen(frames: Frames, unknowns: np.ndarray, felt: np.ndarray) -> Frames:
     inside = valid & (pixels >= 0.0).all(axis=-1) & (pixels <= size - 1.0).all(axis=-1)
     pixels = np.where(inside[..., None], pixels, np.nan)
     sigma = np.full(pixels.shape[:2], rig.image.noise_px)
-    seen = frames_from_pixels(known, pixels, sigma, np.full((len(pixels), 2), np.nan), frames.gravity_m_s2)
-    felt_by = np.stack([felt & (known.gain[0] != 0.0), 0.0 * felt], axis=1)
-    return replace(seen, felt=felt_by * 1.0, reading_Nm=readings(frames, shapes) * known.std)
+    seen = frames_from_pixels(rig_arrays, pixels, sigma, np.full((len(pixels), 2), np.nan), frames.gravity_m_s2)
+    available = np.stack([felt & (rig_arrays.gain[0] != 0.0), 0.0 * felt], axis=1)
+    return replace(seen, sensor_available=available * 1.0, moment_Nm=predicted_moment(frames, shapes) * rig_arrays.std)
 
 
 def _resampled(arclength_m: np.ndarray, points_m: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -165,9 +173,11 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
 
     How many points a frame really had shows in the deviation (B,) of its distance, in antenna lengths.
     """
-    view = look(frames, RUNG, unknowns)
-    fits = evaluated(frames, RUNG, rig_table(frames, RUNG, unknowns, view), begin(frames, view, unknowns))
-    prior, felt = fits.problem.prior, fits.problem.felt
+    prediction = predict(frames, RUNG, unknowns)
+    fits = evaluate(
+        frames, RUNG, rig_jacobian(frames, RUNG, unknowns, prediction), initial_state(frames, prediction, unknowns)
+    )
+    prior, felt = fits.problem.prior, fits.problem.moment_jacobian
     beside = np.eye(prior.shape[1]) * prior[:, None] + np.swapaxes(felt, 1, 2) @ felt
     covariance = _as_certain(fits.equations.information - beside, beside, distance_std**2)
     # what is off by one deviation pulls with the weight that the prior holds it
@@ -186,15 +196,15 @@ def _as_certain(points: np.ndarray, beside: np.ndarray, variance: np.ndarray) ->
     return np.linalg.inv(np.sqrt(low * high)[:, None, None] * points + beside)
 
 
-def _antenna_steps(known: Known, by_error: np.ndarray) -> np.ndarray:
+def _antenna_steps(rig_arrays: RigArrays, by_error: np.ndarray) -> np.ndarray:
     """(B, 1 + S, 9) steps of the antenna's parameters, none first."""
-    steps = by_error[..., UNKNOWNS:] @ known.axes[POSES : POSES + ANTENNA].T
+    steps = by_error[..., UNKNOWNS:] @ rig_arrays.axes[POSES : POSES + ANTENNA].T
     return np.concatenate([0.0 * steps[:, :1], steps], axis=1)
 
 
-def _by_axes(known: Known, values: np.ndarray, pan: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+def _by_axes(rig_arrays: RigArrays, values: np.ndarray, pan: np.ndarray, tilt: np.ndarray) -> np.ndarray:
     """(B, 3, 3, 3) of point, force and tangent (B, 3, 3), world frame, by skew, offset and tilt zero."""
-    turned, shifted = known.rig.kinematics.by_axes(pan, tilt)
+    turned, shifted = rig_arrays.rig.kinematics.by_axes(pan, tilt)
     moved = np.einsum("kbij,bqj->bqik", turned, values)
     moved[:, 0] += np.moveaxis(shifted, 0, -1)
     return moved

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from estimator.solver.frames import Frames, frames_from_pixels
-from estimator.solver.ladder import EXPLORER, explore, solve
-from estimator.solver.prediction import look
-from estimator.solver.rig_arrays import Known
+from estimator.solver.ladder import COARSE_RUNG, find_starts, solve
+from estimator.solver.prediction import predict
+from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_index, like
@@ -65,11 +65,11 @@ class ContactEstimator:
         self.model = model
         self.friction_rad = float(friction)
         self.device = checked_device(device)
-        self._known = Known.of(rig, self.friction_rad, np.empty(0))
-        self._known_on_device = self._known
+        self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad, np.empty(0))
+        self._rig_arrays_on_device = self._rig_arrays
         if device != PROCESSOR:
             reference = torch.empty(0, dtype=torch.float64, device=self.device)
-            self._known_on_device = Known.of(rig, self.friction_rad, reference)
+            self._rig_arrays_on_device = RigArrays.from_rig(rig, self.friction_rad, reference)
 
     def estimate(
         self,
@@ -161,24 +161,24 @@ class ContactEstimator:
 
     def rough(self, several: Sequence[Measured]) -> list[Rough | None]:
         """A quick fit of each frame on a low rung. None with too few points."""
-        frames = self._frames(self._known, *stacked(several))
+        frames = self._frames(self._rig_arrays, *stacked(several))
         found: list[Rough | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
         if len(enough):
-            frames = frames.picked(enough)
-            unknowns = explore(frames, descended=True).floors[:, 0]
-            shapes = look(frames, EXPLORER, unknowns, slopes=False).points_m
+            frames = frames.select(enough)
+            unknowns = find_starts(frames, always=True).minima[:, 0]
+            shapes = predict(frames, COARSE_RUNG, unknowns, derivatives=False).points_m
             for index, own, points_m in zip(enough, unknowns, shapes, strict=True):
                 found[index] = Rough(own, points_m)
         return found
 
     def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
-        frames = self._frames(self._known, *stacked([measured]))
+        frames = self._frames(self._rig_arrays, *stacked([measured]))
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
         part = solve(frames, self.model, started([measured]))[0]
-        return np.asarray(part.fits.view.points_m[0])
+        return np.asarray(part.fits.prediction.points_m[0])
 
     def _measured(self, several: Sequence[Measured], warm: np.ndarray | None, shaken: Beam | None = None) -> Contacts:
         return self._judged(*stacked(several), started(several, warm), shaken)
@@ -195,12 +195,12 @@ class ContactEstimator:
     ) -> Contacts:
         count = len(points_px)
         found = none_of(count)
-        known = self._known if count <= SINGLE else self._known_on_device
-        chunk = CHUNK if known is self._known else CHUNK_ON_DEVICE
+        rig_arrays = self._rig_arrays if count <= SINGLE else self._rig_arrays_on_device
+        chunk = CHUNK if rig_arrays is self._rig_arrays else CHUNK_ON_DEVICE
         for begin in range(0, count, chunk):
             part = slice(begin, min(begin + chunk, count))
             frames = self._frames(
-                known, points_px[part], sigma_px[part], readings_Nm[part], pan_rad[part], tilt_rad[part]
+                rig_arrays, points_px[part], sigma_px[part], readings_Nm[part], pan_rad[part], tilt_rad[part]
             )
             usable = frames.usable.sum(-1)
             enough = usable >= FEWEST_POINTS
@@ -210,7 +210,7 @@ class ContactEstimator:
             rows = np.flatnonzero(plain(enough)) + begin
             start = None if warm is None else like(frames.points, warm[rows])
             if not bool(enough.all()):
-                frames = frames.picked(enough)
+                frames = frames.select(enough)
             with np.errstate(all="ignore"):  # what leaves the domain of the model is judged by its numbers
                 fitted = numbers(solve(frames, self.model, start), shaken)
                 self._without_reading(frames, fitted)
@@ -223,13 +223,13 @@ class ContactEstimator:
         rows = np.flatnonzero(touching & unexplained(fitted) & fitted.felt.any(axis=1))
         if len(rows) == 0:
             return
-        alone = frames.picked(as_index(like(frames.points, rows)))
-        silent = replace(alone, felt=0.0 * alone.felt)
+        alone = frames.select(as_index(like(frames.points, rows)))
+        silent = replace(alone, sensor_available=0.0 * alone.sensor_available)
         fitted.explained_alone[rows] = ~unexplained(numbers(solve(silent, self.model)))
 
     def _frames(
         self,
-        known: Known,
+        rig_arrays: RigArrays,
         points_px: np.ndarray,
         sigma_px: np.ndarray,
         readings_Nm: np.ndarray,
@@ -240,12 +240,12 @@ class ContactEstimator:
         gravity = np.einsum("bji,j->bi", rotation, self.rig.gravity_world_m_s2)
         points_px, sigma_px = in_order(points_px, sigma_px)
         given = (np.require(values, float, ["C", "W"]) for values in (points_px, sigma_px, readings_Nm, gravity))
-        return frames_from_pixels(known, *(like(known.prior, values) for values in given))
+        return frames_from_pixels(rig_arrays, *(like(rig_arrays.prior, values) for values in given))
 
 
 @dataclass(frozen=True, eq=False)
 class Rough:
-    """A quick fit: unknowns (4,), `solve.known.UNKNOWNS`, and the antenna's nodes (M, 3), antenna frame."""
+    """A quick fit: unknowns (4,), `rig_arrays.UNKNOWNS`, and the antenna's nodes (M, 3), antenna frame."""
 
     unknowns: np.ndarray
     points_m: np.ndarray

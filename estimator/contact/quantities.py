@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.solver.initialization import free_points
-from estimator.solver.ladder import Solved
-from estimator.solver.rig_arrays import POSES, UNKNOWNS, Known
+from estimator.solver.ladder import Solution
+from estimator.solver.rig_arrays import POSES, UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import Array, namespace
@@ -43,19 +42,19 @@ class Numbers:
     ----------
     points : (B,) how many could be used.
     rung : index in `antenna.rungs.RUNGS`.
-    unknowns, std : (B, 4), see `solve.known.UNKNOWNS`.
+    unknowns, std : (B, 4), see `rig_arrays.UNKNOWNS`.
     point_m, force_N, deflection_m : (B, 3) antenna frame. tangent : (B, 3) of the antenna at the contact, likewise.
     covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
     residual, residual_std : (B, 2) readings' misfits, whitened, and the deviations these should have.
     felt : (B, 2) bool, whether there was a reading.
-    evidence : (B,) for a contact, see `solve.worth.evidence`. condition : (B,) see `solve.worth.Worth`.
-    converged, at_tip, scatter : (B,) see `solve.descend.State`. finite : (B,) bool, the fit stayed in the domain.
+    evidence : (B,) for a contact, see `uncertainty.contact_evidence`. condition : (B,) see `uncertainty.Uncertainty`.
+    converged, at_tip, scatter : (B,) see `state.State`. finite : (B,) bool, the fit stayed in the domain.
     strange : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
-    rival, rival_unknowns, blind, second, second_place, second_harm : see `solve.ladder.Solved`.
+    rival, rival_unknowns, blind, second, second_place, second_harm : see `ladder.Solution`.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
     explained_alone : (B,) bool, the picture alone is that of one contact; asked only where it is not with the readings.
     bias : (B, len(RUNGS)), NaN where not weighed.
-    pieces_m, pieces_std_m, push : see `solve.shaken`; NaN where motion is not to be judged.
+    pieces_m, pieces_std_m, push : see `inertia`; NaN where motion is not to be judged.
     """
 
     points: np.ndarray
@@ -119,7 +118,7 @@ def placed(whole: Numbers, rows: np.ndarray, part: Numbers) -> None:
         getattr(whole, f.name)[rows] = getattr(part, f.name)
 
 
-def numbers(parts: list[Solved], beam: Beam | None = None) -> Numbers:
+def numbers(parts: list[Solution], beam: Beam | None = None) -> Numbers:
     """The numbers of all frames, in the order of their rows; with a beam, also what judging its motion needs."""
     order = np.concatenate([plain(part.rows) for part in parts])
     whole = none_of(len(order))
@@ -128,24 +127,24 @@ def numbers(parts: list[Solved], beam: Beam | None = None) -> Numbers:
     return whole
 
 
-def _numbers(part: Solved, beam: Beam | None) -> Numbers:
-    fits, worth, known = part.fits, part.worth, part.fits.frames.known
-    state, view, table = fits.state, fits.view, fits.table
+def _numbers(part: Solution, beam: Beam | None) -> Numbers:
+    fits, uncertainty, rig_arrays = part.fits, part.uncertainty, part.fits.frames.rig_arrays
+    state, prediction, by_rig = fits.state, fits.prediction, fits.by_rig
     xp = namespace(state.scatter)
-    touch = view.touch + (table.touch @ state.steps[..., None])[..., 0]
-    covariance = worth.of(view.by_touch, table.touch)
-    covariance = covariance + _bows(known, state.unknowns, worth.covariance, state.at_tip)
+    touch = prediction.point_force + (by_rig.point_force @ state.rig_steps[..., None])[..., 0]
+    covariance = uncertainty.propagate(prediction.point_force_jacobian, by_rig.point_force)
+    covariance = covariance + _bows(rig_arrays, state.unknowns, uncertainty.covariance, state.at_tip)
     # a rung that was demanded though it is too low: what it makes wrong is doubt
-    off = part.misled
+    off = part.model_errors
     covariance = covariance + off[..., UNKNOWNS:].mT @ off[..., UNKNOWNS:]
-    std = xp.sqrt(worth.std**2 + (off[..., :UNKNOWNS] ** 2).sum(1))
-    free = free_points(part.free, state.unknowns[:, 0] * known.length_m)
+    std = xp.sqrt(uncertainty.std**2 + (off[..., :UNKNOWNS] ** 2).sum(1))
+    free = part.free.points_at(state.unknowns[:, 0] * rig_arrays.length_m)
     unknowns = plain(state.unknowns)
     bias = np.full((len(unknowns), len(RUNGS)), np.nan)
     for rung, values in part.bias.items():
         bias[:, RUNGS.index(rung)] = plain(values)
     finite = xp.isfinite(fits.equations.cost) & xp.isfinite(state.unknowns).all(-1)
-    touch, misfit = plain(touch), plain(fits.problem.misfit)
+    touch, residual = plain(touch), plain(fits.problem.moment_residual)
     return Numbers(
         points=plain(fits.frames.usable.sum(-1)),
         rung=np.full(len(unknowns), RUNGS.index(fits.rung)),
@@ -153,39 +152,42 @@ def _numbers(part: Solved, beam: Beam | None) -> Numbers:
         std=plain(std),
         point_m=touch[:, :3],
         force_N=touch[:, 3:],
-        tangent=plain(view.tangents[:, CONTACT]),
+        tangent=plain(prediction.tangents[:, CONTACT]),
         deflection_m=touch[:, :3] - plain(free),
         covariance=plain(covariance),
-        with_pose=plain(worth.with_rig(view.by_touch, table.touch) @ known.axes[:POSES].T),
-        residual=misfit,
-        residual_std=plain(worth.moment_std),
-        felt=plain(fits.frames.felt) > 0.0,
-        strange=plain((state.steps**2).sum(-1)),
-        rig_axes=np.full(len(unknowns), state.steps.shape[1]),
+        with_pose=plain(
+            uncertainty.covariance_with_rig(prediction.point_force_jacobian, by_rig.point_force)
+            @ rig_arrays.axes[:POSES].T
+        ),
+        residual=residual,
+        residual_std=plain(uncertainty.moment_std),
+        felt=plain(fits.frames.sensor_available) > 0.0,
+        strange=plain((state.rig_steps**2).sum(-1)),
+        rig_axes=np.full(len(unknowns), state.rig_steps.shape[1]),
         evidence=plain(part.evidence),
         converged=plain(state.converged),
         at_tip=plain(state.at_tip),
         scatter=plain(state.scatter),
-        condition=plain(worth.condition),
+        condition=plain(uncertainty.condition),
         finite=plain(finite),
-        rival=plain(part.rival),
-        rival_unknowns=plain(part.rival_unknowns),
-        blind=plain(part.blind),
-        second=plain(part.second),
+        rival=plain(part.alternative_cost),
+        rival_unknowns=plain(part.alternative_unknowns),
+        blind=plain(part.ambiguous),
+        second=plain(part.second_gain),
         second_place=plain(part.second_place),
-        second_harm=plain(part.second_harm),
+        second_harm=plain(part.second_shift),
         explained_alone=np.zeros(len(unknowns), bool),
-        edge_on_rad=edge_on(known.rig, unknowns),
+        edge_on_rad=edge_on(rig_arrays.rig, unknowns),
         bias=bias,
         **_moving(part, beam),
     )
 
 
-def _moving(part: Solved, beam: Beam | None) -> dict[str, np.ndarray]:
+def _moving(part: Solution, beam: Beam | None) -> dict[str, np.ndarray]:
     names = ("pieces_m", "pieces_std_m", "push")
     if beam is None:
         return {name: np.full((len(part.rows), *FLOATS[name]), np.nan) for name in names}
-    values = (*pieces(part.fits, beam), by_inertia(part.fits, part.worth, beam))
+    values = (*pieces(part.fits, beam), by_inertia(part.fits, part.uncertainty, beam))
     return {name: plain(value) for name, value in zip(names, values, strict=True)}
 
 
@@ -198,7 +200,7 @@ def edge_on(rig: Rig, unknowns: np.ndarray) -> np.ndarray:
     return camera_angle(line, np.arctan2(unknowns[:, 2], unknowns[:, 1]))
 
 
-def _bows(known: Known, unknowns: Array, covariance: Array, at_tip: Array) -> Array:
+def _bows(rig_arrays: RigArrays, unknowns: Array, covariance: Array, at_tip: Array) -> Array:
     """(B, 6, 6) second order of contact point and force in the unknowns: linear beam, foreshortening, slope.
 
     A point known badly along a bent antenna is known within a bow, which a thin straight ellipsoid would leave.
@@ -211,10 +213,10 @@ def _bows(known: Known, unknowns: Array, covariance: Array, at_tip: Array) -> Ar
     middle = unknowns[:, None, :3]
 
     def touch(at: Array) -> Array:
-        distance = at[..., :1] * known.length_m
-        shift = at[..., 1:] * (known.force_unit_N / 3.0) * distance**3 / xp.exp(known.parameters[6])
+        distance = at[..., :1] * rig_arrays.length_m
+        shift = at[..., 1:] * (rig_arrays.force_unit_N / 3.0) * distance**3 / xp.exp(rig_arrays.antenna_parameters[6])
         shorter = 0.6 * (shift * shift).sum(-1)[..., None] / xp.clip(distance, 1e-9, None)
-        pull = -1.5 * (at[..., 1:] * shift).sum(-1)[..., None] * known.force_unit_N / xp.clip(distance, 1e-9, None)
+        pull = -1.5 * (at[..., 1:] * shift).sum(-1)[..., None] * rig_arrays.force_unit_N / xp.clip(distance, 1e-9, None)
         return xp.concat([distance - shorter, shift, pull, 0.0 * shift], -1)
 
     bows = touch(middle + steps) + touch(middle - steps) - 2.0 * touch(middle)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.solver.descent import NEAREST
-from estimator.solver.ladder import SMALL
+from estimator.solver.convergence import NEAREST
+from estimator.solver.ladder import SMALL_BIAS
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.robust import chi_square_p
 
@@ -190,9 +190,9 @@ def _model(numbers: Numbers, index: int, asked: str) -> str:
     rung, bias = int(numbers.rung[index]), numbers.bias[index]
     name = RUNGS[rung]
     if asked != "auto":
-        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > SMALL else ""
+        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > SMALL_BIAS else ""
         return f"{name} was asked for{too_low}"
-    low = [index for index in range(rung) if bias[index] > SMALL]
+    low = [index for index in range(rung) if bias[index] > SMALL_BIAS]
     if not low:
         return f"{name}: its bias is {bias[rung]:.2f} std"
     return f"{name}: {RUNGS[low[-1]]} would be {bias[low[-1]]:.1f} std off"

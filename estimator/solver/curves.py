@@ -1,19 +1,25 @@
-"""The antenna in the ideal picture, the plane one unit before the camera."""
+"""The antenna in the ideal picture, the plane one unit before the camera: cubics between its nodes.
+
+Places along a curve are counted in nodes: 3.4 is four tenths of the way from node 3 to node 4. Nodes are equally spaced
+on either side of the contact.
+"""
 
 from __future__ import annotations
 
 from vbaa_calib.antenna.nodes import NODES_BEYOND, NODES_TO_CONTACT
-from vbaa_calib.core.arrays import Array, namespace, taken
+from vbaa_calib.core.arrays import Array, namespace, take_rows
 
-from .rig_arrays import Known
+from .rig_arrays import RigArrays
 
 INNER = NODES_TO_CONTACT - 1
 LAST = INNER + NODES_BEYOND
 """The contact's node and the tip's."""
+_NEAREST_DEPTH_M = 1e-4
+"""Nodes nearer to the camera's plane than this, or behind it, are taken to lie there: their picture is far off."""
 
 
 def spacing(contact_m: Array, length_m: float) -> tuple[Array, Array, Array]:
-    """Arc length of contacts (B,) as (B, 1), and the nodes' spacing before and beyond them: they are equally spaced."""
+    """Contacts (B, 1), and the nodes' spacing before and beyond them."""
     contact = contact_m[:, None]
     return contact, contact / INNER, (length_m - contact) / NODES_BEYOND
 
@@ -33,10 +39,10 @@ def cubics(values: Array, slopes: Array, contact_m: Array, length_m: float) -> A
     return xp.concat([table, table[:, -1:]], 1)
 
 
-def cubic(table: Array, row: Array, share: Array) -> list[tuple[Array, Array, Array]]:
+def evaluate_cubics(table: Array, row: Array, share: Array) -> list[tuple[Array, Array, Array]]:
     """Values, slopes and second slopes by the node (B, N) of D curves with coefficients (B, M, 4 D)."""
     size = table.shape[-1]
-    columns = taken(table.reshape(-1, size), row).reshape(*share.shape, size)
+    columns = take_rows(table.reshape(-1, size), row).reshape(*share.shape, size)
     found = []
     for first in range(0, size, 4):
         c0, c1, c2, c3 = (columns[..., first + power] for power in range(4))
@@ -46,25 +52,27 @@ def cubic(table: Array, row: Array, share: Array) -> list[tuple[Array, Array, Ar
     return found
 
 
-NEAREST_DEPTH_M = 1e-4
-"""Nodes nearer to the camera's plane than this, or behind it, are taken to lie there: their picture is far off."""
+def flat_rows(node: Array, count: int) -> Array:
+    """(B·N,) rows of nodes (B, N) in arrays (B·count, ...)."""
+    xp = namespace(node)
+    return (node + (count * xp.cumsum(xp.ones_like(node[:, :1]), 0) - count)).reshape(-1)
 
 
-def project(known: Known, points_m: Array, pose: int = 0) -> tuple[Array, Array, Array]:
-    """Ideal image u, v and depth, (..., M) each, of antenna points (..., M, 3), by one of the known poses."""
+def project(rig_arrays: RigArrays, points_m: Array, pose: int = 0) -> tuple[Array, Array, Array]:
+    """Ideal image u, v and depth, (..., M) each, of antenna points (..., M, 3), by one of the rig's poses."""
     x, y, z = (points_m[..., axis] for axis in range(3))
-    rotation, shift = known.rotations[pose], known.translations[pose]
+    rotation, shift = rig_arrays.rotations[pose], rig_arrays.translations[pose]
     across, down, ahead = (
         row[0] * x + row[1] * y + (row[2] * z + move) for row, move in zip(rotation, shift, strict=True)
     )
-    depth = namespace(ahead).clip(ahead, NEAREST_DEPTH_M, None)
+    depth = namespace(ahead).clip(ahead, _NEAREST_DEPTH_M, None)
     return across / depth, down / depth, depth
 
 
-def image_slopes(known: Known, tangents: Array, u: Array, v: Array, depth: Array) -> tuple[Array, Array]:
+def image_slopes(rig_arrays: RigArrays, tangents: Array, u: Array, v: Array, depth: Array) -> tuple[Array, Array]:
     """Slopes (..., M) of the image by arc length, of tangents (..., M, 3) at image points and depths (..., M)."""
     x, y, z = (tangents[..., axis] for axis in range(3))
-    across, down, ahead = (row[0] * x + row[1] * y + row[2] * z for row in known.rotations[0])
+    across, down, ahead = (row[0] * x + row[1] * y + row[2] * z for row in rig_arrays.rotations[0])
     return (across - u * ahead) / depth, (down - v * ahead) / depth
 
 

@@ -1,4 +1,4 @@
-"""Where to begin: the free antenna's picture says, for each distance on a grid, what the best force would explain."""
+"""Where to begin: for each distance on a grid, the best force and the cost it explains, for small deflections."""
 
 from __future__ import annotations
 
@@ -6,56 +6,56 @@ from dataclasses import dataclass
 
 from vbaa_calib.antenna.linear import deflection
 from vbaa_calib.antenna.nodes import aligned_arclength
-from vbaa_calib.core.arrays import Array, counted, like, namespace
+from vbaa_calib.core.arrays import Array, arange_like, like, namespace
 from vbaa_calib.core.robust import huber_weights
 
-from .curves import cubic, cubics
+from .curves import cubics, evaluate_cubics, flat_rows
 from .frames import Frames
-from .prediction import RigTable, View, by_point, look, rig_table
-from .residuals import Match, Sums, along_chord, between_nodes, rows, sums
-from .rig_arrays import LIKELY_SWAY, Known
+from .prediction import LINEAR, Prediction, RigJacobian, point_jacobian, predict, rig_jacobian
+from .residuals import NodeSums, PointResiduals, node_sums, residuals_along_chord
+from .rig_arrays import TIP_DEFLECTION_STD
 
-GRID = 24
-"""Distances tried, spread over the antenna."""
-NEAREST_TRIED = 0.05
-ROUNDS = 2
-"""Reweightings of the points by what the best distance leaves of them."""
-WARM_OBJECTION = 8.0
+_GRID = 24
+"""Distances, evenly from `_NEAREST` to the tip."""
+_NEAREST = 0.05
+_ROUNDS = 2
+"""Reweightings of the points by the residuals of the best distance."""
+_WARM_COST = 8.0
 """A start from the frame before is taken unless another distance explains the frame better by so much."""
-FREE = 0.5
-"""The free antenna's contact without a force: where its nodes lie."""
+_FREE = 0.5
+"""The free antenna is a contact here without a force: it only places the nodes."""
 
 
 @dataclass(frozen=True, eq=False)
-class Free:
-    """The free antennas of B frames: their views, the rig's influence on them, and the points held against them."""
+class FreeAntenna:
+    """The free antennas of B frames: predictions, their derivatives by the rig, and the points' residuals from them."""
 
     unknowns: Array
-    view: View
-    table: RigTable
-    found: Match
+    prediction: Prediction
+    by_rig: RigJacobian
+    points: PointResiduals
+
+    def points_at(self, arclength_m: Array) -> Array:
+        """(B, 3) points at arc lengths (B,), antenna frame."""
+        prediction = self.prediction
+        table = cubics(prediction.points_m, prediction.tangents, prediction.contact_m, prediction.length_m)
+        node, share, _ = prediction.locate(arclength_m[:, None])
+        points = evaluate_cubics(table, flat_rows(node, table.shape[1]), share)
+        return namespace(share).concat([value for value, _, _ in points], -1)
 
 
-def free_antenna(frames: Frames, rung: str) -> Free:
-    """The free antennas; the rig's influence on them is that of small deflections."""
+def free_antenna(frames: Frames, rung: str) -> FreeAntenna:
+    """The free antennas, with the rig's derivatives for small deflections."""
     xp = namespace(frames.points)
-    unknowns = xp.zeros_like(frames.gravity_m_s2[:, :1]) + FREE * frames.known.trials[1]
-    view = look(frames, rung, unknowns, slopes=False)
-    return Free(unknowns, view, rig_table(frames, "linear", unknowns, view), along_chord(frames, view))
-
-
-def free_points(free: Free, arclength_m: Array) -> Array:
-    """(B, 3) points of the free antennas at arc lengths (B,), antenna frame."""
-    view = free.view
-    table = cubics(view.points_m, view.tangents, view.contact_m, view.length_m)
-    left, share, _ = between_nodes(view, arclength_m[:, None])
-    points = cubic(table, rows(left, table.shape[1]), share)
-    return namespace(share).concat([value for value, _, _ in points], -1)
+    unknowns = xp.zeros_like(frames.gravity_m_s2[:, :1]) + _FREE * frames.rig_arrays.unit_steps[1]
+    prediction = predict(frames, rung, unknowns, derivatives=False)
+    by_rig = rig_jacobian(frames, LINEAR, unknowns, prediction)
+    return FreeAntenna(unknowns, prediction, by_rig, residuals_along_chord(frames, prediction))
 
 
 @dataclass(frozen=True, eq=False)
-class Trials:
-    """Distances (B, G) of the grid, their best forces (B, G, 2), and how much of the cost each takes away (B, G)."""
+class GridSearch:
+    """Distances (B, G) of the grid, their best forces (B, G, 2), and the cost that each explains (B, G)."""
 
     grid: Array
     forces: Array
@@ -69,14 +69,14 @@ class Trials:
         xp, costs = namespace(self.gains), -self.gains
         edge = xp.full_like(costs[:, :1], xp.inf)
         around = xp.concat([edge, costs, edge], -1)
-        floor = (costs <= around[:, :-2]) & (costs <= around[:, 2:])
-        costs = xp.where(floor, costs, xp.full_like(costs, xp.inf))
+        minimum = (costs <= around[:, :-2]) & (costs <= around[:, 2:])
+        costs = xp.where(minimum, costs, xp.full_like(costs, xp.inf))
         order = xp.argsort(costs, -1)[:, :count]
-        every = counted(costs, len(costs))[:, None]
-        return self._unknowns(*self._between(every, order)), costs[every, order]
+        every = arange_like(costs, len(costs))[:, None]
+        return self._unknowns(*self._interpolated(every, order)), costs[every, order]
 
-    def _between(self, every: Array, order: Array) -> tuple[Array, Array]:
-        """Distances (B, S) and forces (B, S, 2) at the floors of parabolas about minima (B, S) of the grid."""
+    def _interpolated(self, every: Array, order: Array) -> tuple[Array, Array]:
+        """Distances (B, S) and forces (B, S, 2) at the minima of parabolas about grid indices (B, S)."""
         xp, last = namespace(self.gains), self.gains.shape[1] - 1
         inside = xp.clip(order, 1, last - 1)
         before, there, after = (self.gains[every, inside + side] for side in (-1, 0, 1))
@@ -87,21 +87,23 @@ class Trials:
         beside = xp.where(order == inside, beside, order)
         here, there = self.grid[every, order], self.grid[every, beside]
         distance = here + xp.abs(part) * (there - here)
-        # what the tip sways changes little from one distance to the next, the force much
-        sway, sway_there = (self.forces[every, at] * _sway(self.grid[every, at]) for at in (order, beside))
-        return distance, (sway + xp.abs(part)[..., None] * (sway_there - sway)) / _sway(distance)
+        # the tip's deflection changes little from one distance to the next, the force much
+        sway, sway_there = (
+            self.forces[every, at] * _deflection_per_force(self.grid[every, at]) for at in (order, beside)
+        )
+        return distance, (sway + xp.abs(part)[..., None] * (sway_there - sway)) / _deflection_per_force(distance)
 
-    def spread(self, every: int) -> tuple[Array, Array]:
-        """Unknowns (B, S, 4) at every so manieth distance, and costs (B, S) of 0."""
-        forces = self.forces[:, ::every]
-        return self._unknowns(self.grid[:, ::every], forces), 0.0 * forces[..., 0]
+    def every(self, step: int) -> tuple[Array, Array]:
+        """Unknowns (B, S, 4) at every `step`-th distance, and costs (B, S) of 0."""
+        forces = self.forces[:, ::step]
+        return self._unknowns(self.grid[:, ::step], forces), 0.0 * forces[..., 0]
 
-    def warmed(self, starts: Array, costs: Array, warm: Array) -> tuple[Array, Array]:
+    def warm_started(self, starts: Array, costs: Array, warm: Array) -> tuple[Array, Array]:
         """Starts and costs with warm ones (B, 4) alone where no other distance explains a frame much better."""
         xp = namespace(costs)
         beside = xp.argmin(xp.abs(self.grid - warm[:, :1]), -1)
-        near = self.gains[counted(costs, len(costs)), beside]
-        good = xp.isfinite(warm).all(-1) & (near > xp.amax(self.gains, -1) - WARM_OBJECTION)
+        near = self.gains[arange_like(costs, len(costs)), beside]
+        good = xp.isfinite(warm).all(-1) & (near > xp.amax(self.gains, -1) - _WARM_COST)
         starts, costs = starts + 0.0, costs + 0.0
         starts[:, 0] = xp.where(good[:, None], warm, starts[:, 0])
         costs[:, 1:] = xp.where(good[:, None], xp.full_like(costs[:, 1:], xp.inf), costs[:, 1:])
@@ -109,113 +111,103 @@ class Trials:
 
     def _unknowns(self, distance: Array, forces: Array) -> Array:
         xp = namespace(forces)
-        # where nothing could be tried the free antenna is as good a start as any
+        # where no force could be fitted the free antenna is as good a start as any
         forces = xp.nan_to_num(forces, nan=0.0, posinf=0.0, neginf=0.0)
         return xp.concat([distance[..., None], forces, xp.zeros_like(forces[..., :1])], -1)
 
 
-def tried(frames: Frames, free: Free, found: Match) -> Trials:
-    """The grid's distances, each with its best force, for the points that were found off the free antennas.
+def grid_search(frames: Frames, free: FreeAntenna, points: PointResiduals) -> GridSearch:
+    """The best force at each distance of the grid, for residuals from the free antennas.
 
     For small deflections the picture is linear in the force once the distance is given, so force and rig are profiled
-    out. A force along y or z displaces the picture by one shape for all frames times `by_point` of each frame, so that
-    sums over nodes are matrix products with shapes.
+    out. A force along y or z displaces the picture by one shape for all frames times `point_jacobian` of each frame, so
+    that sums over nodes are matrix products with shapes.
     """
     xp = namespace(frames.points)
-    grid = like(frames.points, [NEAREST_TRIED + (1.0 - NEAREST_TRIED) * g / (GRID - 1) for g in range(GRID)])
-    pushes = _Pushes.of(frames, free, grid)
-    every, weights = counted(found.distance, len(frames)), found.precision
-    for _ in range(ROUNDS):
-        summed = sums(found, weights, found.distance, pushes.shape.shape[0])
-        forces, gains, by_rig = pushes.best(free, summed)
+    grid = like(frames.points, [_NEAREST + (1.0 - _NEAREST) * g / (_GRID - 1) for g in range(_GRID)])
+    unit_forces = _UnitForces.on_grid(frames, free, grid)
+    every, weights = arange_like(points.distance, len(frames)), points.precision
+    for _ in range(_ROUNDS):
+        sums = node_sums(points, weights, points.distance, unit_forces.shape.shape[0])
+        forces, gains, rig_steps = unit_forces.best(free, sums)
         best = gains.argmax(-1)
-        shift = (free.table.nodes @ by_rig[2])[..., 0]
+        shift = (free.by_rig.image @ rig_steps[2])[..., 0]
         for a in (0, 1):
-            taken = (free.table.nodes @ by_rig[a][every, :, best][..., None])[..., 0]
-            shift = shift + forces[every, best, a][:, None] * (pushes.sides[a] * pushes.shape.mT[best] - taken)
-        left = (found.distance - found.between(shift)) * xp.sqrt(found.precision)
-        weights = found.precision * huber_weights(left)
-    return Trials(xp.broadcast_to(grid, gains.shape), forces, gains)
+            by_rig = (free.by_rig.image @ rig_steps[a][every, :, best][..., None])[..., 0]
+            shift = shift + forces[every, best, a][:, None] * (
+                unit_forces.image[a] * unit_forces.shape.mT[best] - by_rig
+            )
+        left = (points.distance - points.interpolate(shift)) * xp.sqrt(points.precision)
+        weights = points.precision * huber_weights(left)
+    return GridSearch(xp.broadcast_to(grid, gains.shape), forces, gains)
 
 
 @dataclass(frozen=True, eq=False)
-class _Pushes:
+class _UnitForces:
     """Unit forces along y and z at each distance of the grid.
 
     Attributes
     ----------
-    shape : (M, G) small deflections of the free antenna's nodes, m. sides : two (B, M), the picture's displacement by a
-    metre along y, and z. felt : two (B, 2, G), what the sensors feel, in deviations. likely : (G,) weight of the
-    force's square: a direction that neither picture nor reading holds is left near where it is. unit : (R, R).
+    shape : (M, G) small deflections of the free antenna's nodes, m.
+    image : two (B, M), the picture's displacement by a metre along y, and z.
+    moment : two (B, 2, G), sensor response in deviations.
+    prior : (G,) weight of the force's square. identity : (R, R).
     """
 
     shape: Array
-    sides: tuple[Array, Array]
-    felt: tuple[Array, Array]
-    likely: Array
-    unit: Array
+    image: tuple[Array, Array]
+    moment: tuple[Array, Array]
+    prior: Array
+    identity: Array
 
     @staticmethod
-    def of(frames: Frames, free: Free, grid: Array) -> _Pushes:
+    def on_grid(frames: Frames, free: FreeAntenna, grid: Array) -> _UnitForces:
         """For frames and their free antennas, at distances (G,) in antenna lengths."""
-        known, across = frames.known, by_point(frames.known, free.view)
-        likely = (known.tip_per_force(grid) / LIKELY_SWAY) ** 2
-        return _Pushes(_shapes(known, grid), (across[..., 1], across[..., 2]), _felt(frames, grid), likely, known.unit)
+        rig_arrays = frames.rig_arrays
+        image = point_jacobian(rig_arrays, free.prediction)
+        along = like(grid, aligned_arclength(grid[:1] * 0.0 + _FREE, 1.0)[0])
+        shape = deflection(along[:, None], grid, rig_arrays.unit_load * rig_arrays.length_m, 1.0)
+        moment = rig_arrays.moment_response(grid * (rig_arrays.force_unit_N * rig_arrays.length_m))
+        available = frames.sensor_available[..., None]
+        prior = (rig_arrays.tip_deflection(grid) / TIP_DEFLECTION_STD) ** 2
+        moments = moment[..., 0] * available, moment[..., 1] * available
+        return _UnitForces(shape, (image[..., 1], image[..., 2]), moments, prior, rig_arrays.identity)
 
-    def best(self, free: Free, summed: Sums) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-        """Best forces (B, G, 2), what each takes off the cost (B, G), and the rig steps that go with unit forces along
+    def best(self, free: FreeAntenna, sums: NodeSums) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+        """Best forces (B, G, 2), the cost that each explains (B, G), and the rig steps that go with unit forces along
         y and z (B, R, G) and with none (B, R, 1)."""
-        xp, rig, rig_felt = namespace(summed.load), free.table.nodes, free.table.readings
-        misfit, towards = free.view.misfit[..., None], summed.times(rig)
-        within = rig.mT @ towards + rig_felt.mT @ rig_felt + self.unit
-        crossed = [(towards * self.sides[a][..., None]).mT @ self.shape + rig_felt.mT @ self.felt[a] for a in (0, 1)]
-        rig_pull = rig.mT @ summed.load[..., None] + rig_felt.mT @ misfit
-        taken = xp.linalg.solve(within, xp.concat([*crossed, rig_pull], -1))
-        by_rig = taken[..., :GRID], taken[..., GRID : 2 * GRID], taken[..., 2 * GRID :]
-        held = [
-            _product(summed, self.sides[a], self.sides[b], self.shape)
-            + (self.felt[a] * self.felt[b]).sum(1)
-            - (crossed[a] * by_rig[b]).sum(1)
+        xp, image, moment = namespace(sums.load), free.by_rig.image, free.by_rig.moment
+        residual, weighted = free.prediction.moment_residual[..., None], sums.times(image)
+        rig_information = image.mT @ weighted + moment.mT @ moment + self.identity
+        crossed = [(weighted * self.image[a][..., None]).mT @ self.shape + moment.mT @ self.moment[a] for a in (0, 1)]
+        rig_side = image.mT @ sums.load[..., None] + moment.mT @ residual
+        solved = xp.linalg.solve(rig_information, xp.concat([*crossed, rig_side], -1))
+        rig_steps = solved[..., :_GRID], solved[..., _GRID : 2 * _GRID], solved[..., 2 * _GRID :]
+        yy, yz, zz = (
+            _inner_product(sums, self.image[a], self.image[b], self.shape)
+            + (self.moment[a] * self.moment[b]).sum(1)
+            - (crossed[a] * rig_steps[b]).sum(1)
             for a, b in ((0, 0), (0, 1), (1, 1))
-        ]
-        pull = [
-            (summed.load * self.sides[a]) @ self.shape
-            + (self.felt[a] * misfit).sum(1)
-            - (crossed[a].mT @ by_rig[2])[..., 0]
+        )
+        y, z = (
+            (sums.load * self.image[a]) @ self.shape
+            + (self.moment[a] * residual).sum(1)
+            - (crossed[a].mT @ rig_steps[2])[..., 0]
             for a in (0, 1)
-        ]
-        forces, gains = _best_forces(held[0] + self.likely, held[1], held[2] + self.likely, *pull)
-        return forces, gains, by_rig
+        )
+        yy, zz = yy + self.prior, zz + self.prior
+        over = 1.0 / xp.clip(yy * zz - yz * yz, 1e-300, None)
+        forces = xp.stack([(zz * y - yz * z) * over, (yy * z - yz * y) * over], -1)
+        return forces, 0.5 * (forces[..., 0] * y + forces[..., 1] * z), rig_steps
 
 
-def _shapes(known: Known, grid: Array) -> Array:
-    """(M, G) small deflections of the free antenna's nodes under a unit force at each distance of the grid, m."""
-    along = like(grid, aligned_arclength(grid[:1] * 0.0 + FREE, 1.0)[0])
-    return deflection(along[:, None], grid, known.load * known.length_m, 1.0)
-
-
-def _felt(frames: Frames, grid: Array) -> tuple[Array, Array]:
-    """What the sensors feel, (B, 2, G) in deviations, of unit forces along y, and along z, at each distance."""
-    known = frames.known
-    felt = known.felt_by(grid * (known.force_unit_N * known.length_m))
-    return felt[..., 0] * frames.felt[..., None], felt[..., 1] * frames.felt[..., None]
-
-
-def _product(summed: Sums, first: Array, second: Array, shape: Array) -> Array:
-    """(B, G) inner products of first·shape and second·shape, (B, M) times (M, G), over the points."""
-    own = (summed.diagonal * first * second) @ (shape * shape)
-    mixed = summed.beside * (first[:, :-1] * second[:, 1:] + first[:, 1:] * second[:, :-1])
+def _inner_product(sums: NodeSums, first: Array, second: Array, shape: Array) -> Array:
+    """(B, G) weighted inner products of first·shape and second·shape, (B, M) times (M, G)."""
+    own = (sums.diagonal * first * second) @ (shape * shape)
+    mixed = sums.off_diagonal * (first[:, :-1] * second[:, 1:] + first[:, 1:] * second[:, :-1])
     return own + mixed @ (shape[:-1] * shape[1:])
 
 
-def _sway(distance: Array) -> Array:
-    """(..., 1) by which the tip's deflection by a unit force grows with the force's distance, in antenna lengths."""
+def _deflection_per_force(distance: Array) -> Array:
+    """(..., 1) how the tip's deflection by a unit force grows with the force's distance, in antenna lengths."""
     return (distance * distance * (3.0 - distance))[..., None]
-
-
-def _best_forces(yy: Array, yz: Array, zz: Array, y: Array, z: Array) -> tuple[Array, Array]:
-    """Best forces (B, G, 2) at each distance, and how much of the cost each takes away (B, G)."""
-    xp = namespace(y)
-    over = 1.0 / xp.clip(yy * zz - yz * yz, 1e-300, None)
-    forces = xp.stack([(zz * y - yz * z) * over, (yy * z - yz * y) * over], -1)
-    return forces, 0.5 * (forces[..., 0] * y + forces[..., 1] * z)

@@ -1,4 +1,4 @@
-"""From frames to fits: which valley, which rung of the ladder, and what else would explain them."""
+"""From frames to solutions: which minimum, which rung of the ladder, and what else would explain the frames."""
 
 from __future__ import annotations
 
@@ -7,219 +7,213 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import Array, counted, namespace, places
+from vbaa_calib.core.arrays import Array, arange_like, namespace, true_indices
 
-from .alternative_minima import Best, different, one_sided, other_sides
-from .convergence import explored, polished, settle
+from .alternative_minima import BestFits, different, mirror_ambiguous, mirror_starts
+from .convergence import coarse_minima, converge, polish
 from .frames import Frames
-from .initialization import Free, Trials, free_antenna, tried
-from .prediction import LEANING, look
+from .initialization import FreeAntenna, GridSearch, free_antenna, grid_search
+from .prediction import FRICTION_RUNGS, LINEAR, predict
 from .second_contact import second_force
-from .state import Settled, picked
-from .uncertainty import REFERENCE, Worth, evidence, held_against, misled, predicted_bias, stretched, worth
+from .state import Fits, select
+from .uncertainty import (
+    REFERENCE,
+    Uncertainty,
+    contact_evidence,
+    model_errors,
+    predicted_bias,
+    problem_on,
+    uncertainty,
+    widened_by_profile,
+)
 
-EXPLORER = "linear"
-"""The rung on which valleys are told apart."""
-USUAL = "elastica"
-"""The rung that most scenes need: on it `auto` finds out which one is."""
-STARTS = 2
-EXPLORED = 64
-"""About so many points of a frame are enough to find its valleys."""
-WIDE, WIDE_ITERATIONS = 4, 15
-"""Frames that are lost are looked for from every fourth distance of the grid, with so many steps each."""
-LOST = 2.0
-"""A median misfit of so many deviations is a reason to look elsewhere."""
-LEANT = 2.5
-"""So is a force that leans by so many of the deviations that were thought possible."""
-FAINT = 5.0
-"""Where no distance explains more of the cost than this there is no contact, and which of several valleys would be the
-deepest does not matter: evidence for one begins at three times as much."""
-TOUCHED = 3.0
+COARSE_RUNG = LINEAR
+"""The rung on which minima are compared before a rung is chosen."""
+SMALL_BIAS = 1 / 3
+"""A rung's predicted bias is small below this fraction of the standard deviation."""
+LARGE_BIAS = SMALL_BIAS
+"""A demanded rung's larger bias is added to the deviations."""
+_USUAL = "elastica"
+"""The rung that most frames need: `auto` begins with it."""
+_STARTS, _COARSE_POINTS = 2, 64
+"""Minima that are searched for each frame, with about so many of its points."""
+_WIDE_STEP, _WIDE_ITERATIONS = 4, 15
+"""Lost frames are searched from every fourth distance of the grid, with so many iterations each."""
+_LOST_SCATTER, _LOST_FRICTION = 2.0, 2.5
+"""A larger scatter, or a friction angle of more deviations, is a reason to search elsewhere."""
+_FAINT = 5.0
+"""Below this gain over the free antenna a frame's other minima are not searched: contact takes three times as much."""
+_SIGNIFICANT_FORCE = 3.0
 """Without a force of so many deviations in any direction there is no contact whose mirror image would matter."""
-SMALL = 1 / 3
-"""A rung's predicted bias is small when it is below this fraction of the standard deviation."""
-DOUBTED = SMALL
-"""Where a demanded rung's bias is not, it is part of the deviations."""
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
-    """Frames on one rung, and what belongs to them.
+class Solution:
+    """Converged frames on one rung, with their uncertainty and alternatives.
 
     Attributes
     ----------
-    rows : (B,) their places among all that were asked for.
-    evidence : (B,) for a contact, see `worth.evidence`.
-    bias : rung → (B,) its predicted bias in standard deviations; of rungs that were looked at.
-    rival : (B,) how much more another valley costs; infinite without one. rival_unknowns : (B, 4) where it lies.
-    blind : (B,) bool, no reading tells the contact from its mirror image, see `rivals.one_sided`.
-    second, second_place, second_harm : (B,) see `second.second_force`.
-    misled : (B, 2, 10) see `worth.misled`; 0 where the rung's bias is small.
+    rows : (B,) their places among all frames.
+    evidence : (B,) for a contact, see `uncertainty.contact_evidence`.
+    bias : rung → (B,) its predicted bias in standard deviations, of the rungs that were evaluated.
+    alternative_cost : (B,) how much more another minimum costs, infinite without one. alternative_unknowns : (B, 4).
+    ambiguous : (B,) bool, see `alternative_minima.mirror_ambiguous`.
+    second_gain, second_place, second_shift : (B,) see `second_contact.second_force`.
+    model_errors : (B, 2, 10) see `uncertainty.model_errors`; 0 where the rung's bias is small.
     """
 
     rows: Array
-    fits: Settled
-    worth: Worth
-    free: Free
+    fits: Fits
+    uncertainty: Uncertainty
+    free: FreeAntenna
     evidence: Array
     bias: dict[str, Array]
-    rival: Array
-    rival_unknowns: Array
-    blind: Array
-    second: Array
+    alternative_cost: Array
+    alternative_unknowns: Array
+    ambiguous: Array
+    second_gain: Array
     second_place: Array
-    second_harm: Array
-    misled: Array
+    second_shift: Array
+    model_errors: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class Starts:
     """What is known of B frames before a rung is chosen.
 
     Attributes
     ----------
-    floors, costs : (B, S, 4) rough floors, lowest first, and their costs (B, S), infinite where there is none.
+    minima, costs : (B, S, 4) rough minima, lowest first, and their costs (B, S), infinite where there is none.
     """
 
-    free: Free
-    trials: Trials
-    floors: Array
+    free: FreeAntenna
+    grid: GridSearch
+    minima: Array
     costs: Array
 
-    def below(self, found: Solved) -> Ground:
-        """The same with the floors, the best and its rival, that were found on a rung."""
-        xp, unknowns = namespace(self.costs), found.fits.state.unknowns
-        floors = xp.stack([unknowns, found.rival_unknowns], 1)
-        return replace(self, floors=floors, costs=xp.stack([xp.zeros_like(found.rival), found.rival], -1))
 
+def find_starts(frames: Frames, warm: Array | None = None, always: bool = False) -> Starts:
+    """The rough minima of each frame. `warm` (B, 4), unknowns near the truth where finite, may take their place.
 
-def explore(frames: Frames, warm: Array | None = None, descended: bool = False) -> Ground:
-    """The valleys of each frame. `warm` (B, 4), unknowns near the truth where finite, may take their place.
-
-    Frames with several are descended on a low rung, to see which of them are worth it; on demand, all are.
+    Frames with several descend on a low rung, to see which of them are useful; with `always`, all do.
     """
     xp = namespace(frames.points)
     free = free_antenna(frames, REFERENCE)
-    few, kept = frames.thinned(EXPLORED)
-    found = free.found.thinned(kept)
-    trials = tried(few, free, found)
-    starts, costs = trials.lowest(STARTS)
+    few, kept = frames.subsample(_COARSE_POINTS)
+    points = free.points.subsample(kept)
+    grid = grid_search(few, free, points)
+    minima, costs = grid.lowest(_STARTS)
     if warm is not None:
-        starts, costs = trials.warmed(starts, costs, warm)
-    several = places(xp.isfinite(costs[:, -1]) | descended)
+        minima, costs = grid.warm_started(minima, costs, warm)
+    several = true_indices(xp.isfinite(costs[:, -1]) | always)
     if len(several):
-        part = few.picked(several), EXPLORER, starts[several], costs[several], found.foot_m[several]
-        starts[several], costs[several] = explored(*part)
-    return Ground(free, trials, starts, costs)
+        part = few.select(several), COARSE_RUNG, minima[several], costs[several], points.foot_m[several]
+        minima[several], costs[several] = coarse_minima(*part)
+    return Starts(free, grid, minima, costs)
 
 
-def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solved]:
-    """Fit B frames; frames on the same rung come together. `warm` as in `explore`."""
+def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solution]:
+    """Fit B frames; frames on the same rung come together. `warm` as in `find_starts`."""
     xp = namespace(frames.points)
-    ground, every = explore(frames, warm), counted(frames.points, len(frames))
+    starts, every = find_starts(frames, warm), arange_like(frames.points, len(frames))
     if model != "auto":
-        return [_solved(frames, ground, model, every, (model,))]
-    first = _solved(frames, ground, USUAL, every, RUNGS)
-    bias, level = first.bias, xp.zeros_like(ground.costs[:, 0])
+        return [_solve_on_rung(frames, starts, model, every, (model,))]
+    first = _solve_on_rung(frames, starts, _USUAL, every, RUNGS)
+    bias, level = first.bias, xp.zeros_like(starts.costs[:, 0])
     for index, rung in enumerate(RUNGS[:-1]):
-        level = xp.where((level == index) & ~(bias[rung] <= SMALL), level + 1.0, level)
-    ground = ground.below(first)
+        level = xp.where((level == index) & ~(bias[rung] <= SMALL_BIAS), level + 1.0, level)
+    minima = xp.stack([first.fits.state.unknowns, first.alternative_unknowns], 1)
+    costs = xp.stack([xp.zeros_like(first.alternative_cost), first.alternative_cost], -1)
+    starts = replace(starts, minima=minima, costs=costs)
     found = []
     for index, rung in enumerate(RUNGS):
-        rows = places(level == index)
-        if rung == USUAL and len(rows):
-            found.append(first if len(rows) == len(frames) else picked(first, rows))
+        rows = true_indices(level == index)
+        if rung == _USUAL and len(rows):
+            found.append(first if len(rows) == len(frames) else select(first, rows))
         elif len(rows):
-            found += _climbed(frames, ground, rung, rows, bias)
+            found += _climb(frames, starts, rung, rows, bias)
     return found
 
 
-def _climbed(frames: Frames, ground: Ground, rung: str, rows: Array, bias: dict[str, Array]) -> list[Solved]:
+def _climb(frames: Frames, starts: Starts, rung: str, rows: Array, bias: dict[str, Array]) -> list[Solution]:
     """Some frames on their rung, those for which it proves too low on a higher one."""
-    first = _solved(frames, ground, rung, rows, (rung,), {each: bias[each][rows] for each in bias})
-    low = ~(first.bias[rung] <= SMALL)
+    first = _solve_on_rung(frames, starts, rung, rows, (rung,), {each: bias[each][rows] for each in bias})
+    low = ~(first.bias[rung] <= SMALL_BIAS)
     if rung == REFERENCE or not bool(low.any()):
         return [first]
-    above = RUNGS[RUNGS.index(rung) + 1]
-    higher = _climbed(frames, ground, above, rows[low], bias | _told(bias, rows[low], first.bias[rung][low], rung))
-    return higher if bool(low.all()) else [picked(first, ~low), *higher]
+    updated = bias[rung] + 0.0
+    updated[rows[low]] = first.bias[rung][low]
+    higher = _climb(frames, starts, RUNGS[RUNGS.index(rung) + 1], rows[low], bias | {rung: updated})
+    return higher if bool(low.all()) else [select(first, ~low), *higher]
 
 
-def _told(bias: dict[str, Array], rows: Array, found: Array, rung: str) -> dict[str, Array]:
-    """A rung's bias (B,) of all frames with what was found of some of them."""
-    told = bias[rung] + 0.0
-    told[rows] = found
-    return {rung: told}
-
-
-def _solved(
+def _solve_on_rung(
     frames: Frames,
-    ground: Ground,
+    starts: Starts,
     rung: str,
     rows: Array,
-    weighed: tuple[str, ...],
+    biased: tuple[str, ...],
     bias: Mapping[str, Array] = MappingProxyType({}),
-) -> Solved:
-    """These rows of the frames settled on a rung, in the best of the valleys that are worth it.
+) -> Solution:
+    """These rows of the frames converged on a rung, at the best of their minima.
 
-    `bias` is what was found already, `weighed` the rungs whose bias is asked for.
+    `biased` are the rungs whose bias is to be predicted, `bias` what is known of it already.
     """
     xp = namespace(rows)
-    part, here = frames, ground
     if len(rows) < len(frames):
-        part, here = frames.picked(rows), picked(ground, rows)
-    telling = xp.amax(here.trials.gains, -1) > FAINT
-    best = Best.of(settle(part, rung, here.floors[:, 0], here.free.found.foot_m))
-    for other in range(1, here.floors.shape[1]):
-        best = best.beside(xp.isfinite(here.costs[:, other]) & telling, here.floors[:, other])
-    best = _found_again(part, rung, here, best, telling)
-    best = replace(best, fits=polished(best.fits))
-    known = worth(best.fits)
+        frames, starts = frames.select(rows), select(starts, rows)
+    distinct = xp.amax(starts.grid.gains, -1) > _FAINT
+    best = BestFits.only(converge(frames, rung, starts.minima[:, 0], starts.free.points.foot_m))
+    for other in range(1, starts.minima.shape[1]):
+        best = best.try_starts(xp.isfinite(starts.costs[:, other]) & distinct, starts.minima[:, other])
+    best = _search_lost(frames, rung, starts, best, distinct)
+    best = replace(best, fits=polish(best.fits))
+    found = uncertainty(best.fits)
     unknowns = best.fits.state.unknowns
-    blind = _touched(unknowns, known) & one_sided(part, unknowns, best.fits.table)
-    if bool(blind.any()):
-        best = best.beside(blind, *other_sides(part, unknowns))
-        # what turned out better has sides of its own
-        turned = blind & different(unknowns, best.fits.state.unknowns)
-        best = best.beside(turned, *other_sides(part, best.fits.state.unknowns))
-        known = stretched(best.fits, worth(best.fits), blind)
+    ambiguous = _significant(unknowns, found) & mirror_ambiguous(frames, unknowns, best.fits.by_rig)
+    if bool(ambiguous.any()):
+        best = best.try_starts(ambiguous, *mirror_starts(frames, unknowns))
+        # what turned out better has a mirror image of its own
+        turned = ambiguous & different(unknowns, best.fits.state.unknowns)
+        best = best.try_starts(turned, *mirror_starts(frames, best.fits.state.unknowns))
+        found = widened_by_profile(best.fits, uncertainty(best.fits), ambiguous)
     fits = best.fits
-    about, told = fits.problem, dict(bias)
-    touch = xp.concat([fits.state.unknowns, fits.view.touch], -1)
-    off = xp.stack([xp.zeros_like(touch)] * 2, 1)
+    problem, bias = fits.problem, dict(bias)
+    values = xp.concat([fits.state.unknowns, fits.prediction.point_force], -1)
+    errors = xp.stack([xp.zeros_like(values)] * 2, 1)
     if rung != REFERENCE:
-        reference = look(part, REFERENCE, fits.state.unknowns, slopes=False)
-        about = held_against(fits, reference)
-        told |= predicted_bias(fits, known, reference, weighed)
-        large = (told[rung] > DOUBTED) & xp.isfinite(told[rung])
+        reference = predict(frames, REFERENCE, fits.state.unknowns, derivatives=False)
+        problem = problem_on(fits, reference)
+        bias |= predicted_bias(fits, found, reference, biased)
+        large = (bias[rung] > LARGE_BIAS) & xp.isfinite(bias[rung])
         if bool(large.any()):
-            off = xp.where(large[:, None, None], misled(fits, reference), off)
-    contact = evidence(fits, about, here.free)
-    others = best.rival, best.rival_unknowns, blind, *second_force(fits, about, known), off
-    return Solved(rows, fits, known, here.free, contact, told, *others)
+            errors = xp.where(large[:, None, None], model_errors(fits, reference), errors)
+    evidence = contact_evidence(fits, problem, starts.free)
+    others = best.extra_cost, best.other_unknowns, ambiguous, *second_force(fits, problem, found), errors
+    return Solution(rows, fits, found, starts.free, evidence, bias, *others)
 
 
-def _touched(unknowns: Array, known: Worth) -> Array:
+def _significant(unknowns: Array, found: Uncertainty) -> Array:
     """(B,) whether the force stands out of its uncertainty in some direction across the antenna."""
     first, second = unknowns[:, 1], unknowns[:, 2]
-    own, cross, other = known.covariance[:, 1, 1], known.covariance[:, 1, 2], known.covariance[:, 2, 2]
+    own, cross, other = found.covariance[:, 1, 1], found.covariance[:, 1, 2], found.covariance[:, 2, 2]
     apart = other * first**2 - 2.0 * cross * first * second + own * second**2
-    return apart > TOUCHED**2 * (own * other - cross**2)
+    return apart > _SIGNIFICANT_FORCE**2 * (own * other - cross**2)
 
 
-def _found_again(frames: Frames, rung: str, ground: Ground, best: Best, telling: Array) -> Best:
-    """Frames that are lost looked for anew: with feet from nothing, then from all over the antenna."""
-    again = best.beside(_lost(best) & telling, best.fits.state.unknowns)
-    lost = _lost(again) & telling
+def _search_lost(frames: Frames, rung: str, starts: Starts, best: BestFits, distinct: Array) -> BestFits:
+    """Lost frames searched again: with new feet, then from all over the antenna."""
+    again = best.try_starts(_lost(best) & distinct, best.fits.state.unknowns)
+    lost = _lost(again) & distinct
     if not bool(lost.any()):
         return again
-    starts, costs = picked(ground.trials, lost).spread(WIDE)
-    leaning = rung if rung in LEANING else LEANING[0]
-    floors = ground.floors[:, 0] + 0.0
-    floors[lost] = explored(frames.picked(lost), leaning, starts, costs, iterations=WIDE_ITERATIONS)[0][:, 0]
-    return again.beside(lost, floors)
+    unknowns, costs = select(starts.grid, lost).every(_WIDE_STEP)
+    coarse = rung if rung in FRICTION_RUNGS else FRICTION_RUNGS[0]
+    minima = starts.minima[:, 0] + 0.0
+    minima[lost] = coarse_minima(frames.select(lost), coarse, unknowns, costs, iterations=_WIDE_ITERATIONS)[0][:, 0]
+    return again.try_starts(lost, minima)
 
 
-def _lost(best: Best) -> Array:
+def _lost(best: BestFits) -> Array:
     state = best.fits.state
-    return ~state.converged | (state.scatter > LOST) | (abs(state.unknowns[:, 3]) > LEANT)
+    return ~state.converged | (state.scatter > _LOST_SCATTER) | (abs(state.unknowns[:, 3]) > _LOST_FRICTION)

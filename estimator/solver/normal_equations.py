@@ -1,136 +1,142 @@
-"""Robust least squares over points, readings and priors, for a batch of frames on the nodes of their curves."""
+"""Robust least squares over points, moments and priors, for a batch of frames on the nodes of their curves."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from vbaa_calib.core.arrays import Array, counted, namespace
+from vbaa_calib.core.arrays import Array, arange_like, namespace
 from vbaa_calib.core.robust import huber_losses, huber_weights
 
-from .prediction import RigTable, View
-from .residuals import Match, Sums, sums
-from .rig_arrays import LIKELY_SWAY, Known
+from .prediction import Prediction, RigJacobian
+from .residuals import NodeSums, PointResiduals, node_sums
+from .rig_arrays import TIP_DEFLECTION_STD, RigArrays
 
-SETTLED = 1e-4
-"""Part of a cost: linear problems are solved once no frame's reweighted step promises more."""
-EASE = 1e-12
-"""Added to the diagonal of scaled normal equations: what nothing holds stays where it is."""
+CONVERGED = 1e-4
+"""Linear problems are solved once no frame's reweighted step promises to lower the cost by more than this part."""
+LEAST_DAMPING = 1e-12
+"""Added to the diagonal of scaled normal equations: a direction without information stays where it is."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """B frames linearised about a view: residuals as they move with K = 4 + R unknowns and rig steps.
+    """B frames linearised about a prediction, in K = 4 + R unknowns and rig steps.
 
     Attributes
     ----------
-    found : the points on the view's curves.
-    columns : (B, M, K) displacement of the curves along their normals.
-    felt : (B, 2, K) of the predicted readings, in deviations.
-    misfit : (B, 2) of the readings, in deviations.
-    prior : (B, K) weight of the unknowns' own squares: nothing is known of the distance beforehand.
+    points : residuals of the points.
+    jacobian : (B, M, K) of the curves' displacement along their normals.
+    moment_jacobian : (B, 2, K) of the predicted moments, in deviations.
+    moment_residual : (B, 2) in deviations.
+    prior : (B, K) weights of the unknowns' squares.
     scatter : (B,) factor on the points' deviations.
     """
 
-    found: Match
-    columns: Array
-    felt: Array
-    misfit: Array
+    points: PointResiduals
+    jacobian: Array
+    moment_jacobian: Array
+    moment_residual: Array
     prior: Array
     scatter: Array
 
-    def residuals(self, moved: Array) -> tuple[Array, Array]:
-        """Points' distances (B, N) and readings' misfits (B, 2) after a small move (B, K)."""
-        shift = self.found.between((self.columns @ moved[..., None])[..., 0])
-        return self.found.distance - shift, self.misfit - (self.felt @ moved[..., None])[..., 0]
+    def residuals_after(self, step: Array) -> tuple[Array, Array]:
+        """Points' distances (B, N) and moment residuals (B, 2) after a small step (B, K)."""
+        shift = self.points.interpolate((self.jacobian @ step[..., None])[..., 0])
+        moment = self.moment_residual - (self.moment_jacobian @ step[..., None])[..., 0]
+        return self.points.distance - shift, moment
 
-    def stepped(self, steps: Array) -> Problem:
+    def with_rig_steps(self, steps: Array) -> Problem:
         """The same with the rig's steps (B, R) taken out of the residuals."""
         if steps.shape[1] == 0:
             return self
-        still = namespace(steps).zeros_like(self.prior[:, : self.prior.shape[1] - steps.shape[1]])
-        distance, misfit = self.residuals(namespace(steps).concat([still, steps], -1))
-        return replace(self, found=replace(self.found, distance=distance), misfit=misfit)
+        zero = namespace(steps).zeros_like(self.prior[:, : self.prior.shape[1] - steps.shape[1]])
+        distance, moment = self.residuals_after(namespace(steps).concat([zero, steps], -1))
+        return replace(self, points=replace(self.points, distance=distance), moment_residual=moment)
 
-    def weighed(self, distance: Array, whitened: Array) -> Sums:
-        """Distances (B, N) and the robust weights of `whitened` ones, summed over the nodes."""
-        weights = huber_weights(whitened) * self.found.precision / self.scatter[:, None] ** 2
-        return sums(self.found, weights, distance, self.columns.shape[1])
+    def weighted_sums(self, distance: Array, whitened: Array) -> NodeSums:
+        """Distances (B, N) with the robust weights of `whitened` ones, summed over the nodes."""
+        weights = huber_weights(whitened) * self.points.precision / self.scatter[:, None] ** 2
+        return node_sums(self.points, weights, distance, self.jacobian.shape[1])
 
     @property
-    def summed(self) -> Sums:
-        """The points as they lie, summed over the nodes."""
-        return self.weighed(self.found.distance, self.whitened(self.found.distance))
+    def sums(self) -> NodeSums:
+        """The points' residuals, summed over the nodes."""
+        return self.weighted_sums(self.points.distance, self.whitened(self.points.distance))
 
     def whitened(self, distance: Array) -> Array:
         """Distances (B, N) over their deviations; 0 for a missing point."""
-        return distance * namespace(distance).sqrt(self.found.precision) / self.scatter[:, None]
+        return distance * namespace(distance).sqrt(self.points.precision) / self.scatter[:, None]
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
-    """Normal equations of B frames: information (B, K, K), pull (B, K) = information · step, and the cost (B,)."""
+class NormalEquations:
+    """Information (B, K, K), right side (B, K) = information · step, and the cost (B,)."""
 
     information: Array
-    pull: Array
+    right_side: Array
     cost: Array
 
 
-def problem(known: Known, view: View, table: RigTable, found: Match, scatter: Array) -> Problem:
-    """Join what belongs to the contact and what to the rig."""
+def linear_problem(
+    rig_arrays: RigArrays, prediction: Prediction, by_rig: RigJacobian, points: PointResiduals, scatter: Array
+) -> Problem:
+    """Join the derivatives by the contact and by the rig, and the priors of both."""
     xp = namespace(scatter)
-    sway = (known.tip_per_force(view.contact_m / view.length_m) / LIKELY_SWAY) ** 2
-    prior = xp.zeros_like(sway)[:, None] + known.prior
-    prior[:, 1:3] = sway[:, None]
-    columns = xp.concat([view.columns, table.nodes], -1)
-    felt = xp.concat([view.by_moment, table.readings], -1)
-    return Problem(found, columns, felt, view.misfit, prior, scatter)
+    force = (rig_arrays.tip_deflection(prediction.contact_m / prediction.length_m) / TIP_DEFLECTION_STD) ** 2
+    prior = xp.zeros_like(force)[:, None] + rig_arrays.prior
+    prior[:, 1:3] = force[:, None]
+    jacobian = xp.concat([prediction.jacobian, by_rig.image], -1)
+    moment_jacobian = xp.concat([prediction.moment_jacobian, by_rig.moment], -1)
+    return Problem(points, jacobian, moment_jacobian, prediction.moment_residual, prior, scatter)
 
 
-def cost(this: Problem, at: Array, moved: Array | None = None) -> Array:
-    """(B,) robust cost with the priors of values `at` (B, K), after a small move (B, K) towards them."""
-    distance, misfit = (this.found.distance, this.misfit) if moved is None else this.residuals(moved)
-    points = huber_losses(this.whitened(distance)).sum(-1)
-    return points + huber_losses(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
+def cost(problem: Problem, at: Array, step: Array | None = None) -> Array:
+    """(B,) robust cost with the priors of values `at` (B, K), after a small step (B, K) towards them."""
+    distance, moment = (
+        (problem.points.distance, problem.moment_residual) if step is None else problem.residuals_after(step)
+    )
+    points = huber_losses(problem.whitened(distance)).sum(-1)
+    return points + huber_losses(moment).sum(-1) + 0.5 * (problem.prior * at * at).sum(-1)
 
 
-def equations(this: Problem, at: Array, moved: Array | None = None) -> Equations:
-    """Normal equations, reweighted at the residuals after a small move (B, K), for a further step from values `at`."""
-    distance, misfit = (this.found.distance, this.misfit) if moved is None else this.residuals(moved)
-    whitened = this.whitened(distance)
-    summed = this.weighed(distance, whitened)
-    felt = huber_weights(misfit)[..., None] * this.felt
-    information = this.columns.mT @ summed.times(this.columns) + this.felt.mT @ felt
-    pull = (this.columns.mT @ summed.load[..., None] + felt.mT @ misfit[..., None])[..., 0]
-    diagonal = counted(at, this.columns.shape[-1])
-    information[:, diagonal, diagonal] += this.prior
-    total = huber_losses(whitened).sum(-1) + huber_losses(misfit).sum(-1) + 0.5 * (this.prior * at * at).sum(-1)
-    return Equations(information, pull - this.prior * at, total)
+def normal_equations(problem: Problem, at: Array, step: Array | None = None) -> NormalEquations:
+    """Reweighted at the residuals after a small step (B, K), for a further step from values `at` (B, K)."""
+    distance, moment = (
+        (problem.points.distance, problem.moment_residual) if step is None else problem.residuals_after(step)
+    )
+    whitened = problem.whitened(distance)
+    sums = problem.weighted_sums(distance, whitened)
+    weighted = huber_weights(moment)[..., None] * problem.moment_jacobian
+    information = problem.jacobian.mT @ sums.times(problem.jacobian) + problem.moment_jacobian.mT @ weighted
+    right_side = (problem.jacobian.mT @ sums.load[..., None] + weighted.mT @ moment[..., None])[..., 0]
+    diagonal = arange_like(at, problem.jacobian.shape[-1])
+    information[:, diagonal, diagonal] += problem.prior
+    total = huber_losses(whitened).sum(-1) + huber_losses(moment).sum(-1) + 0.5 * (problem.prior * at * at).sum(-1)
+    return NormalEquations(information, right_side - problem.prior * at, total)
 
 
-def solved(information: Array, pull: Array, damping: Array | None = None) -> Array:
+def solve_normal_equations(information: Array, right_side: Array, damping: Array | None = None) -> Array:
     """Steps (B, K) of normal equations, scaled to a unit diagonal, to which damping (B,) is added."""
-    return solved_columns(information, pull[..., None], damping)[..., 0]
+    return solve_columns(information, right_side[..., None], damping)[..., 0]
 
 
-def solved_columns(information: Array, pulls: Array, damping: Array | None = None) -> Array:
-    """`solved` for several right sides (B, K, C) at once."""
-    xp = namespace(pulls)
-    diagonal = counted(pulls, pulls.shape[1])
+def solve_columns(information: Array, right_sides: Array, damping: Array | None = None) -> Array:
+    """`solve_normal_equations` for several right sides (B, K, C) at once."""
+    xp = namespace(right_sides)
+    diagonal = arange_like(right_sides, right_sides.shape[1])
     scale = xp.sqrt(information[:, diagonal, diagonal])
     scale = xp.where(scale > 0.0, scale, xp.ones_like(scale))
     unit = information / (scale[:, :, None] * scale[:, None])
-    unit[:, diagonal, diagonal] += EASE if damping is None else damping[:, None] + EASE
-    return xp.linalg.solve(unit, pulls / scale[..., None]) / scale[..., None]
+    unit[:, diagonal, diagonal] += LEAST_DAMPING if damping is None else damping[:, None] + LEAST_DAMPING
+    return xp.linalg.solve(unit, right_sides / scale[..., None]) / scale[..., None]
 
 
-def least_cost(this: Problem, at: Array, rounds: int) -> tuple[Array, Array]:
-    """The small move (B, K) of least cost with everything taken as linear, and that cost (B,); `at` (B, K) is where
-    the priors stand before it. It is reweighted so many times at most."""
-    moved = namespace(at).zeros_like(at)
+def least_cost(problem: Problem, at: Array, rounds: int) -> Array:
+    """(B,) least cost of the linear problem by IRLS from values `at` (B, K), in so many rounds at most."""
+    step = namespace(at).zeros_like(at)
     for _ in range(rounds):
-        now = equations(this, at + moved, moved)
-        step = solved(now.information, now.pull)
-        moved = moved + step
-        if bool(((now.pull * step).sum(-1) < SETTLED * (1.0 + now.cost)).all()):
+        now = normal_equations(problem, at + step, step)
+        change = solve_normal_equations(now.information, now.right_side)
+        step = step + change
+        if bool(((now.right_side * change).sum(-1) < CONVERGED * (1.0 + now.cost)).all()):
             break
-    return moved, cost(this, at + moved, moved)
+    return cost(problem, at + step, step)

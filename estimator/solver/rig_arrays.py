@@ -13,79 +13,72 @@ from vbaa_calib.rig import POSE_PARAMETERS, RIG_STEPS, Rig
 
 POSES, ANTENNA = len(POSE_PARAMETERS), len(ANTENNA_PARAMETERS)
 UNKNOWNS = 4
-"""Of a contact: its distance in antenna lengths, the lateral force (y, z of the clamp's frame) in `Known.force_unit_N`,
-and the friction angle in deviations of what is thought possible."""
-LIKELY_SWAY = 0.3
-"""Deviation of the tip's deflection that is thought likely beforehand, in antenna lengths: it keeps the force at home
-in directions that neither picture nor reading holds, and is nothing against what holds it in the others."""
+"""Distance in antenna lengths, lateral force (y, z of the clamp's frame) in `RigArrays.force_unit_N`, friction angle in
+standard deviations of its prior."""
+TIP_DEFLECTION_STD = 0.3
+"""Prior on the tip's deflection, in antenna lengths: it only matters where the data do not hold the force."""
 NEGLIGIBLE = 1e-9
-"""Axes of the joint covariance below this fraction of the largest, in deviations of its parameters, are left out."""
+"""Axes of the joint covariance below this fraction of the largest are dropped."""
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class RigArrays:
     """What is known before a frame is seen.
 
     Attributes
     ----------
     friction_rad : standard deviation of the contact force's angle from the antenna's normal; 0: no friction.
-    parameters : (9,) the antenna, `antenna.shape.PARAMETERS`.
-    axes : (17 + P, R) steps of the rig's parameters and the lens that are independent, of unit deviation; R is 0 for a
-        rig without any uncertainty.
-    rotations, translations : (7, 3, 3), (7, 3) of T_camera_antenna, and of the six that a step of the pose leads to.
+    antenna_parameters : (9,) `antenna.shape.PARAMETERS`.
+    axes : (17 + P, R) independent steps of the rig's parameters and the lens, each of unit standard deviation:
+        axes @ axes.T is their covariance. R is 0 for a rig without uncertainty.
+    rotations, translations : (7, 3, 3), (7, 3) of T_camera_antenna, and of the six finite-difference steps of it.
     gain, offset, std : (2,) of the moment sensors about y and z; a missing one has the gain 0.
-    moves : (1 + 9, 9) steps of the antenna's parameters, none first.
-    trials : (1 + 4, 4) unit steps of a contact's unknowns, none first.
-    prior : (4 + R,) weights of the squares of unknowns and rig steps: nothing is known of distance and force.
-    unit : (R, R) unit matrix.
+    antenna_steps : (1 + 9, 9) finite-difference steps of the antenna's parameters; the first row is zero.
+    unit_steps : (1 + 4, 4) unit steps of the unknowns; the first row is zero.
+    prior : (4 + R,) prior weights of the unknowns' and rig steps' squares; distance and force have none.
+    identity : (R, R).
     """
 
     rig: Rig
     friction_rad: float
-    parameters: Array
+    antenna_parameters: Array
     axes: Array
     rotations: Array
     translations: Array
     gain: Array
     offset: Array
     std: Array
-    moves: Array
-    trials: Array
+    antenna_steps: Array
+    unit_steps: Array
     prior: Array
-    unit: Array
+    identity: Array
 
     @staticmethod
-    def of(rig: Rig, friction_rad: float, reference: Array) -> Known:
+    def from_rig(rig: Rig, friction_rad: float, reference: Array) -> RigArrays:
         """The rig in the kind, precision and device of a reference array."""
-        views = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
-        inverses = [pose.inverse() for pose in views]
+        poses = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
+        inverses = [pose.inverse() for pose in poses]
         axes = independent_axes(rig.covariance)
         size = np.abs(axes).max(axis=0)
         axes = axes[:, size > NEGLIGIBLE * max(float(size.max()), 1e-300)]
-        second = rig.second_moment_sensor
-        sensors = [(s.gain, s.offset_Nm, s.std_Nm) if s else (0.0, 0.0, 1.0) for s in (rig.moment_sensor, second)]
-        gain, offset, std = np.array(sensors).T
-
-        def take(values: np.ndarray) -> Array:
-            return like(reference, np.ascontiguousarray(values))
-
-        return Known(
-            rig,
-            friction_rad,
-            take(rig.antenna.parameters),
-            take(axes),
-            take(np.stack([pose.rotation for pose in inverses])),
-            take(np.stack([pose.translation_m for pose in inverses])),
-            take(gain),
-            take(offset),
-            take(std),
-            take(np.vstack([np.zeros(ANTENNA), np.diag(RIG_STEPS[POSES:])])),
-            take(np.vstack([np.zeros(UNKNOWNS), np.eye(UNKNOWNS)])),
-            take(np.repeat([0.0, 1.0], [UNKNOWNS - 1, axes.shape[1] + 1])),
-            take(np.eye(axes.shape[1])),
+        sensors = (rig.moment_sensor, rig.second_moment_sensor)
+        gain, offset, std = np.array([(s.gain, s.offset_Nm, s.std_Nm) if s else (0.0, 0.0, 1.0) for s in sensors]).T
+        arrays = (
+            rig.antenna.parameters,
+            axes,
+            np.stack([pose.rotation for pose in inverses]),
+            np.stack([pose.translation_m for pose in inverses]),
+            gain,
+            offset,
+            std,
+            np.vstack([np.zeros(ANTENNA), np.diag(RIG_STEPS[POSES:])]),
+            np.vstack([np.zeros(UNKNOWNS), np.eye(UNKNOWNS)]),
+            np.repeat([0.0, 1.0], [UNKNOWNS - 1, axes.shape[1] + 1]),
+            np.eye(axes.shape[1]),
         )
+        return RigArrays(rig, friction_rad, *(like(reference, np.ascontiguousarray(values)) for values in arrays))
 
-    def still(self, count: int) -> Array:
+    def zero_rig_steps(self, count: int) -> Array:
         """(count, R) rig steps of a rig as calibrated."""
         return namespace(self.prior).broadcast_to(0.0 * self.prior[UNKNOWNS:], (count, self.axes.shape[1]))
 
@@ -100,18 +93,17 @@ class Known:
         return 0.03 * self.rig.antenna.stiffness_Nm2 / self.rig.antenna.length_m**2
 
     @property
-    def load(self) -> float:
+    def unit_load(self) -> float:
         """F·l²/EI of a unit force at the tip."""
         return self.force_unit_N * self.length_m**2 / self.rig.antenna.stiffness_Nm2
 
-    def tip_per_force(self, distance: Array) -> Array:
-        """Small deflection of the tip, in antenna lengths, per unit force at distances in antenna lengths."""
-        return self.load / 6.0 * distance * distance * (3.0 - distance)
+    def tip_deflection(self, distance: Array) -> Array:
+        """Small deflection of the tip by unit forces at distances, all in antenna lengths."""
+        return self.unit_load / 6.0 * distance * distance * (3.0 - distance)
 
-    def felt_by(self, moment_Nm: Array) -> Array:
+    def moment_response(self, moment_Nm: Array) -> Array:
         """(2, G, 2) what the sensors read, in deviations, of forces along y and z with moments (G,) at the clamp."""
         xp = namespace(moment_Nm)
         about_y, about_z = self.gain[0] / self.std[0] * moment_Nm, self.gain[1] / self.std[1] * moment_Nm
-        # about y the force's z is felt, about z its y
-        nothing = xp.zeros_like(moment_Nm)
-        return xp.stack([xp.stack([nothing, about_y], -1), xp.stack([about_z, nothing], -1)], 0)
+        zero = xp.zeros_like(moment_Nm)  # a force along z acts about y, one along y about z
+        return xp.stack([xp.stack([zero, about_y], -1), xp.stack([about_z, zero], -1)], 0)

@@ -1,4 +1,4 @@
-"""Where fits of many frames stand, and what the model looks like there."""
+"""States of many fits, the model linearised there, and operations on rows of such dataclasses."""
 
 from __future__ import annotations
 
@@ -8,90 +8,87 @@ from typing import Any, TypeVar
 from vbaa_calib.core.arrays import Array, namespace
 
 from .frames import Frames
-from .normal_equations import Equations, Problem, cost, equations, problem
-from .prediction import RigTable, View, look
-from .residuals import match, nearest_feet
+from .normal_equations import NormalEquations, Problem, cost, linear_problem, normal_equations
+from .prediction import Prediction, RigJacobian, predict
+from .residuals import nearest_feet, point_residuals
 
 T = TypeVar("T")
 
 
-def picked(values: T, which: Array) -> T:
-    """The rows by index or mask, of the dataclasses inside as well; what is no array stays."""
-    made = {}
-    for f in fields(_data(values)):
-        value = getattr(values, f.name)
-        if hasattr(value, "picked"):
-            made[f.name] = value.picked(which)
+def select(values: T, which: Array) -> T:
+    """Rows by index or mask, of the dataclasses inside as well; what is no array stays."""
+    made: dict[str, Any] = {}
+    for name, value in _fields(values):
+        if is_dataclass(value):
+            made[name] = value.select(which) if hasattr(value, "select") else select(value, which)
         elif isinstance(value, dict):
-            made[f.name] = {key: entry[which] for key, entry in value.items()}
-        elif is_dataclass(value):
-            made[f.name] = picked(value, which)
+            made[name] = {key: entry[which] for key, entry in value.items()}
         elif hasattr(value, "ndim"):
-            made[f.name] = value[which]
-    return replace(_data(values), **made)
+            made[name] = value[which]
+    return _replaced(values, made)
 
 
-def chosen(first_is: Array, first: T, second: T) -> T:
-    """Row by row from the first where the mask says so, else from the second."""
-    xp = namespace(first_is)
-    made = {}
-    for f in fields(_data(first)):
-        a, b = getattr(first, f.name), getattr(second, f.name)
-        made[f.name] = xp.where(first_is.reshape((-1,) + (1,) * (a.ndim - 1)), a, b)
-    return replace(_data(first), **made)
+def where(mask: Array, first: T, second: T) -> T:
+    """Row by row from the first where the mask is true, else from the second."""
+    made: dict[str, Any] = {}
+    for name, value in _fields(first):
+        condition = mask.reshape((-1,) + (1,) * (value.ndim - 1))
+        made[name] = namespace(mask).where(condition, value, getattr(second, name))
+    return _replaced(first, made)
 
 
-def written(whole: T, rows: Array, part: T) -> T:
+def with_rows(whole: T, rows: Array, part: T) -> T:
     """The whole with the rows of these indices, in rising order, replaced by a part."""
-    made = {}
-    for f in fields(_data(whole)):
-        values, new = getattr(whole, f.name), getattr(part, f.name)
+    made: dict[str, Any] = {}
+    for name, values in _fields(whole):
+        new = getattr(part, name)
         if is_dataclass(values):
-            made[f.name] = written(values, rows, new)
+            made[name] = with_rows(values, rows, new)
+        elif hasattr(values, "ndim") and len(rows) == len(values):
+            made[name] = new
         elif hasattr(values, "ndim"):
-            made[f.name] = new if len(rows) == len(values) else _overwritten(values, rows, new)
-    return replace(_data(whole), **made)
+            made[name] = values.clone() if hasattr(values, "clone") else values.copy()
+            made[name][rows] = new
+    return _replaced(whole, made)
 
 
-def gathered(parts: list[T], order: Array) -> T:
-    """Parts of a whole, one after the other and then in this order."""
-    xp, made = namespace(order), {}
-    for f in fields(_data(parts[0])):
-        values = [getattr(part, f.name) for part in parts]
-        if is_dataclass(values[0]):
-            made[f.name] = gathered(values, order)
-        elif hasattr(values[0], "ndim"):
-            made[f.name] = xp.concat(values)[order]
-    return replace(_data(parts[0]), **made)
+def concatenate(parts: list[T], order: Array) -> T:
+    """Parts one after the other, then reordered."""
+    made: dict[str, Any] = {}
+    for name, first in _fields(parts[0]):
+        values = [getattr(part, name) for part in parts]
+        if is_dataclass(first):
+            made[name] = concatenate(values, order)
+        elif hasattr(first, "ndim"):
+            made[name] = namespace(order).concat(values)[order]
+    return _replaced(parts[0], made)
 
 
-def _overwritten(values: Array, rows: Array, new: Array) -> Array:
-    changed = values.clone() if hasattr(values, "clone") else values.copy()
-    changed[rows] = new
-    return changed
+def _fields(values: Any) -> list[tuple[str, Any]]:
+    return [(f.name, getattr(values, f.name)) for f in fields(values)]
 
 
-def _data(values: Any) -> Any:
-    return values
+def _replaced(values: Any, changed: dict[str, Any]) -> Any:
+    return replace(values, **changed)
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where B fits stand.
+    """Where B fits are.
 
     Attributes
     ----------
-    unknowns : (B, 4), see `known.UNKNOWNS`.
-    steps : (B, R) how far the rig went along its independent axes, in deviations.
+    unknowns : (B, 4), see `rig_arrays.UNKNOWNS`.
+    rig_steps : (B, R) along the rig's independent axes, in deviations.
     foot_m : (B, N) feet of the points on the curves.
-    at_tip : (B,) bool, the distance is held at the tip.
+    at_tip : (B,) bool, the distance is fixed at the tip.
     scatter : (B,) factor on the points' deviations.
     converged : (B,) bool.
     cost : (B,) robust cost with the priors, infinite before the first step.
     """
 
     unknowns: Array
-    steps: Array
+    rig_steps: Array
     foot_m: Array
     at_tip: Array
     scatter: Array
@@ -101,61 +98,65 @@ class State:
     @property
     def values(self) -> Array:
         """(B, 4 + R) unknowns and rig steps."""
-        return namespace(self.unknowns).concat([self.unknowns, self.steps], -1)
+        return namespace(self.unknowns).concat([self.unknowns, self.rig_steps], -1)
 
 
-def begin(frames: Frames, view: View, unknowns: Array, feet_m: Array | None = None) -> State:
-    """States at unknowns (B, 4) and their view, with the rig as calibrated, from feet (B, N) near the right ones."""
+def initial_state(frames: Frames, prediction: Prediction, unknowns: Array, feet_m: Array | None = None) -> State:
+    """States at unknowns (B, 4), with the rig as calibrated. `feet_m` (B, N): feet near the right ones, if known."""
     xp = namespace(unknowns)
-    feet = nearest_feet(frames, view) if feet_m is None else feet_m
+    feet = nearest_feet(frames, prediction) if feet_m is None else feet_m
     no = unknowns[:, 0] < 0.0
     ones = xp.ones_like(unknowns[:, 0])
-    return State(unknowns, frames.known.still(len(frames)), feet, no, ones, no, xp.inf * ones)
+    return State(unknowns, frames.rig_arrays.zero_rig_steps(len(frames)), feet, no, ones, no, xp.inf * ones)
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class Fits:
     """B frames fitted on one rung, or on their way.
 
     Attributes
     ----------
-    state : where they stand.
-    view, table : the prediction there, and the rig's influence as it is used.
-    problem, equations : linearised there, the rig's steps in the residuals.
+    prediction : at the state. by_rig : its derivatives by the rig, as used in the fit.
+    problem, equations : linearised at the state, the rig's steps in the residuals.
     """
 
     frames: Frames
     rung: str
     state: State
-    view: View
-    table: RigTable
+    prediction: Prediction
+    by_rig: RigJacobian
     problem: Problem
-    equations: Equations
+    equations: NormalEquations
 
     @property
-    def plain_cost(self) -> Array:
+    def unscaled_cost(self) -> Array:
         """(B,) the cost with the deviations that the points came with: only these compare between fits."""
         if not bool((self.state.scatter != 1.0).any()):
             return self.equations.cost
-        plain = replace(self.problem, scatter=namespace(self.state.scatter).ones_like(self.state.scatter))
-        return cost(plain, self.state.values)
+        unscaled = replace(self.problem, scatter=namespace(self.state.scatter).ones_like(self.state.scatter))
+        return cost(unscaled, self.state.values)
 
-    def having(self, rows: Array, part: Settled) -> Settled:
+    def with_rows(self, rows: Array, part: Fits) -> Fits:
         """The same with some fits, of these indices in rising order, replaced by others."""
-        parts = ("state", "view", "table", "problem", "equations")
-        return replace(self, **{name: written(getattr(self, name), rows, getattr(part, name)) for name in parts})
+        parts = ("state", "prediction", "by_rig", "problem", "equations")
+        return replace(self, **{name: with_rows(getattr(self, name), rows, getattr(part, name)) for name in parts})
 
 
-def linearised(frames: Frames, rung: str, table: RigTable, state: State, view: View | None = None) -> Problem:
+def linearise(
+    frames: Frames, rung: str, by_rig: RigJacobian, state: State, prediction: Prediction | None = None
+) -> Problem:
     """The problem about a state, the rig's steps in its residuals."""
-    view = look(frames, rung, state.unknowns) if view is None else view
-    found = match(frames, view, state.foot_m)
-    return problem(frames.known, view, table, found, state.scatter).stepped(state.steps)
+    prediction = predict(frames, rung, state.unknowns) if prediction is None else prediction
+    points = point_residuals(frames, prediction, state.foot_m)
+    return linear_problem(frames.rig_arrays, prediction, by_rig, points, state.scatter).with_rig_steps(state.rig_steps)
 
 
-def evaluated(frames: Frames, rung: str, table: RigTable, state: State, view: View | None = None) -> Settled:
-    """What fits look like where they stand; nothing is searched for. Feet come out nearer to the right ones."""
-    view = look(frames, rung, state.unknowns) if view is None else view
-    about = linearised(frames, rung, table, state, view)
-    here = equations(about, state.values)
-    return Settled(frames, rung, replace(state, foot_m=about.found.foot_m, cost=here.cost), view, table, about, here)
+def evaluate(
+    frames: Frames, rung: str, by_rig: RigJacobian, state: State, prediction: Prediction | None = None
+) -> Fits:
+    """Fits as they are at a state, without a step. Feet come out nearer to the right ones."""
+    prediction = predict(frames, rung, state.unknowns) if prediction is None else prediction
+    problem = linearise(frames, rung, by_rig, state, prediction)
+    equations = normal_equations(problem, state.values)
+    state = replace(state, foot_m=problem.points.foot_m, cost=equations.cost)
+    return Fits(frames, rung, state, prediction, by_rig, problem, equations)

@@ -16,7 +16,7 @@ from estimator import ContactEstimator
 from estimator.budget.parts import Linear, linear
 from estimator.budget.space import ErrorSpace
 from estimator.budget.touches import Touches
-from estimator.solver.rig_arrays import Known
+from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import curves
 from vbaa_calib.geometry import Kinematics
@@ -119,10 +119,10 @@ def errors(
     return np.asarray(answers.reshape(len(steps), len(touches), 6) - np.array(truths))
 
 
-def linearised(rig: Rig, touches: Touches, friction: float = FRICTION_RAD) -> tuple[Known, ErrorSpace, Linear]:
-    known = Known.of(rig, friction, np.empty(0))
-    space = ErrorSpace.of(known)
-    return known, space, linear(known, space, touches)
+def linearised(rig: Rig, touches: Touches, friction: float = FRICTION_RAD) -> tuple[RigArrays, ErrorSpace, Linear]:
+    rig_arrays = RigArrays.from_rig(rig, friction, np.empty(0))
+    space = ErrorSpace.of(rig_arrays)
+    return rig_arrays, space, linear(rig_arrays, space, touches)
 
 
 RIG = correlated_rig()

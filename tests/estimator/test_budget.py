@@ -13,7 +13,7 @@ from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, answer, bette
 from estimator.budget.space import JOINT_AXES, LENS, RIG_CAUSES, split, subsets
 from estimator.budget.touches import MOST_POINTS, of_force
 from estimator.contact.common_errors import shared_errors
-from estimator.solver.rig_arrays import Known
+from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -97,10 +97,10 @@ def test_a_rig_without_errors_has_no_causes() -> None:
 def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> None:
     """Rigs off by a third of a deviation in one parameter after the other, contacts that rub: no noise, all weights."""
     touches = three_touches(RIG)
-    known, _, given = linearised(RIG, touches)
+    rig_arrays, _, given = linearised(RIG, touches)
     now, std = answer(given), whitened(RIG)
     scale = np.sqrt(now.variance)
-    said = now.by_errors @ np.linalg.pinv(known.axes / std[:, None])
+    said = now.by_errors @ np.linalg.pinv(rig_arrays.axes / std[:, None])
     size, count = 0.3, len(std)
     steps = np.concatenate([np.diag(size * std), np.zeros((1, count))])
     steps[14] = 0.0
@@ -116,12 +116,12 @@ def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> No
 def test_common_errors_are_those_of_a_recording() -> None:
     """Another route to the same: `shared_errors` from the table of contacts."""
     touches = three_touches(RIG)
-    known, _, given = linearised(RIG_AXES, touches, 0.2)
+    rig_arrays, _, given = linearised(RIG_AXES, touches, 0.2)
     seen = seen_of(RIG_AXES, touches)
     shared = shared_errors(RIG_AXES, table_of(seen)).point_m[..., :-1]
     said = answer(given).by_errors[:, 3:]
     np.testing.assert_allclose((shared**2).sum(axis=(1, 2)), (said**2).sum(axis=(1, 2)), rtol=0.06)
-    size = known.axes.shape[1]
+    size = rig_arrays.axes.shape[1]
     np.testing.assert_allclose(shared[..., :size], said[..., :size], atol=0.08 * np.abs(said).max())
 
 
@@ -195,8 +195,8 @@ def test_the_advice_names_what_was_made_bad() -> None:
 
 
 def test_contacts_that_would_come_without_numbers_are_left_out() -> None:
-    known = Known.of(RIG, 0.2, np.empty(0))
-    weak = of_force(known, 0.5 * RIG.antenna.length_m, np.array([1e-6, 0.0]), 0.0, 0.0)
+    rig_arrays = RigArrays.from_rig(RIG, 0.2, np.empty(0))
+    weak = of_force(rig_arrays, 0.5 * RIG.antenna.length_m, np.array([1e-6, 0.0]), 0.0, 0.0)
     with pytest.raises(InputError, match="no numbers"):
         error_budget(RIG, weak)
     with pytest.raises(InputError, match="friction is 3"):
@@ -210,10 +210,10 @@ def test_contacts_that_would_come_without_numbers_are_left_out() -> None:
 
 def test_a_force_is_made_by_its_push() -> None:
     """Under weight and bow, on a contact that bends much, the force's lateral part is what was asked for."""
-    known = Known.of(RIG, 0.2, np.empty(0))
-    touch = of_force(known, 0.18, np.array([0.05, -0.08]), 0.1, 0.4)
+    rig_arrays = RigArrays.from_rig(RIG, 0.2, np.empty(0))
+    touch = of_force(rig_arrays, 0.18, np.array([0.05, -0.08]), 0.1, 0.4)
     np.testing.assert_allclose(seen_of(RIG, touch).force_N[0, 1:], [0.05, -0.08], rtol=1e-4)
-    assert np.isnan(of_force(known, 0.18, np.array([50.0, 0.0]), 0.0, 0.0).push_N).all()
+    assert np.isnan(of_force(rig_arrays, 0.18, np.array([50.0, 0.0]), 0.0, 0.0).push_N).all()
 
 
 def test_results_are_sums_of_their_rows() -> None:

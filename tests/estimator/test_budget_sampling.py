@@ -10,7 +10,7 @@ import pytest
 from benchmarks.estimator.shapes import ShapesOf, rod_shapes
 from estimator.budget.parts import FRICTION, answer, better
 from estimator.budget.space import LENS, RIG_CAUSES
-from estimator.solver.rig_arrays import Known
+from estimator.solver.rig_arrays import RigArrays
 
 from .budget_draws import FRICTION_RAD, RIG, errors, linearised, rung_shapes, three_touches
 
@@ -35,7 +35,7 @@ def sampled(
         rig = replace(RIG, covariance=0.5 * (less + less.T))
     if known_cause is not None:
         now = answer(given, better(space, known_cause, 0.0))
-    axes = Known.of(rig, FRICTION_RAD, np.empty(0)).axes
+    axes = RigArrays.from_rig(rig, FRICTION_RAD, np.empty(0)).axes
     steps = rng.normal(size=(draws, axes.shape[1])) @ axes.T
     off = errors(rig, steps, touches, rubs, rng, estimator_friction, made_by)
     return np.sqrt((off**2).mean(axis=0)), np.sqrt(now.variance)

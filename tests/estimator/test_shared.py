@@ -11,7 +11,7 @@ from benchmarks.estimator.scenes import Scenes, random_scenes
 from benchmarks.estimator.setup import ACROSS, Setup, moved
 from estimator import ContactEstimator
 from estimator.contact.common_errors import Shared, shared_errors
-from estimator.solver.rig_arrays import Known
+from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
@@ -58,7 +58,7 @@ def missed(true: Rig, given: Rig) -> tuple[ContactTable, np.ndarray]:
 
 @pytest.mark.parametrize("axis", [0, 8, 12, 16])
 def test_a_rig_that_is_off_moves_contacts_as_said(axis: int) -> None:
-    step = Known.of(RIG, 0.2, np.empty(0)).axes[:, axis]
+    step = RigArrays.from_rig(RIG, 0.2, np.empty(0)).axes[:, axis]
     table, before = missed(RIG, RIG)
     _, after = missed(moved(RIG, step), RIG)
     said = shared_errors(RIG, table).point_m[..., axis]

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.estimator.shapes import elastica_shapes
 from estimator.contact.verdict import MISLED
-from estimator.solver.ladder import SMALL
+from estimator.solver.ladder import SMALL_BIAS
 from vbaa_calib.antenna.rungs import RUNGS
 
 from ..rod_scenes import LENGTH_M, RIG_STD, World, camera_pose
@@ -21,8 +21,8 @@ HEAVY = WORLD.rig(np.zeros(17))
 @pytest.fixture
 def as_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Deviations of noise and rig alone, whatever the rung makes wrong."""
-    monkeypatch.setattr("estimator.solver.ladder.DOUBTED", np.inf)
-    monkeypatch.setattr("estimator.verdict.MISLED", np.inf)
+    monkeypatch.setattr("estimator.solver.ladder.LARGE_BIAS", np.inf)
+    monkeypatch.setattr("estimator.contact.verdict.MISLED", np.inf)
 
 
 def test_each_rung_on_request() -> None:
@@ -78,7 +78,7 @@ def test_the_choice_stands_in_the_result() -> None:
     assert len(taken) >= 25
     for one in taken:
         level = RUNGS.index(one.model)
-        assert one.model == "rod" or one.predicted_bias_std <= SMALL
+        assert one.model == "rod" or one.predicted_bias_std <= SMALL_BIAS
         if level and one.model in one.reason:
             below = one.bias[RUNGS[level - 1]]
             assert f"{RUNGS[level - 1]} would be {below:.1f} std off" in one.reason

@@ -11,10 +11,10 @@ import pytest
 from estimator.contact.verdict import CONTACT_EVIDENCE
 from estimator.solver.curves import dot
 from estimator.solver.frames import Frames, frames_from_pixels
-from estimator.solver.ladder import Solved, solve
-from estimator.solver.prediction import look, rig_table
-from estimator.solver.rig_arrays import Known
-from estimator.solver.uncertainty import worth
+from estimator.solver.ladder import Solution, solve
+from estimator.solver.prediction import predict, rig_jacobian
+from estimator.solver.rig_arrays import RigArrays
+from estimator.solver.uncertainty import uncertainty
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, Frame, World, camera_pose, frames, gravity_antenna, pushing
@@ -25,14 +25,14 @@ WORLD = World(camera_pose(0.7, 0.8))
 
 def framed(several: Sequence[Frame], rig: Rig, friction: float = 0.0) -> Frames:
     """Frames as the solver takes them."""
-    known = Known.of(rig, friction, np.empty(0))
+    rig_arrays = RigArrays.from_rig(rig, friction, np.empty(0))
     points = np.stack([seen.points_px for seen in several])
     readings = np.array([[seen.moment_Nm, np.nan] for seen in several])
     gravity = np.stack([gravity_antenna(seen.tilt_rad, rig.gravity_world_m_s2) for seen in several])
-    return frames_from_pixels(known, points, np.full(points.shape[:2], SIGMA_PX), readings, gravity)
+    return frames_from_pixels(rig_arrays, points, np.full(points.shape[:2], SIGMA_PX), readings, gravity)
 
 
-def solved(several: Sequence[Frame], rig: Rig, model: str = "rod", friction: float = 0.0) -> Solved:
+def solved(several: Sequence[Frame], rig: Rig, model: str = "rod", friction: float = 0.0) -> Solution:
     """The fits behind contacts."""
     return solve(framed(several, rig, friction), model)[0]
 
@@ -70,7 +70,7 @@ def test_covariance_is_what_sampling_shows() -> None:
     exact, rng = quiet(0.55, 0.6, 0.02), np.random.default_rng(1)
     rig = WORLD.rig(1e-6 * RIG_STD)
     found = solved([redrawn(exact, rng) for _ in range(120)], rig)
-    drawn, said = found.fits.state.unknowns[:, :3], found.worth.covariance[:, :3, :3].mean(axis=0)
+    drawn, said = found.fits.state.unknowns[:, :3], found.uncertainty.covariance[:, :3, :3].mean(axis=0)
     assert np.trace(np.linalg.solve(said, np.cov(drawn.T))) / 3 == pytest.approx(1.0, abs=0.3)
     true = solved([exact], rig).fits.state.unknowns[0, :3]
     off = drawn.mean(axis=0) - true
@@ -84,8 +84,8 @@ def test_friction_within_its_prior_scatters_as_said() -> None:
     scenes = rubbed(WORLD.rig(np.zeros(17)), [0.6] * count, [22.0] * count, angles).noisy(rng)
     found = answered(scenes)
     assert (found.status == "ok").all()
-    known = [found.distance_m - scenes.distance_m, *(found.force_N - scenes.force_N)[:, 1:].T]
-    off = np.stack([*known, found.friction_angle_rad - angles], axis=1)
+    off = [found.distance_m - scenes.distance_m, *(found.force_N - scenes.force_N)[:, 1:].T]
+    off = np.stack([*off, found.friction_angle_rad - angles], axis=1)
     stds = [found.distance_std_m, *found.force_std_N[:, 1:].T, found.friction_angle_std_rad]
     squares = ((off / np.stack(stds, axis=1)) ** 2).mean(axis=0)
     assert ((squares > 0.65) & (squares < 1.4)).all(), squares
@@ -99,9 +99,9 @@ def test_the_rigs_part_is_what_other_rigs_show() -> None:
     answers, said = [], []
     for _ in range(40):
         one = solved([redrawn(exact, rng)], another(believed, WORLD.moved(std * rng.normal(size=17))))
-        units = np.array([1.0, *[one.fits.frames.known.force_unit_N] * 2])
+        units = np.array([1.0, *[one.fits.frames.rig_arrays.force_unit_N] * 2])
         answers.append(one.fits.state.unknowns[0, :3] * units)
-        said.append(np.diag(one.worth.covariance[0])[:3] * units**2)
+        said.append(np.diag(one.uncertainty.covariance[0])[:3] * units**2)
     ratio = np.var(answers, axis=0) / np.mean(said, axis=0)
     assert ((ratio > 0.5) & (ratio < 1.7)).all(), ratio
 
@@ -111,35 +111,35 @@ def test_the_rigs_table_is_its_derivative(friction: float) -> None:
     """Columns of the rig's table against moved rigs: picture, reading, contact point and force."""
     seen, rig = quiet(0.55, 0.6, 0.02), WORLD.rig(RIG_STD)
     at = framed([seen], rig, friction)
-    known, unknowns = at.known, solved([seen], rig, friction=friction).fits.state.unknowns
-    view = look(at, "rod", unknowns)
-    table = rig_table(at, "rod", unknowns, view)
-    np.testing.assert_allclose(known.axes @ known.axes.T, rig.covariance, atol=1e-12 * rig.covariance.max())
-    assert known.axes.shape == (17, 17)
+    rig_arrays, unknowns = at.rig_arrays, solved([seen], rig, friction=friction).fits.state.unknowns
+    prediction = predict(at, "rod", unknowns)
+    by_rig = rig_jacobian(at, "rod", unknowns, prediction)
+    np.testing.assert_allclose(rig_arrays.axes @ rig_arrays.axes.T, rig.covariance, atol=1e-12 * rig.covariance.max())
+    assert rig_arrays.axes.shape == (17, 17)
     for column in range(17):
-        step = 0.02 * known.axes[:, column]
+        step = 0.02 * rig_arrays.axes[:, column]
         moved = framed([seen], another(rig, WORLD.moved(step)), friction)
         # the unit of force goes with the stiffness: the force itself is to stay
-        scale = known.force_unit_N / moved.known.force_unit_N
-        there = look(moved, "rod", unknowns * np.array([1.0, scale, scale, 1.0]))
-        picture = dot(there.nodes - view.nodes, view.normals) / 0.02
-        limit = 0.03 * np.abs(table.nodes).max() + 1e-7
-        np.testing.assert_allclose(picture, table.nodes[..., column], atol=limit)
-        read = -(there.misfit - view.misfit) / 0.02
-        np.testing.assert_allclose(read, table.readings[..., column], atol=0.03 * np.abs(table.readings).max() + 0.02)
-        touch = (there.touch - view.touch) / 0.02
-        limits = 0.03 * np.abs(table.touch).max(axis=-1) + 1e-9
-        assert (np.abs(touch - table.touch[..., column]) < limits).all()
+        scale = rig_arrays.force_unit_N / moved.rig_arrays.force_unit_N
+        there = predict(moved, "rod", unknowns * np.array([1.0, scale, scale, 1.0]))
+        picture = dot(there.nodes - prediction.nodes, prediction.normals) / 0.02
+        limit = 0.03 * np.abs(by_rig.image).max() + 1e-7
+        np.testing.assert_allclose(picture, by_rig.image[..., column], atol=limit)
+        read = -(there.moment_residual - prediction.moment_residual) / 0.02
+        np.testing.assert_allclose(read, by_rig.moment[..., column], atol=0.03 * np.abs(by_rig.moment).max() + 0.02)
+        point_force = (there.point_force - prediction.point_force) / 0.02
+        limits = 0.03 * np.abs(by_rig.point_force).max(axis=-1) + 1e-9
+        assert (np.abs(point_force - by_rig.point_force[..., column]) < limits).all()
 
 
 def test_what_is_known_exactly_has_no_axis() -> None:
     std = RIG_STD.copy()
     std[[0, 7, 15]] = 0.0
-    axes = Known.of(WORLD.rig(std), 0.2, np.empty(0)).axes
+    axes = RigArrays.from_rig(WORLD.rig(std), 0.2, np.empty(0)).axes
     assert np.isfinite(axes).all()
     assert axes.shape == (17, 14)
     np.testing.assert_array_equal(axes[[0, 7, 15]], 0.0)
-    assert Known.of(WORLD.rig(np.zeros(17)), 0.2, np.empty(0)).axes.shape == (17, 0)
+    assert RigArrays.from_rig(WORLD.rig(np.zeros(17)), 0.2, np.empty(0)).axes.shape == (17, 0)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.2])
@@ -174,7 +174,7 @@ def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
     """Inclined, the picture knows f_z by itself and the moment's misfit is its own; upright, the moment is fitted."""
     small = 0.05 * RIG_STD
     inclined, upright = (
-        float(solved([quiet(0.6, 0.8, 0.03, world)], world.rig(small)).worth.moment_std[0, 0])
+        float(solved([quiet(0.6, 0.8, 0.03, world)], world.rig(small)).uncertainty.moment_std[0, 0])
         for world in (World(camera_pose(1.0, 0.3)), World(camera_pose(0.0)))
     )
     assert inclined > 2 * upright
@@ -183,9 +183,9 @@ def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
 
 def test_an_unknown_that_nothing_holds_is_infinite() -> None:
     fits = solved([quiet(0.6, 0.6, 0.02)], WORLD.rig(), friction=0.2).fits
-    assert np.isfinite(worth(fits).covariance).all()
+    assert np.isfinite(uncertainty(fits).covariance).all()
     information = fits.equations.information.copy()
     information[:, 0], information[:, :, 0] = 0.0, 0.0
-    blind = worth(replace(fits, equations=replace(fits.equations, information=information)))
+    blind = uncertainty(replace(fits, equations=replace(fits.equations, information=information)))
     assert np.isinf(blind.covariance).all()
     assert np.isinf(blind.condition).all()

@@ -71,17 +71,17 @@ def as_index(values: Array) -> Array:
     return values.long() if isinstance(values, torch.Tensor) else values.astype(np.intp)
 
 
-def taken(rows: Array, index: Array) -> Array:
+def take_rows(rows: Array, index: Array) -> Array:
     """Rows (N, C) of an array (M, C) by index (N,): the quick way of each kind."""
     return rows.index_select(0, index) if isinstance(rows, torch.Tensor) else rows[index]
 
 
-def places(mask: Array) -> Array:
+def true_indices(mask: Array) -> Array:
     """Indices (K,) at which a mask (N,) is true."""
     return mask.nonzero()[:, 0] if isinstance(mask, torch.Tensor) else np.flatnonzero(mask)
 
 
-def counted(reference: Array, count: int) -> Array:
+def arange_like(reference: Array, count: int) -> Array:
     """0, 1, … (count,) as indices into arrays of the reference's kind and device."""
     if isinstance(reference, torch.Tensor):
         return torch.arange(count, device=reference.device)
