@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import yaml
 
-from vbaa_calib.calibrate.check.check import assess
+from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.scene import Scene
@@ -112,7 +112,7 @@ def test_a_camera_that_moved_is_found_and_the_antenna_is_not_blamed(made: Simple
     assert broken(found) == {"camera_pose"}
     assert found.verdict == "does not hold"
     np.testing.assert_allclose(found.session.pose.step, step, atol=2e-3)
-    moved = found.session.rig_now.T_antenna_camera.tangent_from(scene().T_antenna_camera)
+    moved = found.session.current_rig.T_antenna_camera.tangent_from(scene().T_antenna_camera)
     np.testing.assert_allclose(moved, step, atol=1e-3)
 
 

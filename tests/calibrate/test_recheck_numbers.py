@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.check.finding import Evidence, Finding, Information, estimated_change, worst
+from vbaa_calib.calibrate.check.change import Information, estimate_change
+from vbaa_calib.calibrate.check.finding import Evidence, Finding, worst
 from vbaa_calib.calibrate.check.rig import along_antenna, plane_map, projection_map
 from vbaa_calib.rig import Rig
 
@@ -71,7 +72,7 @@ def test_a_change_is_estimated_as_plain_least_squares_does_it() -> None:
     distances = []
     for _ in range(300):
         residuals = jacobian @ (root @ rng.normal(size=5)) + rng.normal(size=40)
-        found = estimated_change(Information.of(jacobian, residuals), covariance, wanted, scale)
+        found = estimate_change(Information.of(jacobian, residuals), covariance, wanted, scale)
         design = np.linalg.solve(whole, jacobian[:, wanted])
         expected = np.linalg.solve(jacobian[:, wanted].T @ design, design.T @ residuals)
         np.testing.assert_allclose(found.step, expected, rtol=1e-6, atol=1e-9)
@@ -80,7 +81,7 @@ def test_a_change_is_estimated_as_plain_least_squares_does_it() -> None:
     assert found.freedom == 2
     # χ² with two degrees of freedom has the mean 2; its mean over 300 draws scatters by 0.12
     assert np.mean(distances) == pytest.approx(2.0, abs=0.45)
-    free = estimated_change(Information.of(jacobian, residuals), covariance, wanted, scale, (4,))
+    free = estimate_change(Information.of(jacobian, residuals), covariance, wanted, scale, (4,))
     design = np.linalg.solve(np.eye(40) + jacobian @ loosened @ jacobian.T, jacobian[:, wanted])
     expected = np.linalg.solve(jacobian[:, wanted].T @ design, design.T @ residuals)
     np.testing.assert_allclose(free.step, expected, rtol=1e-5)
@@ -89,7 +90,7 @@ def test_a_change_is_estimated_as_plain_least_squares_does_it() -> None:
 def test_what_the_data_do_not_show_is_left_at_nothing() -> None:
     jacobian = np.zeros((10, 3))
     jacobian[:, 0] = 1.0
-    found = estimated_change(Information.of(jacobian, np.full(10, 5.0)), np.zeros((3, 3)), np.arange(3), np.ones(3))
+    found = estimate_change(Information.of(jacobian, np.full(10, 5.0)), np.zeros((3, 3)), np.arange(3), np.ones(3))
     np.testing.assert_allclose(found.step, [5.0, 0.0, 0.0], atol=1e-12)
     assert found.freedom == 1
     assert found.std[1] > 5.0
@@ -107,7 +108,7 @@ def test_a_difference_counts_only_when_improbable_and_large() -> None:
 
 def test_the_worst_answer_is_the_verdict() -> None:
     def finding(level: str) -> Finding:
-        return Finding("x", "x?", level, "")
+        return Finding("stiffness", level, "")
 
     assert worst([finding("holds"), finding("not given")]) == "holds"
     assert worst([finding("holds"), finding("does not hold"), finding("look at")]) == "does not hold"

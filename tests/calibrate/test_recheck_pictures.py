@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.check.check import Assessment, assess
+from vbaa_calib.calibrate.check.assessment import Assessment, assess
 from vbaa_calib.calibrate.check.finding import Finding
-from vbaa_calib.calibrate.check.pictures import NewPictures
+from vbaa_calib.calibrate.check.inputs import NewPictures
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray

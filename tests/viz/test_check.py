@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.check.check import assess
+from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.cli.main import main
 from viz.check.page import page
 from viz.check.pictures import arrows, coverage, heat_map

@@ -1,4 +1,4 @@
-"""Do pictures of the board still fit the lens? Every picture's own pose is solved for; what is left is the lens."""
+"""The lens against new pictures of the board: each picture's pose is solved for; what is left is the lens."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
-from .finding import Change, Evidence, Finding, Information, estimated_change, judged, not_given, plus_minus
+from .change import Change, Information, estimate_change
+from .finding import Evidence, Finding, judged, not_given, plus_minus
 
-MIN_CORNERS = 6
-FOCUS = 4
-"""Parameters of a lens that a refocus or a knock changes first: fx, fy, cx, cy."""
-NOTICEABLE_FOCAL, NOTICEABLE_CENTRE_PX = 0.01, 10.0
-MORE_RMS_PERCENT = 50.0
-"""Corners that scatter up to this much more than at calibration may have light and blur as their reason."""
-LENS_FLOOR_PX = 0.1
-SHARED = 4.0
+_MIN_CORNERS = 6
+_FOCUS = 4
+"""Parameters that a refocus or a knock changes first: fx, fy, cx, cy."""
+_NOTICEABLE_FOCAL, _NOTICEABLE_CENTRE_PX = 0.01, 10.0
+_MORE_RMS_PERCENT = 50.0
+"""Excess scatter of corners that light and blur may explain."""
+_FLOOR_PX = 0.1
+_CORRELATED = 4.0
 """Corners that share one error, as far as smooth changes go: rendered pictures of an unchanged lens give changes of
 1.7 times the deviations that independent corners would have."""
 
@@ -39,8 +40,8 @@ class CheckedView:
 
     Attributes
     ----------
-    corners_px, residuals_px : (N, 2) seen, and seen less predicted at the picture's own best pose.
-    good : (N,) corners that are no outliers.
+    corners_px, residuals_px : (N, 2) observed, and observed less predicted at the picture's own best pose.
+    good : (N,) corners that are no outliers. ids : of the good ones.
     """
 
     name: str
@@ -49,18 +50,14 @@ class CheckedView:
     corners_px: np.ndarray
     residuals_px: np.ndarray
     good: np.ndarray
-
-    @property
-    def rms_px(self) -> float:
-        """Over the good corners."""
-        return float(np.sqrt((self.residuals_px[self.good] ** 2).sum(axis=1).mean())) if self.good.any() else np.nan
+    ids: np.ndarray
 
     def to_dict(self) -> dict[str, Any]:
         """For check.json, pixels to thousandths."""
         return {
             "name": self.name,
             "folder": self.folder,
-            "rms_px": self.rms_px,
+            "rms_px": float(np.sqrt((self.residuals_px[self.good] ** 2).sum(axis=1).mean())),
             "left_out": int((~self.good).sum()),
             "corners_px": np.round(self.corners_px, 2).tolist(),
             "residuals_px": np.round(self.residuals_px, 3).tolist(),
@@ -69,16 +66,16 @@ class CheckedView:
 
 
 @dataclass(frozen=True, eq=False)
-class LensEvidence:
+class LensCheck:
     """All pictures of the board together, under the rig's lens.
 
     Attributes
     ----------
     views : those that could be used. dropped : the others, each with its reason.
-    rms_px : of the good corners, freed of the poses' six numbers each. expected_px : from the calibration's rms and the
-        lens' own covariance; None where the calibration's is not recorded.
-    change : of fx, fy, cx, cy. change_px : what the sure part of it moves in the picture, rms, a
-        turn of the camera taken out.
+    rms_px : of the good corners, per degree of freedom. expected_px : from the calibration's rms and the lens'
+        covariance; None where the calibration's is not recorded.
+    change : of fx, fy, cx, cy. change_px : rms motion over the picture by its significant part, a turn of the camera
+        compensated.
     """
 
     views: tuple[CheckedView, ...]
@@ -90,101 +87,82 @@ class LensEvidence:
     change_px: float
 
 
-def _board_points(spec: BoardSpec, bent: Bend | None) -> np.ndarray:
-    """(corner_count, 3) of the board, bent as the calibration found it."""
-    points = corner_points(spec)
-    if bent is not None:
-        points[:, 2] += bend(spec) @ bent.sagittas_m
-    return points
-
-
 def check_lens(
     camera: Camera,
     boards: Sequence[tuple[str, BoardView]],
     spec: BoardSpec,
     bent: Bend | None,
     recorded_rms_px: float | None,
-) -> LensEvidence | None:
-    """The lens against pictures of the board, each given with its folder's name; None where no picture can be used.
+) -> LensCheck | None:
+    """The lens against pictures of the board, each with its folder's name; None where no picture can be used.
 
     bent : the board's shape, as the calibration found it.
     """
-    points_m = _board_points(spec, bent)
+    points_m = corner_points(spec)
+    if bent is not None:
+        points_m[:, 2] += bend(spec) @ bent.sagittas_m
     views, dropped = _posed(camera, boards, spec, points_m, bent)
     if not views:
         return None
-    blocks = [_without_pose(camera, view, points_m[ids]) for view, ids in views]
+    blocks = [_pose_projected_out(camera, view, points_m[view.ids]) for view in views]
     jacobian = np.concatenate([block[0] for block in blocks])
     residuals = np.concatenate([block[1] for block in blocks])
     freedom = len(residuals) - 6 * len(views)
     count = len(camera.parameter_names)
     covariance = np.zeros((count, count)) if camera.covariance is None else camera.covariance
-    sigma_px = _noise_px(jacobian, residuals, freedom)
-    noise_px = np.sqrt(SHARED) * sigma_px
+    noise_px = np.sqrt(_CORRELATED) * _noise_px(jacobian, residuals, freedom)
     data = Information.of(jacobian / noise_px, residuals / noise_px)
-    change = estimated_change(data, covariance, np.arange(FOCUS), _scale(camera))
+    focal = _NOTICEABLE_FOCAL * camera.matrix[[0, 1], [0, 1]]
+    scale = np.concatenate([focal, [_NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
+    change = estimate_change(data, covariance, np.arange(_FOCUS), scale)
     expected = None
     if recorded_rms_px is not None:
         by_lens = 2.0 * float(np.einsum("np,pq,nq->", jacobian, covariance, jacobian)) / freedom
         expected = float(np.sqrt(recorded_rms_px**2 + by_lens))
-    return LensEvidence(
-        tuple(view for view, _ in views),
-        tuple(dropped),
-        float(np.sqrt(2.0 * (residuals @ residuals) / freedom)),
-        expected,
-        freedom,
-        change,
-        _in_picture_px(camera, change.sure),
-    )
+    rms_px = float(np.sqrt(2.0 * (residuals @ residuals) / freedom))
+    change_px = _in_picture_px(camera, change.significant)
+    return LensCheck(tuple(views), tuple(dropped), rms_px, expected, freedom, change, change_px)
 
 
-def lens_findings(found: LensEvidence | None, camera: Camera, why_not: str) -> list[Finding]:
-    """Do the pictures fit, and has focal length or centre changed?"""
-    fit, focus = "Do new pictures of the board fit the lens?", "Is the lens focused as it was?"
-    if found is None:
-        return [not_given("lens_fit", fit, why_not), not_given("lens_focus", focus, why_not)]
-    pictures = f"{len(found.views)} picture{'s' if len(found.views) > 1 else ''}"
-    findings = []
-    if found.expected_px is None:
-        words = f"rms {found.rms_px:.3f} px in {pictures}; the calibration's is not recorded in rig.json"
-        findings.append(not_given("lens_fit", fit, words))
+def lens_findings(check: LensCheck | None, camera: Camera, why_not: str) -> list[Finding]:
+    """Whether the pictures fit, and whether focal length or centre have changed."""
+    if check is None:
+        return [not_given("lens_fit", why_not), not_given("lens_focus", why_not)]
+    pictures = f"{len(check.views)} picture{'s' if len(check.views) > 1 else ''}"
+    words = f"rms {check.rms_px:.3f} px in {pictures}"
+    if check.expected_px is None:
+        fit = not_given("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
     else:
-        ratio = found.rms_px / max(found.expected_px, 1e-9)
-        spread = float(np.sqrt(2.0 / found.freedom))
-        evidence = Evidence(
-            max(ratio**2 - 1.0, 0.0) / spread, 1, 100 * max(ratio - 1.0, 0.0), MORE_RMS_PERCENT, "% more rms"
-        )
-        words = f"rms {found.rms_px:.3f} px in {pictures}, {found.expected_px:.3f} px expected from the calibration"
+        ratio = check.rms_px / max(check.expected_px, 1e-9)
+        distance_std = max(ratio**2 - 1.0, 0.0) / float(np.sqrt(2.0 / check.freedom))
+        evidence = Evidence(distance_std, 1, 100 * max(ratio - 1.0, 0.0), _MORE_RMS_PERCENT, "% more rms")
+        words += f", {check.expected_px:.3f} px expected from the calibration"
         remedy = "shoot sharper and better lit pictures of a flat board; if it stays so, calibrate the lens again"
-        findings.append(judged("lens_fit", fit, words, remedy, evidence))
-    if found.change.freedom == 0:
+        fit = judged("lens_fit", words, remedy, evidence)
+    change = check.change
+    if change.freedom == 0:
         why = f"{pictures} cannot tell: a board that fills the picture, tilted by 30 to 45 degrees, would"
-        return [*findings, not_given("lens_focus", focus, why)]
-    evidence = Evidence(found.change.distance_std, found.change.freedom, found.change_px, LENS_FLOOR_PX, "px")
-    words = _change_in_words(found, camera)
-    if found.change.freedom < FOCUS:
-        words = f"{pictures} show{'s' * (len(found.views) == 1)} {found.change.freedom} of its {FOCUS} numbers: {words}"
-    remedy = "lock focus, zoom and autofocus, then calibrate again: `vbaa calibrate`"
-    return [*findings, judged("lens_focus", focus, words, remedy, evidence)]
-
-
-def _change_in_words(found: LensEvidence, camera: Camera) -> str:
-    step, std = found.change.step, found.change.std
-    focal = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1])
-    mean = np.array([0.5, 0.5])
-    relative = 100 * float(mean @ step[:2]) / focal
-    relative_std = 100 * float(np.sqrt(mean @ found.change.covariance[:2, :2] @ mean)) / focal
-    return (
-        f"focal length {plus_minus(relative, relative_std)} %, centre ({plus_minus(step[2], std[2])}, "
-        f"{plus_minus(step[3], std[3])}) px against the rig; beyond doubt {found.change_px:.2f} px in the picture"
+        return [fit, not_given("lens_focus", why)]
+    focal, mean = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]), np.array([0.5, 0.5])
+    relative = 100 * float(mean @ change.step[:2]) / focal
+    relative_std = 100 * float(np.sqrt(mean @ change.covariance[:2, :2] @ mean)) / focal
+    words = (
+        f"focal length {plus_minus(relative, relative_std)} %, centre ({plus_minus(change.step[2], change.std[2])}, "
+        f"{plus_minus(change.step[3], change.std[3])}) px against the rig; beyond doubt {check.change_px:.2f} px in "
+        "the picture"
     )
+    if change.freedom < _FOCUS:
+        words = f"{pictures} show{'s' * (len(check.views) == 1)} {change.freedom} of its {_FOCUS} numbers: {words}"
+    remedy = "lock focus, zoom and autofocus, then calibrate again: `vbaa calibrate`"
+    evidence = Evidence(change.distance_std, change.freedom, check.change_px, _FLOOR_PX, "px")
+    return [fit, judged("lens_focus", words, remedy, evidence)]
 
 
 def _posed(
     camera: Camera, boards: Sequence[tuple[str, BoardView]], spec: BoardSpec, points: np.ndarray, bent: Bend | None
-) -> tuple[list[tuple[CheckedView, np.ndarray]], list[DroppedView]]:
-    """Views with their poses and corner ids, and those that have none."""
-    usable, dropped = usable_views([view for _, view in boards], spec, MIN_CORNERS)
+) -> tuple[list[CheckedView], list[DroppedView]]:
+    """Views with their poses, and those that have none."""
+    usable, dropped = usable_views([view for _, view in boards], spec, _MIN_CORNERS)
     found = []
     for folder, view in ((folder, view) for folder, view in boards if any(view is one for one in usable)):
         try:
@@ -195,23 +173,22 @@ def _posed(
             dropped.append(DroppedView(view.name, error.what if isinstance(error, InputError) else str(error)))
             continue
         predicted, seen = camera.project(pose @ points[view.ids])
-        ids, pixels = view.ids[seen], view.corners_px[seen]
-        found.append((folder, view.name, pose, ids, pixels, pixels - predicted[seen]))
-    masks = inlier_masks([entry[5] for entry in found]) if found else []
+        found.append((folder, view, pose, seen, view.corners_px[seen] - predicted[seen]))
+    masks = inlier_masks([entry[-1] for entry in found]) if found else []
     kept = []
-    for (folder, name, pose, ids, pixels, residuals), good in zip(found, masks, strict=True):
-        if good.sum() >= MIN_CORNERS:
-            kept.append((CheckedView(name, folder, pose, pixels, residuals, good), ids[good]))
+    for (folder, view, pose, seen, residuals), good in zip(found, masks, strict=True):
+        if good.sum() >= _MIN_CORNERS:
+            ids = view.ids[seen][good]
+            kept.append(CheckedView(view.name, folder, pose, view.corners_px[seen], residuals, good, ids))
         else:
-            dropped.append(DroppedView(name, "most of its corners lie far off any pose of the board"))
+            dropped.append(DroppedView(view.name, "most of its corners lie far off any pose of the board"))
     return kept, dropped
 
 
-def _without_pose(camera: Camera, view: CheckedView, board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives by the lens (2N, P) and residuals (2N,), px, what the view's own pose explains taken out of both."""
-    intrinsics = camera.parameters
+def _pose_projected_out(camera: Camera, view: CheckedView, board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives by the lens (2N, P) and residuals (2N,), px, without what the view's own pose explains."""
     points = view.T_camera_board @ board
-    _, by_lens, by_pose = PROJECTIONS[camera.model](points, np.zeros(6), intrinsics)
+    _, by_lens, by_pose = PROJECTIONS[camera.model](points, np.zeros(6), camera.parameters)
     axes, _ = np.linalg.qr(by_pose / np.linalg.norm(by_pose, axis=0))
     residuals = view.residuals_px[view.good].ravel()
     return by_lens - axes @ (axes.T @ by_lens), residuals - axes @ (axes.T @ residuals)
@@ -226,14 +203,8 @@ def _noise_px(jacobian: np.ndarray, residuals: np.ndarray, freedom: int) -> floa
     return max(float(np.sqrt(left @ left / max(freedom - axes.shape[1], 1))), 1e-6)
 
 
-def _scale(camera: Camera) -> np.ndarray:
-    """(P,) a change of each parameter that is worth knowing of."""
-    focal = NOTICEABLE_FOCAL * camera.matrix[[0, 1], [0, 1]]
-    return np.concatenate([focal, [NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
-
-
 def _in_picture_px(camera: Camera, step: np.ndarray) -> float:
-    """Root mean square over the picture of what a change of fx, fy, cx, cy moves there, a turn taken out."""
+    """Rms motion over the picture by a change of fx, fy, cx, cy, a turn of the camera compensated."""
     pixels = pixel_grid(camera.image_size)
-    moved = compensate(camera, pixels, (projection_jacobian(camera, pixels)[..., :FOCUS] @ step)[..., None])
+    moved = compensate(camera, pixels, (projection_jacobian(camera, pixels)[..., :_FOCUS] @ step)[..., None])
     return float(np.sqrt(np.nanmean((moved[..., 0] ** 2).sum(axis=-1))))

@@ -1,23 +1,28 @@
-"""What rig.json says of itself: is plane C known well enough, the lens whole, EI plausible; and what was doubted."""
+"""A rig by itself: uncertainty on plane C, region of the lens, plausibility of EI, doubts of the calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.calibrate.lens.uncertainty import pixel_grid, projection_uncertainty
 from vbaa_calib.calibrate.pose.board_pose import AMBIGUOUS
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding
 
-GRID = (49, 37)
-REACH_LENGTHS = 1.5
-"""How far from the clamp plane C is looked at, in lengths of the antenna: beyond that nothing can be touched."""
-ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
+_GRID = (49, 37)
+_REACH_LENGTHS = 1.5
+"""Plane C is mapped up to this distance from the clamp, in antenna lengths: nothing beyond can be touched."""
+_ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
+_PLANE_LOOK_MM, _PLANE_FAIL_MM = 0.2, 1.0
+_STIFFNESS_LOOK, _STIFFNESS_FAIL = 0.01, 0.05
+_NOMINAL_LOOK = 0.15
+_GAIN_LOOK, _GAIN_FAIL = 0.02, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +48,7 @@ class PictureMap:
 
 @dataclass(frozen=True, eq=False)
 class AlongAntenna:
-    """Standard deviation on plane C, in the worst direction, where the antenna's axis lies at arc lengths s."""
+    """Standard deviation on plane C, in the worst direction, where the antenna's axis is at arc lengths s."""
 
     arclength_m: np.ndarray
     pixels: np.ndarray
@@ -63,28 +68,25 @@ class AlongAntenna:
 
 
 def projection_map(rig: Rig) -> PictureMap | None:
-    """Of the projection, what a turn of the camera explains taken out; None where the lens has no covariance."""
+    """Of the projection, a turn of the camera compensated; None where the lens has no covariance."""
     if rig.camera.covariance is None:
         return None
-    found = projection_uncertainty(rig.camera, compensated=True, grid=GRID)
+    found = projection_uncertainty(rig.camera, compensated=True, grid=_GRID)
     return PictureMap(found.pixels, found.std_px, "px")
 
 
 def plane_map(rig: Rig) -> PictureMap:
-    """Of the point on plane C that each pixel shows, from lens and camera pose together."""
-    pixels = pixel_grid(rig.camera.image_size, GRID)
-    on_plane = rig.camera_on_plane()
-    points, seen = on_plane.project(pixels)
-    near = seen & (np.linalg.norm(np.nan_to_num(points), axis=-1) <= REACH_LENGTHS * rig.antenna.length_m)
-    std_mm = np.where(near, 1e3 * _plane_std_m(rig, pixels), np.nan)
-    return PictureMap(pixels, std_mm, "mm")
+    """Of the point on plane C that each pixel shows, by lens and camera pose together."""
+    pixels = pixel_grid(rig.camera.image_size, _GRID)
+    points, seen = rig.camera_on_plane().project(pixels)
+    near = seen & (np.linalg.norm(np.nan_to_num(points), axis=-1) <= _REACH_LENGTHS * rig.antenna.length_m)
+    return PictureMap(pixels, np.where(near, 1e3 * _plane_std_m(rig, pixels), np.nan), "mm")
 
 
 def along_antenna(rig: Rig) -> AlongAntenna:
     """At some places of the antenna's axis, where the picture shows them."""
-    s = rig.antenna.length_m * np.array(ALONG)
-    axis = s[:, None] * np.array([1.0, 0.0, 0.0])
-    pixels, seen = rig.camera.project(rig.T_antenna_camera.inverse() @ axis)
+    s = rig.antenna.length_m * np.array(_ALONG)
+    pixels, seen = rig.camera.project(rig.T_antenna_camera.inverse() @ (s[:, None] * np.array([1.0, 0.0, 0.0])))
     inside = seen & rig.camera.in_picture(pixels)
     pixels = np.where(inside[:, None], pixels, np.nan)
     std = np.full(len(s), np.nan)
@@ -105,54 +107,32 @@ def _rounded(value: float) -> float | None:
     return float(f"{value:.4g}") if np.isfinite(value) else None
 
 
-PLANE_LOOK_MM, PLANE_FAIL_MM = 0.2, 1.0
-STIFFNESS_LOOK, STIFFNESS_FAIL = 0.01, 0.05
-NOMINAL_LOOK = 0.15
-GAIN_LOOK, GAIN_FAIL = 0.02, 0.1
-
-
-def number_at(data: Mapping[str, Any], *keys: str) -> float | None:
+def number_at(data: Any, *keys: str) -> float | None:
     """A finite number at a path of keys; None where it is not recorded, or is no number."""
-    return finite(_at(data, keys))
-
-
-def finite(value: Any) -> float | None:
-    """A recorded value as a finite number; None where it is none."""
+    value = _at(data, keys)
     usable = isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
     return float(value) if usable else None
 
 
-def _texts_at(data: Mapping[str, Any], *keys: str) -> list[str]:
-    """A list of texts at a path of keys; empty where it is not recorded."""
-    value = _at(data, keys)
-    return [str(line) for line in value] if isinstance(value, list) else []
-
-
-def _at(data: Mapping[str, Any], keys: Sequence[str]) -> Any:
-    value: Any = data
+def _at(data: Any, keys: tuple[str, ...]) -> Any:
     for key in keys:
-        value = value.get(key) if isinstance(value, Mapping) else None
-    return value
+        data = data.get(key) if isinstance(data, Mapping) else None
+    return data
 
 
 def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
-    """Camera, lens, antenna (its EI beside the nominal one, where that is known) and sensor, with deviations."""
+    """Camera, lens, antenna (EI beside the nominal one, where that is known) and sensor, with deviations."""
     camera, antenna, sensor = rig.camera, rig.antenna, rig.moment_sensor
-    lens = camera.parameters
     lens_std = None if camera.covariance is None else np.sqrt(np.diag(camera.covariance).clip(0.0)).tolist()
     pose_std = [rig.std(name) for name in POSE_PARAMETERS]
     region = camera.valid_region()
-    shape = zip(
-        ("clamp_y_m", "clamp_z_m", "clamp_about_y_rad", "clamp_about_z_rad", "bow_about_y_per_m", "bow_about_z_per_m"),
-        antenna.parameters[:6].tolist(),
-        strict=True,
-    )
+    shape = zip(ANTENNA_PARAMETERS[:6], antenna.parameters[:6].tolist(), strict=True)
     return {
         "lens": {
             "model": camera.model,
             "image_size": list(camera.image_size),
             "parameters": list(camera.parameter_names),
-            "values": lens.tolist(),
+            "values": camera.parameters.tolist(),
             "std": lens_std,
             "image_fraction": region.image_fraction,
             "half_angle_rad": region.half_angle_rad,
@@ -183,116 +163,101 @@ def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
     }
 
 
-def rig_findings(
-    rig: Rig, quality: Mapping[str, Any], plane: PictureMap, along: AlongAntenna, nominal_Nm2: float | None
-) -> list[Finding]:
+def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None) -> list[Finding]:
     """The questions that rig.json answers by itself."""
     return [
-        _plane_c(rig, along),
-        _lens_whole(rig, plane),
+        _plane_c(rig),
+        _lens_region(rig),
         _stiffness(rig, nominal_Nm2),
         _sensor(rig),
         _ambiguity(quality),
-        _recorded(quality),
+        _doubts(quality),
     ]
 
 
-def _graded(value: float, look: float, fail: float) -> str:
-    return HOLDS if value <= look else LOOK if value <= fail else FAILS
+def _graded(name: str, value: float, limits: tuple[float, float], words: str, remedy: str) -> Finding:
+    """A finding from a deviation and the limits from which it is `LOOK` and `FAILS`."""
+    look, fail = limits
+    level = HOLDS if value <= look else LOOK if value <= fail else FAILS
+    return Finding(name, level, words, None if level == HOLDS else remedy)
 
 
-def _plane_c(rig: Rig, along: AlongAntenna) -> Finding:
-    name, question = "plane_c", "How well is a point on plane C known?"
+def _plane_c(rig: Rig) -> Finding:
     if rig.camera.covariance is None:
-        words = "the lens has no covariance in rig.json: what it adds on plane C is not known"
-        return Finding(name, question, LOOK, words, "calibrate again with vbaa calibrate")
+        words = "the lens has no covariance in rig.json: its share of the uncertainty on plane C is not known"
+        return Finding("plane_c", LOOK, words, "calibrate again with vbaa calibrate")
+    along = along_antenna(rig)
     seen = np.isfinite(along.std_m)
     if not seen.any():
         words = "the camera does not see the antenna's axis"
-        return Finding(name, question, FAILS, words, "turn the camera to the antenna, then calibrate again")
-    worst = 1e3 * float(along.std_m[seen].max())
-    words = f"to {worst:.3f} mm (1 std, worst direction) or better along the antenna"
-    level = _graded(worst, PLANE_LOOK_MM, PLANE_FAIL_MM)
-    if not seen.all():
-        level = max(level, LOOK, key=(HOLDS, LOOK, FAILS).index)
-        words += f"; {int((~seen).sum())} of {len(seen)} places along it are outside the picture"
-    remedy = None if level == HOLDS else _to_know_better(rig)
-    return Finding(name, question, level, words, remedy)
+        return Finding("plane_c", FAILS, words, "turn the camera to the antenna, then calibrate again")
+    largest_mm = 1e3 * float(along.std_m[seen].max())
+    std = np.sqrt(np.diag(rig.covariance)[:6])
+    turned_m = float(std[:3].max()) * float(np.linalg.norm(rig.T_antenna_camera.translation_m))
+    remedy = "add pictures of the board near the antenna, tilted by 30 to 45 degrees"
+    if 1e3 * max(turned_m, float(std[3:].max())) > _PLANE_LOOK_MM / 2:
+        remedy = "know the jig's place and angles, and the print's size, better, or take a sweep of the joints besides"
+    words = f"to {largest_mm:.3f} mm (1 std, worst direction) or better along the antenna"
+    found = _graded("plane_c", largest_mm, (_PLANE_LOOK_MM, _PLANE_FAIL_MM), words, remedy)
+    if seen.all():
+        return found
+    words += f"; {int((~seen).sum())} of {len(seen)} places along it are outside the picture"
+    return Finding("plane_c", found.level if found.is_bad else LOOK, words, remedy)
 
 
-def _to_know_better(rig: Rig) -> str:
-    """What limits plane C most: how the camera stands, as the jig and the print have it, or the lens."""
-    turned_mm = (
-        1e3
-        * float(np.sqrt(np.diag(rig.covariance)[:3].max()))
-        * float(np.linalg.norm(rig.T_antenna_camera.translation_m))
-    )
-    placed_mm = 1e3 * float(np.sqrt(np.diag(rig.covariance)[3:6].max()))
-    if max(turned_mm, placed_mm) > PLANE_LOOK_MM / 2:
-        return "know the jig's place and angles, and the print's size, better, or take a sweep of the joints besides"
-    return "add pictures of the board near the antenna, tilted by 30 to 45 degrees"
-
-
-def _lens_whole(rig: Rig, plane: PictureMap) -> Finding:
-    name, question = "lens_region", "Does every pixel have one ray?"
+def _lens_region(rig: Rig) -> Finding:
     share = rig.camera.valid_region().image_fraction
     if share == 1.0:
-        return Finding(name, question, HOLDS, "the lens maps the whole picture one to one")
-    rays = np.asarray(rig.camera.unproject(plane.pixels)[1])
-    words = (
-        f"in {100 * share:.1f} % of the picture; the rest gives no answer ({int((~rays).sum())} of {rays.size} spots)"
-    )
-    return Finding(name, question, LOOK, words, "add views of the board near the picture's border, calibrate again")
+        return Finding("lens_region", HOLDS, "the lens maps the whole picture one to one")
+    rays = np.asarray(rig.camera.unproject(pixel_grid(rig.camera.image_size, _GRID))[1])
+    words = f"in {100 * share:.1f} % of the picture; {int((~rays).sum())} of {rays.size} places in the rest have no ray"
+    return Finding("lens_region", LOOK, words, "add views of the board near the picture's border, calibrate again")
 
 
 def _stiffness(rig: Rig, nominal_Nm2: float | None) -> Finding:
-    name, question = "stiffness_known", "Is EI known, and plausible?"
-    relative = rig.std("log_stiffness_Nm2")
-    level = _graded(relative, STIFFNESS_LOOK, STIFFNESS_FAIL)
-    remedy = None if level == HOLDS else "add known loads, heavier or further out"
+    name, relative = "stiffness_known", rig.std("log_stiffness_Nm2")
+    limits, remedy = (_STIFFNESS_LOOK, _STIFFNESS_FAIL), "add known loads, heavier or further out"
     words = f"EI = {rig.antenna.stiffness_Nm2:.5g} N·m² ± {100 * relative:.2g} %"
     if nominal_Nm2 is None or nominal_Nm2 <= 0:
-        return Finding(name, question, level, words + "; the nominal E·πd⁴/64 is not recorded", remedy)
+        return _graded(name, relative, limits, words + "; the nominal E·πd⁴/64 is not recorded", remedy)
     off = rig.antenna.stiffness_Nm2 / nominal_Nm2 - 1
     words += f", {100 * off:+.1f} % from E·πd⁴/64 = {nominal_Nm2:.4g} N·m²"
-    if abs(off) > max(NOMINAL_LOOK, 3 * relative):
-        level = max(level, LOOK, key=(HOLDS, LOOK, FAILS).index)
+    found = _graded(name, relative, limits, words, remedy)
+    if abs(off) > max(_NOMINAL_LOOK, 3 * relative):
         remedy = "check the antenna's diameter, the loads and their unit"
-    return Finding(name, question, level, words, remedy)
+        return Finding(name, found.level if found.is_bad else LOOK, words, remedy)
+    return found
 
 
 def _sensor(rig: Rig) -> Finding:
-    name, question = "sensor_known", "Is the moment sensor known?"
     sensor, std = rig.moment_sensor, rig.std("moment_gain")
     words = (
         f"gain {sensor.gain:.4f} ± {std:.2g}, offset {1e3 * sensor.offset_Nm:.3f} ± "
         f"{1e3 * rig.std('moment_offset_Nm'):.2g} mN·m"
     )
     if sensor.gain <= 0:
-        return Finding(name, question, FAILS, words, "its sign is turned round: check the wiring, calibrate again")
-    level = _graded(std / sensor.gain, GAIN_LOOK, GAIN_FAIL)
-    remedy = None if level == HOLDS else "add known loads that leave plane C (force_z_N)"
-    return Finding(name, question, level, words, remedy)
+        return Finding("sensor_known", FAILS, words, "its sign is turned round: check the wiring, calibrate again")
+    remedy = "add known loads that leave plane C (force_z_N)"
+    return _graded("sensor_known", std / sensor.gain, (_GAIN_LOOK, _GAIN_FAIL), words, remedy)
 
 
 def _ambiguity(quality: Mapping[str, Any]) -> Finding:
-    name, question = "planar_ambiguity", "Could the board in the jig have been read the other way round?"
-    ratio = number_at(quality, "plane_second_solution_ratio")
+    name, ratio = "planar_ambiguity", number_at(quality, "plane_second_solution_ratio")
     if ratio is None:
         if number_at(quality, "plane_rms_px") is None:
-            return Finding(name, question, NOT_GIVEN, "not recorded")
-        return Finding(name, question, HOLDS, "a plane's second pose does not exist here")
+            return Finding(name, NOT_GIVEN, "not recorded")
+        return Finding(name, HOLDS, "a plane's second pose does not exist here")
     words = f"its second pose fits {ratio:.1f} times worse"
     if ratio >= AMBIGUOUS:
-        return Finding(name, question, HOLDS, words)
-    return Finding(name, question, LOOK, words, "take the board in the jig from a steeper angle, calibrate again")
+        return Finding(name, HOLDS, words)
+    return Finding(name, LOOK, words, "take the board in the jig from a steeper angle, calibrate again")
 
 
-def _recorded(quality: Mapping[str, Any]) -> Finding:
-    name, question = "doubts", "Did the calibration have doubts of its own?"
+def _doubts(quality: Mapping[str, Any]) -> Finding:
     if not quality:
-        return Finding(name, question, NOT_GIVEN, "not recorded")
-    lines = [*_texts_at(quality, "warnings"), *_texts_at(quality, "lens", "warnings")]
+        return Finding("doubts", NOT_GIVEN, "not recorded")
+    lists = [_at(quality, keys) for keys in (("warnings",), ("lens", "warnings"))]
+    lines = [str(line) for found in lists if isinstance(found, list) for line in found]
     if not lines:
-        return Finding(name, question, HOLDS, "none")
-    return Finding(name, question, LOOK, "; ".join(lines), "do what they say, then calibrate again")
+        return Finding("doubts", HOLDS, "none")
+    return Finding("doubts", LOOK, "; ".join(lines), "do what they say, then calibrate again")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.calibrate.check.check import assess
+from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import doubts, rig_document
 from vbaa_calib.core.files import write_json, write_text

@@ -1,8 +1,8 @@
-"""Is this rig still right? What rig.json says of itself, and what a session's pictures say of it."""
+"""`assess`: everything that `vbaa check` reports about a rig, alone or against new pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,34 +10,33 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.calibrate.antenna.session_rig import observe
-from vbaa_calib.calibrate.lens.board_flex import Bend
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.detect.board.corners import BoardView, detect_files
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Load, Session, check_pictures, load_session
+from vbaa_calib.session import Session, check_pictures, load_session
 
-from .antenna import AntennaEvidence, antenna_findings, check_antenna, free_table, loads_table
+from .antenna import AntennaCheck, check_antenna, free_table, loads_table
 from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding, not_given, worst
-from .lens import LensEvidence, check_lens, lens_findings
-from .pictures import (
+from .inputs import (
     PARTS,
+    CheckInputs,
     NewPictures,
-    Taken,
     from_pictures,
     from_session,
     recorded_bend,
     recorded_session,
-    refuse_calibrations_own,
+    refuse_calibration_pictures,
 )
-from .pose import PoseEvidence, check_pose, pose_finding, rig_now
+from .lens import LensCheck, check_lens, lens_findings
+from .pose import PoseCheck, check_pose, pose_finding, with_jig_pose
 from .rig import along_antenna, number_at, plane_map, projection_map, rig_findings, rig_numbers
-from .stills import HeldStill, hold
+from .stills import CheckedStill, check_stills
 
 SCHEMA = "vbaa.check/1"
-VERDICTS = {
+_VERDICTS = {
     HOLDS: "This rig holds.",
     LOOK: "Look at this rig before you rely on it.",
     FAILS: "This rig does not hold.",
@@ -47,14 +46,20 @@ VERDICTS = {
 
 @dataclass(frozen=True, eq=False)
 class SessionCheck:
-    """A rig against a session. `parts` are those of `PARTS` that the session has."""
+    """A rig against new pictures.
+
+    Attributes
+    ----------
+    parts : those of `inputs.PARTS` that there are pictures of. current_rig : what the antenna was checked with: where
+        the camera has moved, it is where the board in the jig puts it.
+    """
 
     parts: tuple[str, ...]
     findings: tuple[Finding, ...]
-    lens: LensEvidence | None
-    pose: PoseEvidence | None
-    rig_now: Rig
-    antenna: AntennaEvidence
+    lens: LensCheck | None
+    pose: PoseCheck | None
+    current_rig: Rig
+    antenna: AntennaCheck
 
     def to_dict(self) -> dict[str, Any]:
         """For check.json."""
@@ -67,19 +72,18 @@ class SessionCheck:
             "boards_rms_px": None if lens is None else lens.rms_px,
             "boards_expected_rms_px": None if lens is None else lens.expected_px,
             "camera_pose": None if pose is None else pose.to_dict(),
-            "noload": free_table(self.rig_now, self.antenna),
-            "loads": loads_table(self.rig_now, self.antenna),
+            "noload": free_table(self.current_rig, self.antenna),
+            "loads": loads_table(self.current_rig, self.antenna),
         }
 
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """Everything that `vbaa check` says.
+    """The result of `assess`.
 
     Attributes
     ----------
-    verdict : the worst level of all findings. words : in a sentence or two.
-    findings : of the rig by itself; those of a session are in `session`.
+    findings : on the rig by itself; those on new pictures are in `session`.
     quality : of rig.json, as it is there. nominal_Nm2 : E·πd⁴/64, from there or from the session.
     """
 
@@ -92,14 +96,14 @@ class Assessment:
 
     @property
     def verdict(self) -> str:
-        """The worst level of all questions that were answered."""
+        """The worst level of all answered questions."""
         return worst([*self.findings, *(self.session.findings if self.session else ())])
 
     @property
     def words(self) -> str:
         """The verdict, and the questions that were not answered with "holds"."""
         asked = [*(self.session.findings if self.session else ()), *self.findings]
-        sentences = [VERDICTS[self.verdict]]
+        sentences = [_VERDICTS[self.verdict]]
         for level, start in ((FAILS, "Does not hold"), (LOOK, "Look at")):
             found = [f"{one.name.replace('_', ' ')} ({one.words})" for one in asked if one.level == level]
             if found:
@@ -109,22 +113,21 @@ class Assessment:
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
-        """check.json: from this alone the report is made."""
-        projection, plane, along = projection_map(self.rig), plane_map(self.rig), along_antenna(self.rig)
-        rays = np.asarray(self.rig.camera.unproject(plane.pixels)[1])
+        """check.json: the report is made from this alone."""
+        projection, plane = projection_map(self.rig), plane_map(self.rig)
         return {
             "schema": SCHEMA,
             "rig": str(self.path),
             "verdict": self.verdict,
-            "headline": VERDICTS[self.verdict],
+            "headline": _VERDICTS[self.verdict],
             "words": self.words,
             "findings": [finding.to_dict() for finding in self.findings],
             "numbers": rig_numbers(self.rig, self.nominal_Nm2),
             "maps": {
                 "projection": None if projection is None else projection.to_dict(),
                 "plane": plane.to_dict(),
-                "has_ray": rays.tolist(),
-                "along_antenna": along.to_dict(),
+                "has_ray": np.asarray(self.rig.camera.unproject(plane.pixels)[1]).tolist(),
+                "along_antenna": along_antenna(self.rig).to_dict(),
             },
             "quality": dict(self.quality),
             "session_findings": [finding.to_dict() for finding in self.session.findings] if self.session else [],
@@ -133,13 +136,13 @@ class Assessment:
 
 
 def assess(path: Path, session_root: Path | None = None, new: NewPictures | None = None) -> Assessment:
-    """Judge a rig.json, and hold it against a session, or against new pictures, where they are given.
+    """Judge a rig.json by itself, and against a session or new pictures where they are given.
 
-    With new pictures the session is the one that the rig was calibrated from: it says where the jig is, and which board
-    lies in it; its own pictures are not read. Without a session rig.json's record of both serves.
+    With new pictures the session is the one that the rig was calibrated from: it describes the jig and the board in it;
+    its own pictures are not read. Without a session, rig.json's record of both is used.
 
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
-    `PARTS`, and a new picture that the rig was calibrated from.
+    `inputs.PARTS`, and a new picture that the rig was calibrated from.
     """
     path = Path(path)
     data = read_json(path)
@@ -148,74 +151,59 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
     nominal = number_at(quality, "antenna", "nominal_stiffness_Nm2")
     if nominal is None and session is not None:
         nominal = session.antenna.stiffness_Nm2
-    own = rig_findings(rig, quality, plane_map(rig), along_antenna(rig), nominal)
-    taken = _taken(data, rig, path, session, new)
-    checked = None if taken is None else _check_taken(rig, quality, taken)
+    own = rig_findings(rig, quality, nominal)
+    if session is not None:
+        _refuse_other_antenna(rig, session)
+    inputs = None if session is None else from_session(session) if new is None else from_pictures(session, new)
+    if new is not None:
+        refuse_calibration_pictures(data, new, path)
+        if session is None:
+            no_jig = "rig.json does not record the jig: name its session"
+            inputs = from_pictures(recorded_session(data, rig, path), new, no_jig)
+    checked = None if inputs is None else _check_pictures(rig, quality, inputs)
     return Assessment(rig, path, tuple(own), quality, checked, nominal)
 
 
-def _taken(
-    data: Mapping[str, Any], rig: Rig, path: Path, session: Session | None, new: NewPictures | None
-) -> Taken | None:
-    if session is not None:
-        _refuse_other_antenna(rig, session)
-    if new is None:
-        return None if session is None else from_session(session)
-    refuse_calibrations_own(data, new, path)
-    if session is not None:
-        return from_pictures(session, new)
-    return from_pictures(recorded_session(data, rig, path), new, "rig.json does not record the jig: name its session")
-
-
-def _check_taken(rig: Rig, quality: Mapping[str, Any], taken: Taken) -> SessionCheck:
-    """The lens, then the camera's pose, then the antenna and the sensor, each in the light of those before."""
-    check_pictures(progress(list(taken.pictures()), "reading the pictures"), rig.camera.image_size, "the rig's lens is")
-    spec = taken.session.board
-    boards = [(part, view) for part, paths in taken.boards.items() for view in detect_files(paths, spec)]
+def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -> SessionCheck:
+    """The lens, then the camera's pose, then the antenna and the sensor, each after those before."""
+    check_pictures(progress(inputs.pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
+    session = inputs.session
+    boards = [(part, view) for part, paths in inputs.boards.items() for view in detect_files(paths, session.board)]
     recorded = number_at(quality, "lens", "rms_inliers_px") or number_at(quality, "lens_rms_px")
     bent = recorded_bend(quality)
-    lens = check_lens(rig.camera, boards, spec, bent, recorded) if boards else None
+    lens = check_lens(rig.camera, boards, session.board, bent, recorded) if boards else None
     why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
     findings = lens_findings(lens, rig.camera, why)
-    lens_holds = all(finding.level in (HOLDS, NOT_GIVEN) for finding in findings)
-    pose, pose_answer = _pose(rig, taken, [view for part, view in boards if part == "plane"], bent, lens_holds)
-    now = rig_now(rig, pose, pose_answer)
-    free, loaded = _held(now, taken)
-    antenna = check_antenna(now, free, loaded)
-    findings += [pose_answer, *antenna_findings(now, antenna, camera_known=pose is not None)]
-    return SessionCheck(taken.parts, tuple(findings), lens, pose, now, antenna)
+    in_jig: list[BoardView] = [view for part, view in boards if part == "plane"]
+    pose, current = None, rig
+    if not in_jig:
+        pose_found = not_given("camera_pose", "no picture of the board in the jig (plane/)")
+    elif session.T_antenna_board is None:
+        pose_found = not_given("camera_pose", inputs.no_jig)
+    else:
+        pose = check_pose(rig, in_jig, session.board, session.T_antenna_board, bent)
+        pose_found = pose_finding(pose, lens_holds=not any(finding.is_bad for finding in findings))
+        if pose_found.is_bad:
+            current = with_jig_pose(rig, pose.jig)
+    antenna = check_antenna(current, _stills(current, inputs), camera_known=pose is not None)
+    findings += [pose_found, *antenna.findings]
+    return SessionCheck(inputs.parts, tuple(findings), lens, pose, current, antenna)
 
 
-def _pose(
-    rig: Rig, taken: Taken, views: Sequence[BoardView], bent: Bend | None, lens_holds: bool
-) -> tuple[PoseEvidence | None, Finding]:
-    name, question = "camera_pose", "Is the camera where it was?"
-    if not views:
-        return None, not_given(name, question, "no picture of the board in the jig (plane/)")
-    jig = taken.session.T_antenna_board
-    if jig is None:
-        return None, not_given(name, question, taken.no_jig)
-    found = check_pose(rig, views, taken.session.board, jig, bent)
-    return found, pose_finding(found, lens_holds)
-
-
-def _held(rig: Rig, taken: Taken) -> tuple[list[HeldStill], list[HeldStill]]:
-    """Free and loaded stills against the rig."""
-    if not taken.stills:
-        return [], []
+def _stills(rig: Rig, inputs: CheckInputs) -> list[CheckedStill]:
+    if not inputs.stills:
+        return []
     seen = observe(
-        taken.session,
+        inputs.session,
         rig.kinematics,
-        taken.stills,
+        inputs.stills,
         rig.camera,
         rig.T_antenna_camera,
         rig.antenna.parameters,
         "antenna",
         Paint(rig.image.bright, rig.image.weights),
     )
-    held = hold(rig, seen, taken.session.load_readings)
-    free = [one for one in held if not isinstance(one.still, Load)]
-    return free, [one for one in held if isinstance(one.still, Load)]
+    return check_stills(rig, seen, inputs.session.load_readings)
 
 
 def _refuse_other_antenna(rig: Rig, session: Session) -> None:
