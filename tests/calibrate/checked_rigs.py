@@ -13,6 +13,7 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
+from vbaa_calib.calibrate.check.assessment import Assessment
 from vbaa_calib.calibrate.check.inputs import NewPictures
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
@@ -44,6 +45,17 @@ QUALITY: dict[str, Any] = {
     "antenna": {"nominal_stiffness_Nm2": 3.88e-3},
 }
 """Of rig.json."""
+
+
+def answers(found: Assessment) -> dict[str, str]:
+    """Levels of the answers from new pictures, by question."""
+    assert found.session is not None
+    return {one.name: one.level for one in found.session.findings}
+
+
+def changed_answers(found: Assessment) -> set[str]:
+    """Questions about new pictures whose answers are bad."""
+    return {name for name, level in answers(found).items() if level not in ("holds", "not given")}
 
 
 def scene() -> Scene:

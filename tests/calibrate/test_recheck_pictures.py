@@ -23,7 +23,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.simulate.write import session_yaml
 
-from .checked_rigs import QUALITY, month_later, one_picture_each, rig_document, rig_of, scene
+from .checked_rigs import QUALITY, answers, month_later, one_picture_each, rig_document, rig_of, scene
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +38,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     return SimpleNamespace(folder=folder, rig=folder / "rig.json", old=folder / "old.json", new=new)
 
 
-def levels(found: Assessment) -> dict[str, str]:
-    assert found.session is not None
-    return {one.name: one.level for one in found.session.findings}
-
-
 def answer(found: Assessment, name: str) -> Finding:
     assert found.session is not None
     return next(one for one in found.session.findings if one.name == name)
@@ -51,9 +46,9 @@ def answer(found: Assessment, name: str) -> Finding:
 def test_rig_json_alone_says_which_board_and_which_jig(made: SimpleNamespace) -> None:
     found = assess(made.rig, None, made.new)
     assert found.verdict == "holds", found.words
-    answers = levels(found)
-    assert answers["camera_pose"] == answers["free_antenna"] == answers["sensor_offset"] == "holds"
-    assert answers["stiffness"] == answers["sensor_gain"] == "not given"
+    levels = answers(found)
+    assert levels["camera_pose"] == levels["free_antenna"] == levels["sensor_offset"] == "holds"
+    assert levels["stiffness"] == levels["sensor_gain"] == "not given"
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["session"]["given"] == ["plane", "noload"]
 
 
@@ -81,16 +76,15 @@ def test_a_session_only_says_what_board_and_jig_are(made: SimpleNamespace, tmp_p
 @pytest.mark.parametrize(("part", "open_"), [("board", {"free_antenna", "sensor_offset"}), ("free", {"camera_pose"})])
 def test_one_picture_leaves_the_other_questions_open(made: SimpleNamespace, part: str, open_: set[str]) -> None:
     none: dict[str, Any] = {"free": None, "moment_Nm": None} if part == "board" else {"board": None}
-    answers = levels(assess(made.rig, None, replace(made.new, **none)))
-    assert all(answers[name] == "not given" for name in open_)
-    assert "holds" in answers.values()
+    levels = answers(assess(made.rig, None, replace(made.new, **none)))
+    assert all(levels[name] == "not given" for name in open_)
+    assert "holds" in levels.values()
 
 
 def test_without_a_reading_the_sensor_is_left_open(made: SimpleNamespace) -> None:
     found = assess(made.rig, None, replace(made.new, moment_Nm=None))
-    assert answer(found, "sensor_offset").level == "not given"
     assert "--moment" in answer(found, "sensor_offset").words
-    assert levels(found)["free_antenna"] == "holds"
+    assert answers(found)["free_antenna"] == "holds"
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["session"]["noload"][0]["moment_read_mNm"] is None
 
 
@@ -161,25 +155,32 @@ def test_pictures_that_are_none_are_refused_by_name(made: SimpleNamespace, tmp_p
         assess(made.rig, None, replace(made.new, board=made.new.free, free=None, moment_Nm=None))
 
 
-def test_the_command_in_one_line(made: SimpleNamespace, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    new = made.new
-    words = ["--board", str(new.board), "--free", str(new.free), "--pan", "0", "--tilt", "0", "--moment"]
-    argv = ["check", str(made.rig), *words, str(new.moment_Nm), "--json", "--html", str(tmp_path / "report.html")]
-    assert main(argv) == 0
+@pytest.mark.parametrize(
+    ("extra", "line"),
+    [
+        (["--moment", "0.001"], "--moment without --free"),
+        (["--board", "board.png", "--tilt", "0.1"], "--tilt without --free"),
+        (["--free", "free.png", "--pan", "30"], "pan_rad is 30"),
+    ],
+)
+def test_readings_that_belong_to_no_picture_are_refused(
+    made: SimpleNamespace, capsys: pytest.CaptureFixture[str], extra: list[str], line: str
+) -> None:
+    assert main(["check", str(made.rig), *extra]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert line in said.err
+
+
+def test_the_command_with_new_pictures(
+    made: SimpleNamespace, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    new, page = made.new, tmp_path / "free.html"
+    words = ["--board", str(new.board), "--free", str(new.free), "--moment", str(new.moment_Nm)]
+    assert main(["check", str(made.rig), *words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == "holds"
     assert main(["check", str(made.old), str(made.folder / "session"), "--board", str(new.board)]) == 0
-    capsys.readouterr()
-    for extra, line in (
-        (["--moment", "0.001"], "--moment without --free"),
-        (["--board", str(new.board), "--tilt", "0.1"], "--tilt without --free"),
-        (["--free", str(new.free), "--pan", "30"], "pan_rad is 30"),
-    ):
-        assert main(["check", str(made.rig), *extra]) == 2
-        said = capsys.readouterr()
-        assert said.out == ""
-        assert line in said.err
     assert main(["check", str(made.old), "--board", str(new.board)]) == 2
     assert "name the session that the rig was calibrated from" in capsys.readouterr().err
-    without = ["check", str(made.rig), "--free", str(new.free), "--html", str(tmp_path / "free.html")]
-    assert main(without) == 0
-    assert "nan" not in (tmp_path / "free.html").read_text().split("<svg")[0]
+    assert main(["check", str(made.rig), "--free", str(new.free), "--html", str(page)]) == 0
+    assert "nan" not in page.read_text().split("<svg")[0]
