@@ -15,7 +15,6 @@ from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
-
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
 from .change import joint_covariance
