@@ -18,8 +18,7 @@ from benchmarks.estimator.baselines import one_contact
 from benchmarks.vision.judge import peers
 from estimator import ContactEstimator
 from estimator.paper.inclined import inclined_two_point_contact
-from estimator.paper.straight_line import straight_line_contact
-from estimator.paper.two_point import force_z, two_point_contact
+from estimator.paper.two_point import force_z, straight_line_contact, two_point_contact
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.camera import Camera, CameraOnPlane
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels

@@ -10,8 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from estimator.paper.inclined import inclined_two_point_contact, project
-from estimator.paper.straight_line import straight_line_contact
-from estimator.paper.two_point import two_point_contact
+from estimator.paper.two_point import straight_line_contact, two_point_contact
 from vbaa_calib.antenna.rungs import curves
 from vbaa_calib.camera import CameraOnPlane
 

@@ -12,7 +12,7 @@ from benchmarks.estimator.setup import drawn_truth, rod_of
 from benchmarks.harness import or_none, rms_known
 from estimator import ContactEstimator
 from estimator.paper.baselines import Press, ask
-from estimator.paper.baselines.recorded import contact_moments, deflections, noise_of, wire_of
+from estimator.paper.baselines.press import contact_moments, deflections, noise_of, wire_of
 from vbaa_calib.geometry import Pose, rotation_world_antenna
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.touch import touch

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.contact.common_errors import Shared
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.touches import rubs_of, settled
+from estimator.object.friction.angles import rubs_of, settled
 from estimator.object.surface import Surface, reconstruct, touches_of
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, followed, rubbed

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.directions import Axes, roll_of, roll_rad, roll_std_rad
+from estimator.object.friction.angles import Axes, roll_of, roll_rad, roll_std_rad
 from estimator.object.surface import Surface, reconstruct, touches_of
 from vbaa_calib.geometry import Kinematics
 

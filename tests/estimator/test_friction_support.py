@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.object.friction.directions import Axes, side_by_side
+from estimator.object.friction.angles import Axes, side_by_side
 
 OWN_M2 = 1e-5**2 * np.eye(3)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from estimator.paper.straight_line import straight_line_contact
+from estimator.paper.two_point import straight_line_contact
 from vbaa_calib.antenna import linear
 
 EI, LENGTH = 3.9e-3, 0.24

@@ -9,7 +9,7 @@ import pytest
 
 from estimator.contact.motion import Beam
 from estimator.object.track import follow
-from estimator.object.track.ringing import frequency, ringing_events, swinging
+from estimator.object.track.events import frequency, ringing_events, swinging
 from estimator.table.contacts import ContactTable
 
 from .track_tables import evidence_table

@@ -2,23 +2,182 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimator.table.contacts import ContactTable
 
-from .coefficient import coefficient, enough, verdict
-from .directions import Axes, Directions, dot, roll_of, roll_rad, roll_std_rad, unit
-from .evidence import Evidence
-from .normals import Friction, normals_of
-from .touches import rubs_of
+from .angles import Axes, Directions, dot, roll_of, roll_rad, roll_std_rad, rubs_of, unit
+from .coefficient import Coefficient, coefficient, enough, verdict
+from .evidence import WRONG, Evidence, Rubs
 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import Shared
     from estimator.object.surface import Surface
     from estimator.object.track.result import Track
     from vbaa_calib.rig import Rig
+
+
+UNKNOWN_MU = 1.0
+"""Of an object whose friction is not known the force is thought to lean as far as this allows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """At P touches, world frame.
+
+    Attributes
+    ----------
+    normal : (P, 3) unit, out of the object. covariance : (P, 3, 3) rad².
+    turned_rad : (P,) by how much the force turned the shape's normal about the antenna, along normal × tangent.
+    """
+
+    normal: np.ndarray
+    covariance: np.ndarray
+    turned_rad: np.ndarray
+
+    @property
+    def std_rad(self) -> np.ndarray:
+        """(P,) the larger of the deviations in the two directions in which a normal can turn."""
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Turn:
+    """Turns (P,) about the antenna, along normal × tangent, rad, and their variances (P,)."""
+
+    angle_rad: np.ndarray
+    variance: np.ndarray
+
+    def joined(self, other: _Turn) -> _Turn:
+        """What both say; nothing is said by an infinite variance."""
+        share = self.variance / (self.variance + other.variance)
+        aim = np.where(np.isfinite(other.variance), other.angle_rad, 0.0)
+        return _Turn(self.angle_rad + share * (aim - self.angle_rad), self.variance * (1.0 - share))
+
+
+def normals_of(
+    normal: np.ndarray,
+    covariance: np.ndarray,
+    axes: Axes,
+    rubs: Rubs,
+    found: Directions,
+    mu: Coefficient | None,
+    largest_mu: float,
+) -> Normals:
+    """Shape's normals (P, 3) with covariance (P, 3, 3), turned about the antenna as the forces ask for.
+
+    Touches that slide took part in the fit of μ, and their normals' errors were found with it. In all others the force
+    lies somewhere in the cone of `largest_mu`, inf where nothing is known of it. Touches that fit no μ are believed no
+    more than that.
+    """
+    lateral = axes.lateral
+    variance = np.maximum(np.einsum("pi,pij,pj->p", lateral, covariance, lateral), 0.0)
+    shape, fitted = _Turn(np.zeros(len(rubs)), variance), np.zeros(len(rubs), bool)
+    if mu is not None:
+        shape, off = _by_fit(shape, rubs, mu)
+        fitted = rubs.slides & rubs.across & (off == 0.0)
+        shape = _Turn(shape.angle_rad, shape.variance + off**2)
+    turn = shape.joined(_by_force(rubs, found, mu, largest_mu, fitted))
+    sound = np.isfinite(turn.angle_rad) & np.isfinite(turn.variance) & (variance > 0)
+    angle = np.where(sound, turn.angle_rad, 0.0)
+    base = np.where(sound[:, None], np.nan_to_num(axes.normal), normal)
+    beside = np.where(sound[:, None], np.nan_to_num(lateral), 0.0)
+    stretched = np.sqrt(np.where(sound, turn.variance, 1.0) / np.where(sound, variance, 1.0)) - 1.0
+    stretch = np.eye(3) + stretched[:, None, None] * beside[:, :, None] * beside[:, None, :]
+    turned = np.cos(angle)[:, None] * base + np.sin(angle)[:, None] * beside
+    return Normals(turned, stretch @ covariance @ np.swapaxes(stretch, 1, 2), angle)
+
+
+def _by_force(rubs: Rubs, found: Directions, mu: Coefficient | None, largest_mu: float, fitted: np.ndarray) -> _Turn:
+    """Where the force alone sees the normal: on the cone's rim in touches that slide, if μ is known, in others anywhere
+    in it, taken as Gaussian; nothing where the fit has had its say."""
+    whole = found.lateral_std_rad**2 + np.sum(found.lateral_modes_rad**2, axis=1)
+    cone = np.arctan(largest_mu if np.isfinite(largest_mu) else UNKNOWN_MU) ** 2 / 3.0
+    angle, variance = found.lateral_rad, cone + whole
+    if mu is not None and np.isfinite(largest_mu):
+        rim = rubs.slides & ~rubs.across
+        lean = np.arctan(mu.mu * np.nan_to_num(rubs.slip[:, 0]))
+        unsure = mu.std**2 + (mu.mu * np.nan_to_num(rubs.slip[:, 1] * rubs.slip_std_rad)) ** 2
+        angle, variance = np.where(rim, angle + lean, angle), np.where(rim, whole + unsure, variance)
+    return _Turn(angle, np.where(fitted, np.inf, variance))
+
+
+def _by_fit(shape: _Turn, rubs: Rubs, mu: Coefficient) -> tuple[_Turn, np.ndarray]:
+    """What the fit found of the touches that took part, over the values that μ may have: their common errors and each
+    one's own. And by how much (P,) touches lie off, 0 where that is as it should be."""
+    modes = rubs.normal_modes_rad @ mu.axes.T
+    beyond = np.sum(rubs.normal_modes_rad**2, axis=1) - np.sum(modes**2, axis=1)
+    evidence = Evidence.of(rubs)
+    side, touch = evidence.lateral, evidence.touch[evidence.lateral]
+    total, square, off = np.zeros(len(rubs)), np.zeros(len(rubs)), np.zeros(len(rubs))
+    own = rubs.normal_std_rad[touch] ** 2
+    found, spreads = mu.fits, mu.widened * evidence.spread(mu.fits.mu)[:, side]
+    for index in np.flatnonzero(mu.weight > 1e-6):
+        worth, spread, error = mu.weight[index], spreads[index], found.off[index, side]
+        held = evidence.slides[side] & (np.abs(error) < WRONG)
+        share = np.where(held, own / spread**2, 0.0)
+        turn = modes @ found.modes[index]
+        left = np.einsum("pk,kl,pl->p", modes, found.covariance[index], modes, optimize=True) + beyond
+        turn[touch] += share * error * spread
+        left += rubs.normal_std_rad**2
+        left[touch] -= share * own
+        total += worth * turn
+        square += worth * (left + turn**2)
+        off[touch] += worth * np.where(np.abs(error) < WRONG, 0.0, error * spread)
+    used = rubs.across
+    left = np.where(used, np.maximum(square - total**2, 1e-12), shape.variance)
+    return _Turn(np.where(used, total, shape.angle_rad), left), off
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """What P touches say of the friction between antenna and object, one μ for both sticking and sliding.
+
+    Attributes
+    ----------
+    mu, std : coefficient of friction and its standard deviation; NaN unless `told`.
+    interval : (2,) of 95 %, common errors included. Where μ is not told, its one-sided bounds at 95 %: 0 and inf where
+        there is none.
+    cone_half_angle_rad : the paper's α = atan μ; NaN unless `told`.
+    told : whether the data tell μ. reason : in words, what it rests on, or why it is not told.
+    scatter : how much more the sliding touches scatter than they should; the deviations were widened where above 1.
+    used_as : (P,) "sliding": friction is μN against the slip; "sticking": at most that; "unused".
+    row : (P,) of the table.
+    angle_rad, angle_std_rad : (P,) between force and shape's normal. Never negative, so about as large as its deviation
+        where nothing rubs.
+    lateral_rad, lateral_std_rad : (P,) its part about the antenna, from the shape's normal towards normal × tangent.
+    longitudinal_rad, longitudinal_std_rad : (P,) its part along the antenna, towards the clamp: the estimator's
+        friction angle, which is as good as unknown where its deviation is about what was said before.
+    psi_rad, psi_std_rad : (P,) direction of the force in the antenna's yz plane (Fig. 5).
+    nu_rad, nu_std_rad : (P,) the shape's normal's in the same; NaN without the rig.
+    lateral_slip : (P,) share of the slip that is across the antenna, signed; NaN where nothing slides.
+    normals : of shape, tangents and force together.
+    """
+
+    mu: float
+    std: float
+    interval: np.ndarray
+    cone_half_angle_rad: float
+    told: bool
+    reason: str
+    scatter: float
+    used_as: np.ndarray
+    row: np.ndarray
+    angle_rad: np.ndarray
+    angle_std_rad: np.ndarray
+    lateral_rad: np.ndarray
+    lateral_std_rad: np.ndarray
+    longitudinal_rad: np.ndarray
+    longitudinal_std_rad: np.ndarray
+    psi_rad: np.ndarray
+    psi_std_rad: np.ndarray
+    nu_rad: np.ndarray
+    nu_std_rad: np.ndarray
+    lateral_slip: np.ndarray
+    normals: Normals
 
 
 def friction(

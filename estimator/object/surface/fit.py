@@ -10,8 +10,7 @@ from .equations import IGNORED, Patch, Seen, equations, slope_rows
 from .kernel import Prior
 from .normals import Normals, felt_normals
 from .patches import facing, group, tangent_frame
-from .smoothness import learn
-from .solution import Fitted, Solution, left_out_residuals, solve
+from .solution import Fitted, Solution, learn, left_out_residuals, solve
 from .touches import Touches
 
 ROUNDS, LEARNING, MOST_ROUNDS = 3, 2, 15

@@ -10,12 +10,10 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 
-from .events import contact_events, slip_events
+from .events import contact_events, ringing_events, slip_events, swinging
 from .onset import Contacting, contacting
 from .result import FREE, ROLLING, SLIDING, STICKING, TOUCHING, UNKNOWN, Event, Track
-from .ringing import ringing_events, swinging
-from .slip import Slip, slip
-from .strokes import Stroke, strokes
+from .slip import Slip, Stroke, slip, strokes
 
 CLEAR, STILL_CLEAR = 4.5, 2.5
 """Deviations by which a slip must stand out to be called one, and for it to go on."""

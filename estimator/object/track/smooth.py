@@ -20,7 +20,7 @@ from vbaa_calib.rig import Rig
 
 from .follow import follow
 from .result import LOSS, SLIP_END, SLIP_START, Track
-from .strokes import GAP_FRAMES, own_noise, usual_step
+from .slip import GAP_FRAMES, own_noise, usual_step
 
 _DECADES = (-8.0, 4.0)
 _TRIALS = 37

@@ -5,8 +5,7 @@ They are kept as their authors had them, with their assumptions; `METHODS` lists
 """
 
 from .methods import METHODS, NEEDS, Method, ask
-from .press import Noise, Press, Reading, Ring, Wire, tared, world_turn
-from .recorded import press_seen
+from .press import Noise, Press, Reading, Ring, Wire, press_seen, tared, world_turn
 
 __all__ = [
     "METHODS",
