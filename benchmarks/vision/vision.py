@@ -204,7 +204,7 @@ def _hostile_row(empty: bool, pictures: int, seed: int, size: tuple[int, int]) -
 
 def _seen(shot: Shot, rng: np.random.Generator) -> Centreline:
     finder = AntennaFinder.prepare(corridor(shot, rng), shot.size)
-    return finder.expecting(usual_height(shot, rng)).find(photograph(shot, rng), not shot.dark)
+    return finder.with_usual_height(usual_height(shot, rng)).find(photograph(shot, rng), not shot.dark)
 
 
 def as_text(methods: Sequence[MethodRow], hard: Sequence[HardRow], hostile: Sequence[HostileRow]) -> str:

@@ -14,7 +14,7 @@ from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.whisker.antenna import corridor, find_along, finder, free_curve, pixels, width_px
-from vbaa_calib.detect.whisker.background import Ground
+from vbaa_calib.detect.whisker.background import Background
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint
@@ -105,7 +105,7 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | 
     """What looks for the antenna under this gravity (antenna frame); None where the lens cannot show the antenna."""
     free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
     found = finder(corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m), rig.camera)
-    return found if found is None or rig.image.height is None else found.expecting(rig.image.height)
+    return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
 
 
 def look_again(estimator: ContactEstimator, glances: Sequence[Glance]) -> list[Look]:
@@ -151,12 +151,12 @@ def _read_plane(rig: Rig, path: Path) -> np.ndarray:
     return paint(rig).plane(image)
 
 
-def read_ground(rig: Rig, path: Path) -> Ground:
+def read_ground(rig: Rig, path: Path) -> Background:
     """The surroundings from a picture of the same view without the antenna. Raises InputError as `read_plane` does."""
-    return Ground(_read_plane(rig, path).astype(np.float32))
+    return Background(_read_plane(rig, path).astype(np.float32))
 
 
-def glance(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> Glance:
+def glance(estimator: ContactEstimator, frame: Frame, ground: Background | None = None) -> Glance:
     """A first look at a frame's picture, less the ground if that is known.
 
     Raises InputError when the picture cannot be read or has another size.
@@ -164,12 +164,12 @@ def glance(estimator: ContactEstimator, frame: Frame, ground: Ground | None = No
     assert frame.image is not None
     image = _read_plane(estimator.rig, frame.image)
     if ground is not None:
-        image = ground.taken_off(image)
+        image = ground.subtracted_from(image)
     return Glance(frame, image, look(estimator.rig, frame, image))
 
 
 def estimate_pictures(
-    estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
+    estimator: ContactEstimator, frames: Sequence[Frame], ground: Background | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
     given, kept = tee(looks(estimator, (glance(estimator, frame, ground) for frame in frames)))
@@ -178,7 +178,7 @@ def estimate_pictures(
         yield FrameContact(frame, said, seen.measured, seen.line)
 
 
-def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
+def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Background | None = None) -> FrameContact:
     """One frame from its picture, as `estimate_pictures` does it but for its motion."""
     return next(estimate_pictures(estimator, [frame], ground))
 
@@ -200,7 +200,7 @@ def estimate_centrelines(
 
 
 def estimate_recording(
-    estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
+    estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Background | None = None
 ) -> Iterator[FrameContact]:
     """Every frame of a session's recording, in order; none is dropped. The ground is taken off every picture."""
     if frames[0].image is not None:

@@ -7,8 +7,8 @@ import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.whisker.antenna import find, find_along
-from vbaa_calib.detect.whisker.background import Ground
-from vbaa_calib.detect.whisker.centreline import Sight
+from vbaa_calib.detect.whisker.background import Background
+from vbaa_calib.detect.whisker.centreline import Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, learn
@@ -74,11 +74,11 @@ def test_the_known_ground_is_taken_off(finder: AntennaFinder) -> None:
     free, path = bent((40.0, 120.4), 0.0, 2.0), bent((40.0, 120.4), 0.0, 30.0)
     still = exposed(ground + tube(free, WIDTH_PX, 70.0), rng)
     line = finder.find(exposed(background(rng, 2.0) + tube(free, WIDTH_PX, 70.0), rng))
-    empty = Ground.learn([still], [line], WIDTH_PX)
+    empty = Background.learn([still], [line], WIDTH_PX)
     image = exposed(1.2 * (ground + tube(path, WIDTH_PX, 30.0)), rng)
     confused = finder.find(image)
     assert not confused.found or np.abs(aside(path, confused.points_px)).max() > 5.0
-    seen = finder.find(empty.taken_off(image))
+    seen = finder.find(empty.subtracted_from(image))
     assert seen.found
     assert np.median(np.abs(aside(path, seen.points_px))) < 0.1
 
@@ -92,11 +92,11 @@ def test_what_is_hidden_and_where_the_visible_end_is(finder: AntennaFinder) -> N
     assert line.found
     assert line.end == "hidden"
     assert 208.0 < line.end_px[0] <= 216.0
-    gap = np.concatenate(line.stretches(Sight.HIDDEN))
+    gap = np.concatenate(line.stretches(Visibility.HIDDEN))
     assert 110.0 < gap[:, 0].min() < 122.0
     assert 148.0 < gap[:, 0].max() < 160.0
     assert np.abs(aside(path, gap)).max() < 1.5, "the bridge over what is hidden"
-    assert np.concatenate(line.stretches(Sight.BEYOND))[:, 0].min() > 205.0
+    assert np.concatenate(line.stretches(Visibility.BEYOND))[:, 0].min() > 205.0
     whole = finder.find(exposed(picture(rng, 25.0)[0], rng))
     assert whole.end == "tip"
 
@@ -138,4 +138,4 @@ def test_any_corridor_in_any_picture(seed: int) -> None:
             assert np.isfinite(line.sigma_px).all()
             assert not line.found
             assert line.reason
-            assert len(line.sight) == len(line.guide_px)
+            assert len(line.visibility) == len(line.guide_px)

@@ -8,17 +8,17 @@ import pytest
 from vbaa_calib.detect.drawing.canvas import ascii_text, text_size, wrapped
 from vbaa_calib.detect.drawing.overlay import (
     HIDDEN,
+    OTHER_LINE,
     OUTSIDE,
-    RIVAL,
     VERDICT_COLOURS,
     background,
+    centreline_picture,
     corridor_mask,
     described,
-    sight_picture,
     sigma_colours,
 )
 from vbaa_calib.detect.whisker.antenna import find
-from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline, EndKind, Sight, Verdict
+from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline, EndKind, Verdict, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 
 from .drawn_lines import SIZE, exposed, straight, tube
@@ -28,12 +28,12 @@ AXIS = np.stack([np.linspace(40.0, 280.0, 25), np.full(25, 120.0)], axis=1)
 WHERE = Corridor(AXIS, 8.0 + 0.9 * (AXIS[:, 0] - 40.0), 4.0)
 
 
-def line_of(verdict: Verdict = "ok", end: EndKind = "tip", sight: Sight = Sight.HIDDEN) -> Centreline:
-    """A centreline of which the second third has that sight."""
+def line_of(verdict: Verdict = "ok", end: EndKind = "tip", visibility: Visibility = Visibility.HIDDEN) -> Centreline:
+    """A centreline of which the second third has that visibility."""
     guide = np.stack([np.linspace(40.0, 280.0, 241), np.linspace(120.0, 90.0, 241)], axis=1)
-    seen = np.full(241, Sight.SEEN, np.uint8)
-    seen[80:160] = sight
-    kept = seen == Sight.SEEN
+    seen = np.full(241, Visibility.SEEN, np.uint8)
+    seen[80:160] = visibility
+    kept = seen == Visibility.SEEN
     return Centreline(
         points_px=guide[kept],
         sigma_px=np.full(int(kept.sum()), 0.05),
@@ -43,10 +43,10 @@ def line_of(verdict: Verdict = "ok", end: EndKind = "tip", sight: Sight = Sight.
         verdict=verdict,
         reason="" if verdict == "ok" else f"words about {verdict}",
         guide_px=guide,
-        sight=seen,
+        visibility=seen,
         end_px=guide[-1],
         end=end,
-        rival_px=guide + np.array([0.0, 60.0]) if verdict == "ambiguous" else np.empty((0, 2)),
+        other_line_px=guide + np.array([0.0, 60.0]) if verdict == "ambiguous" else np.empty((0, 2)),
         noise=2.0,
     )
 
@@ -58,22 +58,22 @@ def has(image: np.ndarray, colour: tuple[int, int, int]) -> bool:
 
 @pytest.mark.parametrize("verdict", VERDICT_COLOURS)
 def test_every_verdict_is_drawn(verdict: Verdict) -> None:
-    drawn = sight_picture(np.full(SIZE, 60, np.uint8), line_of(verdict), WHERE, "a picture", "a note")
+    drawn = centreline_picture(np.full(SIZE, 60, np.uint8), line_of(verdict), WHERE, "a picture", "a note")
     assert drawn.shape[1] == 3 * SIZE[1]
     assert has(drawn, HIDDEN)
-    assert has(drawn, RIVAL) == (verdict == "ambiguous")
+    assert has(drawn, OTHER_LINE) == (verdict == "ambiguous")
     badge = np.abs(drawn[3 * SIZE[0] :].astype(int) - np.array(VERDICT_COLOURS[verdict])).max(axis=-1) < 3
     assert badge.sum() > 300
 
 
-@pytest.mark.parametrize(("sight", "colour"), [(Sight.BEYOND, HIDDEN), (Sight.OUTSIDE, OUTSIDE)])
-def test_what_is_not_seen_is_dashed(sight: Sight, colour: tuple[int, int, int]) -> None:
-    drawn = sight_picture(np.full(SIZE, 60, np.uint8), line_of(sight=sight), WHERE, "", "")
+@pytest.mark.parametrize(("visibility", "colour"), [(Visibility.BEYOND, HIDDEN), (Visibility.OUTSIDE, OUTSIDE)])
+def test_what_is_not_seen_is_dashed(visibility: Visibility, colour: tuple[int, int, int]) -> None:
+    drawn = centreline_picture(np.full(SIZE, 60, np.uint8), line_of(visibility=visibility), WHERE, "", "")
     assert has(drawn, colour)
 
 
 def test_nothing_found_and_no_corridor() -> None:
-    drawn = sight_picture(np.zeros(SIZE, np.uint8), NOTHING, None, "", "")
+    drawn = centreline_picture(np.zeros(SIZE, np.uint8), NOTHING, None, "", "")
     assert drawn.shape[1] == 3 * SIZE[1]
     assert described(NOTHING) == "no point of the antenna was measured"
 
@@ -102,7 +102,7 @@ def test_a_real_picture_is_marked_along_the_antenna() -> None:
     image = exposed(scene(rng) + tube(ends, 4.0, 80.0), rng)
     line = find(image, WHERE)
     assert line.found
-    drawn = sight_picture(image, line, WHERE, "", "").astype(int)
+    drawn = centreline_picture(image, line, WHERE, "", "").astype(int)
     row = drawn[3 * 120 + 1, 3 * 60 : 3 * 260]
     assert (row[:, 0] - row[:, 2] > 150).mean() > 0.95
 

@@ -88,7 +88,7 @@ def test_pictures_are_judged_for_motion_too(monkeypatch: pytest.MonkeyPatch) -> 
     """What was seen in each picture goes through the same stream; a picture without an antenna keeps its own words."""
     lost = 20
     seen = [
-        recording.Look(NOTHING if index == lost else NOTHING.judged("ok", ""), measured)
+        recording.Look(NOTHING if index == lost else NOTHING.with_verdict("ok", ""), measured)
         for index, measured in enumerate(recorded(touched(0.02)))
     ]
     seen[lost] = replace(

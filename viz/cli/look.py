@@ -89,9 +89,9 @@ def _taken_off(picture: np.ndarray, empty: np.ndarray) -> np.ndarray:
     """(H, W) float32: what is in the picture and not in the empty scene."""
     import numpy as np
 
-    from vbaa_calib.detect.whisker.background import Ground
+    from vbaa_calib.detect.whisker.background import Background
 
-    return Ground(empty.astype(np.float32)).taken_off(picture)
+    return Background(empty.astype(np.float32)).subtracted_from(picture)
 
 
 def _other_way(rig: Rig) -> Rig:
@@ -104,11 +104,11 @@ def _other_way(rig: Rig) -> Rig:
 def _drawn(rig: Rig, frame: Frame, picture: np.ndarray, line: Centreline, paint: str) -> np.ndarray:
     """(H, W, 3) uint8, blue, green, red: the picture with what was seen, over a legend."""
     from estimator.contact.overlay import corridor_of
-    from vbaa_calib.detect.drawing.overlay import sight_picture
+    from vbaa_calib.detect.drawing.overlay import centreline_picture
 
     assert frame.image is not None
     joints = f"pan {frame.pan_rad:.3f}, tilt {frame.tilt_rad:.3f} rad"
-    return sight_picture(picture, line, corridor_of(rig, frame), f"{frame.image.name}, {joints}", paint)
+    return centreline_picture(picture, line, corridor_of(rig, frame), f"{frame.image.name}, {joints}", paint)
 
 
 def _write(image: np.ndarray, path: Path, force: bool) -> None:
@@ -124,14 +124,14 @@ def _numbers(line: Centreline, bright: bool, other_way: bool) -> dict[str, Any]:
     """For --json: null where a number does not exist."""
     import numpy as np
 
-    from vbaa_calib.detect.whisker.centreline import Sight
+    from vbaa_calib.detect.whisker.centreline import Visibility
 
     measured = len(line.points_px) > 0
     return {
         "verdict": line.verdict,
         "reason": line.reason,
         "seen": line.seen,
-        "hidden": float(np.mean(np.asarray(line.sight) == Sight.HIDDEN)) if len(line.sight) else 0.0,
+        "hidden": float(np.mean(np.asarray(line.visibility) == Visibility.HIDDEN)) if len(line.visibility) else 0.0,
         "points": len(line.points_px),
         "sigma_median_px": float(np.median(line.sigma_px)) if measured else None,
         "end": line.end,

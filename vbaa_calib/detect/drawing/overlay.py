@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from vbaa_calib.detect.whisker.centreline import Centreline, Sight
+from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor, normals
 
 from .canvas import WHITE, Canvas, Colour, stacked
@@ -17,7 +17,7 @@ CORRIDOR: Colour = (150, 128, 112)
 FREE: Colour = (255, 150, 90)
 HIDDEN: Colour = (40, 140, 255)
 OUTSIDE: Colour = (150, 150, 150)
-RIVAL: Colour = (70, 70, 255)
+OTHER_LINE: Colour = (70, 70, 255)
 SIGMA_RANGE_PX = (0.02, 0.5)
 """Deviations that have the ends of the colour scale: the same in every picture, so that pictures compare."""
 SURE, UNSURE = np.array([255.0, 255.0, 0.0]), np.array([255.0, 0.0, 255.0])
@@ -55,7 +55,9 @@ def background(image: np.ndarray, where: Corridor | None) -> np.ndarray:
     return grey.astype(np.uint8)
 
 
-def sight_picture(image: np.ndarray, line: Centreline, where: Corridor | None, title: str, note: str) -> np.ndarray:
+def centreline_picture(
+    image: np.ndarray, line: Centreline, where: Corridor | None, title: str, note: str
+) -> np.ndarray:
     """(H, W, 3) uint8, blue, green, red: a grey picture (H, W) with what was seen in it, over a legend."""
     canvas = Canvas.over(background(image, where))
     if where is not None:
@@ -99,11 +101,11 @@ def draw_clamp(canvas: Canvas, where: Corridor) -> None:
 
 
 def draw_centreline(canvas: Canvas, line: Centreline, *, named: bool = True) -> None:
-    """Points by their deviation, hidden stretches and those outside dashed, a rival, and where the visible end is."""
-    if len(line.rival_px):
-        canvas.line(line.rival_px, RIVAL, 2.0)
-    for sight, colour in ((Sight.OUTSIDE, OUTSIDE), (Sight.BEYOND, HIDDEN), (Sight.HIDDEN, HIDDEN)):
-        for piece in line.stretches(sight):
+    """Points by their deviation; hidden stretches and those outside dashed; a second line; the visible end."""
+    if len(line.other_line_px):
+        canvas.line(line.other_line_px, OTHER_LINE, 2.0)
+    for visibility, colour in ((Visibility.OUTSIDE, OUTSIDE), (Visibility.BEYOND, HIDDEN), (Visibility.HIDDEN, HIDDEN)):
+        for piece in line.stretches(visibility):
             canvas.dashes(piece, colour, 2.0, 5.0)
     canvas.graded(line.points_px, sigma_colours(line.sigma_px))
     if line.end != "none" and np.isfinite(line.end_px).all():
@@ -128,12 +130,12 @@ def keys(line: Centreline | None, where: Corridor | None) -> list[Key]:
     found: list[Key] = []
     if line is None or len(line.points_px):
         found.append(Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale))
-    if line is not None and (np.isin(line.sight, (Sight.HIDDEN, Sight.BEYOND))).any():
+    if line is not None and (np.isin(line.visibility, (Visibility.HIDDEN, Visibility.BEYOND))).any():
         found.append(Key("hidden, or not measured", HIDDEN, "dashes"))
-    if line is not None and (np.asarray(line.sight) == Sight.OUTSIDE).any():
+    if line is not None and (np.asarray(line.visibility) == Visibility.OUTSIDE).any():
         found.append(Key("outside the picture", OUTSIDE, "dashes"))
-    if line is not None and len(line.rival_px):
-        found.append(Key("the other line", RIVAL))
+    if line is not None and len(line.other_line_px):
+        found.append(Key("the other line", OTHER_LINE))
     if where is not None:
         found += [Key("free antenna, predicted", FREE, "dashes"), Key("where it may be", CORRIDOR)]
     return found
@@ -148,7 +150,7 @@ def described(line: Centreline) -> str:
         f"{100 * line.seen:.0f} % of its length seen, {len(line.points_px)} points",
         f"std across it {middle:.3f} px ({low:.3f} to {high:.3f})",
     ]
-    hidden = float((np.asarray(line.sight) == Sight.HIDDEN).mean()) if len(line.sight) else 0.0
+    hidden = float((np.asarray(line.visibility) == Visibility.HIDDEN).mean()) if len(line.visibility) else 0.0
     if hidden:
         parts.append(f"{100 * hidden:.0f} % hidden between seen parts")
     if line.end != "none":

@@ -1,14 +1,15 @@
-"""From fitted profiles to a centreline: what was seen and what is hidden, where it ends, and whether to believe it."""
+"""Acceptance: whether fitted profiles show the antenna, what of it is seen or hidden, and where it ends."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from . import smooth
-from .centreline import Centreline, EndKind, Sight, Verdict
+from .centreline import Centreline, EndKind, Verdict, Visibility
 from .crossings import Crossings
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
@@ -30,7 +31,7 @@ LEAST_CONTRAST, CLEAR_CONTRAST = 2.0, 8.0
 """Least height over the noise of a pixel; and of an antenna that is clear."""
 FAINT = 0.4
 """A line fainter than this part of the usual height is another thing's."""
-RIVAL_SEEN = 0.7
+OTHER_LINE_SEEN = 0.7
 """A second line of which this much is seen, of what is seen of the first, makes the picture ambiguous."""
 LEAST_POINTS = 12
 _SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
@@ -38,65 +39,83 @@ TIP_SHARE, TIP_PX = 0.04, 4.0
 """So near the guide's end, of its length and in pixels, the visible end is the tip."""
 
 
-def described(
-    found: Crossings,
-    centre: np.ndarray,
-    sigma_px: np.ndarray,
-    kept: np.ndarray,
-    there: np.ndarray,
-    course: np.ndarray,
-    height: np.ndarray,
-    breadth: float,
-    noise: float,
-) -> Centreline:
-    """The centreline of N profiles: `centre` and the smooth `course` (N,) along them.
+@dataclass(frozen=True, eq=False)
+class FittedLine:
+    """A line fitted to N profiles, not yet accepted as the antenna.
 
-    `kept` (N,) is where it was measured, `there` (N,) where it shows, though perhaps beside something that draws it
-    aside.
+    Attributes
+    ----------
+    centre, course : (N,) along the profiles, px; the course is smooth.
+    sigma_px : (N,) standard deviation across the line.
+    kept : (N,) where it was measured. there : (N,) where it shows, though perhaps beside something that draws it aside.
+    height : (N,) grey levels. noise : of a pixel, grey levels.
+    breadth : over what an antenna in focus has.
     """
-    sight = np.where(kept, Sight.SEEN, np.where(found.inside, Sight.HIDDEN, Sight.OUTSIDE)).astype(np.uint8)
+
+    centre: np.ndarray
+    course: np.ndarray
+    sigma_px: np.ndarray
+    kept: np.ndarray
+    there: np.ndarray
+    height: np.ndarray
+    noise: float
+    breadth: float
+
+    @property
+    def contrast(self) -> float:
+        """Median height over the noise."""
+        return smooth.median(self.height[self.kept]) / max(self.noise, 1e-9) if self.kept.any() else 0.0
+
+
+def accepted(found: Crossings, line: FittedLine) -> Centreline:
+    """The centreline of N profiles, with its verdict."""
+    kept = line.kept
+    visibility = np.where(kept, Visibility.SEEN, np.where(found.inside, Visibility.HIDDEN, Visibility.OUTSIDE)).astype(
+        np.uint8
+    )
     last = int(np.flatnonzero(kept)[-1]) if kept.any() else -1
     after = np.arange(len(kept)) > last
-    sight[after & (sight == Sight.HIDDEN)] = Sight.BEYOND
-    everywhere = found.moved(centre)
+    visibility[after & (visibility == Visibility.HIDDEN)] = Visibility.BEYOND
+    everywhere = found.moved(line.centre)
     points = everywhere[kept]
-    contrast = smooth.median(height[kept]) / max(noise, 1e-9) if kept.any() else 0.0
-    doubt = _doubt(found, everywhere, sigma_px, kept, float(there.mean()), breadth, contrast)
+    doubt = _doubt(found, everywhere, line)
     verdict, reason = doubt or ("ok", "")
     return Centreline(
         points_px=points,
-        sigma_px=sigma_px[kept],
+        sigma_px=line.sigma_px[kept],
         seen=float(kept.mean()),
-        amplitude=smooth.median(height[kept]) if kept.any() else 0.0,
-        breadth=breadth,
+        amplitude=smooth.median(line.height[kept]) if kept.any() else 0.0,
+        breadth=line.breadth,
         verdict=verdict,
         reason=reason,
-        guide_px=found.moved(course),
-        sight=sight,
+        guide_px=found.moved(line.course),
+        visibility=visibility,
         end_px=points[-1] if len(points) else np.full(2, np.nan),
-        end=_end(found, sight, last),
-        noise=noise,
+        end=_end(found, visibility, last),
+        noise=line.noise,
     )
 
 
-def settled(lines: Sequence[Centreline], width_px: float) -> Centreline:
-    """One centreline out of those along the best path and along its rivals, best first."""
+def best_of(lines: Sequence[Centreline], width_px: float) -> Centreline:
+    """One centreline out of those along the best path and along the others, best first."""
     ranked = sorted(lines, key=lambda line: -line.seen)
     best = ranked[0]
-    for rival in ranked[1:]:
-        if best.found and rival.found and rival.seen > RIVAL_SEEN * best.seen and _differ(best, rival, width_px):
+    for other in ranked[1:]:
+        if best.found and other.found and other.seen > OTHER_LINE_SEEN * best.seen and _differ(best, other, width_px):
             why = (
-                f"two lines could be the antenna: {100 * best.seen:.0f} and {100 * rival.seen:.0f} % of its length seen"
+                f"two lines could be the antenna: {100 * best.seen:.0f} and {100 * other.seen:.0f} % of its length seen"
             )
-            return best.judged("ambiguous", why, rival.points_px)
+            return best.with_verdict("ambiguous", why, other.points_px)
     return best
 
 
-def not_faint(line: Centreline, usual_height: float) -> Centreline:
+def reject_faint(line: Centreline, usual_height: float) -> Centreline:
     """The centreline, with another verdict where it is too faint: blur lowers a line and broadens it alike."""
     if line.found and line.amplitude * max(line.breadth, 1.0) < FAINT * usual_height:
         share = 100.0 * line.amplitude / usual_height
-        return line.judged("no_antenna", f"what could be the antenna is too faint ({share:.0f} % of its usual height)")
+        return line.with_verdict(
+            "no_antenna", f"what could be the antenna is too faint ({share:.0f} % of its usual height)"
+        )
     return line
 
 
@@ -107,26 +126,19 @@ def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:
     return bool((gap > 2.0 * width_px + 4.0).mean() > 0.3)
 
 
-def _end(found: Crossings, sight: np.ndarray, last: int) -> EndKind:
+def _end(found: Crossings, visibility: np.ndarray, last: int) -> EndKind:
     if last < 0:
         return "none"
     length = float(found.along[-1])
     if length - found.along[last] <= max(TIP_PX, TIP_SHARE * length):
         return "tip"
-    beyond = sight[last + 1 : last + 6]
-    return "border" if (beyond == Sight.OUTSIDE).any() else "hidden"
+    beyond = visibility[last + 1 : last + 6]
+    return "border" if (beyond == Visibility.OUTSIDE).any() else "hidden"
 
 
-def _doubt(
-    found: Crossings,
-    points: np.ndarray,
-    sigma_px: np.ndarray,
-    kept: np.ndarray,
-    there: float,
-    breadth: float,
-    contrast: float,
-) -> tuple[Verdict, str] | None:
+def _doubt(found: Crossings, points: np.ndarray, line: FittedLine) -> tuple[Verdict, str] | None:
     """Why these points (N, 2) are no antenna, or not enough of one; None where nothing speaks against it."""
+    kept, breadth, contrast = line.kept, line.breadth, line.contrast
     seen, inside = float(kept.mean()), max(float(found.inside.mean()), 1e-9)
     share = f"{100 * seen:.0f} % of its length seen"
     if kept.sum() < LEAST_POINTS or seen < 0.05:
@@ -136,9 +148,11 @@ def _doubt(
     if contrast < LEAST_CONTRAST:
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
     wander, snaking = _wander(found.along, points, kept)
-    if wander > np.hypot(WANDER_PX, WANDER_SIGMA * smooth.median(sigma_px[kept])) or snaking > SNAKING_RAD:
+    if wander > np.hypot(WANDER_PX, WANDER_SIGMA * smooth.median(line.sigma_px[kept])) or snaking > SNAKING_RAD:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
-    enough = seen / inside >= LEAST_SEEN_INSIDE or (there / inside >= LEAST_THERE and contrast > CLEAR_CONTRAST)
+    enough = seen / inside >= LEAST_SEEN_INSIDE or (
+        line.there.mean() / inside >= LEAST_THERE and contrast > CLEAR_CONTRAST
+    )
     if seen < LEAST_SEEN or not enough:
         return "too_little", f"too little of the antenna to be sure of it ({share})"
     if kept[found.along < ROOT * found.along[-1]].mean() < LEAST_ROOT:

@@ -1,4 +1,4 @@
-"""The surroundings without the antenna, from no-load pictures: taken off a picture, only what is new stays."""
+"""Background subtraction: the scene without the antenna, learned from no-load pictures."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from .centreline import Centreline
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class Background:
     """The empty scene: `grey` (H, W) float32. Only for a camera and a background that stand still."""
 
     grey: np.ndarray
 
     @staticmethod
-    def learn(images: Sequence[np.ndarray], lines: Sequence[Centreline], width_px: float) -> Ground:
+    def learn(images: Sequence[np.ndarray], lines: Sequence[Centreline], width_px: float) -> Background:
         """The median of pictures (H, W) of the free antenna, with the antenna painted over from its two sides."""
         empty = [_painted_over(image, line, width_px) for image, line in zip(images, lines, strict=True)]
-        return Ground(np.median(empty, axis=0).astype(np.float32))
+        return Background(np.median(empty, axis=0).astype(np.float32))
 
-    def taken_off(self, image: np.ndarray) -> np.ndarray:
-        """(H, W) float32 picture less the ground, in the picture's own light: the ground is brightened to fit it."""
+    def subtracted_from(self, image: np.ndarray) -> np.ndarray:
+        """(H, W) float32 picture less the background, scaled to the picture's brightness."""
         picture = image.astype(np.float32)
         few = (slice(None, None, 7), slice(None, None, 7))
         return picture - self.grey * (float(np.median(picture[few])) / max(float(np.median(self.grey[few])), 1e-6))

@@ -12,8 +12,8 @@ Verdict = Literal["ok", "no_antenna", "too_little", "ambiguous"]
 EndKind = Literal["tip", "hidden", "border", "none"]
 
 
-class Sight(IntEnum):
-    """What became of one place along the guide."""
+class Visibility(IntEnum):
+    """What was seen at one place along the guide."""
 
     SEEN = 0
     """The antenna was measured here."""
@@ -49,11 +49,11 @@ class Centreline:
     reason : the verdict in words; empty when it is "ok".
     guide_px : (K, 2) the path that was looked along, from the clamp to where a whole antenna ends; where the antenna
         is hidden it is bridged.
-    sight : (K,) one `Sight` for each point of the guide.
+    visibility : (K,) one `Visibility` for each point of the guide.
     end_px : (2,) the visible end; NaN where there is none.
     end : what the visible end is: the antenna's "tip", "hidden" (the rest is, or the antenna is shorter than
         expected), the picture's "border", or "none".
-    rival_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
+    other_line_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
     noise : standard deviation of a pixel beside the line, grey levels.
     """
 
@@ -65,10 +65,10 @@ class Centreline:
     verdict: Verdict = "no_antenna"
     reason: str = "nothing in the picture looks like the antenna"
     guide_px: np.ndarray = field(default_factory=_no_points)
-    sight: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint8))
+    visibility: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint8))
     end_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     end: EndKind = "none"
-    rival_px: np.ndarray = field(default_factory=_no_points)
+    other_line_px: np.ndarray = field(default_factory=_no_points)
     noise: float = 0.0
 
     @property
@@ -76,15 +76,17 @@ class Centreline:
         """Whether the verdict is "ok"."""
         return self.verdict == "ok"
 
-    def stretches(self, sight: Sight) -> list[np.ndarray]:
-        """The guide's pieces (M, 2), M ≥ 2, along which it has this sight: for drawing, and to say what is hidden."""
-        here = np.flatnonzero(np.asarray(self.sight) == sight)
+    def stretches(self, visibility: Visibility) -> list[np.ndarray]:
+        """Pieces (M, 2) of the guide, M ≥ 2, that have this visibility."""
+        here = np.flatnonzero(np.asarray(self.visibility) == visibility)
         pieces = np.split(here, np.flatnonzero(np.diff(here) > 1) + 1)
         return [self.guide_px[piece] for piece in pieces if len(piece) >= 2]
 
-    def judged(self, verdict: Verdict, reason: str, rival_px: np.ndarray | None = None) -> Centreline:
+    def with_verdict(self, verdict: Verdict, reason: str, other_line_px: np.ndarray | None = None) -> Centreline:
         """The same centreline with another verdict."""
-        return replace(self, verdict=verdict, reason=reason, rival_px=_no_points() if rival_px is None else rival_px)
+        return replace(
+            self, verdict=verdict, reason=reason, other_line_px=_no_points() if other_line_px is None else other_line_px
+        )
 
 
 NOTHING = Centreline(_no_points(), _no_numbers(), 0.0, 0.0, 1.0)

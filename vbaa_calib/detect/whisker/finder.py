@@ -9,15 +9,15 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-from .acceptance import not_faint, settled
+from .acceptance import best_of, reject_faint
 from .centreline import Centreline
 from .corridor import Corridor
-from .path_refinement import Aligned, align
+from .path_refinement import RefinedPath, refine_path
 from .profile import measure_on
-from .templates import Templates, reduced, responses, templates
+from .templates import Templates, downsampled, ridge_responses, templates
 
-RIVAL_SHARE = 0.75
-"""A second path counts as a rival when it scores this much of the best one's."""
+OTHER_PATH_SHARE = 0.75
+"""A second path is looked at when it scores this much of the best one's."""
 BLURRED_PX = 8.0
 """Blur at which the antenna is looked for once more where it is not found in focus."""
 APART = 0.4
@@ -65,8 +65,8 @@ class AntennaFinder:
         weight = np.maximum(there.sum(axis=1), 0.3 * index.shape[1])
         return AntennaFinder(corridor, image_size, shapes, factor, pool, reach, index, weight)
 
-    def expecting(self, usual_height: float) -> AntennaFinder:
-        """The same finder, told how high the line is: the `amplitude` of the free antenna's pictures.
+    def with_usual_height(self, usual_height: float) -> AntennaFinder:
+        """The same finder for a line of known height: the `amplitude` of the free antenna's pictures.
 
         A bar or edge that looks like an antenna mostly is fainter.
         """
@@ -77,15 +77,15 @@ class AntennaFinder:
 
         The best one, and after it the best of those that differ from it and score nearly as well, if there is one.
         """
-        small = reduced(image, self.factor)
+        small = downsampled(image, self.factor)
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
-        flat = responses(small if bright else 255 - small, reach, self.pool)
+        flat = ridge_responses(small if bright else 255 - small, reach, self.pool)
         # "wrap" only spares take the check of an index that is known to be good
         total = cv2.reduce(flat.take(self.index, mode="wrap"), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel()
         score = total / self.weight
         best = int(score.argmax())
         paths = [self.shapes.paths_px[best]]
-        others = np.flatnonzero(score >= RIVAL_SHARE * score[best])
+        others = np.flatnonzero(score >= OTHER_PATH_SHARE * score[best])
         others = others[~self._alike(best, others)]
         if len(others):
             paths.append(self.shapes.paths_px[int(others[score[others].argmax()])])
@@ -108,10 +108,10 @@ class AntennaFinder:
         blurred = self._look(image, bright, BLURRED_PX)
         return blurred if blurred.found and blurred.seen > line.seen else line
 
-    def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> Aligned:
+    def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> RefinedPath:
         """A rough path (K, 2) moved onto the antenna."""
         reach = 1.2 * self.shapes.spacing_px + 0.5 * self.corridor.width_px + 4.0
-        return align(image, rough, self.corridor.width_px + blurred_px, reach, bright)
+        return refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
 
     def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
         width = self.corridor.width_px
@@ -119,7 +119,7 @@ class AntennaFinder:
         for rough in self.candidates(image, bright, blurred_px):
             path = self.path(image, rough, bright, blurred_px).path_px
             lines.append(measure_on(image, path, width, bright, blurred_px))
-        return not_faint(settled(lines, width), self.usual_height)
+        return reject_faint(best_of(lines, width), self.usual_height)
 
     def _alike(self, best: int, others: np.ndarray) -> np.ndarray:
         """(Q,) whether those paths are much the same as that one."""

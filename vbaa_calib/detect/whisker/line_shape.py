@@ -245,16 +245,16 @@ def fit(shape: LineShape, found: Crossings, centre: np.ndarray) -> Fits:
 def tapering(shape: LineShape, found: Crossings, centre: np.ndarray, fits: Fits, chosen: np.ndarray) -> float:
     """By which part the line is broader at the path's end than at its start, as the fits' residuals show it.
 
-    `chosen` (N,) are the profiles that are asked. To first order in how the width changes.
+    `chosen` (N,) are the profiles that count. To first order in how the width changes.
     """
     across = found.distances(centre)[chosen]
     value, slope = shape.at(across)
     value, wider = _without_background(value), _without_background(-across * slope)
     wider -= value * (np.einsum("nt,nt->n", wider, value) / np.einsum("nt,nt->n", value, value))[:, None]
     height = fits.height[chosen]
-    told = np.einsum("nt,nt->n", fits.residuals[chosen], wider) * height
-    worth = np.einsum("nt,nt->n", wider, wider) * height**2
+    slopes = np.einsum("nt,nt->n", fits.residuals[chosen], wider) * height
+    information = np.einsum("nt,nt->n", wider, wider) * height**2
     share = found.along[chosen] / max(float(found.along[-1]), 1e-6)
-    share = share - (worth @ share) / max(float(worth.sum()), 1e-9)
-    doubt = float(np.median(fits.rms[chosen])) ** 2 / LIKELY_TAPER**2
-    return float(np.clip((share @ told) / max(float(share**2 @ worth) + doubt, 1e-9), -MOST_TAPER, MOST_TAPER))
+    share = share - (information @ share) / max(float(information.sum()), 1e-9)
+    prior = float(np.median(fits.rms[chosen])) ** 2 / LIKELY_TAPER**2
+    return float(np.clip((share @ slopes) / max(float(share**2 @ information) + prior, 1e-9), -MOST_TAPER, MOST_TAPER))

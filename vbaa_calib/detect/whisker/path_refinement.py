@@ -1,4 +1,4 @@
-"""A path drawn closer to the antenna: the best place across it, column by column, and a smooth curve through these."""
+"""Path refinement: the best place across a rough path, column by column, and a smooth curve through these."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .corridor import length_px, normals, resample
 COLUMN_PX, COLUMNS = 2.0, 120
 """Spacing of the columns across the path, or wider where it takes more columns than these."""
 LEAST_REST = 1e-3
-"""The least that the band shows everywhere, as a part of its highest ridge."""
+"""Least texture of the strip, as a part of its highest ridge."""
 
 
 @dataclass(frozen=True, eq=False)
-class Aligned:
+class RefinedPath:
     """A path that follows a ridge.
 
     Attributes
@@ -32,7 +32,7 @@ class Aligned:
     strength: float
 
 
-def align(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> Aligned:
+def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> RefinedPath:
     """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
@@ -42,16 +42,16 @@ def align(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: flo
     rows = np.arange(-np.ceil(reach_px), np.ceil(reach_px) + 1)
     ridge = _ridge(image, columns, normal, rows, width_px, bright)
     share = along / max(along[-1], 1e-6)
-    worth = _worth(ridge)
-    stiff, scale = _followed(worth, rows, share, (0.7 * reach_px, 3.0, 2.0), 6)
+    clarity = _clarity(ridge)
+    stiff, scale = _smoothed(clarity, rows, share, (0.7 * reach_px, 3.0, 2.0), 6)
     near = np.abs(rows[:, None] - stiff[None]) <= max(0.6 * width_px, 3.0)
-    supple, _ = _followed(worth * near, rows, share, (1.5, 0.7), 16)
+    supple, _ = _smoothed(clarity * near, rows, share, (1.5, 0.7), 16)
     shift = np.clip(supple, rows[0], rows[-1])
     at = np.clip(np.rint(shift - rows[0]).astype(int), 0, len(rows) - 1)
     height = ridge[at, np.arange(len(shift))]
-    there = worth[at, np.arange(len(shift))] > 0.5 * scale
+    there = clarity[at, np.arange(len(shift))] > 0.5 * scale
     strength = smooth.median(height[there]) if there.any() else 0.0
-    return Aligned(columns + shift[:, None] * normal, float(there.mean()), strength)
+    return RefinedPath(columns + shift[:, None] * normal, float(there.mean()), strength)
 
 
 def _ridge(
@@ -87,23 +87,23 @@ def _sampled(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.asarray(near * (1.0 - down) + far * down)
 
 
-def _worth(ridge: np.ndarray) -> np.ndarray:
-    """(R, K) how convincing each place is: levels off at a few times what the band shows everywhere."""
+def _clarity(ridge: np.ndarray) -> np.ndarray:
+    """(R, K) ridge height against texture: levels off at a few times what the strip shows everywhere."""
     over = np.maximum(ridge, 0.0)
     # where a drawn picture shows nothing at all, rounding must not look like a ridge
     rest = max(2.0 * smooth.median(np.abs(ridge)), LEAST_REST * float(over.max())) + 1e-12
     return over / (over + 3.0 * rest)
 
 
-def _followed(
-    worth: np.ndarray, rows: np.ndarray, share: np.ndarray, scales: tuple[float, ...], pieces: int
+def _smoothed(
+    clarity: np.ndarray, rows: np.ndarray, share: np.ndarray, scales: tuple[float, ...], pieces: int
 ) -> tuple[np.ndarray, float]:
-    """(K,) a smooth curve through every column's best place, and the worth of a typical one."""
-    best = worth.argmax(axis=0)
-    at = np.arange(worth.shape[1])
-    peak = worth[best, at]
+    """(K,) a smooth curve through every column's best place, and the clarity of a typical one."""
+    best = clarity.argmax(axis=0)
+    at = np.arange(clarity.shape[1])
+    peak = clarity[best, at]
     inner = np.clip(best, 1, len(rows) - 2)
-    left, middle, right = (worth[inner + k, at] for k in (-1, 0, 1))
+    left, middle, right = (clarity[inner + k, at] for k in (-1, 0, 1))
     bend = left - 2.0 * middle + right
     part = np.where((best == inner) & (bend < -1e-6), 0.5 * (left - right) / np.minimum(bend, -1e-6), 0.0)
     scale = smooth.quantile(peak, 0.75)

@@ -14,11 +14,11 @@ from scipy.ndimage import binary_erosion, uniform_filter1d
 from scipy.stats import chi2
 
 from . import smooth
-from .acceptance import described
+from .acceptance import FittedLine, accepted
 from .centreline import NOTHING, Centreline
 from .crossings import Crossings, crossings
 from .line_shape import Binned, Fits, LineShape, between_flanks, binned, expected, fit, learn, nearest, tapering
-from .path_refinement import align
+from .path_refinement import refine_path
 
 SEEN_RATIO = 4.5
 """Least height over its standard deviation for a profile to count as seen."""
@@ -32,7 +32,7 @@ MARGIN_PX = 2
 """Columns dropped on either side of a gap: part of their profile shows what hides the antenna."""
 STRAY, STRAY_PX = 5.0, 0.12
 """A point this many deviations, and at least so far, off a smooth curve through its neighbours is another thing's."""
-TAUGHT_BY = 160
+TRAINING_PROFILES = 160
 """The cross-section is learned from about so many profiles."""
 ALIKE = 0.8
 """Length of the mean phase on the pixel grid above which the profiles lie alike."""
@@ -45,7 +45,7 @@ background behind the line would move them by, on average, is doubt where it exc
 ORDINARY_BLUR_PX = 0.8
 """Blur of a lens in focus, standard deviation."""
 LEAST_PROFILES = 8
-"""Across the antenna, for there to be a line, and for its noise to be told."""
+"""Across the antenna, for there to be a line, and for its noise to be measured."""
 BROADER = 1.5
 """A line so much broader than expected is measured again with longer profiles."""
 
@@ -68,7 +68,7 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     """
     if len(guide_px) < 2 or np.hypot(*np.diff(guide_px, axis=0).T).sum() < 8.0:
         return NOTHING
-    return measure_on(image, align(image, guide_px, width_px, width_px + 2.0, bright).path_px, width_px, bright)
+    return measure_on(image, refine_path(image, guide_px, width_px, width_px + 2.0, bright).path_px, width_px, bright)
 
 
 def measure_on(
@@ -102,11 +102,12 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
         return NOTHING
     sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
     pulled = PULLED * width_px * float(np.clip((lines.lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
-    sigma = np.hypot(np.hypot(sigma, pulled), _beside_an_edge(found, lines, there))
+    sigma = np.hypot(np.hypot(sigma, pulled), _edge_doubt(found, lines, there))
     kept, course = _without_strays(found, lines, sigma, kept)
     kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
     breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
-    return described(found, lines.centre, sigma, kept, there, course, lines.fits.height, breadth, lines.noise)
+    line = FittedLine(lines.centre, course, sigma, kept, there, lines.fits.height, lines.noise, breadth)
+    return accepted(found, line)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,16 +133,16 @@ def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
     """Learn the cross-section from some of the profiles, then fit it to all.
 
     At first an antenna in focus; then one at the blur that is seen; then whatever the profiles show. Where all of them
-    lie alike on the pixel grid, a free shape could not be told from a shift, and the second is kept. The shape is
+    lie alike on the pixel grid, a free shape and a shift could not be separated, and the second is kept. The shape is
     broader where the antenna is nearer to the camera.
     """
-    some = found.every(max(1, len(found.along) // TAUGHT_BY))
+    some = found.every(max(1, len(found.along) // TRAINING_PROFILES))
     length = max(float(found.along[-1]), 1e-6)
     shape, curve, base = _ordinary(width_px, half), np.zeros(len(found.along)), np.zeros(len(some.along))
     doubt = 0.0
     for step in range(2):
         fits = fit(shape, some, base)
-        chosen = _teachers(fits, some.inside, half)
+        chosen = _training_profiles(fits, some.inside, half)
         if chosen.sum() < 4:
             break
         if step:
@@ -170,7 +171,7 @@ def _lopsided(seen: Binned, width_px: float) -> tuple[LineShape, float]:
     return shape.about(middle), middle
 
 
-def _teachers(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:
+def _training_profiles(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:
     """(N,) profiles that show a clear line, as high as most, and nothing else."""
     rms = fits.rms
     noise = _noise(rms[inside], half)
@@ -219,7 +220,7 @@ def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarra
     return np.sqrt(np.einsum("nt,nt->n", fits.gain**2, variance[distance]) * own) / found.stretch
 
 
-def _beside_an_edge(found: Crossings, lines: _Lines, there: np.ndarray) -> np.ndarray:
+def _edge_doubt(found: Crossings, lines: _Lines, there: np.ndarray) -> np.ndarray:
     """(N,) by how much an edge of the background along the antenna may draw the points aside, px."""
     share = uniform_filter1d(there.astype(float), EDGE_RUN, mode="constant")
     moved, noise = (

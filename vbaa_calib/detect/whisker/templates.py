@@ -76,11 +76,11 @@ def _directions(paths: np.ndarray) -> np.ndarray:
     return np.abs(across @ unit.T).argmax(axis=-1).astype(np.uint8)
 
 
-ORDINARY = 0.8
+TEXTURE_QUANTILE = 0.8
 """Quantile of the response that counts as the surroundings' own texture."""
 
 
-def reduced(image: np.ndarray, factor: int) -> np.ndarray:
+def downsampled(image: np.ndarray, factor: int) -> np.ndarray:
     """(h, w) uint8: blocks of `factor` pixels averaged; other depths than 8 bits are stretched to the full range."""
     height, width = image.shape
     size = (max(width // factor, 1), max(height // factor, 1))
@@ -93,7 +93,7 @@ def reduced(image: np.ndarray, factor: int) -> np.ndarray:
     return cv2.convertScaleAbs(values - low, alpha=255.0 / max(high - low, 1e-6))
 
 
-def responses(small: np.ndarray, reach: int, pool: int) -> np.ndarray:
+def ridge_responses(small: np.ndarray, reach: int, pool: int) -> np.ndarray:
     """(4 · h · w + 1,) uint8 ridge response for the four normals, pooled over `pool` pixels, flat; the last is zero.
 
     small (H, W) uint8, bright line; the flanks are looked at `reach` pixels away. The answer saturates where a ridge
@@ -118,8 +118,8 @@ def responses(small: np.ndarray, reach: int, pool: int) -> np.ndarray:
 
 
 def _saturation(flat: np.ndarray) -> np.ndarray:
-    """(256,) the response's worth: none for what the surroundings show everywhere, and level at a few times that."""
+    """(256,) lookup table of responses: none for the texture that is everywhere, level at a few times that."""
     counts = np.bincount(flat[:: 1 + len(flat) // 20_000], minlength=256).cumsum()
-    ordinary = float(np.searchsorted(counts, ORDINARY * counts[-1])) + 1.0
+    ordinary = float(np.searchsorted(counts, TEXTURE_QUANTILE * counts[-1])) + 1.0
     over = np.maximum(np.arange(256.0) - ordinary, 0.0)
     return np.rint(250.0 * over / (over + 3.0 * ordinary)).astype(np.uint8)
