@@ -10,8 +10,8 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
 from viz.scene.moments import moments_of
 from viz.scene.rig_items import rig_items
-from viz.scene.scene import ObjectMesh, Scene, Touch, build_scene
-from viz.scene.truth import truth_object
+from viz.scene.scene import Contacts, ObjectEstimate, ObjectMesh, Scene
+from viz.scene.truth import true_object
 
 RED, GREEN = (250, 20, 10), (10, 240, 20)
 
@@ -23,12 +23,17 @@ def full_scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
     normals = force / np.linalg.norm(force, axis=1, keepdims=True)
     triangles = np.array([[i, i + 1, i + 9] for i in range(80)] + [[i + 1, i + 10, i + 9] for i in range(80)])
     red, green = (np.full((6, 8, 3), colour, np.uint8) for colour in (RED, GREEN))
-    return build_scene(
-        table,
-        moments=moments,
+    return Scene(
+        Contacts.of(table),
+        moments,
         rig=rig_items(rig, table, moments),
-        surface=ObjectMesh(points, normals, triangles, np.empty((0, 2), int), np.linspace(1e-4, 5e-4, 90)),
-        truth=truth_object(truth),
-        touch=Touch(np.arange(90), normals, 0.3, ("Friction <is> told.",)),
+        object=ObjectMesh(points, normals, triangles, np.empty((0, 2), int), np.linspace(1e-4, 5e-4, 90)),
+        truth=true_object(truth),
+        estimate=ObjectEstimate(np.arange(90), normals, 0.3, ("Friction <is> told.",)),
         pictures=(*[red] * 60, *[green] * 31, None),
     )
+
+
+def bare_scene(table: ContactTable, estimate: ObjectEstimate | None = None) -> Scene:
+    """The contacts alone."""
+    return Scene(Contacts.of(table), moments_of(table), estimate=estimate)

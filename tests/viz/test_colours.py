@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from estimator.table.contacts import ContactTable
 from viz.scene.colours import MODES, UNKNOWN, contact_scale, round_ticks, scale
-from viz.scene.object_items import touch_of
-from viz.scene.scene import build_scene
+from viz.scene.facts import drawn_estimate
+from viz.scene.moments import moments_of
+from viz.scene.scene import Contacts, Scene
 
-from .felt import felt as made_up
+from .estimates import object_estimate
 
 
 @pytest.mark.parametrize(
@@ -46,36 +46,29 @@ def test_colours_run_along_the_scale_and_grey_is_not_known() -> None:
 
 
 def test_each_way_to_colour_has_its_numbers(table: ContactTable) -> None:
-    scene = build_scene(table)
+    scene = Scene(Contacts.of(table), moments_of(table))
     ends = {mode: (found.low, found.high, found.unit) for mode in MODES for found in [contact_scale(scene, mode)]}
     assert ends["force"] == (20, 80, "mN")
     assert ends["time"] == (0, 3, "s")
     assert ends["uncertainty"][0] <= 0.4 <= ends["uncertainty"][1]
 
 
-def findings(table: ContactTable, *, told: bool) -> Any:
-    """Made-up findings, with what they say of normals: every other one is vague."""
-    felt = made_up(table, told=told)
-    row = np.flatnonzero(table.located)
-    std = np.where(np.arange(len(row)) % 2, 0.05, 0.8)
-    felt.normals = SimpleNamespace(normal=felt.surface.touched_normal, std_rad=std)
-    felt.friction.row = row
-    felt.compliance = felt.surface.compliance
-    return felt
-
-
-def test_what_was_felt_is_said_and_vague_normals_are_left_out(table: ContactTable) -> None:
-    touch = touch_of(findings(table, told=True))
-    assert touch.cone_rad == pytest.approx(np.arctan(0.3))
-    assert touch.facts[0] == "Friction: μ = 0.300 ± 0.010 (95 %: 0.280 to 0.320)."
-    assert touch.facts[1] == "The object's stiffness: 250 N/m (95 %: 238 to 263 N/m)."
-    assert touch.facts[2] == "One patch was left out."
-    assert np.isnan(touch.normals[::2]).all()
-    assert np.isfinite(touch.normals[1::2]).all()
-
-
-def test_what_cannot_be_told_has_its_reason_and_no_cone(table: ContactTable) -> None:
-    touch = touch_of(findings(table, told=False))
-    assert touch.cone_rad is None
-    assert touch.facts[0].startswith("Friction cannot be told: It never slid.")
-    assert touch.facts[1] == "The force hardly varied."
+@pytest.mark.parametrize("determined", [True, False])
+def test_an_estimate_in_words_and_without_vague_normals(table: ContactTable, determined: bool) -> None:
+    estimate = object_estimate(table, determined=determined)
+    std = np.where(np.arange(table.located.sum()) % 2, 0.05, 0.8)
+    estimate.normals = SimpleNamespace(normal=estimate.surface.touched_normal, std_rad=std)
+    estimate.friction.row = np.flatnonzero(table.located)
+    estimate.compliance = estimate.surface.compliance
+    drawn = drawn_estimate(estimate)
+    assert np.isnan(drawn.normals[::2]).all()
+    assert np.isfinite(drawn.normals[1::2]).all()
+    assert drawn.facts[2] == "One patch was withheld."
+    if determined:
+        assert drawn.cone_rad == pytest.approx(np.arctan(0.3))
+        assert drawn.facts[0].startswith("Friction: μ = 0.300 ± 0.010 (95 %: 0.280 to 0.320)")
+        assert drawn.facts[1] == "Stiffness: 250 N/m (95 %: 238 to 263 N/m)."
+    else:
+        assert drawn.cone_rad is None
+        assert drawn.facts[0] == "Friction: Undetermined: it never slid."
+        assert drawn.facts[1] == "Stiffness: Undetermined: the force hardly varied."

@@ -18,10 +18,10 @@ from viz.parts.part import along, arrow, ball, cone, stamp
 from viz.parts.touched import MOST_SPREADS, magnification, thinned, touched_parts
 from viz.parts.true_object import truth_mesh
 from viz.scene.moments import moments_of
-from viz.scene.scene import ObjectMesh, Scene, build_scene
-from viz.scene.truth import TruthObject
+from viz.scene.scene import ObjectMesh, Scene
+from viz.scene.truth import TrueObject
 
-from .scenes import full_scene
+from .scenes import bare_scene, full_scene
 
 
 @pytest.fixture(scope="module")
@@ -94,12 +94,12 @@ def test_degenerate_covariances_and_missing_numbers_are_drawn_or_left_out(table:
     covariance, force = table.covariance_world_m2.copy(), table.force_world_N.copy()
     covariance[0], covariance[1], covariance[2] = 0.0, np.diag([1e-8, 0.0, 0.0]), np.nan
     force[0], force[1] = 0.0, np.nan
-    parts = touched_parts(build_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
+    parts = touched_parts(bare_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
     assert all(np.isfinite(part.mesh.points).all() for part in parts)
     assert all(np.isfinite(part.mesh.point_data["Normals"]).all() for part in parts)
     assert len(named(parts, "forces").contact) == 88
     nothing = replace(table, covariance_world_m2=0 * covariance, force_world_N=np.full_like(force, np.nan))
-    assert {part.name for part in touched_parts(build_scene(nothing))} == {"contacts", "now"}
+    assert {part.name for part in touched_parts(bare_scene(nothing))} == {"contacts", "now"}
 
 
 def test_cones_open_by_the_friction_angle_around_the_normals(scene: Scene) -> None:
@@ -133,7 +133,7 @@ def test_a_moment_shows_the_contacts_up_to_then_and_its_own_antenna(scene: Scene
 
 
 def test_the_number_of_parts_does_not_grow_with_the_recording(scene: Scene, table: ContactTable) -> None:
-    short = build_scene(table, touch=scene.touch)
+    short = bare_scene(table, scene.estimate)
     few = replace(short, moments=moments_of(table, most=3))
     assert len(all_parts(few)) == len(all_parts(short)) < len(all_parts(scene)) < 20
     assert {part.name for part in all_parts(scene)} == set(LOOK)
@@ -171,7 +171,7 @@ BUMPS = (
 def test_true_objects_lie_on_what_was_simulated(shape: str) -> None:
     bumps = BUMPS if shape == "freeform" else ()
     radius = 0.02 if shape == "freeform" else 0.002
-    mesh = truth_mesh(TruthObject(shape, CENTRE, AXIS, WEDGE, radius, 0.05, bumps))
+    mesh = truth_mesh(TrueObject(shape, CENTRE, AXIS, WEDGE, radius, 0.05, bumps))
     body = TouchObject(shape, CENTRE, AXIS, radius, 0.05, wedge_world=WEDGE, bumps=bumps)
     points = np.asarray(mesh.points, float)
     # the caps' middles and the blade's back lie inside
@@ -184,7 +184,7 @@ def test_true_objects_lie_on_what_was_simulated(shape: str) -> None:
 
 
 def test_the_box_is_closed_and_as_large_as_its_faces() -> None:
-    mesh = truth_mesh(TruthObject("box_edge", CENTRE, AXIS, WEDGE, 1e-6, 0.05))
+    mesh = truth_mesh(TrueObject("box_edge", CENTRE, AXIS, WEDGE, 1e-6, 0.05))
     assert isinstance(mesh, pv.PolyData)
     # a right-angled triangle, 100 mm long
     assert mesh.volume == pytest.approx(0.5 * BOX_FACE_M**2 * 0.1, rel=1e-3)

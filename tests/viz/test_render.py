@@ -24,10 +24,10 @@ from viz.render.gltf import linear
 from viz.render.stage import Stage
 from viz.render.window import Controls
 from viz.scene.colours import MODES
-from viz.scene.scene import Scene, build_scene
+from viz.scene.scene import Scene
 from viz.scene.views import look_at_touched, view_direction
 
-from .scenes import full_scene
+from .scenes import bare_scene, full_scene
 
 
 @pytest.fixture(scope="module")
@@ -87,10 +87,10 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
 
 
 def test_a_view_shows_the_touched_side(table: ContactTable) -> None:
-    scene = build_scene(table)
+    scene = bare_scene(table)
     outward = scene.contacts.force_N.sum(axis=0)
     assert view_direction(scene, height=0.4)[:2] @ outward[:2] > 0
-    blind = build_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
+    blind = bare_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
     assert np.isfinite(view_direction(blind, height=0.4)).all()
 
 
@@ -143,7 +143,7 @@ def test_a_probe_that_cannot_start_is_no_opengl(monkeypatch: pytest.MonkeyPatch,
 
 
 def test_a_scene_of_contacts_alone_makes_a_page_and_glTF(table: ContactTable, tmp_path: Path) -> None:
-    scene = build_scene(table)
+    scene = bare_scene(table)
     render.write_page(scene, tmp_path / "scene.html", title="contacts")
     text = (tmp_path / "scene.html").read_text()
     assert LOOK["camera"][1] not in text

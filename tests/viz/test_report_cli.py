@@ -55,7 +55,7 @@ def test_a_report_of_files(files: SimpleNamespace) -> None:
     assert ">truth<" in html
 
 
-def test_without_a_contact_it_says_why_nothing_was_felt(files: SimpleNamespace) -> None:
+def test_without_a_contact_it_says_why_the_object_is_undetermined(files: SimpleNamespace) -> None:
     report(files.free, "-o", files.folder / "free.html")
     html = (files.folder / "free.html").read_text()
     assert "Nothing was touched" in html

@@ -18,8 +18,10 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from viz.scene.moments import moments_of
 from viz.scene.rig_items import picture_grid, poses_at, rig_items
-from viz.scene.scene import Touch, build_scene
-from viz.scene.truth import truth_object
+from viz.scene.scene import ObjectEstimate
+from viz.scene.truth import true_object
+
+from .scenes import bare_scene
 
 
 def test_the_scene_needs_no_pyvista() -> None:
@@ -28,7 +30,7 @@ def test_the_scene_needs_no_pyvista() -> None:
 
 
 def test_contacts_are_the_located_ones_with_their_deviations(table: ContactTable) -> None:
-    contacts = build_scene(table).contacts
+    contacts = bare_scene(table).contacts
     assert len(contacts.points_m) == 90
     np.testing.assert_allclose(contacts.size_mN, 50 + 30 * np.sin(0.3 * np.arange(90)), rtol=1e-6)
     np.testing.assert_allclose(contacts.std_mm, 0.4, rtol=1e-6)
@@ -40,13 +42,13 @@ def test_contacts_are_the_located_ones_with_their_deviations(table: ContactTable
 def test_a_contact_without_covariance_has_no_deviation(table: ContactTable) -> None:
     covariance = table.covariance_world_m2.copy()
     covariance[3] = np.nan
-    contacts = build_scene(replace(table, covariance_world_m2=covariance)).contacts
+    contacts = bare_scene(replace(table, covariance_world_m2=covariance)).contacts
     assert np.isnan(contacts.std_mm[3])
     assert np.isfinite(np.delete(contacts.std_mm, 3)).all()
 
 
 def test_what_was_touched_lies_in_its_ball(table: ContactTable) -> None:
-    scene = build_scene(table)
+    scene = bare_scene(table)
     centre, radius = scene.touched_m
     assert (np.linalg.norm(scene.contacts.points_m - centre, axis=1) <= radius + 1e-12).all()
     assert 0.02 < radius < 0.06
@@ -55,7 +57,7 @@ def test_what_was_touched_lies_in_its_ball(table: ContactTable) -> None:
 def test_normals_go_to_the_contacts_of_their_rows(table: ContactTable) -> None:
     rows = np.array([80, 3, 90])
     normals = np.eye(3)
-    scene = build_scene(table, touch=Touch(rows, normals))
+    scene = bare_scene(table, ObjectEstimate(rows, normals))
     np.testing.assert_array_equal(scene.normals[[80, 3]], normals[:2])
     assert np.isnan(np.delete(scene.normals, [80, 3], axis=0)).all()
 
@@ -183,16 +185,16 @@ BUMP = {"direction_world": [0.0, 0.0, 1.0], "height_m": 0.002, "width_m": 0.008}
 )
 def test_a_wrong_truth_is_refused(truth: dict[str, Any], change: dict[str, Any], complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
-        truth_object({"object": truth["object"] | change})
+        true_object({"object": truth["object"] | change})
 
 
 def test_a_shape_needs_only_what_it_has() -> None:
-    sphere = truth_object({"object": {"shape": "sphere", "center_world_m": [0, 0, 1], "radius_m": 0.02}})
+    sphere = true_object({"object": {"shape": "sphere", "center_world_m": [0, 0, 1], "radius_m": 0.02}})
     assert sphere.radius_m == 0.02
     body = {"shape": "freeform", "center_world_m": [0, 0, 1], "radius_m": 0.02, "bumps": [BUMP]}
-    assert truth_object({"object": body}).bumps[0].height_m == 0.002
+    assert true_object({"object": body}).bumps[0].height_m == 0.002
 
 
 def test_nothing_located_is_an_input_error() -> None:
     with pytest.raises(InputError, match="no frame has a located contact"):
-        build_scene(ContactTable.from_rows([ContactRow(frame=0, time_s=0.0, status="no_antenna")]))
+        bare_scene(ContactTable.from_rows([ContactRow(frame=0, time_s=0.0, status="no_antenna")]))

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     new = _new_pictures(args)
     from vbaa_calib.calibrate.check.assessment import assess
     from vbaa_calib.core.console import say
-    from viz.check.page import page
+    from viz.report.check import page
 
     document = assess(args.rig, args.session, new).to_dict()
     for finding in [*document["session_findings"], *document["findings"]]:

@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--object",
         type=Path,
-        help="object.vtp, .ply or .glb, as vbaa reconstruct writes it, instead of feeling it",
+        help="object.vtp, .ply or .glb, as vbaa reconstruct writes it, instead of estimating it",
     )
     parser.add_argument(
         "--plain", action="store_true", help="only what stands in the files: find no object, no friction"
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "contacts": len(scene.contacts.points_m),
         "frames": frames,
         "moments": len(scene.moments),
-        "facts": [] if scene.touch is None else list(scene.touch.facts),
+        "facts": [] if scene.estimate is None else list(scene.estimate.facts),
         **{name: None if getattr(args, name) is None else str(getattr(args, name)) for name in OUTPUTS},
     }
 
@@ -89,19 +89,19 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     from vbaa_calib.core.files import read_json
     from viz.files.object_file import read_object
     from viz.scene.moments import moments_of, refuse_absurd
-    from viz.scene.scene import build_scene
-    from viz.scene.truth import truth_object
+    from viz.scene.scene import Contacts, Scene
+    from viz.scene.truth import true_object
 
     table = read_contacts(args.contacts)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
     refuse_absurd(table, args.contacts)
-    truth = None if args.truth is None else truth_object(read_json(args.truth), args.truth)
+    truth = None if args.truth is None else true_object(read_json(args.truth), args.truth)
     rig = _rig(args)
     surface = None if args.object is None else read_object(args.object)
-    touch = phase = None
+    estimate = phase = None
     if args.object is None and not args.plain:
-        surface, touch, phase = _felt(table, rig)
+        surface, estimate, phase = _estimated(table, rig)
     moments = moments_of(table, phase)
     items = None
     pictures: tuple[np.ndarray | None, ...] = ()
@@ -113,8 +113,7 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
             pictures = session_pictures(args.session, moments.frame, rig.camera.image_size)
         elif args.picture is not None:
             pictures = one_picture(args.picture, rig.camera.image_size, len(moments))
-    scene = build_scene(table, moments=moments, rig=items, surface=surface, truth=truth, touch=touch, pictures=pictures)
-    return scene, len(table)
+    return Scene(Contacts.of(table), moments, items, surface, truth, estimate, pictures), len(table)
 
 
 def _rig(args: argparse.Namespace) -> Rig | None:
@@ -129,23 +128,23 @@ def _rig(args: argparse.Namespace) -> Rig | None:
     return None
 
 
-def _felt(table: ContactTable, rig: Rig | None) -> tuple[Any, Any, Any]:
-    """Surface, touch and phases; nothing, and a word on why, where the contacts tell nothing together."""
+def _estimated(table: ContactTable, rig: Rig | None) -> tuple[Any, Any, Any]:
+    """Surface, object estimate and phases; nothing, and why, where the contacts do not determine them."""
     from estimator.object.estimate import feel
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
-    from viz.scene.object_items import touch_of
+    from viz.scene.facts import drawn_estimate
     from viz.scene.scene import ObjectMesh
 
     try:
-        felt = feel(table, rig)
+        found = feel(table, rig)
     except InputError as error:
         say(f"no object is drawn: {error}")
         return None, None, None
-    touch = touch_of(felt)
-    for fact in touch.facts:
+    drawn = drawn_estimate(found)
+    for fact in drawn.facts:
         say(f"  {fact}")
-    return ObjectMesh.of(felt.surface), touch, felt.track.phase
+    return ObjectMesh.of(found.surface), drawn, found.track.phase
 
 
 def _check_outputs(args: argparse.Namespace, window: bool) -> None:

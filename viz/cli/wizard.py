@@ -145,7 +145,7 @@ def _run(args: argparse.Namespace, store: Store, known: Known, given: Mapping[st
     from vbaa_calib.wizard.ui.interface import Nobody
     from vbaa_calib.wizard.ui.page import Page
     from vbaa_calib.wizard.ui.terminal import Terminal
-    from viz.check import page as check_page
+    from viz.report import check as check_page
 
     # without one of them where they were closed
     attended = not args.batch and all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr))

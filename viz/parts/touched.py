@@ -67,17 +67,17 @@ def _spreads(scene: Scene, reach: float) -> list[Part]:
 
 
 def _cones(scene: Scene, reach: float) -> list[Part]:
-    if scene.touch is None or scene.touch.cone_rad is None:
+    if scene.estimate is None or scene.estimate.cone_rad is None:
         return []
     normals = scene.normals
     chosen = thinned(np.flatnonzero(np.isfinite(normals).all(axis=1)), MOST_CONES)
     if not len(chosen):
         return []
     # steep cones are drawn shorter, for the rim to stay as near
-    half = min(scene.touch.cone_rad, 1.5)
+    half = min(scene.estimate.cone_rad, 1.5)
     height = 0.42 * reach * np.cos(half)
     stretch = np.diag([height, height * np.tan(half), height * np.tan(half)])
-    note = f"half angle {np.degrees(scene.touch.cone_rad):.1f}°"
+    note = f"half angle {np.degrees(scene.estimate.cone_rad):.1f}°"
     return [_stamped(scene, "cones", chosen, cone(), along(normals[chosen]) @ stretch, opacity=0.28, note=note)]
 
 

@@ -7,7 +7,7 @@ import pyvista as pv
 
 from vbaa_calib.simulate.scene.bumps import surface_radius
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M
-from viz.scene.truth import TruthObject
+from viz.scene.truth import TrueObject
 
 from .part import Part, triangles
 
@@ -15,13 +15,13 @@ ARC = 12
 """Steps along the rounding of the box's edge."""
 
 
-def truth_part(truth: TruthObject) -> Part:
+def truth_part(truth: TrueObject) -> Part:
     """The true object, to look through."""
     mesh = truth_mesh(truth).compute_normals(cell_normals=False, split_vertices=True, feature_angle=40)
     return Part("truth", triangles(mesh.points, mesh.regular_faces, mesh.point_data["Normals"]), opacity=0.22)
 
 
-def truth_mesh(truth: TruthObject) -> pv.PolyData:
+def truth_mesh(truth: TrueObject) -> pv.PolyData:
     """The true object; of a box its two faces as deep as simulated pictures show them.
 
     Of a knife, as much of the blade as the edge is half as long."""
@@ -43,7 +43,7 @@ def truth_mesh(truth: TruthObject) -> pv.PolyData:
     return rod.append_polydata(_extruded(truth, np.array([thick, thick + into, into - thick, -thick])))
 
 
-def _round(truth: TruthObject) -> pv.PolyData:
+def _round(truth: TrueObject) -> pv.PolyData:
     mesh = pv.Icosphere(radius=1.0, nsub=5)
     directions = np.asarray(mesh.points, float)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -51,7 +51,7 @@ def _round(truth: TruthObject) -> pv.PolyData:
     return pv.PolyData.from_regular_faces(truth.center_m + radius[:, None] * directions, mesh.regular_faces)
 
 
-def _corner(truth: TruthObject) -> np.ndarray:
+def _corner(truth: TrueObject) -> np.ndarray:
     """(K, 3) the box's outline across its edge, from the centre of the rounding: face, rounding, face."""
     side = np.cross(truth.axis, truth.wedge)
     turn = np.linspace(-np.pi / 4, np.pi / 4, ARC + 1)[:, None]
@@ -60,7 +60,7 @@ def _corner(truth: TruthObject) -> np.ndarray:
     return np.vstack([rounding[:1] + along[0], rounding, rounding[-1:] + along[1]])
 
 
-def _extruded(truth: TruthObject, outline: np.ndarray) -> pv.PolyData:
+def _extruded(truth: TrueObject, outline: np.ndarray) -> pv.PolyData:
     """The convex outline (K, 3) across the axis, from one end of the object to the other, closed."""
     count = len(outline)
     ends = truth.center_m + outline + truth.half_length_m * np.array([-1.0, 1.0])[:, None, None] * truth.axis

@@ -113,7 +113,7 @@ def _legend(scene: Scene, parts: list[Part], title: str) -> str:
     surface = ""
     if scale is not None:
         surface = f'<div class="scale"><div style="background:{_gradient(scale)}"></div><p>{_ends(scale)}</p></div>'
-    facts = "".join(f"<li>{escape(fact)}</li>" for fact in (scene.touch.facts if scene.touch is not None else ()))
+    facts = "".join(f"<li>{escape(fact)}</li>" for fact in (scene.estimate.facts if scene.estimate is not None else ()))
     views = '<button type="button">what was touched</button>'
     if scene.rig is not None:
         views = f'<button type="button">whole rig</button>{views}'

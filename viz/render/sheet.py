@@ -110,7 +110,7 @@ def _legend(figure: Figure, scene: Scene, parts: list[Part], top: int) -> None:
         figure.add_artist(mark)
         figure.text((x + 24) / WIDE, height / TALL, labels[part.name], size=11.5, color=INK, va="center")
     below = y - 42 - 29 * half - 8
-    facts = scene.touch.facts if scene.touch is not None else ()
+    facts = scene.estimate.facts if scene.estimate is not None else ()
     lines = [line for fact in facts for line in textwrap.wrap(fact, 82)][: max((below - 16) // 23, 0)]
     for index, line in enumerate(lines):
         figure.text(36 / WIDE, (below - 23 * index) / TALL, line, size=11.5, color=QUIET, va="center")

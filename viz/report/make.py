@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from vbaa_calib.rig import Rig
 
     from .pictures import Picture
-    from .tables import SummaryRow
+    from .recording import SummaryRow
 
 SUFFIXES = (".html", ".htm")
 
@@ -64,11 +64,11 @@ def make_report(
     summary: Sequence[SummaryRow] = (),
     force: bool = False,
 ) -> None:
-    """Read the sources, feel the object, draw, and write the page.
+    """Read the sources, estimate the object, draw, and write the page.
 
     Parameters
     ----------
-    argv : the command line that asked for it, told in the page.
+    argv : the command line that asked for it, written in the page.
     summary : errors against truth, with the goal of each.
 
     Raises
@@ -79,11 +79,11 @@ def make_report(
     from estimator.table.joint_angles import joint_angles
     from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig
+    from viz.scene.truth import true_contacts
 
-    from .object_section import sensed
-    from .report import Report, write_report
-    from .tables import origin
-    from .truth import truth_of
+    from .findings import object_findings
+    from .recording import Report, write_report
+    from .words import origin
 
     refuse_report(path, force)
     table = read_contacts(sources.contacts)
@@ -91,8 +91,8 @@ def make_report(
     if rig is not None:
         joint_angles(rig.kinematics, table)  # refuses another rig's contacts
     contents = None if sources.truth is None else read_json(sources.truth)
-    truth = None if contents is None else truth_of(table, contents, sources.truth)
-    felt = sensed(table, rig, truth)
+    truth = None if contents is None else true_contacts(table, contents, sources.truth)
+    findings = object_findings(table, rig, truth)
     files = {
         "contacts": sources.contacts,
         "rig": sources.rig,
@@ -102,23 +102,23 @@ def make_report(
     report = Report(
         title=title,
         table=table,
-        sensed=felt,
+        findings=findings,
         rig=rig,
         truth=truth,
         summary=summary,
-        pictures=_pictures(sources, table, rig, felt.felt, contents),
+        pictures=_pictures(sources, table, rig, findings.estimate, contents),
         origin=origin(files, rig, argv),
     )
     write_report(path, report, force=force)
 
 
 def _pictures(
-    sources: Sources, table: ContactTable, rig: Rig | None, felt: Felt | None, truth: Mapping[str, Any] | None
+    sources: Sources, table: ContactTable, rig: Rig | None, estimate: Felt | None, truth: Mapping[str, Any] | None
 ) -> list[Picture]:
     from .pictures import SCENE_CAPTION, from_file, scene_picture, seen_picture
 
     if sources.picture is None:
-        pictures = [scene_picture(table, rig, felt, truth, sources.session)]
+        pictures = [scene_picture(table, rig, estimate, truth, sources.session)]
     else:
         pictures = [from_file(sources.picture, SCENE_CAPTION)]
     if sources.session is not None and rig is not None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +13,6 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError, VbaaError
-from viz.scene.markup import prose
 
 if TYPE_CHECKING:
     from estimator.object.estimate import Felt
@@ -37,15 +34,6 @@ class Picture:
 
     jpeg: bytes
     words: str
-
-
-def figure(picture: Picture) -> str:
-    """As HTML; the words alone where there is no picture."""
-    if not picture.jpeg:
-        return f'<p class="none">{prose(picture.words)}</p>'
-    data, words = base64.b64encode(picture.jpeg).decode(), picture.words
-    image = f'<img alt="{escape(words)}" src="data:image/jpeg;base64,{data}">'
-    return f"<figure>{image}<figcaption>{prose(words)}</figcaption></figure>"
 
 
 def from_file(path: Path, words: str) -> Picture:
@@ -70,7 +58,7 @@ def _packed(image: np.ndarray) -> bytes:
 
 
 def scene_picture(
-    table: ContactTable, rig: Rig | None, felt: Felt | None, truth: Mapping[str, Any] | None, session: Path | None
+    table: ContactTable, rig: Rig | None, estimate: Felt | None, truth: Mapping[str, Any] | None, session: Path | None
 ) -> Picture:
     """The scene as `vbaa view --screenshot` draws it, or why there is none. `truth` is truth.json's contents."""
     from viz.render.render import can_render, screenshot
@@ -82,34 +70,34 @@ def scene_picture(
     try:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "scene.png"
-            screenshot(_scene(table, rig, felt, truth, session), path)
+            screenshot(_scene(table, rig, estimate, truth, session), path)
             return from_file(path, SCENE_CAPTION)
     except VbaaError as error:
         return Picture(b"", f"No picture of the scene: {error}")
 
 
 def _scene(
-    table: ContactTable, rig: Rig | None, felt: Felt | None, truth: Mapping[str, Any] | None, session: Path | None
+    table: ContactTable, rig: Rig | None, estimate: Felt | None, truth: Mapping[str, Any] | None, session: Path | None
 ) -> Scene:
+    from viz.scene.facts import drawn_estimate
     from viz.scene.moments import moments_of
-    from viz.scene.object_items import touch_of
     from viz.scene.rig_items import rig_items, session_pictures
-    from viz.scene.scene import ObjectMesh, build_scene
-    from viz.scene.truth import truth_object
+    from viz.scene.scene import Contacts, ObjectMesh, Scene
+    from viz.scene.truth import true_object
 
-    moments = moments_of(table, None if felt is None else felt.track.phase)
+    moments = moments_of(table, None if estimate is None else estimate.track.phase)
     pictures: tuple[np.ndarray | None, ...] = ()
     if rig is not None and session is not None:
         main = moments.main
         seen = session_pictures(session, moments.frame[main : main + 1], rig.camera.image_size)
         pictures = tuple(seen[0] if index == main else None for index in range(len(moments)))
-    return build_scene(
-        table,
-        moments=moments,
+    return Scene(
+        Contacts.of(table),
+        moments,
         rig=None if rig is None else rig_items(rig, table, moments),
-        surface=None if felt is None else ObjectMesh.of(felt.surface),
-        truth=None if truth is None else truth_object(truth),
-        touch=None if felt is None else touch_of(felt),
+        object=None if estimate is None else ObjectMesh.of(estimate.surface),
+        truth=None if truth is None else true_object(truth),
+        estimate=None if estimate is None else drawn_estimate(estimate),
         pictures=pictures,
     )
 

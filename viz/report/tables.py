@@ -1,119 +1,118 @@
-"""Tables of the report: the contacts with their uncertainties, errors against truth, and where all of it comes from."""
+"""Tables of the reports, and numbers as a person writes them."""
 
 from __future__ import annotations
 
-import platform
-import shlex
-from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
-from html import escape
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
-import vbaa_calib
-from estimator.contact.overlay import STATUS_COLOURS
-from estimator.table.contacts import ContactTable
-from vbaa_calib.core.files import sha256
-from vbaa_calib.rig import Rig
-from viz.check.tables import fixed, with_std
-from viz.check.tables import table as table_of
-
-from .map import spread_out
-from .words import rig_words
-
-if TYPE_CHECKING:
-    from estimator.object.track import Event
-
-SummaryRow = tuple[str, float, str, float | None]
-"""Name, value, unit, and the goal that the value must not exceed, if there is one."""
-MOST_ROWS = 500
-_HEAD = ("l, mm", "f_y, mN", "f_z, mN", "X, mm", "Y, mm", "Z, mm", "residual, µN·m")
-
-
-def summary_table(rows: Sequence[SummaryRow]) -> str:
-    """Values with the goals that they meet or miss."""
-    body = []
-    for name, value, unit, goal in rows:
-        verdict = ""
-        if goal is not None:
-            verdict = '<span class="good">met</span>' if value <= goal else '<span class="bad">missed</span>'
-        limit = "" if goal is None else f"≤ {goal:.4g}"
-        body.append(
-            f'<tr><td class="text">{escape(name)}</td><td>{value:.4g}</td><td class="text">{escape(unit)}</td>'
-            f"<td>{limit}</td><td>{verdict}</td></tr>"
-        )
-    head = '<th class="text">quantity</th><th>error</th><th class="text">unit</th><th>goal</th><th></th>'
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
+_UNITS = (
+    ("_percent", "%", 1.0),
+    ("_kg_m3", "kg/m³", 1.0),
+    ("_kg_m", "g/m", 1e3),
+    ("_Nm2", "N·m²", 1.0),
+    ("_Nm_per_s", "µN·m/s", 1e6),
+    ("_Nm_per_row", "µN·m per row", 1e6),
+    ("_Nm", "mN·m", 1e3),
+    ("_per_m", "1/m", 1.0),
+    ("_mrad", "mrad", 1.0),
+    ("_rad", "mrad", 1e3),
+    ("_mm", "mm", 1.0),
+    ("_m", "mm", 1e3),
+    ("_px", "px", 1.0),
+    ("_N", "mN", 1e3),
+    ("_s", "s", 1.0),
+)
+_DEEPEST = 3
+_MOST_ROWS = 400
 
 
-def events_table(events: Sequence[Event]) -> str:
-    """What happened when; the first ones where there are very many."""
-    rows = [
-        [
-            escape(event.kind.replace("_", " ")),
-            f'<span class="told">{escape(event.words)}</span>',
-            with_std(float(event.time_s), float(event.time_std_s)) if np.isfinite(event.time_s) else "–",
-            fixed(event.delay_s, 3) if np.isfinite(event.delay_s) else "–",
-            str(event.frame),
-        ]
-        for event in events[:MOST_ROWS]
-    ]
-    left = "" if len(rows) == len(events) else f"<p>The first {len(rows)} of {len(events)}.</p>"
-    return left + table_of(("event", "in words", "time, s", "decided after, s", "frame"), rows, text_columns=2)
+@dataclass(frozen=True)
+class Table:
+    """Cells row by row, as text or as HTML; the columns named in `text` stand to the left.
+
+    `cut` is a sentence over the table where it does not hold all rows.
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    text: Sequence[str] = ()
+    cut: str = ""
 
 
-def contacts_table(table: ContactTable, phase: Sequence[str] | None) -> str:
-    """A row for every frame, evenly thinned where there are more than a page holds."""
-    shown = spread_out(len(table), MOST_ROWS)
-    std_world = np.sqrt(np.clip(np.diagonal(table.covariance_world_m2, axis1=1, axis2=2), 0.0, None))
-    rows = "".join(_row(table, phase, int(index), std_world[index]) for index in shown)
-    names = ["frame", "time, s", "status", "model", *(["phase"] if phase is not None else []), *_HEAD, "reason"]
-    text = ("status", "model", "phase", "reason")
-    head = "".join(f'<th class="text">{name}</th>' if name in text else f"<th>{name}</th>" for name in names)
-    left = "" if len(shown) == len(table) else f"<p>{len(shown)} of {len(table)} frames, evenly spread.</p>"
-    return f'{left}<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+def number(value: Any, digits: int = 4) -> str:
+    """With so many digits; a dash where there is none."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not isinstance(value, int | float) or not np.isfinite(value):
+        return "–"
+    return f"{value:.{digits}g}".replace("-", "−")
 
 
-def _row(table: ContactTable, phase: Sequence[str] | None, row: int, std_world: np.ndarray) -> str:
-    status = str(table.status[row])
-    cells = [
-        _number(table.distance_m[row], table.distance_std_m[row], 1e3),
-        _number(table.force_y_N[row], table.force_y_std_N[row], 1e3),
-        _number(table.force_z_N[row], table.force_z_std_N[row], 1e3),
-        *(_number(table.point_world_m[row, i], std_world[i], 1e3) for i in range(3)),
-    ]
-    residual = table.moment_residual_Nm[row]
-    cells.append(fixed(1e6 * float(residual), 1) if np.isfinite(residual) else "")
-    moved = "" if phase is None else f'<td class="text">{escape(str(phase[row]))}</td>'
-    return (
-        f'<tr><td>{table.frame[row]}</td><td>{table.time_s[row]:.3f}</td><td class="text">'
-        f'<i class="dot" style="background:{STATUS_COLOURS[status]}"></i>{escape(status)}</td>'
-        f'<td class="text">{escape(str(table.model[row]))}</td>{moved}'
-        f"{''.join(f'<td>{cell}</td>' for cell in cells)}"
-        f'<td class="text reason"><small>{escape(str(table.reason[row]))}</small></td></tr>'
-    )
+def fixed(value: float, decimals: int) -> str:
+    """With so many decimals, without a minus where nothing is left of it."""
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0 else text.replace("-", "−")
 
 
-def _number(value: float, std: float, scale: float) -> str:
-    return with_std(float(value), float(std), scale) if np.isfinite(value) else ""
+def with_std(value: float, std: float | None, scale: float = 1.0) -> str:
+    """With the digits that the standard deviation leaves it, and that; as HTML."""
+    value, std = scale * value, None if std is None else scale * std
+    if std is None or not np.isfinite(std) or std <= 0:
+        return number(value, 6)
+    digits = int(np.clip(1 - np.floor(np.log10(std)), 0, 12))
+    return Markup(f"{value:.{digits}f} <small>± {std:.{digits}f}</small>".replace("-", "−"))
 
 
-def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str]) -> list[tuple[str, str]]:
-    """Where a report comes from: names and HTML."""
-    rows = [("command", f"<code>{escape(shlex.join(argv))}</code>")] if argv else []
-    for name, path in files.items():
-        if path is not None:
-            digest = f"<br><small>sha256 {sha256(path)}</small>" if path.is_file() else ""
-            rows.append((name, f"{escape(str(path))}{digest}"))
-    if rig is not None:
-        rows.append(("what the rig is", escape(rig_words(rig))))
-    versions = f"vbaa-calib {vbaa_calib.__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
-    return [*rows, ("versions", versions), ("written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]
+def records(rows: Any, columns: Sequence[tuple[str, str, int | None]], text_columns: int = 1) -> Table:
+    """A table of mappings by (key, heading, decimals); a key that a row does not have is a dash."""
+    found = [row for row in rows if isinstance(row, Mapping)] if isinstance(rows, list) else []
+    cells = [[_cell(row.get(key), decimals) for key, _, decimals in columns] for row in found[:_MOST_ROWS]]
+    head = [heading for _, heading, _ in columns]
+    return Table(head, cells, head[:text_columns])
 
 
-def origin_table(rows: Sequence[tuple[str, str]]) -> str:
-    """As HTML."""
-    body = "".join(f'<tr><td>{escape(name)}</td><td class="path">{value}</td></tr>' for name, value in rows)
-    return f'<table class="words"><tbody>{body}</tbody></table>'
+def listing(data: Any) -> Table:
+    """Any section of rig.json: names, values, units."""
+    rows = list(_flat(data)) if isinstance(data, Mapping) else []
+    return Table(("what", "value", "unit"), rows[:_MOST_ROWS], ("what",))
+
+
+def at(data: Any, *keys: str) -> Any:
+    """What lies at a path of keys; None where the path ends."""
+    for key in keys:
+        data = data.get(key) if isinstance(data, Mapping) else None
+    return data
+
+
+def _cell(value: Any, decimals: int | None = None) -> str:
+    if isinstance(value, str):
+        return value
+    if decimals is None or isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        return number(value)
+    return fixed(value, decimals)
+
+
+def _flat(data: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator[list[str]]:
+    for key, value in data.items():
+        name = f"{before}{key}"
+        items = value if isinstance(value, list) else [value]
+        if any(isinstance(item, Mapping) for item in items):
+            for index, item in enumerate(items):
+                if isinstance(item, Mapping) and depth < _DEEPEST:
+                    numbered = f"{name} {index + 1}" if isinstance(value, list) else name
+                    yield from _flat(item, f"{numbered} · ", depth + 1)
+        elif not any(isinstance(item, list) for item in items):
+            yield _row(name, items)
+
+
+def _row(name: str, values: Sequence[Any]) -> list[str]:
+    found = next((unit for unit in _UNITS if name.endswith(unit[0]) or f"{unit[0]} ·" in name), None)
+    suffix, unit, scale = found or ("", "", 1.0)
+    label = name.replace(suffix, "", 1) if suffix else name
+    numeric = bool(values) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    shown = ", ".join(number(scale * v) if numeric else _cell(v) for v in values)
+    return [label.replace("_", " "), shown or "–", unit if numeric else ""]

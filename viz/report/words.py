@@ -1,21 +1,27 @@
-"""The report in words: its verdict, and what its names mean."""
+"""The report in words: its verdict, the meaning of its names, and its sources."""
 
 from __future__ import annotations
 
-from html import escape
+import platform
+import shlex
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
+import vbaa_calib
 from estimator.contact.overlay import MEANINGS, STATUS_COLOURS
 from estimator.object.surface.touches import BIASED_STD
 from estimator.table.contacts import LOCATED, ContactTable
+from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
-from viz.check.tables import number
-from viz.scene.markup import prose
+from viz.figures.drawing import AMBER, SLATE, TEAL
+from viz.scene.facts import Fact
 
-from .object_section import Fact
+from .tables import Table, number
 
-TEAL, AMBER, SLATE = "#0f766e", "#b45309", "#475569"
 MANY = 0.2
 """A larger part of the frames lost is said in the verdict's colour, too."""
 LARGE_RESIDUAL = 3.0
@@ -36,12 +42,12 @@ PHASE_MEANINGS = {
     "sticking": "the antenna's material at the contact stands still against the object",
     "sliding": "it moves along the object",
     "rolling": "the contact moves along the antenna, its material does not slip",
-    "unknown": "the data do not say",
+    "unknown": "undetermined by the data",
 }
 MODEL_MEANINGS = {
     "linear": "small deflections, with weight, natural curvature and clamp",
     "elastica": "large deflections; weight, curvature, clamp and torsion in one pass",
-    "rod": "the static rod, as exactly as it can be told",
+    "rod": "the static rod with weight, curvature, clamp and torsion, solved without approximations",
     "paper": "straight, weightless, rigidly clamped; small deflections",
 }
 _QUANTITIES = (
@@ -105,8 +111,8 @@ def _counts(table: ContactTable) -> str:
 def _reasons(table: ContactTable, lost: np.ndarray, most: int = 3) -> str:
     names, counts = np.unique(table.reason[lost].astype(str), return_counts=True)
     order = np.argsort(-counts)
-    told = [f"{names[index]} ({counts[index]} ×)" for index in order[:most]]
-    return "; ".join(told) + (f"; and {len(names) - most} other reasons" if len(names) > most else "")
+    shown = [f"{names[index]} ({counts[index]} ×)" for index in order[:most]]
+    return "; ".join(shown) + (f"; and {len(names) - most} other reasons" if len(names) > most else "")
 
 
 def _residual(table: ContactTable, rig: Rig | None) -> list[Fact]:
@@ -120,43 +126,41 @@ def _residual(table: ContactTable, rig: Rig | None) -> list[Fact]:
     return [Fact("To look at", words + ".", "look")]
 
 
-def facts_list(facts: list[Fact]) -> str:
-    """As HTML."""
-    items = (
-        f'<dt>{escape(fact.label)}</dt><dd class="{"" if fact.kind == "told" else fact.kind}">{prose(fact.words)}</dd>'
-        for fact in facts
-    )
-    return f'<dl class="facts">{"".join(items)}</dl>'
-
-
-def glossary() -> str:
-    """Statuses, phases, models and quantities as tables."""
+def glossary() -> list[tuple[str, Table]]:
+    """Statuses, phases, models and quantities."""
     use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
-    statuses = [(_dot(colour, name), MEANINGS[name], use[name]) for name, colour in STATUS_COLOURS.items()]
-    phases = [(_dot(colour, name), PHASE_MEANINGS[name]) for name, colour in PHASE_COLOURS.items()]
-    models = [(_dot(colour, name), MODEL_MEANINGS[name]) for name, colour in MODEL_COLOURS.items()]
-    tables = (
-        ("Status of a frame", ("status", "meaning", "its numbers"), statuses),
-        ("Phase of a frame", ("phase", "meaning"), phases),
-        ("Mechanical model, the lowest that suffices", ("model", "meaning"), models),
-        ("Quantities", ("name", "unit", "meaning"), [tuple(map(escape, row)) for row in _QUANTITIES]),
-    )
-    body = "".join(f"<div><h3>{escape(name)}</h3>{_words(head, rows)}</div>" for name, head, rows in tables)
-    return f'<div class="pair">{body}</div>'
+    statuses = [(dotted(colour, name), MEANINGS[name], use[name]) for name, colour in STATUS_COLOURS.items()]
+    phases = [(dotted(colour, name), PHASE_MEANINGS[name]) for name, colour in PHASE_COLOURS.items()]
+    models = [(dotted(colour, name), MODEL_MEANINGS[name]) for name, colour in MODEL_COLOURS.items()]
+    return [
+        ("Status of a frame", Table(("status", "meaning", "its numbers"), statuses)),
+        ("Phase of a frame", Table(("phase", "meaning"), phases)),
+        ("Mechanical model, the lowest that suffices", Table(("model", "meaning"), models)),
+        ("Quantities", Table(("name", "unit", "meaning"), _QUANTITIES)),
+    ]
 
 
-def _dot(colour: str, name: str) -> str:
-    return f'<i class="dot" style="background:{colour}"></i>{escape(name)}'
+def dotted(colour: str, name: str) -> Markup:
+    """A name behind a dot of its colour."""
+    return Markup('<i class="dot" style="background:{}"></i>{}').format(colour, name)
 
 
-def _words(head: tuple[str, ...], rows: list) -> str:
-    top = "".join(f'<th class="text">{escape(name)}</th>' for name in head)
-    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-    return f'<table class="words"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
+def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str]) -> list[tuple[str, str]]:
+    """What a report was made from: names and text or HTML."""
+    rows: list[tuple[str, str]] = []
+    if argv:
+        rows.append(("command", Markup("<code>{}</code>").format(shlex.join(argv))))
+    for name, path in files.items():
+        if path is not None:
+            digest = Markup("<br><small>sha256 {}</small>").format(sha256(path)) if path.is_file() else ""
+            rows.append((name, Markup("{}{}").format(path, digest)))
+    if rig is not None:
+        rows.append(("antenna and camera", _rig_words(rig)))
+    versions = f"vbaa-calib {vbaa_calib.__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
+    return [*rows, ("versions", versions), ("written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]
 
 
-def rig_words(rig: Rig) -> str:
-    """The rig in a line."""
+def _rig_words(rig: Rig) -> str:
     length, diameter = 1e3 * rig.antenna.length_m, 1e3 * rig.antenna.diameter_m
     width, height = rig.camera.image_size
     return (

@@ -9,13 +9,11 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable
 
-from .moments import Moments, moments_of
-from .truth import TruthObject, truth_object
+from .moments import Moments
+from .truth import TrueObject
 
 if TYPE_CHECKING:
     from estimator.object.surface import Surface
-
-__all__ = ["Contacts", "ObjectMesh", "RigItems", "Scene", "Touch", "TruthObject", "build_scene", "truth_object"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +60,18 @@ class Contacts:
     time_s: np.ndarray
     row: np.ndarray
 
+    @staticmethod
+    def of(table: ContactTable) -> Contacts:
+        """The located contacts of a table."""
+        row = np.flatnonzero(table.located)
+        return Contacts(
+            table.point_world_m[row],
+            table.force_world_N[row],
+            table.covariance_world_m2[row],
+            table.time_s[row] - table.time_s[0],
+            row,
+        )
+
     @property
     def size_mN(self) -> np.ndarray:
         """(P,) force magnitudes."""
@@ -100,14 +110,14 @@ class ObjectMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
-    """What touching told beyond the single contacts.
+class ObjectEstimate:
+    """What the contacts say together of the object, beside its shape.
 
     Attributes
     ----------
-    row : (K,) index into the contact table of each touch; normals (K, 3): the object's, NaN where the shape is silent.
-    cone_rad : half angle of the friction cone; None where friction is not told.
-    facts : sentences on friction, stiffness and what else was found, or why it was not.
+    row : (K,) index into the contact table of each contact; normals (K, 3): the object's, NaN where undetermined.
+    cone_rad : half angle of the friction cone; None where friction is undetermined.
+    facts : sentences on friction, stiffness and shape, or on why they are undetermined.
     """
 
     row: np.ndarray
@@ -127,8 +137,8 @@ class Scene:
     moments: Moments
     rig: RigItems | None = None
     object: ObjectMesh | None = None
-    truth: TruthObject | None = None
-    touch: Touch | None = None
+    truth: TrueObject | None = None
+    estimate: ObjectEstimate | None = None
     pictures: tuple[np.ndarray | None, ...] = field(default=())
 
     @property
@@ -145,40 +155,7 @@ class Scene:
     def normals(self) -> np.ndarray:
         """(P, 3) the object's outward normal at each contact; NaN where it is not known."""
         normals = np.full_like(self.contacts.points_m, np.nan)
-        if self.touch is not None:
-            _, here, there = np.intersect1d(self.contacts.row, self.touch.row, return_indices=True)
-            normals[here] = self.touch.normals[there]
+        if self.estimate is not None:
+            _, here, there = np.intersect1d(self.contacts.row, self.estimate.row, return_indices=True)
+            normals[here] = self.estimate.normals[there]
         return normals
-
-
-def build_scene(
-    table: ContactTable,
-    *,
-    moments: Moments | None = None,
-    rig: RigItems | None = None,
-    surface: ObjectMesh | None = None,
-    truth: TruthObject | None = None,
-    touch: Touch | None = None,
-    pictures: tuple[np.ndarray | None, ...] = (),
-) -> Scene:
-    """The scene of one recording.
-
-    Parameters
-    ----------
-    table : its contacts; frames without a located contact are moments, but no contacts.
-    moments : those that `rig` and `pictures` are of; by default what `moments_of` chooses.
-
-    Raises
-    ------
-    InputError : there is nothing to draw.
-    """
-    moments = moments_of(table) if moments is None else moments
-    row = np.flatnonzero(table.located)
-    contacts = Contacts(
-        table.point_world_m[row],
-        table.force_world_N[row],
-        table.covariance_world_m2[row],
-        table.time_s[row] - table.time_s[0],
-        row,
-    )
-    return Scene(contacts, moments, rig, surface, truth, touch, pictures)

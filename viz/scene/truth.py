@@ -1,4 +1,4 @@
-"""The object that was really there, as truth.json of a simulated session tells it."""
+"""truth.json of a simulated session: its contacts, row by row of a table, and its object."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.bumps import Bump
 
@@ -25,7 +26,53 @@ SPARE: dict[str, Any] = {"axis_world": (0.0, 0.0, 1.0), "wedge_world": (0.0, 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class TruthObject:
+class TrueContacts:
+    """The true contacts in the order of a table of B frames; NaN where there is no contact, or it is not known.
+
+    Attributes
+    ----------
+    distance_m, force_y_N, force_z_N : (B,). point_world_m : (B, 3) on the antenna's centreline.
+    friction : the object's μ. stiffness_N_m : the object's, inf for a rigid one; NaN where not known.
+    """
+
+    distance_m: np.ndarray
+    force_y_N: np.ndarray
+    force_z_N: np.ndarray
+    point_world_m: np.ndarray
+    friction: float = np.nan
+    stiffness_N_m: float = np.nan
+
+    @property
+    def compliance_m_N(self) -> float:
+        """Of the object; NaN where not known."""
+        return 1.0 / self.stiffness_N_m
+
+
+def true_contacts(table: ContactTable, contents: Mapping[str, Any], where: object = "truth.json") -> TrueContacts:
+    """The truth of a table's frames. Raises InputError when the contents are not truth.json's."""
+    number = len(table)
+    values = {name: np.full(number, np.nan) for name in ("distance_m", "force_y_N", "force_z_N")}
+    points = np.full((number, 3), np.nan)
+    try:
+        frames = {int(frame["frame"]): frame for frame in contents["frames"]}
+        for row, name in enumerate(table.frame):
+            frame = frames.get(int(name))
+            if frame is None or not frame["in_contact"]:
+                continue
+            values["distance_m"][row] = frame["distance_m"]
+            _, values["force_y_N"][row], values["force_z_N"][row] = frame["force_N"]
+            points[row] = frame.get("contact_world_m", (np.nan, np.nan, np.nan))
+        touched = contents.get("object", {})
+        friction = float(touched.get("friction", np.nan))
+        stiffness = touched.get("stiffness_N_m", np.nan)
+        stiffness = np.inf if stiffness is None else float(stiffness)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"frames are not as expected ({error!r})", where=where, remedy=REMEDY) from None
+    return TrueContacts(**values, point_world_m=points, friction=friction, stiffness_N_m=stiffness)
+
+
+@dataclass(frozen=True, eq=False)
+class TrueObject:
     """One of the shapes of `NEEDED`. What a shape does not need has some value.
 
     Attributes
@@ -43,7 +90,7 @@ class TruthObject:
     bumps: tuple[Bump, ...] = ()
 
 
-def truth_object(truth: Mapping[str, Any], where: object = "truth.json") -> TruthObject:
+def true_object(truth: Mapping[str, Any], where: object = "truth.json") -> TrueObject:
     """The touched object out of truth.json's contents. Raises InputError when it is not there or wrong."""
     data = truth.get("object")
     if not isinstance(data, Mapping):
@@ -66,7 +113,7 @@ def truth_object(truth: Mapping[str, Any], where: object = "truth.json") -> Trut
     length = np.linalg.norm(axis)
     if length == 0:
         raise InputError("object.axis_world has no direction", where=where, remedy=REMEDY)
-    return TruthObject(
+    return TrueObject(
         shape,
         numbers("center_world_m", 3),
         axis / length,

@@ -1,4 +1,4 @@
-"""Made-up findings of a table of contacts, as `estimator.object.estimate.feel` gives them, without the work."""
+"""Made-up object estimates of a table of contacts, without the work."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from estimator.table.contacts import ContactTable
 MU, STIFFNESS_N_M = 0.3, 250.0
 
 
-def felt(table: ContactTable, *, told: bool = True) -> Any:
-    """Sliding one way, then the other, on a soft object; with `told` off, the same without its conclusions."""
+def object_estimate(table: ContactTable, *, determined: bool = True) -> Any:
+    """Sliding one way, then the other, on a soft object; without `determined`, the same without its conclusions."""
     row = np.flatnonzero(table.located)
     force = table.force_world_N[row]
     size = np.linalg.norm(force, axis=1)
@@ -33,22 +33,22 @@ def felt(table: ContactTable, *, told: bool = True) -> Any:
         touched_patch=np.zeros(len(row), int),
         touched_row=row,
         compliance=SimpleNamespace(
-            told=told,
+            told=determined,
             compliance_m_N=1 / STIFFNESS_N_M,
             std_m_N=1e-4,
-            stiffness_N_m=STIFFNESS_N_M if told else np.nan,
-            interval_N_m=np.array([238.0, 263.0]) if told else np.full(2, np.nan),
-            reason="" if told else "the force hardly varied",
+            stiffness_N_m=STIFFNESS_N_M if determined else np.nan,
+            interval_N_m=np.array([238.0, 263.0]) if determined else np.full(2, np.nan),
+            reason="" if determined else "the force hardly varied",
         ),
-        notes=("one patch was left out",),
+        notes=("one patch was withheld",),
     )
     friction = SimpleNamespace(
-        told=told,
-        mu=MU if told else np.nan,
+        told=determined,
+        mu=MU if determined else np.nan,
         std=0.01,
-        interval=np.array([0.28, 0.32] if told else [0.1, np.inf]),
+        interval=np.array([0.28, 0.32] if determined else [0.1, np.inf]),
         cone_half_angle_rad=np.arctan(MU),
-        reason="" if told else "it never slid",
+        reason="" if determined else "it never slid",
         lateral_rad=-sign * np.arctan(MU),
         lateral_std_rad=np.full(len(row), 0.01),
         used_as=np.full(len(row), "sliding"),

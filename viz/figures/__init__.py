@@ -1,0 +1,1 @@
+"""Figures of the reports: matplotlib, as SVG inside a page."""

@@ -1,0 +1,225 @@
+"""Figures over time: a quantity with its band, and the state of each frame as lanes. Any number of frames fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from .drawing import ESTIMATE, INK, SOFT, TRUTH, band, bars, dots, legend, limits, new_axes, paths, style, svg
+
+LEFT, RIGHT, TOP, WIDTH = 148.0, 14.0, 34.0, 960.0
+MOST_DOTS = 1500
+"""More frames than this are drawn as the range of each column of pixels."""
+MOST_EVENTS = 40
+GAP = 3.0
+"""Frames farther apart than so many usual steps are not joined."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimeAxis:
+    """The time axis that all figures over time share.
+
+    Attributes
+    ----------
+    time_s : (B,) since `start_s`, rising. step_s : the usual time between frames; 1 for a single frame.
+    events_s : times of events, with words: drawn through every figure.
+    """
+
+    time_s: np.ndarray
+    start_s: float
+    step_s: float
+    events_s: tuple[tuple[float, str], ...] = ()
+
+    @staticmethod
+    def of(time_s: np.ndarray, events_s: Sequence[tuple[float, str]] = ()) -> TimeAxis:
+        """From the frames' times (B,), B ≥ 1. Times that do not begin near 0 count from the first frame."""
+        start = 0.0 if 0 <= time_s[0] <= 1e4 else float(time_s[0])
+        steps = np.diff(time_s)
+        step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+        shown = tuple((at - start, words) for at, words in events_s if np.isfinite(at))
+        return TimeAxis(time_s - start, start, step, shown if len(shown) <= MOST_EVENTS else ())
+
+    @property
+    def label(self) -> str:
+        """What stands under the time axis."""
+        return "time, s" if self.start_s == 0 else f"time after {self.start_s:.15g} s, s"
+
+    @property
+    def ends_s(self) -> tuple[float, float]:
+        """Half a step before the first frame and after the last."""
+        return float(self.time_s[0]) - 0.5 * self.step_s, float(self.time_s[-1]) + 0.5 * self.step_s
+
+    def axes(self, title: str, y: tuple[float, float], height: float = 190.0, bottom: float = 24.0) -> Axes:
+        """Axes over the whole recording."""
+        return new_axes(title, (WIDTH, height), (LEFT, RIGHT, TOP, bottom), self.ends_s, y)
+
+    def columns(self, time_s: np.ndarray) -> np.ndarray:
+        """The column of pixels, from 0, of each time."""
+        first, last = self.ends_s
+        return np.floor((time_s - first) / (last - first) * (WIDTH - LEFT - RIGHT)).astype(int)
+
+    def gathered(self, time_s: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Values from low to high (N,) by columns of pixels: time, least, middle and largest of each, (C,)."""
+        column = self.columns(time_s)
+        order = np.lexsort((low + high, column))
+        found, first, count = np.unique(column[order], return_index=True, return_counts=True)
+        if not len(found):
+            return (np.zeros(0),) * 4
+        start, end = self.ends_s
+        centre = start + (found + 0.5) / (WIDTH - LEFT - RIGHT) * (end - start)
+        middle = 0.5 * (low + high)[order][first + count // 2]
+        return centre, np.minimum.reduceat(low[order], first), middle, np.maximum.reduceat(high[order], first)
+
+    def svg(self, axes: Axes) -> Markup:
+        """The figure with its events, and with the scale that the page's time cursor needs."""
+        for at, words in self.events_s:
+            axes.axvline(at, color=SOFT, lw=1, ls=(0, (3, 3)), gid=f"tip:{words}")
+        first, last = (end + self.start_s for end in self.ends_s)
+        scale = f'data-left="{LEFT:g}" data-right="{WIDTH - RIGHT:g}" data-first="{first:.15g}" data-last="{last:.15g}"'
+        return svg(axes, attributes=f'class="time" {scale}')
+
+
+@style
+def curve(
+    clock: TimeAxis,
+    title: str,
+    value: np.ndarray,
+    std: np.ndarray,
+    truth: np.ndarray | None = None,
+    meaning: str = "estimate ± 2 std",
+) -> Axes:
+    """One quantity over time: points, band of two standard deviations, truth as a line.
+
+    Parameters
+    ----------
+    value, std, truth : (B,) in one unit, NaN where there is none. meaning : of points and band, for the legend.
+    """
+    # the values with their usual bands: the band of a frame that is hardly known is cut
+    usual = 2 * np.where(np.isfinite(std), np.minimum(std, 5 * _usual(std)), 0.0)
+    axes = clock.axes(title, limits(value - usual, value + usual, [] if truth is None else truth))
+    spread = 2 * np.where(np.isfinite(std), std, 0.0)
+    _bands(axes, clock, value - spread, value + spread, ESTIMATE)
+    if truth is not None:
+        _lines(axes, clock, truth, TRUTH, 1.6)
+        known = np.isfinite(truth)
+        alone = known & ~np.append(known[1:], False) & ~np.append(False, known[:-1])
+        _points(axes, clock, np.where(alone | (known.sum() > MOST_DOTS), truth, np.nan), TRUTH, 3.0)
+    _lines(axes, clock, value, f"{ESTIMATE}77", 0.8)
+    _points(axes, clock, value, ESTIMATE)
+    legend(axes, [(ESTIMATE, meaning, "dot"), *([] if truth is None else [(TRUTH, "truth", "line")])])
+    return axes
+
+
+@style
+def signals(
+    clock: TimeAxis, title: str, values: Sequence[tuple[str, str, np.ndarray]], noise_std: np.ndarray, noise: str
+) -> Axes:
+    """Quantities that are 0 unless there is something to see, with the band of ± 2 std that noise alone would fill.
+
+    Parameters
+    ----------
+    values : name, colour and (B,) of each in one unit. noise_std : (B,) of any of them.
+    noise : its source, for the legend.
+    """
+    usual = _usual(noise_std)
+    axes = clock.axes(title, limits(*(value for _, _, value in values), [-2.5 * usual, 2.5 * usual]))
+    known = np.isfinite(noise_std) & np.any([np.isfinite(value) for _, _, value in values], axis=0)
+    spread = np.where(known, 2 * noise_std, np.nan)
+    _bands(axes, clock, -spread, spread, SOFT)
+    axes.axhline(0.0, color=SOFT, lw=1)
+    for _, colour, value in values:
+        _points(axes, clock, value, colour, 4.4)
+    legend(axes, [*((colour, name, "dot") for name, colour, _ in values), (SOFT, f"± 2 std of {noise}", "band")])
+    return axes
+
+
+@style
+def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str, str], last: bool = False) -> Axes:
+    """The state of every frame: a lane for each label that occurs, in the order of `colour`, with its count.
+
+    Parameters
+    ----------
+    label : (B,) of each frame, one of `colour`'s keys, or "" for none. Where there are more frames than pixels, a lane
+        is as high as its share of them.
+    last : write the time axis' label under it.
+    """
+    given, names = np.asarray(label), [name for name in colour if name in set(label)]
+    count, bottom = max(len(names), 1), 46.0 if last else 24.0
+    axes = clock.axes(title, (count, 0.0), TOP + 17.0 * count + bottom, bottom)
+    axes.grid(axis="y", visible=False)
+    axes.set_yticks(np.arange(len(names)) + 0.5, [f"{name} ({int((given == name).sum())})" for name in names])
+    axes.set_xlabel(clock.label if last else "")
+    for row, name in enumerate(names):
+        start, end, share = _stretches(clock, given == name)
+        base, lane = row + 0.88, 0.76
+        top = base - lane * share
+        corners = [(start, top), (end, top), (end, np.full_like(end, base)), (start, np.full_like(end, base))]
+        boxes = np.stack([np.column_stack(corner) for corner in (*corners, corners[0])], axis=1)
+        paths(axes, boxes, closed=True, fc=colour[name], ec=f"{INK}40", lw=0.5, label=name)
+    return axes
+
+
+def _stretches(clock: TimeAxis, here: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start, end and share (0 to 1) of each stretch of a lane; no share is too small to be seen."""
+    first, last = clock.ends_s
+    pixel = (last - first) / (WIDTH - LEFT - RIGHT)
+    if len(here) > MOST_DOTS:
+        column = clock.columns(clock.time_s)
+        frames, own = np.bincount(column), np.bincount(column, weights=here.astype(float))
+        share = np.ceil(8 * own / np.maximum(frames, 1)) / 8
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(share)) + 1, [len(share)]])
+        kept = np.flatnonzero(share[edges[:-1]] > 0)
+        return first + pixel * edges[kept], first + pixel * edges[kept + 1], share[edges[kept]]
+    # a frame stands for half the way to its neighbours, at most half a usual gap
+    half, own_s = np.minimum(0.5 * np.diff(clock.time_s), 0.5 * GAP * clock.step_s), 0.5 * clock.step_s
+    start = (clock.time_s - np.concatenate([[own_s], half]))[here]
+    end = (clock.time_s + np.concatenate([half, [own_s]]))[here]
+    apart = np.flatnonzero(start[1:] - end[:-1] > pixel)
+    start, end = start[np.concatenate([[0], apart + 1])], end[np.concatenate([apart, [len(end) - 1]])]
+    return start, np.maximum(end, start + pixel), np.ones(len(start))
+
+
+def _bands(axes: Axes, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colour: str) -> None:
+    """Between low and high (B,), unbroken stretches, each a little wider than its frames: a lone one is seen, too."""
+    known = np.isfinite(low) & np.isfinite(high)
+    x, low, high, step = clock.time_s[known], low[known], high[known], clock.step_s
+    if len(x) > MOST_DOTS:
+        x, low, _, high = clock.gathered(x, low, high)
+        step = max(step, (clock.ends_s[1] - clock.ends_s[0]) / (WIDTH - LEFT - RIGHT))
+    for run in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > GAP * step) + 1):
+        if len(run):
+            wide = np.concatenate([[x[run[0]] - 0.4 * step], x[run], [x[run[-1]] + 0.4 * step]])
+            inner = np.concatenate([run[:1], run, run[-1:]])
+            band(axes, wide, low[inner], high[inner], colour)
+
+
+def _points(axes: Axes, clock: TimeAxis, value: np.ndarray, colour: str, size: float = 5.0) -> None:
+    """Each frame; where they are more than pixels, pale the range of each column, dark its middle."""
+    known = np.isfinite(value)
+    x, value = clock.time_s[known], value[known]
+    if len(x) > MOST_DOTS:
+        x, low, value, high = clock.gathered(x, value, value)
+        bars(axes, x, low, high, f"{colour}55")
+        size = 2.0
+    dots(axes, x, value, colour, size)
+
+
+def _lines(axes: Axes, clock: TimeAxis, value: np.ndarray, colour: str, width: float) -> None:
+    """Joins known neighbours (B,) that no gap parts, unless there are too many."""
+    index = np.flatnonzero(np.isfinite(value))
+    if len(index) > MOST_DOTS:
+        return
+    apart = (np.diff(index) > 1) | (np.diff(clock.time_s[index]) > GAP * clock.step_s)
+    for run in np.split(index, np.flatnonzero(apart) + 1):
+        if len(run) > 1:
+            line = np.column_stack([clock.time_s[run], value[run]])
+            paths(axes, line[None], ec=colour, lw=width, joinstyle="round", label="line")
+
+
+def _usual(std: np.ndarray) -> float:
+    finite = std[np.isfinite(std)]
+    return float(np.median(finite)) if len(finite) else 0.0

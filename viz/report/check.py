@@ -1,0 +1,201 @@
+"""The report of `vbaa check`: one page, made from check.json's contents and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from viz.figures import check as figures
+from viz.figures.drawing import AMBER, RED, SLATE, TEAL, svg
+
+from .page import render
+from .tables import Table, at, fixed, listing, number, records, with_std
+
+LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
+
+
+def page(document: Mapping[str, Any]) -> str:
+    """The whole report as HTML, from what `Assessment.to_dict` makes."""
+    findings = [*document["session_findings"], *document["findings"]]
+    maps, numbers, session = document["maps"], document["numbers"], document["session"]
+    along = [[f"{1e3 * row['arclength_m']:.0f}", number(row["std_mm"], 3)] for row in maps["along_antenna"]]
+    return render(
+        "check.html.j2",
+        title=document["rig"],
+        colour=LEVEL_COLOURS[document["verdict"]],
+        colours=LEVEL_COLOURS,
+        headline=document["headline"],
+        problems=[one for level in ("does not hold", "look at") for one in findings if one["level"] == level],
+        answered=sum(one["level"] != "not given" for one in findings),
+        session_findings=document["session_findings"],
+        own_findings=document["findings"],
+        session=session,
+        maps=[svg(drawn) for drawn in _maps(maps, numbers["lens"]["image_size"])],
+        lens_map_recorded=maps["projection"] is not None,
+        along_antenna=Table(("along the antenna, mm", "± on plane C, mm"), along, ("along the antenna, mm",)),
+        numbers=numbers,
+        calibrated=_calibrated(numbers),
+        **_quality(document["quality"]),
+        **({} if session is None else _session(session, numbers)),
+    )
+
+
+def _maps(maps: Mapping[str, Any], size: list[int]) -> list[Axes]:
+    rays = {"has_ray": maps["has_ray"]}
+    drawn = [figures.heat_map("on plane C, mm", maps["plane"] | rays, size, maps["along_antenna"])]
+    if maps["projection"] is not None:
+        drawn.append(figures.heat_map("of the projection, px", maps["projection"] | rays, size))
+    return drawn
+
+
+def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures and tables of the new pictures."""
+    lens, boards, free, loads = numbers["lens"], session["boards"], session["noload"], session["loads"]
+    over_boards, antenna = [], []
+    if boards:
+        corners = np.concatenate([np.array(view["corners_px"], float).reshape(-1, 2) for view in boards])
+        over_boards = [
+            figures.coverage(corners, lens["image_size"]),
+            figures.residual_arrows(boards, lens["image_size"]),
+            figures.residuals_by_radius(boards, lens["values"][2:4]),
+            figures.views_rms(boards, session["boards_expected_rms_px"]),
+        ]
+    if free:
+        antenna.append(figures.free_residuals(free, 1e3 * numbers["antenna"]["length_m"]))
+    if loads:
+        antenna.append(figures.stiffness_by_load(loads))
+    read = [row for row in (*free, *loads) if row["moment_residual_mNm"] is not None]
+    if read:
+        antenna.append(figures.moment_residuals(read, numbers["moment_sensor"]["std_Nm"]))
+    return {
+        "boards": [svg(drawn) for drawn in over_boards],
+        "dropped_boards": records(
+            session["boards_dropped"], (("name", "picture", None), ("reason", "why it was not used", None)), 2
+        ),
+        "motion": _motion(session["camera_pose"]),
+        "antenna": [svg(drawn) for drawn in antenna],
+        "loads": records(
+            [row | {"number": index + 1} for index, row in enumerate(loads)],
+            (
+                ("image", "picture", None),
+                ("number", "load", 0),
+                ("distance_mm", "at, mm", 0),
+                ("force_y_mN", "f_y, mN", 1),
+                ("force_z_mN", "f_z, mN", 1),
+                ("predicted_deflection_mm", "deflection, mm: predicted", 2),
+                ("seen_deflection_mm", "seen", 2),
+                ("stiffness_percent", "EI off, %", 2),
+                ("stiffness_std_percent", "±", 2),
+                ("rms_std", "points, std", 2),
+                ("moment_predicted_mNm", "moment, mN·m: predicted", 3),
+                ("moment_read_mNm", "read", 3),
+                ("look_at", "look at", None),
+            ),
+        ),
+    }
+
+
+def _motion(pose: Mapping[str, Any] | None) -> Table | None:
+    """Of the camera since the calibration, axis by axis."""
+    if pose is None:
+        return None
+    rows = [
+        [f"{what} {axis}", fixed(value, 3), fixed(std, 3), f"{abs(value) / std:.1f}", unit]
+        for what, unit, values, stds in (
+            ("shift", "mm", pose["shift_mm"], pose["shift_std_mm"]),
+            ("turn about", "mrad", pose["turn_mrad"], pose["turn_std_mrad"]),
+        )
+        for axis, value, std in zip("xyz", values, stds, strict=True)
+    ]
+    head = ("motion since the calibration", "seen", "± predicted", "in std", "unit")
+    return Table(head, rows, head[:1])
+
+
+def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
+    """Every number of the rig with its deviation."""
+    lens, pose, antenna, sensor = (numbers[key] for key in ("lens", "camera_pose", "antenna", "moment_sensor"))
+    std = lens["std"] or [None] * len(lens["values"])
+    lens_rows = [
+        [name, with_std(value, own), "px" if name in ("fx", "fy", "cx", "cy") else ""]
+        for name, value, own in zip(lens["parameters"], lens["values"], std, strict=True)
+    ]
+    pose_rows = [
+        [f"position {axis}", with_std(value, own, 1e3), "mm"]
+        for axis, value, own in zip("xyz", pose["translation_m"], pose["translation_std_m"], strict=True)
+    ]
+    pose_rows += [
+        [f"turn about {axis}", f"± {number(1e3 * own, 2)}", "mrad"]
+        for axis, own in zip("xyz", pose["rotation_std_rad"], strict=True)
+    ]
+    nominal = antenna["nominal_stiffness_Nm2"]
+    antenna_rows = [
+        ["EI", with_std(antenna["stiffness_Nm2"], antenna["stiffness_std_Nm2"], 1e3), "mN·m²"],
+        ["EI nominal, E·πd⁴/64", "not recorded" if nominal is None else number(1e3 * nominal, 5), "mN·m²"],
+        ["mass per length", with_std(antenna["mass_per_length_kg_m"], antenna["mass_per_length_std_kg_m"], 1e3), "g/m"],
+        ["length", number(1e3 * antenna["length_m"]), "mm"],
+        ["diameter", number(1e3 * antenna["diameter_m"]), "mm"],
+        *map(_shape_row, antenna["free_shape"]),
+    ]
+    sensor_rows = [
+        ["gain", with_std(sensor["gain"], sensor["gain_std"]), ""],
+        ["offset", with_std(sensor["offset_Nm"], sensor["offset_std_Nm"], 1e6), "µN·m"],
+        ["noise of a reading", number(1e6 * sensor["std_Nm"]), "µN·m"],
+    ]
+    tables = {
+        "Camera in the antenna's frame": pose_rows,
+        f"Lens ({lens['model']}, {lens['image_size'][0]} × {lens['image_size'][1]} px)": lens_rows,
+        "Antenna": antenna_rows,
+        "Moment sensor": sensor_rows,
+    }
+    return [(name, Table(("what", "value", "unit"), rows, ("what",))) for name, rows in tables.items()]
+
+
+def _shape_row(row: Mapping[str, Any]) -> list[str]:
+    name = str(row["name"])
+    scale, unit = (1.0, "1/m") if name.endswith("_per_m") else (1e3, "mrad" if name.endswith("_rad") else "mm")
+    for end in ("_per_m", "_rad", "_m"):
+        name = name.removesuffix(end)
+    return [name.replace("_", " "), with_std(row["value"], row["std"], scale), unit]
+
+
+def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:
+    """What the calibration wrote down of itself; any part may be missing or of another shape."""
+    verdict, stills = at(quality, "lens", "verdict"), at(quality, "stills")
+    if isinstance(stills, list):
+        stills = [
+            row | {"moment_residual_Nm": 1e6 * row["moment_residual_Nm"]}
+            if isinstance(row, dict) and isinstance(row.get("moment_residual_Nm"), int | float)
+            else row
+            for row in stills
+        ]
+    return {
+        "lens_verdict": verdict if isinstance(verdict, str) else "",
+        "lens_models": records(
+            at(quality, "lens", "model_comparison"),
+            (
+                ("model", "lens", None),
+                ("free_parameters", "free numbers", 0),
+                ("rms_px", "rms, px", 4),
+                ("held_out_rms_px", "unseen views, px", 4),
+                ("halves", "halves differ, std", 2),
+                ("monotonic", "one to one", None),
+            ),
+        ),
+        "nothing_dropped": at(quality, "lens", "dropped") == [],
+        "dropped": records(at(quality, "lens", "dropped"), (("name", "picture", None), ("reason", "why", None)), 2),
+        "plane": listing(at(quality, "plane")),
+        "stills": records(
+            stills,
+            (
+                ("image", "picture", None),
+                ("distance_m", "load at, m", 3),
+                ("point_rms", "points, std", 2),
+                ("moment_residual_Nm", "moment residual, µN·m", 1),
+                ("kept", "used", None),
+            ),
+        ),
+        "checks": listing(at(quality, "checks")),
+    }

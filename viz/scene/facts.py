@@ -1,0 +1,68 @@
+"""Facts about an object estimate in words, for reports and legends, and what a scene draws of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .scene import ObjectEstimate
+
+if TYPE_CHECKING:
+    from estimator.object.estimate import Felt
+    from estimator.object.friction import Friction
+    from estimator.object.surface import Compliance
+
+VAGUE_RAD = np.radians(20)
+"""A normal less well known than this is not drawn: it would show the force's direction, not the object's."""
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A line of a verdict. `kind` is "undetermined", "look" for what is amiss, or empty."""
+
+    label: str
+    words: str
+    kind: str = ""
+
+
+def sentence(text: str) -> str:
+    """With a capital at its begin and a full stop at its end."""
+    text = text.strip().rstrip(".")
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def friction_fact(friction: Friction) -> Fact:
+    """μ with its interval, or why it is undetermined."""
+    if not friction.told:
+        return Fact("Friction", sentence(f"Undetermined: {friction.reason}"), "undetermined")
+    low, high = friction.interval
+    alpha = np.degrees(friction.cone_half_angle_rad)
+    words = (
+        f"μ = {friction.mu:.3f} ± {friction.std:.3f} (95 %: {low:.3f} to {high:.3f}), cone half angle α = {alpha:.1f}°"
+    )
+    return Fact("Friction", f"{words}; {friction.reason.rstrip('.')}." if friction.reason else f"{words}.")
+
+
+def stiffness_fact(compliance: Compliance) -> Fact:
+    """The object's stiffness with its interval, or its bound, or why it is undetermined."""
+    low, high = compliance.interval_N_m
+    if not compliance.told:
+        bound = np.isfinite(low) and low > 0
+        words = compliance.reason if bound else f"Undetermined: {compliance.reason}"
+        return Fact("Stiffness", sentence(words), "undetermined")
+    most = f"to {high:.4g} N/m" if np.isfinite(high) else "upwards"
+    return Fact("Stiffness", f"{compliance.stiffness_N_m:.4g} N/m (95 %: {low:.4g} {most}).")
+
+
+def drawn_estimate(estimate: Felt) -> ObjectEstimate:
+    """Normals that are well known, the friction cone if it is determined, and sentences."""
+    normals, friction = estimate.normals, estimate.friction
+    facts = (friction_fact(friction), stiffness_fact(estimate.compliance))
+    return ObjectEstimate(
+        row=friction.row,
+        normals=np.where((normals.std_rad < VAGUE_RAD)[:, None], normals.normal, np.nan),
+        cone_rad=float(friction.cone_half_angle_rad) if friction.told else None,
+        facts=(*(f"{fact.label}: {fact.words}" for fact in facts), *map(sentence, estimate.surface.notes)),
+    )
