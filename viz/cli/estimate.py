@@ -31,8 +31,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     refuse_report(output, args.force)
     result = cli.run(args)
     sources = Sources(args.output, args.rig, args.session, background=args.background)
-    make_report(
-        output, sources, title=f"What the antenna felt: {args.session.resolve().name}", argv=args.argv, force=args.force
-    )
+    title = f"Contacts of the antenna: {args.session.resolve().name}"
+    make_report(output, sources, title=title, argv=args.argv, force=args.force)
     say(f"wrote {output}: open it in a browser")
     return {**result, "report": str(output)}

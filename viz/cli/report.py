@@ -16,7 +16,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="PAGE", help="the page to write (default: report.html beside the contacts)"
     )
-    parser.add_argument("--title", default="What the antenna felt", help="title of the page")
+    parser.add_argument("--title", default="Contacts of the antenna", help="title of the page")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
