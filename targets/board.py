@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, field
+from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
 
 DICTIONARY_SIZES = (50, 100, 250, 1000)
 DICTIONARIES = tuple(f"DICT_{bits}X{bits}_{size}" for bits in (4, 5, 6, 7) for size in DICTIONARY_SIZES)
 
 
-@dataclass(frozen=True)
+_Squares = Annotated[int, Field(strict=True, ge=2, le=200)]
+_Side = Annotated[float, Field(strict=True, gt=0, lt=10)]
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class BoardSpec:
     """A ChArUco board. Board frame = OpenCV's: origin at the outline's first corner, z away from the viewer.
 
@@ -24,35 +29,28 @@ class BoardSpec:
     dictionary : name of OpenCV's predefined dictionary.
     legacy_pattern : the layout that OpenCV printed before 4.6 for an even number of rows.
     thickness_m : distance from the printed face to the face that rests in the jig.
+
+    Raises pydantic's ValidationError, a ValueError, for what is no board.
     """
 
-    squares_x: int
-    squares_y: int
-    square_m: float
-    marker_m: float
+    squares_x: _Squares
+    squares_y: _Squares
+    square_m: _Side
+    marker_m: _Side
     dictionary: str = "DICT_4X4_100"
-    legacy_pattern: bool = False
-    thickness_m: float = 0.0
+    legacy_pattern: Annotated[bool, Field(strict=True)] = False
+    thickness_m: Annotated[float, Field(strict=True, ge=0, lt=10)] = 0.0
+    type: Literal["charuco"] = field(default="charuco", kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("squares_x", "squares_y"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not 2 <= value <= 200:
-                raise ValueError(f"{name} is {value!r}: a whole number from 2 to 200 is needed")
-        for name in ("square_m", "marker_m", "thickness_m"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 10:
-                raise ValueError(f"{name} is {value!r}: a length in metres is needed")
-        if not 0 < self.marker_m < self.square_m:
+        if not self.marker_m < self.square_m:
             exchanged = f" (exchanged? square_m: {self.marker_m!r}, marker_m: {self.square_m!r} would do)"
             raise ValueError(
                 f"marker_m is {self.marker_m!r} and square_m {self.square_m!r}: 0 < marker_m < square_m is needed"
-                + (exchanged if self.marker_m > self.square_m > 0 else "")
+                + (exchanged if self.marker_m > self.square_m else "")
             )
         if self.dictionary not in DICTIONARIES:
             raise ValueError(f"dictionary is {self.dictionary!r}: one of {', '.join(DICTIONARIES)} is needed")
-        if not isinstance(self.legacy_pattern, bool):
-            raise ValueError(f"legacy_pattern is {self.legacy_pattern!r}: true or false is needed")
         markers, available = self.squares_x * self.squares_y // 2, int(self.dictionary.rsplit("_", 1)[1])
         if markers > available:
             raise ValueError(
@@ -64,26 +62,9 @@ class BoardSpec:
         """Number of inner chessboard corners."""
         return (self.squares_x - 1) * (self.squares_y - 1)
 
-    @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> BoardSpec:
-        """From the `board:` mapping of session.yaml or a board.yaml. Raises ValueError saying which key is wrong."""
-        if not isinstance(data, Mapping):
-            raise ValueError("a mapping with type, squares_x, squares_y, square_m, marker_m is needed")
-        fields = dict(data)
-        if fields.pop("type", "charuco") != "charuco":
-            raise ValueError("type must be charuco")
-        known = BoardSpec.__dataclass_fields__
-        for name in fields:
-            if name not in known:
-                raise ValueError(f"unknown key {name!r}: the keys are type, {', '.join(known)}")
-        for name in ("squares_x", "squares_y", "square_m", "marker_m"):
-            if name not in fields:
-                raise ValueError(f"the key {name} is missing")
-        return BoardSpec(**fields)
-
     def to_dict(self) -> dict[str, Any]:
-        """The mapping that `from_dict` reads."""
-        return {"type": "charuco", **asdict(self)}
+        """The mapping `board` of session.yaml, or a board.yaml."""
+        return {"type": self.type, **asdict(self)}
 
 
 def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:

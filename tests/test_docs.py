@@ -232,7 +232,7 @@ def given(folder: Path) -> dict[str, Any]:
         "pans": [frame["pan_rad"] for frame in frames],
         "tilts": [frame["tilt_rad"] for frame in frames],
         "pixels": np.array([[200.0, 150.0], [240.0, 180.0]]),
-        "spec": BoardSpec.from_dict(read_yaml(folder / "scene.yaml")["board"]),
+        "spec": BoardSpec(**read_yaml(folder / "scene.yaml")["board"]),
     }
 
 

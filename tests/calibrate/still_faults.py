@@ -146,8 +146,8 @@ def solved(observations: Sequence[Observation], known: Prior) -> JointSolution:
 
 def session(gravity_world_m_s2: np.ndarray = GRAVITY_WORLD) -> Session:
     """A session with nothing on disk."""
-    board = BoardSpec.from_dict(
-        {"type": "charuco", "squares_x": 9, "squares_y": 6, "square_m": 0.012, "marker_m": 0.009}
+    board = BoardSpec(
+        **{"type": "charuco", "squares_x": 9, "squares_y": 6, "square_m": 0.012, "marker_m": 0.009}
         | {"dictionary": "DICT_4X4_100", "legacy_pattern": False, "thickness_m": 0.0}
     )
     return Session(Path("."), board, NOMINAL, None, Kinematics(), gravity_world_m_s2, 2e-5)

@@ -141,8 +141,8 @@ def test_noise_that_neighbours_share_counts_when_averaged() -> None:
 
 def session() -> Session:
     """A session with nothing on disk."""
-    board = BoardSpec.from_dict(
-        {"type": "charuco", "squares_x": 9, "squares_y": 6, "square_m": 0.012, "marker_m": 0.009}
+    board = BoardSpec(
+        **{"type": "charuco", "squares_x": 9, "squares_y": 6, "square_m": 0.012, "marker_m": 0.009}
         | {"dictionary": "DICT_4X4_100", "legacy_pattern": False, "thickness_m": 0.0}
     )
     return Session(Path("."), board, NOMINAL, None, Kinematics(), GRAVITY_WORLD, TRUE.sensor.std_Nm)

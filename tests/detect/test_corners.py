@@ -76,7 +76,7 @@ def test_marker_cells_are_opencvs(legacy: bool, columns: int) -> None:
 
 def spec_in(message: str) -> BoardSpec:
     """The board that an error offers, read as the user would paste it."""
-    return BoardSpec.from_dict(yaml.safe_load(message[message.index("{") : message.index("}") + 1]))
+    return BoardSpec(**yaml.safe_load(message[message.index("{") : message.index("}") + 1]))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,13 @@ import pytest
 from scipy.spatial import cKDTree
 
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_yaml
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.object import cast, object_layer, pressed_in
 from vbaa_calib.simulate.scene.bumps import Bump, surface_radius
-from vbaa_calib.simulate.scene.fields import Section
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
-from vbaa_calib.simulate.scene.scene_file import read_object
+from vbaa_calib.simulate.scene.scene import bundled_scene
+from vbaa_calib.simulate.scene.scene_file import load_scene
 
 from .studios import place
 
@@ -119,18 +121,21 @@ def test_the_camera_sees_it_and_a_pressed_skin_is_drawn_back(obj: TouchObject) -
     assert pressed_in(obj, 1e-3).signed_distance(outside)[0] > obj.signed_distance(outside)[0] + 5e-4
 
 
-def _section(**changes: Any) -> Section:
+def _read(folder: Path, **changes: Any) -> TouchObject:
+    """The object of a scene file; None takes a key out."""
     values = {"shape": "freeform", "center_world_m": [0.15, 0.0, 0.0], "radius_m": 0.03}
     bumps = [{"direction_world": [0, 2, 0], "height_m": 0.002, "width_m": 0.01}]
-    return Section(values | {"bumps": bumps} | changes, Path("scene.yaml"), "object")
+    scene = read_yaml(bundled_scene("demo")) | {"object": values | {"bumps": bumps} | changes}
+    (folder / "scene.yaml").write_text(json.dumps(scene))
+    return load_scene(folder / "scene.yaml").object
 
 
-def test_the_scene_file_gives_both() -> None:
-    ball = read_object(_section())
+def test_the_scene_file_gives_both(tmp_path: Path) -> None:
+    ball = _read(tmp_path)
     assert ball.shape == "freeform"
     np.testing.assert_allclose(ball.bumps[0].direction_world, [0, 1, 0])
     assert (ball.bumps[0].height_m, ball.bumps[0].width_m) == (0.002, 0.01)
-    edge = read_object(_section(shape="box_edge", bumps=None, axis_world=[0, 0, 2], wedge_world=[1, 0, 1]))
+    edge = _read(tmp_path, shape="box_edge", bumps=None, axis_world=[0, 0, 2], wedge_world=[1, 0, 1])
     np.testing.assert_allclose(edge.wedge_world, [1, 0, 0])
 
 
@@ -138,7 +143,7 @@ def test_the_scene_file_gives_both() -> None:
     ("changes", "words"),
     [
         ({"shape": "sphere"}, "bumps do not go with a sphere"),
-        ({"bumps": []}, "bumps is"),
+        ({"bumps": []}, r"object.bumps: \[\] is not 1 or more"),
         (
             {"bumps": [{"direction_world": [0, 0, 0], "height_m": 0.002, "width_m": 0.01}]},
             "direction_world has no length",
@@ -148,9 +153,9 @@ def test_the_scene_file_gives_both() -> None:
         ({"shape": "box_edge", "bumps": None, "axis_world": [0, 0, 1]}, "wedge_world"),
     ],
 )
-def test_wrong_objects_name_their_key(changes: dict[str, Any], words: str) -> None:
+def test_wrong_objects_name_their_key(changes: dict[str, Any], words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words):
-        read_object(_section(**changes))
+        _read(tmp_path, **changes)
 
 
 def test_bumps_belong_to_the_free_form() -> None:

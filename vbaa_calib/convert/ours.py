@@ -13,13 +13,11 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.camera.camera import SCHEMA as CAMERA_SCHEMA
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
-from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.rig.rig import SCHEMA as RIG_SCHEMA
 from vbaa_calib.session import read_pose
 
 from .exchanged import Exchanged, Format
-from .values import numbers
 
 POSE_KEY = "T_reference_camera"
 OF_RIG = ("antenna, moment sensor and joints, with their covariance",)
@@ -39,7 +37,9 @@ def read(path: Path, which: str | None) -> Exchanged:
             where=path,
             remedy=f"{RIG_SCHEMA} or {CAMERA_SCHEMA} is needed; another program's file needs --from",
         )
-    return Exchanged(Camera.load(path), _pose(data.get(POSE_KEY), path))
+    return Exchanged(
+        Camera.load(path), None if data.get(POSE_KEY) is None else read_pose(data[POSE_KEY], path, POSE_KEY)
+    )
 
 
 def write(given: Exchanged) -> str:
@@ -51,18 +51,6 @@ def write(given: Exchanged) -> str:
 def fits(text: str) -> bool:
     """Whether the text is a JSON object with a schema of ours."""
     return text.lstrip().startswith("{") and (f'"{CAMERA_SCHEMA}"' in text or f'"{RIG_SCHEMA}"' in text)
-
-
-def _pose(data: object, path: Path) -> Pose | None:
-    if data is None:
-        return None
-    if not isinstance(data, dict):
-        raise InputError(f"{POSE_KEY} is no pose", where=path, remedy="give translation_m and rotation_xyzw")
-    pose = {
-        key: numbers(data.get(key), f"{POSE_KEY}.{key}", path, (count,))
-        for key, count in (("translation_m", 3), ("rotation_xyzw", 4))
-    }
-    return read_pose(pose, path, POSE_KEY)
 
 
 FORMAT = Format("vbaa", "rig.json, camera.json", read, write, fits, with_pose=True, with_covariance=True)

@@ -23,7 +23,7 @@ LIBRARIES = {
     "pyvista": "pyvista",
     "matplotlib": "matplotlib",
     "reportlab": "reportlab",
-    "jsonschema": "jsonschema",
+    "pydantic": "pydantic",
     "tqdm": "tqdm",
 }
 """Name that is imported → distribution that it comes from."""

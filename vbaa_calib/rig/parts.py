@@ -1,17 +1,17 @@
-"""The parts of a rig, each with the way to and from its place in rig.json, which the schema has checked before."""
+"""The parts of a rig, and how rig.json writes them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, Strict
 
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.models import Number
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.session import read_pose
 
 JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 """What a sweep finds of the joints, in the order of `Kinematics`."""
@@ -37,20 +37,6 @@ class Antenna:
         """ρA."""
         return float(np.exp(self.parameters[7]))
 
-    @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> Antenna:
-        """From the mapping `antenna` of rig.json."""
-        noload = data["noload"]
-        parameters = [
-            *noload["clamp_offset_yz_m"],
-            *noload["clamp_rotation_yz_rad"],
-            *noload["bow_yz_per_m"],
-            np.log(data["stiffness_Nm2"]),
-            np.log(data["mass_per_length_kg_m"]),
-            noload.get("clamp_give_m", 0.0),
-        ]
-        return Antenna(float(data["length_m"]), float(data["diameter_m"]), np.array(parameters, float))
-
     def to_dict(self, std: Callable[[str], float]) -> dict[str, Any]:
         """The mapping `antenna` of rig.json; `std` gives the standard deviation of a parameter by its name."""
         return {
@@ -69,6 +55,9 @@ class Antenna:
         }
 
 
+_Weight = Annotated[Number, Field(ge=-100, le=100)]
+
+
 @dataclass(frozen=True)
 class AntennaImage:
     """What the antenna looks like in this rig's pictures.
@@ -82,23 +71,17 @@ class AntennaImage:
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
     """
 
-    noise_px: float
-    noise_scale: float
-    bright: bool
-    weights: tuple[float, float, float] | None = None
-    height: float | None = None
-
-    @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> AntennaImage:
-        """From the mapping `image` of rig.json."""
-        weights, height = data.get("weights_bgr"), data.get("height")
-        return AntennaImage(
-            float(data["noise_px"]),
-            float(data["noise_scale"]),
-            bool(data["bright"]),
-            None if weights is None else (float(weights[0]), float(weights[1]), float(weights[2])),
-            None if height is None else float(height),
-        )
+    noise_px: Annotated[Number, Field(ge=1e-6, le=1e3)]
+    noise_scale: Annotated[Number, Field(ge=1e-3, le=1e3)]
+    bright: Annotated[bool, Strict()]
+    weights: Annotated[
+        tuple[_Weight, _Weight, _Weight] | None,
+        Field(alias="weights_bgr", description="of a colour picture's channels; null: grey level"),
+    ] = None
+    height: Annotated[
+        Annotated[Number, Field(ge=1e-6, le=1e6)] | None,
+        Field(description="of the free antenna's line above its background, grey levels"),
+    ] = None
 
     def to_dict(self) -> dict[str, Any]:
         """The mapping `image` of rig.json."""
@@ -109,18 +92,6 @@ class AntennaImage:
             "weights_bgr": None if self.weights is None else list(self.weights),
             "height": self.height,
         }
-
-
-def kinematics_from_dict(data: Mapping[str, Any], where: object) -> Kinematics:
-    """From the mapping `kinematics` of rig.json. Raises InputError when a quaternion is none."""
-    mount, uncertain = data.get("T_actuator_antenna"), data.get("axes_uncertainty", {})
-    return Kinematics(
-        Pose.identity() if mount is None else read_pose(mount, where, "kinematics.T_actuator_antenna"),
-        np.asarray(data.get("position_world_m", (0.0, 0.0, 0.0)), float),
-        **{name: float(data.get(name, 0.0)) for name in JOINT_AXES},
-        axes_std=np.asarray(uncertain.get("std", np.zeros(3)), float),
-        axes_by_pose=np.asarray(uncertain.get("by_pose", np.zeros((3, 6))), float),
-    )
 
 
 def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:
@@ -135,14 +106,6 @@ def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:
             "by_pose": kinematics.axes_by_pose.tolist(),
         },
     }
-
-
-def camera_from_dict(data: Mapping[str, Any], where: object) -> Camera:
-    """From the mapping `camera` of rig.json. Raises InputError naming what is wrong with it."""
-    try:
-        return Camera.from_dict(data)
-    except InputError as error:
-        raise InputError(f"camera: {error.what}", where=where, remedy=error.remedy) from None
 
 
 def check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:

@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vbaa_calib import schemas
 from vbaa_calib.camera import Camera, CameraOnPlane
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
+from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
-from vbaa_calib.session import MomentSensor, read_pose
+from vbaa_calib.session import MomentSensor
 
 from .parameters import POSE_PARAMETERS, RIG_PARAMETERS
-from .parts import Antenna, AntennaImage, camera_from_dict, check_view, kinematics_from_dict, kinematics_to_dict
+from .parts import Antenna, AntennaImage, check_view, kinematics_to_dict
+from .rig_file import SCHEMA, Joint, RigFile
 
 
-def _joint_covariance(joint: Mapping[str, Any], lens: tuple[str, ...], where: object) -> np.ndarray:
+def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
     """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens, from the mapping `joint`.
 
     Raises InputError for other parameters, another shape, or a matrix that is no covariance.
     """
-    rows, names = joint["covariance"], tuple(joint["parameters"])
+    rows, names = joint.covariance, tuple(joint.parameters)
     if names not in (RIG_PARAMETERS, RIG_PARAMETERS + lens) or {len(rows), *map(len, rows)} != {len(names)}:
         raise InputError(
             f"joint must give the covariance of {', '.join(RIG_PARAMETERS)}, and then of the lens ({', '.join(lens)})",
@@ -49,9 +50,6 @@ def _is_covariance(matrix: np.ndarray) -> bool:
     if np.abs(correlation).max() > 1 + 1e-6 or np.abs(correlation - correlation.T).max() > 1e-6:
         return False
     return bool(np.linalg.eigvalsh(correlation).min() > -1e-6)
-
-
-SCHEMA = "vbaa.rig/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,25 +119,27 @@ class Rig:
     @staticmethod
     def from_dict(data: Mapping[str, Any], where: object = "rig") -> Rig:
         """From the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
-        schemas.check(data, "rig", where)
-        camera = camera_from_dict(data["camera"], where)
-        covariance = _joint_covariance(data["joint"], camera.parameter_names, where)
+        read = checked(RigFile, data, where, "`vbaa schema rig` prints what is expected")
+        try:
+            camera = Camera.from_dict(data["camera"])
+        except InputError as error:
+            raise InputError(f"camera: {error.what}", where=where, remedy=error.remedy) from None
+        covariance = _joint_covariance(read.joint, camera.parameter_names, where)
         if len(covariance) > len(RIG_PARAMETERS):
             lens = slice(len(RIG_PARAMETERS), None)
             camera = replace(camera, covariance=covariance[lens, lens])
-        antenna, second = Antenna.from_dict(data["antenna"]), data.get("second_moment_sensor")
-        T_antenna_camera = read_pose(data["T_antenna_camera"], where, "T_antenna_camera")
-        check_view(T_antenna_camera, antenna.length_m, where)
+        check_view(read.T_antenna_camera, read.antenna.length_m, where)
+        sensor, axes = read.moment_sensor, read.kinematics.axes_uncertainty
         return Rig(
             camera=camera,
-            T_antenna_camera=T_antenna_camera,
-            antenna=antenna,
-            moment_sensor=MomentSensor.from_dict(data["moment_sensor"]),
-            kinematics=kinematics_from_dict(data["kinematics"], where),
-            gravity_world_m_s2=np.asarray(data["gravity_world"], float),
-            image=AntennaImage.from_dict(data["image"]),
+            T_antenna_camera=read.T_antenna_camera,
+            antenna=read.antenna.antenna(),
+            moment_sensor=MomentSensor(sensor.gain, sensor.offset_Nm, sensor.std_Nm),
+            kinematics=replace(read.kinematics.kinematics(), axes_std=axes.std, axes_by_pose=axes.by_pose),
+            gravity_world_m_s2=read.gravity_world,
+            image=read.image,
             covariance=covariance,
-            second_moment_sensor=None if second is None else MomentSensor.from_dict(second),
+            second_moment_sensor=read.second_moment_sensor,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -151,11 +151,11 @@ class Rig:
             "T_antenna_camera": self.T_antenna_camera.to_dict(),
             "antenna": self.antenna.to_dict(self.std),
             "moment_sensor": {
-                **self.moment_sensor.to_dict(),
+                **asdict(self.moment_sensor),
                 "gain_std": self.std("moment_gain"),
                 "offset_std_Nm": self.std("moment_offset_Nm"),
             },
-            **({} if second is None else {"second_moment_sensor": second.to_dict()}),
+            **({} if second is None else {"second_moment_sensor": asdict(second)}),
             "kinematics": kinematics_to_dict(self.kinematics),
             "gravity_world": self.gravity_world_m_s2.tolist(),
             "image": self.image.to_dict(),

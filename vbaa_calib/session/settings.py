@@ -4,39 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
-from vbaa_calib import schemas
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
+from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .rows import Still
-
-
-@dataclass(frozen=True)
-class MomentSensor:
-    """reading = gain · moment + offset + noise of standard deviation std."""
-
-    gain: float
-    offset_Nm: float
-    std_Nm: float
-
-    @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> MomentSensor:
-        """From a mapping that the schema has checked."""
-        return MomentSensor(float(data["gain"]), float(data["offset_Nm"]), float(data["std_Nm"]))
-
-    def to_dict(self) -> dict[str, float]:
-        """The mapping that `from_dict` takes."""
-        return {"gain": self.gain, "offset_Nm": self.offset_Nm, "std_Nm": self.std_Nm}
-
 
 SCHEMA = "vbaa.session/1"
 TILT_ZERO_STD_RAD = 0.01
@@ -47,14 +29,39 @@ RULER_STD_M, WEIGHT_STD_RELATIVE = 5e-4, 5e-3
 CLAMP_STD_PX = 20.0
 
 
+def _not_zero(gain: float) -> float:
+    if abs(gain) < 1e-9:
+        raise ValueError(f"{gain:g} is not between -1e+09 and 1e+09 and at least 1e-09 from 0")
+    return gain
+
+
+Deviation = Annotated[Number, Field(ge=0)]
+AnyLength = Annotated[Number, Field(ge=1e-3, le=10)]
+Diameter = Annotated[Number, Field(ge=1e-6, le=0.1)]
+_Gain = Annotated[
+    Number,
+    Field(ge=-1e9, le=1e9, json_schema_extra={"not": {"exclusiveMinimum": -1e-9, "exclusiveMaximum": 1e-9}}),
+    AfterValidator(_not_zero),
+]
+
+
+@dataclass(frozen=True)
+class MomentSensor:
+    """reading = gain · moment + offset + noise of standard deviation std."""
+
+    gain: _Gain
+    offset_Nm: Annotated[Number, Field(ge=-1e9, le=1e9)]
+    std_Nm: Annotated[Number, Field(ge=1e-12, le=1e6)]
+
+
 @dataclass(frozen=True)
 class NominalAntenna:
     """What the user says of the antenna; stiffness and no-load shape are solved for."""
 
-    length_m: float
-    diameter_m: float
-    youngs_modulus_Pa: float
-    density_kg_m3: float
+    length_m: AnyLength
+    diameter_m: Diameter
+    youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
+    density_kg_m3: Annotated[Number, Field(ge=10, le=3e4)]
 
     @property
     def stiffness_Nm2(self) -> float:
@@ -67,36 +74,141 @@ class NominalAntenna:
         return float(self.density_kg_m3 * np.pi * self.diameter_m**2 / 4)
 
 
+_JointReading = Annotated[Number, Field(ge=-6.3, le=6.3)]
+_Pixel = Annotated[Number, Field(ge=-1e5, le=1e5)]
+
+
 @dataclass(frozen=True)
 class OverBoard:
-    """How the free antenna is held over a board that lies parallel to plane C, in the pictures of over/.
+    """The free antenna over a board parallel to plane C, in the pictures of over/."""
 
-    Attributes
-    ----------
-    height_m : of the antenna's axis over the printed face, towards the viewer. height_std_m : how well it is known.
-    pan_rad, tilt_rad : the joints' readings in these pictures.
-    clamp_px, clamp_std_px : where the clamp's edge shows, and how well that is known; roughly will do to tell the ends.
-    """
-
-    height_m: float = 0.0
-    height_std_m: float = OVER_HEIGHT_STD_M
-    pan_rad: float = 0.0
-    tilt_rad: float = 0.0
-    clamp_px: tuple[float, float] | None = None
-    clamp_std_px: float = CLAMP_STD_PX
+    height_m: Annotated[
+        Number, Field(ge=0, le=0.5, description="of the antenna's axis over the printed face, towards the viewer")
+    ] = 0.0
+    height_std_m: Annotated[Number, Field(gt=0, le=0.1)] = OVER_HEIGHT_STD_M
+    pan_rad: _JointReading = 0.0
+    tilt_rad: _JointReading = 0.0
+    clamp_px: Annotated[
+        tuple[_Pixel, _Pixel] | None,
+        Field(
+            description="where the clamp's edge shows in the pictures; needed where neither jig nor sweep tells which "
+            "end is clamped"
+        ),
+    ] = None
+    clamp_std_px: Annotated[Number, Field(gt=0, le=1e4, description="how well that is known along the antenna")] = (
+        CLAMP_STD_PX
+    )
 
 
 @dataclass(frozen=True)
 class LoadReadings:
-    """How well the known loads are known, as standard deviations; 0: exactly.
+    """Standard deviations of the known loads; 0: exactly.
 
     Attributes
     ----------
     distance_std_m : of a load's place along the antenna. force_std_relative : of its force, relative.
     """
 
-    distance_std_m: float = 0.0
-    force_std_relative: float = 0.0
+    distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 0.0
+    force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+
+
+def _unit(rotation_xyzw: np.ndarray) -> np.ndarray:
+    length = math.hypot(*rotation_xyzw)
+    if not 0.99 < length < 1.01:
+        raise ValueError(f"has length {length:.3g}", "a unit quaternion x, y, z, w is needed")
+    return rotation_xyzw
+
+
+@dataclass(frozen=True, eq=False)
+class _PoseInFile:
+    translation_m: Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)]
+    rotation_xyzw: Annotated[np.ndarray, ArrayOf(4), AfterValidator(_unit)]
+
+
+def _pose(read: _PoseInFile) -> Pose:
+    return Pose(Rotation.from_quat(read.rotation_xyzw).as_matrix(), read.translation_m)
+
+
+FilePose = Annotated[Pose, ReadAs(_PoseInFile, _pose)]
+"""A pose, and how our files write it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FileKinematics:
+    """The joints as session.yaml and rig.json give them."""
+
+    T_actuator_antenna: FilePose = field(default_factory=Pose.identity)
+    position_world_m: Annotated[np.ndarray, ArrayOf(3, ge=-1e6, le=1e6)] = field(default_factory=lambda: np.zeros(3))
+    axis_skew_rad: Annotated[
+        Number, Field(ge=-0.5, le=0.5, description="lean of the tilt axis from the right angle with the pan axis")
+    ] = 0.0
+    axis_offset_m: Annotated[
+        Number, Field(ge=-1, le=1, description="from the pan axis to the tilt axis along the panned x")
+    ] = 0.0
+    tilt_zero_rad: Annotated[
+        Number, Field(ge=-3.2, le=3.2, description="the true tilt where the encoder reads zero")
+    ] = 0.0
+
+    def kinematics(self) -> Kinematics:
+        """As the solver takes them."""
+        axes = self.axis_skew_rad, self.axis_offset_m, self.tilt_zero_rad
+        return Kinematics(self.T_actuator_antenna, self.position_world_m, *axes)
+
+
+@dataclass(frozen=True, eq=False)
+class _SessionKinematics(FileKinematics):
+    tilt_zero_std_rad: Annotated[
+        Number, Field(ge=0, le=3.2, description="how well the encoder's zero is known before calibration")
+    ] = TILT_ZERO_STD_RAD
+
+
+@dataclass(frozen=True, eq=False)
+class _Jig:
+    T_antenna_board: FilePose
+    translation_std_m: Annotated[
+        Number, Field(ge=0, le=0.1, description="how well the board's place in the jig is known, per axis; 0: exactly")
+    ] = 0.0
+    rotation_std_rad: Annotated[
+        Number, Field(ge=0, le=0.5, description="how well the board's turn in the jig is known, per axis; 0: exactly")
+    ] = 0.0
+
+
+@dataclass(frozen=True)
+class _Noise:
+    std_Nm: Annotated[Number, Field(ge=1e-12, le=1e6)]
+
+
+@dataclass(frozen=True)
+class _SessionLoads(LoadReadings):
+    """How well places and forces of the known loads are known, as standard deviations; 0: exactly."""
+
+    distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = RULER_STD_M
+    force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = WEIGHT_STD_RELATIVE
+
+
+class SessionFile(FileModel):
+    """session.yaml: what is known of a rig before it is calibrated."""
+
+    VERSION = SCHEMA
+    version: Literal["vbaa.session/1"] = Field(alias="schema")
+    board: BoardSpec
+    antenna: NominalAntenna
+    jig: _Jig | None = None
+    kinematics: _SessionKinematics | None = None
+    gravity_world: Annotated[
+        Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)] | None, Field(description="m/s²; null: weightless")
+    ]
+    moment_sensor: _Noise
+    second_moment_sensor: Annotated[
+        MomentSensor | None,
+        Field(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),
+    ] = None
+    load_readings: _SessionLoads | None = None
+    print_scale_std: Annotated[
+        Number, Field(ge=0, le=0.05, description="how well the board's printed size is known, relative; 0: exactly")
+    ] = 0.0
+    over: OverBoard | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,67 +266,33 @@ def load_session(root: Path) -> Session:
 
 def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
     """What session.yaml holds, checked. Raises InputError naming `path` and the key that is wrong."""
-    schemas.check(data, "session", path)
-    try:
-        board = BoardSpec.from_dict(data["board"])
-    except ValueError as error:
-        raise InputError(f"board: {error}", where=path, remedy="describe the board that was printed") from None
-    jig, kinematics, over = data.get("jig"), data.get("kinematics") or {}, data.get("over")
-    second = data.get("second_moment_sensor")
-    T_antenna_board = None
-    if jig:
-        # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.
-        face = Pose(np.eye(3), np.array([0.0, 0.0, -board.thickness_m]))
-        T_antenna_board = read_pose(jig["T_antenna_board"], path, "jig.T_antenna_board") @ face
+    read = checked(SessionFile, data, path, "`vbaa schema session` prints what is expected")
+    kinematics, jig = read.kinematics or _SessionKinematics(), read.jig
+    # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.
+    face = Pose(np.eye(3), np.array([0.0, 0.0, -read.board.thickness_m]))
+    loads = read.load_readings or _SessionLoads()
     return Session(
         root=root,
-        board=board,
-        antenna=NominalAntenna(**{key: float(value) for key, value in data["antenna"].items()}),
-        T_antenna_board=T_antenna_board,
-        kinematics=_kinematics(kinematics, path),
-        gravity_world_m_s2=np.asarray(data["gravity_world"] or (0.0, 0.0, 0.0), float),
-        moment_std_Nm=float(data["moment_sensor"]["std_Nm"]),
-        jig_translation_std_m=float((jig or {}).get("translation_std_m", 0.0)),
-        jig_rotation_std_rad=float((jig or {}).get("rotation_std_rad", 0.0)),
-        tilt_zero_std_rad=float(kinematics.get("tilt_zero_std_rad", TILT_ZERO_STD_RAD)),
-        load_readings=_load_readings(data.get("load_readings") or {}),
-        print_scale_std=float(data.get("print_scale_std", 0.0)),
-        over=None if over is None else _over(over),
-        second_moment_sensor=None if second is None else MomentSensor.from_dict(second),
+        board=read.board,
+        antenna=read.antenna,
+        T_antenna_board=jig.T_antenna_board @ face if jig else None,
+        kinematics=kinematics.kinematics(),
+        gravity_world_m_s2=np.zeros(3) if read.gravity_world is None else read.gravity_world,
+        moment_std_Nm=read.moment_sensor.std_Nm,
+        jig_translation_std_m=jig.translation_std_m if jig else 0.0,
+        jig_rotation_std_rad=jig.rotation_std_rad if jig else 0.0,
+        tilt_zero_std_rad=kinematics.tilt_zero_std_rad,
+        load_readings=LoadReadings(loads.distance_std_m, loads.force_std_relative),
+        print_scale_std=read.print_scale_std,
+        over=read.over,
+        second_moment_sensor=read.second_moment_sensor,
     )
 
 
-def _load_readings(data: Mapping[str, Any]) -> LoadReadings:
-    return LoadReadings(
-        float(data.get("distance_std_m", RULER_STD_M)), float(data.get("force_std_relative", WEIGHT_STD_RELATIVE))
-    )
-
-
-def _over(data: Mapping[str, Any]) -> OverBoard:
-    numbers = {key: float(value) for key, value in data.items() if key != "clamp_px"}
-    mark = data.get("clamp_px")
-    return OverBoard(**numbers, clamp_px=None if mark is None else (float(mark[0]), float(mark[1])))
-
-
-def _kinematics(data: Mapping[str, Any], where: object) -> Kinematics:
-    mount = data.get("T_actuator_antenna")
-    return Kinematics(
-        read_pose(mount, where, "kinematics.T_actuator_antenna") if mount else Pose.identity(),
-        np.asarray(data.get("position_world_m", (0.0, 0.0, 0.0)), float),
-        axis_skew_rad=float(data.get("axis_skew_rad", 0.0)),
-        axis_offset_m=float(data.get("axis_offset_m", 0.0)),
-        tilt_zero_rad=float(data.get("tilt_zero_rad", 0.0)),
-    )
-
-
-def read_pose(data: Mapping[str, Any], where: object, key: str) -> Pose:
-    """A pose out of a checked file. Raises InputError when the quaternion is not one."""
-    length = math.hypot(*data["rotation_xyzw"])
-    if not 0.99 < length < 1.01:
-        raise InputError(
-            f"{key}.rotation_xyzw has length {length:.3g}", where=where, remedy="a unit quaternion x, y, z, w is needed"
-        )
-    return Pose(Rotation.from_quat(data["rotation_xyzw"]).as_matrix(), np.asarray(data["translation_m"], float))
+def read_pose(data: Any, where: object, key: str) -> Pose:
+    """A pose out of a file. Raises InputError naming what is wrong with it."""
+    remedy = "give translation_m, and rotation_xyzw as a unit quaternion"
+    return checked(FilePose, data, where, remedy, key)
 
 
 def has_sweep(session: Session) -> bool:

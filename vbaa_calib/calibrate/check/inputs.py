@@ -15,6 +15,7 @@ from vbaa_calib.calibrate.lens.board_flex import Bend
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.images import list_images
+from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import NominalAntenna, Session, Still, read_loads, read_noload, read_pose
@@ -109,10 +110,7 @@ def recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sessi
     remedy = f"{_NAME_SESSION}: `vbaa check rig.json SESSION --board …`"
     if board is None:
         raise InputError("quality.lens.board is not recorded", where=path, remedy=remedy)
-    try:
-        spec = BoardSpec.from_dict(board)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"quality.lens.board: {error}", where=path, remedy=remedy) from None
+    spec = checked(BoardSpec, board, path, remedy, "quality.lens.board")
     return Session(
         root=path,
         board=spec,
@@ -128,16 +126,7 @@ def _recorded_jig(jig: Any, path: Path) -> Pose | None:
     """Pose of the board's printed face in the antenna frame; None where rig.json has none."""
     if jig is None:
         return None
-    pose = _mapping(_mapping(jig).get("T_antenna_board"))
-    for key, count in (("translation_m", 3), ("rotation_xyzw", 4)):
-        values = pose.get(key)
-        numbers = values if isinstance(values, list) else []
-        if len(numbers) != count or any(number_at(value) is None for value in numbers):
-            raise InputError(
-                f"quality.jig.T_antenna_board.{key} is not {count} numbers",
-                where=path,
-                remedy=f"calibrate again, or {_NAME_SESSION}",
-            )
+    pose = _mapping(jig).get("T_antenna_board")
     return read_pose(pose, path, "quality.jig.T_antenna_board")
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from targets.board import BoardSpec
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
+from vbaa_calib.core.models import checked
 
 
 def load_board(path: Path) -> BoardSpec:
@@ -17,8 +17,5 @@ def load_board(path: Path) -> BoardSpec:
     """
     data = read_yaml(path)
     nested = isinstance(data.get("board"), Mapping)
-    try:
-        return BoardSpec.from_dict(data["board"] if nested else data)
-    except ValueError as error:
-        where = f"{path} board" if nested else path
-        raise InputError(str(error), where=where, remedy="mend that key (docs/formats.md)") from None
+    where = f"{path} board" if nested else path
+    return checked(BoardSpec, data["board"] if nested else data, where, "mend that key (docs/formats.md)")

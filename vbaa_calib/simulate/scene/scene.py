@@ -2,20 +2,51 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, Strict
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import Rod
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.models import ArrayOf, Number, ReadAs, WholeNumber
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
 
 from .lens import Lens
 from .objects import TouchObject
+
+
+def _radians(angle_deg: Any) -> Any:
+    """Of a number or a pair."""
+    if isinstance(angle_deg, tuple):
+        return _radians(angle_deg[0]), _radians(angle_deg[1])
+    return float(np.deg2rad(angle_deg))
+
+
+class Degrees(ReadAs):
+    """Annotation of an angle that the scene file gives in degrees, from `low` to `high`."""
+
+    def __init__(self, low: float, high: float) -> None:
+        super().__init__(Annotated[Number, Field(ge=low, le=high)], _radians)
+
+
+class Range(ReadAs):
+    """Annotation of a smallest and a largest value, both from `low` to `high` as the file writes them."""
+
+    def __init__(self, low: float, high: float, convert: Callable[[Any], Any] = tuple) -> None:
+        def rising(pair: tuple[float, float]) -> Any:
+            if pair[0] > pair[1]:
+                raise ValueError(f"falls from {pair[0]:g} to {pair[1]:g}", "give the smaller one first")
+            return convert(pair)
+
+        one = Annotated[Number, Field(ge=low, le=high)]
+        super().__init__(tuple[one, one], rising)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,23 +62,24 @@ class TrueAntenna:
     holder_m : (2,) radius and length of the dark collet that holds the antenna; zeros for none.
     """
 
-    stiffness_factor: float
-    clamp_angle_rad: np.ndarray
-    clamp_offset_m: np.ndarray
-    natural_curvature_per_m: np.ndarray
-    holder_m: np.ndarray
+    stiffness_factor: Annotated[Number, Field(ge=0.1, le=10)] = 1.0
+    clamp_angle_rad: Annotated[np.ndarray, ArrayOf(2)] = field(default_factory=lambda: np.zeros(2))
+    clamp_offset_m: Annotated[np.ndarray, ArrayOf(3)] = field(default_factory=lambda: np.zeros(3))
+    natural_curvature_per_m: Annotated[np.ndarray, ArrayOf(2)] = field(default_factory=lambda: np.zeros(2))
+    holder_m: Annotated[np.ndarray, ArrayOf(2)] = field(default_factory=lambda: np.zeros(2))
 
 
 @dataclass(frozen=True)
 class MomentSensor:
     """The sensor reads gain · moment + offset + noise."""
 
-    std_Nm: float
-    gain: float
-    offset_Nm: float
+    std_Nm: Annotated[Number, Field(ge=1e-12, le=10)]
+    gain: Annotated[Number, Field(ge=0.1, le=10)] = 1.0
+    offset_Nm: Number = 0.0
 
 
 POISSON_STEEL = 0.3
+_Share = Annotated[Number, Field(ge=0, le=1)]
 
 
 @dataclass(frozen=True)
@@ -66,33 +98,33 @@ class PictureSpec:
     shading_asymmetry : how much brighter one side of the tube is; it pulls the centroid of its picture off the axis.
     """
 
-    blur_px: float
-    read_noise: float
-    electrons_per_grey: float
-    vignette: float
-    gradient: float
-    background: float
-    clutter: float
-    antenna: float
-    object: float
-    shading_asymmetry: float
+    blur_px: Annotated[Number, Field(ge=0, le=20)] = 0.7
+    read_noise: Annotated[Number, Field(ge=0, le=100)] = 1.2
+    electrons_per_grey: Annotated[Number, Field(ge=1e-3, le=1e9)] = 40.0
+    vignette: Annotated[Number, Field(ge=0, le=0.9)] = 0.25
+    gradient: Annotated[Number, Field(ge=0, le=0.9)] = 0.15
+    background: _Share = 0.28
+    clutter: _Share = 0.25
+    antenna: _Share = 0.92
+    object: _Share = 0.38
+    shading_asymmetry: Annotated[Number, Field(ge=-1, le=1)] = 0.0
 
 
 @dataclass(frozen=True)
 class IntrinsicsSpec:
     """Pictures of the hand-held board: how many, and the ranges of distance and tilt."""
 
-    pictures: int
-    distance_m: tuple[float, float]
-    tilt_rad: tuple[float, float]
+    pictures: Annotated[WholeNumber, Field(ge=1, le=1000)]
+    distance_m: Annotated[tuple[float, float], Range(0.01, 10)]
+    tilt_rad: Annotated[tuple[float, float], Range(0, 70, _radians), Field(alias="tilt_deg")]
 
 
 @dataclass(frozen=True)
 class Joints:
     """The two joint angles."""
 
-    pan_rad: float
-    tilt_rad: float
+    pan_rad: Annotated[float, Degrees(-180, 180), Field(alias="pan_deg")]
+    tilt_rad: Annotated[float, Degrees(-89, 89), Field(alias="tilt_deg")]
 
 
 @dataclass(frozen=True)
@@ -119,23 +151,23 @@ class Sweep:
     sweep_rad : first and last angle of the other joint.
     """
 
-    press: str
-    toward: int
-    frames: int
-    free_frames: int
-    clearance_rad: float
-    push_rad: tuple[float, float]
-    swells: float
-    sweep_rad: tuple[float, float]
+    press: Annotated[str, ReadAs(Literal["pan", "tilt"], str)]
+    toward: Annotated[int, ReadAs(Literal["positive", "negative"], {"positive": 1, "negative": -1}.__getitem__)]
+    frames: Annotated[WholeNumber, Field(ge=1, le=100_000)]
+    free_frames: Annotated[WholeNumber, Field(ge=1, le=1000, default=2)]
+    clearance_rad: Annotated[float, Degrees(0.01, 90), Field(alias="clearance_deg", default=_radians(2.0))]
+    push_rad: Annotated[tuple[float, float], Range(0.1, 60, _radians), Field(alias="push_deg")]
+    swells: Annotated[Number, Field(ge=0, le=100, default=1.0)]
+    sweep_rad: Annotated[tuple[float, float], ReadAs(tuple[Number, Number], _radians), Field(alias="sweep_deg")]
 
 
 @dataclass(frozen=True)
 class Recording:
     """Strokes along the object, one after the other, at one rate; `pause_s` passes between two strokes."""
 
-    rate_hz: float
-    pause_s: float
-    sweeps: tuple[Sweep, ...]
+    rate_hz: Annotated[Number, Field(ge=1e-3, le=1e5)]
+    pause_s: Annotated[Number, Field(ge=0, le=3600, default=5.0)]
+    sweeps: Annotated[tuple[Sweep, ...], ReadAs(Annotated[list[Sweep], Strict(), Field(min_length=1)], tuple)]
 
 
 @dataclass(frozen=True)

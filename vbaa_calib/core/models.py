@@ -1,0 +1,211 @@
+"""What a file may hold, as pydantic models and dataclasses, and one clear line for what it may not hold.
+
+Dataclasses give the bounds of their fields as annotations. A model of ours checks them where they come from a file;
+code may build them without.
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from typing import Annotated, Any, ClassVar, TypeVar
+
+import numpy as np
+from pydantic import (
+    AllowInfNan,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic.json_schema import GenerateJsonSchema
+from pydantic_core import ErrorDetails, core_schema
+
+from .errors import InputError
+
+T = TypeVar("T")
+Number = Annotated[float, Strict(), AllowInfNan(False)]
+"""Finite, and not a boolean or a text."""
+WholeNumber = Annotated[int, Strict()]
+
+
+class ReadAs:
+    """Annotation of a value that is made from what stands in the file, which is of another type."""
+
+    def __init__(self, written: Any, made: Callable[[Any], Any]) -> None:
+        self.written, self.made = written, made
+
+    def __get_pydantic_core_schema__(self, _: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.no_info_after_validator_function(self.made, handler.generate_schema(self.written))
+
+
+class ArrayOf(ReadAs):
+    """Annotation of an array that a file gives as nested lists of finite numbers."""
+
+    def __init__(self, *shape: int, ge: float | None = None, le: float | None = None) -> None:
+        nested: Any = Annotated[Number, Field(ge=ge, le=le)]
+        for length in reversed(shape):
+            nested = Annotated[list[nested], Strict(), Field(min_length=length, max_length=length)]
+        super().__init__(nested, lambda values: np.array(values, float))
+
+
+class FileModel(BaseModel):
+    """The top of a file. Further keys are let through, unless they can only be a misspelt one of ours.
+
+    With the configuration of a subclass goes what becomes of unknown keys further down.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"additionalProperties": True})
+    VERSION: ClassVar[str]
+    """What the key `schema` must say."""
+    FURTHER_KEYS: ClassVar[bool] = True
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        if data.get("schema") != cls.VERSION:
+            raise ValueError(f"schema is {data.get('schema')!r}", f"{cls.VERSION} is needed here")
+        known = {field.alias or name for name, field in cls.model_fields.items()}
+        for key in data:
+            if cls.FURTHER_KEYS and key not in known and (meant := _meant(key, known - set(data))):
+                raise ValueError(f"unknown key {key}", f"is {meant} meant?")
+        return {key: value for key, value in data.items() if key in known or not cls.FURTHER_KEYS}
+
+
+class _Schema(GenerateJsonSchema):
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+def json_schema(model: type[BaseModel], title: str) -> dict[str, Any]:
+    """The JSON Schema of a model, to be published."""
+    published = model.model_json_schema(schema_generator=_Schema)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | published | {"title": title}
+
+
+def checked(model: type[T], data: Any, where: object, remedy: str, key: str = "") -> T:
+    """`data` as a model, a dataclass or an annotated type. Raises InputError naming the first key that is wrong.
+
+    where : the file. key : the dotted name of `data` in it. remedy : where no better one is known.
+    """
+    bad = _not_finite(data, key)
+    if bad is not None:
+        raise InputError(f"{bad} is not a finite number", where=where, remedy="give a number in SI units")
+    adapter: TypeAdapter[T] = TypeAdapter(model)
+    try:
+        return adapter.validate_python(data)
+    except ValidationError as error:
+        raise refusal(error, where, remedy, key, adapter.json_schema) from None
+
+
+def refusal(
+    error: ValueError,
+    where: object,
+    remedy: str | None = None,
+    key: str = "",
+    schema: Callable[[], Mapping[str, Any]] = dict,
+) -> InputError:
+    """One line for the first thing that a ValueError, pydantic's or another, found wrong; `schema` adds the bounds."""
+    if not isinstance(error, ValidationError):
+        return _from_value_error(error, where, remedy, key)
+    first = min(error.errors(include_url=False), key=_importance)
+    whole = schema()
+    part, above = _at(whole, whole, first["loc"]), _at(whole, whole, first["loc"][:-1])
+    name = ".".join(map(str, [*([key] if key else ()), *first["loc"]]))
+    if first["type"] == "value_error":
+        return _from_value_error(first["ctx"]["error"], where, remedy, name)
+    if first["type"] == "missing":
+        return InputError(f"{name} is missing", where=where, remedy=remedy)
+    if first["type"] in _UNKNOWN:
+        keys = above.get("properties", {})
+        meant = _meant(first["loc"][-1], keys)
+        other = f"is {meant} meant?" if meant else f"the keys here are {', '.join(keys)}" if keys else remedy
+        return InputError(f"unknown key {name}", where=where, remedy=other)
+    value = repr(first["input"])
+    shown = value if len(value) <= 60 else value[:57] + "..."
+    what = f"{shown} is not {_wanted(first, part)}"
+    return InputError(f"{name}: {what}" if name else what, where=where, remedy=remedy)
+
+
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+
+
+def _importance(error: ErrorDetails) -> tuple[int, bool, str]:
+    # a key that nobody knows explains the one that is missing
+    return len(error["loc"]), error["type"] not in _UNKNOWN, str(error["loc"])
+
+
+def _from_value_error(error: ValueError, where: object, remedy: str | None, name: str) -> InputError:
+    """Validators of ours raise ValueError(clause), or ValueError(predicate, remedy[, key inside what it checks])."""
+    what, better, inner = (*error.args, None, None)[:3]
+    name = ".".join(filter(None, (name, inner)))
+    between = "" if not name else ": " if better is None else " "
+    return InputError(f"{name}{between}{what}", where=where, remedy=better or remedy)
+
+
+def _meant(key: object, known: Iterable[str]) -> str | None:
+    return next(iter(difflib.get_close_matches(str(key).lower(), known, n=1, cutoff=0.7)), None)
+
+
+def _at(whole: Mapping[str, Any], part: Mapping[str, Any], loc: tuple[int | str, ...]) -> Mapping[str, Any]:
+    """The part of a JSON Schema at a place of the data; empty where it says nothing."""
+    if "$ref" in part:
+        return _at(whole, whole["$defs"][part["$ref"].rpartition("/")[2]], loc)
+    if "anyOf" in part:  # of ours always something or null
+        return _at(whole, part["anyOf"][0], loc)
+    if not loc:
+        return part
+    inner = part.get("properties", {}).get(loc[0], {}) if isinstance(loc[0], str) else _item(part, loc[0])
+    return _at(whole, inner, loc[1:])
+
+
+def _item(part: Mapping[str, Any], index: int) -> Mapping[str, Any]:
+    each = part.get("prefixItems", ())
+    return each[index] if index < len(each) else part.get("items", {})
+
+
+_TYPES = {
+    "object": "a mapping",
+    "array": "a list",
+    "string": "a text",
+    "number": "a number",
+    "integer": "a whole number",
+    "boolean": "true or false",
+}
+
+
+def _wanted(error: ErrorDetails, part: Mapping[str, Any]) -> str:
+    kind, context = error["type"], error.get("ctx", {})
+    if kind.startswith(("greater_than", "less_than")):
+        low, high = (context.get("ge"), context.get("gt")), (context.get("le"), context.get("lt"))
+        known = dict(zip(("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum"), (*low, *high), strict=True))
+        return _allowed(part or known)
+    if kind in ("too_short", "too_long"):
+        return f"{part.get('minItems', '')} or more values" if "maxItems" not in part else f"{part['maxItems']} values"
+    if kind == "literal_error":
+        return str(context["expected"])
+    return _TYPES.get(part.get("type", ""), error["msg"][0].lower() + error["msg"][1:])
+
+
+def _allowed(bounds: Mapping[str, Any]) -> str:
+    low = next((bounds[key] for key in ("minimum", "exclusiveMinimum") if bounds.get(key) is not None), None)
+    high = next((bounds[key] for key in ("maximum", "exclusiveMaximum") if bounds.get(key) is not None), None)
+    if low is None:
+        return f"{high:g} or less"
+    if high is None:
+        return f"{low:g} or more" if bounds.get("minimum") is not None else f"above {low:g}"
+    return f"between {low:g} and {high:g}"
+
+
+def _not_finite(data: Any, key: str) -> str | None:
+    """The dotted name of the first number that is not one; a whole number may be too large for a float."""
+    if isinstance(data, float | int):
+        return None if abs(data) <= sys.float_info.max else key
+    items = data.items() if isinstance(data, Mapping) else enumerate(data) if isinstance(data, list) else ()
+    named = ((f"{key}.{name}" if key else str(name), value) for name, value in items)
+    return next((bad for name, value in named if (bad := _not_finite(value, name)) is not None), None)

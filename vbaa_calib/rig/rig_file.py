@@ -1,0 +1,130 @@
+"""The model of rig.json."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber
+from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, MomentSensor
+
+from .parts import Antenna, AntennaImage
+
+SCHEMA = "vbaa.rig/1"
+_Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
+_Focal = Annotated[Number, Field(ge=1, le=1e7)]
+_Centre = Annotated[Number, Field(ge=-1e6, le=1e6)]
+_Covariance = list[list[Annotated[Number, Field(ge=-1e12, le=1e12)]]]
+
+
+@dataclass(frozen=True)
+class _Camera:
+    version: Annotated[Literal["vbaa.camera/1"], Field(alias="schema")]
+    model: Literal["opencv", "fisheye"]
+    image_size: tuple[_Side, _Side]
+    matrix: Annotated[
+        tuple[tuple[_Focal, Number, _Centre], tuple[Number, _Focal, _Centre], tuple[Number, Number, Number]],
+        Field(description="px: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"),
+    ]
+    distortion: Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(max_length=14)]
+    covariance: Annotated[_Covariance | None, Field(description="of the parameters, in their order")] = None
+    parameters: list[str] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Noload:
+    """The free antenna: where and at what angles the clamp holds it, and its natural curvature."""
+
+    clamp_offset_yz_m: Annotated[np.ndarray, ArrayOf(2, ge=-1, le=1)]
+    clamp_rotation_yz_rad: Annotated[np.ndarray, ArrayOf(2, ge=-1.5, le=1.5)]
+    bow_yz_per_m: Annotated[np.ndarray, ArrayOf(2, ge=-1000, le=1000)]
+    clamp_give_m: Annotated[
+        Number,
+        Field(ge=-1, le=1, description="length of antenna that would bend as much as the clamp gives way"),
+    ] = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Antenna:
+    length_m: AnyLength
+    diameter_m: Diameter
+    stiffness_Nm2: Annotated[Number, Field(ge=1e-9, le=1e4, description="EI")]
+    stiffness_std_Nm2: Deviation
+    mass_per_length_kg_m: Annotated[Number, Field(ge=1e-9, le=100)]
+    noload: _Noload
+    mass_per_length_std_kg_m: Number | None = None
+
+    def antenna(self) -> Antenna:
+        free = self.noload
+        parameters = [
+            *free.clamp_offset_yz_m,
+            *free.clamp_rotation_yz_rad,
+            *free.bow_yz_per_m,
+            np.log(self.stiffness_Nm2),
+            np.log(self.mass_per_length_kg_m),
+            free.clamp_give_m,
+        ]
+        return Antenna(self.length_m, self.diameter_m, np.array(parameters))
+
+
+@dataclass(frozen=True)
+class _MomentSensor(MomentSensor):
+    gain_std: Deviation | None = None
+    offset_std_Nm: Deviation | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _AxesUncertainty:
+    """Of axis_skew_rad, axis_offset_m and tilt_zero_rad."""
+
+    std: Annotated[
+        np.ndarray,
+        ArrayOf(3, ge=0, le=1),
+        Field(description="standard deviations for a camera pose that is exact"),
+    ] = field(default_factory=lambda: np.zeros(3))
+    by_pose: Annotated[
+        np.ndarray,
+        ArrayOf(3, 6, ge=-1000, le=1000),
+        Field(description="how much the three are off for a camera pose that is off by a unit of its tangent"),
+    ] = field(default_factory=lambda: np.zeros((3, 6)))
+    axes: list[Literal["axis_skew_rad", "axis_offset_m", "tilt_zero_rad"]] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Kinematics(FileKinematics):
+    axes_uncertainty: _AxesUncertainty = field(default_factory=_AxesUncertainty)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One covariance of everything that was solved together."""
+
+    parameters: list[str]
+    covariance: _Covariance
+
+
+class RigFile(FileModel):
+    """rig.json: a calibrated rig."""
+
+    model_config = ConfigDict(extra="ignore")
+    VERSION = SCHEMA
+    version: Literal["vbaa.rig/1"] = Field(alias="schema")
+    camera: _Camera
+    T_antenna_camera: FilePose
+    antenna: _Antenna
+    moment_sensor: _MomentSensor
+    second_moment_sensor: Annotated[
+        MomentSensor | None,
+        Field(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),
+    ] = None
+    kinematics: _Kinematics
+    gravity_world: Annotated[np.ndarray, ArrayOf(3, ge=-1000, le=1000)]
+    image: AntennaImage
+    joint: Joint
+    inputs_sha256: dict[str, str] | None = None
+    versions: dict[str, Any] | None = None
+    command: list[str] | None = None
+    quality: dict[str, Any] | None = None
