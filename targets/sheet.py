@@ -289,17 +289,19 @@ def fill_in(
             )
         dictionary = f"{_FAMILY}_{enough[0]}"
 
+    pattern = {"squares_x": columns, "squares_y": rows, "dictionary": dictionary, "legacy_pattern": legacy_pattern}
+
     def spec(square: float) -> BoardSpec:
         marker = MARKER_SHARE * square if marker_mm is None else marker_mm
         square_m, marker_m, thickness_m = (round(1e-3 * length, 12) for length in (square, marker, thickness_mm))
-        return BoardSpec(columns, rows, square_m, marker_m, dictionary, legacy_pattern, thickness_m)
+        return BoardSpec(**pattern, square_m=square_m, marker_m=marker_m, thickness_m=thickness_m)
 
     if square_mm is not None:
         return spec(square_mm)
     if paper is None:
         return spec(_SCREEN_SQUARE_MM)
     # only squares and dictionary decide the room
-    likely = BoardSpec(columns, rows, 1.0, MARKER_SHARE, dictionary, legacy_pattern)
+    likely = BoardSpec(**pattern, square_m=1.0, marker_m=MARKER_SHARE)
     largest = largest_square_mm(likely, paper, margin_mm)
     if largest is None:
         raise ValueError(f"no board of {columns}x{rows} squares fits on {paper.name}; take fewer squares or more paper")

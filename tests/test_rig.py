@@ -186,7 +186,7 @@ def test_every_missing_key_is_named(good: dict[str, Any], path: tuple[str, ...])
         (("camera",), [1], "camera: [1] is not a mapping"),
         (("camera", "schema"), "vbaa.camera/9", "camera.schema"),
         (("camera", "model"), "pinhole", "camera.model"),
-        (("camera", "image_size"), [640.0, 480.5], "camera.image_size.1"),
+        (("camera", "image_size"), [640, 480.5], "camera.image_size.1"),
         (("camera", "image_size"), [640.0, 480.0], "camera.image_size.0"),
         (("camera", "distortion"), [0.1], "camera: distortion has the shape (1,)"),
         (("camera", "distortion"), [0.1, 0.1, 0.0, math.nan], "camera.distortion.3 is not a finite number"),

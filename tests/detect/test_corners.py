@@ -146,7 +146,7 @@ def test_rows_beyond_the_picture_are_not_missed(tmp_path: Path, capsys: pytest.C
 def test_swapped_sizes_are_named_in_the_right_order() -> None:
     with pytest.raises(ValueError, match=r"exchanged\? square_m: 0.012, marker_m: 0.009 would do"):
         BoardSpec(9, 6, square_m=0.009, marker_m=0.012)
-    with pytest.raises(ValueError, match=r"0 < marker_m < square_m is needed$"):
+    with pytest.raises(ValueError, match=r"0 < marker_m < square_m is needed"):
         BoardSpec(9, 6, square_m=0.012, marker_m=0.012)
 
 

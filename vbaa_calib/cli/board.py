@@ -71,12 +71,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"has the suffix {kind!r}", where=args.output, remedy=f"take one of {', '.join(SUFFIXES)}")
     _refuse_flags(args, _OF_SCREENS if kind != ".png" else _OF_PAPER, f"has no meaning for a {kind} file")
     refuse_overwrite(args.output, args.force, [args.spec])
+    from pydantic import TypeAdapter
+
+    from targets.board import BoardSpec
     from vbaa_calib.core.models import refusal
 
     try:
         return _for_screens(args) if kind == ".png" else _for_paper(args, kind)
     except ValueError as error:
-        raise refusal(error, args.spec or "vbaa board") from None
+        schema = TypeAdapter(BoardSpec).json_schema
+        raise refusal(error, args.spec or "vbaa board", schema=schema) from None
 
 
 def _refuse_flags(args: argparse.Namespace, names: tuple[str, ...], why: str) -> None:

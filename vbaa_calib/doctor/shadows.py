@@ -24,7 +24,7 @@ LIBRARIES = {
     "matplotlib": "matplotlib",
     "reportlab": "reportlab",
     "pydantic": "pydantic",
-    "tqdm": "tqdm",
+    "rich": "rich",
 }
 """Name that is imported → distribution that it comes from."""
 
