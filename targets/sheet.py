@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import yaml
@@ -289,7 +290,12 @@ def fill_in(
             )
         dictionary = f"{_FAMILY}_{enough[0]}"
 
-    pattern = {"squares_x": columns, "squares_y": rows, "dictionary": dictionary, "legacy_pattern": legacy_pattern}
+    pattern: dict[str, Any] = {
+        "squares_x": columns,
+        "squares_y": rows,
+        "dictionary": dictionary,
+        "legacy_pattern": legacy_pattern,
+    }
 
     def spec(square: float) -> BoardSpec:
         marker = MARKER_SHARE * square if marker_mm is None else marker_mm
