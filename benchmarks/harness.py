@@ -1,95 +1,28 @@
-"""What the suite of benchmarks comes down to: one line for each subject."""
+"""What all subjects share: options and findings, tables declared once, timings, the record of the machine."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from vbaa_calib.core.files import replacing
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 import csv
 import io
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
 
 from vbaa_calib.core.files import write_text
 
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square of all; NaN of nothing, and where one of them is NaN."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
-
-
-def rms_known(values: np.ndarray) -> float:
-    """Root mean square of what is finite; NaN of nothing."""
-    return rms(values[np.isfinite(values)])
-
-
-def or_none(value: float | np.floating) -> float | None:
-    """The number; None for NaN or infinity."""
-    return float(value) if np.isfinite(value) else None
-
-
-DPI = 110
-
-
-def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty one whose panels make room for their words."""
+if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width_in, height_in), layout="constrained")
-
-
-def save(figure: Figure, path: Path, force: bool) -> None:
-    """To a PNG, whole or not at all."""
-    with replacing(path, force) as temporary:
-        figure.savefig(temporary, dpi=DPI)
-
-
-def write_csv(path: Path, rows: Sequence[Any], force: bool) -> None:
-    """One line per row (at least one dataclass instance), columns named by its fields; empty where there is no number.
-
-    That is where a value is None, NaN or infinite. Several words in one cell are separated by semicolons.
-    """
-    lines = [{name: _joined(value) for name, value in as_json(row).items()} for row in rows]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(lines[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(lines)
-    write_text(path, text.getvalue(), force)
-
-
-def _joined(value: Any) -> Any:
-    return "; ".join(map(str, value)) if isinstance(value, list) else value
-
-
-def as_json(value: Any) -> Any:
-    """Dataclasses, sequences and NumPy's numbers as what JSON knows; None for NaN and infinity."""
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if is_dataclass(value):
-        return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): as_json(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [as_json(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
-
-
-def cell(value: float | None, width: int, digits: int, scale: float = 1.0) -> str:
-    """A number set to the right, times `scale`; a dash where there is none."""
-    return f"{'–':>{width}}" if value is None else f"{scale * value:>{width}.{digits}f}"
+Arrays = TypeVar("Arrays")
 
 
 @dataclass(frozen=True)
@@ -98,7 +31,7 @@ class Options:
 
     Attributes
     ----------
-    draws : noise draws of each cell; what a draw is, is the subject's word.
+    draws : noise draws of each cell; what a draw is, the subject says.
     quick : less of everything, for a first look: the subject chooses where `draws` says nothing.
     jobs : processes, where a subject can use more than one.
     """
@@ -117,23 +50,146 @@ class Findings:
     ----------
     text : the tables for people.
     tables : file name → rows, all instances of one dataclass.
-    figures : file name → what writes it, given the path and whether an older file may be replaced.
+    figures : file name → what draws it.
     numbers : what --json prints; NaN and infinity become null.
-    headline : what it comes down to, in at most 100 characters; for the suite's summary.
+    headline : the result in at most 100 characters, for the suite's summary.
     versions : of what else was measured than the packages that the subject is known to need.
     """
 
     text: str
     tables: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-    figures: Mapping[str, Callable[[Path, bool], None]] = field(default_factory=dict)
+    figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     numbers: Mapping[str, Any] = field(default_factory=dict)
     headline: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
+# --- rows of arrays and their statistics
+
+
+def concatenated(parts: Sequence[Arrays]) -> Arrays:
+    """Dataclasses whose fields are all arrays (B, ...), one after the other as one."""
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return type(parts[0])(*(np.concatenate(column) for column in columns))
+
+
+def picked(rows: Arrays, which: np.ndarray) -> Arrays:
+    """The same dataclass of arrays with the rows of these indices, which may repeat, or of a mask."""
+    return type(rows)(*(values[which] for values in vars(rows).values()))
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square of all; NaN of nothing, and where one of them is NaN."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def rms_known(values: np.ndarray) -> float:
+    """Root mean square of what is finite; NaN of nothing."""
+    return rms(values[np.isfinite(values)])
+
+
+def or_none(value: float | np.floating) -> float | None:
+    """The number; None for NaN or infinity."""
+    return float(value) if np.isfinite(value) else None
+
+
+def mean_of(rows: Sequence[Any], name: str) -> float:
+    """Mean of one attribute over the rows that have it; NaN without any."""
+    known = [value for row in rows if (value := getattr(row, name)) is not None]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def shares(values: Sequence[Any] | np.ndarray) -> str:
+    """Which values there are, most frequent first, with their shares."""
+    counts = Counter(map(str, values))
+    return ", ".join(f"{value} {100 * count / len(values):.1f} %" for value, count in counts.most_common())
+
+
+# --- tables
+
+
+def column(heading: str = "", spec: str = "", scale: float = 1.0, **default: Any) -> Any:
+    """A field of a row: in text tables below its heading, times `scale`, by `spec`; without a heading in files only."""
+    return field(metadata={"heading": heading, "spec": spec, "scale": scale}, **default)
+
+
+def table(
+    rows: Sequence[Any],
+    title: str = "",
+    once: int = 0,
+    more: Mapping[str, Callable[[Any], str]] | None = None,
+) -> str:
+    """Rows of one dataclass as an aligned text table below a title.
+
+    `once` : of so many first columns a value is not repeated below itself. `more` : heading → text, columns at the end.
+    """
+    shown = [one for one in fields(rows[0]) if one.metadata.get("heading")] if rows else []
+    lines = [[_cell(getattr(row, one.name), **one.metadata) for one in shown] for row in rows]
+    for row, line in zip(rows, lines, strict=True):
+        line += [tell(row) for tell in (more or {}).values()]
+    for line, above in reversed(list(zip(lines[1:], lines, strict=False))):
+        for place in range(once):
+            if line[place] != above[place]:
+                break
+            line[place] = ""
+    left = [not one.metadata["spec"] for one in shown] + [True] * len(more or {})
+    return aligned([[one.metadata["heading"] for one in shown] + list(more or {}), *lines], left, title)
+
+
+def aligned(lines: Sequence[Sequence[str]], left: Sequence[bool], title: str = "") -> str:
+    """Cells as columns of one width each, set to the left or right."""
+    widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
+    rows = [
+        "  ".join(
+            cell.ljust(width) if on_left else cell.rjust(width)
+            for cell, width, on_left in zip(line, widths, left, strict=True)
+        ).rstrip()
+        for line in lines
+    ]
+    return "\n".join([*([title] if title else []), *rows])
+
+
+def _cell(value: Any, spec: str, scale: float, heading: str) -> str:
+    """For people; a dash where there is no number."""
+    if value is None or (isinstance(value, float) and np.isnan(value)):
+        return "–"
+    return str(value) if not spec else f"{value if scale == 1.0 else scale * value:{spec}}"
+
+
+def as_json(value: Any) -> Any:
+    """Dataclasses, sequences and NumPy's numbers as what JSON knows; None for NaN and infinity."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if is_dataclass(value):
+        return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): as_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_json(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def write_csv(path: Path, rows: Sequence[Any], force: bool) -> None:
+    """One line per row (at least one dataclass instance), columns named by its fields; empty where there is no number.
+
+    Several words in one cell are separated by semicolons.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [one.name for one in fields(rows[0])], lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        cells = as_json(row).items()
+        writer.writerow({name: "; ".join(map(str, cell)) if isinstance(cell, list) else cell for name, cell in cells})
+    write_text(path, text.getvalue(), force)
+
+
+# --- clock and machine
+
 SLOW_S = 1.0
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""What tells the numerical libraries how many threads to take."""
+"""Environment variables that limit the numerical libraries' threads."""
 
 
 def median_seconds(function: Callable[[], object], repeats: int, least_s: float = 0.02) -> float:
@@ -155,7 +211,7 @@ def least_seconds(function: Callable[[], object], repeats: int) -> float:
 
 
 def _timings(function: Callable[[], object], repeats: int, calls: int) -> list[float]:
-    """Seconds a call, so often, each the mean of so many calls."""
+    """Seconds a call, `repeats` times, each the mean of so many calls."""
     timings = []
     for _ in range(repeats):
         begun = time.perf_counter()
@@ -165,13 +221,29 @@ def _timings(function: Callable[[], object], repeats: int, calls: int) -> list[f
     return timings
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """OpenCV and torch on one thread meanwhile."""
+    import cv2
+    import torch
+
+    threads = cv2.getNumThreads(), torch.get_num_threads()
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads[0])
+        torch.set_num_threads(threads[1])
+
+
 @dataclass(frozen=True)
 class Machine:
     """What a benchmark ran on.
 
     Attributes
     ----------
-    threads : variables of the environment that limit them, those that are set.
+    threads : environment variables that limit them, those that are set.
     versions : package → version, or "absent".
     """
 
@@ -190,7 +262,7 @@ class Machine:
 
 
 def machine(packages: Sequence[str], others: Mapping[str, str] | None = None) -> Machine:
-    """The machine, and the versions of the packages that are measured, ours first, and of others that are told."""
+    """The machine, and the versions of the packages that are measured, ours first, and of others that are given."""
     return Machine(
         processor=_processor(),
         cores=os.cpu_count() or 1,
@@ -215,6 +287,9 @@ def _version(package: str) -> str:
         return "absent"
 
 
+# --- the suite's summary
+
+
 @dataclass(frozen=True)
 class Line:
     """One subject: its headline or why it failed, the seconds it took, the names of its files."""
@@ -227,18 +302,11 @@ class Line:
 
 
 def as_text(lines: Sequence[Line]) -> str:
-    """The table for people."""
-    width = max(len(line.subject) for line in lines)
-    told = [
-        f"{line.subject:<{width}}{line.seconds:>8.0f}  {f'failed: {line.failure}' if line.failure else line.headline}"
-        for line in lines
-    ]
-    rows = [f"{'subject':<{width}}{'s':>8}  what it comes down to"]
-    for line, text in zip(lines, told, strict=True):
-        rows.append(text)
-        if line.files:
-            rows.append(f"{'':<{width + 10}}{', '.join(line.files)}")
-    total = sum(line.seconds for line in lines)
+    """One line for each subject, its files below it, and a total."""
+    rows = [["subject", "s", "what it comes down to"]]
+    for line in lines:
+        rows.append([line.subject, f"{line.seconds:.0f}", f"failed: {line.failure}" if line.failure else line.headline])
+        rows += [["", "", ", ".join(line.files)]] if line.files else []
     good = sum(not line.failure for line in lines)
-    rows.append(f"{'all':<{width}}{total:>8.0f}  {good} of {len(lines)} subjects measured")
-    return "\n".join(rows)
+    rows.append(["all", f"{sum(line.seconds for line in lines):.0f}", f"{good} of {len(lines)} subjects measured"])
+    return aligned(rows, (True, False, True))

@@ -27,22 +27,16 @@ import yaml
 
 from viz.cli.demo import SCENES
 
+from .pages import markdown, replace_marked
 from .reported import Apart, Report, apart, joined, of_budget, of_contacts, of_lens, of_object, of_rig
 
 ROOT = Path(__file__).resolve().parents[1]
-BEGIN, END = "<!-- begin: benchmarks/processors.py -->", "<!-- end: benchmarks/processors.py -->"
 ALIKE = 1e-3
 """Deviations by which a number may differ from one processor to another."""
 WAYS = "three ways"
 """The demo's scene with few frames, whose plane C is found by jig, sweep and the board under the antenna."""
 STAGES = ("calibration", "contacts", "budget", "object")
-KERNELS = {
-    "Nehalem": "SSE42",
-    "Sandybridge": "AVX",
-    "Haswell": "AVX2",
-    "Zen": "AVX2",
-    "SkylakeX": "AVX512_SKX",
-}
+KERNELS = {"Nehalem": "SSE42", "Sandybridge": "AVX", "Haswell": "AVX2", "Zen": "AVX2", "SkylakeX": "AVX512_SKX"}
 """OpenBLAS' kernels, each with what a processor must have to run it, as NumPy calls it."""
 
 
@@ -242,10 +236,12 @@ def main() -> int:
                     print(f"{machine.name}, {stage}: {off.most:.1e} at {off.where}; {off.statuses}", file=sys.stderr)
             rows.append([machine.name, kernel, *_told(there), *cells])
             print(" | ".join(rows[-1]), file=sys.stderr)
-    table = _table(rows)
+    head = ["processor", "OpenBLAS", "EI of the first scene, N·m²", "focal length, px", *STAGES]
+    table = markdown(head, rows)
     print(table)
     if args.page is not None:
-        _write(args.page, table)
+        about = f"Measured on {date.today()}, {platform.machine()}, NumPy {np.__version__}, OpenCV {cv2.__version__}."
+        replace_marked(args.page, "benchmarks/processors.py", f"{table}\n\n{about}")
     return 0 if good else 1
 
 
@@ -256,19 +252,6 @@ def _told(reports: Mapping[str, Mapping[str, Report]]) -> list[str]:
     for value, std in ((rig["EI"][0][0], rig["EI"][1][0]), (rig["lens"][0][0], rig["lens"][1][0])):
         told.append(f"{value:.{max(0, 4 - int(np.floor(np.log10(std))))}f}")
     return told
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    head = ["processor", "OpenBLAS", "EI of the first scene, N·m²", "focal length, px", *STAGES]
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def _write(page: Path, table: str) -> None:
-    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    about = f"Measured on {date.today()}, {platform.machine()}, NumPy {np.__version__}, OpenCV {cv2.__version__}."
-    page.write_text(f"{before}{BEGIN}\n{table}\n\n{about}\n{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

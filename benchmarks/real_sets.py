@@ -1,6 +1,6 @@
 """Writes the tables of docs/real_sets.md: `python benchmarks/real_sets.py DATA docs/real_sets.md`.
 
-DATA is the folder that holds the sets. What stands between the page's marks is replaced; the rest is kept.
+DATA is the folder that holds the sets. What is between the page's marks is replaced; the rest is kept.
 """
 
 from __future__ import annotations
@@ -13,15 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.pages import markdown, replace_marked
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty, ray_covariance
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import write_text
 from vbaa_calib.core.images import list_images, read_gray
 from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_folder
 
-BEGIN, END = "<!-- begin: benchmarks/real_sets.py -->", "<!-- end: benchmarks/real_sets.py -->"
 _ENDOSCOPE = BoardSpec(19, 26, 0.005, 0.004, "DICT_4X4_250", legacy_pattern=True)
 
 
@@ -56,49 +55,44 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("page", type=Path)
     args = parser.parse_args()
-    before, _, rest = args.page.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    write_text(args.page, f"{before}{BEGIN}\n{tables(args.data)}\n{END}{after}", force=True)
+    replace_marked(args.page, "benchmarks/real_sets.py", tables(args.data))
 
 
 def tables(data: Path) -> str:
     """All tables of the page, in Markdown."""
     views = {one.title: detect_folder(data / one.folder, one.spec) for one in SETS}
     solved = {one.title: solve_intrinsics(views[one.title], one.spec) for one in SETS}
-    wrong = {one.title: _wrong_flag(one, data, views[one.title]) for one in SETS if one.spec is _ENDOSCOPE}
+    flags = [_flag_rows(one, data, views[one.title]) for one in SETS if one.spec is _ENDOSCOPE]
     parts = [
         "### The lenses",
-        table(
+        markdown(
             ("set", "model", "rms px", "held out px", "fx px", "fy px", "cx px", "cy px", "halves", "as published"),
             [_lens_row(one, solved[one.title]) for one in SETS],
         ),
         "### How well each lens is known",
         "Standard deviation of a projected point in its worst direction, once with the camera held, once with what a "
         "turn of the camera explains left out; and of a ray at the board's distance.",
-        table(
+        markdown(
             ("set", "middle px", "worst px", "middle px, turning", "worst px, turning", "board at m", "middle mm"),
             [_uncertainty_row(one, solved[one.title]) for one in SETS],
         ),
         "### The models compared",
-        table(
+        markdown(
             ("set", "model", "rms px", "held out px", "halves differ by", "p", "folds"),
             [row for one in SETS for row in _candidate_rows(one, solved[one.title])],
         ),
         "### What was used and what was not",
-        table(
+        markdown(
             ("set", "photos", "used", "corners", "outliers", "photos dropped, and why", "board"),
             [_used_row(one, solved[one.title], len(views[one.title])) for one in SETS],
         ),
         "### The endoscope's board with the wrong legacy flag",
-        table(("set", "flag", "rms px", "corners", "fx px", "what `vbaa intrinsics` says"), list(_wrong_rows(wrong))),
+        markdown(
+            ("set", "flag", "rms px", "corners", "fx px", "what `vbaa intrinsics` says"),
+            [row for rows in flags for row in rows],
+        ),
     ]
     return "\n\n".join(parts)
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _lens_row(one: PhotoSet, solution: LensSolution) -> list[str]:
@@ -147,17 +141,8 @@ def _used_row(one: PhotoSet, solution: LensSolution, photos: int) -> list[str]:
     return [one.title, str(photos), str(len(solution.views)), str(corners), str(outliers), dropped, bend]
 
 
-@dataclass(frozen=True)
-class Flagged:
-    """Solves for OpenCV's five coefficients with the right flag and the wrong one, and what is said of the wrong."""
-
-    right: LensSolution
-    wrong: LensSolution
-    refusal: str
-
-
-def _wrong_flag(one: PhotoSet, data: Path, right: Sequence[BoardView]) -> Flagged:
-    """The set with its legacy flag turned round, past the check that refuses it."""
+def _flag_rows(one: PhotoSet, data: Path, right: Sequence[BoardView]) -> list[list[str]]:
+    """Solves for five coefficients: a row with the right legacy flag, one past the check with the wrong."""
     spec = replace(one.spec, legacy_pattern=not one.spec.legacy_pattern)
     paths = list_images(data / one.folder)
     views = [detect_corners(read_gray(path), spec, path.name) for path in paths]
@@ -166,18 +151,12 @@ def _wrong_flag(one: PhotoSet, data: Path, right: Sequence[BoardView]) -> Flagge
         refusal = "nothing: it is not caught"
     except InputError as error:
         refusal = str(error).split(": ", 1)[-1]
-    solved = [solve_intrinsics(list(seen), own, "opencv5") for seen, own in ((right, one.spec), (views, spec))]
-    return Flagged(solved[0], solved[1], refusal)
-
-
-def _wrong_rows(flagged: dict[str, Flagged]) -> list[list[str]]:
-    """Two rows for each set: the right flag, then the wrong one."""
     rows = []
-    for title, found in flagged.items():
-        for flag, solution, words in (("right", found.right, "–"), ("wrong", found.wrong, found.refusal)):
-            corners = sum(view.corners for view in solution.views)
-            focal = f"{solution.camera.matrix[0, 0]:.1f}"
-            rows.append([title, flag, f"{solution.rms_inliers_px:.3f}", str(corners), focal, words])
+    for flag, seen, own, words in (("right", right, one.spec, "–"), ("wrong", views, spec, refusal)):
+        solution = solve_intrinsics(list(seen), own, "opencv5")
+        corners = sum(view.corners for view in solution.views)
+        focal = f"{solution.camera.matrix[0, 0]:.1f}"
+        rows.append([one.title, flag, f"{solution.rms_inliers_px:.3f}", str(corners), focal, words])
     return rows
 
 

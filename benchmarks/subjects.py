@@ -12,6 +12,7 @@ from typing import Any
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.files import refuse_overwrite, replacing, write_json
 
+from .figures import DPI
 from .harness import Findings, Machine, Options, as_json, write_csv
 
 _NUMERIC = ("numpy", "scipy", "torch")
@@ -232,6 +233,6 @@ def write(folder: Path, measured: Measured, force: bool) -> list[Path]:
         for name, rows in found.tables.items():
             write_csv(ready[name], rows, force=True)
         for name, draw in found.figures.items():
-            draw(ready[name], True)
+            draw().savefig(ready[name], dpi=DPI)
         write_json(ready[subject.record], measured.record)
     return [folder / name for name in ready]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 
 import numpy as np
@@ -12,22 +11,16 @@ from scipy.stats import chi2
 from benchmarks.coverage import coverage as coverage_run
 from benchmarks.coverage.coverage import (
     JUDGED,
-    Outcome,
     as_text,
     errors_of,
-    headline,
     outcome,
     outcomes,
     run,
-    write_figure,
 )
 from benchmarks.coverage.rigs import BOARD, GRID, MOMENT_NM, T_ANTENNA_JIG, coverage_rigs, draw, drawn_truth
 from benchmarks.coverage.solve import Errors, Solved, Statistics, statistics
-from benchmarks.harness import write_csv
 from vbaa_calib.camera import Camera
-from vbaa_calib.cli import main
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Load
 
 RIGS = coverage_rigs()
@@ -186,58 +179,3 @@ def test_a_draw_that_cannot_be_solved_is_counted_and_named(monkeypatch) -> None:
     assert rows == []
     assert (rig.draws, rig.failed, rig.failures) == (0, 2, ("no way",))
     assert "2 of 2 failed: no way" in as_text(rows, [rig], 2)
-
-
-def made_up(task: tuple[int, int, int]) -> Outcome:
-    """An outcome without a calibration: errors as predicted, one draw in five failed."""
-    rng = np.random.default_rng(task)
-    if task[2] % 5 == 4:
-        return Outcome({}, failure="made up")
-    sizes = {"points on C": (45, 2), "camera pose": (1, 6), "EI": (1, 1), "pose, antenna, sensor": (1, 16)}
-    errors = {
-        name: Errors(rng.normal(size=size), np.tile(np.eye(size[1]), (size[0], 1, 1))) for name, size in sizes.items()
-    }
-    return Outcome(errors, (1.0, 2.0, 3.0), 1.0)
-
-
-def test_table_csv_and_figure_hold_every_row(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(coverage_run, "outcome", made_up)
-    rows, rigs = run(draws=400, seed=0)
-    assert {row.rig for row in rows} == {rig.name for rig in RIGS}
-    assert {(row.draws, row.failed) for row in rows} == {(320, 80)}
-    assert sum(row.judged for row in rows) == 3 * len(RIGS)
-    assert all(abs(row.ratio - 1) < 0.15 for row in rows)
-    text = as_text(rows, rigs, 400)
-    assert text.count("\n") == 2 + len(rows) + len(rigs)
-    assert "80 of 400 failed: made up" in text
-    met = sum(row.met for row in rows if row.judged)
-    assert headline(rows).startswith(f"goal met by {met} of {3 * len(RIGS)}; sampled over predicted deviation ")
-    assert headline([]) == "no rig could be calibrated twice"
-    write_csv(tmp_path / "coverage.csv", rows, force=False)
-    with (tmp_path / "coverage.csv").open() as stream:
-        assert len(list(csv.DictReader(stream))) == len(rows)
-    write_figure(tmp_path / "coverage.png", rows, 400, force=False)
-    assert (tmp_path / "coverage.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        ["coverage", "--draws", "1"],
-        ["coverage", "--jobs", "0"],
-        ["metric", "--draws", "199"],
-        ["metric", "--jobs", "2"],
-    ],
-)
-def test_numbers_that_make_no_sense_are_refused(wrong: list[str], capsys) -> None:
-    assert main(["bench", *wrong]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert f"{wrong[1]} {wrong[2]} for {wrong[0]}" in captured.err
-
-
-def test_the_jig_is_not_in_plane_c() -> None:
-    """A board that lay exactly in C, unturned, would hide a mistaken frame."""
-    assert np.linalg.norm(T_ANTENNA_JIG.rotvec_rad - np.array([np.pi, 0, 0])) > 0.05
-    assert isinstance(T_ANTENNA_JIG, Pose)
-    assert T_ANTENNA_JIG.translation_m[2] != 0

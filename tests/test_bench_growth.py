@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.growth.growth import SERIES, Grown, Power, Series, cost_of, fitted, follow, resident_MB
-from benchmarks.growth.report import as_rows, numbers, table, write_figure
-from benchmarks.growth.work import repeated
-from estimator.table.contacts import ContactTable
-from tests.viz.touching import cylinder, touch
+from benchmarks.growth.growth import SERIES, Grown, Power, Series, as_text, cost_of, fitted, follow, resident_MB
 
 SIZES = [10, 30, 100, 300, 1000, 3000]
 
@@ -63,20 +58,14 @@ def quadratic(size: int, seed: int) -> object:
     return lambda: np.ones((size, size)) @ np.ones(size) if seed >= 0 else None
 
 
-def test_a_series_is_followed_told_and_drawn(tmp_path: Path) -> None:
-    series = Series("squares", "rows", (1,), (1,), quadratic, 1.0, 1.0, "every row meets every other")
+def test_a_series_that_grows_too_fast_is_found_out() -> None:
+    series = Series("squares", "rows", (1,), (1,), quadratic, "every row meets every other")
     grown = follow(series, [1000, 1500, 2200, 3300], 0, 2)
     assert grown.time.exponent > 1.0
     assert grown.memory.exponent == pytest.approx(2.0, abs=0.3)
     assert grown.worse
     assert not Grown(replace(series, time_exponent=9.0, memory_exponent=3.0), grown.sizes, grown.costs).worse
-    text = table([grown])
-    assert "WORSE" in text
-    assert "every row meets every other" in text
-    assert [row.size for row in as_rows([grown])] == list(grown.sizes)
-    assert numbers([grown])["squares"]["worse"] is True
-    write_figure([grown], tmp_path / "growth.png", False)
-    assert (tmp_path / "growth.png").stat().st_size > 10_000
+    assert "WORSE" in as_text([grown])
 
 
 @pytest.mark.parametrize(
@@ -86,12 +75,3 @@ def test_a_series_is_followed_told_and_drawn(tmp_path: Path) -> None:
 def test_each_kind_of_work_runs(name: str, size: int) -> None:
     series = next(series for series in SERIES if series.name == name)
     assert series.prepare(size, 1)() is not series
-
-
-def test_contacts_are_as_many_as_asked_for() -> None:
-    one = ContactTable.from_rows(touch(*cylinder(np.linspace(1.2, 1.9, 9), np.zeros(9)), np.random.default_rng(1)))
-    for size in (5, 40):
-        grown = repeated(one, size)
-        assert grown.located.sum() == len(grown) == size
-        assert (np.diff(grown.time_s) > 0).all()
-        assert len(np.unique(grown.frame)) == size

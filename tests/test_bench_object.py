@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.harness import rms_known, write_csv
+from benchmarks.harness import rms_known
 from benchmarks.object import object as bench
-from benchmarks.object.cases import AXIS, CASES, CENTRE, SETUP, SOFT, Case
-from benchmarks.object.judge import covered, judge
-from benchmarks.object.object import as_text, headline, write_figure
-from benchmarks.object.onset import AlarmRow
+from benchmarks.object.cases import AXIS, CENTRE, SETUP, SOFT, Case
+from benchmarks.object.judge import judge
 from benchmarks.object.scenes import Recorded, contacts, play
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Sweep
@@ -83,18 +80,11 @@ def test_the_judge_sees_a_given_rig_that_is_off(played: Recorded) -> None:
     assert rms_known(exact.surface_m) < 2e-4
 
 
-def test_rows_text_table_and_figure(tmp_path: Path) -> None:
+def test_a_rigid_object_has_no_stiffness() -> None:
     rows = bench.run(1, 0, [bench.Cell(SHORT, math.inf, 0.0, exact) for exact in (True, False)])
     assert [row.rig for row in rows] == ["exact", "off"]
     assert all(row.stiffness_N_m is None and row.stiffness_error is None for row in rows)
     assert rows[0].surface_mm < 0.2
-    text = as_text(rows, 1)
-    assert text.count("cylinder") == 2
-    assert "rig off: " in text
-    write_csv(tmp_path / "object.csv", rows, False)
-    assert len((tmp_path / "object.csv").read_text().splitlines()) == 3
-    write_figure(tmp_path / "object.png", rows, False)
-    assert (tmp_path / "object.png").stat().st_size > 10_000
 
 
 def test_a_row_names_the_goals_that_it_misses() -> None:
@@ -104,9 +94,6 @@ def test_a_row_names_the_goals_that_it_misses() -> None:
     )
     assert good.misses == ()
     bad = replace(good, surface_mm=0.11)
-    assert headline([good, bad], [AlarmRow("exact", "steady", 1, 200, 1, 2)]) == (
-        "1 of 2 cells meet every goal; surface within 0.11 mm rms; 1 first contacts imagined in 200 free frames"
-    )
     assert bad.misses == ("surface",)
     assert replace(good, surface_mm=1.2, point_std_mm=1.0).misses == ("surface",)
     assert replace(good, normal_deg=3.1).misses == ("normals",)
@@ -115,27 +102,3 @@ def test_a_row_names_the_goals_that_it_misses() -> None:
     assert replace(good, mu_error=None).misses == ("friction",)
     assert replace(good, stiffness_told=0.5).misses == ("stiffness",)
     assert replace(good, stiffness_N_m=None, stiffness_error=None, stiffness_told=0.0).misses == ()
-
-
-def test_every_object_is_felt_rigid_and_soft_with_all_frictions() -> None:
-    cells = bench.cells()
-    assert {cell.case.name for cell in cells} == {case.name for case in CASES}
-    for case in CASES:
-        assert {cell.stiffness_N_m for cell in cells if cell.case is case} >= {math.inf, SOFT}
-    assert {cell.friction for cell in cells if cell.case.name == "sphere"} == {0.0, 0.1, 0.2, 0.4, 0.6}
-    for case in CASES:
-        assert 150 <= sum(stroke.frames for stroke in case.strokes) <= 230
-
-
-def test_a_first_look_is_a_part_of_the_whole() -> None:
-    looked, every = bench.few_cells(), bench.cells()
-    assert 0 < len(looked) < len(every)
-    assert all(cell in every for cell in looked)
-    assert {cell.exact for cell in looked} == {True, False}
-    assert {math.isfinite(cell.stiffness_N_m) for cell in looked} == {True, False}
-
-
-def test_shares_and_means_leave_out_what_is_unknown() -> None:
-    assert rms_known(np.array([3.0, np.nan, 4.0])) == pytest.approx(math.sqrt(12.5))
-    assert math.isnan(rms_known(np.array([np.nan])))
-    assert covered(np.array([1.0, 3.0, 9.0]), np.array([1.0, 1.0, np.nan])) == 0.5

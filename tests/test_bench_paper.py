@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 from functools import cache
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks.harness import save, write_csv
 from benchmarks.paper import friction as paper_drag
 from benchmarks.paper import friction as paper_friction
 from benchmarks.paper import sensing as paper_sensing
 from benchmarks.paper import yielding as paper_yielding
-from benchmarks.paper.figure import fig5, fig7, yielding
 from benchmarks.paper.friction import Cone, Trace, cone
-from benchmarks.paper.paper import friction_text, headline, sensing_text, yielding_text
 from benchmarks.paper.rig import free_shape, paper_rig, ring_down, taken
 from benchmarks.paper.sensing import ALL_POINTS, TWO_POINTS
 from estimator.paper.baselines import Ring
@@ -123,18 +118,3 @@ def test_a_yielding_object_misleads_the_active_antenna_alone() -> None:
         assert (rows[ALL_POINTS, stiffness].l_rms_mm or 99.0) < 3.0
     assert rows[ALL_POINTS, 50.0].object_mean_N_m == pytest.approx(50.0, rel=0.1)
     assert rows[ALL_POINTS, 1e5].object_answered == 0.0, "what does not give way has no stiffness to tell"
-
-
-def test_tables_and_figures(tmp_path: Path) -> None:
-    rows = found()
-    text = sensing_text(rows.sensing) + friction_text(rows.friction) + yielding_text(rows.yielding)
-    assert all(words in text for words in ("Fig. 7", "Fig. 5", "give way", "Dynamic Active Antenna"))
-    for name, part in vars(rows).items():
-        write_csv(tmp_path / f"{name}.csv", part, force=False)
-        with (tmp_path / f"{name}.csv").open() as lines:
-            assert len(list(csv.DictReader(lines))) == len(part)
-    drawn = {"7": fig7(rows.sensing), "5": fig5(rows.path, rows.friction), "yielding": yielding(rows.yielding)}
-    for name, figure in drawn.items():
-        save(figure, tmp_path / f"{name}.png", force=False)
-        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
-    assert headline(rows.sensing, rows.friction).startswith("all points, 0.1 px: distance ")

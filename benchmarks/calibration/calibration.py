@@ -3,57 +3,53 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.harness import cell, new_figure, or_none, save
+from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, legend, panels
+from benchmarks.harness import Findings, Options, column, mean_of, or_none, table
 from vbaa_calib.core.console import progress
 
 from .judge import error_mm
 from .methods import Outcome, methods
+from .peers import versions
 from .rigs import Rig, draw, rigs
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-from benchmarks.harness import Findings, Options
-
-from .peers import versions
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
 class Row:
-    """One method on one rig, over the draws.
+    """One method on one rig, over the draws; None where the method is absent, mostly failed or does not say.
 
     Attributes
     ----------
-    error_mm : median over draws of the rms error of points on C, whose pose is told; None where the method is absent
-        or mostly failed. ratio : the same over the oracle's. rms_ratio : root mean squares over draws likewise;
-        None where a draw failed.
+    error_mm : median over draws of the rms error of points on C, whose true pose is given. ratio : the same over the
+        oracle's. rms_ratio : root mean squares over draws likewise; None where a draw failed.
     jig_error_mm, jig_ratio, jig_rms_ratio : the same with the pose of C solved with the method's own lens.
     seconds : median time of one solve. folds : share of draws whose lens folds inside the picture.
-    good_dropped : share of the good corners that were left out; None where the method does not say.
-    outliers_found : share of the outliers that were left out; None as above or where there are none.
+    good_dropped, outliers_found : shares of the good corners and of the outliers that were withheld.
     models : the lens models chosen and how often, where there was a choice. note : why there are no numbers.
     """
 
-    rig: str
-    method: str
-    error_mm: float | None = None
-    ratio: float | None = None
-    rms_ratio: float | None = None
-    jig_error_mm: float | None = None
-    jig_ratio: float | None = None
-    jig_rms_ratio: float | None = None
-    seconds: float | None = None
-    folds: float | None = None
-    good_dropped: float | None = None
-    outliers_found: float | None = None
-    models: str = ""
-    note: str = ""
+    rig: str = column("rig")
+    method: str = column("method")
+    error_mm: float | None = column("mm on C", ".4f", default=None)
+    ratio: float | None = column("× oracle", ".3f", default=None)
+    rms_ratio: float | None = column("rms", ".3f", default=None)
+    jig_error_mm: float | None = column("mm, jig", ".4f", default=None)
+    jig_ratio: float | None = column("× oracle", ".3f", default=None)
+    jig_rms_ratio: float | None = column("rms", ".3f", default=None)
+    seconds: float | None = column("s", ".3f", default=None)
+    folds: float | None = column("folds %", ".0f", 100, default=None)
+    good_dropped: float | None = column("lost %", ".2f", 100, default=None)
+    outliers_found: float | None = column("caught %", ".1f", 100, default=None)
+    models: str = column("models", default="")
+    note: str = column("note", default="")
 
 
 def run(draws: int, seed: int) -> list[Row]:
@@ -75,7 +71,7 @@ def run(draws: int, seed: int) -> list[Row]:
 
 
 def _errors(outcome: Outcome, rig: Rig) -> tuple[float, float]:
-    """Error in mm on C with its pose told, and with its pose solved."""
+    """Error in mm on C with its true pose, and with its pose solved."""
     if outcome.camera is None:
         return np.inf, np.inf
     return error_mm(outcome.camera, rig.camera), error_mm(outcome.camera, rig.camera, from_jig=True)
@@ -83,130 +79,73 @@ def _errors(outcome: Outcome, rig: Rig) -> tuple[float, float]:
 
 def _row(rig: Rig, name: str, outcomes: Sequence[Outcome], errors: np.ndarray, oracle: np.ndarray) -> Row:
     """One method's row; errors (D, 2) mm of its outcomes and of the oracle's."""
-    cameras = [outcome.camera for outcome in outcomes if outcome.camera is not None]
+    solved = [outcome for outcome in outcomes if outcome.camera is not None]
     failures = [outcome.failure for outcome in outcomes if outcome.camera is None]
     chosen = Counter(outcome.model for outcome in outcomes if outcome.model)
     middle, own_rms = np.median(errors, axis=0), np.sqrt(np.mean(errors**2, axis=0))
-    reference, reference_rms = np.median(oracle, axis=0), np.sqrt(np.mean(oracle**2, axis=0))
+    ratio, rms_ratio = middle / np.median(oracle, axis=0), own_rms / np.sqrt(np.mean(oracle**2, axis=0))
+    folds = [one.camera.valid_region().image_fraction < 1.0 for one in solved if one.camera is not None]
     return Row(
         rig=rig.name,
         method=name,
         error_mm=or_none(middle[0]),
-        ratio=or_none(middle[0] / reference[0]),
-        rms_ratio=or_none(own_rms[0] / reference_rms[0]),
+        ratio=or_none(ratio[0]),
+        rms_ratio=or_none(rms_ratio[0]),
         jig_error_mm=or_none(middle[1]),
-        jig_ratio=or_none(middle[1] / reference[1]),
-        jig_rms_ratio=or_none(own_rms[1] / reference_rms[1]),
-        seconds=_mean([outcome.seconds for outcome in outcomes if outcome.camera is not None], np.median),
-        folds=_mean([camera.valid_region().image_fraction < 1.0 for camera in cameras]),
-        good_dropped=_mean([outcome.good_dropped for outcome in outcomes]),
-        outliers_found=_mean([outcome.outliers_found for outcome in outcomes]),
+        jig_ratio=or_none(ratio[1]),
+        jig_rms_ratio=or_none(rms_ratio[1]),
+        seconds=float(np.median([one.seconds for one in solved])) if solved else None,
+        folds=float(np.mean(folds)) if folds else None,
+        good_dropped=or_none(mean_of(outcomes, "good_dropped")),
+        outliers_found=or_none(mean_of(outcomes, "outliers_found")),
         models=", ".join(f"{model} {count}" for model, count in chosen.most_common()),
         note=f"{len(failures)} of {len(outcomes)} failed: {failures[0]}" if failures else "",
     )
 
 
-def _mean(values: Sequence[float | None], middle: Callable[[list[float]], np.floating] = np.mean) -> float | None:
-    given = [value for value in values if value is not None]
-    return float(middle(given)) if given else None
-
-
 _TITLE = (
-    "mm on C: median of {draws} draws, its pose told; jig: its pose solved with the same lens; × oracle: of medians, "
-    "then of root mean squares; s: median of one solve; lost: good corners left out; caught: outliers left out"
+    "mm on C: median of {} draws, with its true pose; jig: its pose solved with the same lens; × oracle: of medians, "
+    "then of root mean squares;\ns: median of one solve; lost: good corners withheld; caught: outliers withheld"
 )
-
-
-def as_text(rows: Sequence[Row], draws: int) -> str:
-    """The table for people."""
-    head = (
-        f"{'rig':<34}{'method':<23}{'mm on C':>8}{'× oracle':>14}{'mm, jig':>9}{'× oracle':>14}{'s':>8}"
-        f"{'folds %':>8}{'lost %':>8}{'caught %':>9}"
-    )
-    lines = [_TITLE.format(draws=draws), head]
-    rig = ""
-    for row in rows:
-        shown, rig = (row.rig if row.rig != rig else ""), row.rig
-        lines.append(f"{shown:<34}{row.method:<23}" + (_numbers(row) if row.seconds is not None else row.note))
-    return "\n".join(lines)
-
-
-def _numbers(row: Row) -> str:
-    cells = (
-        (row.error_mm, 8, 4, 1),
-        (row.ratio, 7, 3, 1),
-        (row.rms_ratio, 7, 3, 1),
-        (row.jig_error_mm, 9, 4, 1),
-        (row.jig_ratio, 7, 3, 1),
-        (row.jig_rms_ratio, 7, 3, 1),
-        (row.seconds, 8, 3, 1),
-        (row.folds, 8, 0, 100),
-        (row.good_dropped, 8, 2, 100),
-        (row.outliers_found, 9, 1, 100),
-    )
-    remark = "; ".join(part for part in (row.models, row.note) if part)
-    return "".join(cell(*each) for each in cells) + (f"  {remark}" if remark else "")
-
-
 STYLES = {
-    "oracle": ("#334155", "*"),
-    "ours, auto": ("#0f766e", "s"),
+    "oracle": (INK, "*"),
+    "ours, auto": (GREEN, "s"),
     "ours, lens given": ("#14b8a6", "s"),
-    "OpenCV, default": ("#b45309", "o"),
+    "OpenCV, default": (AMBER, "o"),
     "OpenCV, 300 iterations": ("#f59e0b", "o"),
-    "mrcal": ("#6d28d9", "^"),
-    "lensboy": ("#be123c", "D"),
+    "mrcal": (VIOLET, "^"),
+    "lensboy": (RED, "D"),
 }
 """Method → its colour and mark."""
-COLUMNS = 3
 
 
-def write_figure(path: Path, rows: Sequence[Row], draws: int, force: bool) -> None:
-    """One panel per rig, both axes logarithmic; full marks with C's pose told, hollow ones with its pose solved."""
-    from matplotlib.lines import Line2D
-
+def figure(rows: Sequence[Row], draws: int) -> Figure:
+    """One panel per rig, both axes logarithmic; full marks with C's true pose, hollow ones with its pose solved."""
     names = list(dict.fromkeys(row.rig for row in rows))
-    lines = len(names) // COLUMNS + 1
-    figure = new_figure(11, 3.1 * lines)
-    panels = figure.subplots(lines, COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
-    for name, panel in zip(names, panels, strict=False):
-        for row in rows:
-            if row.rig == name and row.seconds is not None:
-                _marks(panel, row)
-        panel.set_title(name, fontsize=9)
-        panel.grid(alpha=0.3)
-    for index in range(len(names), len(panels)):
-        panels[index].set_axis_off()
-        panels[index - COLUMNS].tick_params(labelbottom=True)
-    there = {row.method for row in rows if row.seconds is not None}
-    handles = [
-        Line2D([], [], ls="", marker=mark, color=colour, label=method)
-        for method, (colour, mark) in STYLES.items()
-        if method in there
-    ]
-    handles.append(
-        Line2D([], [], ls="", marker="s", color="#334155", fillstyle="none", label="hollow: pose of C solved")
-    )
-    panels[-1].legend(handles=handles, loc="center", fontsize=9, title=f"median of {draws} draws")
-    figure.supxlabel("time of one solve, s")
-    figure.supylabel("rms error of points on plane C, mm")
-    save(figure, path, force)
-
-
-def _marks(panel: Axes, row: Row) -> None:
-    colour, mark = STYLES[row.method]
-    for error, fill in ((row.error_mm, "full"), (row.jig_error_mm, "none")):
-        if error is not None:
-            panel.loglog(row.seconds, error, mark, color=colour, fillstyle=fill, markersize=7)
+    drawn, every = panels(len(names), 3, (3.7, 3.1), sharex=True, sharey=True)
+    solved = [row for row in rows if row.seconds is not None]
+    for name, panel in zip(names, every, strict=True):
+        for row in (row for row in solved if row.rig == name):
+            colour, mark = STYLES[row.method]
+            for error, fill in ((row.error_mm, "full"), (row.jig_error_mm, "none")):
+                if error is not None:
+                    panel.loglog(row.seconds, error, mark, color=colour, fillstyle=fill, markersize=7)
+        label(panel, name)
+    there = {row.method for row in solved}
+    shown = {method: style for method, style in STYLES.items() if method in there}
+    legend(drawn, shown, "hollow: pose of C solved", title=f"median of {draws} draws")
+    drawn.supxlabel("time of one solve, s")
+    drawn.supylabel("rms error of points on plane C, mm")
+    return drawn
 
 
 def measure(options: Options) -> Findings:
     """Every method on every rig; a draw is one set of views."""
     rows = run(options.draws, options.seed)
     return Findings(
-        as_text(rows, options.draws),
+        table(rows, _TITLE.format(options.draws), once=1),
         {"calibration.csv": rows},
-        {"calibration.png": lambda path, force: write_figure(path, rows, options.draws, force)},
+        {"calibration.png": lambda: figure(rows, options.draws)},
         {"rows": rows},
         headline(rows),
         versions(),

@@ -28,15 +28,7 @@ _FLAGS = {"opencv5": 0, "rational": cv2.CALIB_RATIONAL_MODEL}
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One method on one draw.
-
-    Attributes
-    ----------
-    camera : None where it failed. seconds : of the solve. failure : why there is no camera.
-    good_dropped, outliers_found : shares of the good corners and of the outliers that were left out; None where the
-        method does not say or there are none.
-    model : the lens model chosen, where one was.
-    """
+    """One method on one draw; the fields as in `calibration.Row`, `camera` None where it failed."""
 
     camera: Camera | None
     seconds: float
@@ -55,14 +47,8 @@ def solve_oracle(given: Draw) -> Camera:
     observations = [
         view.picked(good) for view, good in zip(observations_of(given.views, BOARD), given.good, strict=True)
     ]
-    bundle = refine(
-        rig.model,
-        rig.intrinsics,
-        given.poses,
-        observations,
-        free_directions(rig.model),
-        sagittas_m=rig.sagittas_m,
-    )
+    free = free_directions(rig.model)
+    bundle = refine(rig.model, rig.intrinsics, given.poses, observations, free, sagittas_m=rig.sagittas_m)
     return camera_of(rig.model, bundle.intrinsics, rig.image_size)
 
 
@@ -70,14 +56,11 @@ def _solve_opencv(given: Draw, criteria: tuple[int, int, float] = DEFAULT) -> Ca
     """`cv2.calibrateCamera` with the true lens model."""
     points = corner_points(BOARD).astype(np.float32)
     rig = given.rig
+    boards = [points[view.ids] for view in given.views]
+    corners = [view.corners_px.astype(np.float32) for view in given.views]
+    flags = _FLAGS[rig.lens]
     _, matrix, distortion, *_ = cv2.calibrateCamera(
-        [points[view.ids] for view in given.views],
-        [view.corners_px.astype(np.float32) for view in given.views],
-        rig.image_size,
-        None,
-        None,
-        flags=_FLAGS[rig.lens],
-        criteria=criteria,
+        boards, corners, rig.image_size, None, None, flags=flags, criteria=criteria
     )
     count = len(rig.intrinsics) - 4
     return Camera("opencv", rig.image_size, matrix, distortion.ravel()[:count])
@@ -89,7 +72,7 @@ def solve_ours(given: Draw, model: str | None = None) -> LensSolution:
 
 
 def screening(kept: Sequence[np.ndarray], given: Draw) -> tuple[float, float | None]:
-    """Share of the good corners that were left out, and of the outliers that were; None where there are none.
+    """Share of the good corners that were withheld, and of the outliers that were; None where there are none.
 
     kept : per view (N,), which corners were used.
     """
@@ -105,7 +88,10 @@ def kept_corners(solution: LensSolution, given: Draw) -> list[np.ndarray]:
 
 def methods() -> dict[str, Method | str]:
     """Name → how all draws of a rig are solved, or why they cannot be; the oracle first."""
-    found: dict[str, Method | str] = {name: partial(_one_by_one, solve) for name, solve in SOLVERS.items()}
+    found: dict[str, Method | str] = {
+        name: partial(lambda solve, draws: [_outcome(solve, given) for given in draws], solve)
+        for name, solve in SOLVERS.items()
+    }
     for peer in PEERS:
         interpreter = interpreter_of(peer)
         found[peer] = absence(peer) if interpreter is None else partial(_by_peer, peer, interpreter)
@@ -120,10 +106,6 @@ SOLVERS: dict[str, Callable[[Draw], Camera | LensSolution]] = {
     "ours, auto": partial(solve_ours, model="auto"),
 }
 """Name → solver of those that are always there."""
-
-
-def _one_by_one(solve: Callable[[Draw], Camera | LensSolution], draws: Sequence[Draw]) -> list[Outcome]:
-    return [_outcome(solve, given) for given in draws]
 
 
 def _outcome(solve: Callable[[Draw], Camera | LensSolution], given: Draw) -> Outcome:

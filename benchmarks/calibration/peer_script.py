@@ -69,21 +69,9 @@ def _solve_with_mrcal(mrcal: ModuleType, given: Problem) -> Answer:
         "observations_point": None,
         "indices_point_camintrinsics_camextrinsics": None,
     }
-    mrcal.optimize(
-        intrinsics=intrinsics,
-        lensmodel="LENSMODEL_STEREOGRAPHIC",
-        do_optimize_intrinsics_core=False,
-        do_optimize_calobject_warp=False,
-        do_apply_outlier_rejection=False,
-        **shared,
-    )
-    mrcal.optimize(
-        intrinsics=intrinsics,
-        lensmodel="LENSMODEL_STEREOGRAPHIC",
-        do_optimize_calobject_warp=False,
-        do_apply_outlier_rejection=False,
-        **shared,
-    )
+    seeding = {"do_optimize_calobject_warp": False, "do_apply_outlier_rejection": False}
+    for core in ({"do_optimize_intrinsics_core": False}, {}):
+        mrcal.optimize(intrinsics=intrinsics, lensmodel="LENSMODEL_STEREOGRAPHIC", **core, **seeding, **shared)
     count = {"opencv5": 5, "rational": 8}[given.lens]
     # a start at exactly nil is a place where its regularisation has no slope
     start = _START_DISTORTION * np.random.default_rng(0).uniform(-1.0, 1.0, (1, count))

@@ -1,4 +1,4 @@
-"""Five synthetic rigs with exactly known corners: what a lens solve can be judged on."""
+"""Five synthetic rigs with exactly known corners, on which lens solves are judged."""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.board_flex import bend
+from benchmarks.boards import BOARD, HD, LONG, MILD, SQUARE, WIDE, bent_corners, noisy_view
+from targets.board import corner_points
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, PROJECTIONS, LensModel, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
-BOARD = BoardSpec(squares_x=11, squares_y=8, square_m=0.015, marker_m=0.011)
-SIGMA_PX = 0.15
 _TILT_RAD = np.radians(40.0)
-_OUTLIER_PX = (2.0, 20.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,38 +63,31 @@ class Draw:
 
 def rigs() -> list[Rig]:
     """The five rigs of the published comparison."""
-    mild = np.array([900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0])
-    long = np.array([2800.0, 2804.0, 1015.0, 1032.0, -0.08, 0.15, 2e-4, 3e-4, 0.0])
-    wide = np.array([590.0, 591.0, 641.0, 356.2, 0.31, 0.025, 4e-4, -3e-4, 1e-3, 0.56, 0.061, 5e-3])
-    hd, square = (1280, 720), (2048, 2048)
     return [
-        Rig("f 900, mild barrel, 25 views", "opencv5", hd, mild, 25),
-        Rig("f 2800, 22 views", "opencv5", square, long, 22),
-        Rig("wide rational f 590, 20 views", "rational", hd, wide, 20),
-        Rig("f 900, 8 views", "opencv5", hd, mild, 8),
-        Rig("f 900, 5 % outliers, bowed 0.5 mm", "opencv5", hd, mild, 25, 0.05, (5e-4, 0.0)),
+        Rig("f 900, mild barrel, 25 views", "opencv5", HD, MILD, 25),
+        Rig("f 2800, 22 views", "opencv5", SQUARE, LONG, 22),
+        Rig("wide rational f 590, 20 views", "rational", HD, WIDE, 20),
+        Rig("f 900, 8 views", "opencv5", HD, MILD, 8),
+        Rig("f 900, 5 % outliers, bowed 0.5 mm", "opencv5", HD, MILD, 25, 0.05, (5e-4, 0.0)),
     ]
 
 
 def draw(rig: Rig, seed: int) -> Draw:
     """Views of a rig, their noise, poses and outliers all from the seed."""
     rng = np.random.default_rng(seed)
-    points = corner_points(BOARD) + (bend(BOARD) @ rig.sagittas_m)[:, None] * np.array([0.0, 0.0, 1.0])
+    points = bent_corners(rig.sagittas_m)
     views: list[BoardView] = []
     poses, good = [], []
     while len(views) < rig.views:
         vector = _pose(rig, rng).vector
         pixels = PROJECTIONS[rig.model.camera_model](points, vector, rig.intrinsics)[0]
         seen = np.flatnonzero(np.all((pixels > 0) & (pixels < np.array(rig.image_size) - 1), axis=1))
-        if len(seen) < 20:
-            continue
-        noisy = pixels[seen] + SIGMA_PX * rng.normal(size=(len(seen), 2))
-        wrong = rng.random(len(seen)) < rig.outliers
-        angle, length = rng.uniform(0, 2 * np.pi, len(seen)), rng.uniform(*_OUTLIER_PX, len(seen))
-        noisy[wrong] += (length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))[wrong]
-        views.append(BoardView(f"{len(views):02d}.png", seen, noisy, rig.image_size, np.arange(40)))
-        poses.append(vector)
-        good.append(~wrong)
+        if len(seen) >= 20:
+            name = f"{len(views):02d}.png"
+            view, right = noisy_view(name, seen, pixels[seen], rig.image_size, rig.outliers, rng)
+            views.append(view)
+            poses.append(vector)
+            good.append(right)
     return Draw(rig, views, np.array(poses), good)
 
 
@@ -107,9 +97,8 @@ def _pose(rig: Rig, rng: np.random.Generator) -> Pose:
     width, height = rig.image_size
     distance = rng.uniform(0.9, 1.5) * extent * rig.intrinsics[0] / (0.6 * width)
     direction = rng.uniform(0, 2 * np.pi)
-    tilt = Pose.from_rotvec(
-        rng.uniform(0.3, 1.0) * _TILT_RAD * np.array([np.cos(direction), np.sin(direction), 0.0]), np.zeros(3)
-    )
+    axis = np.array([np.cos(direction), np.sin(direction), 0.0])
+    tilt = Pose.from_rotvec(rng.uniform(0.3, 1.0) * _TILT_RAD * axis, np.zeros(3))
     rotation = (tilt @ Pose.from_rotvec(np.array([0.0, 0.0, rng.uniform(-0.6, 0.6)]), np.zeros(3))).rotation
     offset = rng.uniform(-0.33, 0.33, 2) * np.array([width, height]) / rig.intrinsics[0]
     return Pose(rotation, distance * np.array([*offset, 1.0]) - rotation @ centre)

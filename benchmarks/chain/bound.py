@@ -1,4 +1,4 @@
-"""The wall on the side of error: what a picture's pixels say of the contact at best.
+"""The limit of error: the Cramér–Rao bound of the contact from a picture's pixels.
 
 A picture's information about the antenna's place across itself is worked out column by column from its noise, and
 carried to the contact by the bound of the estimator's benchmark, the moment's reading with it. Held as known: the
@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmarks.estimator.bound import Bound, bound
 from benchmarks.estimator.scenes import Scenes, seen
-from benchmarks.estimator.shapes import Touches, rod_shapes
+from benchmarks.estimator.shapes import rod_shapes
+from benchmarks.harness import concatenated
 
 from .scenes import FRICTION_STD_RAD, Drawing, Photograph
 
@@ -80,7 +81,7 @@ def information_of(photograph: Photograph) -> Information:
     return information(photograph.drawing, arclength, seen(truth.rig.camera, truth.rig.T_antenna_camera, points, True))
 
 
-def equally_told(known: Sequence[Information], points: int = POINTS) -> tuple[np.ndarray, float]:
+def equal_information(known: Sequence[Information], points: int = POINTS) -> tuple[np.ndarray, float]:
     """Places (N,) along the antenna between which there is equally much information, on average over pictures, and
     the standard deviation in px that makes a point at each worth what lies around it."""
     grid = np.linspace(0.0, 1.0, 2001)
@@ -96,15 +97,14 @@ def _summed(known: Information, grid: np.ndarray) -> np.ndarray:
     return np.interp(grid, edges, total)
 
 
-def as_told(truths: Sequence[Scenes], known: Sequence[Information]) -> Scenes:
-    """Frames of one rig, their points where `equally_told` puts them, without noise, with that deviation.
+def frames_at_information(truths: Sequence[Scenes], known: Sequence[Information]) -> Scenes:
+    """Frames of one rig, their points where `equal_information` puts them, without noise, with that deviation.
 
     Every picture is taken to tell as much as the mean of them, which they do to a few percent.
     """
-    places, sigma_px = equally_told(known)
-    first = truths[0]
-    touches = Touches(*(np.concatenate([getattr(t.touches, name) for t in truths]) for name in vars(first.touches)))
-    return at_places(replace(first, touches=touches, sigma_px=sigma_px), places)
+    places, sigma_px = equal_information(known)
+    touches = concatenated([one.touches for one in truths])
+    return at_places(replace(truths[0], touches=touches, sigma_px=sigma_px), places)
 
 
 def at_places(scenes: Scenes, places: np.ndarray) -> Scenes:
@@ -124,5 +124,5 @@ def at_places(scenes: Scenes, places: np.ndarray) -> Scenes:
 
 
 def contact_bound(scenes: Scenes) -> Bound:
-    """The wall, for frames that are `as_told`."""
+    """Of frames of `frames_at_information`."""
     return bound(scenes, FRICTION_STD_RAD)

@@ -1,6 +1,6 @@
-"""The headline: pictures to contacts, speed against error, between two walls.
+"""`vbaa bench chain`: pictures to contacts, speed against error, every method on the same pictures.
 
-On one side the Cramér–Rao bound of the whole chain, on the other the time to read a picture once from memory.
+One limit is the Cramér–Rao bound of the whole chain, the other the time to read a picture once from memory.
 """
 
 from __future__ import annotations
@@ -10,21 +10,22 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import Findings, Options
+from benchmarks.harness import Findings, Options, column, one_thread, table
 from vbaa_calib.core.console import progress
 
-from .bound import Information, as_told, contact_bound, information_of
-from .figure import write_figure
-from .judge import ASTRAY_BOUND, ASTRAY_STATED, Reading, StageRow, one_thread, reading, stages, typical_seconds, verdict
+from .bound import Information, contact_bound, frames_at_information, information_of
+from .figure import figure
+from .judge import ASTRAY_BOUND, ASTRAY_STATED, Reading, StageRow, reading, stages, typical_seconds, verdict
 from .losses import LossRow, losses
 from .methods import OURS, Answers, Method, ours
 from .peers import others
 from .scenes import RIGS, SIZES, Cell, Photograph, cell
 
-LONG_S = 2.0
+_LONG_S = 2.0
 """A recording that takes longer is timed once."""
 
 
@@ -41,29 +42,29 @@ class ChainRow:
     of_bound, of_bound_error : rms error in the bound's standard deviations, and what it scatters by from chance.
     force_percent, direction_deg : rms error of (f_y, f_z) over its size, and of its direction.
     answered, wrong : share with a number; share of all with one that is wrong and confident.
-    bound_mm : the wall: rms of the bound's standard deviations of the same pictures' distances.
-    read_ms : the other: reading a picture of this size once from memory.
+    bound_mm : rms of the bound's standard deviations of the same pictures' distances.
+    read_ms : reading a picture of this size once from memory.
     """
 
     size: str
     rig: str
-    method: str
-    family: str
-    told: bool
-    pictures: int
-    ms: float
-    ms_recording: float
-    l_rms_mm: float | None
-    l_rms_error_mm: float | None
-    l_median_mm: float | None
-    of_bound: float | None
-    of_bound_error: float | None
-    force_percent: float | None
-    direction_deg: float | None
-    answered: float
-    wrong: float
-    bound_mm: float
-    read_ms: float
+    method: str = column("method")
+    family: str = column("family")
+    told: bool = column()
+    pictures: int = column()
+    ms: float = column("ms", ".1f")
+    ms_recording: float = column("recording", ".1f")
+    l_rms_mm: float | None = column("l rms mm", ".2f")
+    l_rms_error_mm: float | None = column()
+    l_median_mm: float | None = column("median", ".2f")
+    of_bound: float | None = column("× bound", ".2f")
+    of_bound_error: float | None = column("±", ".2f")
+    force_percent: float | None = column("force %", ".2f")
+    direction_deg: float | None = column("°", ".2f")
+    answered: float = column("answered %", ".0f", 100)
+    wrong: float = column("wrong %", ".0f", 100)
+    bound_mm: float = column()
+    read_ms: float = column()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +79,7 @@ class Measured:
 def run(pictures: int, seed: int, quick: bool = False, sizes: Sequence[tuple[int, int]] = SIZES) -> Measured:
     """So many pictures of each size and rig. `quick` : times from fewer of them."""
     timed, repeats = (1, 1) if quick else (4, 3)
-    rows: list[ChainRow] = []
-    spent: list[StageRow] = []
-    lost: list[LossRow] = []
+    found = Measured([], [], [])
     with one_thread():
         for size in sizes:
             read = reading(size, repeats)
@@ -89,19 +88,21 @@ def run(pictures: int, seed: int, quick: bool = False, sizes: Sequence[tuple[int
                 told = [information_of(one) for one in pages.photographs]
                 bound_m = bounds(pages, told)
                 methods = [*ours(pages.rig), *others(pages.rig)]
-                for method in progress(methods, f"{pages.name}, {known} rig", len(methods)):
-                    rows.append(_row(pages, method, bound_m, read, timed, repeats))
-                of_bound = {row.method: row.of_bound for row in rows[-len(methods) :]}
-                lost += losses(pages, told, bound_m, of_bound, seed)
+                rows = [
+                    _row(pages, method, bound_m, read, timed, repeats)
+                    for method in progress(methods, f"{pages.name}, {known} rig", len(methods))
+                ]
+                found.rows.extend(rows)
+                found.losses.extend(losses(pages, told, bound_m, {row.method: row.of_bound for row in rows}, seed))
                 if RIGS[known]:
-                    spent += stages(pages, read, timed, repeats)
-    return Measured(rows, spent, lost)
+                    found.stages.extend(stages(pages, read, timed, repeats))
+    return found
 
 
 def bounds(pages: Cell, told: Sequence[Information]) -> np.ndarray:
     """(K,) least standard deviations of the pictures' contact distances, m, with the rig as well known as it is."""
     truths = [replace(one.truth, rig=pages.rig) for one in pages.photographs]
-    return contact_bound(as_told(truths, told)).std[:, 0]
+    return contact_bound(frames_at_information(truths, told)).std[:, 0]
 
 
 def _row(pages: Cell, method: Method, bound_m: np.ndarray, read: Reading, timed: int, repeats: int) -> ChainRow:
@@ -131,117 +132,64 @@ def _recording(method: Method, photographs: Sequence[Photograph], repeats: int) 
         begun = time.process_time()
         found = method.solve(photographs)
         least = min(least, time.process_time() - begun)
-        if least > LONG_S:
+        if least > _LONG_S:
             break
     return found, float(least) / len(photographs)
 
 
 _NOTES = f"""\
-wall of error: the Cramér–Rao bound from the picture's own pixels and the moment's noise, friction and rig free within
+limit of error: the Cramér–Rao bound from the picture's own pixels and the moment's noise, friction and rig free within
   what is known of them; held as known: cross-section, blur and noise of the picture; free in every column: the line's
   height, level and slope of the background
-wall of time: every byte of a picture read once from memory
+limit of time: every byte of a picture read once from memory
 wrong: off by more than {ASTRAY_BOUND:.0f} of the bound's deviations, and by more than {ASTRAY_STATED:.0f} of its
-  own where a method states them; * told by the truth where it is straight
+  own where a method states them; two points on the straight part: the truth tells where it is straight
 ms: one thread's processor time from the decoded picture to distance and force; what needs no picture is
   prepared before"""
+_LOSSES = """\
+where accuracy goes: rms error of the distance in the bound's deviations, from points without noise, from points as
+good as the picture allows, and from the picture; noise of the found points over the least; share of the columns with
+a point; the points' stated deviations over their noise"""
+_STAGES = "where the time goes, auto, two looks; ms of a picture that comes alone and of each in a recording"
 
 
-def as_text(rows: Sequence[ChainRow], spent: Sequence[StageRow], lost: Sequence[LossRow]) -> str:
-    """The tables for people."""
-    lines = [_headline_sentence(rows), _NOTES]
-    for (size, rig), own in groupby(rows, key=lambda row: (row.size, row.rig)):
-        lines += ["", *_methods(size, rig, list(own))]
-    lines += ["", *_losses(lost), "", *_stages(spent)]
-    return "\n".join(lines)
+def as_text(found: Measured) -> str:
+    """The tables for people, below the result in one sentence."""
+    row = _chosen(found.rows)
+    lines = [
+        f"auto, {row.size}, a calibrated rig: {row.ms:.1f} ms a picture, {row.ms_recording:.1f} ms in a recording; "
+        f"{row.l_rms_mm:.2f} mm rms, {row.of_bound:.2f} ± {row.of_bound_error:.2f} times the bound; reading the "
+        f"picture once takes {row.read_ms:.3f} ms",
+        _NOTES,
+    ]
+    for (size, rig), group in groupby(found.rows, key=lambda row: (row.size, row.rig)):
+        own = list(group)
+        limits = f"{own[0].bound_mm:.3f} mm rms, {own[0].read_ms:.4f} ms"
+        lines += ["", table(own, f"{size}, rig {rig}, {own[0].pictures} pictures; the limits: {limits}")]
+    return "\n".join([*lines, "", table(found.losses, _LOSSES), "", table(found.stages, _STAGES)])
 
 
 def headline(rows: Sequence[ChainRow]) -> str:
-    """At most 100 characters for a summary."""
+    """Time and error of `auto` on the largest pictures."""
     row = _chosen(rows)
     return (
-        f"picture to contact, auto, {row.size}: {row.ms:.0f} ms, {_number(row.of_bound)} × the bound; "
+        f"picture to contact, auto, {row.size}: {row.ms:.0f} ms, {row.of_bound:.2f} × the bound; "
         f"reading it {row.read_ms:.3f} ms"
     )
 
 
-def _headline_sentence(rows: Sequence[ChainRow]) -> str:
-    """What it comes down to."""
-    row = _chosen(rows)
-    return (
-        f"auto, {row.size}, a calibrated rig: {row.ms:.1f} ms a picture, {row.ms_recording:.1f} ms in a recording; "
-        f"{_number(row.l_rms_mm)} mm rms, {_number(row.of_bound)} ± {_number(row.of_bound_error)} times the bound; "
-        f"reading the picture once takes {row.read_ms:.3f} ms"
-    )
-
-
-def _chosen(rows: Sequence[ChainRow]) -> ChainRow:
+def _chosen(rows: Sequence[ChainRow]) -> Any:
     """`auto` on the largest pictures of a rig as calibrations leave it."""
     return [row for row in rows if (row.family, row.method, row.rig) == (OURS, "auto", "calibrated")][-1]
-
-
-def _methods(size: str, rig: str, rows: Sequence[ChainRow]) -> list[str]:
-    first = rows[0]
-    title = (
-        f"{size}, rig {rig}, {first.pictures} pictures; the walls: {first.bound_mm:.3f} mm rms, {first.read_ms:.4f} ms"
-    )
-    head = (
-        f"{'method':<35}{'ms':>8}{'recording':>11}{'l rms mm':>10}{'median':>8}{'× bound':>9}{'±':>6}{'force %':>9}"
-        f"{'°':>7}{'answered %':>12}{'wrong %':>9}"
-    )
-    lines = [title, head]
-    family = ""
-    for row in rows:
-        if row.family != family:
-            family = row.family
-            lines.append(family)
-        values = (row.l_rms_mm, row.l_median_mm, row.of_bound, row.of_bound_error, row.force_percent, row.direction_deg)
-        shown = "".join(f"{_number(value):>{width}}" for value, width in zip(values, (10, 8, 9, 6, 9, 7), strict=True))
-        lines.append(
-            f"  {row.method + (' *' if row.told else ''):<33}{row.ms:>8.1f}{row.ms_recording:>11.1f}{shown}"
-            f"{100 * row.answered:>12.0f}{100 * row.wrong:>9.0f}"
-        )
-    return lines
-
-
-def _losses(rows: Sequence[LossRow]) -> list[str]:
-    lines = [
-        "where accuracy goes: rms error of the distance in the bound's deviations, from points without noise, from "
-        "points as good as the picture allows,\nand from the picture; noise of the found points over the least; share "
-        "of the columns with a point; the points' stated deviations over their noise",
-        f"{'picture':<12}{'rig':<12}{'rung':<10}{'no noise':>10}{'best points':>13}{'picture':>9}{'points':>9}"
-        f"{'kept %':>8}{'stated':>8}",
-    ]
-    lines += [
-        f"{row.size:<12}{row.rig:<12}{row.model:<10}{_number(row.noiseless):>10}{_number(row.ideal):>13}"
-        f"{_number(row.picture):>9}{_number(row.points):>9}{100 * row.kept:>8.1f}{_number(row.stated):>8}"
-        for row in rows
-    ]
-    return lines
-
-
-def _stages(rows: Sequence[StageRow]) -> list[str]:
-    lines = [
-        "where the time goes, auto, two looks; ms of a picture that comes alone and of each in a recording",
-        f"{'picture':<12}{'stage':<28}{'ms':>8}{'recording':>11}{'share %':>9}",
-    ]
-    lines += [
-        f"{row.size:<12}{row.stage:<28}{row.ms:>8.3f}{row.ms_recording:>11.3f}{100 * row.share:>9.1f}" for row in rows
-    ]
-    return lines
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f}" if abs(value) < 100 else f"{value:.0f}"
 
 
 def measure(options: Options) -> Findings:
     """The subject `chain` of `vbaa bench`; a draw is a picture, of each size and rig."""
     found = run(options.draws, options.seed, options.quick)
     return Findings(
-        text=as_text(found.rows, found.stages, found.losses),
+        text=as_text(found),
         tables={"chain.csv": found.rows, "chain_stages.csv": found.stages, "chain_losses.csv": found.losses},
-        figures={"chain.png": lambda path, force: write_figure(path, found.rows, force)},
-        numbers={name: [asdict(row) for row in getattr(found, name)] for name in ("rows", "stages", "losses")},
+        figures={"chain.png": lambda: figure(found.rows)},
+        numbers=vars(found),
         headline=headline(found.rows),
     )

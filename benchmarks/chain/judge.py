@@ -1,18 +1,15 @@
-"""Where the time goes between a picture and its contact."""
+"""Errors of answers, and where the time goes between a picture and its contact."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import cv2
 import numpy as np
-import torch
 
-from benchmarks.harness import or_none, rms_known
+from benchmarks.harness import column, or_none, rms_known
 from estimator import ContactEstimator
 from estimator.contact.recording import look, measured
 from vbaa_calib.detect.whisker.antenna import find_along, pixels, width_px
@@ -27,7 +24,7 @@ ASTRAY_BOUND, ASTRAY_STATED = 5.0, 4.0
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a method's answers are worth; None without any. The attributes are those of `chain_run.ChainRow`."""
+    """A method's answers against the truth; None without any. The attributes are those of `chain.ChainRow`."""
 
     l_rms_mm: float | None
     l_rms_error_mm: float | None
@@ -80,19 +77,6 @@ class Reading:
 
     memory_s: float
     cache_s: float
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """OpenCV and torch on one thread meanwhile."""
-    threads = cv2.getNumThreads(), torch.get_num_threads()
-    cv2.setNumThreads(1)
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads[0])
-        torch.set_num_threads(threads[1])
 
 
 def seconds(work: Callable[[], object], repeats: int) -> float:
@@ -150,11 +134,11 @@ class StageRow:
     share : of the whole, for a picture that comes alone.
     """
 
-    size: str
-    stage: str
-    ms: float
-    ms_recording: float
-    share: float
+    size: str = column("picture")
+    stage: str = column("stage")
+    ms: float = column("ms", ".3f")
+    ms_recording: float = column("recording", ".3f")
+    share: float = column("share %", ".1f", 100)
 
 
 def stages(pages: Cell, read: Reading, timed: int, repeats: int) -> list[StageRow]:
@@ -165,8 +149,12 @@ def stages(pages: Cell, read: Reading, timed: int, repeats: int) -> list[StageRo
     alone = {name: 1e3 * typical_seconds([step[name] for step in steps], repeats) for name in steps[0]}
     lens, rough, fit = "lens taken off the points", "rough fit", "fit"
     alone[fit] -= alone[lens]
-    fits = max(_fits_together(estimator, pages.photographs, repeats) - alone[lens], 0.0)
-    together = alone | {rough: _roughs_together(estimator, pages.photographs, repeats), fit: fits}
+    once, twice = (list(seen(estimator, pages.photographs, looks)) for looks in (False, True))
+    rough_ms, fit_ms = (
+        1e3 * seconds(work, repeats) / len(pages)
+        for work in (partial(estimator.rough, once), lambda: list(estimator.run(twice)))
+    )
+    together = alone | {rough: rough_ms, fit: max(fit_ms - alone[lens], 0.0)}
     whole, whole_together = sum(alone.values()), sum(together.values())
     rows = [("(reading it once)", 1e3 * read.memory_s, 1e3 * read.memory_s)]
     rows += [(name, alone[name], together[name]) for name in alone]
@@ -197,15 +185,3 @@ def _again(estimator: ContactEstimator, photograph: Photograph, points_m: np.nda
     guide = pixels(rig.camera, to_camera, points_m)
     width = width_px(rig.camera, to_camera, points_m, rig.antenna.diameter_m)
     return find_along(photograph.image, guide, width, rig.image.bright)
-
-
-def _roughs_together(estimator: ContactEstimator, photographs: Sequence[Photograph], repeats: int) -> float:
-    """ms of the rough fit for each picture, all of them in one batch."""
-    offered = list(seen(estimator, photographs, twice=False))
-    return 1e3 * seconds(lambda: estimator.rough(offered), repeats) / len(offered)
-
-
-def _fits_together(estimator: ContactEstimator, photographs: Sequence[Photograph], repeats: int) -> float:
-    """ms of the fit for each picture, all of them fitted in a stream."""
-    offered = list(seen(estimator, photographs))
-    return 1e3 * seconds(lambda: list(estimator.run(offered)), repeats) / len(offered)

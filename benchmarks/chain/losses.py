@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.estimator.scenes import Scenes
-from benchmarks.estimator.speed import joined
-from benchmarks.harness import or_none, rms_known
+from benchmarks.estimator.scenes import Scenes, joined
+from benchmarks.harness import column, or_none, rms_known
 from benchmarks.vision.scenes import aside_px
 from estimator import ContactEstimator
 
-from .bound import Information, at_places, equally_told
+from .bound import Information, at_places, equal_information
 from .methods import MODELS, PAPER_RUNG, centreline
 from .scenes import FRICTION_STD_RAD, Cell, Photograph
 
@@ -38,19 +37,19 @@ class LossRow:
     None where there is no number.
     """
 
-    size: str
-    rig: str
-    model: str
-    noiseless: float | None
-    ideal: float | None
-    picture: float | None
-    points: float | None
-    kept: float
-    stated: float | None
+    size: str = column("picture")
+    rig: str = column("rig")
+    model: str = column("rung")
+    noiseless: float | None = column("no noise", ".2f")
+    ideal: float | None = column("best points", ".2f")
+    picture: float | None = column("picture", ".2f")
+    points: float | None = column("points", ".2f")
+    kept: float = column("kept %", ".1f", 100)
+    stated: float | None = column("stated", ".2f")
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class FoundPoints:
     """The points of one picture: their errors (N,) over the least noise, stated deviations over it; as in `LossRow`."""
 
     errors: np.ndarray
@@ -68,10 +67,10 @@ def losses(
     """Every rung but the lowest, which knows no weight; `of_bound` is what each reached from the pictures."""
     rng = np.random.default_rng([seed, 1])
     estimator = ContactEstimator(pages.rig)
-    sights = [sight(estimator, one, known) for one, known in zip(pages.photographs, told, strict=True)]
-    errors, stated = (np.concatenate([getattr(one, name) for one in sights]) for name in ("errors", "stated"))
+    found = [found_points(estimator, one, known) for one, known in zip(pages.photographs, told, strict=True)]
+    errors, stated = (np.concatenate([getattr(one, name) for one in found]) for name in ("errors", "stated"))
     points, size = or_none(rms_known(errors)), or_none(rms_known(stated))
-    places, sigma_px = equally_told(told)
+    places, sigma_px = equal_information(told)
     clean = joined(
         [replace(at_places(replace(one.truth, sigma_px=sigma_px), places), rig=pages.rig) for one in pages.photographs]
     )
@@ -79,12 +78,7 @@ def losses(
     rows = []
     for model in [model for model in MODELS if model != PAPER_RUNG]:
         fit = ContactEstimator(pages.rig, model=model, friction=FRICTION_STD_RAD)
-        noiseless, ideal = (
-            or_none(
-                rms_known((_distances(fit, frames) - frames.distance_m) / np.repeat(bound_m, len(frames) // len(pages)))
-            )
-            for frames in (clean, noisy)
-        )
+        noiseless, ideal = (_of_bound(fit, frames, bound_m) for frames in (clean, noisy))
         rows.append(
             LossRow(
                 size=pages.name,
@@ -94,30 +88,31 @@ def losses(
                 ideal=ideal,
                 picture=of_bound.get(model),
                 points=points,
-                kept=float(np.mean([one.kept for one in sights])),
+                kept=float(np.mean([one.kept for one in found])),
                 stated=size / points if size and points else None,
             )
         )
     return rows
 
 
-def sight(estimator: ContactEstimator, photograph: Photograph, known: Information) -> Sight:
+def found_points(estimator: ContactEstimator, photograph: Photograph, known: Information) -> FoundPoints:
     """The points that the second look finds, by the path that the picture was drawn from."""
     line = centreline(estimator, photograph)
     path = photograph.drawing.tube.pixels
     fine = np.linspace(0, len(path) - 1, FINER * len(path))
     dense = np.stack([np.interp(fine, np.arange(len(path)), axis) for axis in path.T], axis=1)
     least = np.interp(line.points_px[:, 0], known.column, known.sigma_px)
-    return Sight(
+    return FoundPoints(
         errors=aside_px(dense, line.points_px)[0] / least,
         stated=line.sigma_px * estimator.rig.image.noise_scale / least,
         kept=len(line.points_px) / len(known.column),
     )
 
 
-def _distances(fit: ContactEstimator, frames: Scenes) -> np.ndarray:
-    """(B,) contact distances."""
+def _of_bound(fit: ContactEstimator, frames: Scenes, bound_m: np.ndarray) -> float | None:
+    """Rms error of the distances in the bound's deviations (K,), every picture's frames in a row."""
     found = fit.estimate_batch(
         frames.points_px, frames.moment_Nm, frames.pan_rad, frames.tilt_rad, sigma_px=frames.sigma_px
     )
-    return found.distance_m
+    each = np.repeat(bound_m, len(frames) // len(bound_m))
+    return or_none(rms_known((found.distance_m - frames.distance_m) / each))

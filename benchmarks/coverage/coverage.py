@@ -5,19 +5,23 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.harness import Findings, Options, new_figure, save
+from benchmarks.figures import AMBER, GREEN, GREY, SHADE, VIOLET, label, legend, panels
+from benchmarks.harness import Findings, Options, column, table
 from vbaa_calib.camera import CameraOnPlane
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import VbaaError
 
 from .rigs import CoverageRig, Draw, coverage_rigs, draw
 from .solve import STAGES, Errors, Solved, solve, statistics
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 RATIO_GOAL = 0.15
 COVERED_GOAL = (0.93, 0.97)
@@ -62,7 +66,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity on one rig. The numbers are those of `coverage_statistics.Statistics`.
+    """One quantity on one rig; the numbers are those of `solve.Statistics`.
 
     Attributes
     ----------
@@ -71,40 +75,34 @@ class Row:
     unit : of `predicted_std`; empty, and no number, where units are mixed.
     """
 
-    rig: str
-    quantity: str
-    judged: bool
-    met: bool
-    draws: int
-    failed: int
-    ratio: float
-    ratio_error: float
-    worst_ratio: float
-    covered: float
-    covered_error: float
-    bias: float
-    predicted_std: float | None
-    unit: str
+    rig: str = column("rig")
+    quantity: str = column("quantity")
+    judged: bool = column()
+    met: bool = column()
+    draws: int = column()
+    failed: int = column()
+    ratio: float = column("ratio", ".3f")
+    ratio_error: float = column("±", ".3f")
+    worst_ratio: float = column("worst", ".3f")
+    covered: float = column("covered %", ".1f", 100)
+    covered_error: float = column("±", ".1f", 100)
+    bias: float = column("bias", ".2f")
+    predicted_std: float | None = column("predicted", ".3g")
+    unit: str = column("unit")
 
 
 @dataclass(frozen=True)
 class RigRow:
-    """What holds for a rig as a whole: medians over its draws.
+    """A rig as a whole: medians over its draws of each stage's seconds and of the noise found over the true one."""
 
-    Attributes
-    ----------
-    seconds_lens, seconds_plane, seconds_joint : of each stage. noise_scale : centreline noise found over the true one.
-    failures : what stopped the draws that failed, each once.
-    """
-
-    rig: str
-    draws: int
-    failed: int
-    seconds_lens: float
-    seconds_plane: float
-    seconds_joint: float
-    noise_scale: float
-    failures: tuple[str, ...]
+    rig: str = column("medians")
+    draws: int = column("draws", "d")
+    failed: int = column("failed", "d")
+    seconds_lens: float = column("lens s", ".2f")
+    seconds_plane: float = column("plane C s", ".2f")
+    seconds_joint: float = column("joint s", ".2f")
+    noise_scale: float = column("noise found over its size", ".2f")
+    failures: tuple[str, ...] = ()
 
 
 def errors_of(given: Draw, solved: Solved) -> dict[str, Errors]:
@@ -175,95 +173,60 @@ def _rows(rig: str, found: Sequence[Outcome]) -> list[Row]:
         unit, factor = UNITS.get(quantity, ("", 0.0))
         low, high = COVERED_GOAL
         near = all(abs(ratio - 1.0) <= RATIO_GOAL for ratio in (numbers.ratio, numbers.worst_ratio))
-        rows.append(
-            Row(
-                rig=rig,
-                quantity=quantity,
-                judged=quantity in JUDGED,
-                met=near and low <= numbers.covered <= high,
-                draws=len(good),
-                failed=len(found) - len(good),
-                ratio=numbers.ratio,
-                ratio_error=numbers.ratio_error,
-                worst_ratio=numbers.worst_ratio,
-                covered=numbers.covered,
-                covered_error=numbers.covered_error,
-                bias=numbers.bias,
-                predicted_std=factor * numbers.predicted_std if unit else None,
-                unit=unit,
-            )
-        )
+        own = asdict(numbers) | {"predicted_std": factor * numbers.predicted_std if unit else None}
+        met = near and low <= numbers.covered <= high
+        judged = quantity in JUDGED
+        rows.append(Row(rig, quantity, judged, met, len(good), len(found) - len(good), **own, unit=unit))
     return rows
 
 
 def _rig_row(rig: str, found: Sequence[Outcome]) -> RigRow:
     good = [one for one in found if not one.failure]
     seconds = np.median([one.seconds for one in good], axis=0) if good else np.full(len(STAGES), np.nan)
-    return RigRow(
-        rig=rig,
-        draws=len(good),
-        failed=len(found) - len(good),
-        seconds_lens=float(seconds[0]),
-        seconds_plane=float(seconds[1]),
-        seconds_joint=float(seconds[2]),
-        noise_scale=float(np.median([one.noise_scale for one in good])) if good else np.nan,
-        failures=tuple(sorted({one.failure for one in found if one.failure})),
-    )
+    lens, plane, joint = (float(value) for value in seconds)
+    noise = float(np.median([one.noise_scale for one in good])) if good else np.nan
+    failures = tuple(sorted({one.failure for one in found if one.failure}))
+    return RigRow(rig, len(good), len(found) - len(good), lens, plane, joint, noise, failures)
 
 
-_SHOWN = {"points on C": "#0f766e", "camera pose": "#b45309", "EI": "#6d28d9", "pose, antenna, sensor": "#64748b"}
+_SHOWN = {"points on C": GREEN, "camera pose": AMBER, "EI": VIOLET, "pose, antenna, sensor": GREY}
 """Quantities of the figure → colour."""
 
 
 def as_text(rows: Sequence[Row], rigs: Sequence[RigRow], draws: int) -> str:
-    """The table for people."""
+    """The tables for people."""
     title = (
         f"{draws} draws a rig; ratio: sampled over predicted standard deviation, then that of the worst number of the "
         "quantity;\ncovered: 95 % regions that hold the truth; bias: largest mean error, in predicted deviations; "
         f"goal: ratios within {100 * RATIO_GOAL:.0f} % and {100 * COVERED_GOAL[0]:.0f} to {100 * COVERED_GOAL[1]:.0f} %"
     )
-    head = f"{'rig':<38}{'quantity':<23}{'ratio':>14}{'worst':>8}{'covered %':>14}{'bias':>8}{'predicted':>16}  goal"
-    lines, rig = [title, head], ""
-    for row in rows:
-        shown, rig = (row.rig if row.rig != rig else ""), row.rig
-        size = "–" if row.predicted_std is None else f"{row.predicted_std:.3g} {row.unit}"
-        goal = ("met" if row.met else "missed") if row.judged else ""
-        lines.append(
-            f"{shown:<38}{row.quantity:<23}{row.ratio:>7.3f} ±{row.ratio_error:.3f} {row.worst_ratio:>7.3f}"
-            f"{100 * row.covered:>8.1f} ± {100 * row.covered_error:.1f} {row.bias:>7.2f}{size:>16}  {goal}".rstrip()
-        )
-    return "\n".join([*lines, *(_about(rig) for rig in rigs)])
+    goal = {"goal": lambda row: ("met" if row.met else "missed") if row.judged else ""}
+    failed = [f"{rig.rig}, {rig.failed} of {rig.draws + rig.failed} failed: {'; '.join(rig.failures)}" for rig in rigs]
+    failed = [line for line, rig in zip(failed, rigs, strict=True) if rig.failed]
+    return "\n".join([table(rows, title, 1, goal) if rows else title, "", table(rigs), *failed])
 
 
-def _about(rig: RigRow) -> str:
-    failed = f"; {rig.failed} of {rig.draws + rig.failed} failed: {'; '.join(rig.failures)}" if rig.failed else ""
-    seconds = f"lens {rig.seconds_lens:.2f} s, plane C {rig.seconds_plane:.2f} s, joint {rig.seconds_joint:.2f} s"
-    noise = f"noise of the centreline found at {rig.noise_scale:.2f} times its size"
-    return f"{rig.rig:<38}medians: {seconds}; {noise}{failed}"
-
-
-def write_figure(path: Path, rows: Sequence[Row], draws: int, force: bool) -> None:
+def figure(rows: Sequence[Row], draws: int) -> Figure:
     """Ratio and coverage of the main quantities, rig by rig, with two standard errors and the goal's band."""
     names = list(dict.fromkeys(row.rig for row in rows))
-    figure = new_figure(11, 1.3 + 0.75 * len(names))
-    left, right = figure.subplots(1, 2, sharey=True)
-    left.axvspan(1 - RATIO_GOAL, 1 + RATIO_GOAL, color="#e2e8f0")
-    right.axvspan(*(100 * share for share in COVERED_GOAL), color="#e2e8f0")
-    left.axvline(1.0, color="#94a3b8", lw=0.8)
-    right.axvline(95.0, color="#94a3b8", lw=0.8)
+    drawn, (left, right) = panels(2, 2, (5.5, 1.3 + 0.75 * len(names)), sharey=True)
+    left.axvspan(1 - RATIO_GOAL, 1 + RATIO_GOAL, color=SHADE)
+    right.axvspan(*(100 * share for share in COVERED_GOAL), color=SHADE)
+    left.axvline(1.0, color=GREY, lw=0.8)
+    right.axvline(95.0, color=GREY, lw=0.8)
     for shift, (quantity, colour) in enumerate(_SHOWN.items()):
         own = [row for row in rows if row.quantity == quantity]
         y = [names.index(row.rig) + 0.18 * (shift - 1.5) for row in own]
-        style = {"fmt": "o", "color": colour, "markersize": 4, "lw": 1.2}
-        left.errorbar([r.ratio for r in own], y, xerr=[2 * r.ratio_error for r in own], label=quantity, **style)
-        right.errorbar([100 * r.covered for r in own], y, xerr=[200 * r.covered_error for r in own], **style)
+        for panel, name, scale in ((left, "ratio", 1), (right, "covered", 100)):
+            values, errors = ([scale * getattr(row, f"{name}{end}") for row in own] for end in ("", "_error"))
+            panel.errorbar(values, y, xerr=2 * np.array(errors), fmt="o", color=colour, markersize=4, lw=1.2)
     left.set_yticks(range(len(names)), names, fontsize=9)
     left.invert_yaxis()
-    left.set_xlabel("sampled over predicted standard deviation")
-    right.set_xlabel("95 % regions that hold the truth, %")
-    figure.legend(loc="outside lower center", ncols=len(_SHOWN), fontsize=8)
-    figure.suptitle(f"{draws} noise draws a rig; bars: two standard errors; grey: the goal", fontsize=10)
-    save(figure, path, force)
+    label(left, x="sampled over predicted standard deviation")
+    label(right, x="95 % regions that hold the truth, %")
+    legend(drawn, {quantity: (colour, "o") for quantity, colour in _SHOWN.items()})
+    drawn.suptitle(f"{draws} noise draws a rig; bars: two standard errors; grey: the goal", fontsize=10)
+    return drawn
 
 
 def measure(options: Options) -> Findings:
@@ -272,7 +235,7 @@ def measure(options: Options) -> Findings:
     return Findings(
         as_text(rows, rigs, options.draws),
         {"coverage.csv": rows, "coverage_rigs.csv": rigs},
-        {"coverage.png": lambda path, force: write_figure(path, rows, options.draws, force)},
+        {"coverage.png": lambda: figure(rows, options.draws)},
         {"rows": rows, "rigs": rigs},
         headline(rows),
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec, corner_points
+from benchmarks.boards import BOARD, FISHEYE, HD, LONG, MILD, SQUARE, TALL, WIDE, bent_corners, noisy_view
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
 from vbaa_calib.calibrate.antenna.session_rig import (
     BOW_STD_PER_M,
@@ -23,7 +23,6 @@ from vbaa_calib.calibrate.antenna.session_rig import (
     LOG_MASS_STD,
     nominal_parameters,
 )
-from vbaa_calib.calibrate.lens.board_flex import bend
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import Load, NominalAntenna, Still, gravity_antenna
@@ -31,13 +30,12 @@ from vbaa_calib.simulate.plan.plan import board_poses
 from vbaa_calib.simulate.scene.lens import Lens, project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, camera_pose
 
-BOARD = BoardSpec(squares_x=11, squares_y=8, square_m=0.015, marker_m=0.011)
 NOMINAL = NominalAntenna(length_m=0.24, diameter_m=0.8e-3, youngs_modulus_Pa=193e9, density_kg_m3=7900.0)
 GRAVITY_WORLD_M_S2 = np.array([0.0, 0.0, -9.80665])
 T_ANTENNA_JIG = Pose.from_rotvec(np.array([3.06, 0.03, 0.02]), np.array([0.035, 0.062, -0.004]))
 """The board in the jig: face up, a few millimetres below C, not quite parallel to it."""
-JIG_PICTURES = 4
-LOOKED_AT_M = np.array([0.12, 0.0, 0.0])
+_JIG_PICTURES = 4
+_LOOKED_AT_M = np.array([0.12, 0.0, 0.0])
 """The point of the antenna frame on the camera's axis."""
 REACH_M = (0.24, 0.12)
 """Sides of the part of C that is judged: the antenna's length, and half of it to either side."""
@@ -71,7 +69,7 @@ class CoverageRig:
     @property
     def board_points_m(self) -> np.ndarray:
         """(C, 3) true corners in the board's frame."""
-        return corner_points(BOARD) + (bend(BOARD) @ self.sagittas_m)[:, None] * np.array([0.0, 0.0, 1.0])
+        return bent_corners(self.sagittas_m)
 
     def seen_corners(self, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray]:
         """Ids (N,) and true pixels (N, 2) of the corners inside the picture."""
@@ -98,62 +96,49 @@ class CoverageRig:
 
 def coverage_rigs() -> list[CoverageRig]:
     """The rigs, always the same."""
-    mild = (900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0)
-    long = (2800.0, 2804.0, 1015.0, 1032.0, -0.08, 0.15, 2e-4, 3e-4, 0.0)
-    wide = (590.0, 591.0, 641.0, 356.2, 0.31, 0.025, 4e-4, -3e-4, 1e-3, 0.56, 0.061, 5e-3)
-    fish = (420.0, 421.0, 641.0, 478.0, 0.05, -0.01, 0.003, -0.001)
-    hd, square, tall = (1280, 720), (2048, 2048), (1280, 960)
-    near, far = (0.14, 0.24), (0.24, 0.42)
+    near, far, above = (0.14, 0.24), (0.24, 0.42), (0.6, 1.0, 0.36)
     return [
-        _rig("f 900, 25 views", "opencv5", hd, mild, 25, near, _looking_pose(0.6, 1.0, 0.36)),
-        _rig("long lens, f 2800, 22 views", "opencv5", square, long, 22, far, _looking_pose(0.5, 0.8, 0.48)),
-        _rig("wide, rational, f 590, 20 views", "rational", hd, wide, 20, near, _looking_pose(0.6, 1.0, 0.28)),
-        _rig("fisheye, f 420, 20 views", "fisheye", tall, fish, 20, (0.11, 0.2), _looking_pose(0.5, -0.9, 0.22)),
-        _rig("f 900, 8 views", "opencv5", hd, mild, 8, near, _looking_pose(0.6, 1.0, 0.36)),
-        _rig(
-            "f 900, 5 % outliers, bowed 0.5 mm", "opencv5", hd, mild, 25, near, _looking_pose(0.6, 1.0, 0.36),
-            sagittas_m=(5e-4, 0.0), outliers=0.05,
+        _rig("f 900, 25 views", "opencv5", HD, MILD, 25, near, above),
+        _rig("long lens, f 2800, 22 views", "opencv5", SQUARE, LONG, 22, far, (0.5, 0.8, 0.48)),
+        _rig("wide, rational, f 590, 20 views", "rational", HD, WIDE, 20, near, (0.6, 1.0, 0.28)),
+        _rig("fisheye, f 420, 20 views", "fisheye", TALL, FISHEYE, 20, (0.11, 0.2), (0.5, -0.9, 0.22)),
+        _rig("f 900, 8 views", "opencv5", HD, MILD, 8, near, above),
+        replace(
+            _rig("f 900, 5 % outliers, bowed 0.5 mm", "opencv5", HD, MILD, 25, near, above, (5e-4, 0.0)), outliers=0.05
         ),
-    ]  # fmt: skip
-
-
-def _looking_pose(incline_rad: float, azimuth_rad: float, away_m: float) -> Pose:
-    """T_antenna_camera of a camera that looks at the antenna's middle, off C's normal towards an azimuth from x."""
-    return camera_pose(incline_rad, azimuth_rad, 0.0, away_m, LOOKED_AT_M)
+    ]
 
 
 def _rig(
     name: str,
     lens_model: str,
     image_size: tuple[int, int],
-    intrinsics: tuple[float, ...],
+    intrinsics: np.ndarray,
     views: int,
     distance_m: tuple[float, float],
-    T_antenna_camera: Pose,
+    looking: tuple[float, float, float],
     sagittas_m: tuple[float, float] = (0.0, 0.0),
-    outliers: float = 0.0,
 ) -> CoverageRig:
-    fx, fy, cx, cy, *distortion = intrinsics
+    """`looking` : the camera's incline and azimuth, rad, and its distance from the antenna's middle, m."""
+    fx, fy, cx, cy = intrinsics[:4]
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    family = "fisheye" if lens_model == "fisheye" else "opencv"
-    lens = Lens(family, image_size, matrix, np.array(distortion))
+    lens = Lens("fisheye" if lens_model == "fisheye" else "opencv", image_size, matrix, intrinsics[4:])
     poses = board_poses(lens, BOARD, IntrinsicsSpec(2 * views, distance_m, (0.2, 0.7)), np.random.default_rng(_SEED))
-    rig = CoverageRig(name, lens_model, lens, (), T_antenna_camera, sagittas_m, outliers)
-    kept = [pose for pose in poses if len(rig.seen_corners(pose)[0]) >= _LEAST_CORNERS][:views]
-    return CoverageRig(name, lens_model, lens, tuple(kept), T_antenna_camera, sagittas_m, outliers)
+    incline_rad, azimuth_rad, away_m = looking
+    T_antenna_camera = camera_pose(incline_rad, azimuth_rad, 0.0, away_m, _LOOKED_AT_M)
+    rig = CoverageRig(name, lens_model, lens, (), T_antenna_camera, sagittas_m)
+    kept = [pose for pose in poses if len(rig.seen_corners(pose)[0]) >= _LEAST_CORNERS]
+    return replace(rig, T_camera_board=tuple(kept[:views]))
 
 
-CORNER_PX, CENTRELINE_PX, MOMENT_NM = 0.15, 0.1, 2e-5
-"""Standard deviations of a corner and of a centreline point, per axis, and of a moment reading."""
-LOG_STIFFNESS_SPREAD, GAIN_SPREAD, OFFSET_SPREAD_NM = 0.05, 0.05, 5e-4
+CENTRELINE_PX, MOMENT_NM = 0.1, 2e-5
+"""Standard deviations of a centreline point, per axis, and of a moment reading."""
+_LOG_STIFFNESS_SPREAD, _GAIN_SPREAD, _OFFSET_SPREAD_NM = 0.05, 0.05, 5e-4
 """Of the true values, where they are narrower than the priors."""
-TILTS_RAD = (0.0, 0.5, -0.4, 0.9, -0.8)
-HANGING = [
-    (0.12, 0.0, 0.09), (0.15, 0.5, -0.07), (0.18, -0.4, 0.05), (0.21, 0.9, -0.04), (0.235, -0.8, 0.03),
-]  # fmt: skip
+_TILTS_RAD = (0.0, 0.5, -0.4, 0.9, -0.8)
+_HANGING = ((0.12, 0.0, 0.09), (0.15, 0.5, -0.07), (0.18, -0.4, 0.05), (0.21, 0.9, -0.04), (0.235, -0.8, 0.03))
 """Known loads: distance from the clamp m, tilt rad, force N; each hung once along y and once along z."""
 _BEGIN = 0.01
-_OUTLIER_PX = (2.0, 20.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,10 +172,15 @@ def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
     rng = np.random.default_rng(seed)
     truth = drawn_truth(rng)
     T_camera_jig = rig.T_antenna_camera.inverse() @ T_ANTENNA_JIG
+
+    def view(name: str, T_camera_board: Pose) -> BoardView:
+        ids, pixels = rig.seen_corners(T_camera_board)
+        return noisy_view(name, ids, pixels, rig.lens.image_size, rig.outliers, rng)[0]
+
     return Draw(
         rig=rig,
-        views=[_view(rig, f"{index:02d}.png", pose, rng) for index, pose in enumerate(rig.T_camera_board)],
-        jig_views=[_view(rig, f"jig_{index}.png", T_camera_jig, rng) for index in range(JIG_PICTURES)],
+        views=[view(f"{index:02d}.png", pose) for index, pose in enumerate(rig.T_camera_board)],
+        jig_views=[view(f"jig_{index}.png", T_camera_jig) for index in range(_JIG_PICTURES)],
         stills=_stills(rig, truth, rng),
         truth=truth,
     )
@@ -207,33 +197,16 @@ def _true_rod(truth: np.ndarray) -> Rod:
 def drawn_truth(rng: np.random.Generator) -> np.ndarray:
     """(11,) antenna parameters, gain and offset."""
     std = [CLAMP_OFFSET_STD_M] * 2 + [CLAMP_ANGLE_STD_RAD] * 2 + [BOW_STD_PER_M] * 2
-    spread = np.array([*std, LOG_STIFFNESS_SPREAD, LOG_MASS_STD, CLAMP_GIVE_STD_M, GAIN_SPREAD, OFFSET_SPREAD_NM])
+    spread = np.array([*std, _LOG_STIFFNESS_SPREAD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_SPREAD, _OFFSET_SPREAD_NM])
     return np.concatenate([nominal_parameters(NOMINAL), [1.0, 0.0]]) + spread * rng.normal(size=11)
-
-
-def _view(rig: CoverageRig, name: str, T_camera_board: Pose, rng: np.random.Generator) -> BoardView:
-    ids, pixels = rig.seen_corners(T_camera_board)
-    noisy = pixels + CORNER_PX * rng.normal(size=pixels.shape)
-    wrong = rng.random(len(ids)) < rig.outliers
-    angle, length = rng.uniform(0, 2 * np.pi, len(ids)), rng.uniform(*_OUTLIER_PX, len(ids))
-    noisy[wrong] += (length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))[wrong]
-    return BoardView(name, ids, noisy, rig.lens.image_size, np.arange(40))
 
 
 def _planned_stills() -> list[Still]:
     """The free antenna at every tilt, then every load along y and along z; nothing read yet."""
-    free = [Still(image=None, pan_rad=0.0, tilt_rad=tilt, moment_Nm=0.0) for tilt in TILTS_RAD]
+    free = [Still(image=None, pan_rad=0.0, tilt_rad=tilt, moment_Nm=0.0) for tilt in _TILTS_RAD]
     hung = [
-        Load(
-            image=None,
-            pan_rad=0.0,
-            tilt_rad=tilt,
-            moment_Nm=0.0,
-            distance_m=distance,
-            force_y_N=force * along_y,
-            force_z_N=force * (1.0 - along_y),
-        )
-        for distance, tilt, force in HANGING
+        Load(None, 0.0, tilt, 0.0, distance_m=distance, force_y_N=force * along_y, force_z_N=force * (1.0 - along_y))
+        for distance, tilt, force in _HANGING
         for along_y in (1.0, 0.0)
     ]
     return [*free, *hung]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, solve_joint
+from vbaa_calib.calibrate.antenna.bundle_adjustment import solve_joint
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
@@ -30,8 +30,8 @@ class Solved:
     Attributes
     ----------
     camera, T_antenna_camera : solved lens and pose.
-    parameters : (10,) antenna, gain and offset: `RIG_PARAMETERS` after the pose.
-    covariance : (16, 16) of `RIG_PARAMETERS`, the pose's six about the solved pose.
+    parameters : (11,) antenna, gain and offset: `RIG_PARAMETERS` after the pose.
+    covariance : (17, 17) of `RIG_PARAMETERS`, the pose's six about the solved pose.
     plane_covariance : (P + 6, P + 6) of the lens, then of the pose: `CameraOnPlane.parameter_names`.
     noise_scale : scatter of the centreline over what it claims.
     seconds : of each of `STAGES`.
@@ -61,12 +61,13 @@ def solve(given: Draw) -> Solved:
     joint = solve_joint(observations(given), before, NOMINAL.length_m, MOMENT_NM)
     clock.append(time.perf_counter())
     first = len(RIG_PARAMETERS)
+    order = np.r_[first : len(joint.covariance), :6]
     return Solved(
         camera=joint.camera,
         T_antenna_camera=joint.T_antenna_camera,
         parameters=joint.parameters[6:],
         covariance=joint.covariance[:first, :first],
-        plane_covariance=_plane_covariance(joint),
+        plane_covariance=joint.covariance[np.ix_(order, order)],
         noise_scale=joint.noise_scale,
         seconds=tuple(np.diff(clock).tolist()),
     )
@@ -80,13 +81,7 @@ def observations(given: Draw) -> list[Observation]:
     ]
 
 
-def _plane_covariance(joint: JointSolution) -> np.ndarray:
-    """(P + 6, P + 6) of the lens, then of the camera's pose, out of the joint covariance."""
-    order = np.r_[len(RIG_PARAMETERS) : len(joint.covariance), :6]
-    return joint.covariance[np.ix_(order, order)]
-
-
-REGION = 0.95
+_REGION = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +138,9 @@ def statistics(draws: Sequence[Errors]) -> Statistics:
     each = whitened.std(axis=0, ddof=1)
     mean = whitened.mean(axis=0)
     things, numbers = whitened.shape[1:]
-    inside = np.array([draw.squares for draw in draws]) <= chi2.ppf(REGION, numbers)
+    inside = np.array([draw.squares for draw in draws]) <= chi2.ppf(_REGION, numbers)
     # things that share a draw share its errors: what scatters is the draw's share
-    spread = np.sqrt(REGION * (1 - REGION)) if things == 1 else float(inside.mean(axis=1).std(ddof=1))
+    spread = np.sqrt(_REGION * (1 - _REGION)) if things == 1 else float(inside.mean(axis=1).std(ddof=1))
     variances = np.array([np.diagonal(draw.covariances, axis1=-2, axis2=-1) for draw in draws])
     return Statistics(
         ratio=ratio,

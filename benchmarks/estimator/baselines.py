@@ -97,16 +97,12 @@ _START = 0.6
 """Contact distance over length that is tried where the straight line says nothing."""
 
 
-def by_loop(scenes: Scenes, rung: str = "elastica") -> np.ndarray:
-    """(B,) contact distances by Levenberg–Marquardt over (l, f_y, f_z), SciPy's own difference quotients.
-
-    For a camera that sees the antenna along the picture's u. Rig and friction are taken as exactly known.
-    """
-    return np.array([one_contact(scenes, index, rung)[0] for index in range(len(scenes))])
-
-
 def one_contact(scenes: Scenes, index: int, rung: str = "elastica") -> np.ndarray:
-    """(3,) contact distance in m, f_y and f_z in N of one frame; NaN where the fit breaks down."""
+    """(3,) contact distance in m, f_y and f_z in N of one frame; NaN where the fit breaks down.
+
+    Levenberg–Marquardt over the three, SciPy's own difference quotients, for a camera that sees the antenna along the
+    picture's u. Rig and friction are taken as exactly known.
+    """
     rig, sensor = scenes.rig, scenes.rig.moment_sensor
     antenna, to_camera = rig.antenna, rig.T_antenna_camera.inverse()
     rotation = rig.kinematics.T_world_antenna(scenes.pan_rad[index], scenes.tilt_rad[index]).rotation

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
+from benchmarks.harness import concatenated
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Rig
 
@@ -69,11 +70,8 @@ def bound(scenes: Scenes, friction_std_rad: float = 0.0) -> Bound:
     The rig's parameters take part where `scenes.rig.covariance` is not zero, and then by the rod; only the clamp's give
     does not, which the simulated clamps have not.
     """
-    pieces = [
-        _piece(scenes.picked(np.arange(begin, min(begin + _PIECE, len(scenes)))), friction_std_rad)
-        for begin in range(0, max(len(scenes), 1), _PIECE)
-    ]
-    return Bound(*(np.concatenate(parts) for parts in zip(*(vars(piece).values() for piece in pieces), strict=True)))
+    pieces = np.split(np.arange(len(scenes)), range(_PIECE, len(scenes), _PIECE))
+    return concatenated([_piece(scenes.picked(piece), friction_std_rad) for piece in pieces])
 
 
 def _piece(scenes: Scenes, friction_std_rad: float) -> Bound:
@@ -97,7 +95,7 @@ def _slopes(scenes: Scenes) -> tuple[np.ndarray, np.ndarray]:
     normal = _normals(scenes)
     below, above, spans = _touch_steps(rig, touches)
     # one call for all of them: few rods take as long as many
-    either = Touches(*(np.concatenate(parts) for parts in zip(*(vars(t).values() for t in below + above), strict=True)))
+    either = concatenated([*below, *above])
     data, force = _data(scenes, rig, either, np.tile(normal, (len(below + above), 1, 1)))
     columns = _differences(data, spans)
     forces = _differences(force, spans)

@@ -1,20 +1,26 @@
-"""All cells of the estimator's grid in a few lines: pooled, the worst one, and how many miss the goal."""
+"""Matched scenes over lenses, camera tilts, rolls and contact distances: each cell against its Cramér–Rao bound."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.figures import COLOURS, GREY, INK, SHADE, label, legend, panels
+from benchmarks.harness import aligned, column, mean_of, picked, rms, rms_known, table
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
 
 from .bound import bound
 from .scenes import STEEPEST_RAD, Scenes, push_for_deflection, push_for_slope, rolled, scenes
-from .setup import LENSES, SIGMA_PX, TOWARDS_CLAMP, Setup
+from .setup import LENSES, SIGMA_PX, Setup
 from .statistics import QUANTITIES, Estimates, estimate, quality, standard_errors, truth
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REACHES = (0.1, 0.25, 0.5, 0.75, 0.95)
 TILTS_DEG = (0.0, 30.0, 60.0, 75.0)
@@ -30,16 +36,12 @@ _HARDER = 1.25 ** np.arange(26)
 
 @dataclass(frozen=True)
 class CellRow:
-    """One quantity in one cell.
+    """One quantity in one cell. Shares and statistics are None in a cell that was not run, which `left_out` explains.
 
     Attributes
     ----------
-    tilt_deg, azimuth_deg : of the camera, see `estimator_setup.Setup`. reach : contact distance over length.
-    deflection_m : at the contact. bound_l : the distance's bound over the distance.
-    left_out : why the cell was not run; then draws is 0 and what follows None.
-    ok, tip_contact, without_numbers : shares of the draws.
-    quantity : l, f_y or f_z.
-    of_bound, bias, covered : see `estimator_statistics.Quality`; over the draws that came with numbers.
+    tilt_deg, azimuth_deg : of the camera, see `setup.Setup`. reach : contact distance over length.
+    bound_l : the distance's bound over the distance. of_bound, bias, covered : see `statistics.Quality`.
     """
 
     lens: str
@@ -67,12 +69,9 @@ class CellRow:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The K cells of one rig.
+    """The K cells of one rig: reach, roll_deg, deflection_m (K,), push_N (K, 2), bound_std (K, 3) of l, f_y and f_z.
 
-    Attributes
-    ----------
-    reach, roll_deg, deflection_m : (K,). push_N : (K, 2). bound_std : (K, 3) of l, f_y and f_z.
-    left_out : (K,) why a cell is not to be run, or nothing.
+    `left_out` (K,) says why a cell is not to be run, or nothing.
     """
 
     reach: np.ndarray
@@ -88,38 +87,36 @@ def run(
     seed: int,
     *,
     model: str = "auto",
-    friction_std_rad: float = 0.0,
-    azimuth_rad: float = TOWARDS_CLAMP,
     lenses: Sequence[str] = tuple(LENSES),
     tilts_deg: Sequence[float] = TILTS_DEG,
 ) -> list[CellRow]:
-    """Every cell with so many noise draws.
-
-    Friction, where there is some, is drawn anew for each, and the estimator is told the deviation it is drawn with.
-    """
+    """Every cell, each with so many noise draws, without friction."""
     rows: list[CellRow] = []
     rigs = list(product(lenses, tilts_deg))
     for number, (lens, tilt_deg) in enumerate(progress(rigs, "rigs", len(rigs))):
-        setup = Setup(lens, float(np.radians(tilt_deg)), azimuth_rad)
+        setup = Setup(lens, float(np.radians(tilt_deg)))
         rig = setup.rig()
-        plan = planned(rig, friction_std_rad)
+        plan = planned(rig)
         cells = np.flatnonzero([not why for why in plan.left_out])
-        rng = np.random.default_rng((seed, number))
-        frames = _frames(rig, plan, cells, draws, friction_std_rad, rng)
-        found = estimate(frames, model, friction_std_rad)
+        clean = scenes(rig, plan.reach[cells] * rig.antenna.length_m, plan.push_N[cells])
+        frames = clean.noisy(np.random.default_rng((seed, number)), draws)
+        found = estimate(frames, model, 0.0)
         for index in range(len(plan.left_out)):
             done = np.flatnonzero(cells == index)
             own = (done[:, None] * draws + np.arange(draws)).ravel()
-            rows += _rows(setup, plan, index, frames.picked(own), found.picked(own))
+            rows += _rows(setup, plan, index, frames.picked(own), picked(found, own))
     return rows
 
 
-def planned(rig: Rig, friction_std_rad: float) -> Plan:
+def planned(rig: Rig) -> Plan:
     """Which cells of a rig can be run, and with which push."""
     reach, roll_deg = (values.ravel() for values in np.meshgrid(REACHES, ROLLS_DEG, indexing="ij"))
     antenna = rig.antenna
     distance = reach * antenna.length_m
-    least = LEAST_DEFLECTION_SIGMA * SIGMA_PX * _metres_per_px(rig, distance)
+    # what a pixel is at points of the straight antenna, for a camera that looked straight at them
+    points = distance[:, None] * np.array([1.0, 0.0, 0.0]) - rig.T_antenna_camera.translation_m
+    metres_per_px = np.linalg.norm(points, axis=1) / rig.camera.matrix[0, 0]
+    least = LEAST_DEFLECTION_SIGMA * SIGMA_PX * metres_per_px
     tried = least[:, None] * _HARDER
     size = push_for_deflection(tried, distance[:, None], antenna.stiffness_Nm2)
     steepest = push_for_slope(np.full(len(distance), STEEPEST_RAD), distance, antenna.stiffness_Nm2)
@@ -127,7 +124,7 @@ def planned(rig: Rig, friction_std_rad: float) -> Plan:
     cell, step = np.nonzero(np.isfinite(size))
     trial = scenes(rig, distance[cell], rolled(size[cell, step], np.radians(roll_deg[cell])))
     std = np.full((*size.shape, 3), np.inf)
-    std[cell, step] = bound(trial, friction_std_rad).std
+    std[cell, step] = bound(trial).std
     whole = np.zeros(size.shape, bool)
     whole[cell, step] = np.isfinite(trial.points_px).all(axis=(1, 2))
     enough = whole & (std[..., 0] <= LARGEST_BOUND * distance[:, None])
@@ -152,23 +149,6 @@ def _why(bound_share: float, from_tip_std: float, seen_whole: bool) -> str:
     if bound_share > LARGEST_BOUND:
         return f"the bound of l is {100 * bound_share:.1f} % at the hardest push that the picture holds"
     return f"the tip is {from_tip_std:.1f} deviations away at the hardest push that the picture holds"
-
-
-def _metres_per_px(rig: Rig, distance_m: np.ndarray) -> np.ndarray:
-    """(K,) what a pixel is at points of the straight antenna, for a camera that looked straight at them."""
-    points = distance_m[:, None] * np.array([1.0, 0.0, 0.0]) - rig.T_antenna_camera.translation_m
-    return np.linalg.norm(points, axis=1) / rig.camera.matrix[0, 0]
-
-
-def _frames(
-    rig: Rig, plan: Plan, cells: np.ndarray, draws: int, friction_std_rad: float, rng: np.random.Generator
-) -> Scenes:
-    """Every cell's draws in a row, with noise."""
-    distance, push = plan.reach[cells] * rig.antenna.length_m, plan.push_N[cells]
-    if friction_std_rad == 0.0:
-        return scenes(rig, distance, push).noisy(rng, draws)
-    friction = friction_std_rad * rng.normal(size=len(cells) * draws)
-    return scenes(rig, np.repeat(distance, draws), np.repeat(push, draws, axis=0), friction).noisy(rng)
 
 
 def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates) -> Iterator[CellRow]:
@@ -211,24 +191,23 @@ class SummaryRow:
 
     Attributes
     ----------
-    measure : of_bound, bias or covered. goal : in words.
     pooled : root mean square over the cells of of_bound, mean of the others. pooled_error : its standard error.
     worst : in the cell furthest from the goal. cell_error : standard error in one cell, from noise alone.
     beyond, clearly : number of cells beyond the goal, and by more than `CLEARLY` standard errors.
     """
 
-    quantity: str
-    measure: str
-    goal: str
-    cells: int
-    draws: int
-    pooled: float
-    pooled_error: float
-    worst: float
-    worst_cell: str
-    cell_error: float
-    beyond: int
-    clearly: int
+    quantity: str = column("quantity")
+    measure: str = column("measure")
+    goal: str = column("goal")
+    cells: int = column("cells", "d")
+    draws: int = column("draws", "d")
+    pooled: float = column("all cells", ".3f")
+    pooled_error: float = column("±", ".3f")
+    worst: float = column("worst", ".3f")
+    cell_error: float = column("± in a cell", ".3f")
+    beyond: int = column("beyond", "d")
+    clearly: int = column("clearly", "d")
+    worst_cell: str = column("worst cell")
 
     @property
     def met(self) -> bool:
@@ -236,33 +215,15 @@ class SummaryRow:
         return self.clearly == 0
 
 
-@dataclass(frozen=True)
-class _Measure:
-    """One measure: its goal in words, how far values (K,) are beyond it, and how cells are pooled."""
-
-    name: str
-    goal: str
-    beyond: Callable[[np.ndarray], np.ndarray]
-    pooled: Callable[[np.ndarray], float]
-
-
-_MEASURES = (
-    _Measure(
-        "of_bound",
-        f"≤ {OF_BOUND_GOAL}",
-        lambda values: values - OF_BOUND_GOAL,
-        lambda values: float(np.sqrt(np.mean(values**2))),
-    ),
-    _Measure(
-        "bias", f"|…| ≤ {BIAS_GOAL}", lambda values: np.abs(values) - BIAS_GOAL, lambda values: float(values.mean())
-    ),
-    _Measure(
-        "covered",
+_GOALS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
+    "of_bound": (f"≤ {OF_BOUND_GOAL}", lambda values: values - OF_BOUND_GOAL),
+    "bias": (f"|…| ≤ {BIAS_GOAL}", lambda values: np.abs(values) - BIAS_GOAL),
+    "covered": (
         f"{COVERED_GOAL[0]} to {COVERED_GOAL[1]}",
         lambda values: np.maximum(COVERED_GOAL[0] - values, values - COVERED_GOAL[1]),
-        lambda values: float(values.mean()),
     ),
-)
+}
+"""Measure → its goal in words, and how far values (K,) are beyond it."""
 
 
 def summary(rows: Sequence[CellRow]) -> list[SummaryRow]:
@@ -270,28 +231,86 @@ def summary(rows: Sequence[CellRow]) -> list[SummaryRow]:
     found = []
     for quantity in QUANTITIES:
         own = [row for row in rows if row.quantity == quantity and row.draws]
-        found += [_line(measure, quantity, own) for measure in _MEASURES if own]
+        found += [_line(measure, quantity, own) for measure in _GOALS if own]
     return found
 
 
-def _line(measure: _Measure, quantity: str, rows: Sequence[CellRow]) -> SummaryRow:
-    values = np.array([getattr(row, measure.name) for row in rows], float)
+def _line(measure: str, quantity: str, rows: Sequence[CellRow]) -> SummaryRow:
+    values = np.array([getattr(row, measure) for row in rows], float)
     counts = np.array([row.draws * (1.0 - (row.without_numbers or 0.0)) for row in rows])
-    errors = np.array([getattr(standard_errors(max(count, 1.0)), measure.name) for count in counts])
-    beyond = np.where(np.isfinite(values), measure.beyond(values), np.inf)
+    errors = np.array([getattr(standard_errors(max(count, 1.0)), measure) for count in counts])
+    goal, off = _GOALS[measure]
+    beyond = np.where(np.isfinite(values), off(values), np.inf)
     worst = int(np.argmax(beyond))
     there = np.isfinite(values)
+    pooled = rms(values[there]) if measure == "of_bound" else float(values[there].mean()) if there.any() else np.nan
     return SummaryRow(
         quantity=quantity,
-        measure=measure.name,
-        goal=measure.goal,
+        measure=measure,
+        goal=goal,
         cells=len(rows),
         draws=rows[0].draws,
-        pooled=measure.pooled(values[there]) if there.any() else np.nan,
-        pooled_error=float(np.sqrt(np.mean(errors[there] ** 2) / there.sum())) if there.any() else np.nan,
+        pooled=pooled,
+        pooled_error=rms(errors[there]) / float(np.sqrt(max(there.sum(), 1))),
         worst=float(values[worst]),
         worst_cell=rows[worst].cell,
         cell_error=float(np.median(errors)),
         beyond=int((beyond > 0).sum()),
         clearly=int((beyond > CLEARLY * errors).sum()),
     )
+
+
+def grid_text(rows: Sequence[CellRow], lines: Sequence[SummaryRow]) -> str:
+    """The summary, the statuses rig by rig, and the cells left out."""
+    cells = [row for row in rows if row.quantity == "l"]
+    run = [row for row in cells if row.draws]
+    title = (
+        f"matched scenes: {len(run)} of {len(cells)} cells, {run[0].draws if run else 0} draws each; of_bound: rms "
+        "error over the Cramér–Rao bound; bias: mean error in sampled\ndeviations; covered: 95 % intervals that hold "
+        f"the truth; clearly: cells beyond the goal by more than {CLEARLY} standard errors"
+    )
+    rigs = [["lens", "tilt", "cells", "ok %", "tip %", "without %", "l of bound"]]
+    for lens, tilt in dict.fromkeys((row.lens, row.tilt_deg) for row in run):
+        own = [row for row in run if (row.lens, row.tilt_deg) == (lens, tilt)]
+        told = [100 * mean_of(own, name) for name in ("ok", "tip_contact", "without_numbers")]
+        ratio = rms_known(np.array([row.of_bound for row in own], float))
+        rigs.append([lens, f"{tilt:.0f}", str(len(own)), *(f"{share:.2f}" for share in told), f"{ratio:.3f}"])
+    left_out = [f"{row.cell}: {row.left_out}" for row in cells if row.left_out]
+    text = [table(lines, title) if lines else title, "", aligned(rigs, [True] + [False] * 6)]
+    return "\n".join([*text, *(["", "left out:", *left_out] if left_out else [])])
+
+
+def figure(rows: Sequence[CellRow]) -> Figure:
+    """Error over bound of l and of f_y in every cell: lenses side by side, tilts by colour, rolls by mark."""
+    run = [row for row in rows if row.draws and row.of_bound is not None]
+    lenses, tilts, rolls = (list(dict.fromkeys(getattr(row, name) for row in run)) for name in _SORTED)
+    reaches = sorted({row.reach for row in run})
+    shown = [name for name in ("l", "f_y") if any(row.quantity == name for row in run)]
+    drawn, every = panels(len(shown) * len(lenses), len(lenses), (4.2, 3.2), sharey=True)
+    styles = {f"tilt {tilt:.0f}°": (COLOURS[place % 6], "s") for place, tilt in enumerate(tilts)}
+    styles |= {f"roll {roll:.0f}°": (INK, _MARKS[place % 6]) for place, roll in enumerate(rolls)}
+    for panel, (quantity, lens) in zip(every, product(shown, lenses), strict=True):
+        panel.axhspan(0.0, OF_BOUND_GOAL, color=SHADE, lw=0)
+        panel.axhline(1.0, color=GREY, lw=0.8)
+        for row in run:
+            if (row.lens, row.quantity) == (lens, quantity):
+                tilt, roll = tilts.index(row.tilt_deg), rolls.index(row.roll_deg)
+                x = reaches.index(row.reach) + 0.06 * (tilt - 1.5) + 0.26 * (roll - 1)
+                error = 2 * (row.of_bound or 0.0) * standard_errors(row.draws).of_bound
+                style: dict[str, Any] = {
+                    "color": COLOURS[tilt % 6],
+                    "marker": _MARKS[roll % 6],
+                    "markersize": 3.5,
+                    "lw": 0.8,
+                }
+                panel.errorbar([x], [row.of_bound or 0.0], yerr=[error], **style)
+        panel.set_xticks(range(len(reaches)), [f"{reach:g}" for reach in reaches])
+        label(panel, f"{quantity}, lens: {lens}", "contact distance over length")
+        panel.set_ylim(bottom=0.5)
+    drawn.supylabel("rms error over the bound")
+    legend(drawn, styles, columns=7)
+    drawn.suptitle(f"{run[0].draws} draws a cell; bars: two standard errors; grey: the goal", fontsize=10)
+    return drawn
+
+
+_SORTED, _MARKS = ("lens", "tilt_deg", "roll_deg"), ("o", "s", "^", "D", "v", "x")

@@ -1,12 +1,13 @@
-"""Frames at random over everything: does the estimator ever raise, claim a NaN, or claim what is far off?"""
+"""Hard cases one by one, and frames at random over everything: does the estimator raise, or claim what is far off?"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.harness import or_none, rms
+from benchmarks.harness import column, or_none, rms, shares, table
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from vbaa_calib.core.console import progress
@@ -16,7 +17,6 @@ from .hard_cases import CASES, Hard, Maker, with_outliers
 from .scenes import Scenes, push_for_slope, rolled, scenes
 from .setup import LENGTH_M, LENSES, Setup, drawn_truth
 from .shapes import rod_shapes
-from .statistics import words
 
 CLAIMED = ("ok", "tip_contact")
 
@@ -34,17 +34,17 @@ class HardRow:
     exception : what the estimator raised instead, or nothing.
     """
 
-    case: str
-    frames: int
-    numbered: float
-    statuses: str
-    l_rms_std: float | None
-    l_max_std: float | None
-    l_rms_mm: float | None
-    f_rms_std: float | None
-    f_max_std: float | None
-    condition: float | None
-    exception: str = ""
+    case: str = column("case")
+    frames: int = column("frames", "d")
+    numbered: float = column("numbers %", ".1f", 100)
+    statuses: str = column("statuses")
+    l_rms_std: float | None = column("l rms", ".2f", default=None)
+    l_max_std: float | None = column("l max", ".2f", default=None)
+    l_rms_mm: float | None = column("l mm", ".2f", default=None)
+    f_rms_std: float | None = column("force rms", ".2f", default=None)
+    f_max_std: float | None = column("max", ".2f", default=None)
+    condition: float | None = column("condition", ".1e", default=None)
+    exception: str = column("exception", default="")
 
 
 def run(frames: int, seed: int, cases: dict[str, Maker] | None = None) -> list[HardRow]:
@@ -63,7 +63,7 @@ def judged(name: str, hard: Hard) -> HardRow:
         found = estimated(hard)
     except Exception as error:  # whatever it is: that it was raised at all is the result
         what = f"{type(error).__name__}: {error}"
-        return HardRow(name, len(frames), 0.0, "", None, None, None, None, None, None, what)
+        return HardRow(name, len(frames), 0.0, "", exception=what)
     off_l, off_f = deviations(found, frames)
     size = frames.rig.antenna.length_m / LENGTH_M
     numbered = np.isfinite(found.distance_m)
@@ -72,7 +72,7 @@ def judged(name: str, hard: Hard) -> HardRow:
         case=name,
         frames=len(frames),
         numbered=float(numbered.mean()),
-        statuses=words(found.status),
+        statuses=shares(found.status),
         l_rms_std=or_none(rms(off_l[numbered])),
         l_max_std=_max(off_l[numbered]),
         l_rms_mm=or_none(rms(1e3 / size * (found.distance_m - frames.distance_m)[numbered])),
@@ -116,32 +116,30 @@ FREE, NO_READING, HOLED, FOULED = 0.1, 0.2, 0.3, 0.1
 
 @dataclass(frozen=True)
 class HostileRow:
-    """One chunk: one rig, one deviation of the points.
+    """One chunk: one rig, one deviation of the points; `replay` makes it again from seed, chunk and frames.
 
     Attributes
     ----------
-    seed, chunk : what `replay` makes it from again.
     exceptions : frames that raise one by themselves, or 1 where only all together do; the chunk is not judged then.
     nan : frames with NaN among what they claim. claimed : ok or tip_contact.
     beyond : claimed frames with the distance or a force component more than 6 deviations off. imagined : claimed
         frames of a free antenna. statuses : which there were, with their shares.
-    worst, worst_std : the frame and quantity furthest off, in its own deviations.
-    failure : what was raised.
+    worst, worst_std : the frame and quantity furthest off, in its own deviations. failure : what was raised.
     """
 
     seed: int
     chunk: int
     rig: str
     frames: int
-    exceptions: int
-    nan: int
-    claimed: int
-    beyond: int
-    imagined: int
-    statuses: str
-    worst: str
-    worst_std: float | None
-    failure: str
+    exceptions: int = 0
+    nan: int = 0
+    claimed: int = 0
+    beyond: int = 0
+    imagined: int = 0
+    statuses: str = ""
+    worst: str = ""
+    worst_std: float | None = None
+    failure: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +165,7 @@ def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
         found = estimated_at_random(drawn)
     except Exception as error:  # whatever it is: that it was raised at all is the result
         what = f"{type(error).__name__}: {error}"
-        return HostileRow(seed, chunk, drawn.rig, frames, _raising(drawn), 0, 0, 0, 0, "", "", None, what)
+        return HostileRow(seed, chunk, drawn.rig, frames, _raising(drawn), failure=what)
     claimed = np.isin(found.status, CLAIMED)
     off = np.column_stack(deviations(found, drawn.scenes))
     off = np.where((claimed & drawn.touched)[:, None], np.abs(off), 0.0)
@@ -179,15 +177,13 @@ def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
         chunk=chunk,
         rig=drawn.rig,
         frames=frames,
-        exceptions=0,
         nan=int((claimed & ~complete(found)).sum()),
         claimed=int(claimed.sum()),
         beyond=int((off > FAR_STD).any(axis=1).sum()),
         imagined=int((claimed & ~drawn.touched).sum()),
-        statuses=words(found.status),
+        statuses=shares(found.status),
         worst=f"{('l', 'f_y', 'f_z')[quantity]} of frame {index}" if any_claimed else "",
         worst_std=float(ranked[index, quantity]) if any_claimed else None,
-        failure="",
     )
 
 
@@ -215,20 +211,15 @@ def estimated_at_random(drawn: Replayed) -> Contacts:
     )
 
 
+_NUMBERS = (
+    *("distance_m", "distance_std_m", "force_N", "force_std_N", "deflection_m", "point_antenna_m"),
+    *("point_world_m", "covariance_world_m2", "force_world_N"),
+)
+
+
 def complete(found: Contacts) -> np.ndarray:
     """(B,) whether everything that a contact claims is a finite number, and no deviation negative."""
-    columns = (
-        found.distance_m,
-        found.distance_std_m,
-        found.force_N,
-        found.force_std_N,
-        found.deflection_m,
-        found.point_antenna_m,
-        found.point_world_m,
-        found.covariance_world_m2,
-        found.force_world_N,
-    )
-    finite = [np.isfinite(values).reshape(len(found), -1).all(axis=1) for values in columns]
+    finite = [np.isfinite(getattr(found, name)).reshape(len(found), -1).all(axis=1) for name in _NUMBERS]
     positive = (found.distance_std_m > 0.0) & (found.force_std_N[:, 1:] > 0.0).all(axis=1)
     return np.all(finite, axis=0) & positive
 
@@ -287,3 +278,30 @@ def _setup(rng: np.random.Generator) -> Setup:
         except InputError:
             continue
         return setup
+
+
+def hard_text(rows: Sequence[HardRow]) -> str:
+    """The hard cases."""
+    title = (
+        "hard cases; errors of the frames that came with numbers: rms and largest in their own deviations, rms in mm; "
+        "condition: median, of the scaled information"
+    )
+    return table(rows, title)
+
+
+def hostile_text(rows: Sequence[HostileRow]) -> str:
+    """Totals over all chunks, and the worst frames with what replays them."""
+    total = {name: sum(getattr(row, name) for row in rows) for name in _COUNTS}
+    lines = [
+        f"{total['frames']} frames at random over everything: {total['exceptions']} exceptions, {total['nan']} with "
+        f"NaN in what is claimed, {total['claimed']} ok or tip_contact, of which {total['beyond']} beyond 6 deviations "
+        f"({1e5 * total['beyond'] / max(total['claimed'], 1):.1f} in 100,000) and {total['imagined']} of a free antenna"
+    ]
+    worst = sorted((row for row in rows if row.worst_std is not None), key=lambda row: -(row.worst_std or 0.0))
+    told = [(f"{row.worst_std:.1f} deviations in {row.worst}", row) for row in worst[:10]]
+    told += [(row.failure, row) for row in rows if row.failure]
+    lines += [f"    {what}: replay(seed={r.seed}, chunk={r.chunk}, frames={r.frames})" for what, r in told]
+    return "\n".join(lines)
+
+
+_COUNTS = ("frames", "exceptions", "nan", "claimed", "beyond", "imagined")

@@ -1,9 +1,10 @@
-"""Frames of the estimator's hard cases: every border of what can be known, every way in which a frame can be poor."""
+"""Frames of the estimator's hard cases: every limit of what can be known, every way in which a frame can be poor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +15,14 @@ from .scenes import Scenes, push_for_deflection, push_for_slope, rolled, scenes
 from .setup import ACROSS, LENGTH_M, SIGMA_PX, TOWARDS_CLAMP, Setup, looking_pose
 
 Rng = np.random.Generator
-ORDINARY_M = 0.006
+Maker = Callable[[int, Rng], "Hard"]
+_ORDINARY_M = 0.006
 """Deflection at the contact where a case is hard for something else."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hard:
-    """Frames of one case, noisy: what the estimator is given beyond the scenes themselves."""
+    """Frames of one case, noisy, and how the estimator is given them."""
 
     scenes: Scenes
     with_moment: bool = True
@@ -28,15 +30,12 @@ class Hard:
 
     @property
     def points_px(self) -> np.ndarray:
-        """(B, N, 2), of the kind that the case is about."""
+        """(B, N, 2), in single precision where the case asks for it."""
         return self.scenes.points_px.astype(np.float32) if self.single else self.scenes.points_px
 
 
-Maker = Callable[[int, Rng], Hard]
-
-
 def _touched(
-    rig: Rig, rng: Rng, count: int, reach: tuple[float, float] = (0.3, 0.8), deflection_m: float = ORDINARY_M
+    rig: Rig, rng: Rng, count: int, reach: tuple[float, float] = (0.3, 0.8), deflection_m: float = _ORDINARY_M
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distances (B,), size of the pushes (B,) and rolls (B,)."""
     antenna = rig.antenna
@@ -45,62 +44,10 @@ def _touched(
     return distance, push_for_deflection(deflection, distance, antenna.stiffness_Nm2), rng.uniform(-1.0, 1.0, count)
 
 
-def _ordinary(
-    count: int,
-    rng: Rng,
-    setup: Setup | None = None,
-    roll_rad: float | None = None,
-    rig: Rig | None = None,
-    reach: tuple[float, float] = (0.3, 0.8),
-    deflection_m: float = ORDINARY_M,
-) -> Scenes:
-    rig = (setup or Setup()).rig() if rig is None else rig
-    distance, size, roll = _touched(rig, rng, count, reach, deflection_m)
+def _ordinary(count: int, rng: Rng, rig: Rig | None = None, roll_rad: float | None = None, **touch: Any) -> Scenes:
+    rig = Setup().rig() if rig is None else rig
+    distance, size, roll = _touched(rig, rng, count, **touch)
     return scenes(rig, distance, rolled(size, roll if roll_rad is None else roll_rad)).noisy(rng)
-
-
-def _near_the_clamp(count: int, rng: Rng) -> Hard:
-    """l from 1 to 5 % of the length."""
-    return Hard(_ordinary(count, rng, reach=(0.01, 0.05)))
-
-
-def _near_the_tip(count: int, rng: Rng) -> Hard:
-    """l from 97 % of the length on."""
-    return Hard(_ordinary(count, rng, reach=(0.97, 1.0)))
-
-
-def _hardly_bent(count: int, rng: Rng) -> Hard:
-    """Deflections at the contact of about one deviation of a point."""
-    return Hard(_ordinary(count, rng, deflection_m=3e-5))
-
-
-def coincident(count: int, rng: Rng) -> Hard:
-    """All points in one place."""
-    frames = _ordinary(count, rng)
-    one = np.repeat(frames.points_px[:, 150:151], frames.points_px.shape[1], axis=1)
-    return Hard(replace(frames, points_px=one + rng.normal(0.0, SIGMA_PX, one.shape)))
-
-
-def _before_the_contact(count: int, rng: Rng) -> Hard:
-    """Only points on the curved part."""
-    frames = _ordinary(count, rng)
-    return Hard(_hidden(frames, frames.arclength_m > frames.distance_m[:, None]))
-
-
-def _beyond_the_contact(count: int, rng: Rng) -> Hard:
-    """Only points on the straight part."""
-    frames = _ordinary(count, rng)
-    return Hard(_hidden(frames, frames.arclength_m < frames.distance_m[:, None]))
-
-
-def _along_the_sight(count: int, rng: Rng) -> Hard:
-    """ξ = 90° under the upright camera: all bending is towards it."""
-    return Hard(_ordinary(count, rng, roll_rad=np.pi / 2))
-
-
-def _lying_camera(count: int, rng: Rng) -> Hard:
-    """A camera that looks along the antenna, 87° inclined."""
-    return Hard(_ordinary(count, rng, Setup(tilt_rad=np.radians(87.0), azimuth_rad=TOWARDS_CLAMP)))
 
 
 def _edge_on(count: int, rng: Rng) -> Hard:
@@ -112,93 +59,77 @@ def _edge_on(count: int, rng: Rng) -> Hard:
     return Hard(scenes(rig, distance, rolled(size, roll)).noisy(rng))
 
 
-def _close_by(count: int, rng: Rng) -> Hard:
-    """A camera 60 mm from the antenna, which sees the middle of it."""
-    rig = replace(Setup().rig(), T_antenna_camera=looking_pose(0.2, TOWARDS_CLAMP, 0.06))
-    return Hard(_ordinary(count, rng, rig=rig))
-
-
-def _no_moment_there(count: int, rng: Rng) -> Hard:
-    """τ = 0: no force along z."""
-    return Hard(_ordinary(count, rng, roll_rad=0.0))
-
-
-def _no_sensor(count: int, rng: Rng) -> Hard:
-    """Vision alone, camera inclined by 45°."""
-    return Hard(_ordinary(count, rng, Setup(tilt_rad=np.radians(45.0))), with_moment=False)
-
-
-def _no_sensor_upright(count: int, rng: Rng) -> Hard:
-    """Vision alone by the camera that sees least of f_z."""
-    return Hard(_ordinary(count, rng), with_moment=False)
-
-
 def _huge_load(count: int, rng: Rng) -> Hard:
-    """Slopes of 45 to 75° at the contact."""
     rig = Setup(swing_m=0.15).rig()
     distance, _, roll = _touched(rig, rng, count)
     size = push_for_slope(np.radians(rng.uniform(45.0, 75.0, count)), distance, rig.antenna.stiffness_Nm2)
     return Hard(scenes(rig, distance, rolled(size, roll)).noisy(rng))
 
 
-def _few_points(points: int) -> Maker:
-    """So many points, evenly over the antenna."""
+def _coincident(count: int, rng: Rng) -> Hard:
+    frames = _ordinary(count, rng)
+    one = np.repeat(frames.points_px[:, 150:151], frames.points_px.shape[1], axis=1)
+    return Hard(replace(frames, points_px=one + rng.normal(0.0, SIGMA_PX, one.shape)))
+
+
+def _with(**how: Any) -> Maker:
+    """Ordinary frames, but for the rig, the roll, the reach or the deflection."""
+    setup = how.pop("setup", Setup())
+    return lambda count, rng: Hard(_ordinary(count, rng, setup.rig(), **how))
+
+
+def _without(hidden: Callable[[Scenes, Rng], np.ndarray]) -> Maker:
+    """Ordinary frames without the points (N,) or (B, N) that a function names."""
 
     def make(count: int, rng: Rng) -> Hard:
         frames = _ordinary(count, rng)
-        kept = np.linspace(20, frames.points_px.shape[1] - 1, points).astype(int)
-        return Hard(_hidden(frames, ~np.isin(np.arange(frames.points_px.shape[1]), kept)))
+        return Hard(replace(frames, points_px=np.where(hidden(frames, rng)[..., None], np.nan, frames.points_px)))
 
     return make
 
 
-def missing(count: int, rng: Rng) -> Hard:
-    """40 % of the points missing."""
-    frames = _ordinary(count, rng)
-    return Hard(_hidden(frames, rng.random(frames.points_px.shape[:2]) < 0.4))
+def _few_points(points: int) -> Maker:
+    def hidden(frames: Scenes, _: Rng) -> np.ndarray:
+        count = frames.points_px.shape[1]
+        return ~np.isin(np.arange(count), np.linspace(20, count - 1, points).astype(int))
+
+    return _without(hidden)
 
 
-def outliers(count: int, rng: Rng) -> Hard:
-    """20 % of the points up to 50 px off."""
-    frames = _ordinary(count, rng)
-    return Hard(with_outliers(frames, 0.2, rng))
-
-
-def _single_precision(count: int, rng: Rng) -> Hard:
-    """Pixels in float32."""
-    return Hard(_ordinary(count, rng), single=True)
+def _vision_alone(setup: Setup) -> Maker:
+    return lambda count, rng: Hard(_ordinary(count, rng, setup.rig()), with_moment=False)
 
 
 def _of_size(factor: float) -> Maker:
-    """The same scene so many times larger, in everything but the picture."""
+    return lambda count, rng: Hard(_ordinary(count, rng, resized(Setup().rig(), factor)))
 
-    def make(count: int, rng: Rng) -> Hard:
-        return Hard(_ordinary(count, rng, rig=resized(Setup().rig(), factor)))
 
-    return make
+def _close_by(count: int, rng: Rng) -> Hard:
+    rig = replace(Setup().rig(), T_antenna_camera=looking_pose(0.2, TOWARDS_CLAMP, 0.06))
+    return Hard(_ordinary(count, rng, rig))
 
 
 CASES: dict[str, Maker] = {
-    "l → 0": _near_the_clamp,
-    "l → L": _near_the_tip,
-    "δ → 0": _hardly_bent,
-    "all points in one place": coincident,
-    "points before the contact only": _before_the_contact,
-    "points beyond the contact only": _beyond_the_contact,
-    "ξ = 90°, upright camera": _along_the_sight,
-    "camera inclined by 87°": _lying_camera,
+    "l → 0": _with(reach=(0.01, 0.05)),
+    "l → L": _with(reach=(0.97, 1.0)),
+    "δ → 0": _with(deflection_m=3e-5),
+    "all points in one place": _coincident,
+    "points before the contact only": _without(lambda frames, _: frames.arclength_m > frames.distance_m[:, None]),
+    "points beyond the contact only": _without(lambda frames, _: frames.arclength_m < frames.distance_m[:, None]),
+    "ξ = 90°, upright camera": _with(roll_rad=np.pi / 2),
+    "camera inclined by 87°": _with(setup=Setup(tilt_rad=np.radians(87.0))),
     "camera's centre almost in 𝒟": _edge_on,
     "camera 60 mm away": _close_by,
-    "τ = 0": _no_moment_there,
-    "no sensor, camera at 45°": _no_sensor,
-    "no sensor, upright camera": _no_sensor_upright,
+    "τ = 0": _with(roll_rad=0.0),
+    "no sensor, camera at 45°": _vision_alone(Setup(tilt_rad=np.radians(45.0))),
+    "no sensor, upright camera": _vision_alone(Setup()),
     "slopes of 45 to 75°": _huge_load,
     "2 points": _few_points(2),
     "3 points": _few_points(3),
     "5 points": _few_points(5),
-    "40 % missing": missing,
-    "20 % outliers": outliers,
-    "float32 pixels": _single_precision,
+    "40 % missing": _without(lambda frames, rng: rng.random(frames.points_px.shape[:2]) < 0.4),
+    "20 % outliers": lambda count, rng: Hard(with_outliers(_ordinary(count, rng), 0.2, rng)),
+    "float32 pixels": lambda count, rng: Hard(_ordinary(count, rng), single=True),
     "1000 times larger": _of_size(1e3),
     "1000 times smaller": _of_size(1e-3),
 }
@@ -217,19 +148,10 @@ def resized(rig: Rig, factor: float) -> Rig:
     antenna, sensor, pose = rig.antenna, rig.moment_sensor, rig.T_antenna_camera
     parameters = antenna.parameters.copy()
     parameters[6] += 2.0 * np.log(factor)
+    length, diameter = factor * antenna.length_m, factor * antenna.diameter_m
     return replace(
         rig,
         T_antenna_camera=Pose(pose.rotation, factor * pose.translation_m),
-        antenna=replace(
-            antenna,
-            length_m=factor * antenna.length_m,
-            diameter_m=factor * antenna.diameter_m,
-            parameters=parameters,
-        ),
+        antenna=replace(antenna, length_m=length, diameter_m=diameter, parameters=parameters),
         moment_sensor=replace(sensor, std_Nm=factor * sensor.std_Nm),
     )
-
-
-def _hidden(frames: Scenes, hidden: np.ndarray) -> Scenes:
-    """Without the points (N,) or (B, N)."""
-    return replace(frames, points_px=np.where(hidden[..., None], np.nan, frames.points_px))

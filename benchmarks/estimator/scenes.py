@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from benchmarks.harness import concatenated, picked
 from vbaa_calib.antenna.elastica import normal_load
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
@@ -65,8 +68,8 @@ class Scenes:
             moment_Nm=self.moment_Nm[which],
             pan_rad=self.pan_rad[which],
             tilt_rad=self.tilt_rad[which],
-            touches=self.touches.picked(which),
-            shapes=Shapes(*(values[which] for values in vars(self.shapes).values())),
+            touches=picked(self.touches, which),
+            shapes=picked(self.shapes, which),
         )
 
     def noisy(self, rng: np.random.Generator, draws: int = 1) -> Scenes:
@@ -77,6 +80,16 @@ class Scenes:
             points_px=drawn.points_px + rng.normal(0.0, self.sigma_px, drawn.points_px.shape),
             moment_Nm=drawn.moment_Nm + rng.normal(0.0, self.rig.moment_sensor.std_Nm, len(drawn)),
         )
+
+
+def joined(parts: Sequence[Scenes]) -> Scenes:
+    """Frames of one rig, one after the other."""
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad")
+    }
+    touches, shapes = (concatenated([getattr(part, name) for part in parts]) for name in ("touches", "shapes"))
+    return replace(parts[0], **columns, touches=touches, shapes=shapes)
 
 
 def scenes(

@@ -1,4 +1,4 @@
-"""A rig's antenna as the rod that the benchmarks simulate."""
+"""The synthetic rigs of the benchmarks: camera, antenna and sensor by a few words, and true rigs drawn around them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,6 @@ REAL = np.array([3e-4, -2e-4, 0.009, -0.012, 0.05, 0.12])
 RIG_STD = np.array([2e-4] * 3 + [5e-5] * 3 + [2e-5] * 2 + [2e-4] * 2 + [2e-3] * 2 + [1e-3, 1e-2, 1e-5] + [2e-3, 5e-6])
 """Standard deviations of `RIG_PARAMETERS` after an ordinary calibration."""
 _MARGIN = 0.04
-_AWAY_M = (0.02, 3.0)
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ def filling_pose(camera: Camera, tilt_rad: float, azimuth_rad: float, swing_m: f
     It looks at the antenna's middle, the picture's u axis along the antenna. Raises InputError where the box does not
     fit at any distance up to 3 m.
     """
-    low, high = _AWAY_M
+    low, high = 0.02, 3.0
     if not _sees_box(camera, looking_pose(tilt_rad, azimuth_rad, high), swing_m):
         raise InputError("the antenna does not fit into the picture", where="setup", remedy="give a wider lens")
     while high - low > 1e-4:
@@ -118,9 +117,8 @@ def drawn_truth(rig: Rig, rng: np.random.Generator) -> Rig:
 
     The clamp's give stays as it is: the simulated clamps are rigid.
     """
-    step = np.linalg.cholesky(rig.covariance + 1e-30 * np.eye(len(rig.covariance))) @ rng.normal(
-        size=len(rig.covariance)
-    )
+    count = len(rig.covariance)
+    step = np.linalg.cholesky(rig.covariance + 1e-30 * np.eye(count)) @ rng.normal(size=count)
     step[RIG_PARAMETERS.index("clamp_give_m")] = 0.0
     return moved(rig, step)
 

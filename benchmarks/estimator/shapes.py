@@ -15,13 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.harness import concatenated, picked
 from vbaa_calib.antenna.elastica import planar_elastica
 from vbaa_calib.antenna.newton import newton
-from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, Rod, RodShape, node_arclength, sample_shape, shoot
+from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, RodShape, node_arclength, sample_shape, shoot
 from vbaa_calib.core.errors import InputError, SolveError
-from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
-from vbaa_calib.simulate.scene.scene import POISSON_STEEL
+
+from .setup import rod_of
 
 TOLERANCE = 1e-10
 """On the moment left at the tip in EI/L, and on the sine of the force's angle."""
@@ -47,10 +48,6 @@ class Touches:
 
     def __len__(self) -> int:
         return len(self.distance_m)
-
-    def picked(self, which: np.ndarray) -> Touches:
-        """Those with the indices or the mask; indices may repeat."""
-        return Touches(*(values[which] for values in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +81,7 @@ def elastica_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shap
     shape = planar_elastica(s, touches.distance_m, size, rig.antenna.stiffness_Nm2, touches.friction_rad)
     in_clamp = np.concatenate([shape.x_m[..., None], shape.w_m[..., None] * toward[:, None]], axis=2)
     theta = shape.theta_rad[:, -1]
-    T_antenna_clamp = _clamp(rig)
+    T_antenna_clamp = rod_of(rig).T_antenna_clamp
     points = T_antenna_clamp @ in_clamp
     force = size[:, None] * _leaning(theta + touches.friction_rad, toward) @ T_antenna_clamp.rotation.T
     contact = points[:, -1]
@@ -95,28 +92,20 @@ def elastica_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shap
 
 def rod_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
     """By the static rod, rigidly clamped. Raises SolveError naming the touch for which no equilibrium was found."""
-    pieces = [
-        _rod_piece(rig, touches.picked(np.arange(begin, min(begin + _PIECE, len(touches)))), arclength_m)
-        for begin in range(0, len(touches), _PIECE)
-    ]
-    return Shapes(*(np.concatenate(parts) for parts in zip(*(vars(piece).values() for piece in pieces), strict=True)))
+    pieces = np.split(np.arange(len(touches)), range(_PIECE, len(touches), _PIECE))
+    return concatenated([_rod_piece(rig, picked(touches, piece), arclength_m) for piece in pieces])
 
 
 def _rod_piece(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
-    rod = _rod(rig)
+    rod = rod_of(rig)
     size, toward = _size_and_direction(touches.push_N)
     sin_friction = np.sin(touches.friction_rad)
     unit = rod.bending_stiffness_Nm2 / rod.length_m
 
     def nodes(x: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         direction = _leaning(x[:, 3], toward[rows])
-        solved = shoot(
-            rod,
-            touches.gravity_m_s2[rows],
-            touches.distance_m[rows],
-            size[rows, None] * direction,
-            x[:, :3] * unit,
-        )
+        force = size[rows, None] * direction
+        solved = shoot(rod, touches.gravity_m_s2[rows], touches.distance_m[rows], force, x[:, :3] * unit)
         at_tip = touches.distance_m[rows] >= rod.length_m
         return solved, np.where(at_tip, solved[-1], solved[STEPS_PER_SEGMENT]), direction
 
@@ -158,21 +147,3 @@ def _size_and_direction(push_N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     size = np.hypot(push_N[:, 0], push_N[:, 1])
     there = size[:, None] > 0.0
     return size, np.where(there, push_N / np.where(there, size[:, None], 1.0), [1.0, 0.0])
-
-
-def _clamp(rig: Rig) -> Pose:
-    y, z, about_y, about_z = rig.antenna.parameters[:4]
-    return Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y, z]))
-
-
-def _rod(rig: Rig) -> Rod:
-    antenna = rig.antenna
-    stiffness = antenna.stiffness_Nm2
-    return Rod(
-        length_m=antenna.length_m,
-        bending_stiffness_Nm2=stiffness,
-        torsional_stiffness_Nm2=stiffness / (1.0 + POISSON_STEEL),
-        mass_per_length_kg_m=antenna.mass_per_length_kg_m,
-        T_antenna_clamp=_clamp(rig),
-        natural_curvature_per_m=antenna.parameters[4:6],
-    )

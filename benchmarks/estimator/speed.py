@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
-from operator import attrgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.harness import least_seconds, or_none, rms_known
+from benchmarks.figures import AMBER, GREEN, GREY, INK, SHADE, VIOLET, label, legend, name_points, panels
+from benchmarks.harness import column, least_seconds, or_none, rms_known, table
 from estimator import ContactEstimator
 from estimator.paper.two_point import two_point_contact
 from vbaa_calib.antenna import linear
@@ -18,11 +19,14 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
-from .baselines import baselines, by_loop, one_contact
+from .baselines import baselines, one_contact
 from .bound import bound
-from .scenes import Scenes, push_for_deflection, rolled, scenes
+from .scenes import Scenes, joined, push_for_deflection, rolled, scenes
 from .setup import Setup, drawn_truth
-from .shapes import Shapes, Touches, rod_shapes
+from .shapes import rod_shapes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MODELS = (*RUNGS, "auto")
 REACH, DEFLECTION_M, ROLL_RAD = (0.3, 0.8), (0.004, 0.008), np.radians(60.0)
@@ -47,19 +51,19 @@ class SpeedRow:
     us_per_frame : least of several timings; of single frames the median over frames.
     of_bound, of_bound_flat : rms error of the contact distance in standard deviations of the Cramér–Rao bound; with
         the deformation plane at any roll up to 60°, and within plane C. None where it is not a method's question.
-    typical : the same from the median of |error|, as if normal: deaf to the few that go far astray.
+    typical : the same from the median of |error|, as if normal: robust to the few that go far astray.
     answered : share of the frames with a number.
     """
 
-    method: str
-    family: str
-    rig: str
-    frames: int
-    us_per_frame: float
-    of_bound: float | None
-    of_bound_flat: float | None
-    typical: float | None
-    answered: float | None
+    method: str = column("method")
+    family: str = column("family")
+    rig: str = column("rig")
+    frames: int = column("frames", "d")
+    us_per_frame: float = column("µs/frame", ".2f")
+    of_bound: float | None = column("error", ".2f")
+    of_bound_flat: float | None = column("in C", ".2f")
+    typical: float | None = column("typical", ".2f")
+    answered: float | None = column("answered %", ".2f", 100)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,24 +112,6 @@ def _calibrated_population(frames: int, seed: int, roll_rad: float) -> Judged:
     return Judged(joined(parts), width)
 
 
-def joined(parts: Sequence[Scenes]) -> Scenes:
-    """Frames of one given rig, one after the other."""
-    first = parts[0]
-
-    def column(of: Callable[[Scenes], np.ndarray]) -> np.ndarray:
-        return np.concatenate([of(part) for part in parts])
-
-    return replace(
-        first,
-        points_px=column(attrgetter("points_px")),
-        moment_Nm=column(attrgetter("moment_Nm")),
-        pan_rad=column(attrgetter("pan_rad")),
-        tilt_rad=column(attrgetter("tilt_rad")),
-        touches=Touches(*(column(attrgetter(f"touches.{name}")) for name in vars(first.touches))),
-        shapes=Shapes(*(column(attrgetter(f"shapes.{name}")) for name in vars(first.shapes))),
-    )
-
-
 def _formula_alone(frames: int, seed: int, repeats: int) -> SpeedRow:
     """The two-point formulas on points that are on plane C already, every case."""
     rng, stiffness, length = np.random.default_rng(seed), 3.9e-3, 0.24
@@ -151,7 +137,7 @@ def _baselines(judged: Judged, flat: Judged, seed: int, repeats: int) -> Iterato
         off, off_flat = judged.errors(ready.solve(every)), flat.errors(ready_flat.solve(every))
         for which in (every[:1], every):
             spent = least_seconds(partial(ready.solve, which), repeats) / len(which)
-            yield _row(ready.name, family, "exact", len(which), spent, off, off_flat)
+            yield SpeedRow(ready.name, family, "exact", len(which), 1e6 * spent, *_errors(off, off_flat))
 
 
 def _loop(judged: Judged, flat: Judged, frames: int) -> SpeedRow:
@@ -160,9 +146,10 @@ def _loop(judged: Judged, flat: Judged, frames: int) -> SpeedRow:
         begun = time.perf_counter()
         found.append(one_contact(judged.scenes, index)[0])
         timings.append(time.perf_counter() - begun)
-    off_flat = flat.errors(by_loop(flat.scenes.picked(np.arange(frames))))
+    off_flat = flat.errors(np.array([one_contact(flat.scenes, index)[0] for index in range(frames)]))
     # each frame is timed once: the median leaves out what disturbed some
-    return _row("elastica", LOOP, "exact", 1, float(np.median(timings)), judged.errors(np.array(found)), off_flat)
+    off = judged.errors(np.array(found))
+    return SpeedRow("elastica", LOOP, "exact", 1, 1e6 * float(np.median(timings)), *_errors(off, off_flat))
 
 
 def _estimator(model: str, rig: str, judged: Judged, flat: Judged, repeats: int) -> Iterator[SpeedRow]:
@@ -178,23 +165,55 @@ def _estimator(model: str, rig: str, judged: Judged, flat: Judged, repeats: int)
     single = min(SINGLE_FRAMES, -(-len(judged.scenes) // 10))
     singles = [judged.scenes.picked(np.array([index])) for index in range(single)]
     each = [least_seconds(partial(batch, one), repeats) for one in singles]
-    yield _row(model, ESTIMATOR, rig, 1, float(np.median(each)), off, off_flat)
+    yield SpeedRow(model, ESTIMATOR, rig, 1, 1e6 * float(np.median(each)), *_errors(off, off_flat))
     together = least_seconds(partial(batch, judged.scenes), repeats) / len(judged.scenes)
-    yield _row(model, ESTIMATOR, rig, len(judged.scenes), together, off, off_flat)
+    yield SpeedRow(model, ESTIMATOR, rig, len(judged.scenes), 1e6 * together, *_errors(off, off_flat))
 
 
-def _row(
-    method: str, family: str, rig: str, frames: int, seconds: float, errors: np.ndarray, errors_flat: np.ndarray
-) -> SpeedRow:
+def _errors(errors: np.ndarray, flat: np.ndarray) -> tuple[float | None, float | None, float | None, float]:
+    """The last four columns of a row."""
     sizes = np.abs(errors[np.isfinite(errors)])
-    return SpeedRow(
-        method=method,
-        family=family,
-        rig=rig,
-        frames=frames,
-        us_per_frame=1e6 * seconds,
-        of_bound=or_none(rms_known(errors)),
-        of_bound_flat=or_none(rms_known(errors_flat)),
-        typical=float(np.median(sizes) / NORMAL_QUARTILE) if len(sizes) else None,
-        answered=float(np.isfinite(errors).mean()),
+    typical = float(np.median(sizes) / NORMAL_QUARTILE) if len(sizes) else None
+    return or_none(rms_known(errors)), or_none(rms_known(flat)), typical, float(np.isfinite(errors).mean())
+
+
+STYLES = {PAPER: (AMBER, "o"), LINE: (VIOLET, "^"), LOOP: (GREY, "D"), ESTIMATOR: (GREEN, "s")}
+"""Of each family of methods: its colour and mark."""
+
+
+def speed_text(rows: Sequence[SpeedRow]) -> str:
+    """The table, and how the loop compares with the batch."""
+    title = (
+        "200 points a frame; error: rms of the contact distance in standard deviations of the Cramér–Rao bound, at any "
+        "roll up to 60° and\nwithin plane C; typical: from the median; least of several timings"
     )
+    loop = {row.method: row.us_per_frame for row in rows if row.family == LOOP}
+    batch = {row.method: row.us_per_frame for row in rows if row.family == ESTIMATOR and row.rig == "exact"}
+    lines = [
+        f"the loop takes {spent / batch[rung]:.0f} times as long as the batch on the same rung, {rung}"
+        for rung, spent in loop.items()
+        if rung in batch
+    ]
+    return "\n".join([table(rows, title), *lines])
+
+
+def figure(rows: Sequence[SpeedRow]) -> Figure:
+    """Time a frame over error, frame by frame and in a batch; nothing can be left of the bound at 1."""
+    shown = [row for row in rows if row.of_bound is not None]
+    drawn, every = panels(2, 2, (6, 6), sharex=True, sharey=True)
+    for panel, many, title in zip(every, (False, True), ("one frame at a time", "in a batch"), strict=True):
+        # the loop knows no batch: it is in both panels
+        own = [row for row in shown if row.family == LOOP or (row.frames > 1) == many]
+        panel.axvspan(0.5, 1.0, color=SHADE, lw=0)
+        panel.axvline(1.0, color=INK, lw=1.2)
+        for row in own:
+            colour, mark = STYLES[row.family]
+            face = colour if row.rig == "exact" else "none"
+            panel.loglog(row.of_bound, row.us_per_frame, mark, color=colour, markerfacecolor=face, markersize=6)
+        name_points(panel, [(r.method, r.of_bound or 0.0, r.us_per_frame, STYLES[r.family][0]) for r in own])
+        label(panel, title, "rms error of the contact distance over the Cramér–Rao bound")
+    every[0].set_xlim(0.7, 3.0 * max([row.of_bound or 0.0 for row in shown], default=1.0))
+    every[0].set_ylim(top=5.0 * max([row.us_per_frame for row in shown], default=1.0))
+    every[0].set_ylabel("time, µs per frame")
+    legend(drawn, STYLES, "rig not exact")
+    return drawn

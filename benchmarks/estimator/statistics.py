@@ -1,9 +1,7 @@
-"""What many estimates of known contacts say: error over bound, bias, coverage, and which statuses were given."""
+"""Many estimates of known contacts: error over bound, bias, coverage."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +13,7 @@ from vbaa_calib.antenna.rungs import RUNGS
 from .scenes import Scenes
 
 QUANTITIES = ("l", "f_y", "f_z")
-REGION = 0.95
+_REGION = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,17 +37,13 @@ class Estimates:
         """(B,) which frames came with numbers."""
         return np.isfinite(self.values).all(axis=1) & np.isfinite(self.std).all(axis=1)
 
-    def picked(self, which: np.ndarray) -> Estimates:
-        """Those with the indices or the mask."""
-        return Estimates(*(values[which] for values in vars(self).values()))
-
     def share(self, status: str) -> float:
         """Of the frames, with that status."""
         return float((self.status == status).mean())
 
 
 def estimate(scenes: Scenes, model: str, friction_std_rad: float) -> Estimates:
-    """Every frame by the estimator, which is told the points' true deviation and what friction is to be expected."""
+    """Every frame by the estimator, which is told the points' true deviation and the friction to expect."""
     if not len(scenes):
         nothing, words = np.zeros((0, 3)), np.zeros(0, str)
         return Estimates(nothing, nothing, nothing, words, words)
@@ -89,7 +83,7 @@ def quality(errors: np.ndarray, predicted_std: np.ndarray, bound_std: np.ndarray
     """Of errors (D,) with predicted deviations (D,) and bounds () or (D,); NaN with fewer than two."""
     if len(errors) < 2:
         return Quality(np.nan, np.nan, np.nan)
-    inside = np.abs(errors) <= norm.isf((1 - REGION) / 2) * predicted_std
+    inside = np.abs(errors) <= norm.isf((1 - _REGION) / 2) * predicted_std
     # in deviations, so that scenes of different size count alike
     scaled = errors / bound_std
     return Quality(
@@ -99,16 +93,7 @@ def quality(errors: np.ndarray, predicted_std: np.ndarray, bound_std: np.ndarray
     )
 
 
-def standard_errors(draws: int) -> Quality:
+def standard_errors(draws: float) -> Quality:
     """What `quality` scatters by from noise alone, for draws of an efficient estimator."""
-    return Quality(
-        of_bound=float(1 / np.sqrt(2 * draws)),
-        bias=float(1 / np.sqrt(draws)),
-        covered=float(np.sqrt(REGION * (1 - REGION) / draws)),
-    )
-
-
-def words(values: Sequence[str] | np.ndarray) -> str:
-    """Which values there are, most frequent first, with their shares."""
-    counts = Counter(str(value) for value in values)
-    return ", ".join(f"{value} {100 * count / len(values):.1f} %" for value, count in counts.most_common())
+    spread = float(np.sqrt(_REGION * (1 - _REGION) / draws))
+    return Quality(float(1 / np.sqrt(2 * draws)), float(1 / np.sqrt(draws)), spread)

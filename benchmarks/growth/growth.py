@@ -1,4 +1,4 @@
-"""One kind of work at growing sizes."""
+"""`vbaa bench growth`: how the cost grows with the work: frames, points, pixels, views, contacts."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .work import (
-    batch_of_points,
-    felt_object,
-    joint_solve,
-    lens_solve,
-    one_picture,
-    recording_of_frames,
-    surface_of_contacts,
-)
+from benchmarks.figures import AMBER, GREEN, label, panels
+from benchmarks.harness import Findings, Options, aligned, or_none
+from vbaa_calib.core.console import progress
+
+from . import work
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _SLOW_S = 2.0
 """Work that takes longer is timed once: what disturbs it averages out."""
@@ -46,15 +47,14 @@ class Cost:
     peak_MB: float
 
 
-def cost_of(work: Callable[[], object], repeats: int) -> Cost:
+def cost_of(function: Callable[[], object], repeats: int) -> Cost:
     """Run the work `repeats` times, or once where it is slow."""
     seconds, risen, peaks = [], [], []
     for _ in range(max(repeats, 1)):
-        _give_back()
-        _forget_peak()
+        _release_memory()
         before = resident_MB("VmRSS")
         begun = time.process_time()
-        work()
+        function()
         seconds.append(time.process_time() - begun)
         peaks.append(resident_MB("VmHWM"))
         risen.append(peaks[-1] - before)
@@ -64,29 +64,26 @@ def cost_of(work: Callable[[], object], repeats: int) -> Cost:
 
 
 def resident_MB(which: str) -> float:
-    """The resident set now (VmRSS), or its highest since that was last forgotten (VmHWM)."""
+    """The resident set now (VmRSS), or its highest since that was last reset (VmHWM)."""
     if not _CAN_TELL:
         return float("nan")
     lines = _STATUS.read_text().splitlines()
     return next(float(line.split()[1]) * 1024e-6 for line in lines if line.startswith(f"{which}:"))
 
 
-def _give_back() -> None:
-    """What earlier work has left behind: an allocator that kept it would use it again, and nothing would show."""
+def _release_memory() -> None:
+    """Free what earlier work left behind, which an allocator would use again unseen, and reset the peak."""
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
     if trim is not None:
         trim(0)
-
-
-def _forget_peak() -> None:
     if _CAN_TELL:
         _RESET.write_text("5")
 
 
-LEAST = 3
+_LEAST = 3
 """Sizes that an exponent is fitted to, at least."""
-MARGIN = 0.15
+_MARGIN = 0.15
 """An exponent is worse than expected where it exceeds that by so much and by two of its standard deviations."""
 
 
@@ -105,10 +102,10 @@ class Power:
 
     def worse_than(self, expected: float) -> bool:
         """Whether the cost grows faster than it should."""
-        return bool(self.exponent - expected > max(MARGIN, 2.0 * self.std))
+        return bool(self.exponent - expected > max(_MARGIN, 2.0 * self.std))
 
-
-UNKNOWN = Power(np.nan, np.nan, np.nan, np.nan)
+    def __str__(self) -> str:
+        return f"{self.exponent:.2f} ± {self.std:.2f}" if np.isfinite(self.exponent) else "–"
 
 
 def fitted(sizes: Sequence[float], costs: Sequence[float]) -> Power:
@@ -120,9 +117,9 @@ def fitted(sizes: Sequence[float], costs: Sequence[float]) -> Power:
     size, cost = np.asarray(sizes, float), np.asarray(costs, float)
     known = np.isfinite(cost) & (cost > 0.0)
     size, cost = size[known], cost[known]
-    count = max(LEAST, (len(size) + 1) // 2)
-    if len(size) < LEAST:
-        return UNKNOWN
+    count = max(_LEAST, (len(size) + 1) // 2)
+    if len(size) < _LEAST:
+        return Power(np.nan, np.nan, np.nan, np.nan)
     order = np.argsort(size)[-count:]
     x, y = np.log(size[order]), np.log(cost[order])
     away = x - x.mean()
@@ -131,9 +128,6 @@ def fitted(sizes: Sequence[float], costs: Sequence[float]) -> Power:
     left = y - y.mean() - exponent * away
     std = float(np.sqrt(left @ left / (count - 2) / spread))
     return Power(exponent, std, float(np.exp(y.mean() - exponent * x.mean())), float(np.exp(x.min())))
-
-
-Work = Callable[[], object]
 
 
 @dataclass(frozen=True)
@@ -151,10 +145,10 @@ class Series:
     unit: str
     sizes: tuple[int, ...]
     quick: tuple[int, ...]
-    prepare: Callable[[int, int], Work]
-    time_exponent: float
-    memory_exponent: float
+    prepare: Callable[[int, int], work.Work]
     why: str
+    time_exponent: float = 1.0
+    memory_exponent: float = 1.0
 
 
 SERIES = (
@@ -163,9 +157,7 @@ SERIES = (
         "frames",
         (100, 300, 1_000, 3_000, 10_000, 100_000),
         (40, 80, 160, 320, 640),
-        recording_of_frames,
-        1.0,
-        1.0,
+        work.recording_of_frames,
         "files in, table out; kept are each frame's row of recording.csv and its place in centrelines.csv, 0.5 kB",
     ),
     Series(
@@ -173,9 +165,7 @@ SERIES = (
         "points",
         (10, 30, 100, 300, 1_000, 3_000, 10_000),
         (10, 30, 100, 300, 1_000),
-        batch_of_points,
-        1.0,
-        1.0,
+        work.batch_of_points,
         "64 frames in a batch; each point is a row of the fit, the unknowns stay as many",
     ),
     Series(
@@ -183,9 +173,7 @@ SERIES = (
         "kpx",
         (100, 300, 1_000, 3_000, 8_000, 20_000),
         (100, 200, 400, 800),
-        one_picture,
-        1.0,
-        1.0,
+        work.one_picture,
         "one picture from the file to the contact; every pixel is decoded and the antenna grows with the picture",
     ),
     Series(
@@ -193,9 +181,7 @@ SERIES = (
         "views",
         (5, 10, 20, 50, 100, 200),
         (5, 10, 20),
-        lens_solve,
-        1.0,
-        1.0,
+        work.lens_solve,
         "a view's pose meets the others' only through the lens, which has nine numbers",
     ),
     Series(
@@ -203,9 +189,7 @@ SERIES = (
         "stills",
         (15, 30, 60, 120),
         (8, 12, 18),
-        joint_solve,
-        1.0,
-        1.0,
+        work.joint_solve,
         "stills share some twenty unknowns",
     ),
     Series(
@@ -213,25 +197,21 @@ SERIES = (
         "contacts",
         (60, 90, 130, 190, 270, 380, 500),
         (40, 60, 90, 130),
-        surface_of_contacts,
+        work.surface_of_contacts,
+        "one Gaussian process over all touches, factored whole; that is why more than 500 are thinned",
         3.0,
         2.0,
-        "one Gaussian process over all touches, factored whole; that is why more than 500 are thinned",
     ),
     Series(
         "contacts, everything felt",
         "contacts",
         (100, 300, 1_000, 3_000, 10_000, 30_000),
         (),
-        felt_object,
-        1.0,
-        1.0,
+        work.felt_object,
         "each contact once: common errors, track, events; the surface takes 500 of them",
     ),
 )
-
-
-GRAIN_MB = 8.0
+_GRAIN_MB = 8.0
 """Rises below this say more of the allocator than of the work."""
 
 
@@ -261,7 +241,7 @@ class Grown:
     @cached_property
     def memory(self) -> Power:
         """Fitted to the memory, where it is more than the allocator's grain."""
-        return fitted(self.sizes, np.where(self.risen_MB >= GRAIN_MB, self.risen_MB, np.nan).tolist())
+        return fitted(self.sizes, np.where(self.risen_MB >= _GRAIN_MB, self.risen_MB, np.nan).tolist())
 
     @property
     def worse(self) -> bool:
@@ -274,3 +254,121 @@ def follow(series: Series, sizes: Sequence[int], seed: int, repeats: int) -> Gro
     """The smallest size runs once before the first: what is loaded and kept for ever does not count."""
     series.prepare(sizes[0], seed)()
     return Grown(series, sizes, [cost_of(series.prepare(size, seed), repeats) for size in sizes])
+
+
+@dataclass(frozen=True)
+class GrowthRow:
+    """One size of one series: its cost, and the series' exponents with the largest that are all right."""
+
+    series: str
+    unit: str
+    size: int
+    seconds: float
+    risen_MB: float | None
+    peak_MB: float | None
+    time_exponent: float | None
+    time_exponent_std: float | None
+    time_allowed: float
+    memory_exponent: float | None
+    memory_exponent_std: float | None
+    memory_allowed: float
+
+
+def as_rows(grown: Sequence[Grown]) -> list[GrowthRow]:
+    """Every size of every series."""
+    rows = []
+    for each in grown:
+        series = each.series
+        time_fit = or_none(each.time.exponent), or_none(each.time.std), series.time_exponent
+        memory_fit = or_none(each.memory.exponent), or_none(each.memory.std), series.memory_exponent
+        fits: tuple[Any, ...] = (*time_fit, *memory_fit)
+        for size, cost in zip(each.sizes, each.costs, strict=True):
+            risen, peak = or_none(cost.risen_MB), or_none(cost.peak_MB)
+            rows.append(GrowthRow(series.name, series.unit, size, cost.seconds, risen, peak, *fits))
+    return rows
+
+
+def as_text(grown: Sequence[Grown]) -> str:
+    """A line for each series, then why its exponents are as they are."""
+    lines = [["", "sizes", "seconds", "e, time", "≤", "MB", "e, memory", "≤", ""]]
+    for each in grown:
+        series = each.series
+        ends = (f"{values[0]:.3g} to {values[-1]:.3g}" for values in (each.seconds, each.risen_MB))
+        fits = ((str(each.time), series.time_exponent), (str(each.memory), series.memory_exponent))
+        cells = [cell for end, (fit, most) in zip(ends, fits, strict=True) for cell in (end, fit, f"{most:.1f}")]
+        sizes = f"{each.sizes[0]} to {each.sizes[-1]} {series.unit}"
+        lines.append([series.name, sizes, *cells, "WORSE" if each.worse else ""])
+    title = "cost ∝ sizeᵉ, e ± std over the upper half; seconds of the processor; MB: rise of the resident set"
+    text = aligned(lines, [True] + [False] * 7 + [True], title)
+    return "\n".join([text, "", *(f"{each.series.name}: {each.series.why}" for each in grown)])
+
+
+def numbers(grown: Sequence[Grown]) -> dict[str, Any]:
+    """For --json."""
+    return {
+        each.series.name: {
+            "sizes": list(each.sizes),
+            "seconds": each.seconds,
+            "risen_MB": each.risen_MB,
+            "time_exponent": each.time.exponent,
+            "time_exponent_std": each.time.std,
+            "memory_exponent": each.memory.exponent,
+            "memory_exponent_std": each.memory.std,
+            "worse": each.worse,
+        }
+        for each in grown
+    }
+
+
+def figure(grown: Sequence[Grown]) -> Figure:
+    """All series."""
+    drawn, every = panels(len(grown), 4, (4.1, 3.5))
+    for each, panel in zip(grown, every, strict=True):
+        _panel(panel, each)
+    return drawn
+
+
+def _panel(panel: Axes, each: Grown) -> None:
+    """Seconds on the left, MB on the right, where they are more than the allocator's grain."""
+    series, beside = each.series, panel.twinx()
+    shown_MB = np.where(each.risen_MB >= _GRAIN_MB, each.risen_MB, np.nan)
+    for axes, values, power, most, colour, mark, name in (
+        (panel, each.seconds, each.time, series.time_exponent, GREEN, "o", "time"),
+        (beside, shown_MB, each.memory, series.memory_exponent, AMBER, "s", "memory"),
+    ):
+        axes.loglog(each.sizes, values, mark, color=colour, ms=4.5)
+        axes.tick_params(axis="y", colors=colour, which="both")
+        words = f"{name}: up to {np.nanmax(values, initial=0.0):.3g}"
+        if np.isfinite(power.exponent):
+            words = f"{name}: e = {power}, allowed {most:g}"
+            ends = np.array([power.smallest, float(max(each.sizes))])
+            axes.plot(ends, power.at(ends), "-", color=colour, lw=1.3)
+        panel.plot([], [], f"-{mark}", color=colour, ms=4.5, label=words)
+        known = values[np.isfinite(values) & (values > 0.0)]
+        if len(known):  # room for the legend
+            axes.set_ylim(known.min() / 2.0, 25.0 * known.max())
+    beside.yaxis.set_visible(bool(np.isfinite(shown_MB).any()))
+    label(panel, series.name + (", worse than it should" if each.worse else ""), series.unit)
+    panel.set_xticks([each.sizes[0], each.sizes[len(each.sizes) // 2], each.sizes[-1]])
+    panel.xaxis.set_major_formatter("{x:,.0f}")
+    panel.xaxis.set_minor_formatter("")
+    panel.set_ylabel("seconds of the processor", color=GREEN)
+    beside.set_ylabel("rise of the resident set, MB", color=AMBER)
+    panel.legend(loc="upper left", fontsize=8, frameon=False)
+
+
+def measure(options: Options) -> Findings:
+    """Every series; a draw is a timing of each size, of which the least counts."""
+    chosen = [(series, series.quick if options.quick else series.sizes) for series in SERIES]
+    asked = [(series, sizes) for series, sizes in chosen if sizes]
+    grown = [follow(*each, options.seed, options.draws) for each in progress(asked, "growth", len(asked))]
+    skipped = "".join(f"\n{series.name}: not with --quick" for series, sizes in chosen if not sizes)
+    worse = [each.series.name for each in grown if each.worse]
+    said = f"{len(grown)} kinds of work, none grows faster than it should"
+    return Findings(
+        text=as_text(grown) + skipped,
+        tables={"growth.csv": as_rows(grown)},
+        figures={"growth.png": lambda: figure(grown)},
+        numbers=numbers(grown),
+        headline=said if not worse else f"grows faster than it should: {', '.join(worse)}",
+    )

@@ -1,4 +1,4 @@
-"""The camera of a guided session and the hand that holds the board: what a wanted pose turns into."""
+"""The camera of a guided session and the hand that holds the board: what becomes of a suggested pose."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.boards import BARREL, BOARD, HD, MILD, VGA, WIDE
 from benchmarks.calibration.judge import pose_by, rms_on_plane_mm
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.guide.poses import shown_corners
@@ -24,9 +25,10 @@ from vbaa_calib.simulate.scene.lens import Lens
 from vbaa_calib.simulate.scene.scene import PictureSpec
 
 GOAL_MM = 0.1
-_SHEET = BoardSpec(squares_x=11, squares_y=8, square_m=0.015, marker_m=0.011)
 _CARD = BoardSpec(squares_x=6, squares_y=5, square_m=0.025, marker_m=0.019)
 _DIM = PictureSpec(1.2, 6.0, 12.0, 0.35, 0.3, 0.35, 0.3, 0.2, 0.4, 0.0)
+_HAND_TURN_RAD, _HAND_DISTANCE, _HAND_PLACE = np.radians(5.0), 0.05, 0.03
+_LEAST_CORNERS, _TRIES = 8, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class Rig:
     lens : name of the true lens model. intrinsics : (4 + k,) its true parameters.
     sigma_px : deviation of a corner per axis, where corners are projected. picture : how pictures come about where
         they are rendered and the board is found in them; None where corners are projected.
-    every : whether all ways to choose poses are compared, or the suggested and random ones alone.
+    every : whether all strategies are compared, or the suggested and random poses alone.
     """
 
     name: str
@@ -60,47 +62,41 @@ class Rig:
         """Plane C, as the user describes it."""
         return WorkPlane.about(0.4, float(np.radians(35.0)), 0.24)
 
+    @property
+    def half_board_m(self) -> np.ndarray:
+        """(3,) from the board's corner to its middle."""
+        return self.board.square_m * np.array([self.board.squares_x, self.board.squares_y, 0.0]) / 2
+
 
 def rigs() -> list[Rig]:
     """Two that are hard on the lens, one of them rendered too, and an easy one."""
-    barrel = np.array([520.0, 521.0, 325.0, 236.0, -0.32, 0.14, 5e-4, -4e-4, -0.03])
-    wide = np.array([590.0, 591.0, 641.0, 356.2, 0.31, 0.025, 4e-4, -3e-4, 1e-3, 0.56, 0.061, 5e-3])
-    mild = np.array([900.0, 902.0, 645.0, 352.0, -0.12, 0.04, 4e-4, -3e-4, 0.0])
-    vga, hd = (640, 480), (1280, 720)
     return [
-        Rig("VGA, barrel, 15 cm board, 0.3 px", "opencv5", vga, barrel, _CARD, 0.3, every=True),
-        Rig("VGA, barrel, 15 cm board, rendered", "opencv5", vga, barrel, _CARD, 0.0, _DIM),
-        Rig("wide rational, 15 cm board, 0.3 px", "rational", hd, wide, _CARD, 0.3),
-        Rig("f 900, A4 board, 0.15 px", "opencv5", hd, mild, _SHEET, 0.15),
+        Rig("VGA, barrel, 15 cm board, 0.3 px", "opencv5", VGA, BARREL, _CARD, 0.3, every=True),
+        Rig("VGA, barrel, 15 cm board, rendered", "opencv5", VGA, BARREL, _CARD, 0.0, _DIM),
+        Rig("wide rational, 15 cm board, 0.3 px", "rational", HD, WIDE, _CARD, 0.3),
+        Rig("f 900, A4 board, 0.15 px", "opencv5", HD, MILD, BOARD, 0.15),
     ]
 
 
 def true_error_mm(camera: Camera, rig: Rig, board_pose: Pose | None = None) -> float:
     """Rms distance on C between points and where the lens puts their true pixels, mm; 100 mm where there is no ray.
 
-    board_pose : of the board in the jig as it was found with this lens; without it, found from corners exactly seen.
+    board_pose : of the board in the jig as it was found with this lens; without it, found from exact corners.
     """
-    truth, plane, told = rig.camera, rig.plane, rig.plane.points
-    pixels, inside = _seen(truth, plane.T_camera_plane @ np.column_stack([told, np.zeros(len(told))]))
+    truth, plane = rig.camera, rig.plane
+    pixels, inside = _seen(truth, plane.T_camera_plane @ np.column_stack([plane.points, np.zeros(len(plane.points))]))
     true_board = plane.board_pose(rig.board)
-    found = _board_pose(camera, truth, true_board, corner_points(rig.board)) if board_pose is None else board_pose
-    T_camera_plane = found @ true_board.inverse() @ plane.T_camera_plane
-    return rms_on_plane_mm(camera, T_camera_plane, told[inside], pixels[inside])
+    if board_pose is None:
+        points = corner_points(rig.board)
+        corners, shown = _seen(truth, true_board @ points)
+        board_pose = pose_by(camera, true_board, Observation(points[shown], corners[shown]))
+    T_camera_plane = board_pose @ true_board.inverse() @ plane.T_camera_plane
+    return rms_on_plane_mm(camera, T_camera_plane, plane.points[inside], pixels[inside])
 
 
 def _seen(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     pixels, valid = camera.project(points)
     return pixels, valid & camera.in_picture(pixels)
-
-
-def _board_pose(camera: Camera, truth: Camera, start: Pose, points: np.ndarray) -> Pose:
-    pixels, inside = _seen(truth, start @ points)
-    return pose_by(camera, start, Observation(points[inside], pixels[inside]))
-
-
-_HAND_TURN_RAD, _HAND_DISTANCE, _HAND_PLACE = np.radians(5.0), 0.05, 0.03
-_LEAST_CORNERS = 8
-_TRIES = 40
 
 
 class Photographer:
@@ -119,7 +115,7 @@ class Photographer:
 
         A picture on which the board is not found is taken again; None after many.
         """
-        half = _half(self.rig)
+        half = self.rig.half_board_m
         for _ in range(_TRIES):
             turn = Rotation.from_rotvec(_HAND_TURN_RAD * self.rng.normal(size=3)).as_matrix()
             middle = wanted @ half
@@ -154,29 +150,21 @@ class Photographer:
         grey = expose(self._studio, surroundings(self._studio, world), [] if patch is None else [patch])
         return detect_corners(digitise(self._studio.spec, grey, self.rng), self.rig.board, name)
 
+    def in_the_jig(self, camera: Camera, pictures: int = 8) -> Pose | None:
+        """T_camera_board in the jig, found with a lens in pictures of their own noise; None where it is not found."""
+        views = [self.picture(self.rig.plane.board_pose(self.rig.board)) for _ in range(pictures)]
+        found = [view for view in views if view is not None]
+        return solve_board_pose(found, self.rig.board, camera).T_camera_board if found else None
+
 
 def wanted_pose(suggestion: Suggestion, rig: Rig, camera: Camera | None) -> Pose:
-    """Where the board goes when its outline is brought to the one suggested: by it, while there is no lens.
+    """Where the board goes when a suggestion is followed: its pose, or its outline while there is no lens yet.
 
-    camera : the lens so far. With it, the pose is what is obeyed.
+    camera : the lens so far.
     """
-    if camera is not None:
-        return suggestion.T_camera_board
     flat, seen = rig.camera.unproject_normalized(suggestion.outline_px)
-    if not seen.all():
+    if camera is not None or not seen.all():
         return suggestion.T_camera_board
-    width, height = 2.0 * _half(rig)[:2]
+    width, height = 2.0 * rig.half_board_m[:2]
     corners = np.array([[0.0, 0.0, 0.0], [width, 0.0, 0.0], [width, height, 0.0], [0.0, height, 0.0]])
     return start_poses(corners, flat)[0]
-
-
-def _half(rig: Rig) -> np.ndarray:
-    return rig.board.square_m * np.array([rig.board.squares_x, rig.board.squares_y, 0.0]) / 2
-
-
-def jig_pose(photographer: Photographer, camera: Camera, pictures: int = 8) -> Pose | None:
-    """Of the board in the jig, found with a lens in pictures of their own noise; None where it is not found."""
-    rig = photographer.rig
-    views = [photographer.picture(rig.plane.board_pose(rig.board)) for _ in range(pictures)]
-    found = [view for view in views if view is not None]
-    return solve_board_pose(found, rig.board, camera).T_camera_board if found else None

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import torch
 
-from benchmarks.harness import Findings, Options, median_seconds, new_figure, save
+from benchmarks.figures import AMBER, GREEN, VIOLET, label, legend, name_points, panels
+from benchmarks.harness import Findings, Options, column, median_seconds, table
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import progress
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def _camera(model: str, size: tuple[int, int], focal: float, centre: tuple[float, float], *distortion: float) -> Camera:
@@ -60,14 +64,14 @@ class Row:
     ratio : its batch time over ours.
     """
 
-    lens: str
-    method: str
-    error_px: float
-    silent: float
-    marked: float
-    batch_ms: float
-    live_ms: float
-    ratio: float
+    lens: str = column("lens")
+    method: str = column("method")
+    error_px: float = column("error px", ".1e")
+    silent: float = column("silent %", ".2f", 100)
+    marked: float = column("marked %", ".2f", 100)
+    batch_ms: float = column("ms", ".1f")
+    live_ms: float = column("200 ms", ".3f")
+    ratio: float = column("× ours", ".2f")
 
 
 def _distorted(camera: Camera, points: np.ndarray) -> np.ndarray:
@@ -123,19 +127,11 @@ def _kornia(camera: Camera, steps: int) -> Undistort:
     return undistort
 
 
-def _ours(camera: Camera) -> Undistort:
-    return lambda pixels: camera.unproject_normalized(pixels)[0]
-
-
-def _ours_tensor(camera: Camera) -> Undistort:
-    return lambda pixels: camera.unproject_normalized(torch.from_numpy(pixels))[0].numpy()
-
-
 def contestants(camera: Camera, pixels: np.ndarray) -> Iterator[tuple[str, Undistort]]:
     """Name and function of every method for a lens; ours first, for the others' ratios."""
-    yield "this layer", _ours(camera)
-    yield "this layer, tensors", _ours_tensor(camera)
-    reachable = pixels[np.isfinite(_ours(camera)(pixels)).all(axis=1)][:20_000]
+    yield "this layer", lambda pixels: camera.unproject_normalized(pixels)[0]
+    yield "this layer, tensors", lambda pixels: camera.unproject_normalized(torch.from_numpy(pixels))[0].numpy()
+    reachable = pixels[np.isfinite(camera.unproject_normalized(pixels)[0]).all(axis=1)][:20_000]
     families: list[tuple[str, Callable[[Camera, int], Undistort], Sequence[int]]] = [("OpenCV", _opencv, (5,))]
     if camera.model == "opencv":
         families.append(("kornia", _kornia, (5, 10, 50)))
@@ -186,55 +182,29 @@ def run(points: int, seed: int, repeats: int) -> list[Row]:
     return rows
 
 
-def as_text(rows: Sequence[Row], points: int) -> str:
-    """The table for people."""
-    head = (
-        f"{'lens':<18}{'method':<24}{'error px':>10}{'silent %':>10}{'marked %':>10}{'ms':>9}{'× ours':>8}{'200 ms':>8}"
-    )
-    lines = [f"{points} pixels over the whole picture; silent: wrong by over 0.001 px and not marked", head]
-    lens = ""
-    for row in rows:
-        shown, lens = (row.lens if row.lens != lens else ""), row.lens
-        lines.append(
-            f"{shown:<18}{row.method:<24}{row.error_px:>10.1e}{100 * row.silent:>10.2f}{100 * row.marked:>10.2f}"
-            f"{row.batch_ms:>9.1f}{row.ratio:>8.2f}{row.live_ms:>8.3f}"
-        )
-    return "\n".join(lines)
+_TITLE = "{} pixels over the whole picture; silent: wrong by over 0.001 px and not marked"
+_FAMILIES = {"this layer": (GREEN, "s"), "OpenCV": (AMBER, "o"), "kornia": (VIOLET, "^")}
+"""Family of methods → its colour and mark."""
 
 
-FAMILIES = {"this layer": ("#0f766e", "s", 3), "OpenCV": ("#b45309", "o", 7), "kornia": ("#6d28d9", "^", -10)}
-"""Of each family of methods: its colour, its mark, and how far above it (points) its number of steps stands."""
-
-
-def write_figure(path: Path, rows: Sequence[Row], points: int, force: bool) -> None:
+def figure(rows: Sequence[Row], points: int) -> Figure:
     """Error over time per point, one panel per lens, both logarithmic."""
-    from matplotlib.lines import Line2D
-
     names = list(dict.fromkeys(row.lens for row in rows))
-    lines = (len(names) + 2) // 3
-    figure = new_figure(11, 2.6 * lines)
-    panels = figure.subplots(lines, 3, sharex=True, sharey=True).ravel()
-    for name, panel in zip(names, panels, strict=False):
-        for row in rows:
-            if row.lens == name:
-                family, _, detail = row.method.partition(", ")
-                colour, mark, above = FAMILIES[family]
-                at = 1e6 * row.batch_ms / points, max(row.error_px, 1e-14)
-                panel.loglog(*at, mark, color=colour, markersize=5)
-                label, shift = detail.removesuffix(" steps"), (4, above)
-                panel.annotate(label, at, xytext=shift, textcoords="offset points", fontsize=6, color=colour)
-        panel.set_title(name, fontsize=9)
-        panel.grid(alpha=0.3)
-    for index in range(len(names), len(panels)):
-        panels[index].set_visible(False)
-        panels[index - 3].tick_params(labelbottom=True)
-    marks = [
-        Line2D([], [], ls="", marker=mark, color=colour, label=name) for name, (colour, mark, _) in FAMILIES.items()
-    ]
-    figure.legend(handles=marks, loc="lower right", fontsize=9, title="numbers: steps")
-    figure.supxlabel("time, ns per point")
-    figure.supylabel("largest error, px")
-    save(figure, path, force)
+    drawn, every = panels(len(names), 3, (3.7, 2.6), sharex=True, sharey=True)
+    for name, panel in zip(names, every, strict=True):
+        points_named = []
+        for row in (row for row in rows if row.lens == name):
+            family, _, detail = row.method.partition(", ")
+            colour, mark = _FAMILIES[family]
+            at = 1e6 * row.batch_ms / points, max(row.error_px, 1e-14)
+            panel.loglog(*at, mark, color=colour, markersize=5)
+            points_named.append((detail.removesuffix(" steps"), *at, colour))
+        name_points(panel, points_named)
+        label(panel, name)
+    legend(drawn, _FAMILIES, title="numbers: steps")
+    drawn.supxlabel("time, ns per point")
+    drawn.supylabel("largest error, px")
+    return drawn
 
 
 REPEATS = {False: 5, True: 3}
@@ -245,9 +215,9 @@ def measure(options: Options) -> Findings:
     """Every method on every lens; a draw is a random pixel."""
     rows = run(options.draws, options.seed, REPEATS[options.quick])
     return Findings(
-        as_text(rows, options.draws),
+        table(rows, _TITLE.format(options.draws), once=1),
         {"metric.csv": rows},
-        {"metric.png": lambda path, force: write_figure(path, rows, options.draws, force)},
+        {"metric.png": lambda: figure(rows, options.draws)},
         {"rows": rows},
         headline(rows),
     )

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.harness import new_figure, or_none, rms_known, save
+from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, legend, panels
+from benchmarks.harness import Findings, Options, column, mean_of, or_none, rms_known, table
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.console import progress
 
+from . import onset as object_onset
 from .cases import CASES, RIGID, SETUP, SOFT, SOFTER, Case
 from .judge import Judged, covered, judge
+from .onset import SPEEDS_M_S, AlarmRow
 from .scenes import Recorded, play
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-from benchmarks.harness import Findings, Options
+    from matplotlib.figure import Figure
 
-from . import onset as object_onset
-from .onset import SPEEDS_M_S, AlarmRow
 
 SURFACE_OF_POINTS_GOAL, SURFACE_GOAL_M = 2.0, 1e-3
 NORMAL_GOAL_RAD, FORCE_GOAL_RAD = np.radians(3.0), np.radians(2.0)
@@ -72,33 +71,33 @@ class ObjectRow:
     estimate_s, feel_s : least time of a draw.
     """
 
-    object: str
-    stiffness_N_m: float | None
-    friction: float
-    rig: str
-    draws: int
-    contacts: float
-    imagined: float
-    surface_mm: float
-    worst_mm: float
-    surface_covered: float
-    touched_mm: float
-    point_mm: float
-    point_std_mm: float
-    point_covered: float
-    normal_deg: float
-    normal_covered: float
-    force_deg: float
-    force_median_deg: float
-    mu_error: float | None
-    mu_told: float
-    mu_covered: float
-    stiffness_error: float | None
-    stiffness_told: float
-    stiffness_covered: float
-    compliance_error_std: float
-    estimate_s: float
-    feel_s: float
+    object: str = column("object")
+    stiffness_N_m: float | None = column("k N/m", ".0f")
+    friction: float = column("μ", ".1f")
+    rig: str = column("rig")
+    draws: int = column()
+    contacts: float = column("touches", ".0f")
+    imagined: float = column()
+    surface_mm: float = column("surface mm", ".3f")
+    worst_mm: float = column()
+    surface_covered: float = column("cov", ".2f")
+    touched_mm: float = column()
+    point_mm: float = column("points mm", ".3f")
+    point_std_mm: float = column("std", ".3f")
+    point_covered: float = column("cov", ".2f")
+    normal_deg: float = column("normal °", ".2f")
+    normal_covered: float = column("cov", ".2f")
+    force_deg: float = column("force °", ".2f")
+    force_median_deg: float = column()
+    mu_error: float | None = column("μ error", ".4f")
+    mu_told: float = column("told", ".2f")
+    mu_covered: float = column("cov", ".2f")
+    stiffness_error: float | None = column("k error %", ".1f", 100)
+    stiffness_told: float = column("told", ".2f")
+    stiffness_covered: float = column("cov", ".2f")
+    compliance_error_std: float = column()
+    estimate_s: float = column("s", ".1f")
+    feel_s: float = column("s felt", ".1f")
 
     @property
     def misses(self) -> tuple[str, ...]:
@@ -194,112 +193,59 @@ def _row(cell: Cell, judged: Sequence[Judged]) -> ObjectRow:
     )
 
 
-COLOURS = {"cylinder": "#0f766e", "sphere": "#b45309", "box edge": "#6d28d9", "free form": "#be123c"}
-
-
 def as_text(rows: Sequence[ObjectRow], draws: int) -> str:
-    """The table for people."""
+    """The table for people, then all cells with an exact rig and all with one that is off."""
     title = (
         f"{draws} draws a cell; rms errors; cov: share of the 95 % regions that hold the truth; points along the "
-        f"object's normal;\nμ and stiffness where they were told, with the share of draws in which they were; goals: "
-        f"surface {SURFACE_OF_POINTS_GOAL:.0f} × the points' deviation and {1e3 * SURFACE_GOAL_M:.0f} mm,\nnormals "
-        f"{np.degrees(NORMAL_GOAL_RAD):.0f}°, forces of slippery objects {np.degrees(FORCE_GOAL_RAD):.0f}°, "
+        f"object's normal;\nμ and stiffness where they are determined, with the share of draws in which they are; "
+        f"goals: surface {SURFACE_OF_POINTS_GOAL:.0f} × the points' deviation and {1e3 * SURFACE_GOAL_M:.0f} mm,\n"
+        f"normals {np.degrees(NORMAL_GOAL_RAD):.0f}°, forces of slippery objects {np.degrees(FORCE_GOAL_RAD):.0f}°, "
         f"μ {MU_GOAL}, stiffness {100 * STIFFNESS_GOAL:.0f} %"
     )
-    head = (
-        f"{'object':<10}{'k N/m':>7}{'μ':>5} {'rig':<16}{'touches':>8}{'surface mm':>11}{'cov':>6}{'points mm':>10}"
-        f"{'std':>7}{'cov':>6}{'normal °':>9}{'cov':>6}{'force °':>8}{'μ error':>9}{'told':>6}{'cov':>6}"
-        f"{'k error %':>10}{'told':>6}{'cov':>6}{'s':>6}  misses"
-    )
-    return "\n".join([title, head, *(_line(row) for row in rows), *_pooled(rows)])
-
-
-def _pooled(rows: Sequence[ObjectRow]) -> list[str]:
-    """Of all cells with an exact rig, and of all with one that is off: do the intervals hold, are the goals met?"""
-    lines = []
+    lines = [table(rows, title, more={"misses": lambda row: ", ".join(row.misses) or "none"})]
     for rig in ("exact", "off"):
         some = [row for row in rows if row.rig.startswith(rig)]
         if some:
-            shares = ", ".join(
-                f"{name} {np.mean([getattr(row, field) for row in some]):.2f}"
-                for name, field in (
-                    ("surface", "surface_covered"),
-                    ("points", "point_covered"),
-                    ("normals", "normal_covered"),
-                    ("μ", "mu_covered"),
-                    ("stiffness", "stiffness_covered"),
-                )
-            )
+            covered = ", ".join(f"{name} {mean_of(some, f'{field}_covered'):.2f}" for name, field in _REGIONS.items())
             met = sum(not row.misses for row in some)
             lines.append(
-                f"rig {rig}: {met} of {len(some)} cells miss nothing; 95 % regions that hold the truth: {shares}"
+                f"rig {rig}: {met} of {len(some)} cells miss nothing; 95 % regions that hold the truth: {covered}"
             )
-    return lines
+    return "\n".join(lines)
 
 
-def _line(row: ObjectRow) -> str:
-    stiffness = "rigid" if row.stiffness_N_m is None else f"{row.stiffness_N_m:.0f}"
-    mu = "–" if row.mu_error is None else f"{row.mu_error:.4f}"
-    soft = "–" if row.stiffness_error is None else f"{100 * row.stiffness_error:.1f}"
-    return (
-        f"{row.object:<10}{stiffness:>7}{row.friction:>5.1f} {row.rig:<16}{row.contacts:>8.0f}{row.surface_mm:>11.3f}"
-        f"{row.surface_covered:>6.2f}{row.point_mm:>10.3f}{row.point_std_mm:>7.3f}{row.point_covered:>6.2f}"
-        f"{row.normal_deg:>9.2f}{row.normal_covered:>6.2f}{row.force_deg:>8.2f}{mu:>9}{row.mu_told:>6.2f}"
-        f"{row.mu_covered:>6.2f}{soft:>10}{row.stiffness_told:>6.2f}{row.stiffness_covered:>6.2f}"
-        f"{row.estimate_s + row.feel_s:>6.1f}  {', '.join(row.misses) or 'none'}"
+_REGIONS = {"surface": "surface", "points": "point", "normals": "normal", "μ": "mu", "stiffness": "stiffness"}
+_STYLES = {"cylinder": (GREEN, "o"), "sphere": (AMBER, "o"), "box edge": (VIOLET, "o"), "free form": (RED, "o")}
+
+
+def figure(rows: Sequence[ObjectRow]) -> Figure:
+    """Surface, normals, friction and stiffness, each with its goal; squares are soft objects."""
+    drawn, every = panels(4, 2, (6, 4))
+    deviation = "deviation of the contact points, mm"
+    shown = (
+        ("point_std_mm", "surface_mm", 1.0, deviation, "surface, rms error, mm", np.nan),
+        ("point_std_mm", "normal_deg", 1.0, deviation, "normals, rms error, °", np.degrees(NORMAL_GOAL_RAD)),
+        ("friction", "mu_error", 1.0, "coefficient of friction", "its rms error", MU_GOAL),
+        ("stiffness_N_m", "stiffness_error", 100.0, "stiffness, N/m", "its rms error, %", 100 * STIFFNESS_GOAL),
     )
-
-
-def write_figure(path: Path, rows: Sequence[ObjectRow], force: bool) -> None:
-    """Surface, normals, friction and stiffness, each with its goal; filled marks are exact rigs."""
-    from matplotlib.lines import Line2D
-
-    figure = new_figure(12, 8)
-    surface, normals, friction, stiffness = figure.subplots(2, 2).ravel()
-    told = [row for row in rows if row.mu_error is not None]
-    soft = [row for row in rows if row.stiffness_error is not None]
-    _points(surface, rows, [row.point_std_mm for row in rows], [row.surface_mm for row in rows])
-    _points(normals, rows, [row.point_std_mm for row in rows], [row.normal_deg for row in rows])
-    _points(friction, told, [row.friction for row in told], [row.mu_error or 0.0 for row in told])
-    _points(
-        stiffness,
-        soft,
-        [row.stiffness_N_m or 0.0 for row in soft],
-        [100 * (row.stiffness_error or 0.0) for row in soft],
-    )
-    deviations = [row.point_std_mm for row in rows]
-    span = np.array([min(deviations), max(deviations)])
-    surface.plot(span, np.minimum(SURFACE_OF_POINTS_GOAL * span, 1e3 * SURFACE_GOAL_M), color="#334155", lw=1.2)
-    goals = ((normals, np.degrees(NORMAL_GOAL_RAD)), (friction, MU_GOAL), (stiffness, 100 * STIFFNESS_GOAL))
-    for panel, goal in goals:
-        panel.axhline(goal, color="#334155", lw=1.2)
-    labels = (
-        (surface, "deviation of the contact points, mm", "surface, rms error, mm"),
-        (normals, "deviation of the contact points, mm", "normals, rms error, °"),
-        (friction, "coefficient of friction", "its rms error"),
-        (stiffness, "stiffness, N/m", "its rms error, %"),
-    )
-    for panel, across, up in labels:
-        panel.set_xlabel(across)
-        panel.set_ylabel(up)
+    for panel, (across, up, scale, x, y, goal) in zip(every, shown, strict=True):
+        for row in (row for row in rows if getattr(row, up) is not None):
+            colour = _STYLES[row.object][0] if row.object in _STYLES else INK
+            mark = "o" if row.stiffness_N_m is None else "s"
+            face = colour if row.rig.startswith("exact") else "none"
+            at = getattr(row, across), max(scale * getattr(row, up), 1e-6)
+            panel.plot(*at, mark, color=colour, markerfacecolor=face)
+        panel.axhline(goal, color=INK, lw=1.2)
+        label(panel, "", x, y)
         panel.set_yscale("log")
-        panel.grid(alpha=0.3)
-    surface.set_xscale("log")
-    marks = [Line2D([], [], ls="", marker="o", color=colour, label=name) for name, colour in COLOURS.items()]
-    marks.append(Line2D([], [], ls="", marker="o", color="#334155", markerfacecolor="none", label="rig off"))
-    marks.append(Line2D([], [], color="#334155", label="goal"))
-    figure.legend(handles=marks, loc="outside lower center", ncols=6, fontsize=8)
-    save(figure, path, force)
+    span = np.array(sorted(row.point_std_mm for row in rows))
+    every[0].plot(span, np.minimum(SURFACE_OF_POINTS_GOAL * span, 1e3 * SURFACE_GOAL_M), color=INK, lw=1.2)
+    every[0].set_xscale("log")
+    legend(drawn, _STYLES, "hollow: rig off; lines: goals; squares: soft objects")
+    return drawn
 
 
-def _points(panel: Axes, rows: Sequence[ObjectRow], across: Sequence[float], up: Sequence[float]) -> None:
-    for row, x, y in zip(rows, across, up, strict=True):
-        colour = COLOURS.get(row.object, "#334155")
-        face = colour if row.rig.startswith("exact") else "none"
-        panel.plot(x, max(y, 1e-6), "o" if row.stiffness_N_m is None else "s", color=colour, markerfacecolor=face)
-
-
-FREE_FRAMES_PER_DRAW = {False: 2_000, True: 600}
+_FREE_FRAMES_PER_DRAW = {False: 2_000, True: 600}
 """Frames without contact in which a first contact would be a false alarm, for each recording of a kind."""
 
 
@@ -307,12 +253,12 @@ def measure(options: Options) -> Findings:
     """Every cell, false alarms and first contacts; a draw is one recording of each."""
     draws, seed = options.draws, options.seed
     rows = run(draws, seed, few_cells() if options.quick else cells())
-    alarms = object_onset.alarms(FREE_FRAMES_PER_DRAW[options.quick] * draws, seed)
+    alarms = object_onset.alarms(_FREE_FRAMES_PER_DRAW[options.quick] * draws, seed)
     onsets = object_onset.onsets(draws, seed, SPEEDS_M_S[:: 3 if options.quick else 1])
     return Findings(
         f"{as_text(rows, draws)}\n\n{object_onset.as_text(alarms, onsets)}",
         {"object.csv": rows, "object_alarms.csv": alarms, "object_onsets.csv": onsets},
-        {"object.png": lambda path, force: write_figure(path, rows, force)},
+        {"object.png": lambda: figure(rows)},
         {"rows": rows, "alarms": alarms, "onsets": onsets},
         headline(rows, alarms),
     )

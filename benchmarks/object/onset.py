@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.estimator.setup import Setup, drawn_truth, rod_of
+from benchmarks.harness import column, table
 from estimator.contact.verdict import CONTACT_EVIDENCE
 from estimator.object.track import Event, follow
 from estimator.table.contacts import ContactTable
@@ -35,19 +36,14 @@ FREE_FRAMES = 200
 
 @dataclass(frozen=True)
 class AlarmRow:
-    """Recordings of the free antenna alone.
+    """Recordings of the free antenna: first contacts reported, and frames that pass for contacts by themselves."""
 
-    Attributes
-    ----------
-    alarms : first contacts that were told. alone : frames that pass for contacts by themselves.
-    """
-
-    rig: str
-    motion: str
-    recordings: int
-    frames: int
-    alarms: int
-    alone: int
+    rig: str = column("rig")
+    motion: str = column("motion")
+    recordings: int = column("recordings", "d")
+    frames: int = column("frames", "d")
+    alarms: int = column("alarms", "d")
+    alone: int = column("frames beyond the threshold by themselves", "d")
 
 
 @dataclass(frozen=True)
@@ -56,24 +52,24 @@ class OnsetRow:
 
     Attributes
     ----------
-    found : approaches whose contact was told once, and not before it was.
+    found : approaches whose contact was reported once, and not before it was.
     error_ms, rms_ms : mean and root mean square error of P₀'s time. std_ms : its own median deviation.
     normalised : root mean square of error over deviation, 1 where the deviation is right.
     covered : share of true instants within 1.96 deviations.
     delay_ms : mean time from touch to decision. alone_ms : the same by single frames.
     """
 
-    rig: str
-    speed_mm_s: float
-    draws: int
-    found: int
-    error_ms: float
-    rms_ms: float
-    std_ms: float
-    normalised: float
-    covered: float
-    delay_ms: float
-    alone_ms: float
+    rig: str = column("rig")
+    speed_mm_s: float = column("mm/s", ".0f")
+    draws: int = column("draws", "d")
+    found: int = column("found", "d")
+    error_ms: float = column("error", ".1f")
+    rms_ms: float = column("rms", ".1f")
+    std_ms: float = column("std", ".1f")
+    normalised: float = column("rms/std", ".2f")
+    covered: float = column("within 95 %", ".2f")
+    delay_ms: float = column("delay", ".0f")
+    alone_ms: float = column("by single frames", ".0f")
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,18 +208,5 @@ def _median(values: np.ndarray) -> float:
 
 def as_text(free: Sequence[AlarmRow], rows: Sequence[OnsetRow]) -> str:
     """Both tables as text."""
-    lines = ["the free antenna:  recordings   frames   alarms   frames beyond the threshold by themselves"]
-    lines += [
-        f"{row.rig:>10}, {row.motion:<17} {row.recordings:8d} {row.frames:8d} {row.alarms:8d} {row.alone:8d}"
-        for row in free
-    ]
-    lines.append(
-        f"approaches at {RATE_HZ:g} frames/s, {SIGMA_PX} px: times in ms\n"
-        "       rig    mm/s  found  error    rms    std  rms/std  within 95 %   delay  by single frames"
-    )
-    lines += [
-        f"{row.rig:>10} {row.speed_mm_s:7.0f} {row.found:3d}/{row.draws:<3d} {row.error_ms:6.1f} {row.rms_ms:6.1f} "
-        f"{row.std_ms:6.1f} {row.normalised:8.2f} {row.covered:12.2f} {row.delay_ms:7.0f} {row.alone_ms:17.0f}"
-        for row in rows
-    ]
-    return "\n".join(lines)
+    approaches = f"approaches at {RATE_HZ:g} frames/s, {SIGMA_PX} px: times in ms"
+    return "\n".join((table(free, "the free antenna"), table(rows, approaches)))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import or_none, rms_known
+from benchmarks.harness import column, or_none, rms_known
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.object.estimate import Felt
@@ -90,19 +90,19 @@ class FrictionRow:
     `mu_stated` and `mu_covered` (95 % intervals) of the way that states them.
     """
 
-    method: str
-    sigma_px: float
-    mu_true: float
-    draws: int
-    answered: float
-    normal_true_deg: float
-    normal_mean_deg: float | None
-    normal_rms_deg: float | None
-    mu_mean: float | None
-    mu_std: float | None
-    mu_rms: float | None
-    mu_stated: float | None = None
-    mu_covered: float | None = None
+    method: str = column("method")
+    sigma_px: float = column("px", ".1f")
+    mu_true: float = column("μ", ".1f")
+    draws: int = column()
+    answered: float = column("answered %", ".1f", 100)
+    normal_true_deg: float = column()
+    normal_mean_deg: float | None = column()
+    normal_rms_deg: float | None = column("normal rms °", ".2f")
+    mu_mean: float | None = column("μ mean", ".4f")
+    mu_std: float | None = column("scatter", ".4f")
+    mu_rms: float | None = column("rms", ".4f")
+    mu_stated: float | None = column("stated", ".4f", default=None)
+    mu_covered: float | None = column("covered %", ".1f", 100, default=None)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import or_none, rms_known
+from benchmarks.harness import concatenated, or_none, rms_known
 from estimator import ContactEstimator
 from estimator.paper.baselines import Press, ask
 from estimator.paper.baselines.press import contact_moments, deflections, noise_of, wire_of
@@ -136,20 +136,7 @@ def by_camera_a(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -
         ask("3D-VBAA, camera A", Press(wire, noise, moment_Nm=moment[None], points_m=points[None]))
         for points, moment in zip(points_m, moments_Nm, strict=True)
     ]
-    return Answers(
-        np.array([each.distance_m for each in found]),
-        np.array([each.distance_std_m for each in found]),
-        np.array([each.force_N for each in found]),
-    )
-
-
-def _by_all_points(rig: Rig, pictures: Pictures, sigma_px: float, pan_rad: float) -> Answers:
-    """The estimator, told that nothing rubs."""
-    count = len(pictures.points_px)
-    found = ContactEstimator(rig, friction=0.0).estimate_batch(
-        pictures.points_px, pictures.moment_Nm[:, 1], np.full(count, pan_rad), np.zeros(count), sigma_px=sigma_px
-    )
-    return Answers(found.distance_m, found.distance_std_m, found.force_N)
+    return Answers(*(np.array([getattr(each, name) for each in found]) for name in Answers.__annotations__))
 
 
 def run(draws: int, seed: int) -> list[SensingRow]:
@@ -160,12 +147,15 @@ def run(draws: int, seed: int) -> list[SensingRow]:
     for normal_deg in NORMALS_DEG:
         edges = [touched_edges(true, normal_deg) for true in trues]
         for sigma_px in SIGMAS_PX:
-            answers: dict[str, list[Answers]] = {TWO_POINTS: [], ALL_POINTS: []}
             used = [edges[draw % len(edges)] for draw in range(draws)]
             drawn = [each.touched.noisy(rig, sigma_px, rng) for each in used]
-            for pictures, each in zip(drawn, used, strict=True):
-                answers[TWO_POINTS].append(by_camera_a(rig, pictures, each.free.noisy(rig, sigma_px, rng), sigma_px))
-            answers[ALL_POINTS] = _all_at_once(rig, drawn, sigma_px)
+            answers = {
+                TWO_POINTS: [
+                    by_camera_a(rig, pictures, each.free.noisy(rig, sigma_px, rng), sigma_px)
+                    for pictures, each in zip(drawn, used, strict=True)
+                ],
+                ALL_POINTS: _by_all_points(rig, drawn, sigma_px),
+            }
             for method, several in answers.items():
                 rows += _rows(method, sigma_px, normal_deg, used, several)
     return rows
@@ -176,12 +166,15 @@ def direction_deg(force_N: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(-force_N[..., 2], -force_N[..., 1]))
 
 
-def _all_at_once(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Answers]:
-    together = Pictures(
-        np.concatenate([each.points_px for each in drawn]), np.concatenate([each.moment_Nm for each in drawn])
+def _by_all_points(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Answers]:
+    """The estimator, told that there is no friction, all draws in one batch."""
+    together = concatenated(drawn)
+    count = len(together.points_px)
+    found = ContactEstimator(rig, friction=0.0).estimate_batch(
+        together.points_px, together.moment_Nm[:, 1], np.full(count, PUSH_RAD), np.zeros(count), sigma_px=sigma_px
     )
-    found = _by_all_points(rig, together, sigma_px, PUSH_RAD)
-    return [Answers(*parts) for parts in zip(*(np.split(v, len(drawn)) for v in vars(found).values()), strict=True)]
+    columns = found.distance_m, found.distance_std_m, found.force_N
+    return [Answers(*parts) for parts in zip(*(np.split(values, len(drawn)) for values in columns), strict=True)]
 
 
 def _rows(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import or_none, rms_known
+from benchmarks.harness import column, or_none, rms_known
 from estimator import ContactEstimator
 from estimator.paper.baselines import Reading, Ring, ask, press_seen
 from estimator.paper.baselines.vision import STANDS_OUT, compliance_of
@@ -38,18 +38,18 @@ class YieldingRow:
     object_covered : share of the intervals of two deviations, of the compliance, that hold it.
     """
 
-    method: str
-    stiffness_N_m: float
-    draws: int
-    answered: float
-    l_error_mm: float | None
-    l_rms_mm: float | None
-    l_stated_mm: float | None
-    l_expected_mm: float | None
-    object_answered: float
-    object_mean_N_m: float | None
-    object_rms: float | None
-    object_covered: float | None
+    method: str = column("method")
+    stiffness_N_m: float = column("k N/m", ".4g")
+    draws: int = column()
+    answered: float = column("answered %", ".1f", 100)
+    l_error_mm: float | None = column("l error mm", ".2f")
+    l_rms_mm: float | None = column("rms", ".2f")
+    l_stated_mm: float | None = column("stated", ".2f")
+    l_expected_mm: float | None = column("expected", ".2f")
+    object_answered: float = column("k answered %", ".1f", 100)
+    object_mean_N_m: float | None = column("k mean", ".1f")
+    object_rms: float | None = column("rms %", ".1f", 100)
+    object_covered: float | None = column("covered %", ".1f", 100)
 
 
 @dataclass(frozen=True, eq=False)

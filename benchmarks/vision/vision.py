@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
-from benchmarks.harness import Findings, Options, least_seconds, new_figure, rms, save
+from benchmarks.figures import AMBER, BLUE, GREEN, VIOLET, label, legend, panels
+from benchmarks.harness import Findings, Options, column, least_seconds, one_thread, rms, table
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.detect.whisker.centreline import Centreline
@@ -20,6 +20,9 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from .hard import HARDSHIPS, good, mixed
 from .judge import FALSE_PX, Score, bound_px, corridor, peers, score, usual_height
 from .scenes import Shot, photograph, truth
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SIZES = ((512, 512), (1280, 720))
 HARD_SIZE = (400, 300)
@@ -38,14 +41,14 @@ class MethodRow:
     kept : share of the visible antenna that has a point.
     """
 
-    size: str
-    method: str
-    ms: float
-    pictures_per_s: float
-    rms_px: float
-    bias_px: float
-    false: float
-    kept: float
+    size: str = column("picture")
+    method: str = column("method")
+    ms: float = column("ms", ".2f")
+    pictures_per_s: float = column("pictures/s", ".0f")
+    rms_px: float = column("rms px", ".4f")
+    bias_px: float = column("bias px", "+.4f")
+    false: float = column("false %", ".2f", 100)
+    kept: float = column("kept %", ".1f", 100)
 
 
 @dataclass(frozen=True)
@@ -56,51 +59,44 @@ class HardRow:
     ----------
     found : share of the pictures whose verdict is "ok"; the rest of the row is about these.
     rms_px, bias_px : of the points that are not false. of_bound : their rms over the Cramér–Rao bound's.
-    of_sigma : rms over the rms of the predicted deviations. kept, false : as in `vision_judge.Score`.
+    of_sigma : rms over the rms of the predicted deviations. kept, false : as in `judge.Score`.
     """
 
-    hardship: str
-    pictures: int
-    found: float
-    rms_px: float
-    bias_px: float
-    of_bound: float
-    of_sigma: float
-    kept: float
-    false: float
+    hardship: str = column("hardship")
+    pictures: int = column()
+    found: float = column("found %", ".1f", 100)
+    rms_px: float = column("rms px", ".4f", default=np.nan)
+    bias_px: float = column("bias px", "+.4f", default=np.nan)
+    of_bound: float = column("× bound", ".2f", default=np.nan)
+    of_sigma: float = column("× sigma", ".2f", default=np.nan)
+    kept: float = column("kept %", ".1f", 100, default=np.nan)
+    false: float = column("false %", ".3f", 100, default=np.nan)
 
 
 @dataclass(frozen=True)
 class HostileRow:
-    """Pictures with several hardships at once. `confident_false`: share whose verdict is "ok" where there is no
-    antenna, or where more than half of the points are false."""
+    """Pictures with several hardships at once: shares of the verdicts. `confident_false`: share whose verdict is "ok"
+    where there is no antenna, or where more than half of the points are false."""
 
-    kind: str
-    pictures: int
-    ok: float
-    no_antenna: float
-    too_little: float
-    ambiguous: float
-    confident_false: float
+    kind: str = column("kind")
+    pictures: int = column("pictures", "d")
+    ok: float = column("ok %", ".1f", 100)
+    no_antenna: float = column("no_antenna %", ".1f", 100)
+    too_little: float = column("too_little %", ".1f", 100)
+    ambiguous: float = column("ambiguous %", ".1f", 100)
+    confident_false: float = column("false %", ".2f", 100)
 
 
 def methods(pictures: int, seed: int, repeats: int) -> list[MethodRow]:
     """Ours and the peers on the same good pictures, one thread, decoding not counted."""
-    rows = []
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        for size in SIZES:
-            rows += _methods_at(size, pictures, seed, repeats)
-    finally:
-        cv2.setNumThreads(threads)
-    return rows
+    with one_thread():
+        return [row for size in SIZES for row in _methods_at(size, pictures, seed, repeats)]
 
 
 def _methods_at(size: tuple[int, int], pictures: int, seed: int, repeats: int) -> list[MethodRow]:
     times: dict[str, list[float]] = {}
     scores: dict[str, list[Score]] = {}
-    for index in progress(range(pictures), f"{size[0]}x{size[1]}"):
+    for index in progress(range(pictures), _named(size)):
         rng = np.random.default_rng([seed, index])
         shot = good(rng, size)
         where, image, actual = corridor(shot, rng), photograph(shot, rng), truth(shot)
@@ -112,11 +108,15 @@ def _methods_at(size: tuple[int, int], pictures: int, seed: int, repeats: int) -
             times.setdefault(name, []).append(least_seconds(method, repeats))
             line = Centreline(points, np.zeros(len(points)), 0.0, 0.0, 1.0)
             scores.setdefault(name, []).append(score(line, actual))
-    return [_method_row(f"{size[0]}x{size[1]}", name, times[name], scores[name]) for name in times]
+    return [_method_row(_named(size), name, times[name], scores[name]) for name in times]
 
 
 def _found(finder: AntennaFinder, image: np.ndarray) -> np.ndarray:
     return finder.find(image).points_px
+
+
+def _named(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
 
 
 def _method_row(size: str, name: str, seconds: Sequence[float], scores: Sequence[Score]) -> MethodRow:
@@ -156,7 +156,7 @@ def _hard_row(name: str, pictures: int, seed: int) -> HardRow:
                 bounds.append(bound_px(shot, line.points_px[~judged.false]))
                 held.append(judged.errors_px[~judged.false])
     if not scores:
-        return HardRow(name, pictures, 0.0, *[float("nan")] * 6)
+        return HardRow(name, pictures, 0.0)
     true = [~s.false for s in scores]
     errors = np.concatenate([s.errors_px[t] for s, t in zip(scores, true, strict=True)])
     sigma = np.concatenate([s.sigma_px[t] for s, t in zip(scores, true, strict=True)])
@@ -191,15 +191,8 @@ def _hostile_row(empty: bool, pictures: int, seed: int, size: tuple[int, int]) -
         if line.found:
             wrong += empty or score(line, truth(shot)).false.mean() > 0.5
     kind = "no antenna, clutter" if empty else "two to four hardships"
-    return HostileRow(
-        kind=kind,
-        pictures=pictures,
-        ok=verdicts["ok"] / pictures,
-        no_antenna=verdicts["no_antenna"] / pictures,
-        too_little=verdicts["too_little"] / pictures,
-        ambiguous=verdicts["ambiguous"] / pictures,
-        confident_false=float(wrong / pictures),
-    )
+    shares = {name: verdicts[name] / pictures for name in ("ok", "no_antenna", "too_little", "ambiguous")}
+    return HostileRow(kind, pictures, **shares, confident_false=float(wrong / pictures))
 
 
 def _seen(shot: Shot, rng: np.random.Generator) -> Centreline:
@@ -207,87 +200,61 @@ def _seen(shot: Shot, rng: np.random.Generator) -> Centreline:
     return finder.with_usual_height(usual_height(shot, rng)).find(photograph(shot, rng), not shot.dark)
 
 
-def as_text(methods: Sequence[MethodRow], hard: Sequence[HardRow], hostile: Sequence[HostileRow]) -> str:
+def as_text(compared: Sequence[MethodRow], hard: Sequence[HardRow], mixed: Sequence[HostileRow]) -> str:
     """The tables for people."""
-    lines = [
-        f"good pictures, one thread, decoding not counted; rms of the points within {FALSE_PX} px, false: the others",
-        f"{'picture':<10}{'method':<24}{'ms':>8}{'pictures/s':>12}{'rms px':>9}{'bias px':>9}{'kept %':>8}"
-        f"{'false %':>9}",
-    ]
-    for row in methods:
-        lines.append(
-            f"{row.size:<10}{row.method:<24}{row.ms:>8.2f}{row.pictures_per_s:>12.0f}{row.rms_px:>9.4f}"
-            f"{row.bias_px:>+9.4f}{100 * row.kept:>8.1f}{100 * row.false:>9.2f}"
-        )
-    lines += [
-        "",
-        "one hardship at a time, 512x512; × bound: rms over the Cramér–Rao bound's; × sigma: over the predicted",
-        f"{'hardship':<22}{'found %':>8}{'rms px':>9}{'bias px':>9}{'× bound':>9}{'× sigma':>9}{'kept %':>8}"
-        f"{'false %':>9}",
-    ]
-    for item in hard:
-        lines.append(
-            f"{item.hardship:<22}{100 * item.found:>8.1f}{item.rms_px:>9.4f}{item.bias_px:>+9.4f}{item.of_bound:>9.2f}"
-            f"{item.of_sigma:>9.2f}{100 * item.kept:>8.1f}{100 * item.false:>9.3f}"
-        )
-    lines += ["", "hard pictures at random: verdicts in %, and confident ones that are false"]
-    for mix in hostile:
-        lines.append(
-            f"{mix.kind:<24}{mix.pictures:>7} pictures: ok {100 * mix.ok:.1f}, no_antenna {100 * mix.no_antenna:.1f}, "
-            f"too_little {100 * mix.too_little:.1f}, ambiguous {100 * mix.ambiguous:.1f}; "
-            f"false {100 * mix.confident_false:.2f}"
-        )
-    return "\n".join(lines)
+    good_title = (
+        f"good pictures, one thread, decoding not counted; rms of the points within {FALSE_PX} px, false: the others"
+    )
+    hard_title = (
+        f"one hardship at a time, {_named(SIZES[0])}; × bound: rms over the Cramér–Rao bound's; × sigma: over the "
+        "predicted"
+    )
+    mixed_title = "hard pictures at random: verdicts, and confident ones that are false"
+    return "\n\n".join((table(compared, good_title, 1), table(hard, hard_title), table(mixed, mixed_title)))
 
 
-MARKS = {
-    "this finder": ("#0f766e", "s"),
-    "cv2.ximgproc.thinning": ("#b45309", "o"),
-    "RidgeDetectionFilter": ("#6d28d9", "^"),
-    "centroid per column": ("#1d4ed8", "D"),
+_STYLES = {
+    "this finder": (GREEN, "s"),
+    "cv2.ximgproc.thinning": (AMBER, "o"),
+    "RidgeDetectionFilter": (VIOLET, "^"),
+    "centroid per column": (BLUE, "D"),
 }
 """Method → its colour and mark."""
 
 
-def write_figure(path: Path, methods: Sequence[MethodRow], hard: Sequence[HardRow], force: bool) -> None:
+def figure(compared: Sequence[MethodRow], hard: Sequence[HardRow]) -> Figure:
     """Speed against error on the left, every hardship's error on the right."""
-    figure = new_figure(11, 4.2)
-    speed, errors = figure.subplots(1, 2)
-    for row in methods:
-        colour, mark = MARKS[row.method]
-        big = row.size.startswith("1280")
-        style = {"fillstyle": "none" if big else "full", "label": "_" if big else row.method}
-        speed.loglog(row.pictures_per_s, row.rms_px, mark, color=colour, ls="", **style)
-    speed.legend(fontsize=8, title="hollow: 1280x720, full: 512x512", title_fontsize=8)
-    speed.set_xlabel("pictures per second, one thread")
-    speed.set_ylabel("rms error across the antenna, px")
-    speed.grid(alpha=0.3)
-    names = [item.hardship for item in hard]
-    errors.barh(names, [item.rms_px for item in hard], color="#0f766e")
+    drawn, (speed, errors) = panels(2, 2, (5.5, 4.4))
+    for row in compared:
+        colour, mark = _STYLES[row.method]
+        fill = "full" if row.size == _named(SIZES[0]) else "none"
+        speed.loglog(row.pictures_per_s, row.rms_px, mark, color=colour, ls="", fillstyle=fill)
+    legend(drawn, _STYLES, f"hollow: {_named(SIZES[1])}, full: {_named(SIZES[0])}")
+    label(speed, "", "pictures per second, one thread", "rms error across the antenna, px")
+    errors.barh([row.hardship for row in hard], [row.rms_px for row in hard], color=GREEN)
     errors.invert_yaxis()
-    errors.set_xlabel("rms error, px")
     errors.tick_params(labelsize=7)
-    errors.grid(alpha=0.3, axis="x")
-    save(figure, path, force)
+    label(errors, "", "rms error, px")
+    return drawn
 
 
-HOSTILE_PER_DRAW = {False: 25, True: 10}
+_HOSTILE_PER_DRAW = {False: 25, True: 10}
 """Pictures with and without an antenna, at random, for each picture of a hardship; without and with --quick."""
-GOOD_PER_DRAW, LEAST_GOOD = 4, 2
+_GOOD_PER_DRAW, _LEAST_GOOD = 4, 2
 """A good picture of each size for so many of a hardship, and at least so many."""
-REPEATS = {False: 15, True: 5}
+_REPEATS = {False: 15, True: 5}
 """Timings of each method on each picture, without and with --quick."""
 
 
 def measure(options: Options) -> Findings:
     """Methods on good pictures, one hardship at a time, several at random; a draw is a picture of each hardship."""
     draws, seed = options.draws, options.seed
-    compared = methods(max(draws // GOOD_PER_DRAW, LEAST_GOOD), seed, REPEATS[options.quick])
-    hard, mixed = hardships(draws, seed), hostile(HOSTILE_PER_DRAW[options.quick] * draws, seed)
+    compared = methods(max(draws // _GOOD_PER_DRAW, _LEAST_GOOD), seed, _REPEATS[options.quick])
+    hard, mixed = hardships(draws, seed), hostile(_HOSTILE_PER_DRAW[options.quick] * draws, seed)
     return Findings(
         as_text(compared, hard, mixed),
         {"vision.csv": hard, "vision_methods.csv": compared, "vision_random.csv": mixed},
-        {"vision.png": lambda path, force: write_figure(path, compared, hard, force)},
+        {"vision.png": lambda: figure(compared, hard)},
         {"methods": compared, "hardships": hard, "hostile": mixed},
         headline(compared, mixed),
     )

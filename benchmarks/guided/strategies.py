@@ -1,4 +1,4 @@
-"""Ways to choose the next pose of the board: as suggested, at random, and by rules of thumb."""
+"""Strategies that choose the next pose of the board: as suggested, at random, and by rules of thumb."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
-from .rigs import Photographer, Rig, wanted_pose
+from .rigs import Photographer, wanted_pose
 
 _TILT_RAD = np.radians(45.0)
 _PEOPLES_TILT_RAD, _PEOPLES_PLACE = np.radians(40.0), 0.33
 _SHARE = 0.35
 _CELLS = (8, 6)
+_TRIES = 100
+"""Pictures with too little of the board in them that are taken before a strategy gives up."""
 
-Way = Callable[[Photographer, Sequence[BoardView], LensSolution | None], BoardView | None]
+Strategy = Callable[[Photographer, Sequence[BoardView], LensSolution | None], BoardView | None]
 
 
-def suggested(
+def _suggested(
     photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None
 ) -> BoardView | None:
     """What `lens_progress` asks for, held by hand."""
@@ -37,48 +39,40 @@ def suggested(
     return photographer.by_hand(wanted_pose(progress.suggestion, rig, camera))
 
 
-def _as_people_do(photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None) -> BoardView:
+def _as_people_do(photographer: Photographer) -> BoardView | None:
     """Tilted by up to 40°, rolled a little, its middle in the middle two thirds, at any distance that is in focus."""
     rng = photographer.rng
-    while True:
-        around = rng.uniform(0, 2 * np.pi)
-        tilt = rng.uniform(0.0, _PEOPLES_TILT_RAD) * np.array([np.cos(around), np.sin(around), 0.0])
-        rotation = Rotation.from_rotvec(tilt) * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])
-        place = 0.5 + rng.uniform(-_PEOPLES_PLACE, _PEOPLES_PLACE, 2)
-        view = _picture(photographer, place, rotation.as_matrix(), facing=False)
-        if view is not None:
-            return view
+    rotation = _tilt(rng, _PEOPLES_TILT_RAD) * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])
+    place = 0.5 + rng.uniform(-_PEOPLES_PLACE, _PEOPLES_PLACE, 2)
+    return _picture(photographer, place, rotation, facing=False)
 
 
-def anywhere(photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None) -> BoardView:
+def _anywhere(photographer: Photographer) -> BoardView | None:
     """Uniform over all that the suggestions are chosen from: every place, distance, direction, tilts up to 45°."""
     rng = photographer.rng
-    while True:
-        around = rng.uniform(0, 2 * np.pi)
-        tilt = rng.uniform(0.0, _TILT_RAD) * np.array([np.cos(around), np.sin(around), 0.0])
-        roll = Rotation.from_rotvec([0.0, 0.0, rng.choice([0.0, np.pi / 2])])
-        rotation = (Rotation.from_rotvec(tilt) * roll).as_matrix()
-        view = _picture(photographer, rng.uniform(0.05, 0.95, 2), rotation, facing=True)
-        if view is not None:
-            return view
+    rotation = _tilt(rng, _TILT_RAD) * Rotation.from_rotvec([0.0, 0.0, rng.choice([0.0, np.pi / 2])])
+    return _picture(photographer, rng.uniform(0.05, 0.95, 2), rotation, facing=True)
 
 
-def _covering(photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None) -> BoardView:
+def _random(choose: Callable[[Photographer], BoardView | None]) -> Strategy:
+    def strategy(photographer: Photographer, views: Sequence[BoardView], _: LensSolution | None) -> BoardView | None:
+        tries = (choose(photographer) for _ in range(_TRIES))
+        return next((view for view in tries if view is not None), None)
+
+    return strategy
+
+
+def _covering(photographer: Photographer, views: Sequence[BoardView], _: LensSolution | None) -> BoardView | None:
     """The rule of thumb: the board in the middle of the emptiest part of the picture, tilted at random."""
-    rng, rig = photographer.rng, photographer.rig
+    rng = photographer.rng
     counts = np.zeros(_CELLS)
     for view in views:
-        cells = np.clip(view.corners_px / np.array(rig.image_size) * _CELLS, 0, np.array(_CELLS) - 1).astype(int)
-        np.add.at(counts, tuple(cells.T), 1.0)
-    order = np.argsort(counts.ravel() + 0.01 * rng.uniform(size=counts.size))
-    while True:
-        for index in order.tolist():
-            place = (np.array(np.unravel_index(index, _CELLS)) + 0.5) / _CELLS
-            around = rng.uniform(0, 2 * np.pi)
-            tilt = rng.uniform(0.0, _TILT_RAD) * np.array([np.cos(around), np.sin(around), 0.0])
-            taken = _picture(photographer, place, Rotation.from_rotvec(tilt).as_matrix(), facing=True)
-            if taken is not None:
-                return taken
+        cells = np.clip(view.corners_px / np.array(photographer.rig.image_size) * _CELLS, 0, np.array(_CELLS) - 1)
+        np.add.at(counts, tuple(cells.astype(int).T), 1.0)
+    order = np.argsort(counts.ravel() + 0.01 * rng.uniform(size=counts.size)).tolist()
+    places = ((np.array(np.unravel_index(index, _CELLS)) + 0.5) / _CELLS for index in order * _TRIES)
+    tries = (_picture(photographer, place, _tilt(rng, _TILT_RAD), facing=True) for place in places)
+    return next((view for view in tries if view is not None), None)
 
 
 def _most_determinant(
@@ -87,7 +81,7 @@ def _most_determinant(
     """The pose, of those that suggestions are chosen from, that adds most to the determinant of the information."""
     rig = photographer.rig
     if solution is None:
-        return suggested(photographer, views, None)
+        return _suggested(photographer, views, None)
     taken = with_a_lens(solution, views, rig.board)
     limits = NEAREST * rig.plane.distance_m, FURTHEST * rig.plane.distance_m
     found = candidates(taken.design, rig.board, coarse_set(taken.design, rig.board, *limits))
@@ -97,28 +91,34 @@ def _most_determinant(
     return photographer.by_hand(found[int(np.argmax(grown))].T_camera_board)
 
 
-def _picture(photographer: Photographer, place: np.ndarray, rotation: np.ndarray, facing: bool) -> BoardView | None:
+def _tilt(rng: np.random.Generator, most_rad: float) -> Rotation:
+    """About a random axis in the picture."""
+    around = rng.uniform(0, 2 * np.pi)
+    return Rotation.from_rotvec(rng.uniform(0.0, most_rad) * np.array([np.cos(around), np.sin(around), 0.0]))
+
+
+def _picture(photographer: Photographer, place: np.ndarray, rotation: Rotation, facing: bool) -> BoardView | None:
     """At a place (2,) of the picture, 0 to 1, and a random distance; None where too little of the board is seen.
 
     facing : the rotation counts from a board that faces the camera, else from one parallel to the picture.
     """
-    rig: Rig = photographer.rig
+    rig = photographer.rig
     ray = photographer.camera.unproject((place * (np.array(rig.image_size) - 1))[None])[0][0]
     turn = Rotation.align_vectors(ray[None], np.array([[0.0, 0.0, 1.0]]))[0].as_matrix() if facing else np.eye(3)
     distance = rig.plane.distance_m * photographer.rng.uniform(NEAREST, 1.4)
-    half = rig.board.square_m * np.array([rig.board.squares_x, rig.board.squares_y, 0.0]) / 2
-    whole = turn @ rotation
-    view = photographer.picture(Pose(whole, distance * ray - whole @ half))
-    enough = view is not None and len(view.ids) >= _SHARE * rig.board.corner_count
-    return view if enough else None
+    whole = turn @ rotation.as_matrix()
+    view = photographer.picture(Pose(whole, distance * ray - whole @ rig.half_board_m))
+    return view if view is not None and len(view.ids) >= _SHARE * rig.board.corner_count else None
 
 
 SUGGESTED, PEOPLE = "as suggested", "random, as people do"
-WAYS: dict[str, Way] = {
-    SUGGESTED: suggested,
-    PEOPLE: _as_people_do,
-    "random, anywhere": anywhere,
+STRATEGIES: dict[str, Strategy] = {
+    SUGGESTED: _suggested,
+    PEOPLE: _random(_as_people_do),
+    "random, anywhere": _random(_anywhere),
     "emptiest part": _covering,
     "largest determinant": _most_determinant,
 }
-"""Name → way to choose the next pose; the first is ours."""
+"""Name → strategy; the first is ours."""
+NEED_A_LENS = (SUGGESTED, "largest determinant")
+"""Those that work out the next pose from the lens so far."""
