@@ -29,11 +29,11 @@ def test_baselines_pick_the_parts_they_are_named_after_and_stay_off_the_bound() 
         expected = {"two curved points": (0, 0), "two straight points": (1, 1), "one of each": (0, 1)}[name]
         assert (beyond == np.array(expected, bool)).all()
     every = np.arange(len(frames))
-    for ready in baselines(frames, np.random.default_rng(1)):
-        off = flat().errors(ready.solve(every))
+    for solve in baselines(frames, np.random.default_rng(1)).values():
+        off = flat().errors(solve(every))
         assert np.isfinite(off).mean() > 0.9
         assert 1.5 < np.sqrt(np.nanmean(off**2)) < 60.0
-        np.testing.assert_array_equal(ready.solve(every[5:6]), ready.solve(every)[5:6])
+        np.testing.assert_array_equal(solve(every[5:6]), solve(every)[5:6])
 
 
 def test_the_loop_is_a_fair_one() -> None:

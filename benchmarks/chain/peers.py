@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.estimator.baselines import one_contact
+from benchmarks.estimator.baselines import FIRST_GUESS, one_contact
 from benchmarks.vision.judge import peers
 from estimator import ContactEstimator
 from estimator.paper.inclined import inclined_two_point_contact
@@ -27,17 +27,13 @@ from vbaa_calib.rig import Rig
 from .methods import CLASSIC, LINE, LOOP, PAPER, Answers, Method, seen
 from .scenes import CAMERA_TILT_RAD, JOINTS_RAD, Photograph
 
-SHARES = (0.5, 0.95)
-"""Where along the antenna the two points are taken, in lengths, when nobody tells where it is straight."""
-STRAIGHT = (0.1, 0.95)
-"""The same along its straight part, in lengths of that part."""
-FIRST_GUESS = 0.7
-"""Of the length: beyond it the first straight line is drawn."""
-FEWEST = 12
+_SHARES, _STRAIGHT = (0.5, 0.95), (0.1, 0.95)
+"""Where the two points are taken, in lengths of the antenna; or in lengths of the part that is known to be straight."""
+_FEWEST = 12
 """Points that a loop is started with."""
-EVENED_PX = 31
-TOOLBOX = {"cv2.ximgproc.thinning": ("skeleton", 0.29), "centroid per column": ("centroids", 0.1)}
-"""What is taken of `vision_peers` → for people, and the standard deviation that the loop is told, px: whole pixels, and
+_EVENED_PX = 31
+_TOOLS = {"cv2.ximgproc.thinning": ("skeleton", 0.29), "centroid per column": ("centroids", 0.1)}
+"""Which of `vision.judge.peers` → for people, and the standard deviation that the loop is told, px: whole pixels, and
 what they do on good pictures."""
 
 Look = Callable[[Photograph], np.ndarray]
@@ -47,42 +43,47 @@ Formula = Callable[[Rig, np.ndarray, np.ndarray, np.ndarray], Answers]
 
 
 @dataclass(frozen=True, eq=False)
-class Untouched:
-    """What is known of the free antenna before any picture.
+class _Free:
+    """The free antenna, known before any picture, for the joint angles of the benchmark's pictures.
 
     Attributes
     ----------
-    free_m : (G, 2) the free antenna as seen on plane C, x ascending. free_moment_Nm : its weight's moment.
+    points_m : (G, 2) as seen on plane C, x ascending. moment_Nm : its weight's moment.
     """
 
     rig: Rig
-    free_m: np.ndarray
-    free_moment_Nm: float
+    layer: CameraOnPlane
+    points_m: np.ndarray
+    moment_Nm: float
 
     @staticmethod
-    def of(rig: Rig) -> Untouched:
-        """For the joint angles of the freemark's pictures."""
-        free = _free(rig)
+    def of(rig: Rig) -> _Free:
+        layer, free = rig.camera_on_plane(), _free_curves(rig)
         at = pixels(rig.camera, rig.T_antenna_camera.inverse(), free.points_m[0])
-        return Untouched(rig, rig.camera_on_plane().project(at)[0], float(free.moment_Nm[0]))
+        return _Free(rig, layer, layer.project(at)[0], float(free.moment_Nm[0]))
 
-    def moment(self, photographs: Sequence[Photograph]) -> np.ndarray:
+    def moment_of_touch(self, photographs: Sequence[Photograph]) -> np.ndarray:
         """(K,) of the touch alone, by the reading."""
         sensor = self.rig.moment_sensor
         reading = np.array([one.moment_Nm for one in photographs])
-        return (reading - sensor.offset_Nm) / sensor.gain - self.free_moment_Nm
+        return (reading - sensor.offset_Nm) / sensor.gain - self.moment_Nm
 
-    def on_plane_c(self, layer: CameraOnPlane, points_px: np.ndarray) -> np.ndarray:
-        """(N, 2) m, in order of x, less the free antenna's y."""
-        points = layer.project(points_px)[0]
+    def deflection(self, points_px: np.ndarray) -> np.ndarray:
+        """(N, 2) points on plane C, m, in order of x, less the free antenna's y."""
+        points = self.layer.project(points_px)[0]
         points = points[np.isfinite(points).all(axis=1)]
         points = points[np.argsort(points[:, 0])]
-        points[:, 1] -= np.interp(points[:, 0], *self.free_m.T)
+        points[:, 1] -= np.interp(points[:, 0], *self.points_m.T)
         return points
 
 
+def _free_curves(rig: Rig) -> Curves:
+    gravity = rig.kinematics.T_world_antenna(*JOINTS_RAD).rotation.T @ rig.gravity_world_m_s2
+    return free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity)
+
+
 @dataclass(frozen=True, eq=False)
-class Flattened:
+class _Undistorted:
     """Whole pictures taken through the lens's inverse, with OpenCV, before anything is looked for.
 
     The light is evened out by a wide box: without it a threshold finds the bright side of the picture.
@@ -92,80 +93,67 @@ class Flattened:
     maps: tuple[np.ndarray, np.ndarray]
 
     @staticmethod
-    def of(camera: Camera) -> Flattened:
+    def of(camera: Camera) -> _Undistorted:
         """The same picture size, everything that the lens shows still in it."""
-        matrix, _ = cv2.getOptimalNewCameraMatrix(camera.matrix, camera.distortion, camera.image_size, 1.0)
-        maps = cv2.initUndistortRectifyMap(
-            camera.matrix, camera.distortion, np.eye(3), matrix, camera.image_size, cv2.CV_16SC2
-        )
-        return Flattened(Camera("opencv", camera.image_size, matrix, np.zeros(0)), (maps[0], maps[1]))
+        size = camera.image_size
+        matrix, _ = cv2.getOptimalNewCameraMatrix(camera.matrix, camera.distortion, size, 1.0)
+        maps = cv2.initUndistortRectifyMap(camera.matrix, camera.distortion, np.eye(3), matrix, size, cv2.CV_16SC2)
+        return _Undistorted(Camera("opencv", size, matrix, np.zeros(0)), (maps[0], maps[1]))
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
         flat = cv2.remap(image, *self.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return cv2.subtract(flat, cv2.blur(flat, (EVENED_PX, EVENED_PX)))
+        return cv2.subtract(flat, cv2.blur(flat, (_EVENED_PX, _EVENED_PX)))
 
 
 def others(rig: Rig) -> list[Method]:
     """Everything beside this library's own rungs."""
-    estimator, free, flat = ContactEstimator(rig), Untouched.of(rig), Flattened.of(rig.camera)
-    flat_rig = replace(rig, camera=flat.camera)
-    ours, theirs = _by_finder(estimator), _toolbox(flat_rig, flat)
-    layer, flat_layer = rig.camera_on_plane(), flat_rig.camera_on_plane()
+    estimator, free = ContactEstimator(rig), _Free.of(rig)
+
+    def ours(photograph: Photograph) -> np.ndarray:
+        return next(seen(estimator, [photograph])).points_px
 
     def points(name: str, formula: Formula, told: bool = False) -> Method:
-        return Method(name, PAPER, partial(_formula, free, layer, ours, formula, told), told)
+        return Method(name, PAPER, partial(_formula, free, ours, formula, told), told)
 
     return [
         points("two points, camera A", _upright),
         points("two points, camera B", _inclined),
         points("two points on the straight part", _inclined, told=True),
-        Method("straight line", LINE, partial(_ruler, free, layer, ours)),
+        Method("straight line", LINE, partial(_straight_line, free, ours)),
         Method("elastica by least_squares", LOOP, partial(_scipy, rig, ours, rig.image.noise_px)),
-        *(method for look in TOOLBOX for method in _classic(free, flat_rig, flat_layer, look, theirs[look])),
+        *_toolbox(rig, free),
     ]
 
 
-def _classic(free: Untouched, rig: Rig, layer: CameraOnPlane, name: str, look: Look) -> list[Method]:
-    """Both fits to what a toolbox finds in the undistorted picture."""
-    title, sigma_px = TOOLBOX[name]
-    return [
-        Method(f"{title}, two points", CLASSIC, partial(_formula, free, layer, look, _inclined, False)),
-        Method(f"{title}, least_squares", CLASSIC, partial(_scipy, rig, look, sigma_px)),
-    ]
-
-
-def _free(rig: Rig) -> Curves:
-    gravity = rig.kinematics.T_world_antenna(*JOINTS_RAD).rotation.T @ rig.gravity_world_m_s2
-    return free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity)
-
-
-def _by_finder(estimator: ContactEstimator) -> Look:
-    return lambda photograph: next(seen(estimator, [photograph])).points_px
-
-
-def _toolbox(flat_rig: Rig, flat: Flattened) -> dict[str, Look]:
-    """Name → what an image toolbox finds in the undistorted picture, within the same corridor as this library's."""
+def _toolbox(rig: Rig, free: _Free) -> list[Method]:
+    """Both fits to what each tool finds in the undistorted picture, within the same corridor as this library's."""
+    flat = _Undistorted.of(rig.camera)
+    flat_rig = replace(rig, camera=flat.camera)
+    flat_free = replace(free, layer=flat_rig.camera_on_plane())
     to_camera = flat_rig.T_antenna_camera.inverse()
-    where = corridor(flat.camera, to_camera, _free(flat_rig), flat_rig.antenna.diameter_m)
+    where = corridor(flat.camera, to_camera, _free_curves(flat_rig), rig.antenna.diameter_m)
+    tools = peers(where, flat.camera.image_size)
+    methods = []
+    for tool, (title, sigma_px) in _TOOLS.items():
+        look = partial(lambda peer, photograph: peer(flat(photograph.image)), tools[tool])
+        two_points = partial(_formula, flat_free, look, _inclined, False)
+        methods += [
+            Method(f"{title}, two points", CLASSIC, two_points),
+            Method(f"{title}, least_squares", CLASSIC, partial(_scipy, flat_rig, look, sigma_px)),
+        ]
+    return methods
 
-    def look(peer: Callable[[np.ndarray], np.ndarray], photograph: Photograph) -> np.ndarray:
-        return peer(flat(photograph.image))
 
-    return {name: partial(look, peer) for name, peer in peers(where, flat.camera.image_size).items()}
-
-
-def _formula(
-    free: Untouched, layer: CameraOnPlane, look: Look, formula: Formula, told: bool, photographs: Sequence[Photograph]
-) -> Answers:
+def _formula(free: _Free, look: Look, formula: Formula, told: bool, photographs: Sequence[Photograph]) -> Answers:
     """Two points of every picture, then all pictures at once."""
     length = free.rig.antenna.length_m
     picked = []
     for one in photographs:
         begin = one.distance_m if told else 0.0
-        wanted = begin + np.array(STRAIGHT if told else SHARES) * (length - begin)
-        picked.append(_nearest(free.on_plane_c(layer, look(one)), wanted))
+        wanted = begin + np.array(_STRAIGHT if told else _SHARES) * (length - begin)
+        picked.append(_nearest(free.deflection(look(one)), wanted))
     x, y = np.moveaxis(np.array(picked), -1, 0)
-    return formula(free.rig, x, y, free.moment(photographs))
+    return formula(free.rig, x, y, free.moment_of_touch(photographs))
 
 
 def _nearest(points_m: np.ndarray, wanted_m: np.ndarray) -> np.ndarray:
@@ -188,13 +176,13 @@ def _inclined(rig: Rig, x: np.ndarray, y: np.ndarray, moment_Nm: np.ndarray) -> 
     return _answers(found.contact_m, found.force_y_N, found.force_z_N)
 
 
-def _ruler(free: Untouched, layer: CameraOnPlane, look: Look, photographs: Sequence[Photograph]) -> Answers:
+def _straight_line(free: _Free, look: Look, photographs: Sequence[Photograph]) -> Answers:
     """A line through the straight part of each."""
-    antenna, moments = free.rig.antenna, free.moment(photographs)
+    antenna, moments = free.rig.antenna, free.moment_of_touch(photographs)
     guess = FIRST_GUESS * antenna.length_m
     rows = []
     for one, moment in zip(photographs, moments, strict=True):
-        x, y = free.on_plane_c(layer, look(one)).T
+        x, y = free.deflection(look(one)).T
         found = straight_line_contact(x, y, guess, antenna.stiffness_Nm2)
         contact = float(found.contact_m)
         rows.append((contact, float(found.force_y_N), float(force_z(moment, contact))))
@@ -212,7 +200,7 @@ def _scipy(rig: Rig, look: Look, sigma_px: float, photographs: Sequence[Photogra
         frame = replace(
             one.truth, rig=rig, points_px=points[None], sigma_px=sigma_px, moment_Nm=np.array([one.moment_Nm])
         )
-        if len(points) >= FEWEST:
+        if len(points) >= _FEWEST:
             found[index] = one_contact(frame, 0)
     inside = (found[:, 0] > 0.0) & (found[:, 0] <= rig.antenna.length_m)
     return _answers(*np.where(inside[:, None], found, np.nan).T)

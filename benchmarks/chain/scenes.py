@@ -13,11 +13,11 @@ import numpy as np
 from benchmarks.estimator.scenes import Scenes, push_for_deflection, rolled, scenes
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, drawn_truth
 from benchmarks.estimator.shapes import Touches, rod_shapes
+from benchmarks.vision.scenes import PLAIN, bare_studio, variance
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.render.antenna import Tube, tube, tube_patch
 from vbaa_calib.simulate.render.picture import LAMP_WORLD, Studio, digitise, expose
-from vbaa_calib.simulate.scene.lens import Lens, RayMap, project
-from vbaa_calib.simulate.scene.scene import PictureSpec
+from vbaa_calib.simulate.scene.lens import Lens, project
 
 SIZES = ((512, 512), (1280, 720))
 RIGS = {"exact": True, "calibrated": False}
@@ -29,18 +29,7 @@ FRICTION_STD_RAD = 0.2
 """Of the friction angle; the estimator's own default."""
 JOINTS_RAD = (0.3, -0.25)
 """Pan and tilt of all pictures: weight bends the antenna along y and z."""
-LIGHT = PictureSpec(
-    blur_px=0.8,
-    read_noise=1.2,
-    electrons_per_grey=40.0,
-    vignette=0.3,
-    gradient=0.3,
-    background=0.2,
-    clutter=0.0,
-    antenna=0.8,
-    object=0.4,
-    shading_asymmetry=0.0,
-)
+LIGHT = replace(PLAIN, vignette=0.3, gradient=0.3)
 """In focus, a sensor's shot and read noise, light from one side and dark corners, nothing behind."""
 DRAWN_AT = 161
 """Places along the antenna from which its picture is drawn."""
@@ -68,8 +57,7 @@ class Drawing:
 
     def variance(self, grey: np.ndarray) -> np.ndarray:
         """(H, W) of every pixel: shot noise, read noise and rounding."""
-        spec = self.studio.spec
-        return np.maximum(grey, 0.0) / spec.electrons_per_grey + spec.read_noise**2 + 1.0 / 12.0
+        return variance(self.studio.spec, grey)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,18 +139,12 @@ def drawn(rig: Rig, touches: Touches) -> Drawing:
     lens = Lens(rig.camera.model, rig.camera.image_size, rig.camera.matrix, rig.camera.distortion)
     to_camera = rig.T_antenna_camera.inverse()
     lamp = to_camera.rotation @ rig.kinematics.T_world_antenna(*JOINTS_RAD).rotation.T @ LAMP_WORLD
-    return Drawing(_studio(lens), tube(lens, arclength, to_camera @ points, rig.antenna.diameter_m / 2, lamp))
+    return Drawing(
+        bare_studio(lens, LIGHT), tube(lens, arclength, to_camera @ points, rig.antenna.diameter_m / 2, lamp)
+    )
 
 
 def seen_pixels(rig: Rig, points_m: np.ndarray) -> np.ndarray:
     """(..., 2) where the simulator's lens shows points (..., 3) of the antenna frame."""
     lens = Lens(rig.camera.model, rig.camera.image_size, rig.camera.matrix, rig.camera.distortion)
     return project(lens, rig.T_antenna_camera.inverse() @ points_m)
-
-
-def _studio(lens: Lens) -> Studio:
-    width, height = lens.image_size
-    u, v = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
-    level = (1.0 - LIGHT.vignette * (u**2 + v**2) / 2) * (1.0 - LIGHT.gradient * (0.5 + 0.35 * u - 0.15 * v))
-    # nothing lies behind: neither rays of the surroundings nor a bench are needed
-    return Studio(LIGHT, RayMap(lens, np.empty((0, 0, 2))), level.astype(np.float32), np.empty((0, 0), np.float32))

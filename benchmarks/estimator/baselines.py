@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -23,31 +22,29 @@ FIRST_GUESS = 0.7
 """Of the length: beyond it the first straight line is drawn."""
 
 
-@dataclass(frozen=True, eq=False)
-class Baseline:
-    """A method made ready for some frames.
-
-    Attributes
-    ----------
-    name : for people.
-    solve : from frames' indices to their contact distances, both (B,); what a user would have to run for each frame.
-    """
-
-    name: str
-    solve: Callable[[np.ndarray], np.ndarray]
+Solve = Callable[[np.ndarray], np.ndarray]
+"""From frames' indices to their contact distances, both (B,): what a user would have to run for each frame."""
 
 
-def baselines(scenes: Scenes, rng: np.random.Generator) -> list[Baseline]:
-    """Every baseline for these frames, which are noisy already; `rng` for the noise of camera B's pictures."""
+def baselines(scenes: Scenes, rng: np.random.Generator) -> dict[str, Solve]:
+    """Name → method made ready for frames that are noisy already; `rng` : for the noise of camera B's pictures."""
     layer, antenna = scenes.rig.camera_on_plane(), scenes.rig.antenna
     stiffness, length = antenna.stiffness_Nm2, antenna.length_m
-    ready = [Baseline(name, _two_points(scenes, layer, ends)) for name, ends in PARTS.items()]
+
+    def two_points(ends: tuple[float, float]) -> Solve:
+        pixels = np.take_along_axis(scenes.points_px, at_shares(scenes, ends)[..., None], axis=1)
+
+        def solve(which: np.ndarray) -> np.ndarray:
+            plane = layer.project(pixels[which])[0]
+            return np.asarray(two_point_contact(plane[..., 0], plane[..., 1], stiffness, length).contact_m)
+
+        return solve
+
     picked = _camera_b(scenes, layer, rng)
 
     def inclined(which: np.ndarray) -> np.ndarray:
-        image = picked[which]
-        moment = scenes.moment_Nm[which]
-        found = inclined_two_point_contact(image[..., 0], image[..., 1], moment, stiffness, CAMERA_B_TILT_RAD, length)
+        x, y = np.moveaxis(picked[which], -1, 0)
+        found = inclined_two_point_contact(x, y, scenes.moment_Nm[which], stiffness, CAMERA_B_TILT_RAD, length)
         return np.asarray(found.contact_m)
 
     def line(which: np.ndarray) -> np.ndarray:
@@ -55,7 +52,8 @@ def baselines(scenes: Scenes, rng: np.random.Generator) -> list[Baseline]:
         guess = np.full(len(which), FIRST_GUESS * length)
         return np.asarray(straight_line_contact(x, y, guess, stiffness).contact_m)
 
-    return [*ready, Baseline("one of each, camera B at 30°", inclined), Baseline("straight line", line)]
+    ready = {name: two_points(ends) for name, ends in PARTS.items()}
+    return ready | {"one of each, camera B at 30°": inclined, "straight line": line}
 
 
 def at_shares(scenes: Scenes, ends: tuple[float, float]) -> np.ndarray:
@@ -64,17 +62,6 @@ def at_shares(scenes: Scenes, ends: tuple[float, float]) -> np.ndarray:
     share = np.array(ends)
     wanted = np.where(share <= 1.0, share * contact, contact + (share - 1.0) * (length - contact))
     return np.round(np.interp(wanted, scenes.arclength_m, np.arange(len(scenes.arclength_m)))).astype(int)
-
-
-def _two_points(scenes: Scenes, layer: CameraOnPlane, ends: tuple[float, float]) -> Callable[[np.ndarray], np.ndarray]:
-    pixels = np.take_along_axis(scenes.points_px, at_shares(scenes, ends)[..., None], axis=1)
-    stiffness, length = scenes.rig.antenna.stiffness_Nm2, scenes.rig.antenna.length_m
-
-    def solve(which: np.ndarray) -> np.ndarray:
-        plane = layer.project(pixels[which])[0]
-        return np.asarray(two_point_contact(plane[..., 0], plane[..., 1], stiffness, length).contact_m)
-
-    return solve
 
 
 def _camera_b(scenes: Scenes, layer: CameraOnPlane, rng: np.random.Generator) -> np.ndarray:

@@ -132,12 +132,13 @@ def _touches(frames: int, rng: np.random.Generator, roll_rad: float) -> tuple[np
 def _baselines(judged: Judged, flat: Judged, seed: int, repeats: int) -> Iterator[SpeedRow]:
     rng = np.random.default_rng((seed, 1))
     every = np.arange(len(judged.scenes))
-    for ready, ready_flat in zip(baselines(judged.scenes, rng), baselines(flat.scenes, rng), strict=True):
-        family = LINE if ready.name == "straight line" else PAPER
-        off, off_flat = judged.errors(ready.solve(every)), flat.errors(ready_flat.solve(every))
+    ready, ready_flat = baselines(judged.scenes, rng), baselines(flat.scenes, rng)
+    for name, solve in ready.items():
+        family = LINE if name == "straight line" else PAPER
+        off, off_flat = judged.errors(solve(every)), flat.errors(ready_flat[name](every))
         for which in (every[:1], every):
-            spent = least_seconds(partial(ready.solve, which), repeats) / len(which)
-            yield SpeedRow(ready.name, family, "exact", len(which), 1e6 * spent, *_errors(off, off_flat))
+            spent = least_seconds(partial(solve, which), repeats) / len(which)
+            yield SpeedRow(name, family, "exact", len(which), 1e6 * spent, *_errors(off, off_flat))
 
 
 def _loop(judged: Judged, flat: Judged, frames: int) -> SpeedRow:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from estimator.object.estimate import Felt, feel
-from estimator.table.contacts import FRICTION_RAD, ContactTable
+from estimator.table.contacts import FRICTION_RAD
 
 from .scenes import Recorded, contacts
 
@@ -22,37 +22,31 @@ LEAST_FORCE_N = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What one draw shows. Errors are felt less true.
+    """One draw against the truth; errors are estimated less true.
 
     Attributes
     ----------
-    contacts, touching : number of touches on the surface, and of frames in which the antenna truly touched.
-    imagined : located contacts of a free antenna.
+    contacts, imagined : number of touches on the surface, and of located contacts of a free antenna.
     surface_m, surface_std_m : (V,) distance of the drawn vertices from the object, and their deviations; NaN for these
-        where they are not known.
-    touched_m, touched_std_m : (P,) the same of the touches on the surface.
+        where they are not known. touched_m : (P,) distance of the touches on the surface.
     point_m, point_std_m : (P,) errors of the contact points along the object's normal, and their deviations.
     normal_rad, normal_inside : (P,) angle to the true normal, and whether that lies in the 95 % region.
     force_rad : (K,) angle of the forces above `LEAST_FORCE_N` to the true normal.
-    mu, mu_std, mu_inside : NaN and False where it is not told; `mu_told`.
-    compliance_m_N, compliance_std_m_N, stiffness_N_m, stiffness_inside : likewise; `stiffness_told`.
+    mu, mu_inside, stiffness_N_m, stiffness_inside : NaN and False where they are undetermined.
     estimate_s, feel_s : time taken, s.
     """
 
     contacts: int
-    touching: int
     imagined: int
     surface_m: np.ndarray
     surface_std_m: np.ndarray
     touched_m: np.ndarray
-    touched_std_m: np.ndarray
     point_m: np.ndarray
     point_std_m: np.ndarray
     normal_rad: np.ndarray
     normal_inside: np.ndarray
     force_rad: np.ndarray
     mu: float
-    mu_std: float
     mu_told: bool
     mu_inside: bool
     compliance_m_N: float
@@ -65,7 +59,7 @@ class Judged:
 
 
 def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
-    """Estimate and feel a recording, and hold it against what is true of it.
+    """Estimate a recording's contacts and object, and compare them with the truth.
 
     `friction_rad` is the deviation of the friction angle that the estimator is told.
     """
@@ -74,11 +68,6 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
     estimated = time.perf_counter()
     felt = feel(table, recorded.given, friction_rad)
     done = time.perf_counter()
-    return compared(recorded, table, felt, estimated - begin, done - estimated)
-
-
-def compared(recorded: Recorded, table: ContactTable, felt: Felt, estimate_s: float, feel_s: float) -> Judged:
-    """What was felt against what is true."""
     truth, obj, surface = recorded.truth, recorded.object, felt.surface
     rows = surface.touched_row
     right = truth.in_contact[rows]
@@ -89,19 +78,16 @@ def compared(recorded: Recorded, table: ContactTable, felt: Felt, estimate_s: fl
     rub, soft = felt.friction, felt.compliance
     return Judged(
         contacts=len(rows),
-        touching=int(truth.in_contact.sum()),
         imagined=int((table.located & ~truth.in_contact).sum()),
         surface_m=obj.signed_distance(surface.points_m)[0],
         surface_std_m=surface.std_m,
         touched_m=obj.signed_distance(surface.touched_m)[0],
-        touched_std_m=surface.touched_std_m,
         point_m=(away * normal).sum(axis=1)[right],
         point_std_m=np.sqrt(np.einsum("pi,pij,pj->p", normal, table.covariance_world_m2[rows], normal))[right],
         normal_rad=turned[right],
         normal_inside=inside[right],
         force_rad=_angle(table.force_world_N[forces], truth.normal_world[forces]),
         mu=rub.mu,
-        mu_std=rub.std,
         mu_told=rub.told,
         mu_inside=bool(rub.interval[0] <= obj.friction <= rub.interval[1]),
         compliance_m_N=soft.compliance_m_N,
@@ -109,8 +95,8 @@ def compared(recorded: Recorded, table: ContactTable, felt: Felt, estimate_s: fl
         stiffness_N_m=soft.stiffness_N_m,
         stiffness_told=soft.told,
         stiffness_inside=bool(soft.interval_N_m[0] <= obj.stiffness_N_m <= soft.interval_N_m[1]),
-        estimate_s=estimate_s,
-        feel_s=feel_s,
+        estimate_s=estimated - begin,
+        feel_s=done - estimated,
     )
 
 

@@ -32,37 +32,20 @@ def good(rng: Rng, size: Size) -> Shot:
     return Shot(size, bend, float(rng.uniform(2.0, 8.0)), spec)
 
 
-def _uneven_light(rng: Rng, shot: Shot) -> Shot:
-    """Dark corners and one side in the dark."""
-    spec = replace(shot.spec, vignette=rng.uniform(0.3, 0.7), gradient=rng.uniform(0.3, 0.7))
-    return replace(shot, spec=spec)
-
-
-def defocus(rng: Rng, shot: Shot) -> Shot:
-    """A disc of confusion of 2 to 5 px radius."""
-    return replace(shot, defocus_px=float(rng.uniform(2.0, 5.0)))
-
-
-def motion(rng: Rng, shot: Shot) -> Shot:
-    """Moved by up to 8 px in any direction during the exposure."""
+def _motion(rng: Rng, shot: Shot) -> Shot:
     angle, length = rng.uniform(0, np.pi), rng.uniform(3.0, 8.0)
     return replace(shot, smear_px=(float(length * np.cos(angle)), float(length * np.sin(angle))))
 
 
-def noise(rng: Rng, shot: Shot) -> Shot:
-    """A sensor at its highest gain: 8 to 20 grey levels of noise."""
-    return replace(shot, spec=replace(shot.spec, read_noise=rng.uniform(8.0, 20.0), electrons_per_grey=2.0))
-
-
-def highlights(rng: Rng, shot: Shot) -> Shot:
+def _highlights(rng: Rng, shot: Shot) -> Shot:
     """A glint along the antenna, off its middle, and one flank brighter."""
     spec = replace(shot.spec, antenna=0.5, shading_asymmetry=float(rng.uniform(-0.1, 0.1)))
     return replace(shot, spec=spec, glint=(float(rng.uniform(0.2, 0.6)), float(rng.uniform(-0.3, 0.3))))
 
 
-def clutter(rng: Rng, shot: Shot) -> Shot:
+def _clutter(rng: Rng, shot: Shot) -> Shot:
     """Texture, soft shapes, straight edges and bars of any width behind it."""
-    return replace(shot, clutter=_rubbish(rng, shot.size, float(rng.uniform(0.15, 0.4))))
+    return replace(shot, clutter=_background(rng, shot.size, float(rng.uniform(0.15, 0.4))))
 
 
 def _twin(rng: Rng, shot: Shot) -> Shot:
@@ -72,62 +55,56 @@ def _twin(rng: Rng, shot: Shot) -> Shot:
     return replace(shot, twins=(Twin(aside, float(rng.uniform(-0.05, 0.05)), strength, float(rng.uniform(0.5, 2.5))),))
 
 
-def hidden(rng: Rng, shot: Shot) -> Shot:
-    """An object in front, darker or brighter than the ground, that hides up to 40 % of the antenna."""
-    assert shot.bend is not None
-    path = path_px(shot.bend)
+def _hidden(rng: Rng, shot: Shot) -> Shot:
+    """An object in front, darker or brighter than the background, that hides up to 40 % of the antenna."""
+    bend = _bend(shot)
+    path = path_px(bend)
     share = rng.uniform(0.1, 0.4)
     middle = rng.uniform(0.25 + 0.5 * share, 1.0 - 0.5 * share)
     at = path[int(middle * (len(path) - 1))]
     ends = path[[int((middle - 0.1) * (len(path) - 1)), min(int((middle + 0.1) * len(path)), len(path) - 1)]]
     turn = float(np.arctan2(*(ends[1] - ends[0])[::-1]) + rng.uniform(-0.3, 0.3))
-    half = (0.5 * share * shot.bend.length_px * 0.95, float(rng.uniform(0.1, 0.25) * shot.size[1]))
+    half = (0.5 * share * bend.length_px * 0.95, float(rng.uniform(0.1, 0.25) * shot.size[1]))
     block = Block((float(at[0]), float(at[1])), half, turn, float(rng.uniform(0.03, 0.6)))
     return replace(shot, blocks=(*shot.blocks, block))
 
 
-def thin(rng: Rng, shot: Shot) -> Shot:
-    """1.5 to 2 px wide."""
-    return replace(shot, width_px=float(rng.uniform(1.5, 2.0)))
-
-
-def thick(rng: Rng, shot: Shot) -> Shot:
-    """8 to 20 px wide."""
-    return replace(shot, width_px=float(rng.uniform(8.0, 20.0)))
-
-
-def steep(rng: Rng, shot: Shot) -> Shot:
+def _steep(rng: Rng, shot: Shot) -> Shot:
     """Turned by 35 to 75 degrees in all."""
-    assert shot.bend is not None
     turn = float(rng.choice([-1, 1]) * rng.uniform(0.6, 1.3))
-    return replace(shot, bend=replace(shot.bend, turn_rad=turn, length_px=0.85 * shot.bend.length_px))
+    return replace(shot, bend=replace(_bend(shot), turn_rad=turn, length_px=0.85 * _bend(shot).length_px))
 
 
-def leaving(rng: Rng, shot: Shot) -> Shot:
-    """Longer than the picture: its tip is outside."""
+def _bend(shot: Shot) -> Bend:
     assert shot.bend is not None
-    return replace(shot, bend=replace(shot.bend, length_px=float(rng.uniform(1.05, 1.4) * shot.size[0])))
+    return shot.bend
 
 
-def dark(rng: Rng, shot: Shot) -> Shot:
-    """Dark on light."""
-    return replace(shot, dark=True)
+def _light(shot: Shot, **how: float) -> Shot:
+    return replace(shot, spec=replace(shot.spec, **how))
 
 
 HARDSHIPS: dict[str, Callable[[Rng, Shot], Shot]] = {
-    "uneven light": _uneven_light,
-    "defocus": defocus,
-    "motion blur": motion,
-    "sensor noise": noise,
-    "highlights": highlights,
-    "clutter": clutter,
+    # dark corners and one side in the dark
+    "uneven light": lambda rng, shot: _light(shot, vignette=rng.uniform(0.3, 0.7), gradient=rng.uniform(0.3, 0.7)),
+    # a disc of confusion of 2 to 5 px radius
+    "defocus": lambda rng, shot: replace(shot, defocus_px=float(rng.uniform(2.0, 5.0))),
+    # by up to 8 px in any direction during the exposure
+    "motion blur": _motion,
+    # a sensor at its highest gain: 8 to 20 grey levels of noise
+    "sensor noise": lambda rng, shot: _light(shot, read_noise=rng.uniform(8.0, 20.0), electrons_per_grey=2.0),
+    "highlights": _highlights,
+    "clutter": _clutter,
     "shadow or reflection": _twin,
-    "hidden up to 40 %": hidden,
-    "1.5 to 2 px wide": thin,
-    "8 to 20 px wide": thick,
-    "steep bends": steep,
-    "leaving the picture": leaving,
-    "dark on light": dark,
+    "hidden up to 40 %": _hidden,
+    "1.5 to 2 px wide": lambda rng, shot: replace(shot, width_px=float(rng.uniform(1.5, 2.0))),
+    "8 to 20 px wide": lambda rng, shot: replace(shot, width_px=float(rng.uniform(8.0, 20.0))),
+    "steep bends": _steep,
+    # longer than the picture: its tip is outside
+    "leaving the picture": lambda rng, shot: replace(
+        shot, bend=replace(_bend(shot), length_px=float(rng.uniform(1.05, 1.4) * shot.size[0]))
+    ),
+    "dark on light": lambda rng, shot: replace(shot, dark=True),
 }
 """Name → what makes a good picture hard."""
 
@@ -139,11 +116,11 @@ def mixed(rng: Rng, size: Size, empty: bool = False) -> Shot:
     for name in names:
         shot = HARDSHIPS[str(name)](rng, shot)
     if empty and rng.uniform() < 0.7:
-        shot = clutter(rng, shot)
+        shot = _clutter(rng, shot)
     return replace(shot, bend=None, twins=(), glint=(0.0, 0.0)) if empty else shot
 
 
-def _rubbish(rng: Rng, size: Size, contrast: float) -> np.ndarray:
+def _background(rng: Rng, size: Size, contrast: float) -> np.ndarray:
     """(H, W) float32 brightness: clouds, texture, soft shapes, straight edges, bars."""
     width, height = size
     canvas = np.zeros((height, width), np.float32)

@@ -82,7 +82,7 @@ def bound_px(shot: Shot, points_px: np.ndarray, step_px: float = 0.05) -> np.nda
     whole = light(shot)
     by_place = (light(shot, step_px) - light(shot, -step_px)) / (2.0 * step_px)
     by_height = whole - light(shot, antenna=False)
-    weight = 1.0 / np.sqrt(variance(shot, whole))
+    weight = 1.0 / np.sqrt(variance(shot.spec, whole))
     reach = int(np.ceil(0.8 * shot.width_px + 5.0))
     bounds = np.empty(len(points_px))
     for index, (point, across) in enumerate(zip(points_px, normal, strict=True)):

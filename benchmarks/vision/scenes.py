@@ -180,7 +180,7 @@ def truth(shot: Shot) -> Truth:
 
 def light(shot: Shot, aside_px: float = 0.0, antenna: bool = True) -> np.ndarray:
     """(H, W) grey levels without noise; `aside_px` moves the antenna along its normal, `antenna` leaves it out."""
-    place = _studio(shot)
+    place = bare_studio(Lens("opencv", shot.size, np.eye(3), np.zeros(0)), shot.spec)
     canvas = np.full(shot.size[::-1], shot.spec.background, np.float32) if shot.clutter is None else shot.clutter
     path = None if shot.bend is None else path_px(shot.bend)
     if path is not None:
@@ -203,17 +203,17 @@ def photograph(shot: Shot, rng: np.random.Generator) -> np.ndarray:
     return digitise(shot.spec, light(shot), rng)
 
 
-def variance(shot: Shot, grey: np.ndarray) -> np.ndarray:
+def variance(spec: PictureSpec, grey: np.ndarray) -> np.ndarray:
     """(H, W) variance of every pixel: shot noise, read noise and rounding."""
-    return np.maximum(grey, 0.0) / shot.spec.electrons_per_grey + shot.spec.read_noise**2 + 1.0 / 12.0
+    return np.maximum(grey, 0.0) / spec.electrons_per_grey + spec.read_noise**2 + 1.0 / 12.0
 
 
-def _studio(shot: Shot) -> Studio:
-    width, height = shot.size
-    lens = Lens("opencv", shot.size, np.eye(3), np.zeros(0))
+def bare_studio(lens: Lens, spec: PictureSpec) -> Studio:
+    """Light without surroundings or a bench: nothing lies behind."""
+    width, height = lens.image_size
     u, v = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
-    level = (1.0 - shot.spec.vignette * (u**2 + v**2) / 2) * (1.0 - shot.spec.gradient * (0.5 + 0.35 * u - 0.15 * v))
-    return Studio(shot.spec, RayMap(lens, np.empty((0, 0, 2))), level.astype(np.float32), np.empty((0, 0), np.float32))
+    level = (1.0 - spec.vignette * (u**2 + v**2) / 2) * (1.0 - spec.gradient * (0.5 + 0.35 * u - 0.15 * v))
+    return Studio(spec, RayMap(lens, np.empty((0, 0, 2))), level.astype(np.float32), np.empty((0, 0), np.float32))
 
 
 def _tube(path: np.ndarray, half_width_px: float) -> Tube:

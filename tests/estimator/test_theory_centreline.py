@@ -34,7 +34,7 @@ def test_the_drawn_antenna_is_within_a_tenth_of_it(width: float, blur: float) ->
     spec = replace(PLAIN, blur_px=blur, electrons_per_grey=1e6, read_noise=3.0)
     shot = Shot((300, 120), Bend((20.0, 60.0), 0.0, 250.0), width, spec)
     height = (light(shot) - light(shot, antenna=False))[:, 100].sum() / width
-    noise = float(np.sqrt(variance(shot, light(shot))[60, 5]))
+    noise = float(np.sqrt(variance(shot.spec, light(shot))[60, 5]))
     found = bound_px(shot, np.array([[100.0, 60.0]]))[0]
     assert found == pytest.approx(stated(noise, height, width, np.hypot(blur, 12**-0.5)), rel=0.1)
 
@@ -44,7 +44,7 @@ def test_a_wide_one_has_soft_flanks() -> None:
     spec = replace(PLAIN, blur_px=0.6, electrons_per_grey=1e6, read_noise=3.0)
     shot = Shot((300, 160), Bend((20.0, 80.0), 0.0, 250.0), 20.0, spec)
     height = (light(shot) - light(shot, antenna=False))[:, 100].sum() / 20.0
-    noise = float(np.sqrt(variance(shot, light(shot))[80, 5]))
+    noise = float(np.sqrt(variance(shot.spec, light(shot))[80, 5]))
     worse = bound_px(shot, np.array([[100.0, 80.0]]))[0] / stated(noise, height, 20.0, np.hypot(0.6, 12**-0.5))
     assert worse == pytest.approx(1.34, abs=0.04)
 
