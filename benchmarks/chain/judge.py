@@ -170,18 +170,19 @@ def _steps(estimator: ContactEstimator, photograph: Photograph) -> dict[str, Cal
     (rough,) = estimator.rough([given])
     assert rough is not None
     (offered,) = seen(estimator, [photograph])
+    fitted_m = rough.points_m
+
+    def second_look() -> Centreline:
+        """Along the fitted shape, as `recording.look_again` takes it."""
+        to_camera = rig.T_antenna_camera.inverse()
+        guide = pixels(rig.camera, to_camera, fitted_m)
+        width = width_px(rig.camera, to_camera, fitted_m, rig.antenna.diameter_m)
+        return find_along(image, guide, width, rig.image.bright)
+
     return {
         "first look": partial(look, rig, frame, image),
         "rough fit": partial(estimator.rough, [given]),
-        "second look": partial(_again, estimator, photograph, rough.points_m),
+        "second look": second_look,
         "lens taken off the points": partial(rig.camera.normalized_with_slopes, offered.points_px),
         "fit": partial(estimator.measure, offered),
     }
-
-
-def _again(estimator: ContactEstimator, photograph: Photograph, points_m: np.ndarray) -> Centreline:
-    """The look along the fitted shape, as `recording.look_again` takes it."""
-    rig, to_camera = estimator.rig, estimator.rig.T_antenna_camera.inverse()
-    guide = pixels(rig.camera, to_camera, points_m)
-    width = width_px(rig.camera, to_camera, points_m, rig.antenna.diameter_m)
-    return find_along(photograph.image, guide, width, rig.image.bright)

@@ -17,6 +17,7 @@ SETUP = Setup("brown", 0.5, ACROSS, swing_m=0.06, real=True)
 RIGID, SOFT, SOFTER = np.inf, 1000.0, 250.0
 """N/m. Forces up to 0.1 N press a tenth of a millimetre into the soft ones, four tenths into the softer."""
 CENTRE = np.array([0.15, 0.0, 0.0])
+_BESIDE = CENTRE + np.array([0.0, 0.02, 0.0])
 
 
 @dataclass(frozen=True)
@@ -65,23 +66,6 @@ def _there_and_back(
     return [_sweep(press, toward, push_deg, reach_deg, 21), _sweep(press, toward, push_deg, back, 21, 2.5)]
 
 
-def _cylinder(stiffness_N_m: float, friction: float) -> TouchObject:
-    return TouchObject("cylinder", CENTRE, AXIS, 0.02, 0.08, stiffness_N_m, friction)
-
-
-def _sphere(stiffness_N_m: float, friction: float) -> TouchObject:
-    return TouchObject("sphere", CENTRE, AXIS, 0.03, 1.0, stiffness_N_m, friction)
-
-
-def _box_edge(stiffness_N_m: float, friction: float) -> TouchObject:
-    centre = CENTRE + np.array([0.0, 0.02, 0.0])
-    return TouchObject("box_edge", centre, AXIS, 3e-3, 0.08, stiffness_N_m, friction, INTO_BOX)
-
-
-def _freeform(stiffness_N_m: float, friction: float) -> TouchObject:
-    return TouchObject("freeform", CENTRE, AXIS, 0.028, 1.0, stiffness_N_m, friction, bumps=BUMPS)
-
-
 _LINE = [
     stroke
     for toward in (1, -1)
@@ -100,8 +84,12 @@ _ROUND = [
     for stroke in _there_and_back(press, toward, (1.5, 5.0), (-4.0, 4.0))
 ]
 CASES = (
-    Case("cylinder", _cylinder, _LINE),
-    Case("sphere", _sphere, _ROUND),
-    Case("box edge", _box_edge, _EDGE),
-    Case("free form", _freeform, _ROUND),
+    Case("cylinder", lambda stiffness, mu: TouchObject("cylinder", CENTRE, AXIS, 0.02, 0.08, stiffness, mu), _LINE),
+    Case("sphere", lambda stiffness, mu: TouchObject("sphere", CENTRE, AXIS, 0.03, 1.0, stiffness, mu), _ROUND),
+    Case(
+        "box edge",
+        lambda k, mu: TouchObject("box_edge", _BESIDE, AXIS, 3e-3, 0.08, k, mu, INTO_BOX),
+        _EDGE,
+    ),
+    Case("free form", lambda k, mu: TouchObject("freeform", CENTRE, AXIS, 0.028, 1.0, k, mu, bumps=BUMPS), _ROUND),
 )

@@ -145,12 +145,12 @@ def _judged(wanted: Sequence[Cell], draws: int, seed: int) -> Iterator[tuple[Cel
         key = (cell.case.name, cell.stiffness_N_m, cell.friction)
         if key not in played:
             played[key] = play(SETUP.rig(), cell.case.make(cell.stiffness_N_m, cell.friction), cell.case.strokes)
-        yield cell, [_draw(cell, played[key], np.random.default_rng((seed, number, i))) for i in range(draws)]
-
-
-def _draw(cell: Cell, played: Recorded, rng: np.random.Generator) -> Judged:
-    given = played.true if cell.exact else drawn_truth(replace(SETUP, exact=False).rig(), rng)
-    return judge(played.noisy(rng, given), 0.0 if cell.slippery else FRICTION_RAD)
+        judged = []
+        for index in range(draws):
+            rng = np.random.default_rng((seed, number, index))
+            given = played[key].true if cell.exact else drawn_truth(replace(SETUP, exact=False).rig(), rng)
+            judged.append(judge(played[key].noisy(rng, given), 0.0 if cell.slippery else FRICTION_RAD))
+        yield cell, judged
 
 
 def _row(cell: Cell, judged: Sequence[Judged]) -> ObjectRow:

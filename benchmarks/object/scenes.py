@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from benchmarks.estimator.scenes import seen
 from benchmarks.estimator.setup import rod_of
+from benchmarks.harness import concatenated
 from estimator import ContactEstimator
+from estimator.contact.contacts import Contacts
 from estimator.table.contacts import FRICTION_RAD, ContactRow, ContactTable
 from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.geometry import Kinematics, Pose
@@ -55,17 +58,10 @@ def stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep, press_frames: int = 
 
 def _between(start: Joints, end: Joints, count: int) -> list[Joints]:
     """Angles inside a straight way from one pair to another."""
-    shares = np.linspace(0.0, 1.0, count + 2)[1:-1]
-    return [
-        Joints(
-            start.pan_rad + float(share) * (end.pan_rad - start.pan_rad),
-            start.tilt_rad + float(share) * (end.tilt_rad - start.tilt_rad),
-        )
-        for share in shares
-    ]
+    pan, tilt = end.pan_rad - start.pan_rad, end.tilt_rad - start.tilt_rad
+    shares = np.linspace(0.0, 1.0, count + 2)[1:-1].tolist()
+    return [Joints(start.pan_rad + share * pan, start.tilt_rad + share * tilt) for share in shares]
 
-
-__all__ = ["FRICTION_RAD", "Recorded", "Stage", "Truth", "contacts", "play", "record", "stroke_joints"]
 
 SIGMA_PX, POINTS, RATE_HZ = 0.1, 150, 30.0
 PAUSE_S = 1.0
@@ -78,15 +74,15 @@ class Truth:
 
     Attributes
     ----------
-    in_contact : (B,) bool.
-    distance_m : (B,) arc length of the contact. tangent_world : (B, 3) of the antenna there, towards the tip.
+    in_contact, sticks : (B,) bool. distance_m : (B,) arc length of the contact.
+    tangent_world : (B, 3) of the antenna there, towards the tip.
     point_world_m : (B, 3) of the antenna's centreline at the contact.
     touched_world_m : (B, 3) the touched point of the undeformed object. normal_world : (B, 3) outward there.
     force_antenna_N, force_world_N : (B, 3) the object's force on the antenna; zero without contact.
     indentation_m : (B,) how far the object gives way.
     friction_ratio : (B,) of the force's part across the normal over that along it.
-    sticks : (B,) bool, as in `synth.touched.Touch`. slip_m : (B, 3) what the antenna's material point at the contact
-        moved along the object since the frame before, world frame; zero without contact.
+    slip_m : (B, 3) what the antenna's material point at the contact moved along the object since the frame before,
+        world frame; zero without contact.
     """
 
     in_contact: np.ndarray
@@ -140,12 +136,6 @@ class Recorded:
             moment_Nm=self.moment_Nm + rng.normal(0.0, self.true.moment_sensor.std_Nm, len(self)),
         )
 
-    @property
-    def slip_velocity_m_s(self) -> np.ndarray:
-        """(B, 3) true slip over the time since the frame before, world frame."""
-        step = np.diff(self.time_s, prepend=np.nan)
-        return self.truth.slip_m / step[:, None]
-
 
 def record(
     rig: Rig,
@@ -154,12 +144,10 @@ def record(
     rng: np.random.Generator,
     *,
     given: Rig | None = None,
-    sigma_px: float = SIGMA_PX,
-    points: int = POINTS,
-    rate_hz: float = RATE_HZ,
+    **how: Any,
 ) -> Recorded:
     """`play` with noise; `given`, where it is another than the true one, is the rig that the estimator is to know."""
-    return play(rig, obj, strokes, sigma_px=sigma_px, points=points, rate_hz=rate_hz).noisy(rng, given)
+    return play(rig, obj, strokes, **how).noisy(rng, given)
 
 
 def play(
@@ -203,7 +191,7 @@ def play(
         sigma_px=sigma_px,
         moment_Nm=rig.moment_sensor.gain * true_Nm + rig.moment_sensor.offset_Nm,
         T_world_antenna=[pose for path in poses for pose in path],
-        truth=Truth(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Truth)}),
+        truth=concatenated(parts),
     )
 
 
@@ -212,16 +200,16 @@ def contacts(recorded: Recorded, model: str = "auto", friction: float = FRICTION
     found = ContactEstimator(recorded.given, model=model, friction=friction).estimate_batch(
         recorded.centrelines_px, recorded.moment_Nm, recorded.pan_rad, recorded.tilt_rad, sigma_px=recorded.sigma_px
     )
+    return contact_table(found, recorded.pan_rad, recorded.tilt_rad, recorded.moment_Nm, recorded.time_s)
+
+
+def contact_table(
+    found: Contacts, pan_rad: np.ndarray, tilt_rad: np.ndarray, moment_Nm: np.ndarray, time_s: np.ndarray
+) -> ContactTable:
+    """Contacts of B frames with their joints, readings and times, (B,) each, as of contacts.csv."""
+    columns = np.stack([pan_rad, tilt_rad, moment_Nm, time_s], axis=1).tolist()
     frames = [
-        Frame(
-            image=None,
-            pan_rad=float(recorded.pan_rad[i]),
-            tilt_rad=float(recorded.tilt_rad[i]),
-            moment_Nm=float(recorded.moment_Nm[i]),
-            frame=i,
-            time_s=float(recorded.time_s[i]),
-        )
-        for i in range(len(recorded))
+        Frame(None, pan, tilt, moment, frame=i, time_s=time) for i, (pan, tilt, moment, time) in enumerate(columns)
     ]
     return ContactTable.from_rows([ContactRow.of(*pair) for pair in zip(frames, found, strict=True)])
 

@@ -22,7 +22,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.holding import Touch
 from vbaa_calib.simulate.contact.touch import touch
 
-from .rig import FELT, Pictures, felt_of, free_shape, paper_rig, taken
+from .rig import FELT, Pictures, felt_of, free_point, free_shape, paper_rig, taken
 from .sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a, knife_edge
 
 NORMAL_DEG, DISTANCE_M, EDGE_RADIUS_M = 20.0, 0.15, 1e-3
@@ -65,8 +65,7 @@ def dragged(true: Rig, friction: float, slip_scale_m: float | None = None) -> Dr
     `slip_scale_m` asks for the simulator's simpler friction (`synth.touch`), which is faster.
     """
     pan, tilt, _ = joints()
-    start = free_shape(true, true.gravity_world_m_s2[None])
-    at = np.array([np.interp(DISTANCE_M, start.arclength_m[0], start.points_m[0, :, axis]) for axis in range(3)])
+    at = free_point(true, DISTANCE_M)
     radius = 0.5 * true.antenna.diameter_m
     obj = knife_edge(NORMAL_DEG, at, radius, radius_m=EDGE_RADIUS_M, friction=friction)
     poses = [true.kinematics.T_world_antenna(float(p), float(t)) for p, t in zip(pan, tilt, strict=True)]

@@ -1,4 +1,4 @@
-"""From the estimator's contacts to the object, for the paper's experiments."""
+"""The paper's rig in simulation: its pictures and readings, the ring-down of its antenna, and the object estimate."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ from scipy.linalg import eigh
 
 from benchmarks.estimator.scenes import seen
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, filling_pose, rod_of
+from benchmarks.object.scenes import contact_table
 from estimator.contact.contacts import Contacts
 from estimator.object.estimate import Felt, feel
-from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, Rig
-from vbaa_calib.session import Frame
 
 POINTS = 200
 FOCAL_WIDTHS, WIDTH_PX, SWING_M = 2.5, 512, 0.03
@@ -36,6 +35,12 @@ def free_shape(rig: Rig, gravity_m_s2: np.ndarray) -> RodShape:
     """The true antenna without contact, under gravity (B, 3), antenna frame."""
     rod = rod_of(rig)
     return solve_rod(rod, gravity_m_s2, np.full(len(gravity_m_s2), 0.5 * rod.length_m), np.zeros_like(gravity_m_s2))
+
+
+def free_point(rig: Rig, distance_m: float) -> np.ndarray:
+    """(3,) of the true antenna without contact at the joints' zero, at an arc length, antenna frame."""
+    free = free_shape(rig, rig.gravity_world_m_s2[None])
+    return np.array([np.interp(distance_m, free.arclength_m[0], free.points_m[0, :, axis]) for axis in range(3)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +98,10 @@ def ring_down(antenna: Antenna, contact_m: float, object_N_m: float) -> tuple[np
     load = np.zeros(len(stiffness))
     load[-2] = 1.0
     started = shapes.T @ mass @ np.linalg.solve(stiffness, load)
-    clamp = antenna.stiffness_Nm2 * shapes.T @ _curvature_at_clamp(sites[1], len(stiffness))
+    # w″(0) by the first free node's height and slope
+    curvature = np.zeros(len(stiffness))
+    curvature[:2] = 6.0 / sites[1] ** 2, -2.0 / sites[1]
+    clamp = antenna.stiffness_Nm2 * shapes.T @ curvature
     amplitude = started * clamp
     amplitude = PLUCK_NM * amplitude / np.abs(amplitude).sum()
     time = np.arange(SAMPLES) / RATE_HZ
@@ -105,12 +113,8 @@ def ring_down(antenna: Antenna, contact_m: float, object_N_m: float) -> tuple[np
 def _assembled(antenna: Antenna, contact_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stiffness and mass (2n, 2n) over heights and slopes of the nodes, which stand at (n,) m; one is the contact."""
     before = max(2, round(ELEMENTS * contact_m / antenna.length_m))
-    sites = np.concatenate(
-        [
-            np.linspace(0.0, contact_m, before + 1),
-            np.linspace(contact_m, antenna.length_m, max(2, ELEMENTS - before) + 1)[1:],
-        ]
-    )
+    beyond = np.linspace(contact_m, antenna.length_m, max(2, ELEMENTS - before) + 1)
+    sites = np.concatenate([np.linspace(0.0, contact_m, before + 1), beyond[1:]])
     stiffness, mass = (np.zeros((2 * len(sites), 2 * len(sites))) for _ in range(2))
     for index, h in enumerate(np.diff(sites)):
         at = np.ix_(range(2 * index, 2 * index + 4), range(2 * index, 2 * index + 4))
@@ -120,13 +124,6 @@ def _assembled(antenna: Antenna, contact_m: float) -> tuple[np.ndarray, np.ndarr
     return stiffness, mass, sites
 
 
-def _curvature_at_clamp(h: float, count: int) -> np.ndarray:
-    """(count,) w″(0) by the first free node's height and slope."""
-    row = np.zeros(count)
-    row[:2] = 6.0 / h**2, -2.0 / h
-    return row
-
-
 FRAME_RATE_HZ = 30.0
 FELT = "all points, felt"
 """`estimator.object.estimate`: shape, slip, friction and compliance together, of the estimator's contacts."""
@@ -134,8 +131,6 @@ FELT = "all points, felt"
 
 def felt_of(rig: Rig, contacts: Contacts, pan_rad: np.ndarray, tilt_rad: np.ndarray, friction_rad: float) -> Felt:
     """What one recording's contacts say of the object; `friction_rad` as they were estimated with."""
-    rows = [
-        ContactRow.of(Frame(None, float(pan), float(tilt), np.nan, frame=i, time_s=i / FRAME_RATE_HZ), contact)
-        for i, (pan, tilt, contact) in enumerate(zip(pan_rad, tilt_rad, contacts, strict=True))
-    ]
-    return feel(ContactTable.from_rows(rows), rig, friction_rad)
+    count = len(pan_rad)
+    table = contact_table(contacts, pan_rad, tilt_rad, np.full(count, np.nan), np.arange(count) / FRAME_RATE_HZ)
+    return feel(table, rig, friction_rad)

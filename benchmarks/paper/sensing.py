@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.touch import touch
 from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .rig import Pictures, free_shape, paper_rig, taken
+from .rig import Pictures, free_point, free_shape, paper_rig, taken
 
 NORMALS_DEG = (0.0, 30.0, 60.0)
 """Between the edge's normal and the direction in which the base turns, in the antenna's yz plane."""
@@ -116,11 +117,10 @@ def touched_edges(true: Rig, normal_deg: float) -> Edges:
     """The base stands so that the free antenna just touches at each distance, then turns by `PUSH_RAD` about z."""
     gravity = true.gravity_world_m_s2
     free = free_shape(true, gravity[None])
-    at = np.array([[np.interp(DISTANCES_M, free.arclength_m[0], free.points_m[0, :, axis])] for axis in range(3)])
     turn = rotation_world_antenna(PUSH_RAD, 0.0)
     radius = 0.5 * true.antenna.diameter_m
     obj = knife_edge(normal_deg, np.zeros(3), radius)
-    poses = [Pose(turn, -point) for point in at[:, 0].T]
+    poses = [Pose(turn, -point) for point in map(partial(free_point, true), DISTANCES_M)]
     found = touch(rod_of(true), radius, obj, poses, gravity)
     contact = np.array([pose @ point for pose, point in zip(poses, found.contact_antenna_m, strict=True)])
     _, normal = obj.signed_distance(contact)

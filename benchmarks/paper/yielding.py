@@ -14,7 +14,7 @@ from estimator.paper.baselines.vision import STANDS_OUT, compliance_of
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.touch import touch
 
-from .rig import Pictures, free_shape, paper_rig, ring_down, taken
+from .rig import Pictures, free_point, free_shape, paper_rig, ring_down, taken
 from .sensing import ALL_POINTS, knife_edge
 
 STIFFNESSES_N_M = tuple(float(f"{k:.3g}") for k in np.geomspace(10.0, 1e5, 9))
@@ -66,8 +66,7 @@ def pushed(true: Rig, stiffness_N_m: float) -> Pushed:
     """The base turns about z against an edge that stands along z: the antenna is bent within plane C."""
     gravity, radius = true.gravity_world_m_s2, 0.5 * true.antenna.diameter_m
     free = free_shape(true, gravity[None])
-    at = np.array([np.interp(DISTANCE_M, free.arclength_m[0], free.points_m[0, :, axis]) for axis in range(3)])
-    obj = knife_edge(0.0, at, radius, stiffness_N_m=stiffness_N_m)
+    obj = knife_edge(0.0, free_point(true, DISTANCE_M), radius, stiffness_N_m=stiffness_N_m)
     poses = [true.kinematics.T_world_antenna(float(pan), 0.0) for pan in PANS_RAD]
     found = touch(rod_of(true), radius, obj, poses, gravity)
     distance = float(found.contact_m[-1])
