@@ -16,7 +16,7 @@ WIDE = np.array([590.0, 591.0, 641.0, 356.2, 0.31, 0.025, 4e-4, -3e-4, 1e-3, 0.5
 BARREL = np.array([520.0, 521.0, 325.0, 236.0, -0.32, 0.14, 5e-4, -4e-4, -0.03])
 FISHEYE = np.array([420.0, 421.0, 641.0, 478.0, 0.05, -0.01, 0.003, -0.001])
 """fx, fy, cx, cy and distortion in OpenCV's order; five coefficients, eight (WIDE), or its fisheye's four."""
-CORNER_PX = 0.15
+_CORNER_PX = 0.15
 """Standard deviation of a corner, per axis."""
 _OUTLIER_PX = (2.0, 20.0)
 
@@ -30,7 +30,7 @@ def noisy_view(
     name: str, ids: np.ndarray, pixels: np.ndarray, size: tuple[int, int], outliers: float, rng: np.random.Generator
 ) -> tuple[BoardView, np.ndarray]:
     """A view of corners (N,) at true pixels (N, 2), a share of them 2 to 20 px off, and which (N,) are not."""
-    noisy = pixels + CORNER_PX * rng.normal(size=pixels.shape)
+    noisy = pixels + _CORNER_PX * rng.normal(size=pixels.shape)
     wrong = rng.random(len(ids)) < outliers
     angle, length = rng.uniform(0, 2 * np.pi, len(ids)), rng.uniform(*_OUTLIER_PX, len(ids))
     noisy[wrong] += (length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))[wrong]

@@ -187,7 +187,7 @@ def write_csv(path: Path, rows: Sequence[Any], force: bool) -> None:
 
 # --- clock and machine
 
-SLOW_S = 1.0
+_SLOW_S = 1.0
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that limit the numerical libraries' threads."""
 
@@ -200,7 +200,7 @@ def median_seconds(function: Callable[[], object], repeats: int, least_s: float 
     begun = time.perf_counter()
     function()
     warm = time.perf_counter() - begun
-    calls, repeats = max(1, int(least_s / max(warm, 1e-7))), 1 if warm > SLOW_S else repeats
+    calls, repeats = max(1, int(least_s / max(warm, 1e-7))), 1 if warm > _SLOW_S else repeats
     return sorted(_timings(function, repeats, calls))[repeats // 2]
 
 

@@ -36,7 +36,7 @@ ALIKE = 1e-3
 WAYS = "three ways"
 """The demo's scene with few frames, whose plane C is found by jig, sweep and the board under the antenna."""
 STAGES = ("calibration", "contacts", "budget", "object")
-KERNELS = {"Nehalem": "SSE42", "Sandybridge": "AVX", "Haswell": "AVX2", "Zen": "AVX2", "SkylakeX": "AVX512_SKX"}
+_KERNELS = {"Nehalem": "SSE42", "Sandybridge": "AVX", "Haswell": "AVX2", "Zen": "AVX2", "SkylakeX": "AVX512_SKX"}
 """OpenBLAS' kernels, each with what a processor must have to run it, as NumPy calls it."""
 
 
@@ -61,7 +61,7 @@ def _machines() -> list[Machine]:
         ),
     }
     narrow = {name: words for name, words in narrow.items() if words}
-    kernels = [Machine(name, {"OPENBLAS_CORETYPE": name}) for name, needed in KERNELS.items() if needed in able]
+    kernels = [Machine(name, {"OPENBLAS_CORETYPE": name}) for name, needed in _KERNELS.items() if needed in able]
     others = [
         *kernels,
         *(Machine(f"{name.split('_')[0]} narrow", {name: words}) for name, words in narrow.items()),

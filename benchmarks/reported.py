@@ -15,7 +15,7 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.rig import Rig
 
-ACROSS, NORMALS = "surface", "normals"
+ACROSS, _NORMALS = "surface", "normals"
 """Names of a surface's points, which are compared across it, and of the normals along which that is done."""
 
 
@@ -78,7 +78,7 @@ def apart(one: Report, other: Report) -> Apart:
     for name in names:
         mine, theirs = one.numbers.get(name), other.numbers.get(name)
         if name.endswith(ACROSS) and mine is not None and theirs is not None and mine[0].size == theirs[0].size:
-            mine, theirs = (_across(pair, one.numbers[name.replace(ACROSS, NORMALS)][0]) for pair in (mine, theirs))
+            mine, theirs = (_across(pair, one.numbers[name.replace(ACROSS, _NORMALS)][0]) for pair in (mine, theirs))
         deviations[name] = _difference(mine, theirs)
     said = sorted(one.statuses.keys() | other.statuses.keys())
     return Apart(deviations, [name for name in said if one.statuses.get(name) != other.statuses.get(name)])
@@ -182,7 +182,7 @@ def of_object(felt: Felt, contacts: ContactTable) -> Report:
     std, along = surface.touched_std_m[:, None], _std(contacts.covariance_world_m2[surface.touched_row])
     report.add(ACROSS, surface.touched_m, std)
     report.add("surface's points", surface.touched_m, np.hypot(std, along), own=False)
-    report.add(NORMALS, surface.touched_normal, _std(surface.touched_normal_covariance))
+    report.add(_NORMALS, surface.touched_normal, _std(surface.touched_normal_covariance))
     report.add("friction", friction.mu, friction.std)
     report.add("compliance", soft.compliance_m_N, soft.std_m_N)
     report.statuses = {

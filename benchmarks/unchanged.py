@@ -33,11 +33,11 @@ SCENES = ("demo", "upright_knife", "steep_sphere")
 PARTS = ("scenes", "hostile", "bench")
 SUBJECTS = ("metric", "calibration", "vision", "estimator", "object", "chain", "guided", "coverage", "paper")
 """Those whose tables are not timings alone."""
-CLOCK = re.compile(
+_CLOCK = re.compile(
     r"(^|_)(s|ms|us|seconds|read|live|batch)(_|$)|per_s$|us_per|_ms$|(^|_)time|^ratio$|MB|share|typical|exponent"
 )
 """Columns of a benchmark table that hang on the clock; `ratio` is of times in metric.csv alone."""
-OURS_ALONE = ("created", "command", "versions", "inputs", "seconds", "argv", "rig_file", "session", "files", "report")
+_OURS_ALONE = ("created", "command", "versions", "inputs", "seconds", "argv", "rig_file", "session", "files", "report")
 """Keys of JSON files about the run, not its result."""
 
 
@@ -170,13 +170,13 @@ def _read(path: Path) -> Any:
         return json.loads(text)
     rows = csv.DictReader(io.StringIO(text))
     clock = path.parent.name == "bench"
-    return [{key: cell for key, cell in row.items() if not (clock and CLOCK.search(key))} for row in rows]
+    return [{key: cell for key, cell in row.items() if not (clock and _CLOCK.search(key))} for row in rows]
 
 
 def _apart(one: Any, other: Any, within: float, where: str) -> Iterator[str]:
     if isinstance(one, dict) and isinstance(other, dict):
         for key in [*one, *(key for key in other if key not in one)]:
-            if key not in OURS_ALONE:
+            if key not in _OURS_ALONE:
                 yield from _apart(one.get(key), other.get(key), within, f"{where}.{key}")
     elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
         for place, pair in enumerate(zip(one, other, strict=True)):

@@ -86,7 +86,7 @@ def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
         return replace(found, distance_m=found.distance_m + 10.0 * found.distance_std_m, force_N=force)
 
     before = estimator_hostile.judged_at_random(5, 0, 30)
-    monkeypatch.setattr(estimator_hostile, "estimated", moved)
+    monkeypatch.setattr(estimator_hostile, "estimated_at_random", moved)
     after = estimator_hostile.judged_at_random(5, 0, 30)
     assert after.claimed == before.claimed
     assert after.nan == after.claimed
@@ -101,7 +101,7 @@ def test_hostile_counts_the_frames_that_raise(monkeypatch: pytest.MonkeyPatch) -
             raise ZeroDivisionError("no reading")
         return honest(drawn)
 
-    monkeypatch.setattr(estimator_hostile, "estimated", brittle)
+    monkeypatch.setattr(estimator_hostile, "estimated_at_random", brittle)
     row = estimator_hostile.judged_at_random(5, 0, 20)
     assert row.exceptions == np.isnan(estimator_hostile.replay(5, 0, 20).readings_Nm).sum() > 0
     assert row.failure == "ZeroDivisionError: no reading"

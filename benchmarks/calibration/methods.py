@@ -21,7 +21,7 @@ from vbaa_calib.core.errors import VbaaError
 from .peers import PEERS, absence, interpreter_of, solve_with
 from .rigs import BOARD, Draw
 
-DEFAULT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, float(np.finfo(float).eps))
+_DEFAULT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, float(np.finfo(float).eps))
 _TIGHT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-12)
 _FLAGS = {"opencv5": 0, "rational": cv2.CALIB_RATIONAL_MODEL}
 
@@ -52,7 +52,7 @@ def solve_oracle(given: Draw) -> Camera:
     return camera_of(rig.model, bundle.intrinsics, rig.image_size)
 
 
-def _solve_opencv(given: Draw, criteria: tuple[int, int, float] = DEFAULT) -> Camera:
+def _solve_opencv(given: Draw, criteria: tuple[int, int, float] = _DEFAULT) -> Camera:
     """`cv2.calibrateCamera` with the true lens model."""
     points = corner_points(BOARD).astype(np.float32)
     rig = given.rig

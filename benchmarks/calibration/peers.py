@@ -29,7 +29,7 @@ _LOOK_S, _SOLVE_S = 60.0, 1800.0
 
 
 @dataclass(frozen=True, eq=False)
-class PeerAnswer:
+class _PeerAnswer:
     """What a peer makes of one draw.
 
     Attributes
@@ -88,7 +88,7 @@ def absence(peer: str) -> str:
     return f"absent ({PEERS[peer]}; {INTERPRETERS} names the interpreter that has it)"
 
 
-def solve_with(peer: str, interpreter: str, draws: Sequence[Draw]) -> list[PeerAnswer]:
+def solve_with(peer: str, interpreter: str, draws: Sequence[Draw]) -> list[_PeerAnswer]:
     """The peer's answers to draws of one rig, with the true lens model and its own defaults for the rest."""
     lengths = [[len(view.ids) for view in given.views] for given in draws]
     with tempfile.TemporaryDirectory() as folder:
@@ -108,7 +108,7 @@ def solve_with(peer: str, interpreter: str, draws: Sequence[Draw]) -> list[PeerA
         )
         failure = _run([interpreter, str(_SCRIPT), peer, str(problems), str(answers)])
         if failure:
-            return [PeerAnswer(None, np.nan, [], failure) for _ in draws]
+            return [_PeerAnswer(None, np.nan, [], failure) for _ in draws]
         found = dict(np.load(answers))
     kept = np.split(found["kept"], np.cumsum([count for counts in lengths for count in counts])[:-1])
     answered, first = [], 0
@@ -117,7 +117,7 @@ def solve_with(peer: str, interpreter: str, draws: Sequence[Draw]) -> list[PeerA
         own = kept[first : first + len(counts)]
         first += len(counts)
         usable = intrinsics if np.all(np.isfinite(intrinsics)) else None
-        answered.append(PeerAnswer(usable, float(found["seconds"][number]), own, failed))
+        answered.append(_PeerAnswer(usable, float(found["seconds"][number]), own, failed))
     return answered
 
 

@@ -61,9 +61,9 @@ def verdict(found: Answers, photographs: Sequence[Photograph], bound_m: np.ndarr
     )
 
 
-BEYOND_CACHE_BYTES = 256 * 2**20
+_BEYOND_CACHE_BYTES = 256 * 2**20
 """So much is read in turn that nothing of it is still in a processor's cache when its turn comes again."""
-LONG_S = 0.25
+_LONG_S = 0.25
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ class Reading:
 def seconds(work: Callable[[], object], repeats: int) -> float:
     """Least processor time, of all threads together, over so many calls, after one to warm up.
 
-    What takes longer than `LONG_S` is timed once. With one thread it is the time that passes on a machine with nothing
+    What takes longer than `_LONG_S` is timed once. With one thread it is the time that passes on a machine with nothing
     else to do; what BLAS does in others, if OMP_NUM_THREADS lets it, counts too.
     """
     begun = time.process_time()
     work()
     least = time.process_time() - begun
-    if least > LONG_S:
+    if least > _LONG_S:
         return least
     for _ in range(repeats):
         begun = time.process_time()
@@ -102,7 +102,7 @@ def typical_seconds(works: Sequence[Callable[[], object]], repeats: int) -> floa
     return float(np.median([seconds(work, repeats) for work in works]))
 
 
-def reading(size: tuple[int, int], repeats: int, room_bytes: int = BEYOND_CACHE_BYTES) -> Reading:
+def reading(size: tuple[int, int], repeats: int, room_bytes: int = _BEYOND_CACHE_BYTES) -> Reading:
     """For 8-bit pictures of (width, height): by summing them eight bytes at a time, or by a copy, the faster way."""
     words = size[0] * size[1] // 8
     store = np.ones((max(room_bytes // (8 * words), 1), words), np.uint64)

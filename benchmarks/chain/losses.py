@@ -16,9 +16,9 @@ from .bound import Information, at_places, equal_information
 from .methods import MODELS, PAPER_RUNG, centreline
 from .scenes import FRICTION_STD_RAD, Cell, Photograph
 
-DRAWS = 4
+_DRAWS = 4
 """Of ideal points, for each picture."""
-FINER = 8
+_FINER = 8
 """The true path is taken so many times as dense as it was drawn: to a sixteenth of a pixel."""
 
 
@@ -49,7 +49,7 @@ class LossRow:
 
 
 @dataclass(frozen=True, eq=False)
-class FoundPoints:
+class _FoundPoints:
     """The points of one picture: their errors (N,) over the least noise, stated deviations over it; as in `LossRow`."""
 
     errors: np.ndarray
@@ -74,7 +74,7 @@ def losses(
     clean = joined(
         [replace(at_places(replace(one.truth, sigma_px=sigma_px), places), rig=pages.rig) for one in pages.photographs]
     )
-    noisy = clean.noisy(rng, DRAWS)
+    noisy = clean.noisy(rng, _DRAWS)
     rows = []
     for model in [model for model in MODELS if model != PAPER_RUNG]:
         fit = ContactEstimator(pages.rig, model=model, friction=FRICTION_STD_RAD)
@@ -95,14 +95,14 @@ def losses(
     return rows
 
 
-def found_points(estimator: ContactEstimator, photograph: Photograph, known: Information) -> FoundPoints:
+def found_points(estimator: ContactEstimator, photograph: Photograph, known: Information) -> _FoundPoints:
     """The points that the second look finds, by the path that the picture was drawn from."""
     line = centreline(estimator, photograph)
     path = photograph.drawing.tube.pixels
-    fine = np.linspace(0, len(path) - 1, FINER * len(path))
+    fine = np.linspace(0, len(path) - 1, _FINER * len(path))
     dense = np.stack([np.interp(fine, np.arange(len(path)), axis) for axis in path.T], axis=1)
     least = np.interp(line.points_px[:, 0], known.column, known.sigma_px)
-    return FoundPoints(
+    return _FoundPoints(
         errors=aside_px(dense, line.points_px)[0] / least,
         stated=line.sigma_px * estimator.rig.image.noise_scale / least,
         kept=len(line.points_px) / len(known.column),

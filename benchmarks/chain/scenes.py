@@ -31,7 +31,7 @@ JOINTS_RAD = (0.3, -0.25)
 """Pan and tilt of all pictures: weight bends the antenna along y and z."""
 LIGHT = replace(PLAIN, vignette=0.3, gradient=0.3)
 """In focus, a sensor's shot and read noise, light from one side and dark corners, nothing behind."""
-DRAWN_AT = 161
+_DRAWN_AT = 161
 """Places along the antenna from which its picture is drawn."""
 
 
@@ -134,7 +134,7 @@ def _photograph(rig: Rig, rng: np.random.Generator) -> Photograph:
 
 def drawn(rig: Rig, touches: Touches) -> Drawing:
     """The picture of one touch."""
-    arclength = np.linspace(0.0, rig.antenna.length_m, DRAWN_AT)
+    arclength = np.linspace(0.0, rig.antenna.length_m, _DRAWN_AT)
     points = rod_shapes(rig, touches, arclength).points_m[0]
     lens = Lens(rig.camera.model, rig.camera.image_size, rig.camera.matrix, rig.camera.distortion)
     to_camera = rig.T_antenna_camera.inverse()

@@ -23,7 +23,7 @@ from .solve import STAGES, Errors, Solved, solve, statistics
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RATIO_GOAL = 0.15
+_RATIO_GOAL = 0.15
 COVERED_GOAL = (0.93, 0.97)
 JUDGED = ("points on C", "camera pose", "EI")
 """The quantities that the goal is about."""
@@ -172,7 +172,7 @@ def _rows(rig: str, found: Sequence[Outcome]) -> list[Row]:
         numbers = statistics([errors[quantity] for errors in good])
         unit, factor = UNITS.get(quantity, ("", 0.0))
         low, high = COVERED_GOAL
-        near = all(abs(ratio - 1.0) <= RATIO_GOAL for ratio in (numbers.ratio, numbers.worst_ratio))
+        near = all(abs(ratio - 1.0) <= _RATIO_GOAL for ratio in (numbers.ratio, numbers.worst_ratio))
         own = asdict(numbers) | {"predicted_std": factor * numbers.predicted_std if unit else None}
         met = near and low <= numbers.covered <= high
         judged = quantity in JUDGED
@@ -198,7 +198,7 @@ def as_text(rows: Sequence[Row], rigs: Sequence[RigRow], draws: int) -> str:
     title = (
         f"{draws} draws a rig; ratio: sampled over predicted standard deviation, then that of the worst number of the "
         "quantity;\ncovered: 95 % regions that hold the truth; bias: largest mean error, in predicted deviations; "
-        f"goal: ratios within {100 * RATIO_GOAL:.0f} % and {100 * COVERED_GOAL[0]:.0f} to {100 * COVERED_GOAL[1]:.0f} %"
+        f"goal: ratios within {_RATIO_GOAL:.0%} and {COVERED_GOAL[0]:.0%} to {COVERED_GOAL[1]:.0%}"
     )
     goal = {"goal": lambda row: ("met" if row.met else "missed") if row.judged else ""}
     failed = [f"{rig.rig}, {rig.failed} of {rig.draws + rig.failed} failed: {'; '.join(rig.failures)}" for rig in rigs]
@@ -210,7 +210,7 @@ def figure(rows: Sequence[Row], draws: int) -> Figure:
     """Ratio and coverage of the main quantities, rig by rig, with two standard errors and the goal's band."""
     names = list(dict.fromkeys(row.rig for row in rows))
     drawn, (left, right) = panels(2, 2, (5.5, 1.3 + 0.75 * len(names)), sharey=True)
-    left.axvspan(1 - RATIO_GOAL, 1 + RATIO_GOAL, color=SHADE)
+    left.axvspan(1 - _RATIO_GOAL, 1 + _RATIO_GOAL, color=SHADE)
     right.axvspan(*(100 * share for share in COVERED_GOAL), color=SHADE)
     left.axvline(1.0, color=GREY, lw=0.8)
     right.axvline(95.0, color=GREY, lw=0.8)

@@ -37,7 +37,7 @@ T_ANTENNA_JIG = Pose.from_rotvec(np.array([3.06, 0.03, 0.02]), np.array([0.035, 
 _JIG_PICTURES = 4
 _LOOKED_AT_M = np.array([0.12, 0.0, 0.0])
 """The point of the antenna frame on the camera's axis."""
-REACH_M = (0.24, 0.12)
+_REACH_M = (0.24, 0.12)
 """Sides of the part of C that is judged: the antenna's length, and half of it to either side."""
 GRID = (9, 5)
 _LEAST_CORNERS = 12
@@ -87,8 +87,8 @@ class CoverageRig:
 
     def points_on_c(self) -> tuple[np.ndarray, np.ndarray]:
         """(M, 2) points of C within the antenna's reach that the picture shows, m, and their true pixels (M, 2)."""
-        x, y = (np.linspace(0.0, side, count) for side, count in zip(REACH_M, GRID, strict=True))
-        points = np.stack(np.meshgrid(x, y - REACH_M[1] / 2), axis=-1).reshape(-1, 2)
+        x, y = (np.linspace(0.0, side, count) for side, count in zip(_REACH_M, GRID, strict=True))
+        points = np.stack(np.meshgrid(x, y - _REACH_M[1] / 2), axis=-1).reshape(-1, 2)
         pixels = self.antenna_pixels(np.column_stack([points, np.zeros(len(points))]))
         seen = self.inside(pixels)
         return points[seen], pixels[seen]

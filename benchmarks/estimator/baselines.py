@@ -17,7 +17,7 @@ from .scenes import Scenes
 
 PARTS = {"two curved points": (0.45, 0.95), "two straight points": (1.1, 2.0), "one of each": (0.6, 2.0)}
 """Where the two points are taken: up to 1 in contact distances, the rest as 1 + the share of the straight part."""
-CAMERA_B_TILT_RAD = np.radians(30.0)
+_CAMERA_B_TILT_RAD = np.radians(30.0)
 FIRST_GUESS = 0.7
 """Of the length: beyond it the first straight line is drawn."""
 
@@ -44,7 +44,7 @@ def baselines(scenes: Scenes, rng: np.random.Generator) -> dict[str, Solve]:
 
     def inclined(which: np.ndarray) -> np.ndarray:
         x, y = np.moveaxis(picked[which], -1, 0)
-        found = inclined_two_point_contact(x, y, scenes.moment_Nm[which], stiffness, CAMERA_B_TILT_RAD, length)
+        found = inclined_two_point_contact(x, y, scenes.moment_Nm[which], stiffness, _CAMERA_B_TILT_RAD, length)
         return np.asarray(found.contact_m)
 
     def line(which: np.ndarray) -> np.ndarray:
@@ -75,7 +75,7 @@ def _camera_b(scenes: Scenes, layer: CameraOnPlane, rng: np.random.Generator) ->
     middle = np.nanmean(scenes.points_px, axis=(0, 1))
     a, b = layer.project(middle + np.array([[-0.5, 0.0], [0.5, 0.0]]))[0]
     m_per_px = float(np.linalg.norm(b - a))
-    image = np.asarray(project(points, CAMERA_B_TILT_RAD))
+    image = np.asarray(project(points, _CAMERA_B_TILT_RAD))
     return image + rng.normal(0.0, scenes.sigma_px * m_per_px, image.shape)
 
 

@@ -21,7 +21,7 @@ from .shapes import Shapes, Touches, rod_shapes
 
 STEP = 1e-4
 """Of the contact distance in itself, of the push in EI/l², of the friction angle in rad."""
-ILL_CONDITIONED = 1e13
+_ILL_CONDITIONED = 1e13
 _CONTACT = 3
 _PIECE = 100
 _RIG_STEPS = np.append(RIG_STEPS, [STEP, STEP])
@@ -180,7 +180,7 @@ def _inverse(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     unit = np.where(sound[:, None, None], information / (scale[:, :, None] * scale[:, None, :]), 0.0)
     sizes, axes = np.linalg.eigh(unit)
     condition = np.where(sizes[:, 0] > 0, sizes[:, -1] / np.where(sizes[:, 0] > 0, sizes[:, 0], 1.0), np.inf)
-    sound &= condition < ILL_CONDITIONED
+    sound &= condition < _ILL_CONDITIONED
     inverse = np.einsum(
         "bik,bk,bjk->bij", axes, np.where(sound[:, None], 1.0 / np.where(sizes > 0, sizes, 1.0), 0.0), axes
     )

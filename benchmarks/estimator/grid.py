@@ -22,10 +22,10 @@ from .statistics import QUANTITIES, Estimates, estimate, quality, standard_error
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-REACHES = (0.1, 0.25, 0.5, 0.75, 0.95)
-TILTS_DEG = (0.0, 30.0, 60.0, 75.0)
-ROLLS_DEG = (0.0, 40.0, 80.0)
-LEAST_DEFLECTION_SIGMA = 20.0
+_REACHES = (0.1, 0.25, 0.5, 0.75, 0.95)
+_TILTS_DEG = (0.0, 30.0, 60.0, 75.0)
+_ROLLS_DEG = (0.0, 40.0, 80.0)
+_LEAST_DEFLECTION_SIGMA = 20.0
 LARGEST_BOUND = 0.05
 """Of the contact distance."""
 FROM_TIP_STD = 6.0
@@ -88,7 +88,7 @@ def run(
     *,
     model: str = "auto",
     lenses: Sequence[str] = tuple(LENSES),
-    tilts_deg: Sequence[float] = TILTS_DEG,
+    tilts_deg: Sequence[float] = _TILTS_DEG,
 ) -> list[CellRow]:
     """Every cell, each with so many noise draws, without friction."""
     rows: list[CellRow] = []
@@ -110,13 +110,13 @@ def run(
 
 def planned(rig: Rig) -> Plan:
     """Which cells of a rig can be run, and with which push."""
-    reach, roll_deg = (values.ravel() for values in np.meshgrid(REACHES, ROLLS_DEG, indexing="ij"))
+    reach, roll_deg = (values.ravel() for values in np.meshgrid(_REACHES, _ROLLS_DEG, indexing="ij"))
     antenna = rig.antenna
     distance = reach * antenna.length_m
     # what a pixel is at points of the straight antenna, for a camera that looked straight at them
     points = distance[:, None] * np.array([1.0, 0.0, 0.0]) - rig.T_antenna_camera.translation_m
     metres_per_px = np.linalg.norm(points, axis=1) / rig.camera.matrix[0, 0]
-    least = LEAST_DEFLECTION_SIGMA * SIGMA_PX * metres_per_px
+    least = _LEAST_DEFLECTION_SIGMA * SIGMA_PX * metres_per_px
     tried = least[:, None] * _HARDER
     size = push_for_deflection(tried, distance[:, None], antenna.stiffness_Nm2)
     steepest = push_for_slope(np.full(len(distance), STEEPEST_RAD), distance, antenna.stiffness_Nm2)
@@ -179,8 +179,8 @@ def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates
         )
 
 
-OF_BOUND_GOAL, BIAS_GOAL, COVERED_GOAL = 1.05, 0.1, (0.93, 0.97)
-CLEARLY = 2.5
+_OF_BOUND_GOAL, _BIAS_GOAL, COVERED_GOAL = 1.05, 0.1, (0.93, 0.97)
+_CLEARLY = 2.5
 """A cell misses its goal clearly when it is beyond it by more than so many standard errors: noise alone does so for a
 cell that just meets the goal in six of a thousand."""
 
@@ -193,7 +193,7 @@ class SummaryRow:
     ----------
     pooled : root mean square over the cells of of_bound, mean of the others. pooled_error : its standard error.
     worst : in the cell furthest from the goal. cell_error : standard error in one cell, from noise alone.
-    beyond, clearly : number of cells beyond the goal, and by more than `CLEARLY` standard errors.
+    beyond, clearly : number of cells beyond the goal, and by more than `_CLEARLY` standard errors.
     """
 
     quantity: str = column("quantity")
@@ -216,8 +216,8 @@ class SummaryRow:
 
 
 _GOALS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
-    "of_bound": (f"≤ {OF_BOUND_GOAL}", lambda values: values - OF_BOUND_GOAL),
-    "bias": (f"|…| ≤ {BIAS_GOAL}", lambda values: np.abs(values) - BIAS_GOAL),
+    "of_bound": (f"≤ {_OF_BOUND_GOAL}", lambda values: values - _OF_BOUND_GOAL),
+    "bias": (f"|…| ≤ {_BIAS_GOAL}", lambda values: np.abs(values) - _BIAS_GOAL),
     "covered": (
         f"{COVERED_GOAL[0]} to {COVERED_GOAL[1]}",
         lambda values: np.maximum(COVERED_GOAL[0] - values, values - COVERED_GOAL[1]),
@@ -256,7 +256,7 @@ def _line(measure: str, quantity: str, rows: Sequence[CellRow]) -> SummaryRow:
         worst_cell=rows[worst].cell,
         cell_error=float(np.median(errors)),
         beyond=int((beyond > 0).sum()),
-        clearly=int((beyond > CLEARLY * errors).sum()),
+        clearly=int((beyond > _CLEARLY * errors).sum()),
     )
 
 
@@ -267,7 +267,7 @@ def grid_text(rows: Sequence[CellRow], lines: Sequence[SummaryRow]) -> str:
     title = (
         f"matched scenes: {len(run)} of {len(cells)} cells, {run[0].draws if run else 0} draws each; of_bound: rms "
         "error over the Cramér–Rao bound; bias: mean error in sampled\ndeviations; covered: 95 % intervals that hold "
-        f"the truth; clearly: cells beyond the goal by more than {CLEARLY} standard errors"
+        f"the truth; clearly: cells beyond the goal by more than {_CLEARLY} standard errors"
     )
     rigs = [["lens", "tilt", "cells", "ok %", "tip %", "without %", "l of bound"]]
     for lens, tilt in dict.fromkeys((row.lens, row.tilt_deg) for row in run):
@@ -290,7 +290,7 @@ def figure(rows: Sequence[CellRow]) -> Figure:
     styles = {f"tilt {tilt:.0f}°": (COLOURS[place % 6], "s") for place, tilt in enumerate(tilts)}
     styles |= {f"roll {roll:.0f}°": (INK, _MARKS[place % 6]) for place, roll in enumerate(rolls)}
     for panel, (quantity, lens) in zip(every, product(shown, lenses), strict=True):
-        panel.axhspan(0.0, OF_BOUND_GOAL, color=SHADE, lw=0)
+        panel.axhspan(0.0, _OF_BOUND_GOAL, color=SHADE, lw=0)
         panel.axhline(1.0, color=GREY, lw=0.8)
         for row in run:
             if (row.lens, row.quantity) == (lens, quantity):

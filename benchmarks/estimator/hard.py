@@ -18,7 +18,7 @@ from .scenes import Scenes, push_for_slope, rolled, scenes
 from .setup import LENGTH_M, LENSES, Setup, drawn_truth
 from .shapes import rod_shapes
 
-CLAIMED = ("ok", "tip_contact")
+_CLAIMED = ("ok", "tip_contact")
 
 
 @dataclass(frozen=True)
@@ -105,12 +105,12 @@ def _max(values: np.ndarray) -> float | None:
     return float(np.max(np.abs(values))) if values.size else None
 
 
-CHUNK = 1000
-FAR_STD = 6.0
+_CHUNK = 1000
+_FAR_STD = 6.0
 FRICTION_STD_RAD = 0.2
 POINTS = (5, 200)
-NOISE_PX = (0.02, 1.0)
-FREE, NO_READING, HOLED, FOULED = 0.1, 0.2, 0.3, 0.1
+_NOISE_PX = (0.02, 1.0)
+FREE, _NO_READING, _HOLED, _FOULED = 0.1, 0.2, 0.3, 0.1
 """Shares of frames without contact, without a moment, with up to 60 % of the points missing, with 20 % outliers."""
 
 
@@ -152,7 +152,7 @@ class Replayed:
     rig: str
 
 
-def hostile(count: int, seed: int, chunk: int = CHUNK) -> list[HostileRow]:
+def hostile(count: int, seed: int, chunk: int = _CHUNK) -> list[HostileRow]:
     """So many frames, a chunk of them at a time."""
     sizes = [min(chunk, count - start) for start in range(0, count, chunk)]
     return [judged_at_random(seed, number, size) for number, size in enumerate(progress(sizes, "chunks", len(sizes)))]
@@ -166,7 +166,7 @@ def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
     except Exception as error:  # whatever it is: that it was raised at all is the result
         what = f"{type(error).__name__}: {error}"
         return HostileRow(seed, chunk, drawn.rig, frames, _raising(drawn), failure=what)
-    claimed = np.isin(found.status, CLAIMED)
+    claimed = np.isin(found.status, _CLAIMED)
     off = np.column_stack(deviations(found, drawn.scenes))
     off = np.where((claimed & drawn.touched)[:, None], np.abs(off), 0.0)
     ranked = np.where(np.isnan(off), np.inf, off)
@@ -179,7 +179,7 @@ def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
         frames=frames,
         nan=int((claimed & ~complete(found)).sum()),
         claimed=int(claimed.sum()),
-        beyond=int((off > FAR_STD).any(axis=1).sum()),
+        beyond=int((off > _FAR_STD).any(axis=1).sum()),
         imagined=int((claimed & ~drawn.touched).sum()),
         statuses=shares(found.status),
         worst=f"{('l', 'f_y', 'f_z')[quantity]} of frame {index}" if any_claimed else "",
@@ -224,7 +224,7 @@ def complete(found: Contacts) -> np.ndarray:
     return np.all(finite, axis=0) & positive
 
 
-def replay(seed: int, chunk: int, frames: int = CHUNK) -> Replayed:
+def replay(seed: int, chunk: int, frames: int = _CHUNK) -> Replayed:
     """The frames of one chunk again. Another number of frames makes others: give the row's own."""
     rng = np.random.default_rng((seed, chunk))
     setup = _setup(rng)
@@ -243,17 +243,17 @@ def replay(seed: int, chunk: int, frames: int = CHUNK) -> Replayed:
         made_by=rod_shapes,
         pan_rad=rng.uniform(-1.5, 1.5, frames),
         tilt_rad=rng.uniform(-1.5, 1.5, frames),
-        sigma_px=float(np.exp(rng.uniform(*np.log(NOISE_PX)))),
+        sigma_px=float(np.exp(rng.uniform(*np.log(_NOISE_PX)))),
         points=int(rng.integers(*POINTS, endpoint=True)),
         given=given,
     )
     noisy = clean.noisy(rng)
-    fouled = np.where(rng.random(frames) < FOULED, rng.uniform(0.0, 0.2, frames), 0.0)
+    fouled = np.where(rng.random(frames) < _FOULED, rng.uniform(0.0, 0.2, frames), 0.0)
     noisy = with_outliers(noisy, fouled[:, None], rng)
-    holed = np.where(rng.random(frames) < HOLED, rng.uniform(0.0, 0.6, frames), 0.0)
+    holed = np.where(rng.random(frames) < _HOLED, rng.uniform(0.0, 0.6, frames), 0.0)
     lost = rng.random(noisy.points_px.shape[:2]) < holed[:, None]
     noisy = replace(noisy, points_px=np.where(lost[..., None], np.nan, noisy.points_px))
-    readings = np.where(rng.random(frames) < NO_READING, np.nan, noisy.moment_Nm)
+    readings = np.where(rng.random(frames) < _NO_READING, np.nan, noisy.moment_Nm)
     words_ = f"{setup.lens}, tilt {np.degrees(setup.tilt_rad):.0f}°, azimuth {np.degrees(setup.azimuth_rad):.0f}°"
     exact = "exact" if setup.exact else "calibrated"
     return Replayed(

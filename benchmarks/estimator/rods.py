@@ -26,12 +26,12 @@ _LOCATION_GOAL, _FORCE_GOAL = 0.01, 0.02
 """Of the distance and of the force, rms, where the contact is moved by 5 mm at least, lies within 0.75 L, and where the
 bound allows it."""
 _LEAST_DEFLECTION_M, _FURTHEST = 5e-3, 0.75
-DRAWN_RIGS = 20
+_DRAWN_RIGS = 20
 _SWING_M = 0.1
 
 
 @dataclass(frozen=True)
-class Population:
+class _Population:
     """Random scenes of one rig.
 
     Attributes
@@ -49,13 +49,13 @@ def _setup(lens: str, tilt_rad: float, azimuth_rad: float, **more: Any) -> Setup
 
 
 POPULATIONS = (
-    Population("upright, Brown", _setup("brown", 0.0, TOWARDS_CLAMP)),
-    Population("40° towards the clamp, no distortion", _setup("none", 0.7, TOWARDS_CLAMP)),
-    Population("40° across, fisheye", _setup("fisheye", 0.7, ACROSS)),
-    Population("60° across, 512x512", _setup("brown", 1.05, ACROSS, image_size=(512, 512))),
-    Population("40° across, friction", _setup("brown", 0.7, ACROSS), 0.2),
-    Population("40° across, rig off", _setup("brown", 0.7, ACROSS, exact=False)),
-    Population("40° across, rig off, friction", _setup("brown", 0.7, ACROSS, exact=False), 0.2),
+    _Population("upright, Brown", _setup("brown", 0.0, TOWARDS_CLAMP)),
+    _Population("40° towards the clamp, no distortion", _setup("none", 0.7, TOWARDS_CLAMP)),
+    _Population("40° across, fisheye", _setup("fisheye", 0.7, ACROSS)),
+    _Population("60° across, 512x512", _setup("brown", 1.05, ACROSS, image_size=(512, 512))),
+    _Population("40° across, friction", _setup("brown", 0.7, ACROSS), 0.2),
+    _Population("40° across, rig off", _setup("brown", 0.7, ACROSS, exact=False)),
+    _Population("40° across, rig off, friction", _setup("brown", 0.7, ACROSS, exact=False), 0.2),
 )
 FIRST_LOOK = (POPULATIONS[2], POPULATIONS[5])
 
@@ -92,7 +92,7 @@ class RodRow:
     force_bound: float = column("bound %", ".2f", 100)
 
 
-def run(frames: int, seed: int, model: str = "auto", chosen: Sequence[Population] = POPULATIONS) -> list[RodRow]:
+def run(frames: int, seed: int, model: str = "auto", chosen: Sequence[_Population] = POPULATIONS) -> list[RodRow]:
     """Every population with so many random frames."""
     numbered = list(enumerate(chosen))
     return [
@@ -101,7 +101,7 @@ def run(frames: int, seed: int, model: str = "auto", chosen: Sequence[Population
     ]
 
 
-def _row(population: Population, frames: int, model: str, rng: np.random.Generator) -> RodRow:
+def _row(population: _Population, frames: int, model: str, rng: np.random.Generator) -> RodRow:
     clean, without_noise, noisy = [], [], []
     biased = population.setup.exact and not population.friction_std_rad
     for part in parts(population, frames, rng):
@@ -142,10 +142,10 @@ def _row(population: Population, frames: int, model: str, rng: np.random.Generat
     )
 
 
-def parts(population: Population, frames: int, rng: np.random.Generator) -> list[Scenes]:
+def parts(population: _Population, frames: int, rng: np.random.Generator) -> list[Scenes]:
     """Scenes without noise; of a rig that is off, from several true ones."""
     rig = population.setup.rig()
-    truths = [rig] if population.setup.exact else [drawn_truth(rig, rng) for _ in range(DRAWN_RIGS)]
+    truths = [rig] if population.setup.exact else [drawn_truth(rig, rng) for _ in range(_DRAWN_RIGS)]
     each = -(-frames // len(truths))
     return [
         random_scenes(true_rig, each, rng, friction_std_rad=population.friction_std_rad, given=rig)

@@ -24,7 +24,7 @@ from vbaa_calib.rig import Rig
 
 from .setup import rod_of
 
-TOLERANCE = 1e-10
+_TOLERANCE = 1e-10
 """On the moment left at the tip in EI/L, and on the sine of the force's angle."""
 _PIECE = 500
 
@@ -123,8 +123,8 @@ def _rod_piece(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
         rod.T_antenna_clamp.rotation[:, 0], touches.distance_m[:, None] * force + rod.length_m / 2 * weight
     )
     start = np.concatenate([straight / unit, lean[:, None]], axis=1)
-    state, left = newton(residual, start, tolerance=TOLERANCE)
-    if not (left <= TOLERANCE).all():
+    state, left = newton(residual, start, tolerance=_TOLERANCE)
+    if not (left <= _TOLERANCE).all():
         worst = int(np.argmax(left))
         raise SolveError(f"no equilibrium for a push of {size[worst]:.3g} N at {touches.distance_m[worst]:.4f} m")
     solved, contact, direction = nodes(state, np.arange(len(size)))

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 MODELS = (*RUNGS, "auto")
 REACH, DEFLECTION_M, ROLL_RAD = (0.3, 0.8), (0.004, 0.008), np.radians(60.0)
 """Contact distances over length, deflections there, and the largest roll of the deformation plane."""
-LOOP_FRAMES, SINGLE_FRAMES = 100, 20
+_LOOP_FRAMES, _SINGLE_FRAMES = 100, 20
 """Frames that the SciPy loop is judged by, and that single frames are timed with: of few a quarter, and a tenth."""
 TRUE_RIGS = 20
-FORMULA_FRAMES = 1_000_000
+_FORMULA_FRAMES = 1_000_000
 PAPER, LOOP = "the paper's two points", "SciPy, a loop"
 LINE, ESTIMATOR = "straight line", "all points"
 
@@ -81,10 +81,10 @@ class Judged:
 
 def run(frames: int, seed: int, repeats: int) -> list[SpeedRow]:
     """Every method over so many frames of N = 200 points under an upright camera."""
-    rows = [_formula_alone(FORMULA_FRAMES, seed, repeats)]
+    rows = [_formula_alone(_FORMULA_FRAMES, seed, repeats)]
     rolled_frames, flat = population(frames, seed, ROLL_RAD), population(frames, seed + 1, 0.0)
     rows += _baselines(rolled_frames, flat, seed, repeats)
-    rows.append(_loop(rolled_frames, flat, min(LOOP_FRAMES, -(-frames // 4))))
+    rows.append(_loop(rolled_frames, flat, min(_LOOP_FRAMES, -(-frames // 4))))
     calibrated = [_calibrated_population(frames, seed + 2, roll) for roll in (ROLL_RAD, 0.0)]
     known = {"exact": (rolled_frames, flat), "calibrated": calibrated}
     for rig, (judged, judged_flat) in known.items():
@@ -163,7 +163,7 @@ def _estimator(model: str, rig: str, judged: Judged, flat: Judged, repeats: int)
         return found.distance_m
 
     off, off_flat = judged.errors(batch(judged.scenes)), flat.errors(batch(flat.scenes))
-    single = min(SINGLE_FRAMES, -(-len(judged.scenes) // 10))
+    single = min(_SINGLE_FRAMES, -(-len(judged.scenes) // 10))
     singles = [judged.scenes.picked(np.array([index])) for index in range(single)]
     each = [least_seconds(partial(batch, one), repeats) for one in singles]
     yield SpeedRow(model, ESTIMATOR, rig, 1, 1e6 * float(np.median(each)), *_errors(off, off_flat))

@@ -274,7 +274,7 @@ class GrowthRow:
     memory_allowed: float
 
 
-def as_rows(grown: Sequence[Grown]) -> list[GrowthRow]:
+def _as_rows(grown: Sequence[Grown]) -> list[GrowthRow]:
     """Every size of every series."""
     rows = []
     for each in grown:
@@ -367,7 +367,7 @@ def measure(options: Options) -> Findings:
     said = f"{len(grown)} kinds of work, none grows faster than it should"
     return Findings(
         text=as_text(grown) + skipped,
-        tables={"growth.csv": as_rows(grown)},
+        tables={"growth.csv": _as_rows(grown)},
         figures={"growth.png": lambda: figure(grown)},
         numbers=numbers(grown),
         headline=said if not worse else f"grows faster than it should: {', '.join(worse)}",

@@ -33,9 +33,9 @@ from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 
-RATE_HZ, PERIOD = 30.0, 240
+RATE_HZ, _PERIOD = 30.0, 240
 """Frames a second, and frames after which the motion begins anew: 8 s."""
-NOISES = 4
+_NOISES = 4
 """Periods with noise of their own; then the pixels come again. The moments' noise is always fresh."""
 REACH, DEFLECTION_M, ROLL_RAD = (0.35, 0.75), (0.005, 0.008), 0.4
 SESSION = """schema: vbaa.session/1
@@ -47,22 +47,22 @@ moment_sensor: {std_Nm: 2.0e-5}
 
 
 @dataclass(frozen=True, eq=False)
-class Period:
-    """One period of the motion. `points_px` (PERIOD, N, 2) and `moment_Nm` (PERIOD,) are without noise."""
+class _Period:
+    """One period of the motion. `points_px` (_PERIOD, N, 2) and `moment_Nm` (_PERIOD,) are without noise."""
 
     rig: Rig
     points_px: np.ndarray
     moment_Nm: np.ndarray
 
 
-def period(points: int) -> Period:
+def period(points: int) -> _Period:
     """So many points of every frame, evenly along the antenna, under an upright camera."""
     rig = Setup().rig()
-    turn = 2.0 * np.pi * np.arange(PERIOD) / PERIOD
+    turn = 2.0 * np.pi * np.arange(_PERIOD) / _PERIOD
     distance = LENGTH_M * _between(REACH, np.sin(turn))
     size = push_for_deflection(_between(DEFLECTION_M, np.cos(turn)), distance, STIFFNESS_NM2)
     seen = scenes(rig, distance, rolled(size, ROLL_RAD * np.sin(2.0 * turn)), points=points)
-    return Period(rig, seen.points_px, seen.moment_Nm)
+    return _Period(rig, seen.points_px, seen.moment_Nm)
 
 
 def _between(ends: tuple[float, float], share: np.ndarray) -> np.ndarray:
@@ -81,16 +81,16 @@ def write_recording(folder: Path, frames: int, points: int, seed: int) -> None:
     with table.open("w") as rows, table.with_name("centrelines.csv").open("w") as lines:
         rows.write("frame,time_s,pan_rad,tilt_rad,moment_Nm\n")
         lines.write("frame,u_px,v_px,sigma_px\n")
-        noisy = [_rows(one, rng) for _ in range(min(NOISES, -(-frames // PERIOD)))]
+        noisy = [_rows(one, rng) for _ in range(min(_NOISES, -(-frames // _PERIOD)))]
         noise_Nm = one.rig.moment_sensor.std_Nm
         for index in range(frames):
-            at, name = index % PERIOD, str(index)
+            at, name = index % _PERIOD, str(index)
             moment = one.moment_Nm[at] + noise_Nm * rng.normal()
             rows.write(f"{name},{index / RATE_HZ:.6f},0,0,{moment:.9g}\n")
-            lines.write(name.join(noisy[index // PERIOD % len(noisy)][at][: points + 1]))
+            lines.write(name.join(noisy[index // _PERIOD % len(noisy)][at][: points + 1]))
 
 
-def _rows(one: Period, rng: np.random.Generator) -> list[list[str]]:
+def _rows(one: _Period, rng: np.random.Generator) -> list[list[str]]:
     """For each frame the ends of its rows, to be joined by its number."""
     noisy = one.points_px + SIGMA_PX * rng.normal(size=one.points_px.shape)
     return [list(_ends(points)) for points in noisy]
@@ -102,12 +102,12 @@ def _ends(points_px: np.ndarray) -> Iterator[str]:
         yield f",{u:.4f},{v:.4f},{SIGMA_PX}\n"
 
 
-FRAME_POINTS, BATCH = 40, 64
-ASPECT = 1.5
+_FRAME_POINTS, _BATCH = 40, 64
+_ASPECT = 1.5
 """Width over height of the pictures."""
 STIFFNESS_N_M, FRICTION = 1000.0, 0.1
-STROKES = 4
-BESIDE_M = 2e-5
+_STROKES = 4
+_BESIDE_M = 2e-5
 """How far strokes that are repeated lie from each other."""
 
 Work = Callable[[], object]
@@ -117,7 +117,7 @@ def recording_of_frames(size: int, seed: int) -> Work:
     """A recording of so many frames, from its files to contacts.csv as `vbaa estimate` does it."""
     folder = TemporaryDirectory()
     root = Path(folder.name)
-    write_recording(root, size, FRAME_POINTS, seed)
+    write_recording(root, size, _FRAME_POINTS, seed)
 
     def work() -> None:
         session, rig = load_session(root), Rig.load(root / "rig.json")
@@ -131,16 +131,16 @@ def recording_of_frames(size: int, seed: int) -> Work:
 def batch_of_points(size: int, seed: int) -> Work:
     """A batch of frames with so many points each."""
     one, rng = period(size), np.random.default_rng(seed)
-    pick = np.linspace(0, PERIOD - 1, BATCH).astype(int)
-    points = one.points_px[pick] + 0.1 * rng.normal(size=(BATCH, size, 2))
-    nothing, estimator = np.zeros(BATCH), ContactEstimator(one.rig)
+    pick = np.linspace(0, _PERIOD - 1, _BATCH).astype(int)
+    points = one.points_px[pick] + 0.1 * rng.normal(size=(_BATCH, size, 2))
+    nothing, estimator = np.zeros(_BATCH), ContactEstimator(one.rig)
     return lambda: estimator.estimate_batch(points, one.moment_Nm[pick], nothing, nothing)
 
 
 def one_picture(size: int, seed: int) -> Work:
     """One picture of so many thousand pixels, from its PNG to the contact."""
-    height = round((1e3 * size / ASPECT) ** 0.5)
-    shown = cell((round(ASPECT * height), height), "exact", 1, seed)
+    height = round((1e3 * size / _ASPECT) ** 0.5)
+    shown = cell((round(_ASPECT * height), height), "exact", 1, seed)
     folder = TemporaryDirectory()
     path = Path(folder.name) / "picture.png"
     cv2.imwrite(str(path), shown.photographs[0].image)
@@ -184,7 +184,7 @@ def felt_object(size: int, seed: int) -> Work:
 def _stroked(seed: int) -> ContactTable:
     """A soft cylinder stroked to and fro, some hundred contacts."""
     case, rng = CASES[0], np.random.default_rng(seed)
-    played = record(SETUP.rig(), case.make(STIFFNESS_N_M, FRICTION), case.strokes[:STROKES], rng)
+    played = record(SETUP.rig(), case.make(STIFFNESS_N_M, FRICTION), case.strokes[:_STROKES], rng)
     return contacts(played)
 
 
@@ -194,7 +194,7 @@ def repeated(table: ContactTable, located: int) -> ContactTable:
     times = -(-located // int(table.located.sum()))
     parts = []
     for turn in range(times):
-        moved = table.point_world_m + BESIDE_M * rng.normal(size=table.point_world_m.shape)
+        moved = table.point_world_m + _BESIDE_M * rng.normal(size=table.point_world_m.shape)
         parts.append(
             replace(
                 table, frame=table.frame + turn * len(table), time_s=table.time_s + turn * span, point_world_m=moved

@@ -23,7 +23,7 @@ from .strategies import NEED_A_LENS, PEOPLE, STRATEGIES, SUGGESTED
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COUNTS = (3, 4, 6, 8, 10, 12, 15, 18)
+_COUNTS = (3, 4, 6, 8, 10, 12, 15, 18)
 """Numbers of pictures at which lenses are judged."""
 ENOUGH_SUGGESTED = 8
 """Pictures taken where each has to be worked out from those before it."""
@@ -84,21 +84,21 @@ _NOTHING = _Judged(_NO_LENS_MM, _NO_LENS_MM, np.nan, "")
 
 
 def sequence(rig: Rig, way: str, seed: int) -> dict[int, _Judged]:
-    """Pictures taken one after the other by one strategy; the lens judged at `COUNTS`."""
+    """Pictures taken one after the other by one strategy; the lens judged at `_COUNTS`."""
     photographer, views = Photographer(rig, seed), list[BoardView]()
     solution: LensSolution | None = None
     judged: dict[int, _Judged] = {}
-    while len(views) < (ENOUGH_SUGGESTED if way in NEED_A_LENS else COUNTS[-1]):
+    while len(views) < (ENOUGH_SUGGESTED if way in NEED_A_LENS else _COUNTS[-1]):
         view = STRATEGIES[way](photographer, views, solution)
         if view is None:
             break
         views.append(view)
-        if way in NEED_A_LENS or len(views) in COUNTS:
+        if way in NEED_A_LENS or len(views) in _COUNTS:
             try:
                 solution = solve_intrinsics(views, rig.board)
             except InputError:
                 solution = None
-        if len(views) in COUNTS:
+        if len(views) in _COUNTS:
             judged[len(views)] = _judge(photographer, views, solution)
     return judged
 

@@ -40,13 +40,13 @@ def lenses() -> dict[str, Camera]:
     }
 
 
-EXACT_PX = 1e-9
+_EXACT_PX = 1e-9
 """The accuracy at which methods are compared for speed."""
-SILENT_PX = 1e-3
+_SILENT_PX = 1e-3
 """A point this far off that is not marked invalid is silently wrong."""
 LADDER = (5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 """Numbers of steps tried until a fixed-point method is exact."""
-LIVE_POINTS = 200
+_LIVE_POINTS = 200
 
 Undistort = Callable[[np.ndarray], np.ndarray]
 """(N, 2) pixels → (N, 2) ideal normalized points; NaN where the method marks a point."""
@@ -75,7 +75,7 @@ class Row:
 
 
 def _distorted(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """(N, 2) pixels of ideal points by OpenCV: the judge is none of the contestants' own code."""
+    """(N, 2) pixels of ideal points by OpenCV: the judge is none of the _contestants' own code."""
     if camera.model == "fisheye":
         return cv2.fisheye.distortPoints(points[:, None], camera.matrix, camera.distortion).reshape(-1, 2)
     rays = np.column_stack([points, np.ones(len(points))])
@@ -127,7 +127,7 @@ def _kornia(camera: Camera, steps: int) -> Undistort:
     return undistort
 
 
-def contestants(camera: Camera, pixels: np.ndarray) -> Iterator[tuple[str, Undistort]]:
+def _contestants(camera: Camera, pixels: np.ndarray) -> Iterator[tuple[str, Undistort]]:
     """Name and function of every method for a lens; ours first, for the others' ratios."""
     yield "this layer", lambda pixels: camera.unproject_normalized(pixels)[0]
     yield "this layer, tensors", lambda pixels: camera.unproject_normalized(torch.from_numpy(pixels))[0].numpy()
@@ -149,7 +149,7 @@ def _steps_needed(camera: Camera, make: Callable[[Camera, int], Undistort], pixe
         error = float(np.nanmax(off, initial=0.0)) if not np.isnan(off).any() else np.inf
         if error < 0.5 * best:
             best, chosen = error, steps
-        if best <= EXACT_PX:
+        if best <= _EXACT_PX:
             break
     return chosen
 
@@ -160,10 +160,10 @@ def run(points: int, seed: int, repeats: int) -> list[Row]:
     for name, camera in progress(lenses().items(), "lenses", len(lenses())):
         width, height = camera.image_size
         pixels = np.random.default_rng(seed).uniform((0, 0), (width - 1, height - 1), (points, 2))
-        live = np.ascontiguousarray(pixels[:LIVE_POINTS])
+        live = np.ascontiguousarray(pixels[:_LIVE_POINTS])
         valid = camera.unproject_normalized(pixels)[1]
         ours_ms = np.nan
-        for method, undistort in contestants(camera, pixels):
+        for method, undistort in _contestants(camera, pixels):
             off = errors_px(camera, pixels, undistort(pixels))
             batch_ms = 1e3 * median_seconds(partial(undistort, pixels), repeats)
             ours_ms = batch_ms if method == "this layer" else ours_ms
@@ -172,7 +172,7 @@ def run(points: int, seed: int, repeats: int) -> list[Row]:
                     lens=name,
                     method=method,
                     error_px=float(np.nanmax(off[valid], initial=0.0)),
-                    silent=float((off > SILENT_PX).mean()),
+                    silent=float((off > _SILENT_PX).mean()),
                     marked=float(np.isnan(off).mean()),
                     batch_ms=batch_ms,
                     live_ms=1e3 * median_seconds(partial(undistort, live), repeats),
@@ -207,13 +207,13 @@ def figure(rows: Sequence[Row], points: int) -> Figure:
     return drawn
 
 
-REPEATS = {False: 5, True: 3}
+_REPEATS = {False: 5, True: 3}
 """Timings of each number, without and with --quick."""
 
 
 def measure(options: Options) -> Findings:
     """Every method on every lens; a draw is a random pixel."""
-    rows = run(options.draws, options.seed, REPEATS[options.quick])
+    rows = run(options.draws, options.seed, _REPEATS[options.quick])
     return Findings(
         table(rows, _TITLE.format(options.draws), once=1),
         {"metric.csv": rows},
@@ -238,4 +238,4 @@ def _equal(rows: Sequence[Row], lens: str, family: str) -> Row:
     """Of one family the quickest method that is exact, or as good as it gets."""
     own = [row for row in rows if row.lens == lens and row.method.startswith(family)]
     best = min(row.error_px for row in own)
-    return min((row for row in own if row.error_px <= max(EXACT_PX, 2.0 * best)), key=lambda row: row.batch_ms)
+    return min((row for row in own if row.error_px <= max(_EXACT_PX, 2.0 * best)), key=lambda row: row.batch_ms)

@@ -34,7 +34,7 @@ def _unit(*direction: float) -> np.ndarray:
 
 
 AXIS = _unit(0.2, 0.15, 0.95)
-INTO_BOX = np.cross(AXIS, _unit(*np.cross((0.3, 1.0, 0.0), AXIS)))
+_INTO_BOX = np.cross(AXIS, _unit(*np.cross((0.3, 1.0, 0.0), AXIS)))
 BUMPS = (
     Bump(_unit(-0.3, 1.0, 0.2), 3e-3, 12e-3),
     Bump(_unit(-0.3, -1.0, -0.2), 3e-3, 12e-3),
@@ -88,7 +88,7 @@ CASES = (
     Case("sphere", lambda stiffness, mu: TouchObject("sphere", CENTRE, AXIS, 0.03, 1.0, stiffness, mu), _ROUND),
     Case(
         "box edge",
-        lambda k, mu: TouchObject("box_edge", _BESIDE, AXIS, 3e-3, 0.08, k, mu, INTO_BOX),
+        lambda k, mu: TouchObject("box_edge", _BESIDE, AXIS, 3e-3, 0.08, k, mu, _INTO_BOX),
         _EDGE,
     ),
     Case("free form", lambda k, mu: TouchObject("freeform", CENTRE, AXIS, 0.028, 1.0, k, mu, bumps=BUMPS), _ROUND),

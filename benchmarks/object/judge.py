@@ -13,10 +13,10 @@ from estimator.table.contacts import FRICTION_RAD
 
 from .scenes import Recorded, contacts
 
-REGION = 0.95
-_WIDE = float(norm.isf((1.0 - REGION) / 2.0))
+_REGION = 0.95
+_WIDE = float(norm.isf((1.0 - _REGION) / 2.0))
 _LEAST_VARIANCE = 1e-12
-LEAST_FORCE_N = 0.01
+_LEAST_FORCE_N = 0.01
 """Directions of smaller forces are not judged."""
 
 
@@ -31,7 +31,7 @@ class Judged:
         where they are not known. touched_m : (P,) distance of the touches on the surface.
     point_m, point_std_m : (P,) errors of the contact points along the object's normal, and their deviations.
     normal_rad, normal_inside : (P,) angle to the true normal, and whether that lies in the 95 % region.
-    force_rad : (K,) angle of the forces above `LEAST_FORCE_N` to the true normal.
+    force_rad : (K,) angle of the forces above `_LEAST_FORCE_N` to the true normal.
     mu, mu_inside, stiffness_N_m, stiffness_inside : NaN and False where they are undetermined.
     estimate_s, feel_s : time taken, s.
     """
@@ -72,7 +72,7 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
     rows = surface.touched_row
     right = truth.in_contact[rows]
     normal = truth.normal_world[rows]
-    forces = table.located & truth.in_contact & (np.linalg.norm(table.force_world_N, axis=1) > LEAST_FORCE_N)
+    forces = table.located & truth.in_contact & (np.linalg.norm(table.force_world_N, axis=1) > _LEAST_FORCE_N)
     away = table.point_world_m[rows] - truth.point_world_m[rows]
     turned, inside = _normals(felt, normal)
     rub, soft = felt.friction, felt.compliance
@@ -117,7 +117,7 @@ def _normals(felt: Felt, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     along = np.einsum("pij,pi->pj", axes, miss)
     known = values > _LEAST_VARIANCE
     square = np.where(known, along**2 / np.where(known, values, 1.0), 0.0).sum(axis=1)
-    limit = chi2.ppf(REGION, np.maximum(known.sum(axis=1), 1))
+    limit = chi2.ppf(_REGION, np.maximum(known.sum(axis=1), 1))
     return _angle(found, true), square <= limit
 
 

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-SURFACE_OF_POINTS_GOAL, SURFACE_GOAL_M = 2.0, 1e-3
-NORMAL_GOAL_RAD, FORCE_GOAL_RAD = np.radians(3.0), np.radians(2.0)
-MU_GOAL, STIFFNESS_GOAL = 0.03, 0.10
-USUAL_FRICTION = 0.2
-RUBBED = ("cylinder", "sphere")
+_SURFACE_OF_POINTS_GOAL, _SURFACE_GOAL_M = 2.0, 1e-3
+_NORMAL_GOAL_RAD, _FORCE_GOAL_RAD = np.radians(3.0), np.radians(2.0)
+_MU_GOAL, _STIFFNESS_GOAL = 0.03, 0.10
+_USUAL_FRICTION = 0.2
+_RUBBED = ("cylinder", "sphere")
 """Objects on which the other coefficients of friction are tried."""
 FIRST_LOOK = ("cylinder", "sphere")
 FRICTIONS = (0.0, 0.1, 0.4, 0.6)
@@ -102,14 +102,16 @@ class ObjectRow:
     @property
     def misses(self) -> tuple[str, ...]:
         """The goals that this cell misses. Intervals are judged over all cells: in one the errors go together."""
-        surface = self.surface_mm > SURFACE_OF_POINTS_GOAL * self.point_std_mm or self.surface_mm > 1e3 * SURFACE_GOAL_M
+        surface = (
+            self.surface_mm > _SURFACE_OF_POINTS_GOAL * self.point_std_mm or self.surface_mm > 1e3 * _SURFACE_GOAL_M
+        )
         found = {
             "surface": surface,
-            "normals": self.normal_deg > np.degrees(NORMAL_GOAL_RAD),
-            "force": self.rig.endswith("slippery") and self.force_deg > np.degrees(FORCE_GOAL_RAD),
-            "friction": self.mu_error is None or self.mu_error > MU_GOAL,
+            "normals": self.normal_deg > np.degrees(_NORMAL_GOAL_RAD),
+            "force": self.rig.endswith("slippery") and self.force_deg > np.degrees(_FORCE_GOAL_RAD),
+            "friction": self.mu_error is None or self.mu_error > _MU_GOAL,
             "stiffness": self.stiffness_N_m is not None
-            and (self.stiffness_error is None or self.stiffness_told < 1.0 or self.stiffness_error > STIFFNESS_GOAL),
+            and (self.stiffness_error is None or self.stiffness_told < 1.0 or self.stiffness_error > _STIFFNESS_GOAL),
         }
         return tuple(name for name, missed in found.items() if missed)
 
@@ -117,20 +119,20 @@ class ObjectRow:
 def cells() -> list[Cell]:
     """Every object rigid and soft, some with other frictions; each with an exact rig and with one that is off."""
     shapes = [
-        Cell(case, soft, USUAL_FRICTION, exact) for case in CASES for soft in (RIGID, SOFT) for exact in (True, False)
+        Cell(case, soft, _USUAL_FRICTION, exact) for case in CASES for soft in (RIGID, SOFT) for exact in (True, False)
     ]
-    rubbed = [case for case in CASES if case.name in RUBBED]
+    rubbed = [case for case in CASES if case.name in _RUBBED]
     rubs = [Cell(case, RIGID, mu, exact) for case in rubbed for mu in FRICTIONS for exact in (True, False)]
     slippery = [Cell(case, RIGID, 0.0, exact, True) for case in CASES for exact in (True, False)]
-    softer = [Cell(case, SOFTER, USUAL_FRICTION, exact) for case in CASES for exact in (True, False)]
+    softer = [Cell(case, SOFTER, _USUAL_FRICTION, exact) for case in CASES for exact in (True, False)]
     return shapes + rubs + slippery + softer
 
 
-def few_cells() -> list[Cell]:
+def _few_cells() -> list[Cell]:
     """For a first look: one object with an exact rig, with one that is off, and soft; another one."""
     one, other = (next(case for case in CASES if case.name == name) for name in FIRST_LOOK)
-    rigid = [Cell(one, RIGID, USUAL_FRICTION, exact) for exact in (True, False)]
-    return [*rigid, Cell(one, SOFTER, USUAL_FRICTION, True), Cell(other, RIGID, USUAL_FRICTION, True)]
+    rigid = [Cell(one, RIGID, _USUAL_FRICTION, exact) for exact in (True, False)]
+    return [*rigid, Cell(one, SOFTER, _USUAL_FRICTION, True), Cell(other, RIGID, _USUAL_FRICTION, True)]
 
 
 def run(draws: int, seed: int, chosen: Sequence[Cell] | None = None) -> list[ObjectRow]:
@@ -198,9 +200,9 @@ def as_text(rows: Sequence[ObjectRow], draws: int) -> str:
     title = (
         f"{draws} draws a cell; rms errors; cov: share of the 95 % regions that hold the truth; points along the "
         f"object's normal;\nμ and stiffness where they are determined, with the share of draws in which they are; "
-        f"goals: surface {SURFACE_OF_POINTS_GOAL:.0f} × the points' deviation and {1e3 * SURFACE_GOAL_M:.0f} mm,\n"
-        f"normals {np.degrees(NORMAL_GOAL_RAD):.0f}°, forces of slippery objects {np.degrees(FORCE_GOAL_RAD):.0f}°, "
-        f"μ {MU_GOAL}, stiffness {100 * STIFFNESS_GOAL:.0f} %"
+        f"goals: surface {_SURFACE_OF_POINTS_GOAL:.0f} × the points' deviation and {1e3 * _SURFACE_GOAL_M:.0f} mm,\n"
+        f"normals {np.degrees(_NORMAL_GOAL_RAD):.0f}°, forces of slippery objects {np.degrees(_FORCE_GOAL_RAD):.0f}°, "
+        f"μ {_MU_GOAL}, stiffness {100 * _STIFFNESS_GOAL:.0f} %"
     )
     lines = [table(rows, title, more={"misses": lambda row: ", ".join(row.misses) or "none"})]
     for rig in ("exact", "off"):
@@ -224,9 +226,9 @@ def figure(rows: Sequence[ObjectRow]) -> Figure:
     deviation = "deviation of the contact points, mm"
     shown = (
         ("point_std_mm", "surface_mm", 1.0, deviation, "surface, rms error, mm", np.nan),
-        ("point_std_mm", "normal_deg", 1.0, deviation, "normals, rms error, °", np.degrees(NORMAL_GOAL_RAD)),
-        ("friction", "mu_error", 1.0, "coefficient of friction", "its rms error", MU_GOAL),
-        ("stiffness_N_m", "stiffness_error", 100.0, "stiffness, N/m", "its rms error, %", 100 * STIFFNESS_GOAL),
+        ("point_std_mm", "normal_deg", 1.0, deviation, "normals, rms error, °", np.degrees(_NORMAL_GOAL_RAD)),
+        ("friction", "mu_error", 1.0, "coefficient of friction", "its rms error", _MU_GOAL),
+        ("stiffness_N_m", "stiffness_error", 100.0, "stiffness, N/m", "its rms error, %", 100 * _STIFFNESS_GOAL),
     )
     for panel, (across, up, scale, x, y, goal) in zip(every, shown, strict=True):
         for row in (row for row in rows if getattr(row, up) is not None):
@@ -239,7 +241,7 @@ def figure(rows: Sequence[ObjectRow]) -> Figure:
         label(panel, "", x, y)
         panel.set_yscale("log")
     span = np.array(sorted(row.point_std_mm for row in rows))
-    every[0].plot(span, np.minimum(SURFACE_OF_POINTS_GOAL * span, 1e3 * SURFACE_GOAL_M), color=INK, lw=1.2)
+    every[0].plot(span, np.minimum(_SURFACE_OF_POINTS_GOAL * span, 1e3 * _SURFACE_GOAL_M), color=INK, lw=1.2)
     every[0].set_xscale("log")
     legend(drawn, _STYLES, "hollow: rig off; lines: goals; squares: soft objects")
     return drawn
@@ -252,7 +254,7 @@ _FREE_FRAMES_PER_DRAW = {False: 2_000, True: 600}
 def measure(options: Options) -> Findings:
     """Every cell, false alarms and first contacts; a draw is one recording of each."""
     draws, seed = options.draws, options.seed
-    rows = run(draws, seed, few_cells() if options.quick else cells())
+    rows = run(draws, seed, _few_cells() if options.quick else cells())
     alarms = object_onset.alarms(_FREE_FRAMES_PER_DRAW[options.quick] * draws, seed)
     onsets = object_onset.onsets(draws, seed, SPEEDS_M_S[:: 3 if options.quick else 1])
     return Findings(

@@ -27,10 +27,10 @@ from .scenes import RATE_HZ, SIGMA_PX, Stage, Truth, contacts, record
 SPEEDS_M_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
 """Of the antenna at the contact, towards the edge."""
 RIGS = ("exact", "calibrated")
-MOTIONS = ("at rest", "steady", "rest, move, rest")
-BEFORE, LEAST_AFTER, MOST_AFTER, DEEPEST_M = 45, 8, 40, 0.012
+_MOTIONS = ("at rest", "steady", "rest, move, rest")
+_BEFORE, _LEAST_AFTER, _MOST_AFTER, _DEEPEST_M = 45, 8, 40, 0.012
 """Free frames; frames in contact, as many as a press of that depth takes."""
-FREE_FRAMES = 200
+_FREE_FRAMES = 200
 """Of one recording without contact."""
 
 
@@ -73,7 +73,7 @@ class OnsetRow:
 
 
 @dataclass(frozen=True, eq=False)
-class Approach:
+class _Approach:
     """A recording and the time of its first touch."""
 
     table: ContactTable
@@ -83,14 +83,14 @@ class Approach:
 
 def alarms(frames: int, seed: int) -> list[AlarmRow]:
     """Free antennas of random poses, cameras and rigs, at least so many frames, a third of them in each motion."""
-    count = -(-frames // (FREE_FRAMES * len(RIGS) * len(MOTIONS)))
+    count = -(-frames // (_FREE_FRAMES * len(RIGS) * len(_MOTIONS)))
     rows = []
     for rig in RIGS:
-        for number, motion in enumerate(MOTIONS):
+        for number, motion in enumerate(_MOTIONS):
             counts = np.zeros(2, int)
             for draw in progress(range(count), f"free, {rig}, {motion}", count):
                 counts += _alarms_of(_free_recording(rig, motion, (seed, RIGS.index(rig), number, draw)))
-            rows.append(AlarmRow(rig, motion, count, count * FREE_FRAMES, *counts.tolist()))
+            rows.append(AlarmRow(rig, motion, count, count * _FREE_FRAMES, *counts.tolist()))
     return rows
 
 
@@ -105,7 +105,7 @@ def _free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:
     azimuth = float(rng.uniform(-np.pi, np.pi))
     given = Setup(real=True, exact=rig == "exact", tilt_rad=float(rng.uniform(0.0, 1.0)), azimuth_rad=azimuth).rig()
     true = given if rig == "exact" else drawn_truth(given, rng)
-    time = np.arange(FREE_FRAMES) / RATE_HZ
+    time = np.arange(_FREE_FRAMES) / RATE_HZ
     share = np.clip((time - time[len(time) // 2]) / rng.uniform(0.3, 2.0), 0.0, 1.0)
     way = {
         "at rest": 0.0 * time,
@@ -118,7 +118,7 @@ def _free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:
     return contacts(record(true, far, [[Joints(*pair) for pair in angles.tolist()]], rng, given=given))
 
 
-def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> Approach:
+def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> _Approach:
     """The antenna turned against a knife edge at constant speed, frames at a random phase."""
     rng = np.random.default_rng(list(seed))
     given = Setup(real=True, exact=rig == "exact", tilt_rad=float(rng.uniform(0.2, 0.8)), azimuth_rad=2.6).rig()
@@ -136,11 +136,11 @@ def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> Approach:
     sweep = Sweep("pan", 1, 1, 1, 0.02, (0.0, 0.0), 0.0, (tilt, tilt))
     touch_rad = sweep_joints(Stage.of(true, edge), rod_of(true), sweep)[1].pan_rad
     rate = speed_m_s / away
-    after = int(np.clip(DEEPEST_M / speed_m_s * RATE_HZ, LEAST_AFTER, MOST_AFTER))
-    time = (np.arange(BEFORE + after) + rng.uniform()) / RATE_HZ
-    pan = touch_rad + rate * (time - BEFORE / RATE_HZ)
+    after = int(np.clip(_DEEPEST_M / speed_m_s * RATE_HZ, _LEAST_AFTER, _MOST_AFTER))
+    time = (np.arange(_BEFORE + after) + rng.uniform()) / RATE_HZ
+    pan = touch_rad + rate * (time - _BEFORE / RATE_HZ)
     recorded = record(true, edge, [[Joints(float(angle), tilt) for angle in pan]], rng, given=given)
-    return Approach(contacts(replace(recorded, time_s=time)), given, _touch_s(recorded.truth, time))
+    return _Approach(contacts(replace(recorded, time_s=time)), given, _touch_s(recorded.truth, time))
 
 
 def _touch_s(truth: Truth, time_s: np.ndarray) -> float:
@@ -164,7 +164,7 @@ def onsets(draws: int, seed: int, speeds_m_s: Sequence[float] = SPEEDS_M_S) -> l
     return rows
 
 
-def onset_row(rig: str, speed_m_s: float, made: Sequence[Approach]) -> OnsetRow:
+def onset_row(rig: str, speed_m_s: float, made: Sequence[_Approach]) -> OnsetRow:
     """What came of approaches at one speed."""
     good, alone = [], []
     for one in made:
@@ -191,7 +191,7 @@ def onset_row(rig: str, speed_m_s: float, made: Sequence[Approach]) -> OnsetRow:
     )
 
 
-def told(one: Approach) -> Event | None:
+def told(one: _Approach) -> Event | None:
     """The one first contact of an approach; None where it was not told, more than once, or before it was."""
     events = [event for event in follow(one.table, one.given).events if event.kind == "first_contact"]
     early = any(event.time_s + event.delay_s < one.touch_s for event in events)

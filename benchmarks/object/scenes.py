@@ -24,7 +24,7 @@ from vbaa_calib.simulate.plan.joint_paths import sweep_joints
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Sweep
 
-PRESS_FRAMES = 5
+_PRESS_FRAMES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Stage:
         return self.kinematics.T_world_antenna(joints.pan_rad, joints.tilt_rad)
 
 
-def stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep, press_frames: int = PRESS_FRAMES) -> list[Joints]:
+def _stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep, press_frames: int = _PRESS_FRAMES) -> list[Joints]:
     """A sweep's joint angles with the press and the release spread over so many frames each."""
     joints = sweep_joints(Stage.of(rig, obj), rod_of(rig), sweep)
     first, last = sweep.free_frames, len(joints) - sweep.free_frames - 1
@@ -64,7 +64,7 @@ def _between(start: Joints, end: Joints, count: int) -> list[Joints]:
 
 
 SIGMA_PX, POINTS, RATE_HZ = 0.1, 150, 30.0
-PAUSE_S = 1.0
+_PAUSE_S = 1.0
 """Between two strokes, while the antenna is carried round."""
 
 
@@ -164,7 +164,7 @@ def play(
     Parameters
     ----------
     rig : the true one.
-    strokes : each a sweep, which is pressed and released by and by (`stroke_joints`), or joint angles.
+    strokes : each a sweep, which is pressed and released by and by (`_stroke_joints`), or joint angles.
     sigma_px : deviation of the noise that is meant, along u and along v.
     points : of a centreline, evenly over the arc length.
 
@@ -173,7 +173,7 @@ def play(
     InputError : a sweep that never meets the object. SolveError : the antenna slips off.
     """
     rod, radius = rod_of(rig), rig.antenna.diameter_m / 2
-    paths = [stroke_joints(rig, obj, one) if isinstance(one, Sweep) else list(one) for one in strokes]
+    paths = [_stroke_joints(rig, obj, one) if isinstance(one, Sweep) else list(one) for one in strokes]
     poses = [[rig.kinematics.T_world_antenna(at.pan_rad, at.tilt_rad) for at in path] for path in paths]
     touches = touch_strokes(rod, radius, obj, poses, rig.gravity_world_m_s2)
     parts = [_truth(one, path, radius) for one, path in zip(touches, poses, strict=True)]
@@ -184,7 +184,7 @@ def play(
         true=rig,
         object=obj,
         stroke=stroke,
-        time_s=np.arange(len(stroke)) / rate_hz + PAUSE_S * stroke,
+        time_s=np.arange(len(stroke)) / rate_hz + _PAUSE_S * stroke,
         pan_rad=np.array([at.pan_rad for path in paths for at in path]),
         tilt_rad=np.array([at.tilt_rad for path in paths for at in path]),
         centrelines_px=np.concatenate([_pixels(rig, rod, one, points) for one in touches]),

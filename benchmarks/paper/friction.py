@@ -26,13 +26,13 @@ from .rig import FELT, Pictures, felt_of, free_point, free_shape, paper_rig, tak
 from .sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a, knife_edge
 
 NORMAL_DEG, DISTANCE_M, EDGE_RADIUS_M = 20.0, 0.15, 1e-3
-PRESSED_RAD, DRAGGED_RAD = np.radians(4.0), np.radians(4.0)
+_PRESSED_RAD, _DRAGGED_RAD = np.radians(4.0), np.radians(4.0)
 APPROACH, LEG = 24, 16
 """Frames of the press, and of each of the two legs."""
 
 
 @dataclass(frozen=True, eq=False)
-class Dragged:
+class _Dragged:
     """One true antenna over one edge, B frames.
 
     Attributes
@@ -50,16 +50,16 @@ class Dragged:
 
 def joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pan and tilt (B,), and the part (B,) of each frame: 0 press, 1 there, 2 back."""
-    press = np.linspace(-0.15, 1.0, APPROACH) * PRESSED_RAD
-    there = np.linspace(-1.0, 1.0, LEG) * DRAGGED_RAD
+    press = np.linspace(-0.15, 1.0, APPROACH) * _PRESSED_RAD
+    there = np.linspace(-1.0, 1.0, LEG) * _DRAGGED_RAD
     along = np.concatenate([np.full(APPROACH, there[0]), there, there[::-1][1:]])
-    against = np.concatenate([press, np.full(2 * LEG - 1, PRESSED_RAD)])
+    against = np.concatenate([press, np.full(2 * LEG - 1, _PRESSED_RAD)])
     cos, sin = np.cos(np.radians(NORMAL_DEG)), np.sin(np.radians(NORMAL_DEG))
     part = np.repeat([0, 1, 2], [APPROACH, LEG, LEG - 1])
     return cos * against - sin * along, sin * against + cos * along, part
 
 
-def dragged(true: Rig, friction: float, slip_scale_m: float | None = None) -> Dragged:
+def dragged(true: Rig, friction: float, slip_scale_m: float | None = None) -> _Dragged:
     """The antenna pressed along the edge's normal, then carried along the edge and back.
 
     `slip_scale_m` asks for the simulator's simpler friction (`synth.touch`), which is faster.
@@ -73,7 +73,7 @@ def dragged(true: Rig, friction: float, slip_scale_m: float | None = None) -> Dr
     rotation = np.stack([pose.rotation for pose in poses])
     free = free_shape(true, true.gravity_world_m_s2 @ rotation)
     point = np.array([pose @ contact for pose, contact in zip(poses, found.contact_antenna_m, strict=True)])
-    return Dragged(taken(true, found.shape), taken(true, free), pan, tilt, rotation, point)
+    return _Dragged(taken(true, found.shape), taken(true, free), pan, tilt, rotation, point)
 
 
 FRICTIONS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6)
@@ -144,7 +144,7 @@ class Cone:
         return float(np.tan(np.radians(0.5 * (self.there_deg + self.back_deg))))
 
 
-def _by_two_points(rig: Rig, frames: Dragged, drawn: Pictures, free: Pictures, sigma_px: float) -> Trace:
+def _by_two_points(rig: Rig, frames: _Dragged, drawn: Pictures, free: Pictures, sigma_px: float) -> Trace:
     """The paper's way: camera A, then its equations 19 to 22 with the mended rotation."""
     found = by_camera_a(rig, drawn, free, sigma_px)
     force = found.force_N
@@ -153,7 +153,7 @@ def _by_two_points(rig: Rig, frames: Dragged, drawn: Pictures, free: Pictures, s
     return Trace(*(np.einsum("bij,bj->bi", frames.rotation, vector) for vector in (point, force)))
 
 
-def _by_all_points(rig: Rig, frames: Dragged, drawn: Pictures, sigma_px: float) -> Contacts:
+def _by_all_points(rig: Rig, frames: _Dragged, drawn: Pictures, sigma_px: float) -> Contacts:
     """The estimator, frame by frame."""
     return ContactEstimator(rig).estimate_batch(
         drawn.points_px, drawn.moment_Nm[:, 1], frames.pan_rad, frames.tilt_rad, sigma_px=sigma_px
@@ -249,7 +249,7 @@ def _turned_deg(outward: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(-outward[:, 2], -outward[:, 1]))
 
 
-def _path(method: str, friction: float, frames: Dragged, trace: Trace) -> list[PathRow]:
+def _path(method: str, friction: float, frames: _Dragged, trace: Trace) -> list[PathRow]:
     part, normal = joints()[2], cone(trace).normal_deg
     first = np.nanmean(trace.point_m[:, 1:] - frames.point_m[:, 1:], axis=0) + frames.point_m[APPROACH, 1:]
     psi = _turned_deg(trace.force_N)

@@ -24,7 +24,7 @@ _YIELDING = (
 )
 
 
-def sensing_text(rows: Sequence[SensingRow]) -> str:
+def _sensing_text(rows: Sequence[SensingRow]) -> str:
     """Fig. 7, over the distances of each object."""
     title = (
         "Fig. 7: slippery knife edges; l: rms over all distances and draws, the worst distance, what is stated; "
@@ -60,7 +60,7 @@ def measure(options: Options) -> Findings:
     sensing, yielding = sensing_run(draws, seed), yielding_run(draws, seed)
     friction, path = friction_run(max(draws // 2, 1), seed)
     return Findings(
-        "\n\n".join((sensing_text(sensing), table(friction, _FRICTION), table(yielding, _YIELDING))),
+        "\n\n".join((_sensing_text(sensing), table(friction, _FRICTION), table(yielding, _YIELDING))),
         {
             "paper_sensing.csv": sensing,
             "paper_friction.csv": friction,

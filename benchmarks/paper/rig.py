@@ -17,12 +17,12 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, Rig
 
 POINTS = 200
-FOCAL_WIDTHS, WIDTH_PX, SWING_M = 2.5, 512, 0.03
+_FOCAL_WIDTHS, WIDTH_PX, SWING_M = 2.5, 512, 0.03
 
 
 def paper_rig() -> Rig:
     """The rig as calibrated: weight, bow and a clamp that is off, known as well as an ordinary calibration knows."""
-    focal = FOCAL_WIDTHS * WIDTH_PX
+    focal = _FOCAL_WIDTHS * WIDTH_PX
     middle = 0.5 * (WIDTH_PX - 1)
     camera = Camera(
         "opencv", (WIDTH_PX, WIDTH_PX), np.array([[focal, 0, middle], [0, focal, middle], [0, 0, 1.0]]), np.zeros(0)
@@ -72,10 +72,10 @@ def taken(true: Rig, shape: RodShape, points: int = POINTS) -> Pictures:
     return Pictures(seen(true.camera, true.T_antenna_camera, there), sensor.gain * moment + sensor.offset_Nm)
 
 
-ELEMENTS, MODES = 60, 4
-DAMPING = 0.01
+_ELEMENTS, MODES = 60, 4
+_DAMPING = 0.01
 RATE_HZ, SAMPLES = 1000.0, 400
-PLUCK_NM = 3e-4
+_PLUCK_NM = 3e-4
 """Change of the clamp's moment by which the antenna is let go."""
 
 _SPRING = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4.0]])
@@ -86,7 +86,7 @@ _INERT = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13
 def ring_down(antenna: Antenna, contact_m: float, object_N_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Times (R,) s and moments (R,) N·m after the tip is let go, the antenna in contact with a spring.
 
-    Euler–Bernoulli elements with cubic shapes; a contact that holds and lets turn; each mode damped by `DAMPING`.
+    Euler–Bernoulli elements with cubic shapes; a contact that holds and lets turn; each mode damped by `_DAMPING`.
     """
     stiffness, mass, sites = _assembled(antenna, contact_m)
     held = int(np.argmin(np.abs(sites - contact_m)))
@@ -103,17 +103,17 @@ def ring_down(antenna: Antenna, contact_m: float, object_N_m: float) -> tuple[np
     curvature[:2] = 6.0 / sites[1] ** 2, -2.0 / sites[1]
     clamp = antenna.stiffness_Nm2 * shapes.T @ curvature
     amplitude = started * clamp
-    amplitude = PLUCK_NM * amplitude / np.abs(amplitude).sum()
+    amplitude = _PLUCK_NM * amplitude / np.abs(amplitude).sum()
     time = np.arange(SAMPLES) / RATE_HZ
     omega = np.sqrt(squares)[:, None]
-    envelope = amplitude[:, None] * np.exp(-DAMPING * omega * time)
-    return time, (envelope * np.cos(omega * np.sqrt(1.0 - DAMPING**2) * time)).sum(axis=0)
+    envelope = amplitude[:, None] * np.exp(-_DAMPING * omega * time)
+    return time, (envelope * np.cos(omega * np.sqrt(1.0 - _DAMPING**2) * time)).sum(axis=0)
 
 
 def _assembled(antenna: Antenna, contact_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stiffness and mass (2n, 2n) over heights and slopes of the nodes, which stand at (n,) m; one is the contact."""
-    before = max(2, round(ELEMENTS * contact_m / antenna.length_m))
-    beyond = np.linspace(contact_m, antenna.length_m, max(2, ELEMENTS - before) + 1)
+    before = max(2, round(_ELEMENTS * contact_m / antenna.length_m))
+    beyond = np.linspace(contact_m, antenna.length_m, max(2, _ELEMENTS - before) + 1)
     sites = np.concatenate([np.linspace(0.0, contact_m, before + 1), beyond[1:]])
     stiffness, mass = (np.zeros((2 * len(sites), 2 * len(sites))) for _ in range(2))
     for index, h in enumerate(np.diff(sites)):
@@ -124,7 +124,7 @@ def _assembled(antenna: Antenna, contact_m: float) -> tuple[np.ndarray, np.ndarr
     return stiffness, mass, sites
 
 
-FRAME_RATE_HZ = 30.0
+_FRAME_RATE_HZ = 30.0
 FELT = "all points, felt"
 """`estimator.object.estimate`: shape, slip, friction and compliance together, of the estimator's contacts."""
 
@@ -132,5 +132,5 @@ FELT = "all points, felt"
 def felt_of(rig: Rig, contacts: Contacts, pan_rad: np.ndarray, tilt_rad: np.ndarray, friction_rad: float) -> Felt:
     """What one recording's contacts say of the object; `friction_rad` as they were estimated with."""
     count = len(pan_rad)
-    table = contact_table(contacts, pan_rad, tilt_rad, np.full(count, np.nan), np.arange(count) / FRAME_RATE_HZ)
+    table = contact_table(contacts, pan_rad, tilt_rad, np.full(count, np.nan), np.arange(count) / _FRAME_RATE_HZ)
     return feel(table, rig, friction_rad)

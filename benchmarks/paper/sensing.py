@@ -24,7 +24,7 @@ from .rig import Pictures, free_point, free_shape, paper_rig, taken
 NORMALS_DEG = (0.0, 30.0, 60.0)
 """Between the edge's normal and the direction in which the base turns, in the antenna's yz plane."""
 DISTANCES_M = np.linspace(0.06, 0.22, 9)
-PUSH_RAD = np.radians(6.0)
+_PUSH_RAD = np.radians(6.0)
 SIGMAS_PX = (0.1, 0.3)
 TWO_POINTS, ALL_POINTS = "two points, the paper's", "all points, the estimator"
 EDGE_RADIUS_M = 2e-4
@@ -62,7 +62,7 @@ class SensingRow:
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class _Edges:
     """One object touched at D distances by one true antenna: pictures with and without it, and the truth.
 
     Attributes
@@ -113,18 +113,18 @@ def knife_edge(
     )
 
 
-def touched_edges(true: Rig, normal_deg: float) -> Edges:
-    """The base stands so that the free antenna just touches at each distance, then turns by `PUSH_RAD` about z."""
+def touched_edges(true: Rig, normal_deg: float) -> _Edges:
+    """The base stands so that the free antenna just touches at each distance, then turns by `_PUSH_RAD` about z."""
     gravity = true.gravity_world_m_s2
     free = free_shape(true, gravity[None])
-    turn = rotation_world_antenna(PUSH_RAD, 0.0)
+    turn = rotation_world_antenna(_PUSH_RAD, 0.0)
     radius = 0.5 * true.antenna.diameter_m
     obj = knife_edge(normal_deg, np.zeros(3), radius)
     poses = [Pose(turn, -point) for point in map(partial(free_point, true), DISTANCES_M)]
     found = touch(rod_of(true), radius, obj, poses, gravity)
     contact = np.array([pose @ point for pose, point in zip(poses, found.contact_antenna_m, strict=True)])
     _, normal = obj.signed_distance(contact)
-    return Edges(taken(true, found.shape), taken(true, free), found.contact_m, found.force_antenna_N, normal @ turn)
+    return _Edges(taken(true, found.shape), taken(true, free), found.contact_m, found.force_antenna_N, normal @ turn)
 
 
 def by_camera_a(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -> Answers:
@@ -171,14 +171,14 @@ def _by_all_points(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Ans
     together = concatenated(drawn)
     count = len(together.points_px)
     found = ContactEstimator(rig, friction=0.0).estimate_batch(
-        together.points_px, together.moment_Nm[:, 1], np.full(count, PUSH_RAD), np.zeros(count), sigma_px=sigma_px
+        together.points_px, together.moment_Nm[:, 1], np.full(count, _PUSH_RAD), np.zeros(count), sigma_px=sigma_px
     )
     columns = found.distance_m, found.distance_std_m, found.force_N
     return [Answers(*parts) for parts in zip(*(np.split(values, len(drawn)) for values in columns), strict=True)]
 
 
 def _rows(
-    method: str, sigma_px: float, normal_deg: float, used: list[Edges], several: list[Answers]
+    method: str, sigma_px: float, normal_deg: float, used: list[_Edges], several: list[Answers]
 ) -> list[SensingRow]:
     distance, std, force = (np.array([getattr(each, name) for each in several]) for name in Answers.__annotations__)
     true, pushed = np.array([each.distance_m for each in used]), np.array([each.force_N for each in used])

@@ -19,10 +19,10 @@ from .sensing import ALL_POINTS, knife_edge
 
 STIFFNESSES_N_M = tuple(float(f"{k:.3g}") for k in np.geomspace(10.0, 1e5, 9))
 DISTANCE_M, SIGMA_PX = 0.12, 0.1
-PANS_RAD = np.radians(np.linspace(0.5, 6.0, 12))
-BASELINES = ("Active Antenna", "Dynamic Active Antenna", "2D-VBAA, pushing")
+_PANS_RAD = np.radians(np.linspace(0.5, 6.0, 12))
+_BASELINES = ("Active Antenna", "Dynamic Active Antenna", "2D-VBAA, pushing")
 TRUE_RIGS = 6
-SLIPPERY_RAD = 0.0
+_SLIPPERY_RAD = 0.0
 """What the estimator is told of friction: there is none."""
 
 
@@ -67,7 +67,7 @@ def pushed(true: Rig, stiffness_N_m: float) -> Pushed:
     gravity, radius = true.gravity_world_m_s2, 0.5 * true.antenna.diameter_m
     free = free_shape(true, gravity[None])
     obj = knife_edge(0.0, free_point(true, DISTANCE_M), radius, stiffness_N_m=stiffness_N_m)
-    poses = [true.kinematics.T_world_antenna(float(pan), 0.0) for pan in PANS_RAD]
+    poses = [true.kinematics.T_world_antenna(float(pan), 0.0) for pan in _PANS_RAD]
     found = touch(rod_of(true), radius, obj, poses, gravity)
     distance = float(found.contact_m[-1])
     ring = Ring(*ring_down(true.antenna, distance, stiffness_N_m))
@@ -82,15 +82,15 @@ def run(draws: int, seed: int) -> list[YieldingRow]:
     for stiffness in STIFFNESSES_N_M:
         pushes = [pushed(true, stiffness) for true in trues]
         used = [pushes[draw % len(pushes)] for draw in range(draws)]
-        readings: dict[str, list[Reading]] = {name: [] for name in BASELINES}
+        readings: dict[str, list[Reading]] = {name: [] for name in _BASELINES}
         whole = []
         for each in used:
             drawn, free = each.touched.noisy(rig, SIGMA_PX, rng), each.free.noisy(rig, SIGMA_PX, rng)
             noise = rng.normal(0.0, rig.moment_sensor.std_Nm, each.ring.moment_Nm.shape)
             ring = Ring(each.ring.time_s, each.ring.moment_Nm + noise)
             seen = drawn.points_px, drawn.moment_Nm, free.points_px, free.moment_Nm
-            press = press_seen(rig, *seen, PANS_RAD, 0.0 * PANS_RAD, sigma_px=SIGMA_PX, ring=ring)
-            for name in BASELINES:
+            press = press_seen(rig, *seen, _PANS_RAD, 0.0 * _PANS_RAD, sigma_px=SIGMA_PX, ring=ring)
+            for name in _BASELINES:
                 readings[name].append(ask(name, press))
             whole.append(drawn)
         readings[ALL_POINTS] = [_by_all_points(rig, drawn) for drawn in whole]
@@ -106,12 +106,12 @@ def _by_all_points(rig: Rig, drawn: Pictures) -> Reading:
 
     The covariances hold the calibration as if it were each frame's own error, so that k's deviation is a cautious one.
     """
-    found = ContactEstimator(rig, friction=SLIPPERY_RAD).estimate_batch(
-        drawn.points_px, drawn.moment_Nm[:, 1], PANS_RAD, np.zeros(len(PANS_RAD)), sigma_px=SIGMA_PX
+    found = ContactEstimator(rig, friction=_SLIPPERY_RAD).estimate_batch(
+        drawn.points_px, drawn.moment_Nm[:, 1], _PANS_RAD, np.zeros(len(_PANS_RAD)), sigma_px=SIGMA_PX
     )
     last = Reading(float(found.distance_m[-1]), float(found.distance_std_m[-1]))
     known = np.isfinite(found.distance_m)
-    across = rig.kinematics.world_antenna(PANS_RAD, np.zeros(len(PANS_RAD)))[0][known, 1]
+    across = rig.kinematics.world_antenna(_PANS_RAD, np.zeros(len(_PANS_RAD)))[0][known, 1]
     picked = np.zeros((int(known.sum()), 2, 6))
     picked[:, 0, 3:], picked[:, 1, :3] = -across, across
     covariance = np.einsum("nai,nij,nbj->nab", picked, found.numbers.covariance[known], picked)

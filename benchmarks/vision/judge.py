@@ -13,7 +13,7 @@ from vbaa_calib.detect.whisker.corridor import Corridor
 
 from .scenes import Shot, Truth, aside_px, light, normals, variance
 
-FALSE_PX, FALSE_SIGMA = 0.5, 5.0
+FALSE_PX, _FALSE_SIGMA = 0.5, 5.0
 """A point is false when it is off by more than both of these: pixels, and its own standard deviations."""
 
 
@@ -55,7 +55,7 @@ class Score:
 def score(line: Centreline, truth: Truth) -> Score:
     """Judge points by the nearest place of the true path; where the antenna is hidden any point is false."""
     errors, nearest = aside_px(truth.path_px, line.points_px)
-    false = (np.abs(errors) > FALSE_PX) & (np.abs(errors) > FALSE_SIGMA * line.sigma_px)
+    false = (np.abs(errors) > FALSE_PX) & (np.abs(errors) > _FALSE_SIGMA * line.sigma_px)
     place = np.arange(len(truth.path_px))
     if len(nearest) and truth.visible.any():
         # points a hair inside what hides the antenna still show it: the picture is blurred

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIZES = ((512, 512), (1280, 720))
-HARD_SIZE = (400, 300)
-BOUND_PICTURES = 4
+_HARD_SIZE = (400, 300)
+_BOUND_PICTURES = 4
 """Of each hardship so many pictures are held against the Cramér–Rao bound: it takes several renderings each."""
 
 
@@ -152,7 +152,7 @@ def _hard_row(name: str, pictures: int, seed: int) -> HardRow:
         if line.found:
             judged = score(line, truth(shot))
             scores.append(judged)
-            if len(bounds) < BOUND_PICTURES:
+            if len(bounds) < _BOUND_PICTURES:
                 bounds.append(bound_px(shot, line.points_px[~judged.false]))
                 held.append(judged.errors_px[~judged.false])
     if not scores:
@@ -173,7 +173,7 @@ def _hard_row(name: str, pictures: int, seed: int) -> HardRow:
     )
 
 
-def hostile(pictures: int, seed: int, size: tuple[int, int] = HARD_SIZE) -> list[HostileRow]:
+def hostile(pictures: int, seed: int, size: tuple[int, int] = _HARD_SIZE) -> list[HostileRow]:
     """As many pictures with an antenna under several hardships as without one."""
     return [_hostile_row(empty, pictures, seed, size) for empty in (False, True)]
 
