@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
-from vbaa_calib.calibrate.faults.free_antenna import own_scatter
-from vbaa_calib.calibrate.faults.stills import explain_failure, still_diagnoses
+from vbaa_calib.calibrate.faults.fit_quality import picture_scatter
+from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses
 from vbaa_calib.core.errors import Diagnosis, SolveError
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load, gravity_antenna
+from vbaa_calib.session import gravity_antenna
 
 from ..rod_scenes import GRAVITY_WORLD, LENGTH_M
 from .still_faults import Faults, before, bowed, drawn_world, free_stills, hung_loads, observed, session, solved, turned
@@ -66,7 +66,7 @@ def test_a_sensor_that_is_wrong_is_named(good, name: str) -> None:
     try:
         found = diagnosed(known, read)
     except SolveError:
-        found = explain_failure(session(), Kinematics(), read, known)
+        found = failure_causes(session(), Kinematics(), read, known)
     assert [one.name for one in found] == [called]
     assert words in found[0].words
 
@@ -113,11 +113,11 @@ def test_a_kink_is_taken_for_nothing_else() -> None:
     assert [one.name for one in found] == ["stills_contradict"]
 
 
-def test_the_pictures_own_scatter_knows_nothing_of_the_model(good) -> None:
+def test_the_pictures_picture_scatter_knows_nothing_of_the_model(good) -> None:
     _, observations = good
-    assert own_scatter(observations) == pytest.approx(1.0, abs=0.1)
+    assert picture_scatter(observations) == pytest.approx(1.0, abs=0.1)
     doubled = [replace(one, sigma_px=0.5 * one.sigma_px) for one in observations]
-    assert own_scatter(doubled) == pytest.approx(2.0 * own_scatter(observations))
+    assert picture_scatter(doubled) == pytest.approx(2.0 * picture_scatter(observations))
 
 
 def test_an_antenna_that_is_bowed_is_named() -> None:
@@ -129,8 +129,3 @@ def test_an_antenna_that_is_bowed_is_named() -> None:
 def test_clean_sessions_raise_nothing() -> None:
     said = [injected(seed, Faults()) for seed in range(100, 150)]
     assert sum(map(bool, said)) <= 1, said
-
-
-def test_loads_are_stills_of_their_own(good) -> None:
-    _, observations = good
-    assert sum(isinstance(one.still, Load) for one in observations) == 5

@@ -1,4 +1,4 @@
-"""Rows of loads.csv with every slip of the pen: named before the solve where they are absurd, by their picture else."""
+"""Rows of loads.csv with every slip: named before the solve where they are impossible, else by their pictures."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
-from vbaa_calib.calibrate.faults.free_antenna import solve_free
+from vbaa_calib.calibrate.faults.fit_quality import solve_free
 from vbaa_calib.calibrate.faults.load_rows import row_diagnoses, wrong_rows
-from vbaa_calib.calibrate.faults.stills import explain_failure, still_diagnoses
-from vbaa_calib.calibrate.faults.typed_loads import other_readings, typed_load_doubts
+from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses
+from vbaa_calib.calibrate.faults.typed_loads import other_entries, typed_load_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load
 
@@ -102,7 +102,7 @@ def test_a_wrong_row_is_said_once_and_explains_the_rest(good) -> None:
     found = still_diagnoses(session(), Kinematics(), solved(wrong, known))
     assert [one.name for one in found] == ["load_force_mistyped"]
     assert found == [
-        one for one in explain_failure(session(), Kinematics(), wrong, known) if one.name != "load_force_unit"
+        one for one in failure_causes(session(), Kinematics(), wrong, known) if one.name != "load_force_unit"
     ]
 
 
@@ -110,39 +110,39 @@ def test_typed_loads_that_are_right_raise_nothing() -> None:
     rng = np.random.default_rng(0)
     down = np.tile([0.0, 0.0, -G], (5, 1))
     for _ in range(50):
-        assert typed_load_doubts(hung_loads(rng), NOMINAL) == []
-        assert typed_load_doubts(hung_loads(rng, pulley=False), NOMINAL, down, hung=True) == []
+        assert typed_load_diagnoses(hung_loads(rng), NOMINAL) == []
+        assert typed_load_diagnoses(hung_loads(rng, pulley=False), NOMINAL, down, hung=True) == []
 
 
 def test_typed_loads_that_cannot_be_are_named() -> None:
     loads = hung_loads(np.random.default_rng(1))
-    grams = typed_load_doubts([scaled(1e3 / G)(load) for load in loads], NOMINAL)
+    grams = typed_load_diagnoses([scaled(1e3 / G)(load) for load in loads], NOMINAL)
     assert [one.name for one in grams] == ["load_force_unit"]
     assert "all 5 rows" in grams[0].words
     assert "in grams" in grams[0].remedy
-    (centimetres,) = typed_load_doubts([replace(loads[0], distance_m=15.0), *loads[1:]], NOMINAL)
+    (centimetres,) = typed_load_diagnoses([replace(loads[0], distance_m=15.0), *loads[1:]], NOMINAL)
     assert centimetres.name == "load_distance_unit"
     assert "row 1" in centimetres.words
     assert "in centimetres" in centimetres.remedy
-    (millimetres,) = typed_load_doubts([replace(loads[0], distance_m=150.0), *loads[1:]], NOMINAL)
+    (millimetres,) = typed_load_diagnoses([replace(loads[0], distance_m=150.0), *loads[1:]], NOMINAL)
     assert "in millimetres" in millimetres.remedy
-    (small,) = typed_load_doubts([scaled(1e-3)(loads[0])], NOMINAL)
+    (small,) = typed_load_diagnoses([scaled(1e-3)(loads[0])], NOMINAL)
     assert small.name == "load_too_small"
 
 
 def test_weights_hang_down() -> None:
     down = np.tile([0.0, 0.0, -G], (3, 1))
     loads = hung_loads(np.random.default_rng(2), 3, pulley=False)
-    (up,) = typed_load_doubts([scaled(-1.0)(loads[0]), *loads[1:]], NOMINAL, down, hung=True)
+    (up,) = typed_load_diagnoses([scaled(-1.0)(loads[0]), *loads[1:]], NOMINAL, down, hung=True)
     assert up.name == "load_not_along_gravity"
     assert f"force_z_N {loads[0].force_z_N:.4g}" in up.remedy
     lean = np.tile([-G * np.sin(0.5), 0.0, -G * np.cos(0.5)], (3, 1))
-    assert {one.name for one in typed_load_doubts(loads, NOMINAL, lean, hung=True)} == {"load_along_antenna"}
+    assert {one.name for one in typed_load_diagnoses(loads, NOMINAL, lean, hung=True)} == {"load_along_antenna"}
 
 
-def test_no_other_reading_is_the_row_itself() -> None:
+def test_no_other_entry_is_the_row_itself() -> None:
     for load in hung_loads(np.random.default_rng(3)):
-        readings = other_readings(load, LENGTH_M)
-        assert all(reading.load != load for reading in readings)
-        assert all(0 < reading.load.distance_m <= LENGTH_M for reading in readings)
-        assert len({(r.load.distance_m, r.load.force_y_N, r.load.force_z_N) for r in readings}) == len(readings)
+        entries = other_entries(load, LENGTH_M)
+        assert all(entry.load != load for entry in entries)
+        assert all(0 < entry.load.distance_m <= LENGTH_M for entry in entries)
+        assert len({(r.load.distance_m, r.load.force_y_N, r.load.force_z_N) for r in entries}) == len(entries)

@@ -10,13 +10,15 @@ import pytest
 
 from targets.board import corner_points
 from vbaa_calib.calibrate.faults.variety import coverage, same_pose
-from vbaa_calib.calibrate.faults.view_scores import OwnScores, SetScores, set_scores
 from vbaa_calib.calibrate.faults.views import (
+    OwnScores,
+    SetScores,
     centre_moved,
     drift,
     find_change,
     focus_changed,
     print_aspect,
+    set_scores,
     steps,
     view_set_diagnoses,
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vbaa_calib.calibrate.faults.typed_loads import typed_load_doubts
+from vbaa_calib.calibrate.faults.typed_loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.session import Load, Still, gravity_antenna
 from vbaa_calib.wizard.state.progress import Judged, Progress
@@ -79,7 +79,7 @@ def _doubts(known: Known, step: str, readings: Mapping[str, float]) -> list[Diag
         return []
     load = still_of("loads", None, readings)
     assert isinstance(load, Load)
-    return typed_load_doubts([load], known.session.antenna)
+    return typed_load_diagnoses([load], known.session.antenna)
 
 
 def _with_defaults(known: Known, step: str, questions: tuple[Question, ...]) -> list[Question]:

@@ -1,8 +1,8 @@
-"""Gravity and joint readings: does the free antenna sag as session.yaml and noload.csv say?"""
+"""Whether the free antenna sags as gravity_world and the joint readings predict; if not, what they should be."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,30 +13,35 @@ from vbaa_calib.core.robust import huber_losses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Still, gravity_antenna
 
-from .free_antenna import fits
+from .fit_quality import fits
 
-GRAVITY_M_S2 = 9.80665
-FIT_STEPS, SETTLED = 8, 0.02
-"""Steps towards what a gravity leaves unexplained: it is compared in large, not to its last digit."""
-BETTER, LEAST_PART = 60.0, 0.1
-"""How much less χ² another gravity must leave, in units of the scatter that it leaves and as a part."""
-ALIKE_PART = 0.1
-"""Others that lie within this part of the gain fit as well."""
-SAME_M_S2 = 0.5
+_STANDARD_GRAVITY_M_S2 = 9.80665
+_STEPS, _CONVERGED = 8, 0.02
+"""Gauss-Newton steps under another gravity: it is compared roughly, not to the last digit."""
+_LEAST_GAIN, _LEAST_PART = 60.0, 0.1
+"""Decrease of χ² that another gravity must bring, in units of the scatter that it leaves and as a part."""
+_ALIKE_PART = 0.1
+"""Others within this part of the gain fit as well."""
+_SAME_M_S2 = 0.5
 """Gravities that differ by less in every frame are the same."""
-AXES = {
+_AXES = {
     f"{sign}{name}": value * np.eye(3)[axis] for axis, name in enumerate("xyz") for sign, value in (("+", 1), ("−", -1))
 }
 
+_JOINT_SLIPS = (
+    ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
+    ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
+    ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
+    ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
+    ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
+    ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
+)
+"""How the joints would have moved, what to correct, and the matrix (2, 2) that puts (pan, tilt) right."""
+
 
 @dataclass(frozen=True, eq=False)
-class Otherwise:
-    """Gravity in the frames, were something in the session other than it is noted.
-
-    Attributes
-    ----------
-    name, words, remedy : of the diagnosis. gravity_m_s2 : (F, 3) antenna frame.
-    """
+class _Hypothesis:
+    """Gravity (F, 3) in the frames, antenna frame, if the session's record were wrong; and its diagnosis."""
 
     name: str
     words: str
@@ -44,56 +49,39 @@ class Otherwise:
     gravity_m_s2: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class Left:
-    """What a fit leaves unexplained.
-
-    Attributes
-    ----------
-    squares : twice the robust cost of the points, their deviations as claimed.
-    noise_scale : scatter of the points over these.
-    """
-
-    squares: float
-    noise_scale: float
-
-
 def gravity_diagnosis(
-    free: JointSolution, kinematics: Kinematics, gravity_world_m_s2: np.ndarray, own: float
+    free: JointSolution, kinematics: Kinematics, gravity_world_m_s2: np.ndarray, own_scatter: float
 ) -> Diagnosis | None:
-    """Another direction of gravity, or another reading of the joints, that the pictures fit as well as they can.
+    """Another direction of gravity, or another reading of the joints, under which the pictures fit.
 
-    One that fits better only, and not well, is not named: a clamp that slips, or a kink, is fitted better by many.
+    One that fits better, but not well, is not named: many fit a slipping clamp or a kink better.
 
     Parameters
     ----------
-    free : joint solution of the no-load frames, or of all stills, the moment sensor left out.
-    gravity_world_m_s2 : (3,) as the session says.
-    own : scatter of the points that no model explains, see `own_scatter`.
+    free : joint solution of the no-load frames, or of all stills, without the moment sensor.
+    gravity_world_m_s2 : (3,) of the session. own_scatter : of the points, see `picture_scatter`.
     """
     observations = free.problem.observations
     noted = np.array([one.gravity_m_s2 for one in observations])
-    now = _left_by(free, noted)
-    if fits(now.noise_scale, own):
+    now, scatter = _refitted(free, noted)
+    if fits(scatter, own_scatter):
         return None
-    others = otherwise([one.still for one in observations], kinematics, gravity_world_m_s2, noted)
-    tried = sorted(((_left_by(free, other.gravity_m_s2), other) for other in others), key=lambda one: one[0].squares)
+    others = _hypotheses([one.still for one in observations], kinematics, gravity_world_m_s2, noted)
+    tried = sorted(((*_refitted(free, other.gravity_m_s2), other) for other in others), key=lambda one: one[0])
     if not tried:
         return None
-    least, best = tried[0]
-    gain = now.squares - least.squares
-    if not fits(least.noise_scale, own):
-        return None
-    if gain < max(BETTER * max(least.noise_scale, 1.0) ** 2, LEAST_PART * now.squares):
+    least, scatter, best = tried[0]
+    gain = now - least
+    if not fits(scatter, own_scatter) or gain < max(_LEAST_GAIN * max(scatter, 1.0) ** 2, _LEAST_PART * now):
         return None
     # several may do as well: what they have in common is that the noted one is wrong
-    alike = [other.words for left, other in tried[1:] if left.squares < least.squares + ALIKE_PART * gain]
+    alike = [other.words for left, _, other in tried[1:] if left < least + _ALIKE_PART * gain]
     words = " or ".join([best.words, *alike[:2]])
     return Diagnosis(best.name, f"the free antenna sags as if {words}, and not as noted", best.remedy, grave=True)
 
 
-def _left_by(free: JointSolution, gravity_m_s2: np.ndarray) -> Left:
-    """What the no-load frames leave unexplained under another gravity (F, 3), antenna frame, all else solved anew."""
+def _refitted(free: JointSolution, gravity_m_s2: np.ndarray) -> tuple[float, float]:
+    """χ² and scatter of the points, over claimed deviations, with all solved again under a gravity (F, 3)."""
     problem = free.problem
     observations = [
         replace(one, gravity_m_s2=pull) for one, pull in zip(problem.observations, gravity_m_s2, strict=True)
@@ -101,81 +89,52 @@ def _left_by(free: JointSolution, gravity_m_s2: np.ndarray) -> Left:
     kept = np.ones(len(observations), bool)
     problem = replace(problem, observations=observations, noise_scale=1.0, kept=kept)
     now = Linearised.of(problem, problem.begin)
-    for _ in range(FIT_STEPS):
-        # plain squares: far from the antenna nearly all points would count as false
+    for _ in range(_STEPS):
+        # without robust weights: far from the antenna nearly all points would count as outliers
         scale = np.linalg.norm(now.jacobian, axis=0)
         step = -np.linalg.lstsq(now.jacobian / scale, now.residuals, rcond=None)[0] / scale
         try:
             moved = Linearised.of(problem, now.parameters + step)
         except ValueError:
-            # an antenna wound up by what cannot be: no further
+            # an impossible gravity winds the antenna up: no further
             break
         before, after = float(now.residuals @ now.residuals), float(moved.residuals @ moved.residuals)
         if not after < before:
             break
         now = moved
-        if after > (1 - SETTLED) * before:
+        if after > (1 - _CONVERGED) * before:
             break
     blocks, _ = problem.evaluate(now.parameters)
     # the points' own: a bow that is not ordinary is no sign of another gravity
-    return Left(
-        2.0 * float(huber_losses(now.residuals[: -now.certain]).sum()), noise_scale([block[:, 0] for block in blocks])
-    )
+    points = now.residuals[: -now.certain]
+    return 2.0 * float(huber_losses(points).sum()), noise_scale([block[:, 0] for block in blocks])
 
 
-def otherwise(
+def _hypotheses(
     stills: Sequence[Still], kinematics: Kinematics, gravity_world_m_s2: np.ndarray, noted_m_s2: np.ndarray
-) -> list[Otherwise]:
-    """What could be wrong with gravity_world (3,) and with the joints' readings, where it makes a difference.
+) -> list[_Hypothesis]:
+    """What could be wrong with gravity_world (3,) and with the joint readings, where it makes a difference.
 
-    noted_m_s2 : (F, 3) antenna frame, as it is with what was noted.
+    noted_m_s2 : (F, 3) antenna frame, by what was noted.
     """
-    size = float(np.linalg.norm(gravity_world_m_s2)) or GRAVITY_M_S2
-    found = []
-    for name, axis in AXES.items():
-        found.append(_with_gravity(stills, kinematics, size * axis, f"gravity pointed to {name} of the world"))
+    size = float(np.linalg.norm(gravity_world_m_s2)) or _STANDARD_GRAVITY_M_S2
+    worlds = {f"gravity pointed to {name} of the world": size * axis for name, axis in _AXES.items()}
     if gravity_world_m_s2.any():
-        found.append(_with_gravity(stills, kinematics, np.zeros(3), "there were no gravity"))
-    for words, remedy, turned in _joint_slips():
-        moved = [turned(still) for still in stills]
+        worlds["there were no gravity"] = np.zeros(3)
+    found = []
+    for words, gravity in worlds.items():
+        numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
+        remedy = f"gravity_world: [{numbers}] in session.yaml would fit; check where the world's axes point"
+        pull = gravity_antenna(kinematics, gravity, stills)
+        found.append(_Hypothesis("gravity_direction", words, remedy, pull))
+    for words, what, turn in _JOINT_SLIPS:
+        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in stills]
+        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(stills, angles, strict=True)]
         pull = gravity_antenna(kinematics, gravity_world_m_s2, moved)
-        found.append(Otherwise("joint_readings_wrong", words, f"correct {remedy}, in all tables", pull))
-    different: list[Otherwise] = []
+        found.append(_Hypothesis("joint_readings_wrong", words, f"correct {what}, in all tables", pull))
+    different: list[_Hypothesis] = []
     for other in found:
-        if all(
-            np.abs(other.gravity_m_s2 - known).max() > SAME_M_S2
-            for known in [noted_m_s2, *(one.gravity_m_s2 for one in different)]
-        ):
+        known = [noted_m_s2, *(one.gravity_m_s2 for one in different)]
+        if all(np.abs(other.gravity_m_s2 - pull).max() > _SAME_M_S2 for pull in known):
             different.append(other)
     return different
-
-
-def _with_gravity(stills: Sequence[Still], kinematics: Kinematics, gravity: np.ndarray, words: str) -> Otherwise:
-    numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
-    remedy = f"gravity_world: [{numbers}] in session.yaml would fit; check where the world's axes point"
-    return Otherwise("gravity_direction", words, remedy, gravity_antenna(kinematics, gravity, stills))
-
-
-def _joint_slips() -> list[tuple[str, str, Callable[[Still], Still]]]:
-    """What the joints would do, what to correct, and the still with that."""
-    degrees = np.pi / 180
-
-    def turned(pan: tuple[float, float], tilt: tuple[float, float]) -> Callable[[Still], Still]:
-        def still(one: Still) -> Still:
-            at = np.array([one.pan_rad, one.tilt_rad])
-            return replace(one, pan_rad=float(at @ pan), tilt_rad=float(at @ tilt))
-
-        return still
-
-    return [
-        ("the tilt turned the other way", "the sign of tilt_rad", turned((1, 0), (0, -1))),
-        ("the pan turned the other way", "the sign of pan_rad", turned((-1, 0), (0, 1))),
-        ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", turned((0, 1), (1, 0))),
-        ("the angles were in degrees", "the unit: angles are in rad", turned((degrees, 0), (0, degrees))),
-        (
-            "the angles had been turned into rad twice",
-            "the angles: they are in rad once",
-            turned((1 / degrees, 0), (0, 1 / degrees)),
-        ),
-        ("the tilt stayed at 0", "tilt_rad, or connect its encoder", turned((1, 0), (0, 0))),
-    ]

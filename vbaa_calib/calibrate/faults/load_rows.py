@@ -1,7 +1,7 @@
-"""Rows of loads.csv that their pictures contradict, and what they would have to say.
+"""Rows of loads.csv that their pictures contradict, and the entries that would fit.
 
-The rig is the free antenna's: what was typed for one load must not have bent what another one is judged by. Only EI is
-asked of the loads, of those that agree.
+Rig parameters come from the free antenna: a wrong row must not affect what other rows are judged by. Only EI is
+estimated from the loads, from those that agree on it.
 """
 
 from __future__ import annotations
@@ -11,50 +11,35 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.rig.reprojection import image_curves, see, whitened_residuals
 from vbaa_calib.session import Load
 
-from .free_antenna import faithful
-from .typed_loads import Reading, other_readings, row_name
+from .typed_loads import Entry, other_entries, row_name, rows_name
 
-NOMINAL_REACH = 0.3
-"""Logarithm by which EI may differ from what the free antenna and E·πd⁴/64 say: 8 % of the diameter."""
-KNOWN_REACH = 0.03
-"""The same where other loads agree on it."""
-FAR_REACH = 1.0
-"""The same in looking for loads that agree: no wrong unit is as little as this."""
-STEP = 0.05
-CONTRADICTS, FITS = 0.22, 0.08
-"""A reading is wrong whose antenna lies further off the points than this part of the deflection, and right below the
+_NOMINAL_REACH, _KNOWN_REACH, _FAR_REACH = 0.3, 0.03, 1.0
+"""Largest |log| of EI over the free antenna's or E·πd⁴/64 (8 % of the diameter); over what other loads agree on; and in
+looking for loads that agree: no wrong unit is as little as this."""
+_STEP = 0.05
+_CONTRADICTS, _FITS = 0.22, 0.08
+"""An entry is wrong whose antenna lies further off the points than this part of the deflection, and right below the
 other. Half a millimetre on the ruler and half a per cent on the balance make 0.02."""
-CLEARER = 3.0
-"""A right reading lies this many times nearer than the noted one."""
-ALIKE = 0.01
-"""Misfits that differ by less tell nothing between two readings."""
-SAME_VALUE = 0.03
-"""Readings that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
-SHOWN_STD = 5.0
-"""Least deflection, in deviations of single points, that tells one reading from another."""
-AGREE = 0.1
+_CLEARER = 3.0
+"""A right entry lies this many times nearer than the noted one."""
+_ALIKE = 0.01
+"""Entries whose misfits differ by less cannot be told apart."""
+_SAME_VALUE = 0.03
+"""Entries that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
+_SHOWN_STD = 5.0
+"""Least deflection, in deviations of single points, that tells entries apart."""
+_AGREE = 0.1
 """Logarithm within which loads agree on EI."""
-
-
-@dataclass(frozen=True, eq=False)
-class Nearest:
-    """The best fits of V readings of a load.
-
-    Attributes
-    ----------
-    misfit, log_stiffness : (V,) of each, and the stiffness's logarithm that it takes, less the free antenna's.
-    shown_std : see `Faithful`.
-    """
-
-    misfit: np.ndarray
-    log_stiffness: np.ndarray
-    shown_std: float
+_MOST_BENT = 6.0
+"""f·l²/EI beyond which an antenna hangs along its load: more looks the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,75 +48,93 @@ class Row:
 
     Attributes
     ----------
-    index : of the load among the loads. reading : what fits instead, None if nothing does.
-    also : how else it may have been given: what the picture does not tell from that.
+    index : of the load among the loads. entry : what fits instead, None if nothing does.
+    also : other slips that fit as well.
     """
 
     index: int
     load: Load
-    reading: Reading | None
+    entry: Entry | None
     also: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The best fits of V loads to one picture, over a range of stiffness.
+
+    Attributes
+    ----------
+    misfit : (V,) mean distance of the points from the predicted antenna, over that from the free one.
+    log_stiffness : (V,) of the best fit, less the free antenna's.
+    shown_std : mean distance of the points from the free antenna, in the points' own deviations.
+    """
+
+    misfit: np.ndarray
+    log_stiffness: np.ndarray
+    shown_std: float
+
+
 def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_m: float) -> list[Row]:
-    """Every load whose row does not fit its picture, with the reading that does."""
-    loaded = [one for one in observations if isinstance(one.still, Load)]
+    """Every load whose row does not fit its picture, with the entry that does."""
+    loaded = [(one, one.still) for one in observations if isinstance(one.still, Load)]
     centre, reach = _reference(free, loaded)
     rows = []
-    for index, one in enumerate(loaded):
-        load = _load(one)
-        noted = _nearest(free, one, [load], centre, reach).misfit[0]
-        if noted <= CONTRADICTS:
+    for index, (one, load) in enumerate(loaded):
+        noted = _fit(free, one, [load], centre, reach).misfit[0]
+        if noted <= _CONTRADICTS:
             continue
-        readings = other_readings(load, length_m)
-        others = _nearest(free, one, [reading.load for reading in readings], centre, reach)
+        entries = other_entries(load, length_m)
+        others = _fit(free, one, [entry.load for entry in entries], centre, reach)
         nearest = float(others.misfit.min())
-        best = int(_commonest(readings, others.misfit))
-        right = others.shown_std >= SHOWN_STD and nearest <= FITS and nearest * CLEARER <= noted
-        alike = np.flatnonzero(others.misfit <= nearest + ALIKE).tolist()
-        also = tuple(
-            readings[other].how for other in alike if other != best and _apart(readings[other], readings[best])
-        )
-        rows.append(Row(index, load, readings[best] if right else None, also))
+        alike = np.flatnonzero(others.misfit <= nearest + _ALIKE).tolist()
+        # the commonest slip of those that the picture does not tell from the best one
+        first = entries[int(np.argmin(others.misfit))]
+        same_kind = [entries[i] for i in alike if entries[i].is_turn == first.is_turn]
+        best = next(entry for entry in same_kind if first.is_turn or not _differ(entry.load, first.load))
+        right = others.shown_std >= _SHOWN_STD and nearest <= _FITS and nearest * _CLEARER <= noted
+        also = tuple(entries[i].how for i in alike if entries[i] is not best and _differ(entries[i].load, best.load))
+        rows.append(Row(index, load, best if right else None, also))
     return rows
 
 
-def _commonest(readings: Sequence[Reading], misfit: np.ndarray) -> int:
-    """The commonest of the readings that the picture does not tell from the best one."""
-    best = int(np.argmin(misfit))
-    alike = [int(i) for i in np.flatnonzero(misfit <= misfit[best] + ALIKE)]
-    same_kind = [i for i in alike if readings[i].is_turn == readings[best].is_turn]
-    return next(i for i in same_kind if readings[best].is_turn or not _apart(readings[i], readings[best]))
-
-
-def _apart(one: Reading, other: Reading) -> bool:
-    """Whether two readings say different numbers."""
-    a, b = one.load, other.load
+def _differ(a: Load, b: Load) -> bool:
+    """Whether two loads are different numbers."""
     apart = np.hypot(a.force_y_N - b.force_y_N, a.force_z_N - b.force_z_N)
     size = np.hypot(b.force_y_N, b.force_z_N)
-    return bool(apart > SAME_VALUE * size or abs(a.distance_m - b.distance_m) > SAME_VALUE * b.distance_m)
+    return bool(apart > _SAME_VALUE * size or abs(a.distance_m - b.distance_m) > _SAME_VALUE * b.distance_m)
 
 
 def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
-    """The rows that another reading explains, those with the same slip together."""
-    by_slip: dict[str, list[Row]] = {}
+    """The rows, of `count` loads, that another entry explains, those with the same slip together."""
+    by_slip: dict[str, list[tuple[Row, Entry]]] = {}
     for row in rows:
-        if row.reading is not None:
-            by_slip.setdefault(row.reading.name, []).append(row)
-    return [_said(same, count) for same in by_slip.values()]
+        if row.entry is not None:
+            by_slip.setdefault(row.entry.name, []).append((row, row.entry))
+    found = []
+    for same in by_slip.values():
+        first, entry = same[0]
+        also = sorted({how for row, _ in same for how in row.also})
+        words = (
+            f"{rows_name([(row.index, row.load) for row, _ in same], count)}: the picture contradicts the row, and "
+            f"would fit if the {entry.what} was given {entry.how}"
+        )
+        if also:
+            words += f" (or {' or '.join(also[:2])}: the picture does not tell)"
+        words += f". Is it {entry.question(first.load)}?"
+        cells = "; ".join(f"{row_name(row.index, row.load)}: {own.remedy(row.load)}" for row, own in same[:3])
+        found.append(Diagnosis(f"load_{entry.what}_mistyped", words, f"if so, correct {cells}", grave=True))
+    return found
 
 
 def unexplained(rows: Sequence[Row]) -> list[Diagnosis]:
     """The rows that their pictures contradict and no usual slip explains."""
     if not rows:
         return []
-    names = ", ".join(row_name(row.index, row.load) for row in rows[:4])
-    more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
     return [
         Diagnosis(
             "load_row_unexplained",
-            f"loads.csv {names}{more}: the picture contradicts the row by a fifth of the deflection or more, and no "
-            "usual slip explains it",
+            f"{rows_name([(row.index, row.load) for row in rows])}: the picture contradicts the row by a fifth of the "
+            "deflection or more, and no usual slip explains it",
             "check distance_m, force and sign of the row, that the picture belongs to it, and that the clamp held",
             grave=True,
         )
@@ -139,89 +142,81 @@ def unexplained(rows: Sequence[Row]) -> list[Diagnosis]:
 
 
 def corrected(observations: Sequence[Observation], rows: Sequence[Row]) -> list[Observation]:
-    """With the readings that fit; without the rows that none fits."""
+    """With the entries that fit; without the rows that none fits."""
     by_index, found, index = {row.index: row for row in rows}, [], -1
     for one in observations:
         index += isinstance(one.still, Load)
         row = by_index.get(index) if isinstance(one.still, Load) else None
         if row is None:
             found.append(one)
-        elif row.reading is not None:
-            found.append(replace(one, still=replace(row.reading.load, moment_Nm=one.still.moment_Nm)))
+        elif row.entry is not None:
+            found.append(replace(one, still=replace(row.entry.load, moment_Nm=one.still.moment_Nm)))
     return found
 
 
 def all_by_commonest(named: Sequence[Row], observations: Sequence[Observation], length_m: float) -> list[Row]:
     """Every load with the slip that most rows have: some pictures look alike either way. Empty where few have it."""
-    loads = [_load(one) for one in observations if isinstance(one.still, Load)]
-    slips = [row.reading.name for row in named if row.reading is not None]
+    loads = [one.still for one in observations if isinstance(one.still, Load)]
+    slips = [row.entry.name for row in named if row.entry is not None]
     name = max(set(slips), key=slips.count, default="")
     if 2 * slips.count(name) <= len(loads) or len(loads) < 2:
         return []
-    rows = []
-    for index, load in enumerate(loads):
-        same = [reading for reading in other_readings(load, length_m) if reading.name == name]
-        rows += [Row(index, load, reading) for reading in same]
-    return rows
+    return [
+        Row(index, load, entry)
+        for index, load in enumerate(loads)
+        for entry in other_entries(load, length_m)
+        if entry.name == name
+    ]
 
 
-def _said(rows: Sequence[Row], count: int) -> Diagnosis:
-    first = rows[0]
-    assert first.reading is not None
-    whole = len(rows) == count and count > 1
-    names = [row_name(row.index, row.load) for row in rows[:4]]
-    which = f"all {count} rows of loads.csv" if whole else "loads.csv " + ", ".join(names)
-    if not whole and len(rows) > 4:
-        which += f" and {len(rows) - 4} more"
-    words = (
-        f"{which}: the picture contradicts the row, and would fit if the {first.reading.what} was given "
-        f"{first.reading.how}"
-    )
-    also = sorted({how for row in rows for how in row.also})
-    if also:
-        words += f" (or {' or '.join(also[:2])}: the picture does not tell)"
-    cells = "; ".join(
-        f"{row_name(row.index, row.load)}: {row.reading.remedy(row.load)}" for row in rows[:3] if row.reading
-    )
-    words += f". Is it {first.reading.question(first.load)}?"
-    return Diagnosis(f"load_{first.reading.what}_mistyped", words, f"if so, correct {cells}", grave=True)
-
-
-def _load(one: Observation) -> Load:
-    assert isinstance(one.still, Load)
-    return one.still
-
-
-def _nearest(free: JointSolution, one: Observation, loads: Sequence[Load], centre: float, reach: float) -> Nearest:
-    """Each load's best fit with a stiffness within a range about the free antenna's."""
-    steps = centre + np.linspace(-reach, reach, max(3, 2 * round(reach / STEP) + 1))
+def _fit(free: JointSolution, one: Observation, loads: Sequence[Load], centre: float, reach: float) -> _Fit:
+    """Each load's best fit with a logarithm of EI within `reach` of `centre`, both less the free antenna's."""
+    steps = centre + np.linspace(-reach, reach, max(3, 2 * round(reach / _STEP) + 1))
     # an antenna that is stiffer bends as if the force were smaller
     scaled = [
         replace(load, force_y_N=load.force_y_N * factor, force_z_N=load.force_z_N * factor)
         for load in loads
         for factor in np.exp(-steps)
     ]
-    found = faithful(free, one, scaled)
-    misfit = found.misfit.reshape(len(loads), len(steps))
-    return Nearest(misfit.min(axis=1), steps[misfit.argmin(axis=1)], found.shown_std)
+    problem, parameters = free.problem, free.solution.parameters
+    seen = see(problem.camera(parameters), one.points_px, one.sigma_px)
+    stiffness = float(np.exp(parameters[ANTENNA][6]))
+    nothing = replace(loads[0], force_y_N=0.0, force_z_N=0.0)
+    # an impossible load would wind the antenna up: it is not worked out
+    bent = [np.hypot(load.force_y_N, load.force_z_N) * load.distance_m**2 / stiffness for load in scaled]
+    possible = np.array(bent) < _MOST_BENT
+    stills = [replace(one, still=load if fits else nothing) for load, fits in zip(scaled, possible, strict=True)]
+    stills = [replace(one, still=nothing), *stills]
+    curves = replace(problem, observations=stills).curves(parameters[None, ANTENNA])
+    view = problem.pose(parameters).inverse()
+
+    def distance(curve: Curves) -> float:
+        image = image_curves(curve, view)
+        if not np.isfinite(image.nodes).all():
+            return np.inf
+        return float(np.abs(whitened_residuals(seen, image)[:, 0]).mean())
+
+    distances = np.array([distance(curves.picked(np.array([index]))) for index in range(len(stills))])
+    distances[1:][~possible] = np.inf
+    misfit = (distances[1:] / max(distances[0], problem.noise_scale)).reshape(len(loads), len(steps))
+    return _Fit(misfit.min(axis=1), steps[misfit.argmin(axis=1)], distances[0] / problem.noise_scale)
 
 
-def _reference(free: JointSolution, loaded: Sequence[Observation]) -> tuple[float, float]:
-    """EI's logarithm, less the free antenna's, and how far it may be off: by the loads that agree, if two do."""
+def _reference(free: JointSolution, loaded: Sequence[tuple[Observation, Load]]) -> tuple[float, float]:
+    """Logarithm of EI, less the free antenna's, and its reach: from the loads that agree, if two do."""
     start = float(free.problem.prior.mean[6] - free.parameters[ANTENNA][6])
-    # a sag that asks for quite another antenna has another cause: gravity, or the mass
-    start = start if abs(start) > NOMINAL_REACH else 0.0
-    found = [_nearest(free, one, [_load(one)], start, FAR_REACH) for one in loaded]
-    usable = [(one, fit) for one, fit in zip(loaded, found, strict=True) if _usable(fit, start)]
+    # a sag that needs quite another antenna has another cause: gravity, or the mass
+    start = start if abs(start) > _NOMINAL_REACH else 0.0
+    usable = []
+    for one, load in loaded:
+        fit = _fit(free, one, [load], start, _FAR_REACH)
+        at_end = abs(fit.log_stiffness[0] - start) >= _FAR_REACH - 0.5 * _STEP
+        if fit.misfit[0] <= _FITS and fit.shown_std >= _SHOWN_STD and not at_end:
+            usable.append((one, load, fit.log_stiffness[0]))
     if len(usable) >= 2:
-        middle = float(np.median([fit.log_stiffness[0] for _, fit in usable]))
-        same = [one for one, fit in usable if abs(fit.log_stiffness[0] - middle) <= AGREE]
+        middle = float(np.median([log_stiffness for *_, log_stiffness in usable]))
+        same = [(one, load) for one, load, log_stiffness in usable if abs(log_stiffness - middle) <= _AGREE]
         if len(same) >= 2 and 2 * len(same) > len(usable):
-            closer = [_nearest(free, one, [_load(one)], middle, AGREE).log_stiffness[0] for one in same]
-            return float(np.median(closer)), KNOWN_REACH
-    return start, NOMINAL_REACH
-
-
-def _usable(fit: Nearest, start: float) -> bool:
-    at_end = abs(fit.log_stiffness[0] - start) >= FAR_REACH - 0.5 * STEP
-    return bool(fit.misfit[0] <= FITS and fit.shown_std >= SHOWN_STD and not at_end)
+            closer = [_fit(free, one, [load], middle, _AGREE).log_stiffness[0] for one, load in same]
+            return float(np.median(closer)), _KNOWN_REACH
+    return start, _NOMINAL_REACH

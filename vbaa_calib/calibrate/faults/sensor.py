@@ -1,4 +1,4 @@
-"""The moment sensor against what the pictures and the known loads say it had to read."""
+"""The moment sensor's readings against the moments that pictures and known loads predict."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from vbaa_calib.calibrate.antenna.residual_checks import Estimate
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import mad_std
 
-LEAST_SPREAD_STD = 30.0
-"""The moments must spread by this many of the sensor's deviations, for its gain to be judged."""
-UNITS = (
+_LEAST_SPREAD_STD = 30.0
+"""Range of the moments, in the sensor's deviations, from which its gain can be judged."""
+_UNITS = (
     ("N·mm", 1e3, "divide the readings by 1000"),
     ("mN·m", 1e3, "divide the readings by 1000"),
     ("N·cm", 1e2, "divide the readings by 100"),
@@ -23,24 +23,20 @@ UNITS = (
     ("kN·m", 1e-3, "multiply the readings by 1000"),
     ("decimetres for metres", 1e1, "divide the readings by 10"),
 )
-UNIT_REACH = 0.15
-"""Logarithm within which a gain is taken for a unit's: an honest sensor is that good before it is calibrated."""
-USUAL_GAIN = (0.5, 2.0)
-DEAD_GAIN = 0.1
-EXPLAINED = 0.5
+_UNIT_REACH = 0.15
+"""Logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated."""
+_USUAL_GAIN = (0.5, 2.0)
+_DEAD_GAIN = 0.1
+_EXPLAINED = 0.5
 """Part of the readings' spread that a working sensor's gain and offset explain at least."""
-GAIN_SURE = 4.0
+_SIGNIFICANT_STD = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
-    """What was read and what had to be.
+class _Readings:
+    """Readings (F,), the moments (F,) that they should be, the robust line through both, and the noise by the session.
 
-    Attributes
-    ----------
-    read_Nm, true_Nm : (F,). std_Nm : of the sensor's noise, as the session says.
-    gain, offset_Nm : the line through them that half of them lie nearest to.
-    gain_std : of it, by the scatter about the line.
+    gain_std : of the gain, by the scatter about the line.
     """
 
     read_Nm: np.ndarray
@@ -51,7 +47,7 @@ class Readings:
     gain_std: float
 
     @staticmethod
-    def of(joint: JointSolution, std_Nm: float) -> Readings | None:
+    def of(joint: JointSolution, std_Nm: float) -> _Readings | None:
         """Of the stills that took part; None with fewer than 3, or where no moment was read."""
         _, moments = joint.problem.evaluate(joint.solution.parameters)
         kept = joint.kept
@@ -59,126 +55,103 @@ class Readings:
         true = moments[kept, 0]
         if len(read) < 3 or not np.isfinite(read).all():
             return None
-        gain, offset = _line(true, read)
+        # Theil and Sen's medians
+        i, j = np.triu_indices(len(true), 1)
+        far = np.abs(true[j] - true[i]) > 0.2 * np.ptp(true)
+        gain = float(np.median((read[j] - read[i])[far] / (true[j] - true[i])[far]))
+        offset = float(np.median(read - gain * true))
         scatter = max(mad_std(read - gain * true - offset), std_Nm)
         spread = float(np.sqrt(((true - true.mean()) ** 2).sum()))
-        return Readings(read, true, std_Nm, gain, offset, scatter / max(spread, 1e-12))
+        return _Readings(read, true, std_Nm, gain, offset, scatter / max(spread, 1e-12))
 
     @property
-    def spread_std(self) -> float:
-        """Range of the true moments in the sensor's deviations."""
-        return float(np.ptp(self.true_Nm) / self.std_Nm)
+    def follow(self) -> bool:
+        """Whether the line explains the readings' spread, by medians."""
+        about = np.median(np.abs(self.read_Nm - np.median(self.read_Nm)))
+        left = np.median(np.abs(self.read_Nm - self.gain * self.true_Nm - self.offset_Nm))
+        return float(1.0 - left / max(about, 1e-15)) > _EXPLAINED
+
+    @property
+    def units(self) -> list[tuple[str, str]]:
+        """Units, with their remedies, in which the gain would be 1."""
+        if self.gain <= 0:
+            return []
+        return [(unit, remedy) for unit, factor, remedy in _UNITS if abs(np.log(self.gain / factor)) < _UNIT_REACH]
+
+    @property
+    def gain_words(self) -> str:
+        return f"{self.gain:.3g} ± {self.gain_std:.2g}"
 
 
 def sensor_diagnoses(
-    joint: JointSolution, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool = True
+    joint: JointSolution, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool
 ) -> list[Diagnosis]:
-    """What is wrong with the sensor, the most telling first; at most one of wiring, sign and unit.
+    """What is wrong with the sensor; at most one of wiring, sign, unit and drift.
 
     Parameters
     ----------
     drift : of its readings, N·m `per` s or row; None where it is not known.
-    moments_known : the loads are what was noted. If not, a sensor that is not connected is all that can be told.
+    moments_known : the loads are what was noted. If not, only an unconnected sensor can be recognised.
     """
-    readings = Readings.of(joint, std_Nm)
-    if readings is None or readings.spread_std < LEAST_SPREAD_STD:
+    readings = _Readings.of(joint, std_Nm)
+    if readings is None or float(np.ptp(readings.true_Nm) / std_Nm) < _LEAST_SPREAD_STD:
         return []
-    if not moments_known:
-        dead = _unconnected(readings)
-        return [] if dead is None else [dead]
-    for judged in (
-        _unconnected(readings),
-        _unrelated(readings),
-        _sign(readings),
-        _unit(readings),
-    ):
-        if judged is not None:
-            return [judged]
-    if drift is not None and abs(drift.in_std) > GAIN_SURE and _fits(readings):
-        return [
-            Diagnosis(
+    found = _unconnected(readings)
+    if found is None and moments_known:
+        found = _unrelated(readings) or _sign(readings) or _unit(readings)
+        if found is None and drift is not None and abs(drift.in_std) > _SIGNIFICANT_STD and readings.follow:
+            found = Diagnosis(
                 "sensor_drift",
-                f"the moment readings run off by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}: the "
-                "moment sensor drifts, or a few readings are wrong",
+                f"the moment readings drift by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}, or a "
+                "few readings are wrong",
                 "let it warm up, zero it again before a recording, and check that it is not at the end of its range",
             )
-        ]
-    return []
+    return [] if found is None else [found]
 
 
-def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope and offset that the most points follow, by Theil and Sen's medians."""
-    i, j = np.triu_indices(len(x), 1)
-    far = np.abs(x[j] - x[i]) > 0.2 * np.ptp(x)
-    slope = float(np.median((y[j] - y[i])[far] / (x[j] - x[i])[far]))
-    return slope, float(np.median(y - slope * x))
-
-
-def _explained(readings: Readings) -> float:
-    """Part of the readings' spread that the line explains, by medians."""
-    about = np.median(np.abs(readings.read_Nm - np.median(readings.read_Nm)))
-    left = np.median(np.abs(readings.read_Nm - readings.gain * readings.true_Nm - readings.offset_Nm))
-    return float(1.0 - left / max(about, 1e-15))
-
-
-def _fits(readings: Readings) -> bool:
-    return _explained(readings) > EXPLAINED
-
-
-def _span(readings: Readings) -> str:
-    return f"the true moments span {1e3 * np.ptp(readings.true_Nm):.3g} mN·m"
-
-
-def _unconnected(readings: Readings) -> Diagnosis | None:
+def _unconnected(readings: _Readings) -> Diagnosis | None:
     if np.ptp(readings.read_Nm) > 1e-3 * readings.std_Nm:
         return None
     return Diagnosis(
         "sensor_not_connected",
-        f"all {len(readings.read_Nm)} moment readings are {readings.read_Nm[0]:.4g} N·m, while {_span(readings)}",
+        f"all {len(readings.read_Nm)} moment readings are {readings.read_Nm[0]:.4g} N·m, while the true moments span "
+        f"{1e3 * np.ptp(readings.true_Nm):.3g} mN·m",
         "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in",
         grave=True,
     )
 
 
-def _unrelated(readings: Readings) -> Diagnosis | None:
-    weak = abs(readings.gain) < max(DEAD_GAIN, GAIN_SURE * readings.gain_std)
-    unit = any(abs(np.log(abs(readings.gain) / factor)) < UNIT_REACH for _, factor, _ in UNITS if readings.gain > 0)
-    noise = np.ptp(readings.read_Nm) < GAIN_SURE * 2 * readings.std_Nm
-    if not (noise or (weak and not _fits(readings)) or (weak and not unit)):
+def _unrelated(readings: _Readings) -> Diagnosis | None:
+    weak = abs(readings.gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * readings.gain_std)
+    noise = np.ptp(readings.read_Nm) < _SIGNIFICANT_STD * 2 * readings.std_Nm
+    if not (noise or (weak and not (readings.follow and readings.units))):
         return None
     return Diagnosis(
         "sensor_not_connected",
-        f"the moment readings do not follow the loads: gain {readings.gain:.3g} ± {readings.gain_std:.2g}, while "
-        f"{_span(readings)}",
+        f"the moment readings do not follow the loads: gain {readings.gain_words}, while the true moments span "
+        f"{1e3 * np.ptp(readings.true_Nm):.3g} mN·m",
         "check that the sensor is connected, sits between clamp and base, and that each row has its own reading",
         grave=True,
     )
 
 
-def _sign(readings: Readings) -> Diagnosis | None:
-    if readings.gain > -GAIN_SURE * readings.gain_std or not _fits(readings):
+def _sign(readings: _Readings) -> Diagnosis | None:
+    if readings.gain > -_SIGNIFICANT_STD * readings.gain_std or not readings.follow:
         return None
     return Diagnosis(
         "sensor_sign",
-        f"the moment sensor reads with the wrong sign: gain {readings.gain:.3g} ± {readings.gain_std:.2g}",
-        "exchange its two leads, or turn the sign of moment_Nm round in all tables, the recording's too",
+        f"the moment sensor reads with the wrong sign: gain {readings.gain_words}",
+        "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too",
     )
 
 
-def _unit(readings: Readings) -> Diagnosis | None:
+def _unit(readings: _Readings) -> Diagnosis | None:
     gain = readings.gain
-    if USUAL_GAIN[0] < gain < USUAL_GAIN[1] or gain <= 0 or not _fits(readings):
+    if _USUAL_GAIN[0] < gain < _USUAL_GAIN[1] or gain <= 0 or not readings.follow:
         return None
-    near = [(unit, remedy) for unit, factor, remedy in UNITS if abs(np.log(gain / factor)) < UNIT_REACH]
     words = f"the moment sensor's gain is {gain:.4g} ± {readings.gain_std:.2g}"
-    if not near:
+    if not readings.units:
         return Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")
-    units = " or ".join(unit for unit, _ in near)
-    return Diagnosis(
-        "sensor_unit", f"{words}, as if it were read in {units}", f"{near[0][1]}: moment_Nm is in N·m", True
-    )
-
-
-def drift_of(checks_drift_per_s: Estimate | None, per_row: Estimate | None) -> tuple[Estimate | None, str]:
-    """The drift that is known, and what it is per."""
-    return (checks_drift_per_s, "s") if checks_drift_per_s is not None else (per_row, "row")
+    units = " or ".join(unit for unit, _ in readings.units)
+    remedy = f"{readings.units[0][1]}: moment_Nm is in N·m"
+    return Diagnosis("sensor_unit", f"{words}, as if it were read in {units}", remedy, grave=True)

@@ -1,4 +1,4 @@
-"""What can be said of a session whose calibration did not come to an end."""
+"""Diagnoses of a session's stills: loads, antenna, clamp, moment sensor, gravity and joint readings."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, Session, read_loads, read_noload
 
 from .clamp import bow_diagnosis, soft_clamp, step_diagnosis
-from .free_antenna import DEAF, fits, own_scatter, solve_free, worst_still
+from .fit_quality import SENSOR_OFF, fits, picture_scatter, solve_free, worst_still
 from .gravity import gravity_diagnosis
-from .jacobian_rows import StillRows
+from .linearized import StillRows
 from .load_rows import Row, all_by_commonest, corrected, row_diagnoses, unexplained, wrong_rows
-from .sensor import drift_of, sensor_diagnoses
-from .typed_loads import typed_load_doubts
+from .sensor import sensor_diagnoses
+from .typed_loads import typed_load_diagnoses
 
-DISTANCE_STD_M, FORCE_STD = 7e-4, 7e-3
-"""How well places and weights of loads are taken to be known: a little less well than they usually are."""
-CONTRADICTS = 5.0
+_DISTANCE_STD_M, _FORCE_STD = 7e-4, 7e-3
+"""Assumed of places and weights of loads: a little more than usual."""
+_CONTRADICTS = 5.0
 """Scatter of the points, over their pictures' own, beyond which the stills contradict each other."""
-ONE_CONTRADICTS = 20.0
+_ONE_CONTRADICTS = 20.0
 """The same of a single still. Clean sessions have one at 5 now and then, when a ruler was read badly."""
 
 
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSolution) -> list[Diagnosis]:
     """What is wrong with loads, antenna, clamp, moment sensor, gravity and joint readings.
 
-    What explains other faults away comes first, and those are then not asked for: with a wrong gravity, or with loads
-    noted wrong, the clamp and the bow are wrong as well.
+    A fault that explains others comes first, and these are then not looked for: with a wrong gravity, or with wrong
+    rows of loads, clamp and bow come out wrong as well.
 
     Parameters
     ----------
-    kinematics : with what a sweep found of the joints (`PlaneC.kinematics`).
-    joint : of all stills, as `solve_antenna` gives it.
+    kinematics : with the joints' zeros by a sweep (`PlaneC.kinematics`).
+    joint : of all stills, from `solve_antenna`.
     """
     problem = joint.problem
-    own = own_scatter(joint.noted)
+    own = picture_scatter(joint.noted)
     try:
         free: JointSolution | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
     except SolveError:
@@ -51,32 +51,32 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSoluti
         if gravity is not None:
             return [gravity, *_sensor(session, joint, False)]
     rows = wrong_rows(free, joint.noted, problem.length_m) if free is not None else []
-    named = [row for row in rows if row.reading is not None]
+    named = [row for row in rows if row.entry is not None]
     if named:
         count = sum(isinstance(one.still, Load) for one in joint.noted)
         for tried in (rows, all_by_commonest(named, joint.noted, problem.length_m)):
             if tried and _fit_corrected(joint, tried, own):
-                right, odd = [[row for row in tried if (row.reading is None) == none] for none in (False, True)]
+                right, odd = [[row for row in tried if (row.entry is None) == none] for none in (False, True)]
                 return [*row_diagnoses(right, count), *unexplained(odd), *_sensor(session, joint, False)]
         return [_contradiction(joint, own, rows), *_sensor(session, joint, False)]
-    held = _held(session, kinematics, joint, free, own)
-    if rows and not any(one.grave for one in held):
-        held = unexplained(rows)
-    elif not held and (joint.noise_scale > CONTRADICTS * own or worst_still(joint) > ONE_CONTRADICTS * own):
-        held = [_contradiction(joint, own, rows)]
-    return [*held, *_sensor(session, joint, not held)]
+    found = _moved(session, kinematics, joint, free, own)
+    if rows and not any(one.grave for one in found):
+        found = unexplained(rows)
+    elif not found and (joint.noise_scale > _CONTRADICTS * own or worst_still(joint) > _ONE_CONTRADICTS * own):
+        found = [_contradiction(joint, own, rows)]
+    return [*found, *_sensor(session, joint, not found)]
 
 
-def _held(
+def _moved(
     session: Session, kinematics: Kinematics, joint: JointSolution, free: JointSolution | None, own: float
 ) -> list[Diagnosis]:
-    """What moved, and how the antenna is held."""
+    """Gravity, what moved between stills, or else bow and clamp."""
     linear = StillRows.of(joint)
     if free is not None:
-        linear = linear.with_readings(DISTANCE_STD_M, FORCE_STD, min(free.noise_scale, joint.noise_scale))
+        linear = linear.with_readings(_DISTANCE_STD_M, _FORCE_STD, min(free.noise_scale, joint.noise_scale))
     if not fits(joint.noise_scale, own):
-        deaf = replace(joint, problem=replace(joint.problem, moment_std_Nm=DEAF * joint.problem.moment_std_Nm))
-        gravity = gravity_diagnosis(deaf, kinematics, session.gravity_world_m_s2, own)
+        problem = replace(joint.problem, moment_std_Nm=SENSOR_OFF * joint.problem.moment_std_Nm)
+        gravity = gravity_diagnosis(replace(joint, problem=problem), kinematics, session.gravity_world_m_s2, own)
         if gravity is not None:
             return [gravity]
     moved = step_diagnosis(joint, linear.without_sensor(), own)
@@ -85,14 +85,14 @@ def _held(
 
 
 def _fit_corrected(joint: JointSolution, rows: Sequence[Row], own: float) -> bool:
-    """Whether all stills fit one antenna once the rows are what their pictures ask for."""
+    """Whether all stills fit one antenna once the rows are corrected."""
     problem = joint.problem
     observations: list[Observation] = corrected(joint.noted, rows)
     try:
-        right = solve_joint(observations, problem.prior, problem.length_m, DEAF * problem.moment_std_Nm)
+        right = solve_joint(observations, problem.prior, problem.length_m, SENSOR_OFF * problem.moment_std_Nm)
     except SolveError:
         return False
-    return fits(right.noise_scale, own) and worst_still(right) <= ONE_CONTRADICTS * own
+    return fits(right.noise_scale, own) and worst_still(right) <= _ONE_CONTRADICTS * own
 
 
 def _contradiction(joint: JointSolution, own: float, rows: Sequence[Row]) -> Diagnosis:
@@ -115,12 +115,12 @@ def _contradiction(joint: JointSolution, own: float, rows: Sequence[Row]) -> Dia
 
 def _sensor(session: Session, joint: JointSolution, moments_known: bool) -> list[Diagnosis]:
     checks = check(joint)
-    drift = drift_of(checks.drift_Nm_per_s, checks.drift_Nm_per_row)
-    return sensor_diagnoses(joint, session.moment_std_Nm, *drift, moments_known)
+    drift, per = (checks.drift_Nm_per_row, "row") if checks.drift_Nm_per_s is None else (checks.drift_Nm_per_s, "s")
+    return sensor_diagnoses(joint, session.moment_std_Nm, drift, per, moments_known)
 
 
 def with_cause(session: Session, kinematics: Kinematics, before: Prior, error: SolveError) -> SolveError | InputError:
-    """What to raise instead of an error of `solve_antenna`: with its likely cause, where one is found."""
+    """An error of `solve_antenna` with its likely cause, where one is found."""
     nominal = nominal_parameters(session.antenna)
     try:
         free = observe(session, kinematics, read_noload(session), before.camera, before.start, nominal, "free antenna")
@@ -128,35 +128,36 @@ def with_cause(session: Session, kinematics: Kinematics, before: Prior, error: S
             session, kinematics, read_loads(session), before.camera, before.start, nominal, "known loads", free[0].paint
         )
     except VbaaError:
-        # nothing was seen: the error says that better
         return error
-    causes = explain_failure(session, kinematics, [*free, *loaded], before)
+    causes = failure_causes(session, kinematics, [*free, *loaded], before)
     typed = [one for one in causes if one.name.startswith("load_")]
     if typed:
         return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
     return SolveError(f"{error}. Likely: {causes[0]}") if causes else error
 
 
-def explain_failure(
+def failure_causes(
     session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
 ) -> list[Diagnosis]:
-    """What a calibration that raised may have failed of: by the typed loads, and by the free antenna. Raises nothing.
+    """Likely causes of a calibration that raised, from the typed loads and the free antenna. Raises nothing.
 
-    observations, before : what `solve_antenna` was to solve.
+    observations, before : the inputs of `solve_antenna`.
     """
     loads: list[Load] = [one.still for one in observations if isinstance(one.still, Load)]
-    found = typed_load_doubts(loads, session.antenna)
+    found = typed_load_diagnoses(loads, session.antenna)
     length, std = session.antenna.length_m, session.moment_std_Nm
     try:
         # without the sensor, which may be what is wrong
-        return still_diagnoses(session, kinematics, solve_joint(observations, before, length, DEAF * std)) or found
+        return (
+            still_diagnoses(session, kinematics, solve_joint(observations, before, length, SENSOR_OFF * std)) or found
+        )
     except SolveError:
         pass
     try:
         free = solve_free(observations, before, length, std)
     except SolveError:
         return found
-    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, own_scatter(observations))
+    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, picture_scatter(observations))
     if gravity is not None:
         return [gravity]
     rows = wrong_rows(free, observations, length)

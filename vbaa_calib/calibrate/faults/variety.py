@@ -1,4 +1,4 @@
-"""What a set of views is lacking: parts of the picture that no corner reached, and ways to hold the board."""
+"""Coverage of the picture and variety of the poses in a set of views; one picture against those before it."""
 
 from __future__ import annotations
 

@@ -1,27 +1,154 @@
-"""All that a set of pictures of the board says of itself once the lens is solved."""
+"""Faults of a set of pictures of the board, once the lens is solved: focus, lens centre, print, coverage, poses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from targets.board import BoardSpec
+from vbaa_calib.calibrate.lens.board_flex import observations_of
+from vbaa_calib.calibrate.lens.bundle import FLEX, Stack, State, free_directions, rows
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
+from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.board.corners import BoardView
 
 from .variety import little_variety, poorly_covered
-from .view_scores import OwnScores, SetScores, set_scores
 
-FEWEST_VIEWS = 6
-KNOWN = 2e-3
-"""Standard deviation up to which the pictures tell the print's aspect: those rolled by a quarter turn or a half of it
-do, for the others a long board and a lens with fy > fx are the same."""
-SURE, MATTERS = 5.0, 1e-3
-_GRAVE = 5e-3
+_OPEN = 1e-9
+_ASPECT_VIEWS, _CHANGE_VIEWS, _SIDE_VIEWS = 6, 6, 2
+"""Fewest views that show the print's aspect, a change between views, and that lie on either side of it."""
+_ASPECT_STD = 2e-3
+"""Largest standard deviation with which pictures show the print's aspect: only those that are rolled by a quarter turn,
+or a part of it, tell a long board from a lens with fy > fx."""
+_ASPECT_SIGNIFICANT, _ASPECT_NOTICEABLE, _ASPECT_GRAVE = 5.0, 1e-3, 5e-3
+_SEED, _DRAWS, _MOST_NUMBERS = 0, 40_000, 8_000_000
+_CHANCE = 4e-4
+"""Of a false alarm by each of the four tests: less than 1 in 500 together."""
+_NOTICEABLE, _GRAVE = 1e-3, 3e-3
+"""Changes of the focal length, relative; of the centre, over the focal length in px."""
+
+
+@dataclass(frozen=True, eq=False)
+class OwnScores:
+    """Scores and information of a parameter that each of V views has to itself, to first order.
+
+    Attributes
+    ----------
+    score : (V,) gradient of the cost, px². Its covariance is the residuals' variance times `information`.
+    information : (V, V) px², the poses and all that the views share eliminated.
+    """
+
+    score: np.ndarray
+    information: np.ndarray
+
+    @cached_property
+    def whitened(self) -> tuple[np.ndarray, np.ndarray]:
+        """(R, V) map W and (R,) W s: independent, of the residuals' variance; W maps a contrast h to W⁺ᵀ h."""
+        values, vectors = np.linalg.eigh(self.information)
+        kept = values > _OPEN * max(float(values[-1]), 1e-300)
+        root = np.sqrt(values[kept])
+        return (vectors[:, kept] * root).T, (vectors[:, kept] / root).T @ self.score
+
+
+@dataclass(frozen=True, eq=False)
+class SetScores:
+    """A solved set, linearised, every view's pose projected out.
+
+    Attributes
+    ----------
+    names : of the V views used, in order.
+    residuals : (2N,) px, observed less projected. own : (2N, E) derivatives by parameters a view has to itself:
+        logarithm of the focal length, cx px, cy px, and relative length of the board along its y.
+    basis : (2N, p) orthonormal, of what the views share: lens and bend of the board.
+    bounds : (V + 1,) first row of each view.
+    focal_px : fx, fy. variance_px2 : of the residuals, per axis.
+    """
+
+    names: tuple[str, ...]
+    residuals: np.ndarray
+    own: np.ndarray
+    basis: np.ndarray
+    bounds: np.ndarray
+    focal_px: tuple[float, float]
+    variance_px2: float
+
+    FOCAL, CENTRE_X, CENTRE_Y, ASPECT = range(4)
+
+    def common(self, parameter: int) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives (2N,) by a parameter common to all views, and residuals (2N,) px; the basis projected out."""
+        both = np.stack([self.own[:, parameter], self.residuals], axis=1)
+        both = both - self.basis @ (self.basis.T @ both)
+        return both[:, 0], both[:, 1]
+
+    def of(self, parameter: int) -> OwnScores:
+        """Of one of the own parameters."""
+        column, basis = self.own[:, parameter], self.basis
+        left = self.residuals - basis @ (basis.T @ self.residuals)
+        starts = self.bounds[:-1]
+        shared = np.add.reduceat(basis * column[:, None], starts, axis=0)
+        information = np.diag(np.add.reduceat(column**2, starts)) - shared @ shared.T
+        return OwnScores(np.add.reduceat(column * left, starts), information)
+
+
+def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> SetScores | None:
+    """Linearise a solved set over the good corners of the views used; None where they are too few.
+
+    views : in the order of capture, the solution's among them by name. The board's bend is a free parameter whether the
+    lens was solved with it or not: a print that is not flat must not pass for something else.
+    """
+    used = {view.name: view for view in solution.views}
+    chosen = [view for view in views if view.name in used]
+    if len({view.name for view in chosen}) < len(chosen) or len(chosen) < 2:
+        return None
+    model = LENS_MODELS[solution.model]
+    kept = [~np.isin(view.ids, used[view.name].outlier_ids) for view in chosen]
+    observations = [one.picked(mask) for one, mask in zip(observations_of(chosen, spec), kept, strict=True)]
+    stack = Stack.of(observations)
+    flex, intrinsics = solution.board_flex, solution.camera.parameters
+    poses = np.array([used[view.name].T_camera_board.vector for view in chosen])
+    sagittas = flex.sagittas_m if flex.used else np.zeros(FLEX)
+    residuals, by_shared, by_pose = rows(model, State(np.concatenate([intrinsics, sagittas]), poses), stack)
+    directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), flex=True)
+    rotations = Rotation.from_rotvec(poses[:, :3]).as_matrix()
+    own = np.stack(
+        [
+            by_shared[..., 0] * intrinsics[0] + by_shared[..., 1] * intrinsics[1],
+            by_shared[..., 2],
+            by_shared[..., 3],
+            np.einsum("nij,nj->ni", by_pose[..., 3:], rotations[stack.view, :, 1] * stack.points_m[:, 1:2]),
+        ],
+        axis=-1,
+    )
+    every = np.concatenate([by_shared @ directions, own, residuals[..., None]], axis=-1)
+    left = []
+    for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True):
+        pose, _ = np.linalg.qr(by_pose[first:last].reshape(-1, 6))
+        flat = every[first:last].reshape(2 * (last - first), -1)
+        left.append(flat - pose @ (pose.T @ flat))
+    flat = np.vstack(left)
+    shared = flat[:, : directions.shape[1]]
+    norms = np.linalg.norm(shared, axis=0)
+    vectors, values, _ = np.linalg.svd(shared[:, norms > 0.0] / norms[norms > 0.0], full_matrices=False)
+    basis = vectors[:, values > _OPEN * values[:1]]
+    freedom = len(flat) - basis.shape[1] - 6 * len(chosen)
+    if freedom <= 0 or not np.isfinite(flat).all():
+        return None
+    rest = flat[:, -1] - basis @ (basis.T @ flat[:, -1])
+    return SetScores(
+        tuple(view.name for view in chosen),
+        flat[:, -1],
+        flat[:, directions.shape[1] : -1],
+        basis,
+        2 * stack.bounds,
+        (float(intrinsics[0]), float(intrinsics[1])),
+        float(rest @ rest) / freedom,
+    )
 
 
 @dataclass(frozen=True)
@@ -33,18 +160,18 @@ class PrintAspect:
 
     @property
     def known(self) -> bool:
-        """Whether the pictures tell."""
-        return self.std < KNOWN
+        """Whether the pictures show it."""
+        return self.std < _ASPECT_STD
 
 
 def print_aspect(scores: SetScores) -> PrintAspect | None:
-    """From all views, lens and poses solved along; None where too few.
+    """From all views, with lens and poses free; None where they are too few.
 
     The standard deviation is the larger of that from the corners' scatter and that from the scatter between the views.
     """
     direction, residuals = scores.common(SetScores.ASPECT)
     information, count = float(direction @ direction), len(scores.names)
-    if count < FEWEST_VIEWS or not information > 0.0:
+    if count < _ASPECT_VIEWS or not information > 0.0:
         return None
     excess = float(direction @ residuals) / information
     pull = np.add.reduceat(direction * (residuals - excess * direction), scores.bounds[:-1])
@@ -54,9 +181,11 @@ def print_aspect(scores: SetScores) -> PrintAspect | None:
 
 
 def print_stretched(scores: SetScores) -> Diagnosis | None:
-    """Whether the print's x and y differ in scale; None too where the pictures cannot tell."""
+    """A print whose x and y differ in scale."""
     aspect = print_aspect(scores)
-    if aspect is None or not aspect.known or abs(aspect.excess) < max(SURE * aspect.std, MATTERS):
+    if aspect is None or not aspect.known:
+        return None
+    if abs(aspect.excess) < max(_ASPECT_SIGNIFICANT * aspect.std, _ASPECT_NOTICEABLE):
         return None
     longer, other = ("y", "x") if aspect.excess > 0 else ("x", "y")
     return Diagnosis(
@@ -64,13 +193,8 @@ def print_stretched(scores: SetScores) -> Diagnosis | None:
         f"the print is longer along its {longer} than along its {other} by {100 * abs(aspect.excess):.2f} ± "
         f"{100 * aspect.std:.2f} %",
         "measure both rulers of the print; print it anew without scaling, or on another printer",
-        abs(aspect.excess) > _GRAVE,
+        abs(aspect.excess) > _ASPECT_GRAVE,
     )
-
-
-FEWEST_VIEWS_SIDE = 6
-_LEAST_SIDE = 2
-_SEED, _DRAWS, _MOST_NUMBERS = 0, 40_000, 8_000_000
 
 
 @dataclass(frozen=True)
@@ -81,7 +205,7 @@ class Change:
     ----------
     index : of the pattern. size : of the change, in the parameter's unit, with its standard deviation `std`: from the
         scatter between the views, or from the residuals' variance if that says more.
-    chance : of one so clear among all patterns tried, were there none.
+    chance : of one so clear among all tested patterns, were there none.
     """
 
     index: int
@@ -92,7 +216,7 @@ class Change:
 
 def steps(count: int) -> np.ndarray:
     """(K, V) patterns: 0 before some view, 1 from it on; two views at least on either side."""
-    return (np.arange(count) >= np.arange(_LEAST_SIDE, count - _LEAST_SIDE + 1)[:, None]).astype(float)
+    return (np.arange(count) >= np.arange(_SIDE_VIEWS, count - _SIDE_VIEWS + 1)[:, None]).astype(float)
 
 
 def drift(count: int) -> np.ndarray:
@@ -106,14 +230,14 @@ def find_change(own: OwnScores, patterns: np.ndarray, variance_px2: float) -> Ch
     The scatter of the views about the pattern sets the scale, not the corners' noise: a print that is not flat, or a
     lens that is not quite the model's, moves whole views. The chance is that of normal scatter of any size, by drawing.
     """
-    if len(own.score) < FEWEST_VIEWS_SIDE:
+    if len(own.score) < _CHANGE_VIEWS:
         return None
     white, score = own.whitened
     shapes = patterns @ white.T
     strength = np.linalg.norm(shapes, axis=1)
     seen = strength > 1e-9 * max(float(np.linalg.norm(white)), 1e-300)
     freedom = len(score) - 1
-    if not seen.any() or freedom < FEWEST_VIEWS_SIDE - 2:
+    if not seen.any() or freedom < _CHANGE_VIEWS - 2:
         return None
     shapes = shapes[seen] / strength[seen, None]
     share = _shares(shapes, score[None])[0]
@@ -121,8 +245,12 @@ def find_change(own: OwnScores, patterns: np.ndarray, variance_px2: float) -> Ch
     left = float(score @ score) * (1.0 - share[best]) / freedom
     size = float(shapes[best] @ score / strength[seen][best])
     std = float(np.sqrt(max(left, variance_px2)) / strength[seen][best])
-    chance = max(_chance(shapes, float(share[best])), _plain_chance(size / std, len(shapes)))
-    return Change(int(np.flatnonzero(seen)[best]), size, std, chance)
+    count = min(_DRAWS, _MOST_NUMBERS // shapes.shape[1])
+    draws = np.random.default_rng(_SEED).standard_normal((count, shapes.shape[1]))
+    exceeded = (_shares(shapes, draws).max(axis=1) >= share[best]).sum()
+    # the second is the bound by the residuals' variance alone
+    chance = max((1 + exceeded) / (1 + count), min(1.0, 2.0 * len(shapes) * float(norm.sf(abs(size / std)))))
+    return Change(int(np.flatnonzero(seen)[best]), size, std, float(chance))
 
 
 def _shares(shapes: np.ndarray, scores: np.ndarray) -> np.ndarray:
@@ -130,92 +258,57 @@ def _shares(shapes: np.ndarray, scores: np.ndarray) -> np.ndarray:
     return (scores @ shapes.T) ** 2 / np.maximum((scores**2).sum(axis=1, keepdims=True), 1e-300)
 
 
-def _chance(shapes: np.ndarray, share: float) -> float:
-    draws = min(_DRAWS, _MOST_NUMBERS // shapes.shape[1])
-    drawn = np.random.default_rng(_SEED).standard_normal((draws, shapes.shape[1]))
-    return float((1 + (_shares(shapes, drawn).max(axis=1) >= share).sum()) / (1 + draws))
-
-
-def _plain_chance(deviations: float, patterns: int) -> float:
-    """Bound by the residuals' variance alone."""
-    return min(1.0, 2.0 * patterns * float(norm.sf(abs(deviations))))
-
-
-CHANCE = 4e-4
-"""Of a false alarm, of each of the four questions asked: less than 1 in 500 together."""
-FOCUS_MATTERS = 1e-3
-"""Least change of the focal length, relative, that is worth a word; of the centre, over the focal length in px."""
-_GRAVE_CHANGE = 3e-3
-
-_REMEDY = (
-    "switch autofocus and zoom off, fix them with tape, and take the pictures again; or keep those on one side only"
-)
-
-
 def focus_changed(scores: SetScores) -> Diagnosis | None:
     """Whether the focal length differs before and after some picture, or creeps from the first to the last.
 
-    Seen from perspective, that is from tilted views alone: a face-on board that looks larger may as well be nearer.
+    It is observed by perspective, that is from tilted views alone: a face-on board that looks larger may be nearer.
     """
-    count, own = len(scores.names), scores.of(SetScores.FOCAL)
-    step = find_change(own, steps(count), scores.variance_px2)
-    crept = find_change(own, drift(count), scores.variance_px2)
-    clear = [one for one in (step, crept) if one is not None and one.chance < CHANCE and abs(one.size) > FOCUS_MATTERS]
+    names, own = scores.names, scores.of(SetScores.FOCAL)
+    step = find_change(own, steps(len(names)), scores.variance_px2)
+    crept = find_change(own, drift(len(names)), scores.variance_px2)
+    clear = [one for one in (step, crept) if one is not None and one.chance < _CHANCE and abs(one.size) > _NOTICEABLE]
     if not clear:
         return None
-    if step in clear and (crept not in clear or _explains(step, crept)):
-        assert step is not None
-        last, first = _sides(step, scores.names)
-        words = f"the focal length changes between {last} and {first} by {_percent(step)}"
-        return Diagnosis("focus_changed", words, _REMEDY, abs(step.size) > _GRAVE_CHANGE)
-    assert crept is not None
-    words = f"the focal length creeps by {_percent(crept)} from {scores.names[0]} to {scores.names[-1]}"
-    return Diagnosis("focus_crept", words, _REMEDY, abs(crept.size) > _GRAVE_CHANGE)
+    clearest = max(clear, key=lambda one: abs(one.size / one.std))
+    by = f"by {100 * clearest.size:+.2f} ± {100 * clearest.std:.2f} %"
+    if clearest is step:
+        name, words = "focus_changed", f"the focal length changes between {_sides(clearest, names)} {by}"
+    else:
+        name, words = "focus_crept", f"the focal length creeps {by} from {names[0]} to {names[-1]}"
+    remedy = (
+        "switch autofocus and zoom off, fix them with tape, and take the pictures again; or keep those on one side only"
+    )
+    return Diagnosis(name, words, remedy, abs(clearest.size) > _GRAVE)
 
 
 def centre_moved(scores: SetScores) -> Diagnosis | None:
     """Whether the picture's centre differs before and after some picture: an image stabiliser, or a cropped mode."""
     found = []
-    for parameter, axis in ((SetScores.CENTRE_X, 0), (SetScores.CENTRE_Y, 1)):
+    for axis, (parameter, sides) in enumerate(
+        ((SetScores.CENTRE_X, ("to the left", "to the right")), (SetScores.CENTRE_Y, ("up", "down")))
+    ):
         change = find_change(scores.of(parameter), steps(len(scores.names)), scores.variance_px2)
-        if change is not None and change.chance < CHANCE and abs(change.size) > FOCUS_MATTERS * scores.focal_px[axis]:
-            found.append(
-                (
-                    change,
-                    ("to the right" if change.size > 0 else "to the left", "down" if change.size > 0 else "up")[axis],
-                )
-            )
+        if change is not None and change.chance < _CHANCE and abs(change.size) > _NOTICEABLE * scores.focal_px[axis]:
+            found.append((change, sides[change.size > 0]))
     if not found:
         return None
     change, direction = min(found, key=lambda one: one[0].chance)
-    last, first = _sides(change, scores.names)
-    words = (
-        f"the lens' centre moves between {last} and {first} by {abs(change.size):.1f} ± {change.std:.1f} px {direction}"
-    )
+    where = f"between {_sides(change, scores.names)} by {abs(change.size):.1f} ± {change.std:.1f} px {direction}"
     remedy = (
         "switch off image stabilisation and cropping, and check that the lens sits tight; then take the pictures again"
     )
-    return Diagnosis("centre_moved", words, remedy, grave=True)
+    return Diagnosis("centre_moved", f"the lens' centre moves {where}", remedy, grave=True)
 
 
-def _explains(step: Change | None, crept: Change | None) -> bool:
-    """Whether the step is the clearer of the two."""
-    return step is not None and crept is not None and abs(step.size / step.std) >= abs(crept.size / crept.std)
-
-
-def _sides(step: Change, names: tuple[str, ...]) -> tuple[str, str]:
+def _sides(step: Change, names: tuple[str, ...]) -> str:
     first = int(np.flatnonzero(steps(len(names))[step.index])[0])
-    return names[first - 1], names[first]
-
-
-def _percent(change: Change) -> str:
-    return f"{100 * change.size:+.2f} ± {100 * change.std:.2f} %"
+    return f"{names[first - 1]} and {names[first]}"
 
 
 def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
-    """Faults of the set, the grave ones first: focus, the lens' centre, the print, what is missing.
+    """Faults of the set, the grave ones first.
 
-    views : in the order taken; those that the solution does not use are passed over.
+    views : in the order of capture; those that the solution does not use are passed over.
     """
     names = {view.name for view in solution.views}
     used = [view for view in views if view.name in names]

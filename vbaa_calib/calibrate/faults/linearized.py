@@ -1,7 +1,4 @@
-"""Which rows of the joint solve's Jacobian belong to which still, and what further parameters would have become.
-
-To first order everywhere: nothing is solved again.
-"""
+"""A linearised bundle adjustment with its rows by still, and what further parameters would become: to first order."""
 
 from __future__ import annotations
 
@@ -14,17 +11,17 @@ import numpy as np
 from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, Linearised
 from vbaa_calib.calibrate.antenna.inputs import DISTANCE_STEP_M, LOG_FORCE_STEP, Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN
-from vbaa_calib.core.robust import chi_square_p
+from vbaa_calib.core.robust import chi_square
 from vbaa_calib.rig.reprojection import image_curves, whitened_residuals
 from vbaa_calib.session import Load
 
-DEAD_DIRECTION = 1e-9
-"""Part of a further parameter's information that must be left beside the others', for it to be estimated."""
+_UNOBSERVABLE = 1e-9
+"""Share of a further parameter's information that must be left beside the others', for it to be estimated."""
 
 
 @dataclass(frozen=True, eq=False)
 class StillRows:
-    """A linearised joint solve with its rows by still.
+    """A linearised bundle adjustment with its rows by still.
 
     Attributes
     ----------
@@ -32,8 +29,8 @@ class StillRows:
     points : per observation the slice of its points' rows; empty for one that was left out.
     moments : (F,) its moment's row; −1 for one that was left out.
     factor : (R,) on residuals and columns, that makes least squares of them.
-    readings : (R, K) columns of the loads' own readings, each times its standard deviation: what is not known of
-        places and weights is not to be taken for something else. K is 0 where they count as exact.
+    readings : (R, K) columns of the loads' places and forces, each times its standard deviation, so that their
+        uncertainty is not taken for something else. K is 0 where they count as exact.
     """
 
     joint: JointSolution
@@ -53,21 +50,20 @@ class StillRows:
         if len(solution.residuals) != ends[-1] + int(kept.sum()) + problem.certain:
             # the last pass may have ended on other stills than it began with
             solution = Linearised.of(problem, solution.parameters)
-        # with the loads held where the solve had them; `with_readings` lets go of them again
+        # with the loads fixed where the solve had them; `with_readings` frees them again
         solution = solution.exact_loads(readings)
         moments = np.where(kept, ends[-1] + np.cumsum(kept) - 1, -1)
         points = [slice(a, b) for a, b in pairwise(ends)]
         return StillRows(joint, solution, points, moments, solution.weights, np.zeros((len(solution.residuals), 0)))
 
     def with_readings(self, distance_std_m: float, force_std: float, noise_scale: float) -> StillRows:
-        """The same with the loads' places and forces known only so well, and the points' scatter as it is without them.
+        """The same with uncertain places and forces of the loads.
 
         force_std : relative. noise_scale : factor on the points' deviations, of the free antenna, say.
         """
-        observations = self.joint.problem.observations
         columns = []
         for column, std in zip(self.by_load(), (distance_std_m, force_std), strict=True):
-            for index, one in enumerate(observations):
+            for index, one in enumerate(self.joint.problem.observations):
                 if isinstance(one.still, Load) and self.moments[index] >= 0:
                     columns.append(std * np.where(self.of_stills([index]), column, 0.0))
         factor = self.factor.copy()
@@ -75,48 +71,74 @@ class StillRows:
         return replace(self, factor=factor, readings=np.array(columns).reshape(-1, len(factor)).T)
 
     def without_sensor(self) -> StillRows:
-        """The same with the moment readings left out: what is wrong with them is not to be taken for something else."""
+        """The same without the moment readings, whose faults must not be taken for something else."""
         factor = self.factor.copy()
         factor[self.moments[self.moments >= 0]] = 0.0
         return replace(self, factor=factor)
 
-    def resolved(self) -> tuple[np.ndarray, np.ndarray]:
-        """(17 + P,) parameters and their covariance, to first order, with the loads' readings as they are known."""
-        jacobian, residuals, known = _weighted(self)
+    def estimate(self) -> tuple[np.ndarray, np.ndarray]:
+        """(17 + P,) parameters and their covariance, with the uncertainty of the loads' places and forces."""
+        jacobian, residuals, information = self._weighted()
         scale = np.linalg.norm(jacobian, axis=0)
         scaled = jacobian / scale
-        inverse = np.linalg.inv(scaled.T @ scaled + np.diag(known / scale**2))
+        inverse = np.linalg.inv(scaled.T @ scaled + np.diag(information / scale**2))
         step = -(inverse @ (scaled.T @ residuals)) / scale
         count = self.solution.jacobian.shape[1]
         covariance = (inverse / np.outer(scale, scale))[:count, :count]
         return self.solution.parameters + step[:count], covariance
 
-    def of_stills(self, which: Sequence[int] | np.ndarray, moments: bool = True) -> np.ndarray:
+    def further(self, columns: np.ndarray, prior_std: float) -> Further | None:
+        """What parameters would become whose changes move the residuals along the columns (R, K).
+
+        The solve's own parameters and priors take part, and so do the loads' readings where they count as uncertain.
+        None where the others explain the same.
+
+        prior_std : of the further parameters, about 0: keeps what is hardly observable from becoming absurd.
+        """
+        own = columns * self.factor[:, None]
+        size = np.linalg.norm(own, axis=0)
+        if not (size > 0).all():
+            return None
+        own = own / size
+        jacobian, residuals, information = self._weighted()
+        scale = np.linalg.norm(jacobian, axis=0)
+        jacobian = jacobian / scale
+        mixed = jacobian.T @ own
+        both = np.column_stack([mixed, jacobian.T @ residuals])
+        solved = np.linalg.solve(jacobian.T @ jacobian + np.diag(information / scale**2), both)
+        left = own.T @ own - mixed.T @ solved[:, :-1]
+        score = own.T @ residuals - mixed.T @ solved[:, -1]
+        if np.linalg.eigvalsh(left).min() <= _UNOBSERVABLE:
+            return None
+        covariance = np.linalg.inv(left + np.diag((size * prior_std) ** -2.0))
+        return Further(-(covariance @ score) / size, covariance / np.outer(size, size))
+
+    def _weighted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Jacobian and residuals of least squares, the readings' columns last, and each column's prior information."""
+        jacobian = np.hstack([self.solution.jacobian, self.readings]) * self.factor[:, None]
+        # the solve's own priors are among its rows
+        information = np.repeat([0.0, 1.0], [self.solution.jacobian.shape[1], self.readings.shape[1]])
+        return jacobian, self.solution.residuals * self.factor, information
+
+    def of_stills(self, which: Sequence[int] | np.ndarray) -> np.ndarray:
         """(R,) whether a row belongs to one of these stills."""
         mask = np.zeros(len(self.solution.residuals), bool)
         for index in which:
             mask[self.points[index]] = True
-            if moments and self.moments[index] >= 0:
+            if self.moments[index] >= 0:
                 mask[self.moments[index]] = True
         return mask
-
-    def own(self, parameter: int, which: Sequence[int] | np.ndarray) -> np.ndarray:
-        """(R,) column of a parameter that these stills have to themselves, beside the common one."""
-        return np.where(self.of_stills(which), self.solution.jacobian[:, parameter], 0.0)
 
     def by_load(self) -> tuple[np.ndarray, np.ndarray]:
         """(R,) changes of the residuals per m of each load towards the clamp, and per unit of its force's logarithm."""
         altered = [one.with_readings_altered() for one in self.joint.problem.observations]
         nearer, heavier = [one for one, _ in altered], [one for _, one in altered]
-        return self.altered(nearer, DISTANCE_STEP_M), self.altered(heavier, LOG_FORCE_STEP)
+        return self._by_alteration(nearer, DISTANCE_STEP_M), self._by_alteration(heavier, LOG_FORCE_STEP)
 
-    def altered(self, changed: Sequence[Observation], step: float) -> np.ndarray:
-        """(R,) change of the residuals per unit, where every observation is altered (its load, its gravity) by step.
-
-        The points are compared, not seen anew.
-        """
+    def _by_alteration(self, altered: Sequence[Observation], step: float) -> np.ndarray:
+        """(R,) change of the residuals per unit, where every observation is altered by a step; points as they are."""
         problem, parameters = self.joint.problem, self.solution.parameters
-        pairs = [one for pair in zip(problem.observations, changed, strict=True) for one in pair]
+        pairs = [one for pair in zip(problem.observations, altered, strict=True) for one in pair]
         curves = replace(problem, observations=pairs).curves(parameters[None, ANTENNA])
         view = [problem.pose(parameters).inverse()] * 2
         column = np.zeros(len(self.solution.residuals))
@@ -134,12 +156,7 @@ class StillRows:
 
 @dataclass(frozen=True, eq=False)
 class Further:
-    """Further parameters of a linearised solve.
-
-    Attributes
-    ----------
-    values : (K,) what they would have become. covariance : (K, K).
-    """
+    """Further parameters of a linearised solve: values (K,) and covariance (K, K)."""
 
     values: np.ndarray
     covariance: np.ndarray
@@ -150,53 +167,6 @@ class Further:
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def statistic(self) -> float:
-        """χ² with K degrees of freedom where they are all 0: what the cost would fall by, twice over."""
-        unit = self.std
-        scaled = self.values / unit
-        return float(scaled @ np.linalg.solve(self.covariance / np.outer(unit, unit), scaled))
-
-    @property
-    def p_value(self) -> float:
-        """How often chance does as much."""
-        return chi_square_p(self.statistic, len(self.values))
-
-    @property
-    def in_std(self) -> float:
-        """As rare as so many standard deviations of one number, roughly: the root of χ² over its freedom's mean."""
-        return float(np.sqrt(self.statistic / len(self.values)))
-
-
-def further(rows: StillRows, columns: np.ndarray, prior_std: float = np.inf) -> Further | None:
-    """What parameters would be whose changes move the residuals along the columns (R, K); None if others do the same.
-
-    The solve's own parameters and priors take part, and so do the loads' readings where they count as uncertain.
-
-    prior_std : of the further parameters, about 0: keeps what is hardly seen from becoming absurd.
-    """
-    own = columns * rows.factor[:, None]
-    size = np.linalg.norm(own, axis=0)
-    if not (size > 0).all():
-        return None
-    own = own / size
-    jacobian, residuals, known = _weighted(rows)
-    scale = np.linalg.norm(jacobian, axis=0)
-    jacobian = jacobian / scale
-    mixed = jacobian.T @ own
-    both = np.column_stack([mixed, jacobian.T @ residuals])
-    solved = np.linalg.solve(jacobian.T @ jacobian + np.diag(known / scale**2), both)
-    left = own.T @ own - mixed.T @ solved[:, :-1]
-    score = own.T @ residuals - mixed.T @ solved[:, -1]
-    if np.linalg.eigvalsh(left).min() <= DEAD_DIRECTION:
-        return None
-    left = left + np.diag((size * prior_std) ** -2.0)
-    covariance = np.linalg.inv(left)
-    return Further(-(covariance @ score) / size, covariance / np.outer(size, size))
-
-
-def _weighted(rows: StillRows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least squares' Jacobian and residuals, the readings' columns last, and what is known of each column before."""
-    jacobian = np.hstack([rows.solution.jacobian, rows.readings]) * rows.factor[:, None]
-    # the solve's own priors are among its rows
-    known = np.repeat([0.0, 1.0], [rows.solution.jacobian.shape[1], rows.readings.shape[1]])
-    return jacobian, rows.solution.residuals * rows.factor, known
+    def chi_square(self) -> float:
+        """With K degrees of freedom where all are 0: twice the decrease of the cost."""
+        return chi_square(self.values, self.covariance)
