@@ -14,7 +14,7 @@ import numpy as np
 from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
 from vbaa_calib.calibrate.antenna.inputs import reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
-from vbaa_calib.calibrate.faults.jacobian_rows import StillRows
+from vbaa_calib.calibrate.faults.linearized import StillRows
 from vbaa_calib.session import Load, LoadReadings
 
 from .load_candidates import Candidate
