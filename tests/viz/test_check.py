@@ -13,9 +13,9 @@ import pytest
 
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.cli.main import main
+from viz.pages.page import prose
+from viz.pages.tables import fixed, listing, number, records, with_std
 from viz.report.check import LEVEL_COLOURS, page
-from viz.report.page import prose
-from viz.report.tables import fixed, listing, number, records, with_std
 
 from ..calibrate.checked_rigs import QUALITY, month_later, rig_of, scene
 

@@ -22,8 +22,9 @@ from viz.figures.contacts import (
     friction_cone,
     indentation,
 )
-from viz.figures.drawing import TEAL, band, bars, ellipses, limits, new_axes, svg, thinned, time_colours
+from viz.figures.drawing import TEAL, band, bars, ellipses, limits, new_axes, svg, time_colours
 from viz.figures.time import TimeAxis, curve, lanes, signals
+from viz.scene.thinning import thinned
 
 STATUS = {"ok": "#00ff00", "failed": "#ff0000"}
 
@@ -83,7 +84,7 @@ def test_bars_and_bands_are_cut_at_the_edge() -> None:
 
 @pytest.mark.parametrize(("number", "most"), [(0, 5), (1, 5), (5, 5), (50_000, 300)])
 def test_thinning_keeps_both_ends(number: int, most: int) -> None:
-    found = thinned(number, most)
+    found = thinned(np.arange(number), most)
     assert len(found) == min(number, most)
     assert found.tolist() == sorted(set(found.tolist()))
     if number:

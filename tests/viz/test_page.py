@@ -6,12 +6,12 @@ import json
 import re
 import shutil
 import subprocess
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
@@ -43,7 +43,7 @@ def test_the_page_is_whole_offline_and_has_its_legend(scene: Scene, written: Pat
     assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//""", text)
     legend = text.partition('id="legend"')[2].partition('id="time"')[0]
     for part in all_parts(scene):
-        assert escape(part.label) in legend
+        assert str(escape(part.label)) in legend
     for words in ("90 contacts", "Friction &lt;is&gt; told.", "std of the surface, mm", *MODES):
         assert words in legend
     assert page.CLEAR in text

@@ -14,11 +14,12 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
 from viz.parts import LOOK, Part, all_parts
+from viz.parts.contacts import MOST_SPREADS, contact_parts, magnification
 from viz.parts.part import along, arrow, ball, cone, stamp
-from viz.parts.touched import MOST_SPREADS, magnification, thinned, touched_parts
 from viz.parts.true_object import truth_mesh
 from viz.scene.moments import moments_of
 from viz.scene.scene import ObjectMesh, Scene
+from viz.scene.thinning import thinned
 from viz.scene.truth import TrueObject
 
 from .scenes import bare_scene, full_scene
@@ -94,12 +95,12 @@ def test_degenerate_covariances_and_missing_numbers_are_drawn_or_left_out(table:
     covariance, force = table.covariance_world_m2.copy(), table.force_world_N.copy()
     covariance[0], covariance[1], covariance[2] = 0.0, np.diag([1e-8, 0.0, 0.0]), np.nan
     force[0], force[1] = 0.0, np.nan
-    parts = touched_parts(bare_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
+    parts = contact_parts(bare_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
     assert all(np.isfinite(part.mesh.points).all() for part in parts)
     assert all(np.isfinite(part.mesh.point_data["Normals"]).all() for part in parts)
     assert len(named(parts, "forces").contact) == 88
     nothing = replace(table, covariance_world_m2=0 * covariance, force_world_N=np.full_like(force, np.nan))
-    assert {part.name for part in touched_parts(bare_scene(nothing))} == {"contacts", "now"}
+    assert {part.name for part in contact_parts(bare_scene(nothing))} == {"contacts", "now"}
 
 
 def test_cones_open_by_the_friction_angle_around_the_normals(scene: Scene) -> None:

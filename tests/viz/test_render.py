@@ -25,7 +25,7 @@ from viz.render.stage import Stage
 from viz.render.window import Controls
 from viz.scene.colours import MODES
 from viz.scene.scene import Scene
-from viz.scene.views import look_at_touched, view_direction
+from viz.scene.views import look_at_contacts, view_direction
 
 from .scenes import bare_scene, full_scene
 
@@ -73,12 +73,12 @@ def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> Non
 def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
     """A square of known size, drawn in the close-up's projection, is as many pixels wide as the sheet takes it for."""
     plotter = pv.Plotter(off_screen=True, window_size=list(sheet.NEAR_SIZE))
-    centre, radius = scene.touched_m
+    centre, radius = scene.bounding_ball_m
     direction = view_direction(scene, height=0.45)
     plotter.add_mesh(
         pv.Plane(center=centre, direction=direction, i_size=radius, j_size=radius), color="black", lighting=False
     )
-    half = look_at_touched(plotter, replace(scene, rig=None))
+    half = look_at_contacts(plotter, replace(scene, rig=None))
     pixels = np.asarray(plotter.screenshot(return_img=True))
     plotter.close()
     dark = (pixels[..., :3] < 40).all(axis=2)

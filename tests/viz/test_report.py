@@ -16,9 +16,9 @@ from estimator.contact.overlay import STATUS_COLOURS
 from estimator.table.contacts import STATUSES, ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
+from viz.pages.page import prose
 from viz.render.render import can_render
 from viz.report.findings import ObjectFindings, findings_of
-from viz.report.page import prose
 from viz.report.pictures import Picture, from_file, scene_picture
 from viz.report.recording import MOST_ROWS, Report, contacts_table, page, write_report
 from viz.report.words import frame_facts, headline, origin

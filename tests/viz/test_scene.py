@@ -49,7 +49,7 @@ def test_a_contact_without_covariance_has_no_deviation(table: ContactTable) -> N
 
 def test_what_was_touched_lies_in_its_ball(table: ContactTable) -> None:
     scene = bare_scene(table)
-    centre, radius = scene.touched_m
+    centre, radius = scene.bounding_ball_m
     assert (np.linalg.norm(scene.contacts.points_m - centre, axis=1) <= radius + 1e-12).all()
     assert 0.02 < radius < 0.06
 

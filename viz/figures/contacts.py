@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
+from viz.scene.thinning import thinned
+
 from .drawing import (
     AMBER,
     INK,
@@ -23,7 +25,6 @@ from .drawing import (
     new_axes,
     paths,
     style,
-    thinned,
     time_colours,
 )
 
@@ -84,22 +85,21 @@ def contact_map(data: MapData, view: tuple[str, int, int]) -> Axes:
     labels = (f"{'XYZ'[pair[0]]}, mm", f"{'XYZ'[pair[1]]}, mm")
     axes = new_axes(name, (SIDE_PX + 74, SIDE_PX + 80), (62, 12, 34, 46), tuple(x), tuple(y), labels)
     object_mm = 1e3 * data.surface_m[:, pair]
-    triangles = object_mm[data.triangles[thinned(len(data.triangles), MOST_TRIANGLES)]]
+    triangles = object_mm[thinned(data.triangles, MOST_TRIANGLES)]
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     # all turn one way: together they fill their union
     triangles = np.where((a[:, 0] * b[:, 1] < a[:, 1] * b[:, 0])[:, None, None], triangles[:, ::-1], triangles)
     paths(axes, triangles, closed=True, fc=OBJECT, ec="none", alpha=0.25, label="object")
     paths(axes, object_mm[data.lines[:MOST_TRIANGLES]], ec=OBJECT, lw=1.6, label="object")
-    truth = 1e3 * data.truth_m[thinned(len(data.truth_m), MOST_POINTS)][:, pair]
+    truth = 1e3 * thinned(data.truth_m, MOST_POINTS)[:, pair]
     arm = 2 * float(np.ptp(x)) / SIDE_PX
     for diagonal in ([1, 1], [1, -1]):
         crosses = truth[:, None] + arm * np.array([[-1], [1]]) * diagonal
         paths(axes, crosses, ec="#111827", lw=0.8, label="truth")
-    known = np.flatnonzero(np.isfinite(data.covariance_m2).all(axis=(1, 2)))
-    known = known[thinned(len(known), MOST_ELLIPSES)]
+    known = thinned(np.flatnonzero(np.isfinite(data.covariance_m2).all(axis=(1, 2))), MOST_ELLIPSES)
     blocks = 1e6 * data.enlargement**2 * data.covariance_m2[known][:, pair][:, :, pair]
     ellipses(axes, 1e3 * data.points_m[known][:, pair], blocks, time_colours(data.time_s)[known])
-    shown = thinned(len(data.points_m), MOST_POINTS)
+    shown = thinned(np.arange(len(data.points_m)), MOST_POINTS)
     dots_by_time(axes, 1e3 * data.points_m[shown][:, pair], data.time_s[shown])
     return axes
 
@@ -117,12 +117,11 @@ def forces_across(force_mN: np.ndarray, std_mN: np.ndarray, time_s: np.ndarray) 
     axes = new_axes("force across the antenna", _SIZE, (90, 68, 70, 48), ends, ends, ("f_y, mN", "f_z, mN"))
     axes.axhline(0, color=SOFT, lw=1)
     axes.axvline(0, color=SOFT, lw=1)
-    shown = thinned(len(force_mN), MOST_POINTS)
+    shown = thinned(np.arange(len(force_mN)), MOST_POINTS)
     if len(shown) <= MOST_ELLIPSES:
         tips = force_mN[shown]
         paths(axes, np.stack([0 * tips, tips], axis=1), ec=SOFT, lw=0.4, label="arrows")
-    known = shown[np.isfinite(std_mN[shown]).all(axis=1)]
-    known = known[thinned(len(known), MOST_ELLIPSES)]
+    known = thinned(shown[np.isfinite(std_mN[shown]).all(axis=1)], MOST_ELLIPSES)
     ellipses(axes, force_mN[known], std_mN[known, :, None] ** 2 * np.eye(2), time_colours(time_s)[known])
     dots_by_time(axes, force_mN[shown], time_s[shown])
     dots(axes, np.zeros(1), np.zeros(1), INK)
@@ -164,8 +163,7 @@ def friction_cone(data: ConeData) -> Axes:
     axes = new_axes("friction cone", _SIZE, (70, 14, 52, 48), (0.0, furthest), (-reach, reach), labels)
     entries = _cone_lines(axes, data)
     axes.axhline(0, color=SOFT, lw=1)
-    shown = np.flatnonzero(known)
-    shown = shown[thinned(len(shown), MOST_POINTS)]
+    shown = thinned(np.flatnonzero(known), MOST_POINTS)
     kinds = np.where(np.isin(data.used_as[shown], ("sliding", "sticking")), data.used_as[shown], "neither")
     marks = []
     for kind, words, colour, mark in (
@@ -234,8 +232,7 @@ class IndentationData:
 def indentation(data: IndentationData) -> Axes:
     """Indentation over the normal force, with the fitted line."""
     force, inside, std = 1e3 * data.force_N, 1e3 * data.indentation_m, 1e3 * data.std_m
-    known = np.flatnonzero(np.isfinite(force) & np.isfinite(inside))
-    known = known[thinned(len(known), MOST_POINTS)]
+    known = thinned(np.flatnonzero(np.isfinite(force) & np.isfinite(inside)), MOST_POINTS)
     force, inside, std = force[known], inside[known], std[known]
     usual = float(np.nanmedian(std)) if np.isfinite(std).any() else 0.0
     spread = 2 * np.where(np.isfinite(std), np.minimum(std, 3 * usual), 0.0)

@@ -193,8 +193,3 @@ def limits(*values: np.ndarray | Sequence[float]) -> tuple[float, float]:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     wider = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
     return low - wider, high + wider
-
-
-def thinned(number: int, most: int) -> np.ndarray:
-    """Indices of at most `most` of `number` rows, evenly spread; first and last among them."""
-    return np.unique(np.linspace(0, number - 1, min(number, most)).round().astype(int)) if number else np.zeros(0, int)

@@ -32,11 +32,11 @@ from vbaa_calib.core.files import replacing, write_text
 from viz.parts import Part, all_parts
 from viz.parts.part import INK
 from viz.scene.scene import Scene
-from viz.scene.views import look_at_all, look_at_touched
+from viz.scene.views import look_at_all, look_at_contacts
 
 from . import gltf, sheet, window
 from .display import no_display
-from .page import dressed, story
+from .page import page_data, scene_page
 from .stage import Stage
 
 PROBE = (
@@ -91,7 +91,7 @@ def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
         with _quiet():
             parts = all_parts(scene)
             plotter = _staged(scene, _without(parts, "grid", "plane", "camera", "now"), mode, sheet.NEAR_SIZE)[0]
-            half = look_at_touched(plotter, scene)
+            half = look_at_contacts(plotter, scene)
             near = _drawn(plotter)
             whole = None
             if scene.rig is not None:
@@ -112,15 +112,15 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
         if scene.rig is not None:
             look_at_all(plotter, scene)
             views.append((plotter.camera.position, plotter.camera.focal_point))
-        look_at_touched(plotter, scene, parallel=False)
+        look_at_contacts(plotter, scene, parallel=False)
         views.append((plotter.camera.position, plotter.camera.focal_point))
         stage.unfold()
         packed = _packed(plotter)
-        told = story(stage, mode, views)
+        data = page_data(stage, mode, views)
         plotter.close()
     viewer = io.StringIO()
     write_html(packed, viewer)
-    write_text(path, dressed(viewer.getvalue(), scene, stage.parts, title, told), force)
+    write_text(path, scene_page(viewer.getvalue(), scene, stage.parts, title, data), force)
 
 
 def write_gltf(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
@@ -153,7 +153,7 @@ def show(scene: Scene, *, mode: str = "force") -> None:
     if plotter.render_window.GetOffScreenRendering():
         plotter.close()
         raise no_display()
-    window.furnish(plotter, stage, mode)
+    window.add_controls(plotter, stage, mode)
     look_at_all(plotter, scene)
     plotter.show()
 

@@ -79,7 +79,7 @@ def _between(stops: tuple[str, ...], count: int = 128) -> np.ndarray:
     return np.column_stack([mixed.round(), np.full(count, 255)]).astype(np.uint8)
 
 
-def furnish(plotter: pv.Plotter, stage: Stage, mode: str) -> Controls:
+def add_controls(plotter: pv.Plotter, stage: Stage, mode: str) -> Controls:
     """Put slider, keys and legend into the window."""
     controls = Controls(plotter, stage, mode)
     moments = stage.scene.moments

@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 
 from viz.figures import check as figures
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, svg
-
-from .page import render
-from .tables import Table, at, fixed, listing, number, records, with_std
+from viz.pages.page import render
+from viz.pages.tables import Table, at, fixed, listing, number, records, with_std
 
 LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
 

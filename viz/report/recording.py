@@ -15,14 +15,15 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.core.files import write_text
 from vbaa_calib.rig import Rig
 from viz.figures.contacts import OBJECT, VIEWS, MapData, contact_map, forces_across, friction_cone, indentation
-from viz.figures.drawing import RAMP, svg, thinned
+from viz.figures.drawing import RAMP, svg
 from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals
+from viz.pages.page import render
+from viz.pages.tables import Table, fixed, with_std
+from viz.scene.thinning import thinned
 from viz.scene.truth import TrueContacts
 
 from .findings import ObjectFindings
-from .page import render
 from .pictures import Picture
-from .tables import Table, fixed, with_std
 from .words import MODEL_COLOURS, PHASE_COLOURS, dotted, frame_facts, glossary, headline
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def events_table(events: Sequence[Event]) -> Table:
 
 def contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
     """A row for every frame, evenly thinned where there are more than a page holds."""
-    shown = thinned(len(table), MOST_ROWS)
+    shown = thinned(np.arange(len(table)), MOST_ROWS)
     std_world = np.sqrt(np.clip(np.diagonal(table.covariance_world_m2, axis1=1, axis2=2), 0.0, None))
     quantities = [
         (table.distance_m, table.distance_std_m),

@@ -18,9 +18,8 @@ from estimator.table.contacts import LOCATED, ContactTable
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from viz.figures.drawing import AMBER, SLATE, TEAL
+from viz.pages.tables import Table, number
 from viz.scene.facts import Fact
-
-from .tables import Table, number
 
 MANY = 0.2
 """A larger part of the frames lost is said in the verdict's colour, too."""

@@ -9,6 +9,8 @@ import numpy as np
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 
+from .thinning import thinned
+
 MOST_FORCE_N, MOST_WAY_M = 1e4, 1e4
 MOST = 240
 """Longer recordings are shown at this many moments spread over them, and at the one of the greatest force."""
@@ -56,9 +58,7 @@ def moments_of(table: ContactTable, phase: np.ndarray | None = None, most: int =
         )
     # tables of other makers may have points without forces
     strongest = int(np.nanargmax(size)) if np.isfinite(size).any() else int(np.flatnonzero(table.located)[0])
-    rows = np.arange(len(table))
-    if len(rows) > most:
-        rows = np.union1d(np.linspace(0, len(rows) - 1, most).round().astype(int), strongest)
+    rows = np.union1d(thinned(np.arange(len(table)), most), strongest)
     return Moments(
         row=rows,
         time_s=table.time_s[rows] - table.time_s[0],

@@ -19,6 +19,7 @@ from vbaa_calib.session import load_session, read_recording
 
 from .moments import Moments
 from .scene import RigItems
+from .thinning import thinned
 
 GHOSTS = 6
 PICTURE_GRID = (10, 13)
@@ -32,7 +33,7 @@ def rig_items(rig: Rig, table: ContactTable, moments: Moments) -> RigItems:
     """
     poses = poses_at(rig.kinematics, table, moments.row)
     located = np.flatnonzero(table.located[moments.row])
-    spread = np.unique(located[np.linspace(0, len(located) - 1, GHOSTS).round().astype(int)])
+    spread = thinned(located, GHOSTS)
     length = rig.antenna.length_m
     bent, free = (_shapes(rig, table, moments.row, poses, share) for share in (1.0, 0.0))
     centre = rig.T_antenna_camera.translation_m

@@ -142,7 +142,7 @@ class Scene:
     pictures: tuple[np.ndarray | None, ...] = field(default=())
 
     @property
-    def touched_m(self) -> tuple[np.ndarray, float]:
+    def bounding_ball_m(self) -> tuple[np.ndarray, float]:
         """Centre (3,) and radius of a ball around what was touched."""
         points = [self.contacts.points_m]
         if self.object is not None:

@@ -18,9 +18,9 @@ def look_at_all(plotter: pv.Plotter, scene: Scene) -> None:
     plotter.reset_camera_clipping_range()
 
 
-def look_at_touched(plotter: pv.Plotter, scene: Scene, *, parallel: bool = True) -> float:
+def look_at_contacts(plotter: pv.Plotter, scene: Scene, *, parallel: bool = True) -> float:
     """What was touched, close up, in parallel projection or in perspective. Returns half the height it shows, m."""
-    centre, radius = scene.touched_m
+    centre, radius = scene.bounding_ball_m
     half = 1.3 * radius
     away = half / np.tan(np.radians(15))
     direction = view_direction(scene, height=0.45, prefer=_beside(scene), liking=0.35)

@@ -26,11 +26,12 @@ def render(template: str, **values: Any) -> str:
 @cache
 def _environment() -> jinja2.Environment:
     made = jinja2.Environment(
-        loader=jinja2.PackageLoader("viz.report"),
+        loader=jinja2.PackageLoader("viz.pages"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.policies["json.dumps_kwargs"] = {"allow_nan": False}
     made.filters |= {"prose": prose, "number": number, "base64": lambda data: base64.b64encode(data).decode()}
     return made

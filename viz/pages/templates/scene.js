@@ -95,7 +95,11 @@
       colour.modified();
       mesh.modified();
     }
-    element("ends").innerHTML = mode.ends;
+    element("ends").replaceChildren(...mode.ends.map((words) => {
+      const span = document.createElement("span");
+      span.textContent = words;
+      return span;
+    }));
     document.querySelectorAll("#colours, i.chosen").forEach((each) => { each.style.background = mode.gradient; });
   }
 

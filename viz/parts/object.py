@@ -63,7 +63,7 @@ def grid_part(scene: Scene) -> Part | None:
     if scene.rig is None:
         return None
     known = np.isfinite(scene.rig.poses[:, 0, 0])
-    centre, reach = scene.touched_m
+    centre, reach = scene.bounding_ball_m
     points = np.concatenate(
         [scene.rig.bent_m[known].reshape(-1, 3), centre + reach * np.vstack([np.eye(3), -np.eye(3)])]
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from viz.scene.scene import Scene
+from viz.scene.thinning import thinned
 
 from .part import Part, along, arrow, ball, cone, stamp
 
@@ -13,9 +14,9 @@ MAGNIFIED = (1, 2, 5, 10, 20, 50, 100)
 """Ellipsoids too small to be seen are drawn this many times larger, and the legend says so."""
 
 
-def touched_parts(scene: Scene) -> list[Part]:
+def contact_parts(scene: Scene) -> list[Part]:
     """Contacts and what belongs to each, in the order of time: a moment shows those up to then."""
-    contacts, (_, reach) = scene.contacts, scene.touched_m
+    contacts, (_, reach) = scene.contacts, scene.bounding_ball_m
     count = len(contacts.points_m)
     chosen = thinned(np.arange(count), MOST_BALLS)
     note = f"{len(chosen)} of {count}" if len(chosen) < count else ""
@@ -32,13 +33,6 @@ def touched_parts(scene: Scene) -> list[Part]:
         parts.append(_stamped(scene, "forces", pushed, arrow(), lengths[:, None, None] * along(force[pushed])))
     parts += _spreads(scene, reach)
     return parts + _cones(scene, reach)
-
-
-def thinned(indices: np.ndarray, most: int) -> np.ndarray:
-    """At most so many of the indices (N,), evenly."""
-    if len(indices) <= most:
-        return indices
-    return indices[np.linspace(0, len(indices) - 1, most).round().astype(int)]
 
 
 def magnification(half_axes_m: np.ndarray, visible_m: float) -> int:

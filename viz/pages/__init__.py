@@ -1,0 +1,1 @@
+"""Pages from templates: style and script inside, every value escaped."""
