@@ -99,7 +99,7 @@ def _running() -> dict[str, Any]:
 def _whole_way(session: Path) -> dict[str, Report]:
     """By the commands that a user types, and the library for what they do not write down."""
     from estimator.budget.budget import error_budget
-    from estimator.object.estimate import feel
+    from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts
     from vbaa_calib.cli.main import main
     from vbaa_calib.rig import Rig
@@ -117,7 +117,7 @@ def _whole_way(session: Path) -> dict[str, Report]:
         "calibration": of_rig(rig),
         "contacts": of_contacts(contacts),
         "budget": of_budget(error_budget(rig)),
-        "object": of_object(feel(contacts, rig), contacts),
+        "object": of_object(estimate_object(contacts, rig), contacts),
     }
 
 

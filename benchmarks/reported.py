@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.budget.budget import Budget
 from estimator.contact.contacts import Contacts
-from estimator.object.estimate import Felt
+from estimator.object.estimate import ObjectEstimate
 from estimator.table.contacts import ContactTable
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.rig import Rig
@@ -175,7 +175,7 @@ def of_budget(budget: Budget) -> Report:
     return report
 
 
-def of_object(felt: Felt, contacts: ContactTable) -> Report:
+def of_object(felt: ObjectEstimate, contacts: ContactTable) -> Report:
     """The object that contacts tell of: shape, normals, friction, stiffness, events."""
     report, surface, friction, soft = Report(), felt.surface, felt.friction, felt.compliance
     # across the surface its own deviation counts, along it the contact's
@@ -188,8 +188,8 @@ def of_object(felt: Felt, contacts: ContactTable) -> Report:
     report.statuses = {
         "patches": surface.touched_patch.tolist(),
         "triangles": len(surface.triangles),
-        "friction": [friction.told, list(map(str, friction.used_as))],
-        "stiffness": soft.told,
+        "friction": [friction.determined, list(map(str, friction.used_as))],
+        "stiffness": soft.determined,
         "events": [[event.kind, int(event.frame)] for event in felt.track.events],
     }
     return report

@@ -5,7 +5,7 @@ from drawing import BLUE, DARK, GREY, ORANGE, canvas, figures_folder, save
 
 from benchmarks.estimator.setup import Setup
 from benchmarks.object.scenes import contacts, record
-from estimator.object.estimate import feel
+from estimator.object.estimate import estimate_object
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Sweep
 
@@ -29,7 +29,7 @@ there, back = (
 recording = record(rig, ball, [there, back], np.random.default_rng(1))
 
 # With real pictures the table is read_contacts("contacts.csv") of `vbaa estimate`, and the rig is Rig.load("rig.json").
-felt = feel(contacts(recording), rig)
+felt = estimate_object(contacts(recording), rig)
 
 friction, surface = felt.friction, felt.surface
 print(f"friction {friction.mu:.3f} ± {friction.std:.3f} (true 0.3), {friction.reason}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.object.estimate import Felt, feel
+from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.files import read_contacts
 from vbaa_calib.rig import Rig
 from viz.cli.demo import SCENES
@@ -72,7 +72,7 @@ def table_of(demo: Path) -> dict[str, Cell]:
     """The same of a finished demo's folder, to more digits than the README prints."""
     summary = json.loads((demo / "summary.json").read_text(encoding="utf-8"))
     rig = Rig.load(demo / "rig.json")
-    felt = feel(read_contacts(demo / "contacts.csv"), rig)
+    felt = estimate_object(read_contacts(demo / "contacts.csv"), rig)
     position_m = np.linalg.norm([rig.std(name) for name in ("camera_x_m", "camera_y_m", "camera_z_m")])
     focal = rig.std("fx") / rig.camera.matrix[0, 0]
     goals = OF_GOAL * np.array([1.5, 4.8, 8.0, 4.0])
@@ -94,17 +94,17 @@ def table_of(demo: Path) -> dict[str, Cell]:
     }
 
 
-def _friction(felt: Felt) -> Cell:
-    if felt.friction.told:
+def _friction(felt: ObjectEstimate) -> Cell:
+    if felt.friction.determined:
         slack = OF_DEVIATION * felt.friction.std
         return Cell(f"{felt.friction.mu:.6f} ± {felt.friction.std:.6f}", (slack, slack))
     return Cell("not told")
 
 
-def _stiffness(felt: Felt) -> Cell:
+def _stiffness(felt: ObjectEstimate) -> Cell:
     soft = felt.compliance
     low, high = soft.interval_N_m
-    if not soft.told:
+    if not soft.determined:
         return Cell(f"stiffer than {low:.4f}", (0.5 + OF_DEVIATION * low,))
     slack = 0.5 + OF_DEVIATION * (high - low) / 4
     return Cell(f"{soft.stiffness_N_m:.4f}, {LEVEL}: {low:.4f} to {high:.4f}", (slack, 0.0, slack, slack))

@@ -23,7 +23,7 @@ from benchmarks.reported import Report, apart, of_budget, of_contacts, of_lens, 
 from estimator import ContactEstimator
 from estimator.budget.budget import error_budget
 from estimator.contact.recording import estimate_pictures
-from estimator.object.estimate import feel
+from estimator.object.estimate import estimate_object
 from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
@@ -209,7 +209,9 @@ def test_object(done: Done) -> None:
         if values.dtype.kind == "f" and name not in ("time_s", "covariance_world_m2")
     }
     other = replace(contacts, **changed)
-    held(of_object(feel(contacts, done.rig), contacts), of_object(feel(other, done.rig), contacts))
+    held(
+        of_object(estimate_object(contacts, done.rig), contacts), of_object(estimate_object(other, done.rig), contacts)
+    )
 
 
 # centrelines to contacts

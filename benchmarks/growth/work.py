@@ -22,7 +22,7 @@ from benchmarks.object.cases import CASES, SETUP
 from benchmarks.object.scenes import contacts, record
 from estimator import ContactEstimator
 from estimator.contact.recording import estimate_picture, estimate_recording
-from estimator.object.estimate import feel
+from estimator.object.estimate import estimate_object
 from estimator.object.surface import reconstruct, touches_of
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import write_contacts
@@ -177,7 +177,7 @@ def surface_of_contacts(size: int, seed: int) -> Work:
 def felt_object(size: int, seed: int) -> Work:
     """Everything that so many contacts say."""
     table, rig = repeated(_stroked(seed), size), SETUP.rig()
-    return lambda: feel(table, rig)
+    return lambda: estimate_object(table, rig)
 
 
 @cache

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, norm
 
-from estimator.object.estimate import Felt, feel
+from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import FRICTION_RAD
 
 from .scenes import Recorded, contacts
@@ -66,7 +66,7 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
     begin = time.perf_counter()
     table = contacts(recorded, friction=friction_rad)
     estimated = time.perf_counter()
-    felt = feel(table, recorded.given, friction_rad)
+    felt = estimate_object(table, recorded.given, friction_rad)
     done = time.perf_counter()
     truth, obj, surface = recorded.truth, recorded.object, felt.surface
     rows = surface.touched_row
@@ -88,12 +88,12 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
         normal_inside=inside[right],
         force_rad=_angle(table.force_world_N[forces], truth.normal_world[forces]),
         mu=rub.mu,
-        mu_told=rub.told,
+        mu_told=rub.determined,
         mu_inside=bool(rub.interval[0] <= obj.friction <= rub.interval[1]),
         compliance_m_N=soft.compliance_m_N,
         compliance_std_m_N=soft.std_m_N,
         stiffness_N_m=soft.stiffness_N_m,
-        stiffness_told=soft.told,
+        stiffness_told=soft.determined,
         stiffness_inside=bool(soft.interval_N_m[0] <= obj.stiffness_N_m <= soft.interval_N_m[1]),
         estimate_s=estimated - begin,
         feel_s=done - estimated,
@@ -106,7 +106,7 @@ def _angle(vectors: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.arctan2(across, (vectors * others).sum(axis=1))
 
 
-def _normals(felt: Felt, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _normals(felt: ObjectEstimate, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angles (P,) of the felt normals to the true ones, and whether these lie in their 95 % regions.
 
     The turn is judged in those directions across the normal in which the covariance is not zero.

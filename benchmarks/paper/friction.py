@@ -15,7 +15,7 @@ from benchmarks.estimator.setup import drawn_truth, rod_of
 from benchmarks.harness import column, or_none, rms_known
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
-from estimator.object.estimate import Felt
+from estimator.object.estimate import ObjectEstimate
 from estimator.paper.two_point import contact_position
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.rig import Rig
@@ -231,7 +231,7 @@ def _row(method: str, sigma_px: float, friction: float, normal_deg: np.ndarray, 
     )
 
 
-def _felt_row(sigma_px: float, friction: float, felt: Sequence[Felt]) -> FrictionRow:
+def _felt_row(sigma_px: float, friction: float, felt: Sequence[ObjectEstimate]) -> FrictionRow:
     """With the median normal of each recording, turned into the world's yz plane."""
     mu, std = np.array([[each.friction.mu, each.friction.std] for each in felt]).T
     interval = np.array([each.friction.interval for each in felt])

@@ -11,7 +11,7 @@ from benchmarks.estimator.scenes import seen
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, filling_pose, rod_of
 from benchmarks.object.scenes import contact_table
 from estimator.contact.contacts import Contacts
-from estimator.object.estimate import Felt, feel
+from estimator.object.estimate import ObjectEstimate, estimate_object
 from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, Rig
@@ -129,8 +129,10 @@ FELT = "all points, felt"
 """`estimator.object.estimate`: shape, slip, friction and compliance together, of the estimator's contacts."""
 
 
-def felt_of(rig: Rig, contacts: Contacts, pan_rad: np.ndarray, tilt_rad: np.ndarray, friction_rad: float) -> Felt:
+def felt_of(
+    rig: Rig, contacts: Contacts, pan_rad: np.ndarray, tilt_rad: np.ndarray, friction_rad: float
+) -> ObjectEstimate:
     """What one recording's contacts say of the object; `friction_rad` as they were estimated with."""
     count = len(pan_rad)
     table = contact_table(contacts, pan_rad, tilt_rad, np.full(count, np.nan), np.arange(count) / _FRAME_RATE_HZ)
-    return feel(table, rig, friction_rad)
+    return estimate_object(table, rig, friction_rad)

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.estimator.setup import drawn_truth, rod_of
 from benchmarks.harness import concatenated, or_none, rms_known
 from estimator import ContactEstimator
-from estimator.paper.baselines import Press, ask
+from estimator.paper.baselines import Press, run_method
 from estimator.paper.baselines.press import contact_moments, deflections, noise_of, wire_of
 from vbaa_calib.geometry import Pose, rotation_world_antenna
 from vbaa_calib.rig import Rig
@@ -133,7 +133,7 @@ def by_camera_a(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -
     moments_Nm = contact_moments(rig, pictures.moment_Nm, free.moment_Nm)
     wire, noise = wire_of(rig), noise_of(rig, sigma_px)
     found = [
-        ask("3D-VBAA, camera A", Press(wire, noise, moment_Nm=moment[None], points_m=points[None]))
+        run_method("3D-VBAA, camera A", Press(wire, noise, moment_Nm=moment[None], points_m=points[None]))
         for points, moment in zip(points_m, moments_Nm, strict=True)
     ]
     return Answers(*(np.array([getattr(each, name) for each in found]) for name in Answers.__annotations__))

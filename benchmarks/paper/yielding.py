@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.estimator.setup import drawn_truth, rod_of
 from benchmarks.harness import column, or_none, rms_known
 from estimator import ContactEstimator
-from estimator.paper.baselines import Reading, Ring, ask, press_seen
+from estimator.paper.baselines import Answer, Ring, press_from_recording, run_method
 from estimator.paper.baselines.vision import STANDS_OUT, compliance_of
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.touch import touch
@@ -82,16 +82,16 @@ def run(draws: int, seed: int) -> list[YieldingRow]:
     for stiffness in STIFFNESSES_N_M:
         pushes = [pushed(true, stiffness) for true in trues]
         used = [pushes[draw % len(pushes)] for draw in range(draws)]
-        readings: dict[str, list[Reading]] = {name: [] for name in _BASELINES}
+        readings: dict[str, list[Answer]] = {name: [] for name in _BASELINES}
         whole = []
         for each in used:
             drawn, free = each.touched.noisy(rig, SIGMA_PX, rng), each.free.noisy(rig, SIGMA_PX, rng)
             noise = rng.normal(0.0, rig.moment_sensor.std_Nm, each.ring.moment_Nm.shape)
             ring = Ring(each.ring.time_s, each.ring.moment_Nm + noise)
             seen = drawn.points_px, drawn.moment_Nm, free.points_px, free.moment_Nm
-            press = press_seen(rig, *seen, _PANS_RAD, 0.0 * _PANS_RAD, sigma_px=SIGMA_PX, ring=ring)
+            press = press_from_recording(rig, *seen, _PANS_RAD, 0.0 * _PANS_RAD, sigma_px=SIGMA_PX, ring=ring)
             for name in _BASELINES:
-                readings[name].append(ask(name, press))
+                readings[name].append(run_method(name, press))
             whole.append(drawn)
         readings[ALL_POINTS] = [_by_all_points(rig, drawn) for drawn in whole]
         gained = 3e3 * rig.antenna.stiffness_Nm2 / (stiffness * DISTANCE_M**2)
@@ -101,7 +101,7 @@ def run(draws: int, seed: int) -> list[YieldingRow]:
     return rows
 
 
-def _by_all_points(rig: Rig, drawn: Pictures) -> Reading:
+def _by_all_points(rig: Rig, drawn: Pictures) -> Answer:
     """The estimator's last contact, and 1/k from all of its contacts: their way in the world's y over the force there.
 
     The covariances hold the calibration as if it were each frame's own error, so that k's deviation is a cautious one.
@@ -109,7 +109,7 @@ def _by_all_points(rig: Rig, drawn: Pictures) -> Reading:
     found = ContactEstimator(rig, friction=_SLIPPERY_RAD).estimate_batch(
         drawn.points_px, drawn.moment_Nm[:, 1], _PANS_RAD, np.zeros(len(_PANS_RAD)), sigma_px=SIGMA_PX
     )
-    last = Reading(float(found.distance_m[-1]), float(found.distance_std_m[-1]))
+    last = Answer(float(found.distance_m[-1]), float(found.distance_std_m[-1]))
     known = np.isfinite(found.distance_m)
     across = rig.kinematics.world_antenna(_PANS_RAD, np.zeros(len(_PANS_RAD)))[0][known, 1]
     picked = np.zeros((int(known.sum()), 2, 6))
@@ -122,7 +122,7 @@ def _by_all_points(rig: Rig, drawn: Pictures) -> Reading:
     return replace(last, object_stiffness_N_m=1.0 / compliance, object_stiffness_std_N_m=std / compliance**2)
 
 
-def _row(method: str, stiffness_N_m: float, true_m: np.ndarray, readings: list[Reading]) -> YieldingRow:
+def _row(method: str, stiffness_N_m: float, true_m: np.ndarray, readings: list[Answer]) -> YieldingRow:
     off = 1e3 * (np.array([each.distance_m for each in readings]) - true_m)
     object_N_m = np.array([each.object_stiffness_N_m for each in readings])
     object_std = np.array([each.object_stiffness_std_N_m for each in readings])

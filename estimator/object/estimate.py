@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class ObjectEstimate:
     """An object felt with the antenna.
 
     Attributes
@@ -57,7 +57,7 @@ class Felt:
             "surface_std_m": _median(surface.touched_std_m),
             "normal_std_rad": _median(self.normals.std_rad),
             "friction": {
-                "told": rub.told,
+                "told": rub.determined,
                 "mu": _plain(rub.mu),
                 "std": _plain(rub.std),
                 "interval": [_plain(end) for end in rub.interval],
@@ -68,7 +68,7 @@ class Felt:
                 "reason": rub.reason,
             },
             "stiffness": {
-                "told": soft.told,
+                "told": soft.determined,
                 "stiffness_N_m": _plain(soft.stiffness_N_m),
                 "interval_N_m": [_plain(end) for end in soft.interval_N_m],
                 "compliance_m_N": _plain(soft.compliance_m_N),
@@ -83,7 +83,7 @@ class Felt:
         }
 
 
-def feel(table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None) -> Felt:
+def estimate_object(table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None) -> ObjectEstimate:
     """What the contacts of one object that stood still say of it.
 
     Parameters
@@ -103,7 +103,7 @@ def feel(table: ContactTable, rig: Rig | None = None, friction_rad: float | None
     radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
     surface = reconstruct(touches_of(table, shared), radius_m)
     track = follow(table, rig, None if rig is None else shared, _normals(table, surface))
-    return Felt(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
+    return ObjectEstimate(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
 
 
 def _normals(table: ContactTable, surface: Surface) -> np.ndarray:

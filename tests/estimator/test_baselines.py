@@ -10,7 +10,16 @@ import pytest
 from benchmarks.estimator.scenes import scenes
 from benchmarks.estimator.setup import RIG_STD, Setup
 from benchmarks.estimator.shapes import rod_shapes
-from estimator.paper.baselines import METHODS, NEEDS, Noise, Press, Wire, ask, press_seen, tared
+from estimator.paper.baselines import (
+    METHODS,
+    NEEDS,
+    Noise,
+    Press,
+    Wire,
+    press_from_recording,
+    run_method,
+    subtract_free_antenna,
+)
 from estimator.paper.baselines.rotation import fitted_slope
 from estimator.paper.baselines.vision import compliance_of
 from estimator.paper.inclined import project
@@ -28,7 +37,7 @@ def test_every_system_finds_a_rigid_edge_square_on(contact_m: float) -> None:
     touched, rotations = pressed(knife(contact_m), PANS)
     press = press_of(touched, rotations)
     for name in ("Active Antenna", "3D Active Antenna", "2D-VBAA", "2D-VBAA, pushing", "3D-VBAA, camera A"):
-        found = ask(name, press)
+        found = run_method(name, press)
         # what is left is the square of the deflection's slope, some 2.0°·3/2
         assert found.distance_m == pytest.approx(touched.contact_m[-1], rel=4e-3), name
         assert found.force_N[1] == pytest.approx(touched.force_antenna_N[-1, 1], rel=1e-2), name
@@ -40,7 +49,7 @@ def test_a_yielding_object_lengthens_the_active_antenna_by_3EI_over_kll_and_no_o
     touched, rotations = pressed(knife(0.14, stiffness_N_m=stiffness_N_m), PANS)
     press = press_of(touched, rotations)
     lengthened = 3.0 * STIFFNESS_NM2 / (stiffness_N_m * 0.14**2)
-    active, vision = ask("Active Antenna", press), ask("2D-VBAA, pushing", press)
+    active, vision = run_method("Active Antenna", press), run_method("2D-VBAA, pushing", press)
     said = active.distance_m if active.candidates_m.size == 0 else active.candidates_m[0]
     assert said == pytest.approx(0.14 + lengthened, abs=4e-4 + 0.01 * lengthened)
     assert vision.distance_m == pytest.approx(0.14, rel=4e-3)
@@ -50,7 +59,7 @@ def test_a_yielding_object_lengthens_the_active_antenna_by_3EI_over_kll_and_no_o
 
 
 def test_the_active_antenna_says_when_the_distance_lies_beyond_it() -> None:
-    found = ask("Active Antenna", press_of(*pressed(knife(0.14, stiffness_N_m=5.0), PANS)))
+    found = run_method("Active Antenna", press_of(*pressed(knife(0.14, stiffness_N_m=5.0), PANS)))
     assert np.isnan(found.distance_m)
     assert found.candidates_m[0] > LENGTH_M
     assert "gives way" in found.reason
@@ -59,10 +68,10 @@ def test_the_active_antenna_says_when_the_distance_lies_beyond_it() -> None:
 def test_the_3d_active_antenna_works_along_the_normal_and_names_a_slip_sideways() -> None:
     """Pushed by both joints along a normal at 35° it is exact; pushed by pan alone the antenna slips along the edge."""
     obj, turn = knife(0.14, np.radians(35.0)), PANS[:, None] * [np.cos(np.radians(35.0)), np.sin(np.radians(35.0))]
-    along = ask("3D Active Antenna", press_of(*pressed(obj, turn[:, 0], turn[:, 1])))
+    along = run_method("3D Active Antenna", press_of(*pressed(obj, turn[:, 0], turn[:, 1])))
     assert along.distance_m == pytest.approx(0.14, rel=4e-3)
     assert np.arctan2(along.force_N[2], along.force_N[1]) == pytest.approx(np.radians(35.0 - 180.0), abs=0.01)
-    aside = ask("3D Active Antenna", press_of(*pressed(obj, PANS)))
+    aside = run_method("3D Active Antenna", press_of(*pressed(obj, PANS)))
     assert np.isnan(aside.distance_m)
     assert "slips sideways: the moment leans 35°" in aside.reason
 
@@ -75,13 +84,13 @@ def test_camera_a_and_b_find_the_force_out_of_plane_c() -> None:
     image = np.asarray(project(sample_shape(touched.shape, s)[0], tilt))
     inclined = replace(upright, points_m=image, camera_tilt_rad=tilt)
     for name, press in (("3D-VBAA, camera A", upright), ("3D-VBAA, camera B", inclined)):
-        found = ask(name, press)
+        found = run_method(name, press)
         assert found.distance_m == pytest.approx(touched.contact_m[-1], rel=4e-3), name
         np.testing.assert_allclose(found.force_N[1:], touched.force_antenna_N[-1, 1:], rtol=1e-2)
-    wrong = ask("3D-VBAA, camera A", inclined)
+    wrong = run_method("3D-VBAA, camera A", inclined)
     assert wrong.distance_m == pytest.approx(touched.contact_m[-1], rel=4e-3), "two straight points hide the tilt"
     assert wrong.force_N[1] != pytest.approx(touched.force_antenna_N[-1, 1], rel=1e-2), "but not from the force"
-    assert np.isnan(ask("2D-VBAA", upright).force_N[2]), "vision alone does not see f_z"
+    assert np.isnan(run_method("2D-VBAA", upright).force_N[2]), "vision alone does not see f_z"
 
 
 @pytest.mark.parametrize(
@@ -89,7 +98,7 @@ def test_camera_a_and_b_find_the_force_out_of_plane_c() -> None:
 )
 def test_deviations_are_what_sampling_shows(name: str) -> None:
     touched, rotations = pressed(knife(0.14), PANS)
-    drawn = [ask(name, press_of(touched, rotations, NOISE, seed)) for seed in range(400)]
+    drawn = [run_method(name, press_of(touched, rotations, NOISE, seed)) for seed in range(400)]
     distance = np.array([each.distance_m for each in drawn])
     assert np.isfinite(distance).all()
     stated = np.sqrt(np.mean([each.distance_std_m**2 for each in drawn]))
@@ -102,18 +111,20 @@ def test_a_wire_of_uncertain_stiffness_makes_an_uncertain_distance() -> None:
     touched, rotations = pressed(knife(0.14), PANS)
     press = press_of(touched, rotations, NOISE, 1)
     doubtful = replace(press, wire=Wire(LENGTH_M, STIFFNESS_NM2, stiffness_std_Nm2=0.03 * STIFFNESS_NM2))
-    sure, unsure = ask("Active Antenna", press), ask("Active Antenna", doubtful)
+    sure, unsure = run_method("Active Antenna", press), run_method("Active Antenna", doubtful)
     assert unsure.distance_std_m**2 - sure.distance_std_m**2 == pytest.approx((0.03 * sure.distance_m) ** 2, rel=0.01)
     # a centreline's shape does not hang on the stiffness, its force does
-    assert ask("2D-VBAA", doubtful).distance_std_m == pytest.approx(ask("2D-VBAA", press).distance_std_m, rel=1e-6)
-    assert ask("2D-VBAA", doubtful).force_std_N[1] > ask("2D-VBAA", press).force_std_N[1]
+    assert run_method("2D-VBAA", doubtful).distance_std_m == pytest.approx(
+        run_method("2D-VBAA", press).distance_std_m, rel=1e-6
+    )
+    assert run_method("2D-VBAA", doubtful).force_std_N[1] > run_method("2D-VBAA", press).force_std_N[1]
 
 
 def test_the_objects_stiffness_and_its_deviation() -> None:
     """200 pushes of 12 frames against 60 N/m: right on average, and as uncertain as stated."""
     touched, rotations = pressed(knife(0.12, stiffness_N_m=60.0), np.radians(np.linspace(0.5, 5.0, 12)))
-    plain = ask("2D-VBAA, pushing", press_of(touched, rotations))
-    found = [ask("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(200)]
+    plain = run_method("2D-VBAA, pushing", press_of(touched, rotations))
+    found = [run_method("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(200)]
     compliance = np.array([1.0 / each.object_stiffness_N_m for each in found])
     stated = np.array([each.object_stiffness_std_N_m / each.object_stiffness_N_m**2 for each in found])
     assert np.isfinite(compliance).all()
@@ -124,7 +135,7 @@ def test_the_objects_stiffness_and_its_deviation() -> None:
 
 def test_a_rigid_object_gets_a_bound_in_place_of_a_stiffness() -> None:
     touched, rotations = pressed(knife(0.12), np.radians(np.linspace(0.5, 4.0, 12)))
-    found = [ask("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(20)]
+    found = [run_method("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(20)]
     silent = [each for each in found if np.isnan(each.object_stiffness_N_m)]
     assert len(silent) >= 19
     assert all(each.object_at_least_N_m > 80.0 and "stiffer than" in each.reason for each in silent)
@@ -144,23 +155,26 @@ def test_slope_and_compliance_of_exact_lines() -> None:
 def test_what_is_missing_or_too_little_is_said() -> None:
     touched, rotations = pressed(knife(0.14), PANS)
     press = press_of(touched, rotations, NOISE, 1)
-    assert ask("3D Active Antenna", replace(press, moment_Nm=press.moment_Nm * [np.nan, 1.0])).reason == (
+    assert run_method("3D Active Antenna", replace(press, moment_Nm=press.moment_Nm * [np.nan, 1.0])).reason == (
         f"needs {NEEDS['moment_z']}"
     )
-    assert "turned about z" in ask("Active Antenna", replace(press, moment_Nm=press.moment_Nm * [np.nan, 1.0])).reason
+    assert (
+        "turned about z"
+        in run_method("Active Antenna", replace(press, moment_Nm=press.moment_Nm * [np.nan, 1.0])).reason
+    )
     bare = Press(WIRE)
-    assert all(ask(name, bare).reason.startswith("needs ") for name in METHODS)
+    assert all(run_method(name, bare).reason.startswith("needs ") for name in METHODS)
     free = replace(press, points_m=press.points_m * [1.0, 1e-3], moment_Nm=1e-3 * press.moment_Nm)
     for name in ("Active Antenna", "2D-VBAA", "3D-VBAA, camera A", "3D-VBAA, camera B"):
-        found = ask(name, free)
+        found = run_method(name, free)
         assert np.isnan(found.distance_m), name
         assert found.reason, name
     steep = replace(press, points_m=press.points_m * [1.0, 20.0])
-    assert "beyond small deflections" in ask("2D-VBAA", steep).reason
-    assert "fewer than two points" in ask("2D-VBAA", replace(press, points_m=press.points_m[:, :1])).reason
+    assert "beyond small deflections" in run_method("2D-VBAA", steep).reason
+    assert "fewer than two points" in run_method("2D-VBAA", replace(press, points_m=press.points_m[:, :1])).reason
     assert (
         "3 are needed"
-        in ask(
+        in run_method(
             "2D-VBAA, pushing",
             press_of(touched, rotations, NOISE, 1).__class__(WIRE, NOISE, press.turn_rad[:2], None, press.points_m[:2]),
         ).reason
@@ -169,7 +183,7 @@ def test_what_is_missing_or_too_little_is_said() -> None:
 
 def test_wrong_inputs_are_named() -> None:
     with pytest.raises(InputError, match="no method"):
-        ask("4D-VBAA", Press(WIRE))
+        run_method("4D-VBAA", Press(WIRE))
     with pytest.raises(InputError, match="differ in number"):
         Press(WIRE, turn_rad=np.zeros((2, 2)), moment_Nm=np.zeros((3, 2)))
     with pytest.raises(InputError, match="points_m has shape"):
@@ -177,7 +191,7 @@ def test_wrong_inputs_are_named() -> None:
     with pytest.raises(InputError, match="positive"):
         Wire(0.24, 0.0)
     with pytest.raises(InputError, match="free antenna"):
-        tared(np.zeros((1, 4, 2)), np.zeros((4, 2)))
+        subtract_free_antenna(np.zeros((1, 4, 2)), np.zeros((4, 2)))
     with pytest.raises(InputError, match="no turns"):
         METHODS["Active Antenna"].solve(Press(WIRE))
 
@@ -187,7 +201,9 @@ def test_the_no_load_shape_is_taken_off() -> None:
     sag = 0.02 * x**2 - 0.1 * x**4 + 1e-3
     free, bent = np.stack([x, sag], axis=1), np.stack([x, sag + 0.3 * x**2], axis=1)
     free[3] = np.nan
-    np.testing.assert_allclose(tared(bent[None], free)[0], np.stack([x, 0.3 * x**2], axis=1), atol=1e-12)
+    np.testing.assert_allclose(
+        subtract_free_antenna(bent[None], free)[0], np.stack([x, 0.3 * x**2], axis=1), atol=1e-12
+    )
 
 
 def test_a_press_out_of_pixels_and_readings() -> None:
@@ -196,15 +212,15 @@ def test_a_press_out_of_pixels_and_readings() -> None:
     at_rest = scenes(rig, np.full(1, 0.14), np.zeros((1, 2)), made_by=rod_shapes)
     touched = scenes(rig, np.full(3, 0.14), np.outer([0.05, 0.08, 0.11], [1.0, 0.0]), made_by=rod_shapes)
     readings, free = (np.stack([np.full(len(s), np.nan), s.moment_Nm], axis=1) for s in (touched, at_rest))
-    press = press_seen(
+    press = press_from_recording(
         rig, touched.points_px, readings, at_rest.points_px, free, np.array([0.0, 0.01, 0.02]), np.zeros(3)
     )
     assert press.has == {"wire", "turns", "moment_y", "centreline"}
     np.testing.assert_allclose(press.turn_rad, [[0.0, 0.0], [0.01, 0.0], [0.02, 0.0]], atol=1e-12)
-    found = ask("3D-VBAA, camera A", press)
+    found = run_method("3D-VBAA, camera A", press)
     assert found.distance_m == pytest.approx(0.14, rel=0.02)
     assert found.force_N[1] == pytest.approx(touched.force_N[-1, 1], rel=0.04)
     assert abs(found.force_N[2] - touched.force_N[-1, 2]) < 0.02 * found.force_N[1]
     assert press.noise.moment_Nm == pytest.approx(np.sqrt(2.0) * rig.moment_sensor.std_Nm)
     with pytest.raises(InputError, match="2 free antennas for 3"):
-        press_seen(rig, touched.points_px, readings, touched.points_px[:2], free, np.zeros(3), np.zeros(3))
+        press_from_recording(rig, touched.points_px, readings, touched.points_px[:2], free, np.zeros(3), np.zeros(3))

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.paper.baselines import Press, Reading, Ring, Wire, ask
+from estimator.paper.baselines import Answer, Press, Ring, Wire, run_method
 
 from . import vibrations
 from .presses import LENGTH_M, STIFFNESS_NM2, WIRE, ringing
 
 
-def heard(ring: Ring, wire: Wire = WIRE) -> Reading:
-    return ask("Dynamic Active Antenna", Press(wire, ring=ring))
+def heard(ring: Ring, wire: Wire = WIRE) -> Answer:
+    return run_method("Dynamic Active Antenna", Press(wire, ring=ring))
 
 
 @pytest.mark.parametrize("contact", [0.15, 0.3, 0.5])

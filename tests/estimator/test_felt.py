@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.estimator.setup import Setup, drawn_truth
 from benchmarks.object.scenes import Recorded, contacts, record
-from estimator.object.estimate import Felt, feel
+from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import TouchObject
@@ -29,29 +29,29 @@ def stroked(mu: float, seed: int, frames: int = 22) -> tuple[Recorded, ContactTa
 
 
 @pytest.fixture(scope="module")
-def rough() -> tuple[Recorded, ContactTable, Felt]:
+def rough() -> tuple[Recorded, ContactTable, ObjectEstimate]:
     recorded, table = stroked(0.4, 1)
-    return recorded, table, feel(table, RIG)
+    return recorded, table, estimate_object(table, RIG)
 
 
-def normal_errors_deg(recorded: Recorded, felt: Felt) -> np.ndarray:
+def normal_errors_deg(recorded: Recorded, felt: ObjectEstimate) -> np.ndarray:
     true = recorded.truth.normal_world[felt.surface.touched_row]
     return np.degrees(np.arccos(np.clip((true * felt.normals.normal).sum(axis=1), -1.0, 1.0)))
 
 
-def test_friction_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+def test_friction_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
     _, _, felt = rough
-    assert felt.friction.told
+    assert felt.friction.determined
     assert felt.friction.mu == pytest.approx(0.4, abs=0.03)
     assert felt.friction.interval[0] <= 0.4 <= felt.friction.interval[1]
 
 
-def test_normals_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+def test_normals_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
     recorded, _, felt = rough
     assert np.sqrt(np.mean(normal_errors_deg(recorded, felt)[felt.friction.used_as == "sliding"] ** 2)) < 3.0
 
 
-def test_rows_belong_together(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+def test_rows_belong_together(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
     _, table, felt = rough
     np.testing.assert_array_equal(felt.friction.row, felt.surface.touched_row)
     assert len(felt.track.phase) == len(table)
@@ -59,7 +59,7 @@ def test_rows_belong_together(rough: tuple[Recorded, ContactTable, Felt]) -> Non
     assert felt.compliance is felt.surface.compliance
 
 
-def test_the_summary_is_plain_data(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+def test_the_summary_is_plain_data(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
     felt = rough[2]
     summary = felt.summary()
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
@@ -67,11 +67,11 @@ def test_the_summary_is_plain_data(rough: tuple[Recorded, ContactTable, Felt]) -
     assert summary["contacts"] == len(felt.friction.used_as)
 
 
-def test_without_a_rig_less_is_certain(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+def test_without_a_rig_less_is_certain(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
     _, table, felt = rough
-    alone = feel(table)
+    alone = estimate_object(table)
     assert np.isnan(alone.friction.nu_rad).all()
-    assert alone.friction.told
+    assert alone.friction.determined
     assert alone.friction.mu == pytest.approx(0.4, abs=0.03)
     assert alone.friction.std > felt.friction.std
 
@@ -79,7 +79,7 @@ def test_without_a_rig_less_is_certain(rough: tuple[Recorded, ContactTable, Felt
 def test_a_slippery_object_pushes_along_its_normal() -> None:
     """Fig. 7(b): within two degrees, and the interval of μ holds 0."""
     recorded, table = stroked(0.0, 2, frames=18)
-    felt = feel(table, RIG)
+    felt = estimate_object(table, RIG)
     sliding = felt.friction.used_as == "sliding"
     assert np.degrees(np.median(np.abs(felt.friction.psi_rad - felt.friction.nu_rad)[sliding])) < 2.0
     assert felt.friction.interval[0] == 0.0
@@ -87,7 +87,7 @@ def test_a_slippery_object_pushes_along_its_normal() -> None:
     assert np.median(normal_errors_deg(recorded, felt)) < 2.0
 
 
-def test_nothing_touched_is_said_so(rough: tuple[Recorded, ContactTable, Felt]) -> None:
+def test_nothing_touched_is_said_so(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
     table = rough[1]
     with pytest.raises(InputError, match="located"):
-        feel(replace(table, status=np.full(len(table), "no_contact")), RIG)
+        estimate_object(replace(table, status=np.full(len(table), "no_contact")), RIG)

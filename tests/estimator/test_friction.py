@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.contact.common_errors import Shared
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.angles import rubs_of, settled
+from estimator.object.friction.angles import friction_touches, sliding_steadily
 from estimator.object.surface import Surface, reconstruct, touches_of
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, followed, rubbed
@@ -39,7 +39,7 @@ def there_and_back() -> tuple[Rubbed, Surface]:
 @pytest.mark.parametrize("mu", [0.0, 0.1, 0.3, 0.6])
 def test_mu_is_found(mu: float) -> None:
     found = judged(rubbed(mu, np.random.default_rng(3), count=40))
-    assert found.told
+    assert found.determined
     assert abs(found.mu - mu) < 0.005
     assert found.interval[0] <= mu + 1e-9
     assert found.interval[1] >= mu
@@ -59,7 +59,7 @@ def test_there_and_back_is_half_the_angle_between(there_and_back: tuple[Rubbed, 
 def test_the_errors_of_the_shape_cancel_there_and_back(there_and_back: tuple[Rubbed, Surface]) -> None:
     """One way, an error of the normals is taken for friction, and the deviation says so."""
     there, one_way = judged(*there_and_back), judged(rubbed(0.3, np.random.default_rng(0), both_ways=False))
-    assert one_way.told
+    assert one_way.determined
     assert abs(one_way.mu - 0.3) < 3 * one_way.std
     assert one_way.std > 5 * there.std
 
@@ -75,7 +75,7 @@ def test_the_world_may_stand_anywhere(there_and_back: tuple[Rubbed, Surface]) ->
 def test_what_sticks_sets_a_bound() -> None:
     for seed in range(3):
         found = judged(rubbed(0.3, np.random.default_rng(seed), slips=False, count=40))
-        assert not found.told
+        assert not found.determined
         assert np.isnan([found.mu, found.std, found.cone_half_angle_rad]).all()
         assert 0.15 < found.interval[0] < 0.3
         assert found.interval[1] == np.inf
@@ -86,7 +86,7 @@ def test_what_sticks_sets_a_bound() -> None:
 def test_what_sticks_beside_what_slides_does_no_harm() -> None:
     slips = np.arange(80) % 40 > 15
     found = judged(rubbed(0.3, np.random.default_rng(4), slips=slips, count=80))
-    assert found.told
+    assert found.determined
     assert found.mu == pytest.approx(0.3, abs=0.005)
     assert (found.used_as == "sticking").sum() >= 32
 
@@ -94,10 +94,10 @@ def test_what_sticks_beside_what_slides_does_no_harm() -> None:
 def test_sliding_along_the_antenna_is_only_as_good_as_the_friction_angle() -> None:
     blind = rubbed(0.3, np.random.default_rng(5), slip_rad=np.pi / 2, errors=Errors(lean_rad=3.0))
     found = judged(blind)
-    assert not found.told
+    assert not found.determined
     assert "across" in found.reason  # the antenna: that is what helps
     seeing = judged(rubbed(0.3, np.random.default_rng(5), slip_rad=np.pi / 2, errors=Errors(lean_rad=0.05)))
-    assert seeing.told
+    assert seeing.determined
     assert abs(seeing.mu - 0.3) < 3 * seeing.std
     assert seeing.std > 0.003
 
@@ -111,7 +111,7 @@ def test_normals_that_the_shape_does_not_tell(there_and_back: tuple[Rubbed, Surf
         touched_normal_modes=np.zeros((count, 3, 0)),
     )
     found = judged(given, vague)
-    assert not found.told
+    assert not found.determined
     assert (found.used_as == "unused").all()
     assert "none of 60" in found.reason
     np.testing.assert_array_equal(found.interval, [0.0, np.inf])
@@ -121,7 +121,7 @@ def test_without_tangents_nothing_is_said(there_and_back: tuple[Rubbed, Surface]
     given, surface = there_and_back
     table = replace(given.table, tangent_world=np.full((60, 3), np.nan))
     found = judged(replace(given, table=table), surface)
-    assert not found.told
+    assert not found.determined
     assert np.isfinite(found.normals.normal).all()
 
 
@@ -130,7 +130,7 @@ def test_a_few_wrong_frames(there_and_back: tuple[Rubbed, Surface]) -> None:
     force = given.table.force_world_N.copy()
     force[7::12] = Rotation.from_rotvec([0.5, 0.0, 0.0]).apply(force[7::12])
     found = judged(replace(given, table=replace(given.table, force_world_N=force)), surface)
-    assert found.told
+    assert found.determined
     assert found.mu == pytest.approx(0.3, abs=0.006)
 
 
@@ -138,14 +138,14 @@ def test_a_few_wrong_frames(there_and_back: tuple[Rubbed, Surface]) -> None:
 def test_forces_that_push_the_slip_are_no_friction(both_ways: bool) -> None:
     given = rubbed(0.3, np.random.default_rng(0), both_ways=both_ways)
     found = judged(moved(given, -given.track.slip_velocity_m_s))
-    assert not found.told
+    assert not found.determined
     assert np.isnan(found.mu)
 
 
 def test_an_unknown_rig_costs_certainty(there_and_back: tuple[Rubbed, Surface]) -> None:
     given, surface = there_and_back
     known, unknown = judged(given, surface), judged(replace(given, shared=Shared.none(given.table)), surface)
-    assert unknown.told
+    assert unknown.determined
     assert abs(unknown.mu - 0.3) < 3 * unknown.std
     assert unknown.std > known.std
 
@@ -153,7 +153,7 @@ def test_an_unknown_rig_costs_certainty(there_and_back: tuple[Rubbed, Surface]) 
 def test_only_the_midst_of_sliding_counts() -> None:
     velocity = np.array([[0.01 * sign, 0.0, 0.0] for sign in [1] * 8 + [-1] * 7])
     phase = np.array(["free"] + ["sliding"] * 14)
-    inside = settled(followed(phase, velocity, 1e-4), np.arange(len(phase)) / 30.0)
+    inside = sliding_steadily(followed(phase, velocity, 1e-4), np.arange(len(phase)) / 30.0)
     np.testing.assert_array_equal(np.flatnonzero(inside), [3, 4, 5, 10, 11, 12])
 
 
@@ -163,7 +163,7 @@ def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:
     for seed in range(20):
         given = rubbed(0.4, np.random.default_rng(seed), slip_rad=0.9, count=12, errors=Errors(lean_rad=0.1))
         surface = shaped(given)
-        found.append(rubs_of(given.table, surface, given.track, given.shared, PRIOR_RAD)[0])
+        found.append(friction_touches(given.table, surface, given.track, given.shared, PRIOR_RAD)[0])
     angle = np.concatenate([rubs.longitudinal_rad for rubs in found])
     std = np.concatenate([rubs.longitudinal_std_rad for rubs in found])
     truth = np.arctan(0.4 * np.sin(0.9) * np.cos(np.arctan(0.4 * np.cos(0.9))))
@@ -181,7 +181,7 @@ def test_friction_along_the_antenna_needs_no_normal() -> None:
         touched_normal_modes=np.zeros((count, 3, 0)),
     )
     found = judged(given, vague)
-    assert found.told
+    assert found.determined
     assert abs(found.mu - 0.3) < 3 * found.std
 
 
@@ -192,6 +192,6 @@ def test_a_press_along_the_antenna_sets_no_bound_however_sure_its_normals_are() 
     points[:, 0] += np.linspace(-0.02, 0.02, len(points))
     points[:, 1:] = points[:1, 1:] + 5e-5 * np.random.default_rng(9).normal(size=(len(points), 2))
     found = judged(replace(given, table=replace(given.table, point_world_m=points)), shaped(given))
-    assert not found.told
+    assert not found.determined
     np.testing.assert_array_equal(found.interval, [0.0, np.inf])
     assert found.normals.std_rad.min() > 0.3

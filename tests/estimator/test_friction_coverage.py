@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from estimator.object.friction.coefficient import coefficient
-from estimator.object.friction.evidence import Evidence, Rubs
+from estimator.object.friction.evidence import Evidence, FrictionTouches
 
 
-def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = False) -> Rubs:
+def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = False) -> FrictionTouches:
     """Touches straight from their statistics: a common roll, normals that err alike nearby, own noise."""
     way = np.ones(count) if one_way else np.where(np.arange(count) < count // 2, 1.0, -1.0)
     place = np.linspace(0, 1, count) if one_way else np.concatenate([np.linspace(0, 1, count // 2)] * 2)[:count]
@@ -21,10 +21,10 @@ def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = 
     seen = angle + slip_std * rng.normal(size=count)
     expected = -np.arctan(mu * way * np.cos(angle))
     nothing = np.full(count, np.nan)
-    return Rubs(
+    return FrictionTouches(
         used_as=np.full(count, "sliding"),
         slides=np.ones(count, bool),
-        beside=np.ones(count, bool),
+        spread_across=np.ones(count, bool),
         lateral_rad=expected + modes @ rng.normal(size=modes.shape[1]) + own * rng.normal(size=count),
         lateral_std_rad=np.full(count, own),
         lateral_modes_rad=modes,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.object.friction.angles import Axes, side_by_side
+from estimator.object.friction.angles import Axes, spread_across
 
 OWN_M2 = 1e-5**2 * np.eye(3)
 
@@ -13,7 +13,7 @@ def beside(points: np.ndarray, own_m2: np.ndarray = OWN_M2, patch: np.ndarray | 
     """Of an antenna along x on a plane z = const."""
     count = len(points)
     axes = Axes.of(np.tile([0.0, 0.0, 1.0], (count, 1)), np.tile([1.0, 0.0, 0.0], (count, 1)), np.zeros(count, bool))
-    return side_by_side(points, np.tile(own_m2, (count, 1, 1)), axes, np.zeros(count, int) if patch is None else patch)
+    return spread_across(points, np.tile(own_m2, (count, 1, 1)), axes, np.zeros(count, int) if patch is None else patch)
 
 
 def row(along_m: float, across_m: float, count: int = 30) -> np.ndarray:

@@ -6,15 +6,24 @@ import numpy as np
 import pytest
 
 from estimator.object.surface.equations import Equations
-from estimator.object.surface.kernel import Prior, Rows, covariance, joined, pairs, slopes_at, values_at, variance
-from estimator.object.surface.solution import Fitted, left_out_residuals, solve
+from estimator.object.surface.kernel import (
+    Functionals,
+    Prior,
+    concatenate,
+    covariance,
+    pairs,
+    slopes_at,
+    values_at,
+    variance,
+)
+from estimator.object.surface.solution import PatchModel, leave_one_out_residuals, solve
 
 PRIOR = Prior(length_m=0.02, amplitude_m=0.004, offset_m=0.1, incline=1.5)
 
 
-def views(rng: np.random.Generator, count: int) -> Rows:
+def views(rng: np.random.Generator, count: int) -> Functionals:
     """Values, slopes and mixtures of two functions of two coordinates."""
-    return Rows(
+    return Functionals(
         0.02 * rng.standard_normal((count, 2)), rng.standard_normal((count, 2)), rng.standard_normal((count, 2, 2))
     )
 
@@ -24,7 +33,7 @@ def test_a_slope_is_the_difference_of_values(direction: list[float]) -> None:
     rng = np.random.default_rng(0)
     x, along, step = 0.02 * rng.standard_normal((6, 2)), np.array(direction), 1e-6
     other = views(rng, 5)
-    other = Rows(other.x, other.value[:, :1], other.slope[:, :1])
+    other = Functionals(other.x, other.value[:, :1], other.slope[:, :1])
     one = np.ones(1)
     after, before = values_at(x + step * along, one), values_at(x - step * along, one)
     difference = (covariance(pairs(after, other), PRIOR) - covariance(pairs(before, other), PRIOR)) / (2 * step)
@@ -44,7 +53,7 @@ def test_different_functions_are_independent() -> None:
     x = 0.01 * np.random.default_rng(2).standard_normal((4, 1))
     first, second = values_at(x, np.array([1.0, 0.0])), slopes_at(x, np.array([[0.0], [1.0]]))
     np.testing.assert_array_equal(covariance(pairs(first, second), PRIOR), 0.0)
-    assert len(joined(first, second)) == 8
+    assert len(concatenate(first, second)) == 8
 
 
 def test_the_solve_is_the_textbook_s_with_compliance_as_a_vague_number() -> None:
@@ -53,7 +62,7 @@ def test_the_solve_is_the_textbook_s_with_compliance_as_a_vague_number() -> None
     rows, count, flat = views(rng, 25), 25, 1e3
     modes, force = 1e-3 * rng.standard_normal((count, 2)), 0.03 * rng.standard_normal(count)
     equations = Equations(rows, 0.01 * rng.standard_normal(count), 1e-6 * np.eye(count), modes, force, np.zeros(count))
-    solution = solve((Fitted(equations, PRIOR, 0.0),), True)
+    solution = solve((PatchModel(equations, PRIOR, 0.0),), True)
     at = values_at(0.01 * rng.standard_normal((3, 2)), np.array([1.0, 0.0]))
     seen = np.vstack([covariance(pairs(at, rows), PRIOR), flat**2 * force])
     own = (
@@ -75,7 +84,7 @@ def test_left_out_residuals_are_those_of_leaving_out() -> None:
     rows = values_at(0.02 * rng.standard_normal((12, 2)), np.ones(1))
     noise = np.diag(rng.uniform(1e-8, 1e-6, 12))
     equations = Equations(rows, 0.003 * rng.standard_normal(12), noise, np.zeros((12, 0)), np.zeros(12), np.zeros(12))
-    residual = left_out_residuals(solve((Fitted(equations, PRIOR, 0.0),), False))
+    residual = leave_one_out_residuals(solve((PatchModel(equations, PRIOR, 0.0),), False))
     whole = covariance(pairs(rows, rows), PRIOR) + noise
     for index in (0, 5, 11):
         others = np.arange(12) != index

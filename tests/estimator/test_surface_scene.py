@@ -63,6 +63,6 @@ def test_the_normals_are_the_cylinder_s(stroked: Stroked) -> None:
 
 def test_its_stiffness_is_told(stroked: Stroked) -> None:
     soft = stroked.surface.compliance
-    assert soft.told
+    assert soft.determined
     assert soft.stiffness_N_m == pytest.approx(STIFFNESS_N_M, rel=0.1)
     assert abs(soft.compliance_m_N - 1 / STIFFNESS_N_M) < 3 * soft.std_m_N

@@ -18,7 +18,7 @@ def test_a_soft_ball_s_stiffness_and_its_unpressed_shape(stiffness_N_m: float) -
     true = spread_touches(SPHERE, 60, np.random.default_rng(0), compliance_m_N=1 / stiffness_N_m, common=False)
     surface = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M)
     soft = surface.compliance
-    assert soft.told
+    assert soft.determined
     assert soft.stiffness_N_m == pytest.approx(stiffness_N_m, rel=0.1)
     assert soft.interval_N_m[0] < stiffness_N_m < soft.interval_N_m[1]
     # nothing is common, but the model is not exact
@@ -45,7 +45,7 @@ def test_common_errors_widen_the_interval() -> None:
 def test_a_rigid_object_is_stiffer_than_so_much() -> None:
     true = spread_touches(CYLINDER, 60, np.random.default_rng(0), common=False)
     soft = reconstruct(drawn(true, np.random.default_rng(2)), RADIUS_M).compliance
-    assert not soft.told
+    assert not soft.determined
     assert np.isnan(soft.stiffness_N_m)
     assert soft.interval_N_m[0] > 300
     assert soft.interval_N_m[1] == np.inf
@@ -56,7 +56,7 @@ def test_forces_that_are_all_alike_tell_nothing() -> None:
     true = spread_touches(SPHERE, 40, np.random.default_rng(0), common=False)
     force = 0.03 * true.force_N / np.linalg.norm(true.force_N, axis=1, keepdims=True)
     surface = reconstruct(drawn(replace(true, force_N=force), np.random.default_rng(1)), RADIUS_M)
-    assert not surface.compliance.told
+    assert not surface.compliance.determined
     assert "cannot be told" in surface.compliance.reason
     assert np.isnan(surface.compliance.interval_N_m).all()
 
@@ -64,5 +64,5 @@ def test_forces_that_are_all_alike_tell_nothing() -> None:
 def test_what_comes_out_under_pressure_points_at_the_calibration() -> None:
     true = spread_touches(SPHERE, 60, np.random.default_rng(0), compliance_m_N=-0.02, common=False)
     soft = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M).compliance
-    assert not soft.told
+    assert not soft.determined
     assert "check the rig's calibration" in soft.reason

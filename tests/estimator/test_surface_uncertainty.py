@@ -37,7 +37,7 @@ def scaled(surface: Surface, true: Touches, obj: TouchObject, compliance_m_N: fl
         obj.signed_distance(surface.touched_m)[0] / surface.touched_std_m,
         turn / turn_std,
         np.array([(soft.compliance_m_N - compliance_m_N) / soft.std_m_N]),
-        np.array([soft.told]),
+        np.array([soft.determined]),
     ]
 
 
@@ -135,6 +135,6 @@ def test_wrong_contacts_are_left_out() -> None:
     point = noisy.point_m.copy()
     point[[7, 31]] += 2e-3 * noisy.force_N[[7, 31]] / np.linalg.norm(noisy.force_N[[7, 31]], axis=1, keepdims=True)
     surface = reconstruct(replace(noisy, point_m=point), RADIUS_M)
-    assert np.flatnonzero(surface.left_out).tolist() == [7, 31]
+    assert np.flatnonzero(surface.outlier).tolist() == [7, 31]
     assert "2 contacts were left out" in " ".join(surface.notes)
     assert np.abs(SPHERE.signed_distance(surface.points_m)[0]).max() < 3e-4

@@ -9,7 +9,7 @@ import pytest
 
 from estimator.contact.motion import Beam
 from estimator.object.track import follow
-from estimator.object.track.events import frequency, ringing_events, swinging
+from estimator.object.track.events import frequency, ringing_events, ringing_frames
 from estimator.table.contacts import ContactTable
 
 from .track_tables import evidence_table
@@ -29,7 +29,7 @@ def ringing_table(rate_hz: float, pace_hz: float = 7.0, seconds: float = 2.0) ->
 
 def test_frames_between_swinging_ones_swing_too() -> None:
     table = ringing_table(60.0)
-    ringing = swinging(table)
+    ringing = ringing_frames(table)
     flagged = np.flatnonzero(table.status == "not_quasistatic")
     assert ringing[flagged[0] : flagged[-1] + 1].all()
     assert not ringing[: flagged[0]].any()
@@ -38,7 +38,7 @@ def test_frames_between_swinging_ones_swing_too() -> None:
 
 def test_the_frequency_is_told_where_frames_are_many() -> None:
     table = ringing_table(60.0)
-    (event,) = ringing_events(table, swinging(table), STEEL)
+    (event,) = ringing_events(table, ringing_frames(table), STEEL)
     assert event.time_s == pytest.approx(0.5, abs=0.1)
     assert " 7." in event.words or " 6.9" in event.words
     assert "Hz" in event.words
@@ -46,14 +46,14 @@ def test_the_frequency_is_told_where_frames_are_many() -> None:
 
 def test_where_frames_are_too_few_that_is_said() -> None:
     table = ringing_table(15.0, pace_hz=4.0)
-    (event,) = ringing_events(table, swinging(table), STEEL)
+    (event,) = ringing_events(table, ringing_frames(table), STEEL)
     assert "too fast for 15 frames a second" in event.words
 
 
 def test_following_flags_them_and_does_not_take_them_for_losses() -> None:
     table = ringing_table(60.0)
     track = follow(table)
-    np.testing.assert_array_equal(track.ringing, swinging(table))
+    np.testing.assert_array_equal(track.ringing, ringing_frames(table))
     assert {event.kind for event in track.events} == {"first_contact", "ringing"}
     assert set(track.phase[track.ringing]) == {"unknown"}
 

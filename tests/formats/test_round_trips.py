@@ -325,7 +325,7 @@ def surfaces(draw: st.DrawFn) -> SimpleNamespace:
         touched_force_N=np.ones(1),
         touched_frame=np.zeros(1, int),
         touched_patch=np.zeros(1, int),
-        left_out=np.zeros(1, bool),
+        outlier=np.zeros(1, bool),
         compliance=SimpleNamespace(
             compliance_m_N=1.0, std_m_N=1.0, interval_N_m=np.array([1.0, np.inf]), reason="soft"
         ),

@@ -33,7 +33,7 @@ def object_estimate(table: ContactTable, *, determined: bool = True) -> Any:
         touched_patch=np.zeros(len(row), int),
         touched_row=row,
         compliance=SimpleNamespace(
-            told=determined,
+            determined=determined,
             compliance_m_N=1 / STIFFNESS_N_M,
             std_m_N=1e-4,
             stiffness_N_m=STIFFNESS_N_M if determined else np.nan,
@@ -43,7 +43,7 @@ def object_estimate(table: ContactTable, *, determined: bool = True) -> Any:
         notes=("one patch was withheld",),
     )
     friction = SimpleNamespace(
-        told=determined,
+        determined=determined,
         mu=MU if determined else np.nan,
         std=0.01,
         interval=np.array([0.28, 0.32] if determined else [0.1, np.inf]),

@@ -10,7 +10,7 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
 from viz.scene.moments import moments_of
 from viz.scene.rig_items import rig_items
-from viz.scene.scene import Contacts, ObjectEstimate, ObjectMesh, Scene
+from viz.scene.scene import Contacts, DrawnEstimate, ObjectMesh, Scene
 from viz.scene.truth import true_object
 
 RED, GREEN = (250, 20, 10), (10, 240, 20)
@@ -29,11 +29,11 @@ def full_scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
         rig=rig_items(rig, table, moments),
         object=ObjectMesh(points, normals, triangles, np.empty((0, 2), int), np.linspace(1e-4, 5e-4, 90)),
         truth=true_object(truth),
-        estimate=ObjectEstimate(np.arange(90), normals, 0.3, ("Friction <is> told.",)),
+        estimate=DrawnEstimate(np.arange(90), normals, 0.3, ("Friction <is> told.",)),
         pictures=(*[red] * 60, *[green] * 31, None),
     )
 
 
-def bare_scene(table: ContactTable, estimate: ObjectEstimate | None = None) -> Scene:
+def bare_scene(table: ContactTable, estimate: DrawnEstimate | None = None) -> Scene:
     """The contacts alone."""
     return Scene(Contacts.of(table), moments_of(table), estimate=estimate)

@@ -18,7 +18,7 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from viz.scene.moments import moments_of
 from viz.scene.rig_items import picture_grid, poses_at, rig_items
-from viz.scene.scene import ObjectEstimate
+from viz.scene.scene import DrawnEstimate
 from viz.scene.truth import true_object
 
 from .scenes import bare_scene
@@ -57,7 +57,7 @@ def test_what_was_touched_lies_in_its_ball(table: ContactTable) -> None:
 def test_normals_go_to_the_contacts_of_their_rows(table: ContactTable) -> None:
     rows = np.array([80, 3, 90])
     normals = np.eye(3)
-    scene = bare_scene(table, ObjectEstimate(rows, normals))
+    scene = bare_scene(table, DrawnEstimate(rows, normals))
     np.testing.assert_array_equal(scene.normals[[80, 3]], normals[:2])
     assert np.isnan(np.delete(scene.normals, [80, 3], axis=0)).all()
 

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "patches": patches,
         "triangles": len(surface.triangles),
         "lines": len(surface.lines),
-        "left_out": int(surface.left_out.sum()),
+        "left_out": int(surface.outlier.sum()),
         "median_std_m": _median(surface.std_m),
         "median_contact_std_m": _median(surface.touched_std_m),
         **_stiffness(surface.compliance),
@@ -86,7 +86,7 @@ def _stiffness(soft: Compliance) -> dict[str, Any]:
     """The object's yielding in plain numbers; None where there is no number, or an endless one."""
     low, high = soft.interval_N_m
     return {
-        "stiffness_told": soft.told,
+        "stiffness_told": soft.determined,
         "stiffness_N_m": _finite(soft.stiffness_N_m),
         "stiffness_low_N_m": _finite(low),
         "stiffness_high_N_m": _finite(high),

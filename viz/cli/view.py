@@ -130,14 +130,14 @@ def _rig(args: argparse.Namespace) -> Rig | None:
 
 def _estimated(table: ContactTable, rig: Rig | None) -> tuple[Any, Any, Any]:
     """Surface, object estimate and phases; nothing, and why, where the contacts do not determine them."""
-    from estimator.object.estimate import feel
+    from estimator.object.estimate import estimate_object
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from viz.scene.facts import drawn_estimate
     from viz.scene.scene import ObjectMesh
 
     try:
-        found = feel(table, rig)
+        found = estimate_object(table, rig)
     except InputError as error:
         say(f"no object is drawn: {error}")
         return None, None, None

@@ -54,7 +54,7 @@ def to_mesh(surface: Surface) -> pv.PolyData:
         "contact_force_N": surface.touched_force_N,
         "contact_frame": surface.touched_frame,
         "contact_patch": surface.touched_patch,
-        "contact_left_out": surface.left_out.astype(np.uint8),
+        "contact_left_out": surface.outlier.astype(np.uint8),
     }
     soft = surface.compliance
     of_object = {

@@ -15,7 +15,7 @@ from viz.scene.facts import Fact, friction_fact, sentence, stiffness_fact
 from viz.scene.truth import TrueContacts
 
 if TYPE_CHECKING:
-    from estimator.object.estimate import Felt
+    from estimator.object.estimate import ObjectEstimate
     from estimator.object.surface import Surface
     from estimator.object.track import Track
     from vbaa_calib.rig import Rig
@@ -34,7 +34,7 @@ class ObjectFindings:
     facts : events, friction, stiffness and shape in words.
     """
 
-    estimate: Felt | None = None
+    estimate: ObjectEstimate | None = None
     track: Track | None = None
     cone: ConeData | None = None
     indentation: IndentationData | None = None
@@ -43,11 +43,11 @@ class ObjectFindings:
 
 def object_findings(table: ContactTable, rig: Rig | None, truth: TrueContacts | None) -> ObjectFindings:
     """Estimate the object. Where that is impossible, the facts say why; events in time may still be known."""
-    from estimator.object.estimate import feel
+    from estimator.object.estimate import estimate_object
     from estimator.object.track import follow
 
     try:
-        return findings_of(feel(table, rig), table, rig, truth)
+        return findings_of(estimate_object(table, rig), table, rig, truth)
     except InputError as error:
         why = Fact("The object", f"Nothing can be said of it: {str(error).rstrip('.')}.", "undetermined")
     try:
@@ -57,7 +57,9 @@ def object_findings(table: ContactTable, rig: Rig | None, truth: TrueContacts | 
     return ObjectFindings(track=track, facts=(_event_fact(track), why))
 
 
-def findings_of(estimate: Felt, table: ContactTable, rig: Rig | None, truth: TrueContacts | None) -> ObjectFindings:
+def findings_of(
+    estimate: ObjectEstimate, table: ContactTable, rig: Rig | None, truth: TrueContacts | None
+) -> ObjectFindings:
     """An object estimate in words, and as data of its figures."""
     friction, surface, compliance = estimate.friction, estimate.surface, estimate.surface.compliance
     row, normal = surface.touched_row, surface.touched_normal
@@ -72,7 +74,7 @@ def findings_of(estimate: Felt, table: ContactTable, rig: Rig | None, truth: Tru
             tangential_N=size * np.sin(angle),
             tangential_std_N=size * friction.lateral_std_rad,
             used_as=friction.used_as,
-            mu=friction.mu if friction.told else np.nan,
+            mu=friction.mu if friction.determined else np.nan,
             interval=(float(friction.interval[0]), float(friction.interval[1])),
             true_mu=np.nan if truth is None else truth.friction,
         ),
@@ -80,8 +82,8 @@ def findings_of(estimate: Felt, table: ContactTable, rig: Rig | None, truth: Tru
             force_N=(table.force_world_N[row] * normal).sum(axis=1),
             indentation_m=((surface.touched_m - table.point_world_m[row]) * normal).sum(axis=1) + radius_m,
             std_m=np.sqrt(np.clip(variance, 0.0, None)),
-            compliance_m_N=compliance.compliance_m_N if compliance.told else np.nan,
-            compliance_std_m_N=compliance.std_m_N if compliance.told else np.nan,
+            compliance_m_N=compliance.compliance_m_N if compliance.determined else np.nan,
+            compliance_std_m_N=compliance.std_m_N if compliance.determined else np.nan,
             true_compliance_m_N=np.nan if truth is None else truth.compliance_m_N,
         ),
         (_event_fact(estimate.track), friction_fact(friction), stiffness_fact(compliance), _shape_fact(surface)),

@@ -11,7 +11,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite
 
 if TYPE_CHECKING:
-    from estimator.object.estimate import Felt
+    from estimator.object.estimate import ObjectEstimate
     from estimator.table.contacts import ContactTable
     from vbaa_calib.rig import Rig
 
@@ -113,7 +113,11 @@ def make_report(
 
 
 def _pictures(
-    sources: Sources, table: ContactTable, rig: Rig | None, estimate: Felt | None, truth: Mapping[str, Any] | None
+    sources: Sources,
+    table: ContactTable,
+    rig: Rig | None,
+    estimate: ObjectEstimate | None,
+    truth: Mapping[str, Any] | None,
 ) -> list[Picture]:
     from .pictures import SCENE_CAPTION, from_file, scene_picture, seen_picture
 

@@ -15,7 +15,7 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError, VbaaError
 
 if TYPE_CHECKING:
-    from estimator.object.estimate import Felt
+    from estimator.object.estimate import ObjectEstimate
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame
     from viz.scene.scene import Scene
@@ -58,7 +58,11 @@ def _packed(image: np.ndarray) -> bytes:
 
 
 def scene_picture(
-    table: ContactTable, rig: Rig | None, estimate: Felt | None, truth: Mapping[str, Any] | None, session: Path | None
+    table: ContactTable,
+    rig: Rig | None,
+    estimate: ObjectEstimate | None,
+    truth: Mapping[str, Any] | None,
+    session: Path | None,
 ) -> Picture:
     """The scene as `vbaa view --screenshot` draws it, or why there is none. `truth` is truth.json's contents."""
     from viz.render.render import can_render, screenshot
@@ -77,7 +81,11 @@ def scene_picture(
 
 
 def _scene(
-    table: ContactTable, rig: Rig | None, estimate: Felt | None, truth: Mapping[str, Any] | None, session: Path | None
+    table: ContactTable,
+    rig: Rig | None,
+    estimate: ObjectEstimate | None,
+    truth: Mapping[str, Any] | None,
+    session: Path | None,
 ) -> Scene:
     from viz.scene.facts import drawn_estimate
     from viz.scene.moments import moments_of

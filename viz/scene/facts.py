@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .scene import ObjectEstimate
+from .scene import DrawnEstimate
 
 if TYPE_CHECKING:
-    from estimator.object.estimate import Felt
+    from estimator.object.estimate import ObjectEstimate
     from estimator.object.friction import Friction
     from estimator.object.surface import Compliance
 
@@ -35,7 +35,7 @@ def sentence(text: str) -> str:
 
 def friction_fact(friction: Friction) -> Fact:
     """μ with its interval, or why it is undetermined."""
-    if not friction.told:
+    if not friction.determined:
         return Fact("Friction", sentence(f"Undetermined: {friction.reason}"), "undetermined")
     low, high = friction.interval
     alpha = np.degrees(friction.cone_half_angle_rad)
@@ -48,7 +48,7 @@ def friction_fact(friction: Friction) -> Fact:
 def stiffness_fact(compliance: Compliance) -> Fact:
     """The object's stiffness with its interval, or its bound, or why it is undetermined."""
     low, high = compliance.interval_N_m
-    if not compliance.told:
+    if not compliance.determined:
         bound = np.isfinite(low) and low > 0
         words = compliance.reason if bound else f"Undetermined: {compliance.reason}"
         return Fact("Stiffness", sentence(words), "undetermined")
@@ -56,13 +56,13 @@ def stiffness_fact(compliance: Compliance) -> Fact:
     return Fact("Stiffness", f"{compliance.stiffness_N_m:.4g} N/m (95 %: {low:.4g} {most}).")
 
 
-def drawn_estimate(estimate: Felt) -> ObjectEstimate:
+def drawn_estimate(estimate: ObjectEstimate) -> DrawnEstimate:
     """Normals that are well known, the friction cone if it is determined, and sentences."""
     normals, friction = estimate.normals, estimate.friction
     facts = (friction_fact(friction), stiffness_fact(estimate.compliance))
-    return ObjectEstimate(
+    return DrawnEstimate(
         row=friction.row,
         normals=np.where((normals.std_rad < VAGUE_RAD)[:, None], normals.normal, np.nan),
-        cone_rad=float(friction.cone_half_angle_rad) if friction.told else None,
+        cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
         facts=(*(f"{fact.label}: {fact.words}" for fact in facts), *map(sentence, estimate.surface.notes)),
     )

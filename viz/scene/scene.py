@@ -110,7 +110,7 @@ class ObjectMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectEstimate:
+class DrawnEstimate:
     """What the contacts say together of the object, beside its shape.
 
     Attributes
@@ -138,7 +138,7 @@ class Scene:
     rig: RigItems | None = None
     object: ObjectMesh | None = None
     truth: TrueObject | None = None
-    estimate: ObjectEstimate | None = None
+    estimate: DrawnEstimate | None = None
     pictures: tuple[np.ndarray | None, ...] = field(default=())
 
     @property

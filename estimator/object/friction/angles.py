@@ -13,7 +13,7 @@ from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.geometry import Kinematics
 
-from .evidence import SLIDING, STICKING, UNUSED, Rubs
+from .evidence import SLIDING, STICKING, UNUSED, FrictionTouches
 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import Shared
@@ -81,7 +81,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(a * b, axis=1)
 
 
-def directions(table: ContactTable, shared: Shared, rows: np.ndarray, axes: Axes) -> Directions:
+def force_directions(table: ContactTable, shared: Shared, rows: np.ndarray, axes: Axes) -> Directions:
     """Of the forces in these rows (P,) of the table: what is not common in their deviations is each one's own."""
     force = table.force_world_N[rows]
     across = np.hypot(dot(force, axes.normal), dot(force, axes.lateral))
@@ -131,7 +131,7 @@ NOISE = 4.0
 """And by so many of the deviations that they usually have."""
 
 
-def side_by_side(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: np.ndarray) -> np.ndarray:
+def spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: np.ndarray) -> np.ndarray:
     """(P,) bool, of points (P, 3) with own covariances (P, 3, 3) on patches (P,); False where these are not known."""
     same = patch[:, None] == patch
     apart = np.where(same, cdist(point_m, point_m), 0.0)
@@ -171,9 +171,9 @@ SEEN = 0.5
 prior, which is taken out again, would be most of what is left."""
 
 
-def rubs_of(
+def friction_touches(
     table: ContactTable, surface: Surface, track: Track, shared: Shared, friction_rad: float
-) -> tuple[Rubs, Axes, Directions]:
+) -> tuple[FrictionTouches, Axes, Directions]:
     """The touches of a surface, with the axes and the forces' directions behind them.
 
     Parameters
@@ -182,25 +182,25 @@ def rubs_of(
     """
     rows = surface.touched_row
     axes = Axes.of(surface.touched_normal, table.tangent_world[rows], table.status[rows] == "tip_contact")
-    found = directions(table, shared, rows, axes)
+    found = force_directions(table, shared, rows, axes)
     turned = np.einsum("pi,pij,pj->p", axes.lateral, surface.touched_normal_covariance, axes.lateral)
     common = np.einsum("pi,pik->pk", axes.lateral, surface.touched_normal_modes)
     normal_std = np.sqrt(np.maximum(turned - np.sum(common**2, axis=1), 0.0))
-    seen, seen_std, seen_modes = _seen(table, shared, rows, axes, found, friction_rad)
+    seen, seen_std, seen_modes = _friction_angles(table, shared, rows, axes, found, friction_rad)
     none = np.zeros_like(common)
     lateral_modes = np.hstack([found.lateral_modes_rad, np.zeros((len(rows), 1)), common])
     slip, slip_std = _slip(track, rows, axes)
     force_std = np.hypot(found.lateral_std_rad, np.linalg.norm(found.lateral_modes_rad, axis=1))
-    sound = ~surface.left_out & ~track.ringing[rows] & np.isfinite(found.lateral_rad)
-    beside = side_by_side(table.point_world_m[rows], shared.own_m2[rows], axes, surface.touched_patch)
+    sound = ~surface.outlier & ~track.ringing[rows] & np.isfinite(found.lateral_rad)
+    side_by_side = spread_across(table.point_world_m[rows], shared.own_m2[rows], axes, surface.touched_patch)
     told = np.sqrt(np.maximum(turned, 0.0)) < NORMAL_KNOWN_RAD
-    across = sound & beside & told & (force_std < FORCE_KNOWN_RAD)
+    across = sound & side_by_side & told & (force_std < FORCE_KNOWN_RAD)
     along = sound & np.isfinite(seen) & np.isfinite(seen_std)
-    slides = settled(track, table.time_s)[rows] & np.isfinite(slip_std)
-    rubs = Rubs(
+    slides = sliding_steadily(track, table.time_s)[rows] & np.isfinite(slip_std)
+    rubs = FrictionTouches(
         used_as=np.where(across | along, np.where(slides, SLIDING, STICKING), UNUSED),
         slides=slides,
-        beside=beside,
+        spread_across=side_by_side,
         lateral_rad=np.where(across, found.lateral_rad, np.nan),
         lateral_std_rad=np.hypot(found.lateral_std_rad, normal_std),
         lateral_modes_rad=np.where(across[:, None], lateral_modes, 0.0),
@@ -215,7 +215,7 @@ def rubs_of(
     return rubs, axes, found
 
 
-def settled(track: Track, time_s: np.ndarray) -> np.ndarray:
+def sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
     """(B,) bool: frames, at times (B,), in the midst of sliding one way."""
     sliding, way = track.phase == "sliding", np.nan_to_num(unit(track.slip_velocity_m_s))
     result = sliding.copy()
@@ -227,7 +227,7 @@ def settled(track: Track, time_s: np.ndarray) -> np.ndarray:
     return result
 
 
-def _seen(
+def _friction_angles(
     table: ContactTable, shared: Shared, rows: np.ndarray, axes: Axes, found: Directions, friction_rad: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Friction angles (P,) as the data alone say them, own deviations (P,) and common errors (P, S + 1).

@@ -8,7 +8,7 @@ import numpy as np
 
 from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p
 
-from .evidence import SLIDING, UNUSED, WRONG, Evidence, Fits, Rubs, fits, losses
+from .evidence import SLIDING, UNUSED, WRONG, Evidence, FrictionTouches, Profile, profile, student_t_losses
 
 LARGEST = 2.0
 """No larger μ is looked for."""
@@ -46,7 +46,7 @@ class Coefficient:
     wrong: float
     strain: float
     axes: np.ndarray
-    fits: Fits
+    fits: Profile
     weight: np.ndarray
 
     @property
@@ -57,13 +57,13 @@ class Coefficient:
 
 def coefficient(evidence: Evidence) -> Coefficient:
     """The posterior of μ; touches that slide and scatter more than their deviations say are believed less."""
-    axes = _told_apart(evidence)
+    axes = _identifiable_axes(evidence)
     evidence = replace(evidence, modes_rad=evidence.modes_rad @ axes.T)
-    found = _likely(evidence)
+    found = _profile_on_grids(evidence)
     scatter = _scatter(evidence, found.off[np.argmin(found.evidence)])
     if scatter > 1.0:
         evidence = replace(evidence, std_rad=evidence.std_rad * scatter)
-        found = _likely(evidence)
+        found = _profile_on_grids(evidence)
     grid = found.mu
     weight = np.exp(found.evidence.min() - found.evidence) * np.gradient(grid)
     weight /= weight.sum()
@@ -86,23 +86,23 @@ def coefficient(evidence: Evidence) -> Coefficient:
     )
 
 
-def _told_apart(evidence: Evidence) -> np.ndarray:
+def _identifiable_axes(evidence: Evidence) -> np.ndarray:
     """(L, K) orthonormal: what else the common errors do moves no angle."""
     scaled = evidence.modes_rad / evidence.std_rad[:, None]
     _, sizes, axes = np.linalg.svd(scaled.T @ scaled)
     return axes[sizes > 1e-6]
 
 
-def _likely(evidence: Evidence) -> Fits:
+def _profile_on_grids(evidence: Evidence) -> Profile:
     """At a coarse grid of μ, and at a fine one where that finds the likely values."""
     grid = np.tan(np.linspace(0.0, np.arctan(LARGEST), _COARSE))
-    coarse = fits(evidence, grid)
+    coarse = profile(evidence, grid)
     worth = coarse.evidence
     likely = np.flatnonzero(worth < worth.min() + _FAR)
     first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, _COARSE - 1)
     between = np.linspace(grid[first], grid[last], _FINE)[1:-1]
-    fine = fits(evidence, between, coarse.modes[np.argmin(worth)])
-    return Fits.joined([coarse.picked(slice(0, first + 1)), fine, coarse.picked(slice(last, None))])
+    fine = profile(evidence, between, coarse.modes[np.argmin(worth)])
+    return Profile.concatenate([coarse.select(slice(0, first + 1)), fine, coarse.select(slice(last, None))])
 
 
 def _scatter(evidence: Evidence, off: np.ndarray) -> float:
@@ -111,9 +111,9 @@ def _scatter(evidence: Evidence, off: np.ndarray) -> float:
     return float(np.median(off) / NORMAL_QUARTILE) if len(off) >= _SCATTERED else 1.0
 
 
-def _cost_of_most(evidence: Evidence, found: Fits) -> np.ndarray:
+def _cost_without_worst(evidence: Evidence, found: Profile) -> np.ndarray:
     """(G,) the costs without the touches farthest outside the cone."""
-    outside = np.sort(losses(found.off[:, ~evidence.slides]), axis=1)
+    outside = np.sort(student_t_losses(found.off[:, ~evidence.slides]), axis=1)
     return found.cost - outside[:, max(outside.shape[1] - SPARED, 0) :].sum(axis=1)
 
 
@@ -127,15 +127,15 @@ def _shortest(grid: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.array([low[best], high[best]])
 
 
-def _bounds(evidence: Evidence, found: Fits) -> tuple[float, float]:
+def _bounds(evidence: Evidence, found: Profile) -> tuple[float, float]:
     """Where the profile likelihood rises above its least by `BOUND`, below and above it."""
-    cost = _cost_of_most(evidence, found)
+    cost = _cost_without_worst(evidence, found)
     dear, best = cost > cost.min() + BOUND, int(np.argmin(cost))
     below, above = np.flatnonzero(dear[:best]), best + np.flatnonzero(dear[best:])
 
     def edge(outside: int, inside: int) -> float:
         between = np.linspace(found.mu[outside], found.mu[inside], _BETWEEN)
-        finer = _cost_of_most(evidence, fits(evidence, between, found.modes[inside]))
+        finer = _cost_without_worst(evidence, profile(evidence, between, found.modes[inside]))
         return float(between[np.flatnonzero(finer > cost.min() + BOUND).max(initial=0)])
 
     lower = edge(below[-1], below[-1] + 1) if len(below) else 0.0
@@ -160,44 +160,44 @@ STRAINED = 1e-5
 class Verdict:
     """Whether μ is told, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without any."""
 
-    told: bool
+    determined: bool
     reason: str
     interval: np.ndarray
 
     @property
-    def stands(self) -> bool:
+    def informative(self) -> bool:
         """Whether anything at all is said of μ."""
         return bool(self.interval[0] > 0.0 or np.isfinite(self.interval[1]))
 
 
-def enough(rubs: Rubs) -> bool:
+def enough_sliding(rubs: FrictionTouches) -> bool:
     """Whether as many touches slide as μ needs; fewer could all be wrong."""
     return int(np.sum(rubs.used_as == SLIDING)) >= FEWEST
 
 
-def verdict(rubs: Rubs, mu: Coefficient | None) -> Verdict:
+def judge(rubs: FrictionTouches, mu: Coefficient | None) -> Verdict:
     """What to say of μ; `mu` is None where no touch could be used."""
     sliding, used = int(np.sum(rubs.used_as == SLIDING)), int(np.sum(rubs.used_as != UNUSED))
     if mu is None:
-        return _nothing(
+        return _undetermined(
             f"none of {len(rubs)} contacts has a force and a normal from the shape whose directions are both known; "
             "stroke the object across the antenna, over some length"
         )
     if used < KNOWN_SHARE * len(rubs):
-        return _nothing(
+        return _undetermined(
             f"only {used} of {len(rubs)} contacts have a force and a normal from the shape whose directions are known, "
             "too few to believe that these are; stroke the object across the antenna, over some length"
         )
     bounds = np.array([mu.lower, mu.upper if mu.upper < LARGEST else np.inf])
-    if not enough(rubs):
+    if not enough_sliding(rubs):
         few = f"only {sliding}" if sliding else "none"
         words = f"of {used} contacts whose normal is known {few} lie{'s' * (sliding < 2)} in the midst of a slide"
         return Verdict(False, f"{words}{_bound_words(bounds)}", bounds)
     against = _contradiction(sliding, mu)
     if against:
-        return _nothing(against)
+        return _undetermined(against)
     if mu.std > max(STD, STD_SHARE * mu.mu):
-        return Verdict(False, f"{_weakness(rubs)}{_bound_words(bounds)}", bounds)
+        return Verdict(False, f"{_why_imprecise(rubs)}{_bound_words(bounds)}", bounds)
     widened = f", scattering {mu.scatter:.1f} times as much as they should" if mu.scatter > 1.5 else ""
     beside = f" and {used - sliding} that must not exceed it" if used > sliding else ""
     return Verdict(True, f"from {sliding} sliding contacts{widened}{beside}", mu.interval)
@@ -215,7 +215,7 @@ def _bound_words(bounds: np.ndarray) -> str:
     return f"; μ ≤ {high:.2f} (95 %)" if upper else ""
 
 
-def _nothing(reason: str) -> Verdict:
+def _undetermined(reason: str) -> Verdict:
     return Verdict(False, reason, np.array([0.0, np.inf]))
 
 
@@ -236,7 +236,7 @@ def _contradiction(sliding: int, mu: Coefficient) -> str:
     return ""
 
 
-def _weakness(rubs: Rubs) -> str:
+def _why_imprecise(rubs: FrictionTouches) -> str:
     sliding = rubs.used_as == SLIDING
     across = np.abs(rubs.slip[sliding, 0])
     whole = np.hypot(rubs.lateral_std_rad, np.linalg.norm(rubs.lateral_modes_rad, axis=1))[sliding]

@@ -20,7 +20,7 @@ SLIDING, STICKING, UNUSED = "sliding", "sticking", "unused"
 
 
 @dataclass(frozen=True, eq=False)
-class Rubs:
+class FrictionTouches:
     """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t.
 
     Angles that are not known, or not well enough to be used, are NaN.
@@ -32,7 +32,7 @@ class Rubs:
     used_as : (P,) "sliding": friction is μ times the normal force, against the slip; "sticking": at most that, which
         holds for touches whose motion is undecided, too; "unused".
     slides : (P,) bool, whether a touch is in the midst of sliding, used or not.
-    beside : (P,) bool, whether the shape was felt side by side across the antenna, so that it can tell the normal.
+    spread_across : (P,) bool, whether neighbours across the antenna let the shape determine the normal.
     lateral_rad : (P,) of the force from the shape's normal, about the antenna, positive along n × t.
     lateral_std_rad, lateral_modes_rad : (P,), (P, K) its own and common errors, those of the normal included.
     normal_std_rad, normal_modes_rad : (P,), (P, K) of these the normal's: how far it may be turned along n × t.
@@ -44,7 +44,7 @@ class Rubs:
 
     used_as: np.ndarray
     slides: np.ndarray
-    beside: np.ndarray
+    spread_across: np.ndarray
     lateral_rad: np.ndarray
     lateral_std_rad: np.ndarray
     lateral_modes_rad: np.ndarray
@@ -64,11 +64,11 @@ class Rubs:
     def __len__(self) -> int:
         return len(self.used_as)
 
-    def picked(self, which: np.ndarray) -> Rubs:
+    def select(self, which: np.ndarray) -> FrictionTouches:
         """Those with the indices or the mask (P,), as for the friction of one patch."""
-        return Rubs(**{each.name: getattr(self, each.name)[which] for each in fields(Rubs)})
+        return FrictionTouches(**{each.name: getattr(self, each.name)[which] for each in fields(FrictionTouches)})
 
-    def at_rest(self) -> Rubs:
+    def at_rest(self) -> FrictionTouches:
         """The same, taken as if nothing were known to slide: friction is at most μ times the normal force."""
         resting = np.where(self.used_as == SLIDING, STICKING, self.used_as)
         return replace(self, used_as=resting, slides=np.zeros(len(self), bool))
@@ -109,7 +109,7 @@ class Evidence:
     touch: np.ndarray
 
     @staticmethod
-    def of(rubs: Rubs) -> Evidence:
+    def of(rubs: FrictionTouches) -> Evidence:
         """What is known of the touches that are used; of those that slide, along the sure parts of the slip."""
         used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
         unsure = rubs.slip_std_rad[:, None] * np.abs(rubs.slip[:, ::-1])
@@ -157,7 +157,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Fits:
+class Profile:
     """The common errors that explain the angles best, for each of G values of μ.
 
     Attributes
@@ -176,27 +176,27 @@ class Fits:
     covariance: np.ndarray
     off: np.ndarray
 
-    def picked(self, which: np.ndarray | slice) -> Fits:
+    def select(self, which: np.ndarray | slice) -> Profile:
         """Those of some values."""
-        return Fits(**{each.name: getattr(self, each.name)[which] for each in fields(Fits)})
+        return Profile(**{each.name: getattr(self, each.name)[which] for each in fields(Profile)})
 
     @staticmethod
-    def joined(parts: Sequence[Fits]) -> Fits:
+    def concatenate(parts: Sequence[Profile]) -> Profile:
         """One after the other."""
-        return Fits(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Fits)})
+        return Profile(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Profile)})
 
 
-def losses(off: np.ndarray) -> np.ndarray:
+def student_t_losses(off: np.ndarray) -> np.ndarray:
     """Student's negative log-likelihoods, of residuals in standard deviations."""
     return 0.5 * (FREEDOM + 1.0) * np.log1p(off**2 / FREEDOM)
 
 
-def weights(off: np.ndarray) -> np.ndarray:
+def student_t_weights(off: np.ndarray) -> np.ndarray:
     """What the residuals count for: slope of `losses` over the residual."""
     return (FREEDOM + 1.0) / (FREEDOM + off**2)
 
 
-def fits(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> Fits:
+def profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> Profile:
     """Iterated weighted least squares, with a dead zone for touches that need not slide.
 
     Parameters
@@ -213,16 +213,16 @@ def fits(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) ->
         return np.sign(bare) * np.maximum(np.abs(bare) - slack, 0.0) / spread
 
     def cost_of(at: np.ndarray, off: np.ndarray) -> np.ndarray:
-        return 0.5 * np.sum(at**2, axis=1) + losses(off).sum(axis=1)
+        return 0.5 * np.sum(at**2, axis=1) + student_t_losses(off).sum(axis=1)
 
     def hessian_of(off: np.ndarray) -> np.ndarray:
-        weight = np.where(evidence.slides | (off != 0.0), weights(off), 0.0) / spread**2
+        weight = np.where(evidence.slides | (off != 0.0), student_t_weights(off), 0.0) / spread**2
         return np.eye(len(modes.T)) + np.swapaxes(weight[:, :, None] * modes, 1, 2) @ modes
 
     off = residual(z)
     cost, share = cost_of(z, off), np.ones(len(mu))
     for _ in range(_STEPS):
-        pull = (weights(off) * off / spread) @ modes - z
+        pull = (student_t_weights(off) * off / spread) @ modes - z
         step = np.linalg.solve(hessian_of(off), pull[..., None])[..., 0]
         tried = z + share[:, None] * step
         tried_off = residual(tried)
@@ -235,4 +235,4 @@ def fits(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) ->
             break
     hessian = hessian_of(off)
     _, volume = np.linalg.slogdet(hessian)
-    return Fits(mu, cost, cost + 0.5 * volume, z, np.linalg.inv(hessian), off)
+    return Profile(mu, cost, cost + 0.5 * volume, z, np.linalg.inv(hessian), off)

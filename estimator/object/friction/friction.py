@@ -9,9 +9,9 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable
 
-from .angles import Axes, Directions, dot, roll_of, roll_rad, roll_std_rad, rubs_of, unit
-from .coefficient import Coefficient, coefficient, enough, verdict
-from .evidence import WRONG, Evidence, Rubs
+from .angles import Axes, Directions, dot, friction_touches, roll_of, roll_rad, roll_std_rad, unit
+from .coefficient import Coefficient, coefficient, enough_sliding, judge
+from .evidence import WRONG, Evidence, FrictionTouches
 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import Shared
@@ -58,11 +58,11 @@ class _Turn:
         return _Turn(self.angle_rad + share * (aim - self.angle_rad), self.variance * (1.0 - share))
 
 
-def normals_of(
+def update_normals(
     normal: np.ndarray,
     covariance: np.ndarray,
     axes: Axes,
-    rubs: Rubs,
+    rubs: FrictionTouches,
     found: Directions,
     mu: Coefficient | None,
     largest_mu: float,
@@ -91,7 +91,9 @@ def normals_of(
     return Normals(turned, stretch @ covariance @ np.swapaxes(stretch, 1, 2), angle)
 
 
-def _by_force(rubs: Rubs, found: Directions, mu: Coefficient | None, largest_mu: float, fitted: np.ndarray) -> _Turn:
+def _by_force(
+    rubs: FrictionTouches, found: Directions, mu: Coefficient | None, largest_mu: float, fitted: np.ndarray
+) -> _Turn:
     """Where the force alone sees the normal: on the cone's rim in touches that slide, if μ is known, in others anywhere
     in it, taken as Gaussian; nothing where the fit has had its say."""
     whole = found.lateral_std_rad**2 + np.sum(found.lateral_modes_rad**2, axis=1)
@@ -105,7 +107,7 @@ def _by_force(rubs: Rubs, found: Directions, mu: Coefficient | None, largest_mu:
     return _Turn(angle, np.where(fitted, np.inf, variance))
 
 
-def _by_fit(shape: _Turn, rubs: Rubs, mu: Coefficient) -> tuple[_Turn, np.ndarray]:
+def _by_fit(shape: _Turn, rubs: FrictionTouches, mu: Coefficient) -> tuple[_Turn, np.ndarray]:
     """What the fit found of the touches that took part, over the values that μ may have: their common errors and each
     one's own. And by how much (P,) touches lie off, 0 where that is as it should be."""
     modes = rubs.normal_modes_rad @ mu.axes.T
@@ -138,11 +140,11 @@ class Friction:
 
     Attributes
     ----------
-    mu, std : coefficient of friction and its standard deviation; NaN unless `told`.
+    mu, std : coefficient of friction and its standard deviation; NaN unless `determined`.
     interval : (2,) of 95 %, common errors included. Where μ is not told, its one-sided bounds at 95 %: 0 and inf where
         there is none.
-    cone_half_angle_rad : the paper's α = atan μ; NaN unless `told`.
-    told : whether the data tell μ. reason : in words, what it rests on, or why it is not told.
+    cone_half_angle_rad : the paper's α = atan μ; NaN unless `determined`.
+    determined : whether the data tell μ. reason : in words, what it rests on, or why it is not told.
     scatter : how much more the sliding touches scatter than they should; the deviations were widened where above 1.
     used_as : (P,) "sliding": friction is μN against the slip; "sticking": at most that; "unused".
     row : (P,) of the table.
@@ -161,7 +163,7 @@ class Friction:
     std: float
     interval: np.ndarray
     cone_half_angle_rad: float
-    told: bool
+    determined: bool
     reason: str
     scatter: float
     used_as: np.ndarray
@@ -193,12 +195,12 @@ def friction(
     friction_rad : standard deviation of the friction angle that the contacts were estimated with.
     rig : for ν, the normals' direction in the antenna's yz plane.
     """
-    rubs, axes, found = rubs_of(table, surface, track, shared, friction_rad)
-    evidence = Evidence.of(rubs if enough(rubs) else rubs.at_rest())
+    rubs, axes, found = friction_touches(table, surface, track, shared, friction_rad)
+    evidence = Evidence.of(rubs if enough_sliding(rubs) else rubs.at_rest())
     mu = coefficient(evidence) if len(evidence.angle_rad) else None
-    said = verdict(rubs, mu)
+    said = judge(rubs, mu)
     rows, normal = surface.touched_row, surface.touched_normal
-    covariance = surface.touched_normal_covariance + _untold(axes, ~rubs.beside)
+    covariance = surface.touched_normal_covariance + _unknown_turn(axes, ~rubs.spread_across)
     whole = np.sqrt(
         found.lateral_std_rad**2
         + np.sum(found.lateral_modes_rad**2, axis=1)
@@ -209,11 +211,11 @@ def friction(
     nu = unknown if rig is None else roll_of(rig.kinematics, table, rows, normal)
     nu_std = unknown if rig is None else np.sqrt(np.einsum("pi,pij,pj->p", axes.lateral, covariance, axes.lateral))
     return Friction(
-        mu=mu.mu if mu is not None and said.told else np.nan,
-        std=mu.std if mu is not None and said.told else np.nan,
+        mu=mu.mu if mu is not None and said.determined else np.nan,
+        std=mu.std if mu is not None and said.determined else np.nan,
         interval=said.interval,
-        cone_half_angle_rad=float(np.arctan(mu.mu)) if mu is not None and said.told else np.nan,
-        told=said.told,
+        cone_half_angle_rad=float(np.arctan(mu.mu)) if mu is not None and said.determined else np.nan,
+        determined=said.determined,
         reason=said.reason,
         scatter=np.nan if mu is None else mu.scatter,
         used_as=rubs.used_as,
@@ -229,11 +231,13 @@ def friction(
         nu_rad=nu,
         nu_std_rad=nu_std,
         lateral_slip=rubs.slip[:, 0],
-        normals=normals_of(normal, covariance, axes, rubs, found, mu if said.stands else None, said.interval[1]),
+        normals=update_normals(
+            normal, covariance, axes, rubs, found, mu if said.informative else None, said.interval[1]
+        ),
     )
 
 
-def _untold(axes: Axes, where: np.ndarray) -> np.ndarray:
+def _unknown_turn(axes: Axes, where: np.ndarray) -> np.ndarray:
     """(P, 3, 3) 1 rad² of turn about the antenna, where (P,) the shape cannot tell it."""
     turn = np.where(where[:, None], np.nan_to_num(axes.lateral), 0.0)
     return turn[:, :, None] * turn[:, None, :]

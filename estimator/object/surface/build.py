@@ -10,10 +10,10 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
 from .equations import value_rows
-from .fit import SETTLED, Fit, first_state, fit, patches_of
+from .fit import SETTLED, Fit, first_state, fit, make_patches
 from .mesh import Piece, heights, piece_of
 from .result import Compliance, Surface
-from .solution import left_out_residuals
+from .solution import leave_one_out_residuals
 from .touches import Touches, touches_of
 
 DEVIATIONS_95 = 1.96
@@ -66,7 +66,7 @@ def _compliance_of(fit: Fit) -> Compliance:
     )
 
 
-def _nothing_known(reason: str) -> Compliance:
+def _unknown_compliance(reason: str) -> Compliance:
     """Where there is nothing to judge by."""
     return Compliance(np.nan, np.nan, np.nan, np.nan, np.full(2, np.nan), False, reason)
 
@@ -93,7 +93,7 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
     """
     touches = touches_of(touches) if isinstance(touches, ContactTable) else touches
     touches, known, notes = _with_covariances(touches)
-    patches, normal = patches_of(touches, antenna_radius_m)
+    patches, normal = make_patches(touches, antenna_radius_m)
     found = fit(touches, antenna_radius_m, patches, first_state(touches, patches, normal), True)
     scale = scatter(found)
     if not known or scale > SCALE_TOLERATED:
@@ -102,14 +102,14 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
         if known:
             notes.append(f"the contacts scatter {scale:.2g} times as much as their covariances say: all were widened")
     compliance = _compliance_of(found)
-    if not compliance.told:
+    if not compliance.determined:
         found = fit(touches, antenna_radius_m, patches, found.state, False)
     return _surface(found, compliance, known, [*touches.notes, *notes])
 
 
 def scatter(fit: Fit) -> float:
     """How far the touches lie off what the others predict, in standard deviations of that; 1 where all is well."""
-    residual = np.abs(left_out_residuals(fit.solution))
+    residual = np.abs(leave_one_out_residuals(fit.solution))
     points = np.concatenate([f.equations.slack == 0 for f in fit.solution.patches])
     return float(np.median(residual[points])) / NORMAL_QUARTILE if len(fit.touches) >= ENOUGH else 1.0
 
@@ -134,14 +134,14 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
     pieces: list[Piece] = []
     for index, patch in enumerate(found.patches):
         m = patch.members
-        touched[m], touched_std[m] = _touched_on(found, index)
+        touched[m], touched_std[m] = _touches_on_surface(found, index)
         pieces.append(piece_of(found, index, touched_std[m]))
     sizes = [len(piece.points_m) for piece in pieces]
     starts = np.cumsum([0, *sizes[:-1]])
     label = np.empty(count, int)
     for index, patch in enumerate(found.patches):
         label[patch.members] = index
-    left_out, vague = found.state.left_out, found.state.vague
+    left_out, vague = found.state.outlier, found.state.vague
     if vague.any():
         notes.append(f"{np.sum(vague)} contacts were not used: where along the antenna they lie is hardly known")
     if left_out.any():
@@ -170,13 +170,15 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
         touched_row=touches.row,
         touched_frame=touches.frame,
         touched_force_N=np.linalg.norm(touches.force_N, axis=1),
-        left_out=left_out,
-        compliance=compliance if known else _nothing_known("the contacts have no covariance: stiffness cannot be told"),
+        outlier=left_out,
+        compliance=compliance
+        if known
+        else _unknown_compliance("the contacts have no covariance: stiffness cannot be told"),
         notes=tuple(notes),
     )
 
 
-def _touched_on(fit: Fit, index: int) -> tuple[np.ndarray, np.ndarray]:
+def _touches_on_surface(fit: Fit, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Where a patch's touches lie on its shape (N, 3), world, and the deviations (N,) along the normal."""
     patch = fit.patches[index]
     local = (fit.point_m[patch.members] - patch.center_m) @ patch.frame.T

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from .kernel import Rows, joined, slopes_at, values_at
+from .kernel import Functionals, concatenate, slopes_at, values_at
 
 LEAST_STD_M = 1e-7
 """Added to every deviation of a point, so that the equations can be solved where points are given as exact."""
@@ -49,21 +49,23 @@ class Patch:
         return 2 if self.wide else 1
 
 
-def slope_rows(patch: Patch, x: np.ndarray) -> Rows:
+def slope_rows(patch: Patch, x: np.ndarray) -> Functionals:
     """Views of the slopes at places (N, D): of a field both, of a curve dv/du and dh/du; the first of all, then the
     second."""
     if patch.wide:
-        return joined(slopes_at(x, np.array([[1.0, 0.0]])), slopes_at(x, np.array([[0.0, 1.0]])))
-    return joined(slopes_at(x, np.array([[1.0], [0.0]])), slopes_at(x, np.array([[0.0], [1.0]])))
+        return concatenate(slopes_at(x, np.array([[1.0, 0.0]])), slopes_at(x, np.array([[0.0, 1.0]])))
+    return concatenate(slopes_at(x, np.array([[1.0], [0.0]])), slopes_at(x, np.array([[0.0], [1.0]])))
 
 
-def value_rows(patch: Patch, x: np.ndarray) -> Rows:
+def value_rows(patch: Patch, x: np.ndarray) -> Functionals:
     """Views of the heights over (N, 2), or of v and then h of a curve over (N, 1)."""
-    return values_at(x, np.ones(1)) if patch.wide else joined(values_at(x, np.eye(2)[0]), values_at(x, np.eye(2)[1]))
+    return (
+        values_at(x, np.ones(1)) if patch.wide else concatenate(values_at(x, np.eye(2)[0]), values_at(x, np.eye(2)[1]))
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class LocalTouches:
     """The N touches of a patch as they are seen now: surface points and what moves them, in the patch's frame.
 
     Attributes
@@ -100,7 +102,7 @@ class Equations:
     slack : (M,) how an error of the tangent of 1 rad enters; zero for equations without tangent.
     """
 
-    rows: Rows
+    rows: Functionals
     y: np.ndarray
     noise: np.ndarray
     modes: np.ndarray
@@ -111,12 +113,12 @@ class Equations:
         return len(self.y)
 
 
-def equations(seen: Seen, wide: bool) -> Equations:
+def equations(seen: LocalTouches, wide: bool) -> Equations:
     """Of a height field if `wide`, else of a curve."""
-    return _of_field(seen) if wide else _of_curve(seen)
+    return _height_field(seen) if wide else _curve(seen)
 
 
-def _of_field(seen: Seen) -> Equations:
+def _height_field(seen: LocalTouches) -> Equations:
     """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h.
 
     An error of a point along the surface moves it over ground that rises: only what is left across it counts as an
@@ -133,19 +135,19 @@ def _of_field(seen: Seen) -> Equations:
     turn[:, :2] = -np.einsum("ni,nij->nj", tangent[:, :2], seen.bend_per_m[held])
     tangents_own = np.einsum("ni,nis->ns", tilt, seen.tangent_modes[held])
     return Equations(
-        rows=joined(
+        rows=concatenate(
             values_at(seen.point_m[:, :2], np.ones(1)), slopes_at(seen.point_m[held, :2], tangent[:, None, :2])
         ),
         y=np.concatenate([seen.point_m[:, 2] + off, tangent[:, 2]]),
         noise=_noise([up, turn], [np.arange(count), held], seen.own_m2, [LEAST_STD_M, LEAST_STD_RAD])
         + np.diag(np.concatenate(beside)),
-        modes=np.concatenate([_effect(up, seen.modes_m), _effect(turn, seen.modes_m[held]) + tangents_own]),
+        modes=np.concatenate([_project(up, seen.modes_m), _project(turn, seen.modes_m[held]) + tangents_own]),
         force_N=np.concatenate([np.sum(up * seen.yield_N, axis=1), np.sum(turn * seen.yield_N[held], axis=1)]),
         slack=np.concatenate([np.zeros(count), np.linalg.norm(tilt, axis=1)]),
     )
 
 
-def _of_curve(seen: Seen) -> Equations:
+def _curve(seen: LocalTouches) -> Equations:
     """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and beside it.
 
     The antenna touches a round body now here, now there beside the curve. What is seen along the surface must therefore
@@ -158,7 +160,7 @@ def _of_curve(seen: Seen) -> Equations:
     outward = seen.normal[:, 1:] / np.maximum(np.linalg.norm(seen.normal[:, 1:], axis=1, keepdims=True), 0.1)
     beside = np.column_stack([-outward[:, 1], outward[:, 0]])
     sides = [np.column_stack([-np.sum(each * seen.slope, axis=1), each]) for each in (outward, beside)]
-    along = _effect(sides[1], seen.modes_m)
+    along = _project(sides[1], seen.modes_m)
     tangent = np.where(np.isfinite(seen.tangent), seen.tangent, 0.0)
     off = 0.5 * UNSEEN_BEND_PER_M * np.einsum("ni,nij,nj->n", tangent, seen.own_m2, tangent)
     off = np.minimum(off, MOST_OFF_M)
@@ -171,16 +173,16 @@ def _of_curve(seen: Seen) -> Equations:
     across = _noise(sides[:1], [every], seen.own_m2, [LEAST_STD_M]) + np.outer(off, off) + np.diag(2.0 * off**2)
     noise = block_diag(across, _noise(sides[1:], [every], seen.own_m2, [LEAST_STD_M]) + along @ along.T)
     return Equations(
-        rows=joined(values_at(over, outward), values_at(over, beside)),
+        rows=concatenate(values_at(over, outward), values_at(over, beside)),
         y=np.concatenate([np.sum(each * seen.point_m[:, 1:], axis=1) for each in (outward, beside)]),
         noise=noise + np.outer(rolled, rolled),
-        modes=np.concatenate([_effect(sides[0], seen.modes_m), np.zeros(along.shape)]),
+        modes=np.concatenate([_project(sides[0], seen.modes_m), np.zeros(along.shape)]),
         force_N=np.concatenate([np.sum(sides[0] * seen.yield_N, axis=1), np.zeros(count)]),
         slack=np.concatenate([np.zeros(count), np.full(count, BESIDE_M)]),
     )
 
 
-def _effect(side: np.ndarray, modes: np.ndarray) -> np.ndarray:
+def _project(side: np.ndarray, modes: np.ndarray) -> np.ndarray:
     return np.einsum("ni,nis->ns", side, modes)
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .equations import IGNORED, Patch, Seen, equations, slope_rows
+from .equations import IGNORED, LocalTouches, Patch, equations, slope_rows
 from .kernel import Prior
-from .normals import Normals, felt_normals
+from .normals import Normals, estimate_normals
 from .patches import facing, group, tangent_frame
-from .solution import Fitted, Solution, learn, left_out_residuals, solve
+from .solution import PatchModel, Solution, learn_prior, leave_one_out_residuals, solve
 from .touches import Touches
 
 ROUNDS, LEARNING, MOST_ROUNDS = 3, 2, 15
@@ -31,7 +31,7 @@ SHARPEST_M = 3e-4
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class FitState:
     """Where the turns have come to.
 
     Attributes
@@ -50,7 +50,7 @@ class State:
     vague: np.ndarray
 
     @property
-    def left_out(self) -> np.ndarray:
+    def outlier(self) -> np.ndarray:
         """(P,) touches that lie too far off what the others say."""
         return (self.widened >= IGNORED) & ~self.vague
 
@@ -62,16 +62,16 @@ class Fit:
     touches: Touches
     patches: tuple[Patch, ...]
     solution: Solution
-    state: State
+    state: FitState
     point_m: np.ndarray
     normals: Normals
 
 
-def patches_of(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], np.ndarray]:
+def make_patches(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], np.ndarray]:
     """The patches, and a first guess (P, 3) of the normals."""
     normal = facing(touches.force_N, touches.tangent, touches.point_m)
     points = touches.point_m - antenna_radius_m * normal
-    label, vague = group(points, normal), _vague_touches(touches, normal)
+    label, vague = group(points, normal), _poorly_located(touches, normal)
     patches = []
     for index in range(label.max() + 1):
         members = np.flatnonzero(label == index)
@@ -81,7 +81,7 @@ def patches_of(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, 
     return tuple(patches), normal
 
 
-def _vague_touches(touches: Touches, normal: np.ndarray) -> np.ndarray:
+def _poorly_located(touches: Touches, normal: np.ndarray) -> np.ndarray:
     """(P,) whose place along the surface is so uncertain that the shape between there and here is anyone's guess."""
     whole = np.trace(touches.own_m2, axis1=1, axis2=2)
     across = np.einsum("pi,pij,pj->p", normal, touches.own_m2, normal)
@@ -89,7 +89,7 @@ def _vague_touches(touches: Touches, normal: np.ndarray) -> np.ndarray:
     return along > max(VAGUE_FACTOR * float(np.median(along)), VAGUE_M)
 
 
-def first_state(touches: Touches, patches: tuple[Patch, ...], normal: np.ndarray) -> State:
+def first_state(touches: Touches, patches: tuple[Patch, ...], normal: np.ndarray) -> FitState:
     """Slopes from the forces' directions, a rigid object, nothing left out."""
     count = len(touches)
     slope = np.zeros((count, 2))
@@ -97,12 +97,12 @@ def first_state(touches: Touches, patches: tuple[Patch, ...], normal: np.ndarray
         if patch.wide:
             along, across, up = (normal[patch.members] @ patch.frame.T).T
             slope[patch.members] = np.clip(-np.stack([along, across], axis=1) / np.maximum(up, 0.3)[:, None], -2, 2)
-    vague = _vague_touches(touches, normal)
+    vague = _poorly_located(touches, normal)
     widened = np.where(vague, IGNORED, 1.0)
-    return State(normal, 0.0, slope, np.zeros((count, 2, 2)), (None,) * len(patches), widened, vague)
+    return FitState(normal, 0.0, slope, np.zeros((count, 2, 2)), (None,) * len(patches), widened, vague)
 
 
-def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: State, yielding: bool) -> Fit:
+def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: FitState, yielding: bool) -> Fit:
     """`ROUNDS` turns from a state on; `yielding`: with a compliance."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
@@ -114,23 +114,23 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
             if prior is None or turn < LEARNING:
                 extent = float(np.linalg.norm(np.ptp(given.point_m[:, : patch.dimensions], axis=0)))
                 largest = extent / max(float(np.abs(stated.force_N).max()), 1e-12)
-                prior = learn(stated, extent, prior, largest if yielding else 0.0)
+                prior = learn_prior(stated, extent, prior, largest if yielding else 0.0)
             priors.append(prior)
-            fitted.append(Fitted(stated, *prior))
+            fitted.append(PatchModel(stated, *prior))
         solution = solve(tuple(fitted), yielding)
-        normals = felt_normals(touches, patches, solution, seen)
+        normals = estimate_normals(touches, patches, solution, seen)
         widened, state = state.widened, replace(state, priors=tuple(priors))
-        state = _next(patches, seen, solution, normals, state, touches, 0 < turn < MOST_ROUNDS - 1)
+        state = _next_state(patches, seen, solution, normals, state, touches, 0 < turn < MOST_ROUNDS - 1)
         same = (widened == state.widened).all()  # what is left out now was left out of the solution
         if turn >= ROUNDS - 1 and same and abs(solution.compliance_m_N) <= STILL * np.sqrt(solution.variance):
             break
-    normals = felt_normals(touches, patches, solution, seen, common=True)
+    normals = estimate_normals(touches, patches, solution, seen, common=True)
     return Fit(touches, patches, solution, state, points, normals)
 
 
 def _surface_points(
-    touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: State
-) -> tuple[np.ndarray, list[Seen]]:
+    touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: FitState
+) -> tuple[np.ndarray, list[LocalTouches]]:
     """(P, 3) points of the unpressed surface, world, and the touches of each patch in its frame."""
     normal, compliance = state.normal, state.compliance_m_N
     press = np.sum(touches.force_N * normal, axis=1)
@@ -147,7 +147,7 @@ def _surface_points(
     for patch in patches:
         m, frame = patch.members, patch.frame
         seen.append(
-            Seen(
+            LocalTouches(
                 point_m=(points[m] - patch.center_m) @ frame.T,
                 tangent=touches.tangent[m] @ frame.T,
                 own_m2=frame @ own[m] @ frame.T,
@@ -163,18 +163,18 @@ def _surface_points(
     return points, seen
 
 
-def _next(
+def _next_state(
     patches: tuple[Patch, ...],
-    seen: list[Seen],
+    seen: list[LocalTouches],
     solution: Solution,
     normals: Normals,
-    state: State,
+    state: FitState,
     touches: Touches,
     judged: bool,
-) -> State:
+) -> FitState:
     """What a solve says of slopes, bends, normals and compliance; `judged`: and of touches that do not belong."""
     slope, bend, far = state.slope.copy(), state.bend_per_m.copy(), np.zeros(len(touches))
-    residual = np.abs(left_out_residuals(solution))
+    residual = np.abs(leave_one_out_residuals(solution))
     for index, (patch, given) in enumerate(zip(patches, seen, strict=True)):
         m, count = patch.members, len(patch.members)
         x = given.point_m[:, : patch.dimensions]
@@ -191,7 +191,7 @@ def _next(
         far[m] = residual[start : start + count]
         if not patch.wide:
             far[m] = np.maximum(far[m], residual[start + count : start + 2 * count])
-    wrong = (far > TOO_FAR) | state.left_out
+    wrong = (far > TOO_FAR) | state.outlier
     widened = state.widened
     if judged and wrong.any() and np.sum(wrong) <= MOST_LEFT_OUT * len(touches):
         widened = np.where(wrong, IGNORED, widened)

@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Functionals:
     """N linear views of C independent functions h_c: each is Σ value_c · h_c(x) + slope_c · ∇h_c(x).
 
     Attributes
@@ -48,24 +48,24 @@ class Pairs:
     linear: np.ndarray
 
 
-def values_at(x: np.ndarray, value: np.ndarray) -> Rows:
+def values_at(x: np.ndarray, value: np.ndarray) -> Functionals:
     """Sums of the functions' values (N, C) at places (N, D); `value` (C,) stands for all."""
     value = np.broadcast_to(value, (len(x), np.shape(value)[-1]))
-    return Rows(x, value, np.zeros((*value.shape, x.shape[1])))
+    return Functionals(x, value, np.zeros((*value.shape, x.shape[1])))
 
 
-def slopes_at(x: np.ndarray, slope: np.ndarray) -> Rows:
+def slopes_at(x: np.ndarray, slope: np.ndarray) -> Functionals:
     """Sums of the functions' slopes at places (N, D) along directions (N, C, D), which need not have length 1."""
     slope = np.broadcast_to(slope, (len(x), *np.shape(slope)[-2:]))
-    return Rows(x, np.zeros(slope.shape[:2]), slope)
+    return Functionals(x, np.zeros(slope.shape[:2]), slope)
 
 
-def joined(*parts: Rows) -> Rows:
+def concatenate(*parts: Functionals) -> Functionals:
     """One after the other."""
-    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+    return Functionals(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
 
 
-def pairs(a: Rows, b: Rows) -> Pairs:
+def pairs(a: Functionals, b: Functionals) -> Pairs:
     """Every view of a with every view of b."""
     shape = (len(a), len(b))
     mixed, along = np.zeros(shape), np.zeros(shape)
@@ -85,7 +85,7 @@ def pairs(a: Rows, b: Rows) -> Pairs:
     )
 
 
-def _spread(rows: Rows) -> np.ndarray:
+def _spread(rows: Functionals) -> np.ndarray:
     """(N, C·D) what each view sees of lines through the origin."""
     return (rows.value[:, :, None] * rows.x[:, None, :] + rows.slope).reshape(len(rows), -1)
 
@@ -102,12 +102,12 @@ def covariance(between: Pairs, prior: Prior) -> np.ndarray:
     return result + prior.offset_m**2 * between.values + prior.incline**2 * between.linear
 
 
-def trend(rows: Rows, prior: Prior) -> np.ndarray:
+def trend(rows: Functionals, prior: Prior) -> np.ndarray:
     """(N, C + C·D) H with H·Hᵀ the covariance of the prior's linear trend."""
     return np.hstack([prior.offset_m * rows.value, prior.incline * _spread(rows)])
 
 
-def by_log_length(between: Pairs, prior: Prior) -> np.ndarray:
+def covariance_by_log_length(between: Pairs, prior: Prior) -> np.ndarray:
     """(N, M) derivative of `covariance` by the logarithm of the prior's length."""
     scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
     square = prior.amplitude_m**2
@@ -118,7 +118,7 @@ def by_log_length(between: Pairs, prior: Prior) -> np.ndarray:
     return np.asarray(result * np.exp(-scaled))
 
 
-def variance(rows: Rows, prior: Prior) -> np.ndarray:
+def variance(rows: Functionals, prior: Prior) -> np.ndarray:
     """(N,) prior variance of each view, the diagonal of `covariance(pairs(rows, rows), prior)`."""
     steep = 5.0 * prior.amplitude_m**2 / (3.0 * prior.length_m**2)
     return (

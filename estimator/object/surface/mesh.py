@@ -48,14 +48,14 @@ def piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> Piece:
     """The mesh of a wide patch, or the line of a curve; touched_std_m (N,) are the deviations at its touches."""
     patch = fit.patches[index]
     local = (fit.point_m[patch.members] - patch.center_m) @ patch.frame.T
-    sound = _well_placed(fit, patch)
+    sound = _well_located(fit, patch)
     if patch.wide:
         bound_m = max(STD_FACTOR * float(np.percentile(touched_std_m, 90)), STD_SHOWN_M)
         return _mesh(fit, index, local[sound, :2], bound_m)
     return _line(fit, index, local[sound], patch.members[sound])
 
 
-def _well_placed(fit: Fit, patch: Patch) -> np.ndarray:
+def _well_located(fit: Fit, patch: Patch) -> np.ndarray:
     """(N,) whether a touch may say how far the patch reaches: not left out, and as well known along it as most."""
     own = patch.frame[:2] @ fit.touches.own_m2[patch.members] @ patch.frame[:2].T
     std = np.sqrt(np.trace(own, axis1=1, axis2=2))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh
 
-from .equations import IGNORED, Patch, Seen, slope_rows
+from .equations import IGNORED, LocalTouches, Patch, slope_rows
 from .solution import Solution
 from .touches import Touches
 
@@ -56,8 +56,8 @@ class _Turns:
     own: np.ndarray
 
 
-def felt_normals(
-    touches: Touches, patches: tuple[Patch, ...], solution: Solution, seen: list[Seen], *, common: bool = False
+def estimate_normals(
+    touches: Touches, patches: tuple[Patch, ...], solution: Solution, seen: list[LocalTouches], *, common: bool = False
 ) -> Normals:
     """The normals; `common`: with the part of their errors that the touches have in common."""
     count = len(touches)
@@ -86,11 +86,11 @@ def felt_normals(
     # an untold direction must not take the others along
     held = (axes * believed[:, None]) @ np.swapaxes(axes, 1, 2)
     covariance = held @ (shape + own) @ held
-    modes = _common(joint, pair, held @ by_slope) if common else np.zeros((count, 3, 0))
+    modes = _principal_modes(joint, pair, held @ by_slope) if common else np.zeros((count, 3, 0))
     return Normals(normal, covariance, modes)
 
 
-def _common(joint: np.ndarray, pair: np.ndarray, by_slope: np.ndarray) -> np.ndarray:
+def _principal_modes(joint: np.ndarray, pair: np.ndarray, by_slope: np.ndarray) -> np.ndarray:
     """(P, 3, K) the largest principal parts of the joint covariance of the turns that the shape brings."""
     ordered = joint[np.ix_(pair.ravel(), pair.ravel())].reshape(len(pair), 2, len(pair), 2)
     turned = np.einsum("pia,paqb,qjb->piqj", by_slope, ordered, by_slope, optimize=True)
@@ -100,7 +100,7 @@ def _common(joint: np.ndarray, pair: np.ndarray, by_slope: np.ndarray) -> np.nda
     return (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(len(pair), 3, kept)
 
 
-def _of_field(seen: Seen, slope: np.ndarray, slack_rad: float) -> _Turns:
+def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turns:
     """The field's normal; where the antenna's tangent is known, less its part along that.
 
     What the shape leaves open then is the turn about the tangent, by slopes, and by the touch's own error that takes it
@@ -126,7 +126,7 @@ def _of_field(seen: Seen, slope: np.ndarray, slack_rad: float) -> _Turns:
     return _Turns(normal, by_slope, own + known[:, None, None] * tangent[:, :, None] * tangent[:, None, :])
 
 
-def _of_curve(seen: Seen, slope: np.ndarray, force: np.ndarray) -> _Turns:
+def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turns:
     """Across the curve and the antenna's tangent; without the latter across the curve, towards the force."""
     along = np.column_stack([np.ones(len(slope)), slope])
     length = np.linalg.norm(along, axis=1)
@@ -155,7 +155,7 @@ def _of_curve(seen: Seen, slope: np.ndarray, force: np.ndarray) -> _Turns:
     return _Turns(normal, by_slope, own + moved[:, :, None] * moved[:, None, :])
 
 
-def _tangent_variance(seen: Seen, normal: np.ndarray) -> np.ndarray:
+def _tangent_variance(seen: LocalTouches, normal: np.ndarray) -> np.ndarray:
     """(N,) rad², of the tangent's turn towards the normal."""
     common = np.einsum("ni,nis->ns", normal, seen.tangent_modes)
     return TANGENT_STD_RAD**2 + np.sum(common**2, axis=1)

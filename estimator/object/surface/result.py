@@ -15,10 +15,10 @@ class Compliance:
     ----------
     compliance_m_N : normal displacement per normal force, the best guess from the data alone; may come out below zero.
     std_m_N : its standard deviation, calibration included; own_std_m_N, what the frames' own noise has in it.
-    stiffness_N_m : 1 / compliance; NaN unless `told`.
+    stiffness_N_m : 1 / compliance; NaN unless `determined`.
     interval_N_m : (2,) 95 % interval of the stiffness; the upper end is infinite where a rigid object cannot be ruled
         out, and both are NaN where nothing can be said.
-    told : whether the data tell the object from a rigid one. Only then is the surface that of the unpressed object.
+    determined : whether the data distinguish the object from a rigid one. Only then is the surface the unpressed one.
     reason : in words, what is known and what is not.
     """
 
@@ -27,7 +27,7 @@ class Compliance:
     own_std_m_N: float
     stiffness_N_m: float
     interval_N_m: np.ndarray
-    told: bool
+    determined: bool
     reason: str
 
 
@@ -51,7 +51,7 @@ class Surface:
         independent errors of unit deviation.
     touched_std_m : (P,) as `std_m`. touched_patch, touched_row, touched_frame : (P,) patch, row of the table, frame.
     touched_force_N : (P,) size of the force.
-    left_out : (P,) touches that lie too far off the surface for their covariance.
+    outlier : (P,) touches that lie too far off the surface for their covariance.
     compliance : how far the object yields.
     notes : what a reader of the surface must know, in words.
     """
@@ -72,6 +72,6 @@ class Surface:
     touched_row: np.ndarray
     touched_frame: np.ndarray
     touched_force_N: np.ndarray
-    left_out: np.ndarray
+    outlier: np.ndarray
     compliance: Compliance
     notes: tuple[str, ...]

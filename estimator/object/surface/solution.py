@@ -13,13 +13,13 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve, solve_t
 from scipy.optimize import minimize
 
 from .equations import Equations
-from .kernel import Prior, Rows, by_log_length, covariance, pairs, trend, variance
+from .kernel import Functionals, Prior, covariance, covariance_by_log_length, pairs, trend, variance
 
 JITTERS = (0.0, 1e-12, 1e-10, 1e-8)
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class PatchModel:
     """The equations of a patch, the prior of its shape, and the tangents' standard deviation beyond what is known."""
 
     equations: Equations
@@ -45,7 +45,7 @@ class Solution:
         zero where it is left out. The own variance leaves out the common errors.
     """
 
-    patches: tuple[Fitted, ...]
+    patches: tuple[PatchModel, ...]
     start: np.ndarray
     lower: np.ndarray
     weights: np.ndarray
@@ -54,7 +54,7 @@ class Solution:
     variance: float
     own_variance: float
 
-    def seen_by(self, patch: int, rows: Rows) -> np.ndarray:
+    def seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of views of a patch with all equations."""
         fitted = self.patches[patch]
         result = np.zeros((len(rows), len(self.weights)))
@@ -62,13 +62,13 @@ class Solution:
         result[:, begin : begin + len(fitted.equations)] = covariance(pairs(rows, fitted.equations.rows), fitted.prior)
         return result
 
-    def mean(self, patch: int, rows: Rows) -> np.ndarray:
+    def mean(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) views of the unpressed shape of a patch."""
         fitted, begin = self.patches[patch], self.start[patch]
         known = self.weights[begin : begin + len(fitted.equations)]
         return covariance(pairs(rows, fitted.equations.rows), fitted.prior) @ known
 
-    def spread(self, patch: int, rows: Rows) -> np.ndarray:
+    def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) standard deviations of the same."""
         seen = self.seen_by(patch, rows)
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
@@ -76,7 +76,7 @@ class Solution:
         left += (seen @ self.lift) ** 2 * self.variance
         return np.sqrt(np.maximum(left, 0.0))
 
-    def joint(self, views: list[tuple[int, Rows]]) -> np.ndarray:
+    def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) covariance of views of several patches, one after the other."""
         seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
         prior = block_diag(*(covariance(pairs(rows, rows), self.patches[patch].prior) for patch, rows in views))
@@ -96,7 +96,7 @@ def factor(matrix: np.ndarray) -> np.ndarray:
     raise LinAlgError("the covariance of the touches is not positive definite")
 
 
-def solve(patches: tuple[Fitted, ...], yielding: bool) -> Solution:
+def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
     """The solve; `yielding`: with a compliance, otherwise the object is taken as rigid."""
     sizes = [len(fitted.equations) for fitted in patches]
     modes = np.concatenate([fitted.equations.modes for fitted in patches])
@@ -114,7 +114,7 @@ def solve(patches: tuple[Fitted, ...], yielding: bool) -> Solution:
     return Solution(patches, np.cumsum([0, *sizes[:-1]]), lower, weights, lift, compliance, spread, own)
 
 
-def left_out_residuals(solution: Solution) -> np.ndarray:
+def leave_one_out_residuals(solution: Solution) -> np.ndarray:
     """(M,) each equation less what all the others predict, in deviations (Rasmussen and Williams, Eq. 5.12)."""
     half = solve_triangular(solution.lower, np.eye(len(solution.weights)), lower=True, check_finite=False)
     return solution.weights / np.sqrt(np.sum(half**2, axis=0))
@@ -135,7 +135,7 @@ on where a search stopped moves the surface by parts of its deviation."""
 LOWEST, HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
 
 
-def learn(
+def learn_prior(
     equations: Equations, extent_m: float, start: tuple[Prior, float] | None, yield_per_N: float
 ) -> tuple[Prior, float]:
     """The most probable prior of the shape and slack of the tangents, rad.
@@ -184,7 +184,11 @@ def learn(
         unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
         along = solve_triangular(inner, lines.T @ inverse, lower=True)
         left = inverse.T @ inverse - along.T @ along - np.outer(weights, weights)
-        slopes = [np.sum(left * by_log_length(between, prior)), 2.0 * np.sum(left * shape), 2.0 * np.diag(left) @ doubt]
+        slopes = [
+            np.sum(left * covariance_by_log_length(between, prior)),
+            2.0 * np.sum(left * shape),
+            2.0 * np.diag(left) @ doubt,
+        ]
         away = (logs - BEST[:free]) / WIDTH[:free]
         return unlikely + 0.5 * float(away @ away), 0.5 * np.array(slopes[:free]) + away / WIDTH[:free]
 
@@ -199,10 +203,10 @@ def learn(
         method="L-BFGS-B",
         bounds=list(zip(LOWEST[:free], HIGHEST[:free], strict=True)),
     )
-    return prior_of(_polished(found.x, lambda logs: improbability(logs)[1]))
+    return prior_of(_newton(found.x, lambda logs: improbability(logs)[1]))
 
 
-def _polished(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def _newton(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Where the slope is zero, by Newton's steps: the search stops where the improbability is lost in its rounding."""
     for _ in range(POLISHING):
         inside = np.flatnonzero((logs > LOWEST[: len(logs)]) & (logs < HIGHEST[: len(logs)] - STEP))

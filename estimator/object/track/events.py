@@ -13,9 +13,9 @@ from scipy.special import log_ndtr, logsumexp
 from estimator.contact.motion import Beam
 from estimator.table.contacts import LOCATED, ContactTable
 
-from .onset import Change, Contacting, settled
+from .onset import Change, ContactStates, baseline_candidates
 from .result import FIRST_CONTACT, LOSS, RINGING, ROLLING, SLIDING, SLIP_END, SLIP_START, STICKING, Event
-from .slip import HALF_WINDOW_S, usual_step
+from .slip import HALF_WINDOW_S, median_step
 
 JOINED_S = 0.15
 """Swinging frames that are no further apart belong together, the frames between them too: at its turning points an
@@ -28,7 +28,7 @@ CHANCE = 1e-3
 _TRIALS = 400
 
 
-def swinging(table: ContactTable) -> np.ndarray:
+def ringing_frames(table: ContactTable) -> np.ndarray:
     """(B,) bool: the frame is `not_quasistatic`, or between two such."""
     swings = np.flatnonzero(table.status == "not_quasistatic")
     found = np.zeros(len(table), bool)
@@ -42,7 +42,7 @@ def swinging(table: ContactTable) -> np.ndarray:
 def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) -> tuple[Event, ...]:
     """One for each run of swinging frames."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], ringing, [False]]).astype(int)))
-    step = usual_step(table.time_s)
+    step = median_step(table.time_s)
     # a frame without a time stands where the one before it does
     clock = np.nan_to_num(np.fmax.accumulate(table.time_s), nan=-np.inf)
     return tuple(_event(table, slice(*run), beam, step, clock) for run in ends.reshape(-1, 2))
@@ -51,13 +51,13 @@ def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) 
 def _event(table: ContactTable, run: slice, beam: Beam | None, step: float, clock: np.ndarray) -> Event:
     time = table.time_s[run]
     first = np.searchsorted(clock, time[0] - AROUND_S)
-    pace = _pace(table, slice(first, np.searchsorted(clock, time[-1] + AROUND_S, side="right")), beam, step)
+    pace = _frequency_words(table, slice(first, np.searchsorted(clock, time[-1] + AROUND_S, side="right")), beam, step)
     words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {pace}"
     std = step / np.sqrt(12.0) if np.isfinite(step) else np.nan
     return Event(RINGING, int(table.frame[run][0]), float(time[0]), float(std), 0.0, words)
 
 
-def _pace(table: ContactTable, near: slice, beam: Beam | None, step: float) -> str:
+def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: float) -> str:
     told = np.isfinite(table.evidence[near]) & np.isfinite(table.time_s[near])
     time, signal = table.time_s[near][told], np.sqrt(2.0 * np.clip(table.evidence[near][told], 0.0, None))
     if len(time) < LEAST_FRAMES or not np.isfinite(step):
@@ -244,7 +244,7 @@ FORCE_S = 0.5
 """Forces later than this after a change do not tell when it was."""
 
 
-def contact_events(table: ContactTable, contacting: Contacting) -> tuple[Event, ...]:
+def contact_events(table: ContactTable, contacting: ContactStates) -> tuple[Event, ...]:
     """First contacts and losses, with the times that the growth of the deflection tells."""
     told = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
     return tuple(_change(table, contacting, change, told) for change in contacting.changes)
@@ -271,7 +271,7 @@ def _slips(table: ContactTable, before: int, after: int, starts: bool) -> Event:
     return Event(kind, int(table.frame[after]), time, std, delay, words)
 
 
-def _change(table: ContactTable, contacting: Contacting, change: Change, told: np.ndarray) -> Event:
+def _change(table: ContactTable, contacting: ContactStates, change: Change, told: np.ndarray) -> Event:
     kind, what = (FIRST_CONTACT, "first contact") if change.begins else (LOSS, "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
     if len(change.known_before) == 0:
@@ -294,12 +294,12 @@ def _change(table: ContactTable, contacting: Contacting, change: Change, told: n
     return Event(kind, frame, float(time), float(std), float(delay), words)
 
 
-def _growth(table: ContactTable, contacting: Contacting, change: Change, told: np.ndarray) -> Growth | None:
+def _growth(table: ContactTable, contacting: ContactStates, change: Change, told: np.ndarray) -> Growth | None:
     """The frames about a change, of those that tell (T,); of a loss turned round in time."""
     state, time = contacting.state, table.time_s
     place = int(np.searchsorted(told, change.row))
     if change.begins:
-        free = np.array(settled(change.known_before.tolist()), int)
+        free = np.array(baseline_candidates(change.known_before.tolist()), int)
         early = told[max(place - BEFORE, 0) : place]
         early = early[state[early] == 0]
         late = told[place : place + AFTER]
@@ -329,11 +329,11 @@ def _growth(table: ContactTable, contacting: Contacting, change: Change, told: n
         force_N=size[sound],
         force_std_N=std[sound] / size[sound],
         earliest_s=float(sign * time[early[0]]),
-        latest_s=float(sign * time[_surely(table, contacting, late)]),
+        latest_s=float(sign * time[_first_certain(table, contacting, late)]),
     )
 
 
-def _surely(table: ContactTable, contacting: Contacting, late: np.ndarray) -> int:
+def _first_certain(table: ContactTable, contacting: ContactStates, late: np.ndarray) -> int:
     """The first frame after the instant that is in contact by itself, else the last that is looked at."""
     alone = late[table.in_contact[late]]
     return int(alone[0] if len(alone) else late[-1])

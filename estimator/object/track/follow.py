@@ -10,8 +10,8 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 
-from .events import contact_events, ringing_events, slip_events, swinging
-from .onset import Contacting, contacting
+from .events import contact_events, ringing_events, ringing_frames, slip_events
+from .onset import ContactStates, contact_states
 from .result import FREE, ROLLING, SLIDING, STICKING, TOUCHING, UNKNOWN, Event, Track
 from .slip import Slip, Stroke, slip, strokes
 
@@ -28,13 +28,13 @@ REST_M_S = 3e-4
 def phases(slip: Slip, antenna_radius_m: float) -> np.ndarray:
     """(P,) what each frame of a stroke does; "touching" where it cannot be told."""
     speed = np.linalg.norm(slip.velocity_m_s, axis=1)
-    std = _along(slip, speed)
+    std = _speed_std(slip, speed)
     carried = np.where(np.isfinite(slip.carried_m_s), slip.carried_m_s, slip.contact_m_s)
     nothing = NOTHING * carried + antenna_radius_m * slip.turning_rad_s
     with np.errstate(invalid="ignore"):
         surely, still = speed - CLEAR * std > nothing, speed - STILL_CLEAR * std > nothing
         fast = speed > REST_M_S
-        sliding = _held(surely & fast, still & fast)
+        sliding = _hysteresis(surely & fast, still & fast)
         rest = np.maximum(antenna_radius_m * slip.turning_rad_s, REST_M_S)
         small = speed + 2.0 * std <= np.maximum(STUCK * carried, rest)
         stuck = ~sliding & small & (speed - STILL_CLEAR * std <= rest)
@@ -46,7 +46,7 @@ def phases(slip: Slip, antenna_radius_m: float) -> np.ndarray:
     return found.astype(str)
 
 
-def _along(slip: Slip, speed: np.ndarray) -> np.ndarray:
+def _speed_std(slip: Slip, speed: np.ndarray) -> np.ndarray:
     """(P,) standard deviation of the speed: along the slip where that is clear, else the larger of all directions."""
     widest = np.sqrt(np.maximum(np.linalg.eigvalsh(np.nan_to_num(slip.parts_m2_s2, nan=np.inf)).max(axis=-1), 0.0))
     toward = slip.velocity_m_s / np.maximum(speed, 1e-12)[:, None]
@@ -55,7 +55,7 @@ def _along(slip: Slip, speed: np.ndarray) -> np.ndarray:
         return np.where(speed > CLEAR * widest, own, widest)
 
 
-def _held(begin: np.ndarray, keep: np.ndarray) -> np.ndarray:
+def _hysteresis(begin: np.ndarray, keep: np.ndarray) -> np.ndarray:
     """(P,) bool: on from a frame that begins it, forward and backward, as long as it is kept."""
     runs = np.cumsum(~keep)
     begun = np.unique(runs[begin & keep])
@@ -80,15 +80,15 @@ def follow(
     """
     if shared is None and rig is not None:
         shared = shared_errors(rig, table)
-    ringing = swinging(table)
-    contact = contacting(table, ringing)
+    ringing = ringing_frames(table)
+    contact = contact_states(table, ringing)
     runs = strokes(table, contact.state, shared)
     kinematics, radius = (Kinematics(), RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
-    phase, found = _phase(contact), _empty(len(table))
+    phase, found = _phase(contact), _empty_slip(len(table))
     for stroke in runs:
         normal = None if normal_world is None else normal_world[stroke.rows]
         moving = slip(stroke, table, kinematics, normal)
-        _placed(found, stroke, moving)
+        _write_slip(found, stroke, moving)
         phase[stroke.rows] = phases(moving, radius)
     events = contact_events(table, contact)
     phase = _after_onset(table, phase, contact, events)
@@ -104,11 +104,11 @@ def follow(
     )
 
 
-def _phase(contact: Contacting) -> np.ndarray:
+def _phase(contact: ContactStates) -> np.ndarray:
     return np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
 
 
-def _empty(count: int) -> dict[str, np.ndarray]:
+def _empty_slip(count: int) -> dict[str, np.ndarray]:
     return {
         "slip_velocity_m_s": np.full((count, 3), np.nan),
         "slip_std_m_s": np.full(count, np.nan),
@@ -118,7 +118,7 @@ def _empty(count: int) -> dict[str, np.ndarray]:
     }
 
 
-def _placed(found: dict[str, np.ndarray], stroke: Stroke, moving: Slip) -> None:
+def _write_slip(found: dict[str, np.ndarray], stroke: Stroke, moving: Slip) -> None:
     rows = stroke.rows
     found["slip_velocity_m_s"][rows] = moving.velocity_m_s
     found["slip_covariance_m2_s2"][rows] = moving.covariance_m2_s2
@@ -129,7 +129,9 @@ def _placed(found: dict[str, np.ndarray], stroke: Stroke, moving: Slip) -> None:
     found["slip_std_m_s"][rows[sound]] = np.sqrt(np.maximum(widest, 0.0))
 
 
-def _after_onset(table: ContactTable, phase: np.ndarray, contact: Contacting, events: tuple[Event, ...]) -> np.ndarray:
+def _after_onset(
+    table: ContactTable, phase: np.ndarray, contact: ContactStates, events: tuple[Event, ...]
+) -> np.ndarray:
     """The same phases; frames between a first contact or loss and the frame that told it belong to what follows."""
     phase = phase.copy()
     for change, event in zip(contact.changes, events, strict=True):
@@ -140,7 +142,7 @@ def _after_onset(table: ContactTable, phase: np.ndarray, contact: Contacting, ev
     return phase
 
 
-def _notes(table: ContactTable, contact: Contacting, shared: Shared | None) -> list[str]:
+def _notes(table: ContactTable, contact: ContactStates, shared: Shared | None) -> list[str]:
     notes = []
     located = table.located
     if not np.isfinite(table.evidence).any():

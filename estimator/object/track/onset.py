@@ -63,7 +63,7 @@ class Change:
 
 
 @dataclass(frozen=True, eq=False)
-class Contacting:
+class ContactStates:
     """The state of B frames as it was decided in time.
 
     Attributes
@@ -78,15 +78,15 @@ class Contacting:
     pooled_test: bool
 
 
-def told(table: ContactTable, ringing: np.ndarray) -> np.ndarray:
+def frame_states(table: ContactTable, ringing: np.ndarray) -> np.ndarray:
     """(B,) what each frame says by itself: 1 contact, 0 none, -1 neither; a ringing antenna says nothing."""
     said = np.where(np.isin(table.status, TOUCHING), 1, np.where(table.status == "no_contact", 0, -1))
     return np.where(ringing, -1, said)
 
 
-def contacting(table: ContactTable, ringing: np.ndarray) -> Contacting:
+def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     """Go through a recording once, forward, as a live judge would."""
-    said = told(table, ringing)
+    said = frame_states(table, ringing)
     joints = np.column_stack([table.pan_rad, table.tilt_rad])
     root = np.cbrt(np.clip(table.evidence, 0.0, None))
     state = np.full(len(table), -1)
@@ -103,7 +103,9 @@ def contacting(table: ContactTable, ringing: np.ndarray) -> Contacting:
             late = np.array([*run[1 - LEAVING :], row])
             firm = not (table.evidence[run[-RECENT:]] <= FIRM).all()
             stays = (
-                _more(root[[row]], root[base], FREE_AGAIN) if firm else _weak_stays(said[late], root[late], root[base])
+                _exceeds(root[[row]], root[base], FREE_AGAIN)
+                if firm
+                else _weak_contact_holds(said[late], root[late], root[base])
             )
             found = 1 if alone == 1 or stays else 0
         else:
@@ -117,7 +119,7 @@ def contacting(table: ContactTable, ringing: np.ndarray) -> Contacting:
         now = found
         run.append(row)
         state[row] = now
-    return Contacting(state, tuple(changes), tested)
+    return ContactStates(state, tuple(changes), tested)
 
 
 def _before_contact(changes: Sequence[Change]) -> Sequence[int]:
@@ -125,7 +127,7 @@ def _before_contact(changes: Sequence[Change]) -> Sequence[int]:
     return changes[-1].known_before[-BASELINE - LAG :].tolist() if changes and changes[-1].begins else []
 
 
-def settled(free: Sequence[int]) -> Sequence[int]:
+def baseline_candidates(free: Sequence[int]) -> Sequence[int]:
     """Of the frames of a free run those that no slow approach is in yet."""
     recent = free[-BASELINE - LAG :]
     early = recent[:-LAG] if len(recent) >= LAG + LEAST_BASELINE else recent[: -WINDOWS[-1]]
@@ -134,7 +136,7 @@ def settled(free: Sequence[int]) -> Sequence[int]:
 
 def _baseline(free: Sequence[int], row: int, joints: np.ndarray, root: np.ndarray) -> np.ndarray:
     """(K,) the last free frames in poses like this frame's; none where the joints are not known."""
-    near = np.array(settled(free), int)
+    near = np.array(baseline_candidates(free), int)
     if len(near) == 0:
         return near
     close = (np.abs(joints[near] - joints[row]) <= SPAN_RAD).all(axis=1) & np.isfinite(root[near])
@@ -163,12 +165,12 @@ def _normal(values: np.ndarray) -> tuple[float, float]:
     return mean, max(scatter, LEAST_SCATTER) * float(np.sqrt((1.0 + alike) / (1.0 - alike)))
 
 
-def _weak_stays(said: np.ndarray, late: np.ndarray, base: np.ndarray) -> bool:
+def _weak_contact_holds(said: np.ndarray, late: np.ndarray, base: np.ndarray) -> bool:
     """Whether a weak contact holds on by its last frames: too few of them, one that tells it, or all together."""
-    return len(late) < LEAVING or bool((said == 1).any()) or _more(late, base, FREE_TOGETHER)
+    return len(late) < LEAVING or bool((said == 1).any()) or _exceeds(late, base, FREE_TOGETHER)
 
 
-def _more(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
+def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
     """Whether the mean of some frames is more than the free antenna's by so many of its deviations."""
     if len(base) < LEAST_BASELINE or not np.isfinite(late).all():
         return False

@@ -64,13 +64,13 @@ def strokes(table: ContactTable, state: np.ndarray, shared: Shared | None) -> tu
     if len(rows) == 0:
         return ()
     time = table.time_s[rows]
-    step = usual_step(table.time_s)
+    step = median_step(table.time_s)
     free = np.cumsum(state == 0)
     ends = (np.diff(time) > GAP_FRAMES * step) | (np.diff(free[rows]) > 0) | ~(np.diff(time) > 0.0)
     return tuple(_stroke(table, part, shared) for part in np.split(rows, np.flatnonzero(ends) + 1))
 
 
-def usual_step(time_s: np.ndarray) -> float:
+def median_step(time_s: np.ndarray) -> float:
     """Median time from frame to frame; infinite where there is none."""
     steps = np.diff(time_s[np.isfinite(time_s)])
     steps = steps[steps > 0.0]
@@ -83,7 +83,7 @@ def own_noise(table: ContactTable, rows: np.ndarray, shared: Shared | None) -> n
     return whole if shared is None or shared.point_m.shape[-1] == 0 else shared.own_m2[rows]
 
 
-def scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+def path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     """(D,) standard deviation by which a smooth path (P, D) scatters from frame to frame; NaN for a short one.
 
     By the median of the second differences: steps such as those of a slip do not count.
@@ -100,17 +100,17 @@ def scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
 def _stroke(table: ContactTable, rows: np.ndarray, shared: Shared | None) -> Stroke:
     time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
     distance, force = table.distance_m[rows], table.force_world_N[rows]
-    material = _less_walk(point[..., None], tangent, distance[:, None])[..., 0]
+    material = _without_walk(point[..., None], tangent, distance[:, None])[..., 0]
     modes = np.zeros((len(rows), 3, 0)) if shared is None else np.nan_to_num(shared.point_m[rows])
     # what moves a contact along the antenna moves its distance too
-    modes = _less_walk(modes, tangent, np.einsum("pi,pis->ps", tangent, modes))
+    modes = _without_walk(modes, tangent, np.einsum("pi,pis->ps", tangent, modes))
     own = own_noise(table, rows, shared)
     known = shared is not None and shared.point_m.shape[-1] > 0
     noise = _material_noise(material, time, tangent, own, known)
     return Stroke(rows, time, material, point, tangent, force, distance, own, noise, modes)
 
 
-def _less_walk(point: np.ndarray, tangent: np.ndarray, distance: np.ndarray) -> np.ndarray:
+def _without_walk(point: np.ndarray, tangent: np.ndarray, distance: np.ndarray) -> np.ndarray:
     """(P, 3, K) paths of points (P, 3, K) less their walks along the antenna, by distances (P, K)."""
     walk = 0.5 * (tangent[1:] + tangent[:-1])[..., None] * np.diff(distance, axis=0)[:, None]
     return np.concatenate([point[:1], point[1:] - np.cumsum(walk, axis=0)])
@@ -130,7 +130,7 @@ def _material_noise(
     across = flat @ own @ flat
     predicted = np.sqrt(np.maximum(np.trace(across, axis1=1, axis2=2) / 2.0, 0.0))
     frame = _frames(tangent)
-    seen = scatter(np.einsum("pki,pi->pk", frame, material - material.mean(axis=0)), time)
+    seen = path_scatter(np.einsum("pki,pi->pk", frame, material - material.mean(axis=0)), time)
     if np.isnan(seen).any():
         return across + along * (predicted**2)[:, None, None]
     sideways = float(np.hypot(seen[1], seen[2]) / np.sqrt(2.0))
@@ -194,7 +194,7 @@ def slip(stroke: Stroke, table: ContactTable, kinematics: Kinematics, normal: np
     modes = _sloped(kernel, stroke.modes_m)
     covariance = _sloped(kernel.power(2), stroke.material_m2) + modes @ np.swapaxes(modes, 1, 2)
     covariance = covariance + np.eye(3) * (SHARE**2 * (moved**2).sum(axis=1))[:, None, None]
-    across, upward = _leant(moved, covariance, *_axes(stroke.force_N, stroke.tangent))
+    across, upward = _tilted_axes(moved, covariance, *_axes(stroke.force_N, stroke.tangent))
     if normal is not None:
         told = np.isfinite(normal).all(axis=1)[:, None]
         exact = _axes(normal, stroke.tangent)
@@ -216,7 +216,7 @@ def slip(stroke: Stroke, table: ContactTable, kinematics: Kinematics, normal: np
         parts_m2_s2=parts_m2_s2,
         contact_m_s=speed,
         contact_std_m_s=np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, noise, toward), 0.0)),
-        carried_m_s=_carried(stroke, table, kinematics, kernel),
+        carried_m_s=_carried_by_joints(stroke, table, kinematics, kernel),
         turning_rad_s=np.linalg.norm(kernel @ stroke.tangent, axis=1),
     )
 
@@ -257,7 +257,7 @@ def _axes(force: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return np.cross(upward, tangent), upward
 
 
-def _leant(
+def _tilted_axes(
     moved: np.ndarray, covariance: np.ndarray, across: np.ndarray, upward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same axes turned about the tangent, where a clear slip says that friction has leant the force.
@@ -275,7 +275,7 @@ def _leant(
     return np.cos(turn) * across + np.sin(turn) * upward, np.cos(turn) * upward - np.sin(turn) * across
 
 
-def _carried(stroke: Stroke, table: ContactTable, kinematics: Kinematics, kernel: csr_array) -> np.ndarray:
+def _carried_by_joints(stroke: Stroke, table: ContactTable, kinematics: Kinematics, kernel: csr_array) -> np.ndarray:
     """(P,) speed of the antenna frame at the contact, by the joints."""
     pan, tilt = table.pan_rad[stroke.rows], table.tilt_rad[stroke.rows]
     point = table.point_antenna_m[stroke.rows]

@@ -20,7 +20,7 @@ from vbaa_calib.rig import Rig
 
 from .follow import follow
 from .result import LOSS, SLIP_END, SLIP_START, Track
-from .slip import GAP_FRAMES, own_noise, usual_step
+from .slip import GAP_FRAMES, median_step, own_noise
 
 _DECADES = (-8.0, 4.0)
 _TRIALS = 37
@@ -29,7 +29,7 @@ _WIDE = 1e6
 """The first velocity may be so many times what the path's whole way asks for."""
 
 
-def smoothed(
+def kalman_smooth(
     time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Smoothed values (P, D) and their covariances (P, D, D).
@@ -40,7 +40,7 @@ def smoothed(
     walk : (D,) intensity of the velocity's random walk, unit²/s³.
     """
     count, size = values.shape
-    means, covariances, ahead, ahead_covariances, moves = _filtered(time_s, values, covariance, walk)
+    means, covariances, ahead, ahead_covariances, moves = _kalman_filter(time_s, values, covariance, walk)
     mean, spread = means[-1], covariances[-1]
     found, left = np.empty((count, size)), np.empty((count, size, size))
     found[-1], left[-1] = mean[:size], spread[:size, :size]
@@ -52,7 +52,9 @@ def smoothed(
     return found, 0.5 * (left + np.swapaxes(left, 1, 2))
 
 
-def _filtered(time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray) -> tuple[list, ...]:
+def _kalman_filter(
+    time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
+) -> tuple[list, ...]:
     """Means and covariances of place and velocity, after and before each value, and the moves between."""
     size = values.shape[1]
     unit, nothing = np.eye(size), np.zeros((size, size))
@@ -80,7 +82,7 @@ def _filtered(time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, wa
     return means, covariances, ahead, ahead_covariances, moves
 
 
-def walk_of(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
+def walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
     """Intensity of the velocity's random walk in a path (P,) with noise of these variances (P,), unit²/s³.
 
     The mean over trial intensities, evenly on a logarithmic scale, under the likelihood. NaN where nothing can be said.
@@ -140,7 +142,7 @@ def smooth(table: ContactTable, rig: Rig, shared: Shared | None = None, track: T
     changed = {name: getattr(table, name).copy() for name in _CHANGED}
     own = own_noise(table, np.arange(len(table)), shared)
     rotation, _ = rig.kinematics.world_antenna(*joint_angles(rig.kinematics, table))
-    for rows in pieces(table, track):
+    for rows in smoothable_pieces(table, track):
         _smooth_piece(table, rows, own[rows], shared, rotation[rows], changed)
     return replace(table, **changed)
 
@@ -151,7 +153,7 @@ _CHANGED = (
 )
 
 
-def pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
+def smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
     """Rows of the table that may be smoothed together: never across a loss, a gap, or a beginning or end of slip."""
     good = table.located & np.isfinite(table.time_s) & np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
     rows = np.flatnonzero(good & (track.phase != "free"))
@@ -159,7 +161,7 @@ def pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
         return []
     time = table.time_s[rows]
     steps = np.diff(time)
-    ends = (steps > GAP_FRAMES * usual_step(table.time_s)) | ~(steps > 0.0)
+    ends = (steps > GAP_FRAMES * median_step(table.time_s)) | ~(steps > 0.0)
     free = np.cumsum(track.phase == "free")
     ends |= np.diff(free[rows]) > 0
     parting = [event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)]
@@ -182,10 +184,10 @@ def _smooth_piece(
     axes = np.linalg.eigh(own_m2.mean(axis=0))[1]
     turned = axes.T @ own_m2 @ axes
     path = (point - point.mean(axis=0)) @ axes
-    walks = np.array([walk_of(time, path[:, i], turned[:, i, i]) for i in range(3)])
+    walks = np.array([walk_intensity(time, path[:, i], turned[:, i, i]) for i in range(3)])
     if not np.isfinite(walks).all():
         return
-    found, left = smoothed(time, path, turned, walks)
+    found, left = kalman_smooth(time, path, turned, walks)
     moved = found @ axes.T + point.mean(axis=0) - point
     changed["point_world_m"][rows] = point + moved
     common = shared.point_m[rows]
@@ -200,7 +202,7 @@ def _smooth_distance(table: ContactTable, rows: np.ndarray, own_m2: np.ndarray, 
     tangent, total = table.tangent_world[rows], table.distance_std_m[rows] ** 2
     own = np.einsum("bi,bij,bj->b", tangent, own_m2, tangent)
     own = np.minimum(np.where(np.isfinite(own), own, total), total)
-    found, left = _one(table.time_s[rows], table.distance_m[rows], own)
+    found, left = _smooth_scalar(table.time_s[rows], table.distance_m[rows], own)
     changed["distance_m"][rows] = found
     changed["distance_std_m"][rows] = np.sqrt(left + total - own)
 
@@ -215,7 +217,7 @@ def _smooth_forces(
     for axis, name in ((1, "force_y"), (2, "force_z")):
         total = table.__dict__[f"{name}_std_N"][rows] ** 2
         own = np.clip(total - (modes[:, axis] ** 2).sum(axis=-1), 0.01 * total, total)
-        found, left = _one(time, table.__dict__[f"{name}_N"][rows], own)
+        found, left = _smooth_scalar(time, table.__dict__[f"{name}_N"][rows], own)
         changed[f"{name}_N"][rows], force[:, axis] = found, found
         changed[f"{name}_std_N"][rows] = np.sqrt(left + total - own)
     after = np.hypot(force[:, 1], force[:, 2])
@@ -223,10 +225,10 @@ def _smooth_forces(
     changed["force_world_N"][rows] = np.einsum("bij,bj->bi", rotation, force)
 
 
-def _one(time: np.ndarray, values: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _smooth_scalar(time: np.ndarray, values: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(P,) smoothed values and their variances; as they were where nothing can be done."""
-    walk = walk_of(time, values, variance)
+    walk = walk_intensity(time, values, variance)
     if not np.isfinite(walk):
         return values, variance
-    found, left = smoothed(time, values[:, None], variance[:, None, None], np.array([walk]))
+    found, left = kalman_smooth(time, values[:, None], variance[:, None, None], np.array([walk]))
     return found[:, 0], left[:, 0, 0]

@@ -1,23 +1,23 @@
-"""The systems around the paper under one interface, as baselines: `ask(name, press)` gives a `Reading`.
+"""The systems around the paper under one interface, as baselines: `run_method(name, press)` gives an `Answer`.
 
 They are kept as their authors had them, with their assumptions; `METHODS` lists them. The estimator itself is
 `estimator.ContactEstimator`.
 """
 
-from .methods import METHODS, NEEDS, Method, ask
-from .press import Noise, Press, Reading, Ring, Wire, press_seen, tared, world_turn
+from .methods import METHODS, NEEDS, Method, run_method
+from .press import Answer, Noise, Press, Ring, Wire, press_from_recording, subtract_free_antenna, world_turn
 
 __all__ = [
     "METHODS",
     "NEEDS",
+    "Answer",
     "Method",
     "Noise",
     "Press",
-    "Reading",
     "Ring",
     "Wire",
-    "ask",
-    "press_seen",
-    "tared",
+    "press_from_recording",
+    "run_method",
+    "subtract_free_antenna",
     "world_turn",
 ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from vbaa_calib.core.errors import InputError
 
-from .press import Press, Reading
+from .press import Answer, Press
 from .rotation import active_antenna, active_antenna_3d
 from .vibration import dynamic_active_antenna
 from .vision import vbaa_2d, vbaa_2d_pushing, vbaa_3d_camera_a, vbaa_3d_camera_b
@@ -33,7 +33,7 @@ class Method:
     source : the paper's reference numbers, or its sections.
     """
 
-    solve: Callable[[Press], Reading]
+    solve: Callable[[Press], Answer]
     needs: tuple[str | tuple[str, ...], ...]
     assumes: str
     source: str
@@ -71,7 +71,7 @@ METHODS = {
 }
 
 
-def ask(name: str, press: Press) -> Reading:
+def run_method(name: str, press: Press) -> Answer:
     """What the method makes of the press; what it lacks is its reason for saying nothing.
 
     Raises InputError for an unknown name.
@@ -84,7 +84,7 @@ def ask(name: str, press: Press) -> Reading:
         for need in method.needs
         if not any(each in has for each in _any_of(need))
     ]
-    return Reading(reason=f"needs {' and '.join(lacking)}") if lacking else method.solve(press)
+    return Answer(reason=f"needs {' and '.join(lacking)}") if lacking else method.solve(press)
 
 
 def _any_of(need: str | tuple[str, ...]) -> tuple[str, ...]:

@@ -110,7 +110,7 @@ class Press:
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class Answer:
     """What a system says of the press, at its last frame. NaN is what it cannot say; `reason` says why.
 
     Attributes
@@ -132,7 +132,7 @@ class Reading:
     reason: str = ""
 
 
-def tared(points_m: np.ndarray, free_m: np.ndarray) -> np.ndarray:
+def subtract_free_antenna(points_m: np.ndarray, free_m: np.ndarray) -> np.ndarray:
     """Points (F, N, 2) on plane C with the free antenna's line taken off: y less a quartic through `free_m` (M, 2).
 
     The free antenna is to be seen at the same joint angles, so that the same weight bends it. Rows with NaN do not
@@ -156,7 +156,7 @@ def world_turn(rotations: np.ndarray) -> np.ndarray:
     return now[:, 1:] * np.divide(angle, aside, out=np.ones_like(angle), where=aside > 0.0)
 
 
-def press_seen(
+def press_from_recording(
     rig: Rig,
     centrelines_px: np.ndarray,
     moments_Nm: np.ndarray,
@@ -200,7 +200,7 @@ def deflections(rig: Rig, centrelines_px: np.ndarray, free_px: np.ndarray) -> np
     if len(free) not in (1, len(bent)):
         raise InputError(f"{len(free)} free antennas for {len(bent)} frames", remedy="give one, or one for each")
     free = np.broadcast_to(free, (len(bent), *free.shape[1:]))
-    return np.stack([tared(one[None], line)[0] for one, line in zip(bent, free, strict=True)])
+    return np.stack([subtract_free_antenna(one[None], line)[0] for one, line in zip(bent, free, strict=True)])
 
 
 def contact_moments(rig: Rig, moments_Nm: np.ndarray, free_moments_Nm: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-from .press import Press, Reading
+from .press import Answer, Press
 
 STANDS_OUT = 5.0
 """The moment's growth must be so many of its deviations."""
@@ -33,7 +33,7 @@ class Slope:
     by_last: float
 
 
-def active_antenna(press: Press) -> Reading:
+def active_antenna(press: Press) -> Answer:
     """l = 3EI·w/τ on the axis about which the base turned most.
 
     Assumes: a rigid object, small turns, no slip and no friction. The slope of τ over w is taken with a free intercept,
@@ -42,13 +42,13 @@ def active_antenna(press: Press) -> Reading:
     turn, moment = _given(press)
     axis = int(np.argmax(np.ptp(turn, axis=0) if len(turn) > 1 else np.abs(turn[0])))
     if not np.isfinite(moment[:, axis]).all():
-        return Reading(reason=f"turned about {'zy'[axis]}, where there is no moment sensor")
+        return Answer(reason=f"turned about {'zy'[axis]}, where there is no moment sensor")
     slope = fitted_slope(turn[:, axis], -moment[:, axis], press.noise.turn_rad, press.noise.moment_Nm)
     direction = np.eye(2)[axis]
     return _distance(press, slope, float(moment[-1, axis]) * direction, direction)
 
 
-def active_antenna_3d(press: Press) -> Reading:
+def active_antenna_3d(press: Press) -> Answer:
     """The same with two moment axes: l = 3EI·|w|/|τ| while the moment grows against the turn.
 
     Assumes, besides, that the push is along the object's normal. Pushed at an angle the antenna slips sideways, the
@@ -63,7 +63,7 @@ def active_antenna_3d(press: Press) -> Reading:
     angle = float(np.arctan2(abs(aside.value), along.value))
     angle_std = np.hypot(aside.std, angle * along.std) / max(abs(along.value), 1e-300)
     if angle > max(ASIDE_RAD, 0.0 if np.isnan(angle_std) else STANDS_OUT * angle_std):
-        return Reading(reason=f"the antenna slips sideways: the moment leans {np.degrees(angle):.0f}° from the turn")
+        return Answer(reason=f"the antenna slips sideways: the moment leans {np.degrees(angle):.0f}° from the turn")
     return _distance(press, along, moment[-1], direction)
 
 
@@ -87,15 +87,15 @@ def _given(press: Press) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(press.turn_rad, float), np.asarray(press.moment_Nm, float)
 
 
-def _distance(press: Press, slope: Slope, moment_now_Nm: np.ndarray, direction: np.ndarray) -> Reading:
+def _distance(press: Press, slope: Slope, moment_now_Nm: np.ndarray, direction: np.ndarray) -> Answer:
     """From dτ/dw = 3EI/l; the force is the moment over l, along the components that were turned."""
     wire = press.wire
     if not slope.value > (0.0 if np.isnan(slope.std) else STANDS_OUT * slope.std):
-        return Reading(reason="the moment does not grow with the turn beyond its noise: nothing is pressed")
+        return Answer(reason="the moment does not grow with the turn beyond its noise: nothing is pressed")
     distance = 3.0 * wire.stiffness_Nm2 / slope.value
     relative = np.hypot(slope.std / slope.value, wire.stiffness_std_Nm2 / wire.stiffness_Nm2)
     if distance > wire.length_m * (1.0 + (0.0 if np.isnan(relative) else 2.0 * relative)):
-        return Reading(
+        return Answer(
             candidates_m=np.array([distance]),
             reason=f"{1e3 * distance:.0f} mm is beyond the antenna: the object gives way, or the antenna slips",
         )
@@ -106,4 +106,4 @@ def _distance(press: Press, slope: Slope, moment_now_Nm: np.ndarray, direction: 
     variance = own**2 + shared + (push * relative) ** 2
     force, force_std = np.full(3, np.nan), np.full(3, np.nan)
     force[1:][turned], force_std[1:][turned] = push[turned], np.sqrt(np.maximum(variance, 0.0))[turned]
-    return Reading(distance, distance * relative, force, force_std)
+    return Answer(distance, distance * relative, force, force_std)

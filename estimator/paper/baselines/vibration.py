@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from estimator.contact.motion import Beam
 from vbaa_calib.core.errors import InputError
 
-from .press import Press, Reading, Ring, Wire
+from .press import Answer, Press, Ring, Wire
 
 STANDS_OUT = 5.0
 """The ringing's amplitude must be so many deviations of its own."""
@@ -47,7 +47,7 @@ class Ringing:
         return float(np.hypot(self.omega_rad_s, self.decay_per_s))
 
 
-def dynamic_active_antenna(press: Press) -> Reading:
+def dynamic_active_antenna(press: Press) -> Answer:
     """l from the natural frequency of the ring-down in the moment signal.
 
     Assumes: a contact that neither moves nor is left while the antenna rings, and that lets it turn; one mode that
@@ -59,7 +59,7 @@ def dynamic_active_antenna(press: Press) -> Reading:
     band = 0.8 * float(curve(0.0)), 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _NODES)).max())
     found = fit_ringing(press.ring, band)
     if isinstance(found, str):
-        return Reading(reason=found)
+        return Answer(reason=found)
     return _distance_by_frequency(press.wire, found.natural_rad_s, found.omega_std_rad_s)
 
 
@@ -111,7 +111,7 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
     return found
 
 
-def _distance_by_frequency(wire: Wire, natural_rad_s: float, std_rad_s: float) -> Reading:
+def _distance_by_frequency(wire: Wire, natural_rad_s: float, std_rad_s: float) -> Answer:
     """The contact's distance at which the first mode has this frequency; NaN where two have, with both of them."""
     curve = _frequencies(wire)
     relative = 0.5 * np.hypot(
@@ -120,21 +120,21 @@ def _distance_by_frequency(wire: Wire, natural_rad_s: float, std_rad_s: float) -
     std = float(np.hypot(std_rad_s, natural_rad_s * relative))
     free, tip = float(curve(0.0)), float(curve(1.0))
     if natural_rad_s < free + 2.0 * std:
-        return Reading(reason=f"{_hertz(natural_rad_s)} is the free antenna's frequency, or below: nothing holds it")
+        return Answer(reason=f"{_hertz(natural_rad_s)} is the free antenna's frequency, or below: nothing holds it")
     places = curve.solve(natural_rad_s, extrapolate=False)
     if len(places) == 0:
-        return Reading(reason=f"{_hertz(natural_rad_s)} is faster than the first mode is with any contact")
+        return Answer(reason=f"{_hertz(natural_rad_s)} is faster than the first mode is with any contact")
     distances = np.sort(places) * wire.length_m
     if natural_rad_s > tip - 2.0 * std:
         distances = distances if len(distances) > 1 else np.array([distances[0], wire.length_m])
         listed = " and ".join(f"{1e3 * value:.0f}" for value in distances)
-        return Reading(
+        return Answer(
             candidates_m=distances,
             reason=f"{_hertz(natural_rad_s)} is rung with a contact on either side of the second mode's node: "
             f"{listed} mm",
         )
     slope = float(curve(places[0], 1)) / wire.length_m
-    return Reading(float(distances[0]), std / slope, candidates_m=distances)
+    return Answer(float(distances[0]), std / slope, candidates_m=distances)
 
 
 def _frequencies(wire: Wire) -> CubicSpline:

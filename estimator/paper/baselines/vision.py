@@ -17,7 +17,7 @@ from estimator.paper.inclined import inclined_two_point_contact
 from estimator.paper.two_point import force_z, two_point_contact
 from vbaa_calib.core.errors import InputError
 
-from .press import Press, Reading
+from .press import Answer, Press
 
 SHARES = (0.6, 0.97)
 """Where the two points are taken, in antenna lengths."""
@@ -30,7 +30,7 @@ Formula = Callable[[np.ndarray], np.ndarray]
 """From M inputs (M, K) to results (M, Q)."""
 
 
-def vbaa_2d(press: Press) -> Reading:
+def vbaa_2d(press: Press) -> Answer:
     """l and f_y from vision alone.
 
     Assumes: small deflections of a straight weightless beam, seen square on, and an object that bends it within plane
@@ -39,7 +39,7 @@ def vbaa_2d(press: Press) -> Reading:
     return _upright(press, with_moment=False)
 
 
-def vbaa_3d_camera_a(press: Press) -> Reading:
+def vbaa_3d_camera_a(press: Press) -> Answer:
     """l and f_y from vision, f_z = τ_y/l from the moment sensor.
 
     Assumes: small deflections of a straight weightless beam, and a camera square on plane C whose rays are parallel.
@@ -47,7 +47,7 @@ def vbaa_3d_camera_a(press: Press) -> Reading:
     return _upright(press, with_moment=True)
 
 
-def vbaa_3d_camera_b(press: Press) -> Reading:
+def vbaa_3d_camera_b(press: Press) -> Answer:
     """l, f_y and f_z from two points of the inclined camera and the moment together, by the exact solution.
 
     Assumes: small deflections of a straight weightless beam, parallel rays inclined by ϕ towards the clamp.
@@ -61,7 +61,7 @@ def vbaa_3d_camera_b(press: Press) -> Reading:
         alone = np.where(found.solutions > 1, np.nan, found.contact_m)
         return np.stack([alone, found.force_y_N, found.force_z_N], axis=1)
 
-    return _answered(press, solve, _two_points(press, -1), moment)
+    return _answer(press, solve, _two_points(press, -1), moment)
 
 
 def _contact_of_points(press: Press, points_m: np.ndarray) -> np.ndarray:
@@ -83,7 +83,7 @@ def _two_points(press: Press, frame: int, shares: tuple[float, float] = SHARES) 
     return points[picked] if picked[0] != picked[1] else None
 
 
-def spread(solve: Formula, given: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def propagate(solve: Formula, given: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Results (Q,) of one input (K,), and what independent noise of these deviations (K,) moves them by, (Q, K).
 
     A column is half the difference over ± one deviation; NaN where the noise reaches out of what has a solution.
@@ -94,7 +94,7 @@ def spread(solve: Formula, given: np.ndarray, std: np.ndarray) -> tuple[np.ndarr
     return values[0], 0.5 * (values[1 : half + 1] - values[half + 1 :]).T
 
 
-def _upright(press: Press, with_moment: bool) -> Reading:
+def _upright(press: Press, with_moment: bool) -> Answer:
     def solve(given: np.ndarray) -> np.ndarray:
         found = two_point_contact(given[:, 0:2], given[:, 2:4], given[:, 5], press.wire.length_m)
         return np.stack([found.contact_m, found.force_y_N, force_z(given[:, 4], found.contact_m)], axis=1)
@@ -102,34 +102,34 @@ def _upright(press: Press, with_moment: bool) -> Reading:
     moment = _moment_y(press) if with_moment else np.nan
     points = _two_points(press, -1)
     if points is None:
-        return Reading(reason="fewer than two points of the antenna are seen apart from each other")
+        return Answer(reason="fewer than two points of the antenna are seen apart from each other")
     if abs(points[1, 1] - points[0, 1]) > STEEP * abs(points[1, 0] - points[0, 0]):
-        return Reading(reason=f"bent beyond small deflections: a slope of more than {STEEP:g}")
-    return _answered(press, solve, points, moment)
+        return Answer(reason=f"bent beyond small deflections: a slope of more than {STEEP:g}")
+    return _answer(press, solve, points, moment)
 
 
-def _answered(press: Press, solve: Formula, points: np.ndarray | None, moment_Nm: float) -> Reading:
+def _answer(press: Press, solve: Formula, points: np.ndarray | None, moment_Nm: float) -> Answer:
     """The reading of a formula over (x1, x2, y1, y2, τ_y, EI)."""
     if points is None:
-        return Reading(reason="fewer than two points of the antenna are seen apart from each other")
+        return Answer(reason="fewer than two points of the antenna are seen apart from each other")
     wire, noise = press.wire, press.noise
     given = np.array([*points[:, 0], *points[:, 1], moment_Nm, wire.stiffness_Nm2])
     std = np.array([0.0, 0.0, noise.point_m, noise.point_m, noise.moment_Nm, wire.stiffness_std_Nm2])
     if np.isnan(moment_Nm):
         given[4], std[4] = 0.0, 0.0
     unknown = bool(np.isnan(std).any())
-    values, moved = spread(solve, given, np.nan_to_num(std))
+    values, moved = propagate(solve, given, np.nan_to_num(std))
     if np.isnan(values[0]):
-        return Reading(reason="no contact explains the two points, or more than one: too little bent for their noise")
+        return Answer(reason="no contact explains the two points, or more than one: too little bent for their noise")
     deviations = np.full(3, np.nan) if unknown else np.sqrt((moved**2).sum(axis=1))
     if not unknown and not deviations[0] < UNCERTAIN * wire.length_m:
-        return Reading(
+        return Answer(
             candidates_m=values[:1], reason="bent too little: the two points' noise leaves the contact's place open"
         )
     force, force_std = np.full(3, np.nan), np.full(3, np.nan)
     seen = slice(1, 2 if np.isnan(moment_Nm) else 3)
     force[seen], force_std[seen] = values[seen], deviations[seen]
-    return Reading(float(values[0]), float(deviations[0]), force, force_std)
+    return Answer(float(values[0]), float(deviations[0]), force, force_std)
 
 
 def _moment_y(press: Press) -> float:
@@ -145,7 +145,7 @@ STANDS_OUT = 3.0
 """The compliance must be so many of its deviations."""
 
 
-def vbaa_2d_pushing(press: Press) -> Reading:
+def vbaa_2d_pushing(press: Press) -> Answer:
     """`vision.vbaa_2d` of the last frame, and the object's stiffness from all of them.
 
     Assumes, besides: a turn within plane C against an object whose normal is along y, a linear spring, no friction. At
@@ -155,18 +155,18 @@ def vbaa_2d_pushing(press: Press) -> Reading:
     last = vbaa_2d(press)
     if press.turn_rad is None:
         raise InputError("no turns", where="press", remedy="give turn_rad")
-    frames = [_given_way(press, frame) for frame in range(len(press.turn_rad))]
+    frames = [_yield_at(press, frame) for frame in range(len(press.turn_rad))]
     kept = [frame for frame in frames if frame is not None and np.isfinite(frame[0]).all()]
     if len(kept) < FEWEST_FRAMES:
         words = f"object's stiffness: {len(kept)} frames with a contact, {FEWEST_FRAMES} are needed"
-        return replace(last, reason=_both(last.reason, words))
+        return replace(last, reason=_join(last.reason, words))
     compliance, std = compliance_of(np.array([each[0] for each in kept]), np.array([each[1] for each in kept]))
     if np.isfinite(std) and not compliance > STANDS_OUT * std:
         least = 1.0 / (max(compliance, 0.0) + 2.0 * std)
         words = f"object's stiffness: gives way by no more than the noise; probably stiffer than {least:.3g} N/m"
-        return replace(last, object_at_least_N_m=least, reason=_both(last.reason, words))
+        return replace(last, object_at_least_N_m=least, reason=_join(last.reason, words))
     if not compliance > 0.0:
-        return replace(last, reason=_both(last.reason, "object's stiffness: it does not give way under the force"))
+        return replace(last, reason=_join(last.reason, "object's stiffness: it does not give way under the force"))
     return replace(
         last,
         object_stiffness_N_m=1.0 / compliance,
@@ -203,7 +203,7 @@ def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, fl
     return best, float(np.sqrt(2.0 * (max(scatter, 1.0) if noisy else scatter) / curvature))
 
 
-def _given_way(press: Press, frame: int) -> tuple[np.ndarray, np.ndarray] | None:
+def _yield_at(press: Press, frame: int) -> tuple[np.ndarray, np.ndarray] | None:
     """−f_y and u of one frame, and their covariance (2, 2); None without two points."""
     points = _two_points(press, frame)
     if points is None or press.turn_rad is None:
@@ -218,7 +218,7 @@ def _given_way(press: Press, frame: int) -> tuple[np.ndarray, np.ndarray] | None
 
     noise = np.array([press.noise.point_m, press.noise.point_m, press.noise.turn_rad])
     noise[2] = np.nan_to_num(noise[2])
-    values, moved = spread(solve, np.array([*points[:, 1], press.turn_rad[frame, 0]]), np.nan_to_num(noise))
+    values, moved = propagate(solve, np.array([*points[:, 1], press.turn_rad[frame, 0]]), np.nan_to_num(noise))
     if np.isnan(noise).any():
         return values, np.full((2, 2), np.nan)
     if not np.linalg.norm(moved[0]) < KNOWN * abs(values[0]):
@@ -226,5 +226,5 @@ def _given_way(press: Press, frame: int) -> tuple[np.ndarray, np.ndarray] | None
     return values, moved @ moved.T
 
 
-def _both(first: str, second: str) -> str:
+def _join(first: str, second: str) -> str:
     return f"{first}; {second}" if first else second
