@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.estimator.setup import Setup, drawn_truth, rod_of
 from benchmarks.harness import column, table
-from estimator.contact.verdict import CONTACT_EVIDENCE
+from estimator.contact.status import CONTACT_EVIDENCE
 from estimator.object.track import Event, follow
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.console import progress

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.contact.quantities import edge_on
-from estimator.contact.verdict import EDGE_ON_BLIND_RAD, FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_OWN
+from estimator.contact.status import EDGE_ON_BLIND_RAD, FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELATIVE
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.errors import InputError
@@ -212,7 +212,7 @@ def _told(rig_arrays: RigArrays, touches: Touches, given: Linear, with_moment: b
     std = np.full((len(given), 6), np.nan)
     if sound.any():
         std[sound] = np.sqrt(answer(given.picked(sound)).variance)
-    limit = np.minimum(LOW_SIGNAL * rig_arrays.length_m, LOW_SIGNAL_OWN * touches.distance_m)
+    limit = np.minimum(LOW_SIGNAL * rig_arrays.length_m, LOW_SIGNAL_RELATIVE * touches.distance_m)
     told = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
     if with_moment:
         return told

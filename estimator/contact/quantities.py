@@ -1,42 +1,43 @@
-"""From settled frames to plain numbers: contact points, forces and their covariances, as NumPy arrays."""
+"""The fits of frames in plain numbers: contact points, forces and their covariances, as NumPy arrays."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
+from estimator.solver.curves import cubics, evaluate_cubics, flat_rows
 from estimator.solver.ladder import Solution
+from estimator.solver.normal_equations import solve_columns
+from estimator.solver.prediction import point_jacobian
 from estimator.solver.rig_arrays import POSES, UNKNOWNS, RigArrays
+from estimator.solver.state import Fits
+from estimator.solver.uncertainty import Uncertainty
+from vbaa_calib.antenna.linear import deflection, deflection_by_contact
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import Array, namespace
+from vbaa_calib.core.arrays import Array, arange_like, like, namespace
+from vbaa_calib.core.robust import huber_weights
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 
 from .hinge_plane import camera_angle
-from .inertia import by_inertia, pieces
 from .motion import PIECES, Beam
 
-FLOATS = {
-    **dict.fromkeys(("unknowns", "std", "rival_unknowns"), (4,)),
-    **dict.fromkeys(("point_m", "force_N", "tangent", "deflection_m"), (3,)),
-    **dict.fromkeys(("covariance", "with_pose"), (6, 6)),
-    **dict.fromkeys(("residual", "residual_std"), (2,)),
-    **dict.fromkeys(("strange", "evidence", "scatter", "condition", "rival"), ()),
-    **dict.fromkeys(("second", "second_place", "second_harm", "edge_on_rad"), ()),
-    "bias": (len(RUNGS),),
-    "pieces_m": (PIECES, 3),
-    "pieces_std_m": (PIECES,),
-    "push": (PIECES, 2),
-}
-"""The shape of a frame's entry in each array of floats."""
+_LEAST_STD_M = 1e-6
+"""No place is known better: near the clamp the model's own errors are all there is."""
+
+
+def _each(*shape: int, dtype: type = float) -> np.ndarray:
+    """An array whose entry for each frame has this shape and kind."""
+    values: np.ndarray = field(metadata={"shape": shape, "dtype": dtype})
+    return values
 
 
 @dataclass(frozen=True, eq=False)
-class Numbers:
-    """B frames' numbers, whatever they are worth; arrays of B rows.
+class FitNumbers:
+    """The fits of B frames in plain numbers, before it is decided what the data support; arrays of B rows.
 
     Attributes
     ----------
@@ -45,89 +46,86 @@ class Numbers:
     unknowns, std : (B, 4), see `rig_arrays.UNKNOWNS`.
     point_m, force_N, deflection_m : (B, 3) antenna frame. tangent : (B, 3) of the antenna at the contact, likewise.
     covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
-    residual, residual_std : (B, 2) readings' misfits, whitened, and the deviations these should have.
-    felt : (B, 2) bool, whether there was a reading.
-    evidence : (B,) for a contact, see `uncertainty.contact_evidence`. condition : (B,) see `uncertainty.Uncertainty`.
-    converged, at_tip, scatter : (B,) see `state.State`. finite : (B,) bool, the fit stayed in the domain.
-    strange : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
-    rival, rival_unknowns, blind, second, second_place, second_harm : see `ladder.Solution`.
+    residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
+    sensor_available : (B, 2) bool, whether there was a reading.
+    rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
+    evidence, condition, converged, at_tip, scatter, alternative_cost, alternative_unknowns, ambiguous, second_gain, second_place, second_shift :
+        see `solver.ladder.Solution` and what it holds. finite : (B,) bool, the fit stayed in the model's domain.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
-    explained_alone : (B,) bool, the picture alone is that of one contact; asked only where it is not with the readings.
-    bias : (B, len(RUNGS)), NaN where not weighed.
-    pieces_m, pieces_std_m, push : see `inertia`; NaN where motion is not to be judged.
+    explained_alone : (B,) bool, one contact explains the picture alone; looked at only where the readings do not fit.
+    bias : (B, len(RUNGS)), NaN where it was not compared.
+    pieces_m, pieces_std_m : points of the fitted antenna at `Beam.pieces_m`, antenna frame, and their deviations by
+        the noise of one frame. push : how far a load of 1 N/m on each piece, along y and z, would move the distance,
+        in deviations. NaN where motion is not tested.
     """
 
-    points: np.ndarray
-    rung: np.ndarray
-    unknowns: np.ndarray
-    std: np.ndarray
-    point_m: np.ndarray
-    force_N: np.ndarray
-    tangent: np.ndarray
-    deflection_m: np.ndarray
-    covariance: np.ndarray
-    with_pose: np.ndarray
-    residual: np.ndarray
-    residual_std: np.ndarray
-    felt: np.ndarray
-    strange: np.ndarray
-    rig_axes: np.ndarray
-    evidence: np.ndarray
-    converged: np.ndarray
-    at_tip: np.ndarray
-    scatter: np.ndarray
-    condition: np.ndarray
-    finite: np.ndarray
-    rival: np.ndarray
-    rival_unknowns: np.ndarray
-    blind: np.ndarray
-    second: np.ndarray
-    second_place: np.ndarray
-    second_harm: np.ndarray
-    edge_on_rad: np.ndarray
-    explained_alone: np.ndarray
-    bias: np.ndarray
-    pieces_m: np.ndarray
-    pieces_std_m: np.ndarray
-    push: np.ndarray
+    points: np.ndarray = _each(dtype=int)
+    rung: np.ndarray = _each(dtype=int)
+    unknowns: np.ndarray = _each(4)
+    std: np.ndarray = _each(4)
+    point_m: np.ndarray = _each(3)
+    force_N: np.ndarray = _each(3)
+    tangent: np.ndarray = _each(3)
+    deflection_m: np.ndarray = _each(3)
+    covariance: np.ndarray = _each(6, 6)
+    with_pose: np.ndarray = _each(6, 6)
+    residual: np.ndarray = _each(2)
+    residual_std: np.ndarray = _each(2)
+    sensor_available: np.ndarray = _each(2, dtype=bool)
+    rig_chi_square: np.ndarray = _each()
+    rig_axes: np.ndarray = _each(dtype=int)
+    evidence: np.ndarray = _each()
+    converged: np.ndarray = _each(dtype=bool)
+    at_tip: np.ndarray = _each(dtype=bool)
+    scatter: np.ndarray = _each()
+    condition: np.ndarray = _each()
+    finite: np.ndarray = _each(dtype=bool)
+    alternative_cost: np.ndarray = _each()
+    alternative_unknowns: np.ndarray = _each(4)
+    ambiguous: np.ndarray = _each(dtype=bool)
+    second_gain: np.ndarray = _each()
+    second_place: np.ndarray = _each()
+    second_shift: np.ndarray = _each()
+    edge_on_rad: np.ndarray = _each()
+    explained_alone: np.ndarray = _each(dtype=bool)
+    bias: np.ndarray = _each(len(RUNGS))
+    pieces_m: np.ndarray = _each(PIECES, 3)
+    pieces_std_m: np.ndarray = _each(PIECES)
+    push: np.ndarray = _each(PIECES, 2)
 
     def __len__(self) -> int:
         return len(self.rung)
 
-    def row(self, index: int) -> Numbers:
+    @staticmethod
+    def empty(count: int) -> FitNumbers:
+        """Of frames without a fit: NaN, 0 and False."""
+
+        def none(f: Field[np.ndarray]) -> np.ndarray:
+            dtype = f.metadata["dtype"]
+            return np.full((count, *f.metadata["shape"]), np.nan if dtype is float else 0, dtype)
+
+        return FitNumbers(*map(none, fields(FitNumbers)))
+
+    def row(self, index: int) -> FitNumbers:
         """One frame's."""
-        return Numbers(*(getattr(self, f.name)[index : index + 1] for f in fields(self)))
+        return FitNumbers(*(getattr(self, f.name)[index : index + 1] for f in fields(self)))
+
+    def put(self, rows: np.ndarray, part: FitNumbers) -> None:
+        """Write the numbers of some frames into their rows."""
+        for f in fields(self):
+            getattr(self, f.name)[rows] = getattr(part, f.name)
 
 
-def none_of(count: int) -> Numbers:
-    """Numbers of frames that nothing is known of."""
-    floats = {name: np.full((count, *shape), np.nan) for name, shape in FLOATS.items()}
-    return Numbers(
-        points=np.zeros(count, int),
-        rung=np.zeros(count, int),
-        rig_axes=np.zeros(count, int),
-        felt=np.zeros((count, 2), bool),
-        **{name: np.zeros(count, bool) for name in ("converged", "at_tip", "finite", "blind", "explained_alone")},
-        **floats,
-    )
-
-
-def placed(whole: Numbers, rows: np.ndarray, part: Numbers) -> None:
-    """Write the numbers of some frames into their rows."""
-    for f in fields(Numbers):
-        getattr(whole, f.name)[rows] = getattr(part, f.name)
-
-
-def numbers(parts: list[Solution], beam: Beam | None = None) -> Numbers:
-    """The numbers of all frames, in the order of their rows; with a beam, also what judging its motion needs."""
+def fit_numbers(parts: list[Solution], beam: Beam | None = None) -> FitNumbers:
+    """The numbers of all frames, in the order of their rows; with a beam, also what testing for motion needs."""
     order = np.concatenate([plain(part.rows) for part in parts])
-    whole = none_of(len(order))
+    whole = FitNumbers.empty(len(order))
     for part in parts:
-        placed(whole, plain(part.rows), _numbers(part, beam))
+        whole.put(plain(part.rows), _numbers(part, beam))
     return whole
 
 
-def _numbers(part: Solution, beam: Beam | None) -> Numbers:
+def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
     fits, uncertainty, rig_arrays = part.fits, part.uncertainty, part.fits.frames.rig_arrays
     state, prediction, by_rig = fits.state, fits.prediction, fits.by_rig
     xp = namespace(state.scatter)
@@ -140,12 +138,17 @@ def _numbers(part: Solution, beam: Beam | None) -> Numbers:
     std = xp.sqrt(uncertainty.std**2 + (off[..., :UNKNOWNS] ** 2).sum(1))
     free = part.free.points_at(state.unknowns[:, 0] * rig_arrays.length_m)
     unknowns = plain(state.unknowns)
-    bias = np.full((len(unknowns), len(RUNGS)), np.nan)
+    nothing = FitNumbers.empty(len(unknowns))
     for rung, values in part.bias.items():
-        bias[:, RUNGS.index(rung)] = plain(values)
+        nothing.bias[:, RUNGS.index(rung)] = plain(values)
     finite = xp.isfinite(fits.equations.cost) & xp.isfinite(state.unknowns).all(-1)
-    touch, residual = plain(touch), plain(fits.problem.moment_residual)
-    return Numbers(
+    touch = plain(touch)
+    if beam is not None:
+        points_m, points_std_m = _pieces(fits, beam)
+        push = _by_inertia(fits, uncertainty, beam)
+        nothing = replace(nothing, pieces_m=plain(points_m), pieces_std_m=plain(points_std_m), push=plain(push))
+    return replace(
+        nothing,
         points=plain(fits.frames.usable.sum(-1)),
         rung=np.full(len(unknowns), RUNGS.index(fits.rung)),
         unknowns=unknowns,
@@ -159,10 +162,10 @@ def _numbers(part: Solution, beam: Beam | None) -> Numbers:
             uncertainty.covariance_with_rig(prediction.point_force_jacobian, by_rig.point_force)
             @ rig_arrays.axes[:POSES].T
         ),
-        residual=residual,
+        residual=plain(fits.problem.moment_residual),
         residual_std=plain(uncertainty.moment_std),
-        felt=plain(fits.frames.sensor_available) > 0.0,
-        strange=plain((state.rig_steps**2).sum(-1)),
+        sensor_available=plain(fits.frames.sensor_available) > 0.0,
+        rig_chi_square=plain((state.rig_steps**2).sum(-1)),
         rig_axes=np.full(len(unknowns), state.rig_steps.shape[1]),
         evidence=plain(part.evidence),
         converged=plain(state.converged),
@@ -170,25 +173,14 @@ def _numbers(part: Solution, beam: Beam | None) -> Numbers:
         scatter=plain(state.scatter),
         condition=plain(uncertainty.condition),
         finite=plain(finite),
-        rival=plain(part.alternative_cost),
-        rival_unknowns=plain(part.alternative_unknowns),
-        blind=plain(part.ambiguous),
-        second=plain(part.second_gain),
+        alternative_cost=plain(part.alternative_cost),
+        alternative_unknowns=plain(part.alternative_unknowns),
+        ambiguous=plain(part.ambiguous),
+        second_gain=plain(part.second_gain),
         second_place=plain(part.second_place),
-        second_harm=plain(part.second_shift),
-        explained_alone=np.zeros(len(unknowns), bool),
+        second_shift=plain(part.second_shift),
         edge_on_rad=edge_on(rig_arrays.rig, unknowns),
-        bias=bias,
-        **_moving(part, beam),
     )
-
-
-def _moving(part: Solution, beam: Beam | None) -> dict[str, np.ndarray]:
-    names = ("pieces_m", "pieces_std_m", "push")
-    if beam is None:
-        return {name: np.full((len(part.rows), *FLOATS[name]), np.nan) for name in names}
-    values = (*pieces(part.fits, beam), by_inertia(part.fits, part.uncertainty, beam))
-    return {name: plain(value) for name, value in zip(names, values, strict=True)}
 
 
 def edge_on(rig: Rig, unknowns: np.ndarray) -> np.ndarray:
@@ -221,6 +213,55 @@ def _bows(rig_arrays: RigArrays, unknowns: Array, covariance: Array, at_tip: Arr
 
     bows = touch(middle + steps) + touch(middle - steps) - 2.0 * touch(middle)
     return 0.75 * bows.mT @ bows  # the mean square of z²/2 is 3/4
+
+
+def _pieces(fits: Fits, beam: Beam) -> tuple[Array, Array]:
+    """Points (B, G, 3) of the fitted antennas at the beam's pieces, antenna frame, their deviations (B, G) by noise.
+
+    The deviations are those from frame to frame: the rig's errors are the same in all.
+    """
+    prediction, state = fits.prediction, fits.state
+    xp = namespace(state.scatter)
+    at = like(state.scatter, beam.pieces_m) + 0.0 * prediction.contact_m[:, None]
+    table = cubics(prediction.points_m, prediction.tangents, prediction.contact_m, prediction.length_m)
+    left, share, _ = prediction.locate(at)
+    points = xp.stack([value for value, _, _ in evaluate_cubics(table, flat_rows(left, table.shape[1]), share)], -1)
+    return points, xp.sqrt(_scatter(fits, at))
+
+
+def _scatter(fits: Fits, at_m: Array) -> Array:
+    """(B, G) variance of the antenna at arc lengths by the noise of one frame, for the rig as it is: linear beam."""
+    rig_arrays, unknowns = fits.frames.rig_arrays, fits.state.unknowns
+    xp = namespace(at_m)
+    stiffness, contact = xp.exp(rig_arrays.antenna_parameters[6]), unknowns[:, :1] * rig_arrays.length_m
+    by_force = deflection(at_m, contact, rig_arrays.force_unit_N, stiffness)
+    by_distance = deflection_by_contact(at_m, contact, rig_arrays.force_unit_N, stiffness) * rig_arrays.length_m
+    information = fits.equations.information[:, :UNKNOWNS, :UNKNOWNS]
+    total = 0.0 * at_m
+    for axis in (1, 2):
+        parts = [unknowns[:, axis : axis + 1] * by_distance, *(by_force * (axis == a) for a in (1, 2)), 0.0 * at_m]
+        slopes = xp.stack(parts, -1)
+        total = total + (slopes * solve_columns(information, slopes.mT).mT).sum(-1)
+    return xp.clip(total, _LEAST_STD_M**2, None)
+
+
+def _by_inertia(fits: Fits, uncertainty: Uncertainty, beam: Beam) -> Array:
+    """(B, G, 2) how far a load of 1 N/m on each piece, along y and z, would move the distance, in deviations."""
+    problem, rig_arrays = fits.problem, fits.frames.rig_arrays
+    nodes = arange_like(problem.scatter, fits.prediction.nodes.shape[1]) + 0.0 * fits.prediction.nodes[..., 0]
+    at, places = fits.prediction.arclength(nodes), like(problem.scatter, beam.pieces_m)
+    bent = deflection(at[..., None], places, 1.0, beam.stiffness_Nm2) * (beam.length_m / PIECES)
+    columns = (bent[..., None] * point_jacobian(rig_arrays, fits.prediction)[:, :, None, 1:]).reshape(
+        len(at), at.shape[1], 2 * PIECES
+    )
+    moment = (
+        rig_arrays.moment_response(places * (beam.length_m / PIECES)).reshape(2, -1)
+        * fits.frames.sensor_available[..., None]
+    )
+    weights = huber_weights(problem.moment_residual)[..., None]
+    pull = problem.jacobian.mT @ problem.sums.times(columns) + problem.moment_jacobian.mT @ (weights * moment)
+    moved = solve_columns(fits.equations.information, pull)[:, 0]
+    return (moved / uncertainty.std[:, :1]).reshape(len(at), PIECES, 2)
 
 
 def plain(values: Any) -> np.ndarray:

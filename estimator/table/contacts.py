@@ -1,86 +1,247 @@
-"""What is known of one frame, and of many by columns."""
+"""One contact, its columns declared once: name, unit, shape and meaning of every number.
+
+From the declaration come the estimator's result (`Contact`), the row and the table of contacts.csv, the attributes in
+their docstrings, and the table in docs/formats.md.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from inspect import cleandoc
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
     from vbaa_calib.session import Frame
 
-
 FRICTION_RAD = 0.2
-"""Deviation of the friction angle that is thought possible where nothing else is said: most contacts of steel have
-friction coefficients below 0.4."""
+"""Default standard deviation of the friction angle: most contacts of steel have friction coefficients below 0.4."""
+STATUSES = (
+    *("ok", "no_contact", "tip_contact", "unobservable"),
+    *("low_signal", "not_quasistatic", "no_antenna", "failed"),
+)
+LOCATED = ("ok", "tip_contact")
+"""The statuses whose contact point may be used."""
+NEEDED = ("distance_m", "force_y_N", "force_z_N", "point_antenna_m", "point_world_m")
+"""What a located contact must have."""
+
+Whole, Number, Flag, Text = TypeVar("Whole"), TypeVar("Number"), TypeVar("Flag"), TypeVar("Text")
+"""int, float, bool and str of one frame; arrays of many."""
 
 
-def _unknown_vector() -> np.ndarray:
-    return np.full(3, np.nan)
+@dataclass(frozen=True)
+class Column:
+    """What one field of a contact is. `names` are its columns in the file, where they differ from the field's name."""
+
+    unit: str
+    meaning: str
+    names: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()
+    digits: int = 9
 
 
-def _unknown_matrix() -> np.ndarray:
-    return np.full((3, 3), np.nan)
+def _column(unit: str, meaning: str, default: Any = np.nan, digits: int = 9) -> Any:
+    """A number, flag or text."""
+    return field(default=default, metadata={"column": Column(unit, meaning, digits=digits)})
 
 
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """One frame's result. Numbers that the data do not support are NaN; `reason` says why.
+def _vector(unit: str, meaning: str, names: str = "", shape: tuple[int, ...] = (3,)) -> Any:
+    """A vector, or a symmetric matrix by its upper triangle; NaN where it is unknown."""
+    column = Column(unit, meaning, tuple(names.split()), shape)
+    return field(default_factory=lambda: np.full(shape, np.nan), metadata={"column": column})
 
-    Attributes
-    ----------
-    status : ok, no_contact, tip_contact, unobservable, low_signal, not_quasistatic, no_antenna or failed.
-    reason : the same in words; also says why this model was taken.
-    model : the rung of the ladder, `antenna.rungs.RUNGS`.
-    distance_m, distance_std_m : arc length from the clamp to the contact.
-    force_N, force_std_N : (3,) the object's force on the antenna, antenna frame.
-    deflection_m : (3,) contact point less the same point of the free antenna, antenna frame.
-    point_antenna_m, point_world_m : (3,) contact point on the centreline.
-    covariance_world_m2 : (3, 3) of the world point.
-    force_world_N : (3,). tangent_world : (3,) unit tangent of the antenna at the contact, towards the tip.
-    moment_residual_Nm : reading less what the fitted contact predicts, in true N·m; NaN without a reading.
-    friction_angle_rad, friction_angle_std_rad : the force's angle from the antenna's normal at the contact, positive
-        towards the clamp. Where the data say nothing of it, what was thought possible beforehand.
-    friction_prior_rad : deviation of the friction angle that was thought possible beforehand.
-    evidence : how much better a contact explains the frame than the free antenna: half the difference of the squared
-        misfits, the rig free within its covariance in both. Without contact it is 1.5 to 2 on average.
-    condition : condition number of what the data say of distance, force and friction, each scaled to unit deviation.
-    bias : predicted bias of the rungs that were weighed, in standard deviations of distance or force.
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Common(Generic[Number, Flag, Text]):
+    """What the estimator's results and the table share."""
+
+    status: Text = _column("–", ", ".join(STATUSES), MISSING)
+    in_contact: Flag = _column("–", "true or false; false also where it is not known", False)
+    model: Text = _column("–", "rung of the ladder that was fitted: paper, linear, elastica or rod", "")
+    distance_m: Number = _column("m", "arc length from the clamp to the contact")
+    distance_std_m: Number = _column("m", "its standard deviation")
+    point_antenna_m: np.ndarray = _vector("m", "contact point on the centreline, antenna frame", "x_m y_m z_m")
+    point_world_m: np.ndarray = _vector("m", "contact point on the centreline, world frame", "X_m Y_m Z_m")
+    covariance_world_m2: np.ndarray = _vector(
+        "m²", "covariance of the world point", "cov_XX cov_XY cov_XZ cov_YY cov_YZ cov_ZZ", (3, 3)
+    )
+    force_world_N: np.ndarray = _vector("N", "the object's force on the antenna, world frame", "FX_N FY_N FZ_N")
+    tangent_world: np.ndarray = _vector(
+        "–", "unit tangent of the antenna at the contact, towards the tip, world frame", "TX TY TZ"
+    )
+    moment_residual_Nm: Number = _column(
+        "N·m", "the sensor's reading less what the fitted contact predicts; empty without a reading"
+    )
+    friction_angle_rad: Number = _column(
+        "rad",
+        "the force's angle from the antenna's normal at the contact, positive towards the clamp; where the frame does "
+        "not determine it, about 0",
+    )
+    friction_angle_std_rad: Number = _column(
+        "rad", "its standard deviation; where the frame does not determine it, what `--friction` said"
+    )
+    friction_prior_rad: Number = _column("rad", "standard deviation of the friction angle beforehand: `--friction`")
+    evidence: Number = _column(
+        "–",
+        "half the difference of the sums of squares by which a contact explains the frame better than the free antenna "
+        "does; 1.5 to 2 on average without contact",
+    )
+    condition: Number = _column(
+        "–", "condition number of the information on distance, force and friction, each scaled to unit deviation"
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ContactEstimate(_Common[Number, Flag, Text]):
+    """Numbers of one frame or, as arrays with a leading axis, of many; NaN where the data do not support them."""
+
+    force_N: np.ndarray = _vector("N", "the object's force on the antenna, antenna frame")
+    force_std_N: np.ndarray = _vector("N", "its standard deviation")
+    deflection_m: np.ndarray = _vector("m", "contact point less the same point of the free antenna, antenna frame")
+
+
+def declared(cls: type) -> dict[str, Column]:
+    """The declared fields of a contact class."""
+    return {f.name: f.metadata["column"] for f in fields(cls) if "column" in f.metadata}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Contact(ContactEstimate[float, bool, str]):
+    """One frame's result: a contact, or why there is none. Numbers that the data do not support are NaN.
+
+    `reason` gives the status and the choice of the model in words; `bias` the predicted bias of the models that were
+    compared, by name, in standard deviations of distance or force.
     """
 
-    status: str
-    reason: str
-    model: str
-    in_contact: bool
-    distance_m: float = np.nan
-    distance_std_m: float = np.nan
-    force_N: np.ndarray = field(default_factory=_unknown_vector)
-    force_std_N: np.ndarray = field(default_factory=_unknown_vector)
-    deflection_m: np.ndarray = field(default_factory=_unknown_vector)
-    point_antenna_m: np.ndarray = field(default_factory=_unknown_vector)
-    point_world_m: np.ndarray = field(default_factory=_unknown_vector)
-    covariance_world_m2: np.ndarray = field(default_factory=_unknown_matrix)
-    force_world_N: np.ndarray = field(default_factory=_unknown_vector)
-    tangent_world: np.ndarray = field(default_factory=_unknown_vector)
-    moment_residual_Nm: float = np.nan
-    friction_angle_rad: float = np.nan
-    friction_angle_std_rad: float = np.nan
-    friction_prior_rad: float = np.nan
-    evidence: float = np.nan
-    condition: float = np.nan
+    reason: str = ""
     bias: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def predicted_bias_std(self) -> float:
-        """Predicted bias of the model that was taken, in standard deviations; NaN where it was not weighed."""
+        """Predicted bias of the model that was taken, in standard deviations; NaN where it was not compared."""
         return float(self.bias.get(self.model, np.nan))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
+    """What contacts.csv has besides."""
+
+    frame: Whole = _column("–", "number of the frame in the recording", MISSING)
+    time_s: Number = _column("s", "from the recording", MISSING, digits=15)  # clocks that count from 1970 need them
+    force_y_N: Number = _column("N", "the object's force on the antenna along the antenna frame's y")
+    force_y_std_N: Number = _column("N", "its standard deviation")
+    force_z_N: Number = _column("N", "the object's force on the antenna along the antenna frame's z")
+    force_z_std_N: Number = _column("N", "its standard deviation")
+    deflection_y_m: Number = _column("m", "contact point less the same point of the free antenna, along y")
+    deflection_z_m: Number = _column("m", "the same along z")
+    reason: Text = _column("–", "the status and the choice of the model in words", "")
+    bias_std: Number = _column(
+        "–", "predicted bias of the model that was taken, in standard deviations of what it moves most"
+    )
+    pan_rad: Number = _column("rad", "joint angle, from the recording")
+    tilt_rad: Number = _column("rad", "joint angle, from the recording")
+
+
+class ContactRow(_Columns[int, float, bool, str]):
+    """One frame of contacts.csv. A number that does not exist is NaN here and an empty cell in the file."""
+
+    @staticmethod
+    def of(frame: Frame, contact: Contact) -> ContactRow:
+        """The row of one estimated frame."""
+        return ContactRow(
+            frame=frame.frame,
+            time_s=frame.time_s,
+            pan_rad=frame.pan_rad,
+            tilt_rad=frame.tilt_rad,
+            force_y_N=contact.force_N[1],
+            force_y_std_N=contact.force_std_N[1],
+            force_z_N=contact.force_N[2],
+            force_z_std_N=contact.force_std_N[2],
+            deflection_y_m=contact.deflection_m[1],
+            deflection_z_m=contact.deflection_m[2],
+            reason=contact.reason,
+            bias_std=contact.predicted_bias_std,
+            **{name: getattr(contact, name) for name in declared(_Common)},
+        )
+
+
+class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
+    """contacts.csv by columns, B frames: (B,), (B, 3) or (B, 3, 3); NaN where a number does not exist."""
+
+    @staticmethod
+    def from_rows(rows: Sequence[ContactRow]) -> ContactTable:
+        """The same rows, at least one, as columns."""
+        return ContactTable(**{name: np.array([getattr(row, name) for row in rows]) for name in COLUMNS})
+
+    @staticmethod
+    def joined(parts: Sequence[ContactTable]) -> ContactTable:
+        """The rows of several tables, at least one, one after the other."""
+        return ContactTable(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS})
+
+    def picked(self, which: Any) -> ContactTable:
+        """The frames of a slice, a mask or indices."""
+        return ContactTable(**{name: getattr(self, name)[which] for name in COLUMNS})
+
+    def rows(self) -> Iterator[ContactRow]:
+        """Frame by frame."""
+        return (ContactRow(**{name: getattr(self, name)[i] for name in COLUMNS}) for i in range(len(self)))
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def assumed_friction_rad(self) -> float:
+        """The friction that the contacts were estimated with; the default where the table does not have it."""
+        known = self.friction_prior_rad[np.isfinite(self.friction_prior_rad)]
+        return float(np.median(known)) if len(known) else FRICTION_RAD
+
+    @property
+    def located(self) -> np.ndarray:
+        """(B,) bool: the contact point of this frame may be used."""
+        return np.isin(self.status, LOCATED)
+
+
+REQUIRED = (
+    *("frame", "time_s", "status", "in_contact", "model", "distance_m", "distance_std_m"),
+    *("force_y_N", "force_y_std_N", "force_z_N", "force_z_std_N", "deflection_y_m", "deflection_z_m"),
+    *("point_antenna_m", "point_world_m", "covariance_world_m2", "moment_residual_Nm", "reason"),
+)
+"""What every contacts.csv has, in the order of its columns."""
+OPTIONAL = (
+    *("force_world_N", "friction_angle_rad", "friction_angle_std_rad", "bias_std", "condition"),
+    *("pan_rad", "tilt_rad", "evidence", "friction_prior_rad", "tangent_world"),
+)
+"""What ours has after that; optional when read."""
+COLUMNS: dict[str, Column] = {name: declared(_Columns)[name] for name in (*REQUIRED, *OPTIONAL)}
+"""Field → its declaration, in the order of the file."""
+
+
+def column_names(which: Sequence[str] = tuple(COLUMNS)) -> tuple[str, ...]:
+    """The file's columns of these fields."""
+    return tuple(column for name in which for column in COLUMNS[name].names or (name,))
+
+
+def columns_as_markdown() -> str:
+    """The columns as the table in docs/formats.md."""
+    lines = ["| column | unit | what |", "|---|---|---|"]
+    for name, column in COLUMNS.items():
+        lines.append(f"| {', '.join(column_names([name]))} | {column.unit} | {column.meaning} |")
+    return "\n".join(lines)
+
+
+for _class in (Contact, ContactRow, ContactTable):
+    _attributes = "\n".join(
+        f"{name} : {f'{column.shape} ' if column.shape else ''}{column.meaning}; {column.unit}."
+        for name, column in declared(_class).items()
+    )
+    _class.__doc__ = f"{cleandoc(_class.__doc__ or '')}\n\nAttributes\n----------\n{_attributes}"
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What one frame offers.
+    """The measurements of one frame.
 
     Attributes
     ----------
@@ -88,7 +249,7 @@ class Measured:
     moment_Nm : about y, NaN without a sensor. moment_z_Nm : about z, NaN without a second one.
     pan_rad, tilt_rad : joint angles.
     time_s : NaN where not known; a recording's frames are then taken as static.
-    start : (4,) unknowns near the truth, as `ContactEstimator.rough` gives them; NaN where nobody has looked before.
+    start : (4,) initial unknowns, as `ContactEstimator.rough` gives them; NaN where there are none.
     """
 
     points_px: np.ndarray
@@ -99,170 +260,3 @@ class Measured:
     moment_z_Nm: float = np.nan
     time_s: float = np.nan
     start: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
-
-
-STATUSES = (
-    "ok",
-    "no_contact",
-    "tip_contact",
-    "unobservable",
-    "low_signal",
-    "not_quasistatic",
-    "no_antenna",
-    "failed",
-)
-LOCATED = ("ok", "tip_contact")
-"""The statuses whose contact point may be used."""
-
-
-def _unknown(*shape: int) -> np.ndarray:
-    return np.full(shape, np.nan)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ContactRow:
-    """What is known of one frame. A number that does not exist is NaN here and an empty cell in the file.
-
-    Attributes
-    ----------
-    status : one of `STATUSES`; `reason` says in words why it is not "ok".
-    in_contact : False also where it is not known.
-    model : name of the mechanical model that was fitted.
-    distance_m, distance_std_m : arc length from the clamp to the contact.
-    force_y_N, force_z_N : the object's force on the antenna, antenna frame, each with its standard deviation.
-    deflection_y_m, deflection_z_m : contact point less the same point of the free antenna, antenna frame.
-    point_antenna_m, point_world_m : (3,) the contact on the antenna's centreline.
-    covariance_world_m2 : (3, 3) of the world point.
-    force_world_N : (3,) the object's force on the antenna, world frame.
-    tangent_world : (3,) unit tangent of the antenna at the contact, towards the tip.
-    pan_rad, tilt_rad : joint angles.
-    moment_residual_Nm : reading less what the fitted contact predicts.
-    friction_angle_rad, friction_angle_std_rad : of the force from the antenna's normal at the contact, positive towards
-        the clamp.
-    bias_std : the model's predicted bias in standard deviations of what it moves most.
-    friction_prior_rad : deviation of the friction angle that was thought possible beforehand.
-    evidence : of a contact against the free antenna, see `Contact`; given for every frame that could be fitted.
-    condition : condition number of what the data say of distance, force and friction.
-    """
-
-    frame: int
-    time_s: float
-    status: str
-    in_contact: bool = False
-    model: str = ""
-    distance_m: float = np.nan
-    distance_std_m: float = np.nan
-    force_y_N: float = np.nan
-    force_y_std_N: float = np.nan
-    force_z_N: float = np.nan
-    force_z_std_N: float = np.nan
-    deflection_y_m: float = np.nan
-    deflection_z_m: float = np.nan
-    point_antenna_m: np.ndarray = field(default_factory=lambda: _unknown(3))
-    point_world_m: np.ndarray = field(default_factory=lambda: _unknown(3))
-    covariance_world_m2: np.ndarray = field(default_factory=lambda: _unknown(3, 3))
-    force_world_N: np.ndarray = field(default_factory=lambda: _unknown(3))
-    tangent_world: np.ndarray = field(default_factory=lambda: _unknown(3))
-    pan_rad: float = np.nan
-    tilt_rad: float = np.nan
-    moment_residual_Nm: float = np.nan
-    friction_angle_rad: float = np.nan
-    friction_angle_std_rad: float = np.nan
-    bias_std: float = np.nan
-    condition: float = np.nan
-    friction_prior_rad: float = np.nan
-    evidence: float = np.nan
-    reason: str = ""
-
-    @staticmethod
-    def of(frame: Frame, contact: Contact) -> ContactRow:
-        """The row of one estimated frame."""
-        return ContactRow(
-            frame=frame.frame,
-            time_s=frame.time_s,
-            status=contact.status,
-            in_contact=contact.in_contact,
-            model=contact.model,
-            distance_m=contact.distance_m,
-            distance_std_m=contact.distance_std_m,
-            force_y_N=contact.force_N[1],
-            force_y_std_N=contact.force_std_N[1],
-            force_z_N=contact.force_N[2],
-            force_z_std_N=contact.force_std_N[2],
-            deflection_y_m=contact.deflection_m[1],
-            deflection_z_m=contact.deflection_m[2],
-            point_antenna_m=contact.point_antenna_m,
-            point_world_m=contact.point_world_m,
-            covariance_world_m2=contact.covariance_world_m2,
-            force_world_N=contact.force_world_N,
-            tangent_world=contact.tangent_world,
-            pan_rad=frame.pan_rad,
-            tilt_rad=frame.tilt_rad,
-            moment_residual_Nm=contact.moment_residual_Nm,
-            friction_angle_rad=contact.friction_angle_rad,
-            friction_angle_std_rad=contact.friction_angle_std_rad,
-            bias_std=contact.predicted_bias_std,
-            condition=contact.condition,
-            friction_prior_rad=contact.friction_prior_rad,
-            evidence=contact.evidence,
-            reason=contact.reason,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class ContactTable:
-    """`ContactRow` by columns for B frames: (B,), (B, 3) or (B, 3, 3); NaN where a number does not exist."""
-
-    frame: np.ndarray
-    time_s: np.ndarray
-    status: np.ndarray
-    in_contact: np.ndarray
-    model: np.ndarray
-    distance_m: np.ndarray
-    distance_std_m: np.ndarray
-    force_y_N: np.ndarray
-    force_y_std_N: np.ndarray
-    force_z_N: np.ndarray
-    force_z_std_N: np.ndarray
-    deflection_y_m: np.ndarray
-    deflection_z_m: np.ndarray
-    point_antenna_m: np.ndarray
-    point_world_m: np.ndarray
-    covariance_world_m2: np.ndarray
-    force_world_N: np.ndarray
-    tangent_world: np.ndarray
-    pan_rad: np.ndarray
-    tilt_rad: np.ndarray
-    moment_residual_Nm: np.ndarray
-    friction_angle_rad: np.ndarray
-    friction_angle_std_rad: np.ndarray
-    bias_std: np.ndarray
-    condition: np.ndarray
-    friction_prior_rad: np.ndarray
-    evidence: np.ndarray
-    reason: np.ndarray
-
-    @staticmethod
-    def from_rows(rows: Sequence[ContactRow]) -> ContactTable:
-        """The same rows, at least one, as columns."""
-        return ContactTable(**{f.name: np.array([getattr(row, f.name) for row in rows]) for f in fields(ContactTable)})
-
-    @staticmethod
-    def joined(parts: Sequence[ContactTable]) -> ContactTable:
-        """The rows of several tables, at least one, one after the other."""
-        names = [f.name for f in fields(ContactTable)]
-        return ContactTable(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-    def __len__(self) -> int:
-        return len(self.frame)
-
-    @property
-    def assumed_friction_rad(self) -> float:
-        """The friction that the contacts were estimated with; what is usual where the table does not say."""
-        told = self.friction_prior_rad[np.isfinite(self.friction_prior_rad)]
-        return float(np.median(told)) if len(told) else FRICTION_RAD
-
-    @property
-    def located(self) -> np.ndarray:
-        """(B,) bool: the contact point of this frame may be used."""
-        return np.isin(self.status, LOCATED)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
-from estimator.contact.verdict import FEWEST_POINTS
+from estimator.contact.status import FEWEST_POINTS
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.shapes import elastica_shapes
-from estimator.contact.verdict import MISLED
+from estimator.contact.status import HIGHEST_BIAS
 from estimator.solver.ladder import SMALL_BIAS
 from vbaa_calib.antenna.rungs import RUNGS
 
@@ -22,7 +22,7 @@ HEAVY = WORLD.rig(np.zeros(17))
 def as_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Deviations of noise and rig alone, whatever the rung makes wrong."""
     monkeypatch.setattr("estimator.solver.ladder.LARGE_BIAS", np.inf)
-    monkeypatch.setattr("estimator.contact.verdict.MISLED", np.inf)
+    monkeypatch.setattr("estimator.contact.status.HIGHEST_BIAS", np.inf)
 
 
 def test_each_rung_on_request() -> None:
@@ -154,6 +154,6 @@ def test_a_demanded_rung_is_never_wrong_and_confident(rung: str, std: float, fri
     off = np.abs(scene_deviations(found, scenes))
     assert not (off > 4.0).any()
     said = np.array([one.predicted_bias_std for one in found])
-    assert not (np.isfinite(found.distance_m) & (said > MISLED)).any()
+    assert not (np.isfinite(found.distance_m) & (said > HIGHEST_BIAS)).any()
     assert (rung == "linear") == bool((found.status == "ok").any())
     assert any(one.reason.startswith(f"{rung} is too low for this frame") for one in found)

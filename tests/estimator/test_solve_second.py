@@ -9,7 +9,7 @@ import pytest
 
 from estimator import Contact, ContactEstimator
 from estimator.contact.contacts import Contacts
-from estimator.contact.verdict import SECOND_CONTACT
+from estimator.contact.status import SECOND_CONTACT
 from vbaa_calib.antenna import linear
 
 from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, World, camera_pose

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.contact.verdict import CONTACT_EVIDENCE
+from estimator.contact.status import CONTACT_EVIDENCE
 from estimator.solver.curves import dot
 from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.ladder import Solution, solve

@@ -1,0 +1,203 @@
+"""The status of a frame, and its reason: what the numbers of its fit support."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.solver.descent import NEAREST
+from estimator.solver.ladder import SMALL
+from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.core.robust import chi_square_p
+
+from .quantities import FitNumbers
+
+FEWEST_POINTS = 5
+CONTACT_EVIDENCE = 14.0
+"""Least evidence for a contact. Noise exceeds it about four times in a million: χ² with 3 degrees of freedom > 28."""
+LOW_SIGNAL, LOW_SIGNAL_RELATIVE = 0.05, 0.1
+"""Distances less certain than this fraction of the length, or of themselves, are withheld, and so are deflections less
+certain than that fraction of the length: beyond it first order no longer describes the uncertainty."""
+EDGE_ON_RAD, EDGE_ON_BLIND_RAD = 0.05, 0.15
+"""Within this angle of the camera's centre the deformation plane counts as seen edge-on: with a reading only where the
+distance is uncertain as well, without one always."""
+WRONG_SHAPE = 3.0
+"""Median residual, in standard deviations, beyond which the shape is not that of one contact."""
+ALTERNATIVE_COST = 4.5
+"""Two contacts whose costs differ by less explain a frame about equally well: three standard deviations."""
+SECOND_CONTACT, SECOND_SHIFT = 25.0, 1.0
+"""A second force counts when it lowers the cost by so much and moves the distance by so many deviations. Over the grid
+of places, noise exceeds the first less than once in 10⁵ frames, also with heavy tails."""
+HIGHEST_BIAS = 10.0
+"""A model with a larger predicted bias, in standard deviations, is rejected: to there the bias is known to a factor of
+two, and is part of the deviations."""
+STEEPEST, STEEPEST_BLIND = 3.5, 2.5
+"""Friction angles beyond so many of their prior deviations are rejected, with and without a reading."""
+RIG_P_VALUE = 2e-5
+"""The rig's steps, in deviations, follow χ²: at a lower probability the frame asks for another rig."""
+DISAGREEMENT, CONTRADICTION = 4.0, 6.0
+"""Residual of a reading, in standard deviations, that is mentioned, and that which fails the frame."""
+
+NO_ANTENNA, NO_CONTACT, UNOBSERVABLE, LOW = "no_antenna", "no_contact", "unobservable", "low_signal"
+FAILED, TIP, OK = "failed", "tip_contact", "ok"
+
+
+def statuses(numbers: FitNumbers) -> np.ndarray:
+    """(B,) the first that applies, from what makes all else meaningless to what can be trusted."""
+    with np.errstate(invalid="ignore"):
+        uncertain = ~(numbers.std[:, 0] < np.minimum(LOW_SIGNAL, LOW_SIGNAL_RELATIVE * numbers.unknowns[:, 0]))
+        edge_on = numbers.edge_on_rad < EDGE_ON_RAD
+        determined = np.isfinite(numbers.std[:, 0])
+        order = [
+            (numbers.points < FEWEST_POINTS, NO_ANTENNA),
+            (~numbers.finite, FAILED),
+            (~(numbers.evidence >= CONTACT_EVIDENCE), NO_CONTACT),
+            (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
+            (_mirrored(numbers) & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
+            (unexplained(numbers) | _model_too_low(numbers), FAILED),
+            (uncertain & determined, LOW),
+            (uncertain | _force_undetermined(numbers) | _ambiguous(numbers), UNOBSERVABLE),
+            (_disagreement(numbers) > CONTRADICTION, FAILED),
+            (numbers.at_tip, TIP),
+        ]
+    return np.select([which for which, _ in order], [status for _, status in order], OK)
+
+
+def unexplained(numbers: FitNumbers) -> np.ndarray:
+    """(B,) whether no one contact, as contacts are thought possible, explains the frame."""
+    wrong = ~numbers.converged | (numbers.scatter > WRONG_SHAPE)
+    # without a reading a steep bend along the line of sight fits almost anything, if not quite
+    steep = np.abs(numbers.unknowns[:, 3]) > STEEPEST_BLIND
+    wrong |= _mirrored(numbers) & ((numbers.scatter > 1.0) | steep)
+    return wrong | _at_clamp(numbers) | _friction_exceeded(numbers) | _second_contact(numbers)
+
+
+def _ambiguous(numbers: FitNumbers) -> np.ndarray:
+    """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
+    apart = np.abs(numbers.rival_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
+    return apart.any(axis=1) & (numbers.rival < ALTERNATIVE_COST * numbers.scatter**2)
+
+
+def _mirrored(numbers: FitNumbers) -> np.ndarray:
+    """(B,) whether vision is alone, and only perspective tells the contact from its mirror image."""
+    return numbers.blind & ~numbers.sensor_available.any(axis=1)
+
+
+def _at_clamp(numbers: FitNumbers) -> np.ndarray:
+    """(B,) whether the contact lies at the least distance that is searched."""
+    return numbers.unknowns[:, 0] <= NEAREST * (1.0 + 1e-6)
+
+
+def _friction_exceeded(numbers: FitNumbers) -> np.ndarray:
+    return np.abs(numbers.unknowns[:, 3]) > STEEPEST
+
+
+def _second_contact(numbers: FitNumbers) -> np.ndarray:
+    """(B,) whether a second force explains so much more that the distance cannot be believed."""
+    return (numbers.second > SECOND_CONTACT) & (numbers.second_harm > SECOND_SHIFT)
+
+
+def _force_undetermined(numbers: FitNumbers) -> np.ndarray:
+    """(B,) whether the force, and with it the contact point, is undetermined in some direction across the antenna.
+
+    Without a reading also where it is not known to half its size: then its direction is not known either, and first
+    order does not describe the rest.
+    """
+    std, force = np.max(numbers.std[:, 1:3], axis=1), np.hypot(numbers.unknowns[:, 1], numbers.unknowns[:, 2])
+    swaying = ~(0.01 * numbers.unknowns[:, 0] ** 3 * std < LOW_SIGNAL)
+    return swaying | (_mirrored(numbers) & ~(std < 0.5 * force))
+
+
+def _model_too_low(numbers: FitNumbers) -> np.ndarray:
+    """(B,) whether the requested model's bias exceeds what its deviations can include."""
+    bias = numbers.bias[np.arange(len(numbers)), numbers.rung]
+    return np.isfinite(bias) & (bias > HIGHEST_BIAS)
+
+
+def _disagreement(numbers: FitNumbers) -> np.ndarray:
+    """(B,) largest residual of a reading in its expected deviations."""
+    return np.max(np.abs(numbers.residual) / numbers.residual_std, axis=1)
+
+
+def reason(numbers: FitNumbers, status: str, length_m: float, requested: str) -> str:
+    """Of one frame: why it is not ok, or which model was taken and why, and what else was noticed."""
+    if status == NO_ANTENNA:
+        return f"only {numbers.points[0]} usable centreline points"
+    if status == NO_CONTACT:
+        return "the antenna has its free shape within its uncertainty"
+    if status == FAILED:
+        return _failed(numbers, length_m)
+    if status == UNOBSERVABLE:
+        return _unobservable(numbers, length_m)
+    if status == LOW:
+        return f"the contact distance is known only to {1e3 * numbers.std[0, 0] * length_m:.1f} mm"
+    reasons = [_model(numbers, requested)]
+    if status == TIP:
+        reasons.insert(0, "the contact cannot be told from the tip: its distance is the antenna's length")
+    return "; ".join(reasons + _remarks(numbers))
+
+
+def _failed(numbers: FitNumbers, length_m: float) -> str:
+    scatter, lean = numbers.scatter[0], abs(numbers.unknowns[0, 3])
+    if not numbers.finite[0]:
+        return "the fit left the domain of the model"
+    if _model_too_low(numbers)[0] and not unexplained(numbers)[0]:
+        rung = int(numbers.rung[0])
+        return (
+            f"{RUNGS[rung]} is too low for this frame, some {numbers.bias[0, rung]:.0f} std off: take a higher rung"
+        )
+    two = ""
+    if _second_contact(numbers)[0]:
+        near, far = (1e3 * length_m * at for at in sorted((numbers.unknowns[0, 0], numbers.second_place[0])))
+        two = f"two contacts explain it better, near {near:.0f} and {far:.0f} mm, or the rig is off"
+    if unexplained(numbers)[0] and numbers.explained_alone[0]:
+        why = "picture and moment contradict each other: without the reading all is well, so check the sensor"
+        return f"{why}; or {two}" if two else why
+    if two:
+        return f"the shape is not that of one contact: {two}"
+    if _at_clamp(numbers)[0]:
+        return f"the contact lies nearer to the clamp than {1e3 * NEAREST * length_m:.0f} mm, where none is looked for"
+    if _friction_exceeded(numbers)[0]:
+        return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
+    if scatter > WRONG_SHAPE or (scatter > 1.0 and _mirrored(numbers)[0]):
+        return f"the shape is not that of one contact: points lie {scatter:.1f} std off or more"
+    if not numbers.converged[0]:
+        return "the fit did not converge"
+    return f"picture and moment contradict each other by {_disagreement(numbers)[0]:.0f} std: check the sensor"
+
+
+def _unobservable(numbers: FitNumbers, length_m: float) -> str:
+    if numbers.edge_on_rad[0] < (EDGE_ON_BLIND_RAD if _mirrored(numbers)[0] else EDGE_ON_RAD):
+        return f"the camera sees the deformation plane edge-on, {np.degrees(numbers.edge_on_rad[0]):.1f}° off"
+    if not np.isfinite(numbers.std[0, 0]):
+        return "nothing in picture and moment holds the contact distance"
+    if _force_undetermined(numbers)[0]:
+        return "nothing in picture and moment holds the force in one direction across the antenna"
+    near, far = (1e3 * length_m * u[0, 0] for u in (numbers.unknowns, numbers.rival_unknowns))
+    rolls = (np.degrees(np.arctan2(u[0, 2], u[0, 1])) for u in (numbers.unknowns, numbers.rival_unknowns))
+    here, there = (f"at {d:.0f} mm pushed towards {r:.0f}°" for d, r in zip((near, far), rolls, strict=True))
+    return f"two contacts explain it about equally well: {here}, and {there} from y"
+
+
+def _model(numbers: FitNumbers, requested: str) -> str:
+    """Which rung was taken, and why."""
+    rung, bias = int(numbers.rung[0]), numbers.bias[0]
+    name = RUNGS[rung]
+    if requested != "auto":
+        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > SMALL else ""
+        return f"{name} was asked for{too_low}"
+    low = [lower for lower in range(rung) if bias[lower] > SMALL]
+    if not low:
+        return f"{name}: its bias is {bias[rung]:.2f} std"
+    return f"{name}: {RUNGS[low[-1]]} would be {bias[low[-1]]:.1f} std off"
+
+
+def _remarks(numbers: FitNumbers) -> list[str]:
+    remarks = []
+    if numbers.scatter[0] > 1.0:
+        remarks.append(f"the points scatter {numbers.scatter[0]:.1f} times more than they should")
+    rig = float(numbers.rig_chi_square[0])
+    if chi_square_p(rig, max(int(numbers.rig_axes[0]), 1)) < RIG_P_VALUE:
+        remarks.append(f"the rig's parameters had to move by {np.sqrt(rig):.0f} std to fit: check the rig")
+    if _disagreement(numbers)[0] > DISAGREEMENT:
+        remarks.append(f"picture and moment disagree by {_disagreement(numbers)[0]:.0f} std")
+    return remarks
