@@ -26,9 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa estimate`."""
     parser.add_argument("session", type=Path, help="the session folder with recording/ in it")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet (needs pyarrow)"
-    )
+    parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
     parser.add_argument(
         "--model",
         default="auto",

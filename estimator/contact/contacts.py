@@ -67,10 +67,11 @@ def contacts_of(
         deviations = np.sqrt(np.diagonal(numbers.covariance, axis1=1, axis2=2))
         covariance = rotation @ numbers.covariance[:, :3, :3] @ np.swapaxes(rotation, 1, 2)
         if not rig.kinematics.axes_known:
-            covariance = covariance + _by_axes(rig, numbers, rotation, pan_rad, tilt_rad)
+            covariance = covariance + _by_axes(rig, numbers, rotation, rig.kinematics.by_axes(pan_rad, tilt_rad))
         turned = np.einsum(
             "bij,bnj->bni", rotation, np.stack([numbers.point_m, numbers.force_N, numbers.tangent], axis=1)
         )
+        moment = numbers.residual[:, 0] * sensor.std_Nm / sensor.gain
         return Contacts(
             rig=rig,
             numbers=numbers,
@@ -88,7 +89,7 @@ def contacts_of(
             covariance_world_m2=given(covariance),
             force_world_N=given(turned[:, 1]),
             tangent_world=given(turned[:, 2]),
-            moment_residual_Nm=given(numbers.residual[:, 0] * sensor.std_Nm / sensor.gain, numbers.sensor_available[:, 0]),
+            moment_residual_Nm=given(moment, numbers.sensor_available[:, 0]),
             friction_angle_rad=given(numbers.unknowns[:, 3] * friction_rad),
             friction_angle_std_rad=given(numbers.std[:, 3] * friction_rad),
             friction_prior_rad=np.full(len(status), friction_rad),
@@ -97,10 +98,10 @@ def contacts_of(
         )
 
 
-def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> np.ndarray:
+def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """(B, 3, 3) added to the covariance of world points by errors of the joint axes, their own and the pose's."""
     kinematics, pose = rig.kinematics, slice(0, len(POSE_PARAMETERS))
-    turned, shifted = kinematics.by_axes(pan_rad, tilt_rad)
+    turned, shifted = by_axes
     moved = np.einsum("kbij,bj->bik", turned, numbers.point_m) + np.moveaxis(shifted, 0, -1)
     by_pose = moved @ kinematics.axes_by_pose
     shared = rotation @ numbers.with_pose[:, :3] @ np.swapaxes(by_pose, 1, 2)

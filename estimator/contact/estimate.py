@@ -1,4 +1,4 @@
-"""The estimator's door for users: centrelines, moments and joint angles in, contacts out, with what they are worth."""
+"""The estimator: centrelines, moments and joint angles in, contacts with their uncertainty out."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from vbaa_calib.core.arrays import as_index, like
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
-from .contacts import Contacts, judge
-from .inputs import checked_device, column, deviations, in_order, padded, stacked, started
+from .contacts import Contacts, contacts_of
+from .inputs import Batch, Values, checked_device
 from .motion import Beam
-from .quantities import Numbers, none_of, numbers, placed, plain
-from .stream import Stream, beam
-from .verdict import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
+from .motion_check import MotionCheck
+from .quantities import FitNumbers, fit_numbers, plain
+from .status import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
 
 CHUNK, CHUNK_ON_DEVICE = 512, 1024
 """Frames that are solved at once: on the processor their arrays stay in its cache."""
@@ -44,14 +44,14 @@ class ContactEstimator:
     rig : the calibrated rig.
     model : a rung of the ladder, `antenna.rungs.RUNGS`, or "auto" for the lowest whose predicted bias is small against
         the noise.
-    friction : rad, standard deviation of the angle by which friction may tilt the force from the antenna's normal;
-        0 for contacts that are known to be slippery.
+    friction : rad, standard deviation of the friction angle (the force's angle from the antenna's normal); 0 for
+        contacts without friction.
     device : where batches are solved: "cpu" is NumPy on the processor, all others are torch devices ("cpu:0" is torch
         on the processor). Single frames stay in NumPy.
 
     Raises
     ------
-    InputError : an unknown model, a friction that is none, a device that is not there.
+    InputError : an unknown model, a friction that is out of range, a device that is not there.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class ContactEstimator:
 
         Parameters
         ----------
-        centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are left out.
+        centreline_px : (N, 2) pixels on the antenna's centreline, in any order; rows with NaN are ignored.
         moment : the sensor's reading, N·m; None or NaN for vision alone.
         pan, tilt : joint angles, rad.
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
@@ -118,7 +118,7 @@ class ContactEstimator:
 
         Parameters
         ----------
-        centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are left out.
+        centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are ignored.
         moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
         sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
 
@@ -126,125 +126,95 @@ class ContactEstimator:
         ------
         InputError : as `estimate`, or when not everything is there for every frame.
         """
-        points = padded(centrelines_px)
-        count = len(points)
-        given = {"moments": moments, "moments_z": moments_z, "pans": pans, "tilts": tilts}
-        columns = {name: column(name, values, count) for name, values in given.items()}
-        if not np.isfinite([columns["pans"], columns["tilts"]]).all():
-            raise InputError("a pan or tilt is not a finite number", remedy="give radians")
-        for name in ("moments", "moments_z"):
-            if np.isinf(columns[name]).any():
-                raise InputError(f"one of {name} is infinite", remedy="give N·m, or None where there is no reading")
-        sigma = deviations(points, self.rig.image.noise_px if sigma_px is None else sigma_px)
-        readings = np.stack([columns["moments"], columns["moments_z"]], axis=-1)
-        return self._judged(points, sigma, readings, columns["pans"], columns["tilts"], None)
+        readings: dict[str, Values] = {"moments": moments, "moments_z": moments_z}
+        joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
+        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px))
 
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:
         """A recording frame by frame, in order and in constant memory.
 
-        Frames are taken `STREAM` at a time, and looked for first where the last contact before them was. Frames with
-        times are judged for motion by those around them (`motion`), so that a contact comes out a little later. With
-        `live` each frame is answered as it comes, judged by those before it.
+        Frames are taken `STREAM` at a time, and the solver begins at the last contact before them. Frames with times
+        are tested for motion with those around them (`motion`), so that a contact comes out a little later. With
+        `live` each frame is answered as it comes, tested with those before it.
         """
         frames, warm = iter(recording), None
-        stream = Stream(self.rig, live)
+        motion = MotionCheck(self.rig, live)
         while several := list(islice(frames, 1 if live else STREAM)):
-            found = self._measured(several, warm, beam(self.rig))
+            found = self._contacts(Batch.of(several, warm), Beam.of(self.rig))
             located = np.flatnonzero(np.isfinite(found.distance_m))
             warm = found.numbers.unknowns[located[-1]] if len(located) else None
-            yield from stream.push(several, found)
-        yield from stream.finish()
+            yield from motion.push(several, found)
+        yield from motion.finish()
 
     def measure(self, measured: Measured) -> Contact:
         """One frame that was checked already."""
-        return self._measured([measured], None)[0]
+        return self._contacts(Batch.of([measured]))[0]
 
-    def rough(self, several: Sequence[Measured]) -> list[Rough | None]:
+    def rough(self, several: Sequence[Measured]) -> list[RoughFit | None]:
         """A quick fit of each frame on a low rung. None with too few points."""
-        frames = self._frames(self._rig_arrays, *stacked(several))
-        found: list[Rough | None] = [None] * len(several)
+        frames = self._frames(self._rig_arrays, Batch.of(several))
+        found: list[RoughFit | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
         if len(enough):
             frames = frames.select(enough)
             unknowns = find_starts(frames, always=True).minima[:, 0]
             shapes = predict(frames, COARSE_RUNG, unknowns, derivatives=False).points_m
             for index, own, points_m in zip(enough, unknowns, shapes, strict=True):
-                found[index] = Rough(own, points_m)
+                found[index] = RoughFit(own, points_m)
         return found
 
     def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
-        frames = self._frames(self._rig_arrays, *stacked([measured]))
+        batch = Batch.of([measured])
+        frames = self._frames(self._rig_arrays, batch)
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
-        part = solve(frames, self.model, started([measured]))[0]
-        return np.asarray(part.fits.prediction.points_m[0])
+        return np.asarray(solve(frames, self.model, batch.start)[0].fits.prediction.points_m[0])
 
-    def _measured(self, several: Sequence[Measured], warm: np.ndarray | None, shaken: Beam | None = None) -> Contacts:
-        return self._judged(*stacked(several), started(several, warm), shaken)
-
-    def _judged(
-        self,
-        points_px: np.ndarray,
-        sigma_px: np.ndarray,
-        readings_Nm: np.ndarray,
-        pan_rad: np.ndarray,
-        tilt_rad: np.ndarray,
-        warm: np.ndarray | None,
-        shaken: Beam | None = None,
-    ) -> Contacts:
-        count = len(points_px)
-        found = none_of(count)
+    def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
+        """The frames' contacts; with a beam, also what testing for motion needs."""
+        count = len(batch)
+        found = FitNumbers.empty(count)
         rig_arrays = self._rig_arrays if count <= SINGLE else self._rig_arrays_on_device
         chunk = CHUNK if rig_arrays is self._rig_arrays else CHUNK_ON_DEVICE
         for begin in range(0, count, chunk):
-            part = slice(begin, min(begin + chunk, count))
-            frames = self._frames(
-                rig_arrays, points_px[part], sigma_px[part], readings_Nm[part], pan_rad[part], tilt_rad[part]
-            )
+            part = batch[begin : begin + chunk]
+            frames = self._frames(rig_arrays, part)
             usable = frames.usable.sum(-1)
             enough = usable >= FEWEST_POINTS
-            found.points[part] = plain(usable)
+            found.points[begin : begin + chunk] = plain(usable)
             if not bool(enough.any()):
                 continue
-            rows = np.flatnonzero(plain(enough)) + begin
-            start = None if warm is None else like(frames.points, warm[rows])
+            rows = np.flatnonzero(plain(enough))
+            start = None if part.start is None else like(frames.points, part.start[rows])
             if not bool(enough.all()):
                 frames = frames.select(enough)
             with np.errstate(all="ignore"):  # what leaves the domain of the model is judged by its numbers
-                fitted = numbers(solve(frames, self.model, start), shaken)
+                fitted = fit_numbers(solve(frames, self.model, start), beam)
                 self._without_reading(frames, fitted)
-            placed(found, rows, fitted)
-        return judge(found, self.rig, self.friction_rad, pan_rad, tilt_rad, self.model)
+            found.put(begin + rows, fitted)
+        return contacts_of(found, self.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model)
 
-    def _without_reading(self, frames: Frames, fitted: Numbers) -> None:
+    def _without_reading(self, frames: Frames, fitted: FitNumbers) -> None:
         """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
         touching = fitted.evidence >= CONTACT_EVIDENCE
-        rows = np.flatnonzero(touching & unexplained(fitted) & fitted.felt.any(axis=1))
+        rows = np.flatnonzero(touching & unexplained(fitted) & fitted.sensor_available.any(axis=1))
         if len(rows) == 0:
             return
         alone = frames.select(as_index(like(frames.points, rows)))
         silent = replace(alone, sensor_available=0.0 * alone.sensor_available)
-        fitted.explained_alone[rows] = ~unexplained(numbers(solve(silent, self.model)))
+        fitted.explained_alone[rows] = ~unexplained(fit_numbers(solve(silent, self.model)))
 
-    def _frames(
-        self,
-        rig_arrays: RigArrays,
-        points_px: np.ndarray,
-        sigma_px: np.ndarray,
-        readings_Nm: np.ndarray,
-        pan_rad: np.ndarray,
-        tilt_rad: np.ndarray,
-    ) -> Frames:
-        rotation, _ = self.rig.kinematics.world_antenna(pan_rad, tilt_rad)
+    def _frames(self, rig_arrays: RigArrays, batch: Batch) -> Frames:
+        rotation, _ = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, self.rig.gravity_world_m_s2)
-        points_px, sigma_px = in_order(points_px, sigma_px)
-        given = (np.require(values, float, ["C", "W"]) for values in (points_px, sigma_px, readings_Nm, gravity))
-        return frames_from_pixels(rig_arrays, *(like(rig_arrays.prior, values) for values in given))
+        values = (batch.points_px, batch.sigma_px, batch.readings_Nm, gravity)
+        owned = (np.require(each, float, ["C", "W"]) for each in values)
+        return frames_from_pixels(rig_arrays, *(like(rig_arrays.prior, each) for each in owned))
 
 
 @dataclass(frozen=True, eq=False)
-class Rough:
+class RoughFit:
     """A quick fit: unknowns (4,), `rig_arrays.UNKNOWNS`, and the antenna's nodes (M, 3), antenna frame."""
 
     unknowns: np.ndarray

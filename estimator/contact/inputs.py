@@ -3,18 +3,96 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from estimator.table.contacts import Measured
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.rig import Rig
 
 SLIGHTLY = 1e-6
-"""By so much of the other coordinate points of one column are told apart."""
+"""Weight of the other coordinate when points are put in order: it separates points of one column."""
+
+Values = Sequence[float | None] | np.ndarray | None
+"""A number for every frame, None where there is none."""
 
 
-def padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """The measurements of B frames, checked.
+
+    Attributes
+    ----------
+    points_px, sigma_px : (B, N, 2), (B, N) along the longer side of each frame's points, missing ones last.
+    readings_Nm : (B, 2) about y and z; NaN where there is none.
+    pan_rad, tilt_rad : (B,) joint angles.
+    start : (B, 4) initial unknowns, NaN where there are none; None without any.
+    """
+
+    points_px: np.ndarray
+    sigma_px: np.ndarray
+    readings_Nm: np.ndarray
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
+    start: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.points_px)
+
+    def __getitem__(self, which: slice) -> Batch:
+        start = None if self.start is None else self.start[which]
+        points_px, sigma_px = self.points_px[which], self.sigma_px[which]
+        return Batch(points_px, sigma_px, self.readings_Nm[which], self.pan_rad[which], self.tilt_rad[which], start)
+
+    @staticmethod
+    def of(several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
+        """Frames that were checked already. `warm` (4,): where those without a start of their own begin."""
+        points = _padded([each.points_px for each in several])
+        sigma = np.ones(points.shape[:2])
+        for row, each in zip(sigma, several, strict=True):
+            row[: len(each.sigma_px)] = each.sigma_px
+        numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
+        starts = np.stack([each.start for each in several])
+        if warm is not None:
+            starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
+        known = np.isfinite(starts).all(axis=1).any()
+        ordered = _in_order(points, sigma)
+        return Batch(*ordered, numbers[:, :2], numbers[:, 2], numbers[:, 3], starts if known else None)
+
+    @staticmethod
+    def checked(
+        rig: Rig,
+        centrelines_px: np.ndarray | Sequence[np.ndarray],
+        readings: dict[str, Values],
+        joints: dict[str, Values],
+        sigma_px: np.ndarray | float | None,
+    ) -> Batch:
+        """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
+        points = _padded(centrelines_px)
+        moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
+        angles = [_column(name, values, len(points)) for name, values in joints.items()]
+        if not np.isfinite(angles).all():
+            raise InputError("a pan or tilt is not a finite number", remedy="give radians")
+        for name, values in moments.items():
+            if np.isinf(values).any():
+                raise InputError(f"one of {name} is infinite", remedy="give N·m, or None where there is no reading")
+        sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
+        return Batch(*_in_order(points, sigma), np.stack(list(moments.values()), axis=-1), *angles)
+
+
+def checked_device(name: str) -> torch.device:
+    """The torch device. Raises InputError when it cannot be used."""
+    try:
+        torch.ones(1, dtype=torch.float64, device=name).item()
+    except (RuntimeError, TypeError, AssertionError) as error:
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"device {name!r}: {what}", remedy="cpu is always there") from None
+    return torch.device(name)
+
+
+def _padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
     """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
     if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
         return centrelines_px.astype(float, copy=False)
@@ -28,25 +106,7 @@ def padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
     return points
 
 
-def stacked(several: Sequence[Measured]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points, deviations, readings, pans and tilts of frames, points padded to one length."""
-    points = padded([each.points_px for each in several])
-    sigma = np.ones(points.shape[:2])
-    for row, each in zip(sigma, several, strict=True):
-        row[: len(each.sigma_px)] = each.sigma_px
-    numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
-    return points, sigma, numbers[:, :2], numbers[:, 2], numbers[:, 3]
-
-
-def started(several: Sequence[Measured], warm: np.ndarray | None = None) -> np.ndarray | None:
-    """(B, 4) where to look first: each frame's own start, else `warm` (4,); None where nothing is known of any."""
-    starts = np.stack([each.start for each in several])
-    if warm is not None:
-        starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
-    return starts if np.isfinite(starts).all(axis=1).any() else None
-
-
-def column(name: str, values: Sequence[float | None] | np.ndarray | None, count: int) -> np.ndarray:
+def _column(name: str, values: Values, count: int) -> np.ndarray:
     """(count,) floats, NaN for what is missing. Raises InputError."""
     if values is None:
         return np.full(count, np.nan)
@@ -59,7 +119,7 @@ def column(name: str, values: Sequence[float | None] | np.ndarray | None, count:
     return numbers
 
 
-def deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarray:
+def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarray:
     """(B, N) deviations of points (B, N, 2) from one, (B, 1) or (B, N). Raises InputError where there is a point."""
     sigma = np.asarray(sigma_px, float)
     try:
@@ -71,10 +131,10 @@ def deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarra
     return sigma
 
 
-def in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points (B, N, 2) and deviations (B, N) along the longer side of each frame's points, missing ones last.
 
-    First looks take every n-th point: they must not depend on the order in which the points were listed.
+    The initialization takes every n-th point: it must not depend on the order in which the points were listed.
     """
     if points_px.shape[1] == 0:
         return points_px, sigma_px
@@ -86,13 +146,3 @@ def in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, n
     u, v = points_px[..., 0], points_px[..., 1]
     order = np.argsort(np.where(sideways, u + SLIGHTLY * v, v + SLIGHTLY * u), axis=1)
     return np.take_along_axis(points_px, order[..., None], 1), np.take_along_axis(sigma_px, order, 1)
-
-
-def checked_device(name: str) -> torch.device:
-    """The torch device. Raises InputError when it cannot be used."""
-    try:
-        torch.ones(1, dtype=torch.float64, device=name).item()
-    except (RuntimeError, TypeError, AssertionError) as error:
-        what = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"device {name!r}: {what}", remedy="cpu is always there") from None
-    return torch.device(name)

@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm
 
 from vbaa_calib.core.arrays import Array, as_index, like, namespace
+from vbaa_calib.rig import Rig
 
 MOST = 64
 """At most so many frames on either side count: what a judge of a recording must remember is bounded."""
@@ -132,6 +133,12 @@ class Beam:
     length_m: float
     stiffness_Nm2: float
     mass_per_length_kg_m: float
+
+    @staticmethod
+    def of(rig: Rig) -> Beam:
+        """The rig's antenna."""
+        antenna = rig.antenna
+        return Beam(antenna.length_m, antenna.stiffness_Nm2, antenna.mass_per_length_kg_m)
 
     @property
     def pieces_m(self) -> np.ndarray:

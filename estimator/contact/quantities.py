@@ -49,8 +49,9 @@ class FitNumbers:
     residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
     sensor_available : (B, 2) bool, whether there was a reading.
     rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
-    evidence, condition, converged, at_tip, scatter, alternative_cost, alternative_unknowns, ambiguous, second_gain, second_place, second_shift :
-        see `solver.ladder.Solution` and what it holds. finite : (B,) bool, the fit stayed in the model's domain.
+    evidence, condition, converged, at_tip, scatter, alternative_cost, alternative_unknowns, ambiguous, second_gain,
+    second_place, second_shift : see `solver.ladder.Solution` and what it holds.
+    finite : (B,) bool, the fit stayed in the model's domain.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
     explained_alone : (B,) bool, one contact explains the picture alone; looked at only where the readings do not fit.
     bias : (B, len(RUNGS)), NaN where it was not compared.

@@ -21,7 +21,7 @@ from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Session, read_centrelines
 
-from .estimate import ContactEstimator, Rough
+from .estimate import ContactEstimator, RoughFit
 
 GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
@@ -122,7 +122,7 @@ def look_again(estimator: ContactEstimator, glances: Sequence[Glance]) -> list[L
     ]
 
 
-def _along(rig: Rig, glance: Glance, rough: Rough) -> Look:
+def _along(rig: Rig, glance: Glance, rough: RoughFit) -> Look:
     T_camera_antenna = rig.T_antenna_camera.inverse()
     guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
     width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)

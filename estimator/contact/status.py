@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.solver.descent import NEAREST
-from estimator.solver.ladder import SMALL
+from estimator.solver.convergence import NEAREST
+from estimator.solver.ladder import SMALL_BIAS
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.robust import chi_square_p
 
@@ -73,13 +73,13 @@ def unexplained(numbers: FitNumbers) -> np.ndarray:
 
 def _ambiguous(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
-    apart = np.abs(numbers.rival_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
-    return apart.any(axis=1) & (numbers.rival < ALTERNATIVE_COST * numbers.scatter**2)
+    apart = np.abs(numbers.alternative_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
+    return apart.any(axis=1) & (numbers.alternative_cost < ALTERNATIVE_COST * numbers.scatter**2)
 
 
 def _mirrored(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether vision is alone, and only perspective tells the contact from its mirror image."""
-    return numbers.blind & ~numbers.sensor_available.any(axis=1)
+    return numbers.ambiguous & ~numbers.sensor_available.any(axis=1)
 
 
 def _at_clamp(numbers: FitNumbers) -> np.ndarray:
@@ -93,7 +93,7 @@ def _friction_exceeded(numbers: FitNumbers) -> np.ndarray:
 
 def _second_contact(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether a second force explains so much more that the distance cannot be believed."""
-    return (numbers.second > SECOND_CONTACT) & (numbers.second_harm > SECOND_SHIFT)
+    return (numbers.second_gain > SECOND_CONTACT) & (numbers.second_shift > SECOND_SHIFT)
 
 
 def _force_undetermined(numbers: FitNumbers) -> np.ndarray:
@@ -142,9 +142,7 @@ def _failed(numbers: FitNumbers, length_m: float) -> str:
         return "the fit left the domain of the model"
     if _model_too_low(numbers)[0] and not unexplained(numbers)[0]:
         rung = int(numbers.rung[0])
-        return (
-            f"{RUNGS[rung]} is too low for this frame, some {numbers.bias[0, rung]:.0f} std off: take a higher rung"
-        )
+        return f"{RUNGS[rung]} is too low for this frame, some {numbers.bias[0, rung]:.0f} std off: take a higher rung"
     two = ""
     if _second_contact(numbers)[0]:
         near, far = (1e3 * length_m * at for at in sorted((numbers.unknowns[0, 0], numbers.second_place[0])))
@@ -172,8 +170,8 @@ def _unobservable(numbers: FitNumbers, length_m: float) -> str:
         return "nothing in picture and moment holds the contact distance"
     if _force_undetermined(numbers)[0]:
         return "nothing in picture and moment holds the force in one direction across the antenna"
-    near, far = (1e3 * length_m * u[0, 0] for u in (numbers.unknowns, numbers.rival_unknowns))
-    rolls = (np.degrees(np.arctan2(u[0, 2], u[0, 1])) for u in (numbers.unknowns, numbers.rival_unknowns))
+    near, far = (1e3 * length_m * u[0, 0] for u in (numbers.unknowns, numbers.alternative_unknowns))
+    rolls = (np.degrees(np.arctan2(u[0, 2], u[0, 1])) for u in (numbers.unknowns, numbers.alternative_unknowns))
     here, there = (f"at {d:.0f} mm pushed towards {r:.0f}°" for d, r in zip((near, far), rolls, strict=True))
     return f"two contacts explain it about equally well: {here}, and {there} from y"
 
@@ -183,9 +181,9 @@ def _model(numbers: FitNumbers, requested: str) -> str:
     rung, bias = int(numbers.rung[0]), numbers.bias[0]
     name = RUNGS[rung]
     if requested != "auto":
-        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > SMALL else ""
+        too_low = f", and is {bias[rung]:.1f} std off, which is in the deviations" if bias[rung] > SMALL_BIAS else ""
         return f"{name} was asked for{too_low}"
-    low = [lower for lower in range(rung) if bias[lower] > SMALL]
+    low = [lower for lower in range(rung) if bias[lower] > SMALL_BIAS]
     if not low:
         return f"{name}: its bias is {bias[rung]:.2f} std"
     return f"{name}: {RUNGS[low[-1]]} would be {bias[low[-1]]:.1f} std off"

@@ -27,8 +27,11 @@ LOCATED = ("ok", "tip_contact")
 NEEDED = ("distance_m", "force_y_N", "force_z_N", "point_antenna_m", "point_world_m")
 """What a located contact must have."""
 
-Whole, Number, Flag, Text = TypeVar("Whole"), TypeVar("Number"), TypeVar("Flag"), TypeVar("Text")
-"""int, float, bool and str of one frame; arrays of many."""
+# int, float, bool and str of one frame; arrays of many
+Whole = TypeVar("Whole")
+Number = TypeVar("Number")
+Flag = TypeVar("Flag")
+Text = TypeVar("Text")
 
 
 @dataclass(frozen=True)
@@ -144,6 +147,7 @@ class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
     tilt_rad: Number = _column("rad", "joint angle, from the recording")
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ContactRow(_Columns[int, float, bool, str]):
     """One frame of contacts.csv. A number that does not exist is NaN here and an empty cell in the file."""
 
@@ -167,6 +171,7 @@ class ContactRow(_Columns[int, float, bool, str]):
         )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
     """contacts.csv by columns, B frames: (B,), (B, 3) or (B, 3, 3); NaN where a number does not exist."""
 

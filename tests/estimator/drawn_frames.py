@@ -86,7 +86,9 @@ def frame_of(folder: Path, image: np.ndarray, moment_Nm: float, number: int = 7)
 def contact_of(status: str, curves: Curves) -> Contact:
     """A contact with this status, located where it may be."""
     if status not in ("ok", "tip_contact"):
-        return Contact(status, f"the reason for {status}", "rod", True, moment_residual_Nm=1e-6)
+        return Contact(
+            status=status, reason=f"the reason for {status}", model="rod", in_contact=True, moment_residual_Nm=1e-6
+        )
     point, force = curves.contact_m[0], curves.force_N[0]
     return Contact(
         status=status,

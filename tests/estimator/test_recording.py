@@ -40,7 +40,9 @@ class Chunked:
         rest = iter(recording)
         while chunk := list(islice(rest, 4)):
             self.taken += chunk
-            yield from (Contact("ok", f"{seen.time_s:.1f}", "rod", True) for seen in chunk)
+            yield from (
+                Contact(status="ok", reason=f"{seen.time_s:.1f}", model="rod", in_contact=True) for seen in chunk
+            )
 
 
 def test_every_frame_gets_its_own_contact() -> None:

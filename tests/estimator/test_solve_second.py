@@ -106,7 +106,7 @@ def test_one_contact_is_hardly_ever_two() -> None:
         scenes = rubbed(World(camera_pose()).rig(np.zeros(17)), contact, slope, friction, rng.uniform(-3, 3, count))
         found = answered(scenes.noisy(rng))
         wrong += [one.reason for one in found if "two contacts" in one.reason]
-        assert np.mean(found.numbers.second > SECOND_CONTACT / 2) < 0.01
+        assert np.mean(found.numbers.second_gain > SECOND_CONTACT / 2) < 0.01
     assert not wrong
 
 

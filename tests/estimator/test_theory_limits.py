@@ -51,7 +51,7 @@ def test_neighbours_that_err_together() -> None:
             noise[:, index] = together * noise[:, index - 1] + np.sqrt(1 - together**2) * noise[:, index]
         found = answered(replace(given, points_px=given.points_px + 0.1 * noise), "elastica", friction=0.0)
         off.append(float(np.sqrt(np.nanmean(scene_deviations(found, given)[:, 0] ** 2))))
-        loud.append(float(np.mean(found.numbers.second > 18.0)))
+        loud.append(float(np.mean(found.numbers.second_gain > 18.0)))
         print(f"correlation {together}: l off by {off[-1]:.2f} deviations rms, second force in {100 * loud[-1]:.1f} %")
     np.testing.assert_allclose(off, [1.0, 3.0**0.5], rtol=0.15)
     assert max(loud) < 0.03

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.contact.common_errors import Shared, shared_errors
-from estimator.contact.stream import beam
+from estimator.contact.motion import Beam
 from estimator.table.contacts import ContactTable
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
@@ -93,7 +93,7 @@ def follow(
     events = contact_events(table, contact)
     phase = _after_onset(table, phase, contact, events)
     events += slip_events(table, phase, [stroke.rows for stroke in runs])
-    events += ringing_events(table, ringing, None if rig is None else beam(rig))
+    events += ringing_events(table, ringing, None if rig is None else Beam.of(rig))
     time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))
     return Track(
         phase=phase,
