@@ -18,7 +18,7 @@ STEPS = [(0.25, 0.139, 6.1), (0.5, 0.184, 4.9), (0.75, 0.276, 4.4), (0.95, 0.458
 def as_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Deviations of noise and rig alone, whatever the rung makes wrong."""
     monkeypatch.setattr("estimator.solver.ladder.LARGE_BIAS", np.inf)
-    monkeypatch.setattr("estimator.contact.verdict.MISLED", np.inf)
+    monkeypatch.setattr("estimator.contact.status.HIGHEST_BIAS", np.inf)
 
 
 @pytest.mark.usefixtures("as_fitted")
