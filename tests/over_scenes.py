@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.calibrate.over_board.free_antenna import FreeAntenna, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, OverSetup, solve_over_board
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import print_sheet
@@ -71,9 +71,11 @@ class Shown:
     def solved(self, **changes: Any) -> OverBoardSolution:
         """`solve_over_board` of this picture, with a guess that is a few degrees and millimetres off."""
         guess = self.truth.retract(np.array([0.03, -0.02, 0.05, 0.004, -0.004, 0.003]))
-        options = {"images": {"over.png": self.picture}, "antenna": self.antenna, "height_m": self.over.height_m}
-        options |= {"height_std_m": HEIGHT_STD_M, "camera": self.camera, "guess": guess} | changes
-        return solve_over_board(spec=self.scene.board, **options)
+        options = {"images": {"over.png": self.picture}, "guess": guess, "bright": None} | changes
+        pictures = {name: options.pop(name) for name in ("images", "guess", "bright")}
+        known = {"antenna": self.antenna, "height_m": self.over.height_m, "height_std_m": HEIGHT_STD_M}
+        setup = OverSetup(**{"spec": self.scene.board, "camera": self.camera} | known | options)
+        return solve_over_board(setup=setup, **pictures)
 
 
 @functools.cache

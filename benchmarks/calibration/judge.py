@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.calibrate.lens.bundle import Observation, free_directions, refine
+from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.models import LensModel
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
@@ -54,5 +54,5 @@ def rms_on_plane_mm(camera: Camera, T_camera_plane: Pose, points_m: np.ndarray, 
 def pose_by(camera: Camera, start: Pose, board: Observation) -> Pose:
     """T_camera_board as this camera has it, by corners exactly seen."""
     model = LensModel("any", camera.model, len(camera.distortion), (), None)
-    pose = refine(model, camera.parameters, start.vector[None], [board], free_directions(model)[:, :0]).poses[0]
+    pose = refine(Bundle.start(model, camera.parameters, start.vector[None]).poses_only, [board]).poses[0]
     return Pose.from_rotvec(pose[:3], pose[3:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
@@ -12,7 +12,7 @@ import numpy as np
 
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_flex import observations_of
-from vbaa_calib.calibrate.lens.bundle import free_directions, refine
+from vbaa_calib.calibrate.lens.bundle import Bundle, refine
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import camera_of
 from vbaa_calib.camera import Camera
@@ -47,8 +47,8 @@ def solve_oracle(given: Draw) -> Camera:
     observations = [
         view.picked(good) for view, good in zip(observations_of(given.views, BOARD), given.good, strict=True)
     ]
-    free = free_directions(rig.model)
-    bundle = refine(rig.model, rig.intrinsics, given.poses, observations, free, sagittas_m=rig.sagittas_m)
+    start = Bundle.start(rig.model, rig.intrinsics, given.poses)
+    bundle = refine(replace(start, sagittas_m=np.asarray(rig.sagittas_m)), observations)
     return camera_of(rig.model, bundle.intrinsics, rig.image_size)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import solve_joint
+from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
@@ -58,7 +58,7 @@ def solve(given: Draw) -> Solved:
     estimate = jig_estimate(board_pose, T_ANTENNA_JIG)
     clock.append(time.perf_counter())
     before = prior(NOMINAL, lens.camera, [estimate])
-    joint = solve_joint(observations(given), before, NOMINAL.length_m, MOMENT_NM)
+    joint = adjust_bundle(observations(given), before, NOMINAL.length_m, MOMENT_NM)
     clock.append(time.perf_counter())
     first = len(RIG_PARAMETERS)
     order = np.r_[first : len(joint.covariance), :6]

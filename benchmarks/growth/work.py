@@ -26,7 +26,7 @@ from estimator.object.estimate import estimate_object
 from estimator.object.surface import reconstruct, touches_of
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import write_contacts
-from vbaa_calib.calibrate.antenna.bundle_adjustment import solve_joint
+from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
 from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
@@ -165,7 +165,7 @@ def joint_solve(size: int, seed: int) -> Work:
     before = prior(NOMINAL, lens.camera, [jig_estimate(board_pose, T_ANTENNA_JIG)])
     once = observations(given)
     stills = [once[index % len(once)] for index in range(size)]
-    return lambda: solve_joint(stills, before, NOMINAL.length_m, MOMENT_NM)
+    return lambda: adjust_bundle(stills, before, NOMINAL.length_m, MOMENT_NM)
 
 
 def surface_of_contacts(size: int, seed: int) -> Work:

@@ -10,7 +10,7 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import RodShape, solve_rod
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, solve_joint
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
@@ -139,9 +139,9 @@ def before(world: World, rng: np.random.Generator, readings: LoadReadings = WEIG
     return prior(NOMINAL, camera, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))], readings=readings)
 
 
-def solved(observations: Sequence[Observation], known: Prior) -> JointSolution:
+def solved(observations: Sequence[Observation], known: Prior) -> BundleAdjustment:
     """The joint solve."""
-    return solve_joint(observations, known, LENGTH_M, 2e-5)
+    return adjust_bundle(observations, known, LENGTH_M, 2e-5)
 
 
 def session(gravity_world_m_s2: np.ndarray = GRAVITY_WORLD) -> Session:

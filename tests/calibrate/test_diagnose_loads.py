@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.faults.fit_quality import solve_free
 from vbaa_calib.calibrate.faults.load_rows import row_diagnoses, wrong_rows
@@ -47,7 +47,7 @@ SLIPS: dict[str, tuple[Callable[[Load], Load], str]] = {
 
 
 @pytest.fixture(scope="module")
-def good() -> tuple[Prior, list[Observation], JointSolution]:
+def good() -> tuple[Prior, list[Observation], BundleAdjustment]:
     """A session in which nothing is wrong but what a ruler and a balance always are."""
     rng = np.random.default_rng(11)
     world = drawn_world(rng)

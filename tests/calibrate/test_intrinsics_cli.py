@@ -48,15 +48,6 @@ def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pyt
     assert "--force" in capsys.readouterr().err
 
 
-def test_an_existing_output_is_refused_before_the_work(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    output = tmp_path / "camera.json"
-    output.write_text("mine")
-    call = ["intrinsics", str(tmp_path / "none"), "--board", str(tmp_path / "none.yaml"), "-o", str(output)]
-    assert main(call) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert output.read_text() == "mine"
-
-
 @pytest.mark.parametrize(
     ("extra", "words"),
     [

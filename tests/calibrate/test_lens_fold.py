@@ -8,8 +8,7 @@ import pytest
 from benchmarks.calibration.methods import solve_oracle, solve_ours
 from benchmarks.calibration.rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.lens.board_flex import observations_of
-from vbaa_calib.calibrate.lens.bundle import free_directions
-from vbaa_calib.calibrate.lens.initialization import fit_lens, unfolded
+from vbaa_calib.calibrate.lens.initialization import LensOptions, fit_lens, unfolded
 from vbaa_calib.calibrate.lens.models import (
     LENS_MODELS,
     Unfolding,
@@ -85,8 +84,8 @@ def test_draws_whose_plain_fit_folds_are_solved_without(seed: int) -> None:
 
 def test_unfolding_costs_the_corners_next_to_nothing() -> None:
     given, model = draw(WIDE, 105), WIDE.model
-    observations, directions = observations_of(given.views, BOARD), free_directions(WIDE.model)
-    plain = fit_lens(model, observations, WIDE.image_size)
-    held = unfolded(model, plain, observations, directions, WIDE.image_size)
+    observations = observations_of(given.views, BOARD)
+    plain = fit_lens(model, observations, LensOptions(WIDE.image_size))
+    held = unfolded(plain, observations, WIDE.image_size)
     assert is_monotonic(model, held.intrinsics, WIDE.image_size)
     assert held.rms_px <= 1.005 * plain.rms_px

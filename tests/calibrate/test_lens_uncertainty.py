@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from benchmarks.calibration.methods import solve_ours
 from benchmarks.calibration.rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.lens.board_flex import observations_of
-from vbaa_calib.calibrate.lens.bundle import Observation, free_directions, refine
-from vbaa_calib.calibrate.lens.information import information, lens_covariance
+from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
+from vbaa_calib.calibrate.lens.information import information
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.lens.uncertainty import (
     compensate,
@@ -33,9 +33,9 @@ GRID = (5, 4)
 
 def solved(seed: int, count: int):
     """`count` noise draws over one set of poses: intrinsics (count, 9), the mean covariance (9, 9)."""
-    given, rng, directions = draw(RIG, seed), np.random.default_rng(seed + 1), free_directions(RIG.model)
+    given, rng = draw(RIG, seed), np.random.default_rng(seed + 1)
     views = observations_of(given.views, BOARD)
-    exact = refine(RIG.model, RIG.intrinsics, given.poses, views, directions[:, :0])
+    exact = refine(Bundle.start(RIG.model, RIG.intrinsics, given.poses).poses_only, views)
     clean = [view.pixels - residual for view, residual in zip(views, exact.residuals_px, strict=True)]
     found, covariances = [], []
     for _ in range(count):
@@ -44,9 +44,9 @@ def solved(seed: int, count: int):
             for view, pixels in zip(views, clean, strict=True)
         ]
         # poses solved for the noisy corners: the exact ones would be the truth only where no corner moved
-        bundle = refine(RIG.model, RIG.intrinsics, exact.poses, noisy, directions)
+        bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, exact.poses), noisy)
         found.append(bundle.intrinsics)
-        covariances.append(lens_covariance(RIG.model, bundle, noisy, directions))
+        covariances.append(information(bundle, noisy).covariance[:-2, :-2])
     return np.array(found), np.mean(covariances, axis=0)
 
 
@@ -133,9 +133,8 @@ def test_a_camera_without_covariance_is_refused() -> None:
 
 
 def halves_of(views: list[Observation], poses: np.ndarray) -> Halves | None:
-    directions = free_directions(RIG.model)
-    bundle = refine(RIG.model, RIG.intrinsics, poses, views, directions)
-    known = information(RIG.model, bundle, views, directions)
+    bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, poses), views)
+    known = information(bundle, views)
     assert known is not None
     return compare_halves(RIG.model, bundle.intrinsics, known, RIG.image_size)
 
@@ -175,14 +174,14 @@ def test_halves_of_good_views_differ_as_often_as_chance_has_it() -> None:
 @pytest.mark.parametrize("index", [0, 2, 3])
 def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> None:
     rig = rigs()[index]
-    given, directions = draw(rig, 46), free_directions(rig.model)
+    given = draw(rig, 46)
     views = observations_of(given.views, BOARD)
-    bundle = refine(rig.model, rig.intrinsics, given.poses, views, directions)
-    known = information(rig.model, bundle, views, directions)
+    bundle = refine(Bundle.start(rig.model, rig.intrinsics, given.poses), views)
+    known = information(bundle, views)
     assert known is not None
-    anew = solved_squares(rig.model, bundle, views, directions)
+    anew = solved_squares(bundle, views)
     assert anew.sum() > known.squares.sum()
-    chosen = held_out_squares(rig.model, bundle, views, directions, known)
+    chosen = held_out_squares(bundle, views, known)
     np.testing.assert_allclose(chosen, anew, rtol=0.02)
 
 

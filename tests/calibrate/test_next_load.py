@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.guide.load_uncertainty import Planner
 from vbaa_calib.calibrate.guide.next_load import LoadSuggestion, load_progress
@@ -22,7 +22,7 @@ LOG_STIFFNESS = 12
 
 
 @pytest.fixture(scope="module")
-def free() -> tuple[World, Prior, list[Observation], JointSolution]:
+def free() -> tuple[World, Prior, list[Observation], BundleAdjustment]:
     """A rig of which the free antenna alone was seen."""
     rng = np.random.default_rng(3)
     world = drawn_world(rng)
@@ -31,7 +31,7 @@ def free() -> tuple[World, Prior, list[Observation], JointSolution]:
 
 
 @pytest.fixture(scope="module")
-def loaded(free) -> tuple[list[Observation], JointSolution]:
+def loaded(free) -> tuple[list[Observation], BundleAdjustment]:
     """The same with four loads to all sides."""
     world, known, seen, _ = free
     rng = np.random.default_rng(4)

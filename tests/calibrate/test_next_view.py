@@ -27,7 +27,7 @@ from vbaa_calib.calibrate.guide.view_uncertainty import (
     with_a_lens,
 )
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane as Plane
-from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, Observation, free_directions
+from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, Observation
 from vbaa_calib.calibrate.lens.information import information
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
@@ -70,10 +70,9 @@ def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
 def test_blocks_are_the_information_of_the_solve():
     made, poses = views(6)
     own = design()
-    directions = free_directions(MODEL)
     observations = [Observation(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
-    bundle = Bundle(INTRINSICS, np.array([pose.vector for pose in poses]), ())
-    known = information(MODEL, bundle, observations, directions)
+    bundle = Bundle.start(MODEL, INTRINSICS, np.array([pose.vector for pose in poses]))
+    known = information(bundle, observations)
     blocks, _ = view_blocks(own, bundle.poses, observations)
     ours = own.scale @ np.linalg.inv(blocks.sum(axis=0)) @ own.scale.T
     theirs = own.sigma_px**2 * known.half @ known.half.T

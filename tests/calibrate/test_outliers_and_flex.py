@@ -11,9 +11,9 @@ from benchmarks.calibration.judge import error_mm
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
 from benchmarks.calibration.rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.lens.board_flex import bend, judge_flex, observations_of
-from vbaa_calib.calibrate.lens.bundle import Observation, free_directions, refine
-from vbaa_calib.calibrate.lens.information import shared_covariance
-from vbaa_calib.calibrate.lens.initialization import fit_lens, unfolded
+from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
+from vbaa_calib.calibrate.lens.information import information
+from vbaa_calib.calibrate.lens.initialization import LensOptions, fit_lens, unfolded
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, is_monotonic
 from vbaa_calib.calibrate.lens.outliers import inlier_masks, outlier_limit_px
 
@@ -93,9 +93,9 @@ def test_a_bend_leaves_the_mean_plane() -> None:
 
 def test_sagittas_scatter_as_predicted() -> None:
     given, rng = draw(RIGS[0], 35), np.random.default_rng(36)
-    model, rig, directions = RIGS[0].model, RIGS[0], free_directions(RIGS[0].model, flex=True)
+    start = Bundle.start(RIGS[0].model, RIGS[0].intrinsics, given.poses)
     clean = observations_of(given.views, BOARD)
-    exact = refine(model, rig.intrinsics, given.poses, clean, free_directions(model)[:, :0])
+    exact = refine(start.poses_only, clean)
     base = [v.pixels - r for v, r in zip(clean, exact.residuals_px, strict=True)]
     found, predicted = [], []
     for _ in range(60):
@@ -103,11 +103,11 @@ def test_sagittas_scatter_as_predicted() -> None:
             Observation(v.points_m, pixels + 0.15 * rng.normal(size=pixels.shape), v.bend)
             for v, pixels in zip(clean, base, strict=True)
         ]
-        bundle = refine(model, rig.intrinsics, given.poses, noisy, directions)
-        covariance = shared_covariance(model, bundle, noisy, directions)
-        assert covariance is not None
+        bundle = refine(start.freed(square_pixels=False, flex=True), noisy)
+        known = information(bundle, noisy)
+        assert known is not None
         found.append(bundle.sagittas_m)
-        predicted.append(np.diag(covariance)[-2:])
+        predicted.append(np.diag(known.covariance)[-2:])
     assert np.std(found, axis=0) / np.sqrt(np.mean(predicted, axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
 
 
@@ -115,10 +115,10 @@ def test_an_absurd_bend_is_not_used() -> None:
     """Half a millimetre in a unit that makes it 500 mm: significant, predictive, and impossible."""
     given = draw(dataclasses.replace(SPOILT, outliers=0.0), 37)
     observations = observations_of(given.views, BOARD)
-    bundle = fit_lens(SPOILT.model, observations, SPOILT.image_size)
-    assert judge_flex(SPOILT.model, bundle, observations).used
+    bundle = fit_lens(SPOILT.model, observations, LensOptions(SPOILT.image_size))
+    assert judge_flex(bundle, observations).used
     shrunk = [Observation(v.points_m, v.pixels, 1e-3 * v.bend) for v in observations if v.bend is not None]
-    judged = judge_flex(SPOILT.model, bundle, shrunk)
+    judged = judge_flex(bundle, shrunk)
     assert not judged.used
     assert "more than a board bends" in judged.reason
 
@@ -137,7 +137,7 @@ def test_a_lens_that_folds_among_the_corners_stays() -> None:
     """No pull is strong enough to hide that a model is wrong."""
     given = draw(RIGS[2], 2)
     model, observations = LENS_MODELS["opencv5"], observations_of(given.views, BOARD)
-    bundle = fit_lens(model, observations, RIGS[2].image_size)
+    bundle = fit_lens(model, observations, LensOptions(RIGS[2].image_size))
     assert not is_monotonic(model, bundle.intrinsics, RIGS[2].image_size)
-    again = unfolded(model, bundle, observations, free_directions(model), RIGS[2].image_size)
+    again = unfolded(bundle, observations, RIGS[2].image_size)
     assert again is bundle

@@ -101,7 +101,7 @@ def test_a_board_that_moved_is_refused() -> None:
     rng, camera = np.random.default_rng(6), camera_of("rational", WIDE)
     views = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.1, count=3)
     views[2] = dataclasses.replace(views[2], name="moved.png", corners_px=views[2].corners_px + 5.0)
-    with pytest.raises(InputError, match=r"moved\.png: the board stands 7\.\d px"):
+    with pytest.raises(InputError, match=r"moved\.png: the board is 7\.\d px"):
         solve_board_pose(views, SPEC, camera)
 
 

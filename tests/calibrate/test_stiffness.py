@@ -13,16 +13,14 @@ from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.rod import Rod, solve_rod
 from vbaa_calib.calibrate.antenna.deflection_fit import (
     beam,
-    by_compliance,
     elastica,
     error_models,
-    least_squares,
+    gauss_newton,
     outlying,
 )
-from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable, read_deflections
+from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
 from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.errors import InputError
 
 ROD1 = Path(__file__).parents[3] / "shared/data/rod_deflection/rod1_square_steel.txt"
 FORCE_N, LENGTH_m, EI = 5.18, 0.54, 167.0
@@ -107,7 +105,7 @@ def test_the_fit_is_the_least_squares_one(forward) -> None:
     x, force, length = np.linspace(0.02, 0.2, 15), 0.06, 0.24
     y = elastica(x, force, length)(0.004) + np.random.default_rng(2).normal(0.0, 1e-3, 15)
     model = forward(x, force, length)
-    found = least_squares(model, x, y, 0.01, offset=True)
+    found = gauss_newton(model, x, y, 0.01, offset=True)
 
     def cost(stiffness: float, offset: float) -> float:
         return float(np.sum((y - model(stiffness) - offset) ** 2))
@@ -115,7 +113,6 @@ def test_the_fit_is_the_least_squares_one(forward) -> None:
     best = cost(found.stiffness_Nm2, found.offset_m)
     assert all(cost(found.stiffness_Nm2 * (1 + step), found.offset_m) > best for step in (-1e-3, 1e-3))
     assert all(cost(found.stiffness_Nm2, found.offset_m + step) > best for step in (-1e-5, 1e-5))
-    assert np.allclose(found.design[:, 0], by_compliance(model, found.stiffness_Nm2))
 
 
 @pytest.mark.parametrize("correlation_length_m", [0.0, 0.03, 0.06])
@@ -221,19 +218,6 @@ def test_the_real_rod(real_rod: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert "clamp may turn as it likes" in said.err
 
 
-def test_young_s_modulus_of_a_round_rod(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    diameter = 0.0137
-    path = write_table(tmp_path / "rod.csv", stiff_table(np.random.default_rng(6), 1e-6))
-    call = ["stiffness", str(path), "--force", "5.18", "--distance", "0.54", "--json"]
-    assert main([*call, "--diameter", str(diameter)]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert result["youngs_modulus_Pa"] == pytest.approx(result["stiffness_Nm2"] / (np.pi * diameter**4 / 64))
-    assert main(call) == 0
-    assert "youngs_modulus_Pa" not in json.loads(capsys.readouterr().out)
-    assert main([*call, "--diameter", "0.0007"]) == 0
-    assert any("no solid" in warning for warning in json.loads(capsys.readouterr().out)["warnings"])
-
-
 def good_rows() -> list[list[str]]:
     x = np.linspace(0.05, 0.5, 10)
     y = linear.deflection(x, LENGTH_m, FORCE_N, EI)
@@ -319,14 +303,3 @@ def test_outputs_are_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "--overwrite" in capsys.readouterr().err
     assert main([*call, "--overwrite"]) == 0
     assert json.loads(output.read_text())["schema"] == "vbaa.stiffness/1"
-
-
-def test_the_table_knows_its_last_decimal(tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text("x_m,unloaded_y_m,loaded_y_m\n0.1,0,1e-4\n0.2,0,0.0004\n0.3,0,0.00085\n0.4,0,0.0014\n")
-    assert read_deflections(path, 1.0, 0.5).resolution_m == pytest.approx(1e-5)
-
-
-def test_the_library_refuses_a_load_that_is_none() -> None:
-    with pytest.raises(InputError, match="force"):
-        solve_stiffness(stiff_table(np.random.default_rng(9)), 0.0, LENGTH_m)

@@ -61,9 +61,6 @@ class TestExact:
         assert solved.estimate.way == "sweep"
         assert (solved.pictures, solved.left_out, solved.outliers) == (len(GRID), (), 0)
 
-    def test_a_cross_is_enough(self) -> None:
-        assert np.abs(error(solve(sweep(angles=FEW[:5], sigma_px=0.0)))).max() < 1e-8
-
     def test_opencv_finds_the_same_from_the_poses_alone(self) -> None:
         """The closed form of Robot-World/Hand-Eye calibration, from the boards' true poses."""
         views = [(RIG.T_world_antenna(*at) @ T_ANTENNA_CAMERA).inverse() @ T_world_board() for at in GRID]
@@ -105,7 +102,7 @@ def assert_as_predicted(solutions: list[SweepSolution]) -> None:
 class TestUncertainty:
     def test_the_covariance_is_that_of_repeated_noise_and_of_the_doubt_about_the_zero(self) -> None:
         doubt, rng = 5e-4, np.random.default_rng(11)
-        rigs = [replace(RIG, tilt_zero_rad=doubt * rng.standard_normal()) for _ in range(100)]
+        rigs = [replace(RIG, tilt_zero_rad=doubt * rng.standard_normal()) for _ in range(60)]
         taken = [sweep(rig, FEW, seed=100 + seed) for seed, rig in enumerate(rigs)]
         assert_as_predicted([solve(one, zero_std=doubt) for one in taken])
 
@@ -238,11 +235,6 @@ class TestRefused:
         with pytest.raises(InputError, match=words):
             solve(sweep(angles=angles, sigma_px=0.3))
 
-    def test_one_joint_is_left_without_the_wrong_row(self) -> None:
-        angles = [(a, 0.0) for a in np.linspace(-0.25, 0.25, 9)]
-        with pytest.raises(InputError, match="only the pan moved"):
-            solve(misread(sweep(angles=angles), 2, tilt_rad=0.3))
-
     def test_angles_of_other_pictures(self) -> None:
         views, pictures = sweep()
         order = np.random.default_rng(5).permutation(len(pictures))
@@ -252,14 +244,8 @@ class TestRefused:
     def test_one_wrong_row_of_five(self) -> None:
         with pytest.raises(InputError, match=r"the angles of sweep\.csv explain 4 of 5 pictures"):
             solve(misread(sweep(angles=FEW[:5]), 1, pan_rad=0.05))
-        with pytest.raises(InputError, match=r"one row of sweep\.csv is off .* nothing tells which"):
+        with pytest.raises(InputError, match=r"one row of sweep\.csv is off .* nothing shows which"):
             solve(misread(sweep(angles=FEW[:5], angle_std_rad=3e-4), 2, pan_rad=0.02))
-
-    def test_another_size(self) -> None:
-        views, pictures = sweep()
-        views[2] = replace(views[2], image_size=(640, 480))
-        with pytest.raises(InputError, match=r"2\.png: is 640x480 px, the lens was calibrated at 1280x960 px"):
-            solve((views, pictures))
 
 
 @pytest.fixture(scope="module")

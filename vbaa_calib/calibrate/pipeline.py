@@ -1,13 +1,18 @@
-"""A session to a rig, start to end: lens, plane C by every way at hand, then everything in one solve."""
+"""A session to a rig: lens, plane C by every method at hand, then bundle adjustment of everything.
+
+Each stage is a function of what came before, and can be called by itself: `solve_intrinsics`, `find_plane`,
+`stills_prior`, `observe_stills`, `solve_antenna`, `make_rig`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
+from vbaa_calib.calibrate.antenna.inputs import Prior
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
-from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, solve_antenna
 from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
 from vbaa_calib.calibrate.faults.views import view_set_diagnoses
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
@@ -34,11 +39,16 @@ class Calibration:
     rig: Rig
     lens: LensSolution
     plane: PlaneC
-    joint: JointSolution
+    joint: BundleAdjustment
     checks: Checks
     stills: Sequence[Still]
     lens_diagnoses: Sequence[Diagnosis]
     still_diagnoses: Sequence[Diagnosis]
+
+
+def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
+    """What lens and plane C say before the stills are solved."""
+    return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings)
 
 
 def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
@@ -46,29 +56,26 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
 
     Raises
     ------
-    InputError : whatever is wrong with the session, and ways to plane C that contradict each other.
+    InputError : whatever is wrong with the session, and estimates of plane C that contradict each other.
     SolveError : a solver that did not arrive, with the likely cause; an InputError where a typed row is that.
     """
     stills = [*read_noload(session), *read_loads(session)]
-    _require_one_size(session, stills)
-    # plane C first: one picture tells whether the board is the one described
-    views = read_views(session)
-    pictures = detect_folder(session.root / "intrinsics", session.board)
-    lens = solve_intrinsics(pictures, session.board, lens_model)
-    doubted = view_set_diagnoses(pictures, lens, session.board)
-    plane = find_plane(session, lens.camera, lens.board_flex, views)
-    before = prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings)
-    try:
-        joint, observations = solve_antenna(session, plane.kinematics, before)
-    except SolveError as error:
-        raise with_cause(session, plane.kinematics, before, error) from error
-    held = still_diagnoses(session, plane.kinematics, joint)
-    rig = make_rig(session, plane.kinematics, joint, observations)
-    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(doubted), tuple(held))
-
-
-def _require_one_size(session: Session, stills: Sequence[Still]) -> None:
     photos = [path for name in ("intrinsics", *picture_folders(session)) for path in list_images(session.root / name)]
     height, width = read_gray(photos[0]).shape
     pictures = [*photos, *(still.image for still in stills if still.image is not None)]
     check_pictures(pictures, (width, height), f"{photos[0].name} is")
+    # plane C first: one picture shows whether the board is the one described
+    views = read_views(session)
+    lens_views = detect_folder(session.root / "intrinsics", session.board)
+    lens = solve_intrinsics(lens_views, session.board, lens_model)
+    doubted = view_set_diagnoses(lens_views, lens, session.board)
+    plane = find_plane(session, lens.camera, lens.board_flex, views)
+    before = stills_prior(session, lens, plane)
+    observations = observe_stills(session, plane.kinematics, before)
+    try:
+        joint = solve_antenna(session, observations, before)
+    except SolveError as error:
+        raise with_cause(session, plane.kinematics, observations, before, error) from error
+    held = still_diagnoses(session, plane.kinematics, joint)
+    rig = make_rig(session, plane.kinematics, joint, observations)
+    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(doubted), tuple(held))

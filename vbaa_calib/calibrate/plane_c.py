@@ -1,4 +1,4 @@
-"""Plane C from a session, by every way that it holds, and whether they agree."""
+"""Plane C from a session, by every method it has pictures for, and whether they agree."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from targets.board import BoardSpec
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from vbaa_calib.calibrate.lens.board_flex import BoardFlex
 from vbaa_calib.calibrate.over_board.free_antenna import ClampMark, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, OverSetup, solve_over_board
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
-from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, loosened, require_agreement
+from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -24,19 +24,19 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import conditioned
 from vbaa_calib.session import OverBoard, Session, has_over, has_sweep, read_sweep
 
-SIGHT_BIAS_PX = 0.02
+_CORNER_BIAS_PX = 0.02
 """How far all corners may lie to one side of the antenna's centrelines: the board is measured on edges, the antenna on
 a line, and light and blur move them differently. On rendered pictures it is 0.015 px. It does not average out."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneC:
-    """The camera's pose by every way that was measured.
+    """The camera's pose by every method that was measured.
 
     Attributes
     ----------
-    estimates : one per way. differences : of every pair.
-    jig, sweep, over : what each way found, None where the session has not that way.
+    estimates : one per method. differences : of every pair.
+    jig, sweep, over : what each found, None where the session has no pictures for it.
     kinematics : the session's, with what the sweep found of the joints.
     """
 
@@ -49,12 +49,12 @@ class PlaneC:
 
     @property
     def by_antenna_alone(self) -> bool:
-        """Whether nothing but the antenna itself says where its frame is."""
+        """Whether the antenna alone defines its frame."""
         return [estimate.way for estimate in self.estimates] == ["over board"]
 
     @property
     def boards(self) -> dict[str, BoardPose]:
-        """The boards whose single pose carries a way: each may have a second one that fits nearly as well."""
+        """The boards whose single pose an estimate rests on: each may have a second one that fits nearly as well."""
         found = {} if self.jig is None else {"jig": self.jig}
         return found if self.over is None else found | {"over board": self.over.board}
 
@@ -95,7 +95,7 @@ def _sweep_document(sweep: SweepSolution) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class PlaneViews:
-    """What shows plane C, way by way; None where the session has not the way."""
+    """What shows plane C, by method; None where the session has no pictures for it."""
 
     jig: Sequence[BoardView] | None
     sweep: Sequence[BoardView] | None
@@ -103,12 +103,12 @@ class PlaneViews:
 
 
 def picture_folders(session: Session) -> list[str]:
-    """The folders of the session whose pictures show plane C. Raises InputError when it shows it in no way."""
+    """The folders of the session whose pictures show plane C. Raises InputError when there are none."""
     has = {"plane": session.T_antenna_board is not None, "sweep": has_sweep(session), "over": has_over(session)}
     folders = [name for name, there in has.items() if there]
     if not folders:
         raise InputError(
-            "jig is missing, and nothing else says where the camera is on the antenna's base",
+            "jig is missing, and nothing else shows where the camera is on the antenna's base",
             where=session.root / "session.yaml",
             remedy="give jig.T_antenna_board, the pose of the board in the jig, or take a sweep/ or over/ "
             "(docs/formats.md)",
@@ -129,9 +129,9 @@ def read_views(session: Session) -> PlaneViews:
 
 
 def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneViews) -> PlaneC:
-    """Plane C by every way.
+    """Plane C by every method.
 
-    flex : the bend of the board, as the lens' views show it. Raises InputError when ways contradict each other.
+    flex : the bend of the board, as the lens' views show it. Raises InputError when estimates contradict each other.
     """
     jig = sweep = over = None
     estimates: list[PoseEstimate] = []
@@ -147,9 +147,9 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
     if views.over is not None and session.over is not None:
         over = _over(session, session.over, camera, views.over, estimates)
         doubt = _clamp_doubt(over, session.over, session.board) if estimates else None
-        estimates.append(over.estimate if doubt is None else loosened(over.estimate, *doubt))
-    estimates = [loosened(estimate, *sight_doubt(estimate, camera)) for estimate in estimates]
-    estimates = [loosened(estimate, *_print_doubt(estimate, session)) for estimate in estimates]
+        estimates.append(over.estimate if doubt is None else inflated(over.estimate, *doubt))
+    estimates = [inflated(estimate, *corner_bias(estimate, camera)) for estimate in estimates]
+    estimates = [inflated(estimate, *_print_doubt(estimate, session)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     require_agreement(apart, session.root)
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
@@ -162,8 +162,8 @@ def _over(
     antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
     guess = fused(known) if known else None
     mark = None if over.clamp_px is None else ClampMark(np.array(over.clamp_px), over.clamp_std_px)
-    height = over.height_m, over.height_std_m
-    return solve_over_board(images, session.board, camera, antenna, *height, guess=guess, clamp=mark)
+    setup = OverSetup(session.board, camera, antenna, over.height_m, over.height_std_m, mark)
+    return solve_over_board(images, setup, guess)
 
 
 def _clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -182,10 +182,10 @@ def _clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) ->
     )
 
 
-def sight_doubt(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
     turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
-    return turns, SIGHT_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
+    return turns, _CORNER_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
 
 
 def _print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, np.ndarray]:
@@ -205,7 +205,7 @@ def _print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, 
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:
-    """The session's, with axes and tilt's zero as sweep and all ways together have them, and what they leave open."""
+    """The session's, with axes and tilt's zero as sweep and all estimates have them, and their uncertainty."""
     if sweep is None:
         return session.kinematics
     swept = next(estimate for estimate in estimates if estimate.way == sweep.estimate.way)

@@ -1,4 +1,4 @@
-"""What a person should know of a calibration: doubts in words, the result in a few lines, the evidence for rig.json."""
+"""Reports of a calibration: warnings, the result in a few lines, the evidence for rig.json and camera.json."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.shape import PARAMETERS
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.residual_checks import FALSE_READING, Checks
 from vbaa_calib.calibrate.antenna.session_rig import LOG_MASS_STD
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
@@ -31,35 +31,35 @@ from .plane_c import PlaneC, picture_folders
 
 PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")
 """Whose versions rig.json names."""
-STIFFNESS_DOUBT = 0.15
+_STIFFNESS_DOUBT = 0.15
 """Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
 SIGNIFICANT = 3.0
 """Standard deviations beyond which an assumption counts as broken."""
-SCATTERED = 5.0
+_SCATTERED = 5.0
 """Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
-EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
+_EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
 """How the names of the diagnoses begin that say why the shapes scatter."""
-ANISOTROPY_MATTERS = 0.01
+_ANISOTROPY_MATTERS = 0.01
 """Part by which the compliances must differ at least: a wire drawn 0.25 % out of round."""
 
 
-def still_doubts(joint: JointSolution, stills: Sequence[Still]) -> list[str]:
-    """Stills whose rows look wrong."""
+def still_doubts(joint: BundleAdjustment, stills: Sequence[Still], said: str = "") -> list[str]:
+    """Stills whose rows look wrong, but for those whose pictures were named in `said`."""
     found = []
-    std = joint.problem.moment_std_Nm
     for index, still in enumerate(stills):
-        rms, off = joint.point_rms[index], joint.moment_residuals_Nm[index] / std
-        name = still.image.name if still.image else "?"
-        kind = "load" if isinstance(still, Load) else "no-load frame"
+        rms, off = joint.point_rms[index], joint.moment_residuals_Nm[index] / joint.problem.moment_std_Nm
+        if still.image and still.image.name in said:
+            continue
+        what = f"{'load' if isinstance(still, Load) else 'no-load frame'} {still.image.name if still.image else '?'}"
         if not joint.kept[index]:
-            found.append(f"{kind} {name}: left out, its shape lies {rms:.1f} std off the model; is its row right?")
+            found.append(f"{what}: left out, its shape lies {rms:.1f} std off the model; is its row right?")
         elif abs(off) > FALSE_READING:
-            found.append(f"{kind} {name}: the moment reading is {off:+.1f} std off; is its row right?")
+            found.append(f"{what}: the moment reading is {off:+.1f} std off; is its row right?")
     return found
 
 
-def prior_doubts(joint: JointSolution, said: Collection[str] = ()) -> list[str]:
-    """What the antenna's pictures say against what was known before them: the ways to plane C, the clamp, the loads.
+def prior_doubts(joint: BundleAdjustment, said: Collection[str] = ()) -> list[str]:
+    """Where the antenna's pictures contradict the priors: plane C, the clamp, the loads.
 
     said : names of the diagnoses that were said already; their consequences are not repeated.
     """
@@ -74,13 +74,13 @@ def prior_doubts(joint: JointSolution, said: Collection[str] = ()) -> list[str]:
             )
     known = problem.prior.mean[:6], problem.prior.std[:6]
     for name, value, mean, std in zip(PARAMETERS[:6], joint.parameters[6:12], *known, strict=True):
-        told = "antenna_bent" in said and name.startswith("bow")
-        if abs(value - mean) > SIGNIFICANT * std and not told:
+        explained = "antenna_bent" in said and name.startswith("bow")
+        if abs(value - mean) > SIGNIFICANT * std and not explained:
             found.append(
                 f"{name} is {value:.3g}, {abs(value - mean) / std:.1f} times what a careful builder misses it by: is "
                 "plane C right, and the antenna straight in its clamp?"
             )
-    if joint.noise_scale > SCATTERED and not any(name.startswith(EXPLAINS_SCATTER) for name in said):
+    if joint.noise_scale > _SCATTERED and not any(name.startswith(_EXPLAINS_SCATTER) for name in said):
         found.append(
             f"the shapes scatter {joint.noise_scale:.0f} times more about the model than their pictures explain: check "
             "the unit and the sign of forces and distances, and gravity"
@@ -89,16 +89,16 @@ def prior_doubts(joint: JointSolution, said: Collection[str] = ()) -> list[str]:
 
 
 def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[str]:
-    """EI against E·πd⁴/64, equal compliance (assumption 4), and the density that the sag asks for."""
+    """EI against E·πd⁴/64, equal compliance (assumption 4), and the density that the sag requires."""
     found = []
     difference = rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2 - 1
-    if abs(difference) > max(STIFFNESS_DOUBT, SIGNIFICANT * rig.std("log_stiffness_Nm2")):
+    if abs(difference) > max(_STIFFNESS_DOUBT, SIGNIFICANT * rig.std("log_stiffness_Nm2")):
         found.append(
             f"EI is {100 * difference:+.0f} % off E·πd⁴/64 = {nominal.stiffness_Nm2:.4g} N·m²: check diameter, loads "
             "and their unit"
         )
     uneven = checks.anisotropy
-    if uneven is not None and abs(uneven.value) > max(ANISOTROPY_MATTERS, SIGNIFICANT * uneven.std):
+    if uneven is not None and abs(uneven.value) > max(_ANISOTROPY_MATTERS, SIGNIFICANT * uneven.std):
         found.append(
             f"the antenna is {100 * abs(uneven.value):.1f} ± {100 * uneven.std:.1f} % stiffer against bending to "
             f"{'y' if uneven.value > 0 else 'z'}: it is not equally compliant (assumption 4), is it round?"
@@ -108,7 +108,7 @@ def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[st
     if mass is not None and abs(mass.value - known) > doubt:
         area = nominal.mass_per_length_kg_m / nominal.density_kg_m3
         found.append(
-            f"the sag asks for a density of {mass.value / area:.0f} ± {mass.std / area:.0f} kg/m³, the session says "
+            f"the sag requires a density of {mass.value / area:.0f} ± {mass.std / area:.0f} kg/m³, the session says "
             f"{nominal.density_kg_m3:.0f}: check diameter, density and the direction of gravity"
         )
     return found
@@ -136,7 +136,7 @@ def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
 def _plane_doubts(plane: PlaneC) -> list[str]:
     """Boards with two poses, and pictures and joints of the sweep that are not as the session says."""
     found = [
-        f"the board of the way {way!r} has a second pose that fits nearly as well: take it from a steeper angle"
+        f"the board of {way!r} has a second pose that fits nearly as well: take it from a steeper angle"
         for way, board in plane.boards.items()
         if board.is_ambiguous
     ]
@@ -159,11 +159,7 @@ def doubts(calibration: Calibration) -> list[str]:
     said = {one.name for one in diagnoses}
     found = [*map(str, calibration.lens_diagnoses), *_plane_doubts(plane), *map(str, diagnoses)]
     found += prior_doubts(calibration.joint, said)
-    named = "\n".join(one.words for one in diagnoses)
-    pictures = [still.image.name for still in calibration.stills if still.image and still.image.name in named]
-    for line in still_doubts(calibration.joint, calibration.stills):
-        if not any(f" {picture}:" in line for picture in pictures):
-            found.append(line)
+    found += still_doubts(calibration.joint, calibration.stills, "\n".join(one.words for one in diagnoses))
     if not any(one.grave for one in diagnoses):
         found += antenna_doubts(session.antenna, rig, calibration.checks)
     if not any(name.startswith("sensor_") for name in said):
@@ -206,57 +202,49 @@ def summary(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]
     }
 
 
-def evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
+def _evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
     """What rig.json's quality section holds: the summary, and what it rests on, part by part."""
-    nominal, rig = calibration.session.antenna, calibration.rig
+    nominal, joint = calibration.session.antenna, calibration.joint
     lens, jig = camera_document(calibration.lens, calibration.session.board), calibration.session.T_antenna_board
+    stills = []
+    for index, still in enumerate(calibration.stills):
+        row = {
+            "image": os.path.relpath(still.image, calibration.session.root) if still.image else None,
+            "point_rms": float(joint.point_rms[index]),
+            "moment_residual_Nm": float(joint.moment_residuals_Nm[index]),
+            "kept": bool(joint.kept[index]),
+        }
+        if isinstance(still, Load):
+            row |= {"distance_m": still.distance_m, "force_y_N": still.force_y_N, "force_z_N": still.force_z_N}
+        stills.append(row)
     return summary(calibration, warnings) | {
         "lens": {key: value for key, value in lens.items() if key not in calibration.lens.camera.to_dict()},
         "plane": calibration.plane.to_dict(),
         # the board's printed face, so that one picture of it tells later whether the camera is where it was
         "jig": None if jig is None else {"T_antenna_board": jig.to_dict()},
-        "stills": [_row(calibration, index, still) for index, still in enumerate(calibration.stills)],
+        "stills": stills,
         "antenna": {
             "nominal_stiffness_Nm2": nominal.stiffness_Nm2,
-            "stiffness_over_nominal": rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2,
+            "stiffness_over_nominal": calibration.rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2,
             "nominal_density_kg_m3": nominal.density_kg_m3,
         },
         "checks": calibration.checks.to_dict(),
     }
 
 
-def _row(calibration: Calibration, index: int, still: Still) -> dict[str, Any]:
-    joint = calibration.joint
-    row: dict[str, Any] = {
-        "image": os.path.relpath(still.image, calibration.session.root) if still.image else None,
-        "point_rms": float(joint.point_rms[index]),
-        "moment_residual_Nm": float(joint.moment_residuals_Nm[index]),
-        "kept": bool(joint.kept[index]),
-    }
-    if isinstance(still, Load):
-        row |= {"distance_m": still.distance_m, "force_y_N": still.force_y_N, "force_z_N": still.force_z_N}
-    return row
-
-
-def rig_document(
-    session: Session, calibration: Calibration, warnings: Sequence[str], command: Sequence[str]
-) -> dict[str, Any]:
+def rig_document(calibration: Calibration, warnings: Sequence[str], command: Sequence[str]) -> dict[str, Any]:
     """rig.json: the rig, the evidence for it, and what it was made of by which command line."""
+    session = calibration.session
+    files = [session.root / "session.yaml"]
+    for name in ("intrinsics", *picture_folders(session), "noload", "loads"):
+        files += sorted(path for path in (session.root / name).iterdir() if path.is_file())
     return calibration.rig.to_dict() | {
-        "quality": evidence(calibration, warnings),
-        "inputs_sha256": inputs(session),
+        "quality": _evidence(calibration, warnings),
+        "inputs_sha256": {str(path.relative_to(session.root)): sha256(path) for path in files},
         "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
         | {name: version(name) for name in PACKAGES},
         "command": list(command),
     }
-
-
-def inputs(session: Session) -> dict[str, str]:
-    """sha256 of every file that the calibration read."""
-    files = [session.root / "session.yaml"]
-    for name in ("intrinsics", *picture_folders(session), "noload", "loads"):
-        files += sorted(path for path in (session.root / name).iterdir() if path.is_file())
-    return {str(path.relative_to(session.root)): sha256(path) for path in files}
 
 
 def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
@@ -274,41 +262,18 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "rms_inliers_px": solution.rms_inliers_px,
         "projection_uncertainty": _uncertainty_document(solution.camera),
         "board_flex": {
+            **vars(flex),
             "sagittas_m": flex.sagittas_m.tolist(),
             "std_m": None if flex.std_m is None else flex.std_m.tolist(),
             "covariance_m2": None if flex.covariance_m2 is None else flex.covariance_m2.tolist(),
             "sagitta_mm": flex.sagitta_mm,
-            "used": flex.used,
-            "reason": flex.reason,
-            "p_value": flex.p_value,
-            "flat_held_out_rms_px": flex.flat_held_out_rms_px,
-            "bent_held_out_rms_px": flex.bent_held_out_rms_px,
         },
         "views": [
-            {
-                "name": view.name,
-                "corners": view.corners,
-                "left_out": view.left_out,
-                "outlier_ids": list(view.outlier_ids),
-                "rms_px": view.rms_px,
-                "outlying": view.outlying,
-                "T_camera_board": view.T_camera_board.to_dict(),
-            }
+            vars(view) | {"outlier_ids": list(view.outlier_ids), "T_camera_board": view.T_camera_board.to_dict()}
             for view in solution.views
         ],
-        "dropped": [{"name": view.name, "reason": view.reason} for view in solution.dropped],
-        "model_comparison": [
-            {
-                "model": candidate.model,
-                "free_parameters": candidate.free_parameters,
-                "rms_px": candidate.rms_px,
-                "held_out_rms_px": candidate.held_out_rms_px,
-                "monotonic": candidate.monotonic,
-                "halves": candidate.halves,
-                "halves_p_value": candidate.halves_p_value,
-            }
-            for candidate in solution.comparison
-        ],
+        "dropped": [vars(view) for view in solution.dropped],
+        "model_comparison": [vars(candidate) for candidate in solution.comparison],
         "warnings": list(solution.warnings),
         "board": spec.to_dict(),
     }

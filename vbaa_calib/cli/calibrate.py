@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .intrinsics import MODELS
 
 if TYPE_CHECKING:
-    from vbaa_calib.calibrate.pipeline import Calibration
+    pass
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,12 +35,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     calibration = calibrate(session, args.model)
     warnings = doubts(calibration)
     report(calibration, warnings)
-    write_json(args.output, rig_document(session, calibration, warnings, args.argv), force=args.force)
+    write_json(args.output, rig_document(calibration, warnings, args.argv), force=args.force)
     say(f"wrote {args.output}")
-    return {"rig": str(args.output), **summary(calibration, warnings), **numbers(calibration)}
-
-
-def numbers(calibration: Calibration) -> dict[str, Any]:
-    """The calibrated values with their standard deviations."""
     described = calibration.rig.to_dict()
-    return {key: described[key] for key in ("T_antenna_camera", "antenna", "moment_sensor")}
+    numbers = {key: described[key] for key in ("T_antenna_camera", "antenna", "moment_sensor")}
+    return {"rig": str(args.output), **summary(calibration, warnings), **numbers}

@@ -23,7 +23,7 @@ _FEW_READINGS = 8
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa stiffness`."""
     parser.add_argument("table", type=Path, help="CSV with the columns x_m,unloaded_y_m,loaded_y_m")
-    # here --force is newtons, and the front door's flag of that name gives way: --overwrite stands for it
+    # here --force is newtons, so that --overwrite stands for the usual flag of that name
     load = parser.add_argument_group("load", conflict_handler="resolve")
     load.add_argument(
         "--force", "--load", dest="force_N", type=float, required=True, metavar="N", help="in newtons, + along +y"
@@ -125,8 +125,22 @@ def _stiffness_document(
             {"x_m": float(x), "deflection_m": float(y), "residual_m": float(r), "outlier": index in solution.outliers}
             for index, (x, y, r) in enumerate(zip(table.x_m, table.deflection_m, solution.residuals_m, strict=True))
         ],
-        "alternatives": _alternatives(solution, moment_m4),
+        "alternatives": [],
     }
+    other = "the gauge's offset held at 0" if solution.offset_free else "the gauge's offset free"
+    for assumption, one in ((other, solution.other_offset), ("the clamp free to turn", solution.free_clamp)):
+        if one is not None:
+            row = {
+                "assumption": assumption,
+                "stiffness_Nm2": one.stiffness_Nm2,
+                "stiffness_std_Nm2": one.std_Nm2,
+                "offset_m": one.offset_m,
+                "clamp_rotation_rad": one.clamp_rotation_rad,
+                "rms_m": one.rms_m,
+            }
+            if moment_m4 is not None:
+                row["youngs_modulus_Pa"] = one.stiffness_Nm2 / moment_m4
+            document["alternatives"].append(row)
     if moment_m4 is not None:
         document["second_moment_m4"] = moment_m4
         document["youngs_modulus_Pa"] = fit.stiffness_Nm2 / moment_m4
@@ -135,24 +149,6 @@ def _stiffness_document(
     document["not_separated"] = _not_separated(solution)
     document["warnings"] = _warnings(table, solution, document)
     return document
-
-
-def _alternatives(solution: StiffnessSolution, moment_m4: float | None) -> list[dict[str, Any]]:
-    other = "the gauge's offset held at 0" if solution.offset_free else "the gauge's offset free"
-    fits = [(other, solution.other_offset), ("the clamp free to turn", solution.free_clamp)]
-    return [_alternative(assumption, fit, moment_m4) for assumption, fit in fits if fit is not None]
-
-
-def _alternative(assumption: str, fit: Fit, moment_m4: float | None) -> dict[str, Any]:
-    row = {
-        "assumption": assumption,
-        "stiffness_Nm2": fit.stiffness_Nm2,
-        "stiffness_std_Nm2": fit.std_Nm2,
-        "offset_m": fit.offset_m,
-        "clamp_rotation_rad": fit.clamp_rotation_rad,
-        "rms_m": fit.rms_m,
-    }
-    return row if moment_m4 is None else row | {"youngs_modulus_Pa": fit.stiffness_Nm2 / moment_m4}
 
 
 def _not_separated(solution: StiffnessSolution) -> list[str]:
@@ -196,20 +192,17 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
         )
     free = solution.free_clamp
     if free is not None and abs(free.stiffness_Nm2 - solution.fit.stiffness_Nm2) > 2.0 * free.std_Nm2:
-        warnings.append("the readings ask for a clamp that turns, or a clamp that is not where x = 0 is: check it")
+        warnings.append("the readings suggest a clamp that turns, or a clamp that is not where x = 0 is: check it")
     if table.x_m[-1] < 0.6 * document["distance_m"]:
         warnings.append("no reading in the outer 40 % between clamp and load, where most of the bending shows")
-    if solution.model == "elastica" and _unloaded_range_m(table) > 0.2 * float(abs(table.deflection_m).max()):
+    unloaded_range_m = float(table.unloaded_y_m.max() - table.unloaded_y_m.min())
+    if solution.model == "elastica" and unloaded_range_m > 0.2 * float(abs(table.deflection_m).max()):
         warnings.append("the unloaded rod is not straight: with large deflections its sag does not cancel")
     low, high = _PLAUSIBLE_MODULUS_PA
     modulus = document.get("youngs_modulus_Pa")
     if modulus is not None and not low < modulus < high:
         warnings.append(f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section")
     return warnings
-
-
-def _unloaded_range_m(table: DeflectionTable) -> float:
-    return float(table.unloaded_y_m.max() - table.unloaded_y_m.min())
 
 
 def report(document: dict[str, Any]) -> None:
@@ -227,7 +220,7 @@ def report(document: dict[str, Any]) -> None:
         offset = "offset held at 0"
     say(f"residuals  {1e3 * document['rms_m']:.3g} mm rms, {offset}")
     say(
-        f"readings   {document['readings']}, worth {document['effective_readings']:.1f} independent ones; "
+        f"readings   {document['readings']}, equivalent to {document['effective_readings']:.1f} independent ones; "
         f"neighbouring residuals correlate by {document['residual_correlation']:.2f}"
     )
     for sentence in document["not_separated"]:

@@ -52,9 +52,14 @@ def cauchy_weights(distances: np.ndarray) -> np.ndarray:
     return 1.0 / (1.0 + (distances / (CAUCHY * max(radial_std(distances), 1e-9))) ** 2)
 
 
-def soft_l1_weights(distances: np.ndarray, scale: float) -> np.ndarray:
+def soft_l1_weights(distances: np.ndarray, scale: float = 1.0) -> np.ndarray:
     """Weights (N,) on squared distances (N,) for the pseudo-Huber loss, linear beyond the scale."""
     return 1.0 / np.sqrt(1.0 + (distances / scale) ** 2)
+
+
+def soft_l1_losses(residuals: np.ndarray) -> np.ndarray:
+    """The pseudo-Huber loss of each residual (...) in units of its scale."""
+    return np.sqrt(1.0 + residuals**2) - 1.0
 
 
 def chi_square(errors: np.ndarray, covariance: np.ndarray) -> float:

@@ -17,17 +17,6 @@ def independent_axes(covariance: np.ndarray) -> np.ndarray:
     return std[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
 
 
-def inverse_information(jacobian: np.ndarray) -> np.ndarray:
-    """(P, P) covariance of least squares over rows (R, P), whitened and weighted: the inverse of their information.
-
-    By the rows' triangular factor, so that no variance comes out negative.
-    """
-    scale = np.linalg.norm(jacobian, axis=0)
-    _, factor = np.linalg.qr(jacobian / scale)
-    root = solve_triangular(factor, np.eye(len(scale))) / scale[:, None]
-    return np.asarray(root @ root.T)
-
-
 def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
     """How numbers follow others that are jointly normal with them, and what the others leave open.
 

@@ -1,6 +1,6 @@
-"""One least-squares solve of camera pose, antenna, moment sensor and lens, from no-load frames and known loads.
+"""Bundle adjustment of camera pose, antenna, moment sensor and lens, from no-load frames and known loads.
 
-Everything is solved together because everything is coupled: a tilted clamp looks like a tilted camera, a bowed wire
+Everything is solved at once because everything is coupled: a tilted clamp looks like a tilted camera, a bowed wire
 like a heavier one, a lens a little too long like a camera a little too near. What the pictures cannot tell apart is
 held by priors, and shows in the covariance. The board's pictures come in through what they say of lens and camera pose:
 their posterior, with its covariance, is the prior here.
@@ -15,138 +15,67 @@ import numpy as np
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.robust import MAD_SCALE, huber_losses, huber_weights, mad_std
+from vbaa_calib.core.least_squares import Linearised, Rules, minimise
+from vbaa_calib.core.robust import MAD_SCALE, mad_std
 from vbaa_calib.geometry import Pose
-from vbaa_calib.geometry.independent_axes import inverse_information
 
 from .inputs import Observation, Prior, ReadingGroups
 from .problem import GAIN, OFFSET, RIG, LensLost, Problem
 
-ITERATIONS = 40
-ROUGHLY, STANDSTILL = 0.1, 1e-11
+_ROUGHLY, STANDSTILL = 0.1, 1e-11
 """A step that promises less than this much of the cost is the last: on the way half a standard deviation, at the
 end a few millionths."""
-
-UNSURE = 1e-3
-"""A rise of the cost by less is none: the slopes, by differences, are zero a little beside where it is least."""
+_RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
+"""The slopes, by differences, are zero a little beside where the cost is least: a smaller rise is none."""
 ENOUGH = 1e-5
 """A step that promises no more than this after all iterations has converged, too."""
 
 
-@dataclass(frozen=True, eq=False)
-class Linearised:
-    """Where a solve is.
-
-    Attributes
-    ----------
-    parameters : (17 + P,). residuals : (R,). jacobian : (R, 17 + P) of them.
-    certain : how many of the residuals, the last ones, are priors'.
-    converged : whether the solver came to a standstill.
-    """
-
-    parameters: np.ndarray
-    residuals: np.ndarray
-    jacobian: np.ndarray
-    certain: int
-    converged: bool = False
-
-    @staticmethod
-    def of(problem: Problem, parameters: np.ndarray) -> Linearised:
-        """A problem at its parameters."""
-        return Linearised(parameters, *problem.residuals(parameters), problem.certain)
-
-    def exact_loads(self, readings: int) -> Linearised:
-        """The same with the loads' readings, the last so many parameters, held where they are."""
-        if not readings:
-            return self
-        rows = slice(0, len(self.residuals) - readings)
-        kept = slice(0, len(self.parameters) - readings)
-        certain = self.certain - readings
-        return Linearised(
-            self.parameters[kept], self.residuals[rows], self.jacobian[rows, kept], certain, self.converged
-        )
-
-    @property
-    def weights(self) -> np.ndarray:
-        """(R,) factors on residuals and Jacobian that make least squares of the robust cost."""
-        return np.concatenate([np.sqrt(huber_weights(self.residuals[: -self.certain])), np.ones(self.certain)])
-
-    @property
-    def cost(self) -> float:
-        """What is minimised: robust in what was measured, plain squares in what was known before."""
-        prior = self.residuals[-self.certain :]
-        return float(huber_losses(self.residuals[: -self.certain]).sum()) + 0.5 * float(prior @ prior)
-
-    def normal_equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Reweighted information and slope, and the scale that was taken out of both: units differ greatly."""
-        weights = self.weights
-        weighted = self.jacobian * weights[:, None]
-        scale = np.linalg.norm(weighted, axis=0)
-        weighted /= scale
-        return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
-
-    def covariance(self) -> np.ndarray:
-        """(17 + P, 17 + P) inverse of the information."""
-        return inverse_information(self.jacobian * self.weights[:, None])
+def linearised(problem: Problem, parameters: np.ndarray) -> Linearised:
+    """A problem at its parameters."""
+    return Linearised(parameters, *problem.residuals(parameters), problem.certain)
 
 
-def _tried(problem: Problem, parameters: np.ndarray) -> Linearised | None:
-    """Where a step leads; None where it winds the antenna up until it has no shape."""
-    try:
-        trial = Linearised.of(problem, parameters)
-    except ValueError:
-        return None
-    return trial if np.isfinite(trial.residuals).all() and np.isfinite(trial.jacobian).all() else None
+def exact_loads(solution: Linearised, readings: int) -> Linearised:
+    """The same with the loads' readings, the last so many parameters, fixed where they are."""
+    if not readings:
+        return solution
+    rows = slice(0, len(solution.residuals) - readings)
+    free = slice(0, len(solution.parameters) - readings)
+    return replace(
+        solution,
+        parameters=solution.parameters[free],
+        residuals=solution.residuals[rows],
+        jacobian=solution.jacobian[rows, free],
+        certain=solution.certain - readings,
+    )
 
 
-def _step(information: np.ndarray, slope: np.ndarray, damping: float, at_end: np.ndarray) -> np.ndarray:
-    """(N,) Levenberg and Marquardt's, without what is at its upper end and would go further."""
-    whole = information + damping * np.eye(len(slope))
-    step = -np.linalg.solve(whole, slope)
-    free = ~(at_end & (step > 0.0))
-    if free.all():
-        return step
-    held = np.zeros(len(slope))
-    held[free] = -np.linalg.solve(whole[np.ix_(free, free)], slope[free])
-    return held
-
-
-def descend(
-    problem: Problem,
-    start: np.ndarray,
-    evaluated: tuple[list[np.ndarray], np.ndarray],
-    standstill: float = STANDSTILL,
+def _descended(
+    problem: Problem, start: np.ndarray, evaluated: tuple[list[np.ndarray], np.ndarray], standstill: float
 ) -> Linearised:
-    """Parameters of least robust cost, by Levenberg and Marquardt's steps.
-
-    evaluated : what `Problem.evaluate` gives at the start.
-    """
+    """Parameters of least robust cost. evaluated : what `Problem.evaluate` gives at the start."""
     upper = problem.upper
     if (start <= upper).all():
-        now = Linearised(start, *problem.residuals(start, evaluated), problem.certain)
+        first = Linearised(start, *problem.residuals(start, evaluated), problem.certain)
     else:
-        now = Linearised.of(problem, np.minimum(start, upper))
-    damping = 0.0
-    for _ in range(ITERATIONS):
-        information, slope, scale = now.normal_equations()
-        at_end = now.parameters >= upper
-        step = _step(information, slope, damping, at_end)
-        # of the whole step: a damped one is short wherever it is taken
-        whole = _step(information, slope, 0.0, at_end) if damping else step
-        promise = -float(slope @ whole + 0.5 * whole @ information @ whole)
-        moved = np.minimum(now.parameters + step / scale, upper)
-        trial = _tried(problem, moved)
-        better = trial is not None and trial.cost <= now.cost + UNSURE
-        now = trial if trial is not None and better else now
-        if promise < standstill:
-            return replace(now, converged=True)
-        damping = 0.1 * damping if better else max(10.0 * damping, 1e-3)
-    return replace(now, converged=promise < ENOUGH)
+        first = linearised(problem, np.minimum(start, upper))
+
+    def evaluate(parameters: np.ndarray) -> Linearised | None:
+        try:
+            trial = linearised(problem, parameters)
+        except ValueError:
+            # the antenna is wound up until it has no shape
+            return None
+        return trial if trial.is_finite else None
+
+    descent = minimise(evaluate, first, replace(_RULES, standstill=standstill), upper)
+    return replace(descent.at, converged=descent.promise < (ENOUGH if descent.exhausted else standstill))
 
 
-FALSE_STILL = 3.0
+_FALSE_STILL = 3.0
 """A still whose points lie this many times further off than the median still's is left out."""
-FALSE_READING_STD = 5.0
+_FALSE_READING_STD = 5.0
 """Deviations by which a still's own place and weight may have to be off for it to fit, before it is left out."""
 
 
@@ -156,7 +85,7 @@ def _fitting(
     """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,).
 
     A still is judged after its own readings were let go. Without that one that is out, and whose place no other still
-    shares, could never come back: nothing else tells what its readings are off by.
+    shares, could never come back: nothing else determines the errors of its readings.
 
     Parameters
     ----------
@@ -172,7 +101,7 @@ def _fitting(
             step = -np.linalg.solve(inner, columns.T @ left + errors[own])
             left, needed[index] = left + columns @ step, float(np.linalg.norm(errors[own] + step))
         rms[index] = np.sqrt((left**2).mean())
-    return (rms < FALSE_STILL * np.median(rms)) & (needed < FALSE_READING_STD), rms
+    return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
 
 
 def _own(groups: ReadingGroups, index: int, kept: np.ndarray) -> np.ndarray:
@@ -186,12 +115,12 @@ def _own(groups: ReadingGroups, index: int, kept: np.ndarray) -> np.ndarray:
     return np.array(found, int)
 
 
-RUN = 10
+_RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
-PASSES = 12
+_PASSES = 12
 HOLDS = (1.0, 0.3, 0.1, 0.01)
 """Parts of the lens' deviations that it is given in turn, where more of them make it fold."""
-SEES_LESS = 1e-3
+_SEES_LESS = 1e-3
 """Part of the picture that a moved lens may see less of."""
 NEAR, SETTLED = 0.1, 1e-5
 """The passes are exact once the points' scatter changes by less than the first part, and end when it does by less than
@@ -199,7 +128,7 @@ the second."""
 
 
 @dataclass(frozen=True, eq=False)
-class JointSolution:
+class BundleAdjustment:
     """The solved rig.
 
     Attributes
@@ -239,9 +168,9 @@ class JointSolution:
         return float(self.parameters[GAIN]), float(self.parameters[OFFSET])
 
 
-def solve_joint(
+def adjust_bundle(
     observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float
-) -> JointSolution:
+) -> BundleAdjustment:
     """Solve camera pose, antenna, moment sensor and lens from stills.
 
     Solved in passes: each weighs the points by how much they scattered about the model of the one before, so that at
@@ -257,7 +186,7 @@ def solve_joint(
             found = _solved(observations, _held(prior, share), length_m, moment_std_Nm, share)
         except LensLost:
             continue
-        if _sees(found.camera) >= _sees(prior.camera) - SEES_LESS:
+        if _sees(found.camera) >= _sees(prior.camera) - _SEES_LESS:
             return found
     raise SolveError("the lens folds inside the picture wherever the stills move it: calibrate it from more views")
 
@@ -275,39 +204,38 @@ def _sees(camera: Camera) -> float:
 
 def _solved(
     observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float, share: float
-) -> JointSolution:
+) -> BundleAdjustment:
     problem = Problem.of(observations, prior, length_m, moment_std_Nm)
     parameters = problem.begin
     distances, moments = problem.evaluate(parameters)
-    for turn in range(PASSES + 1):
+    for turn in range(_PASSES + 1):
         kept = problem.kept
         scale = noise_scale([block[:, 0] for block, inside in zip(distances, kept, strict=True) if inside])
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
-        exact = change < NEAR or turn == PASSES
-        solution = descend(problem, parameters, (distances, moments), STANDSTILL if exact else ROUGHLY)
+        exact = change < NEAR or turn == _PASSES
+        solution = _descended(problem, parameters, (distances, moments), STANDSTILL if exact else _ROUGHLY)
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         distances, moments = problem.evaluate(parameters)
         readings = parameters[problem.lens.stop :]
         fits, rms = _fitting(distances, scale, problem.groups, readings, kept)
         # stills on the border do not come and go for ever, and the last pass is over those that it leaves
-        fits = kept if turn == PASSES else fits & kept if turn > PASSES // 2 else fits
+        fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
         problem = replace(problem, kept=fits)
         if change < SETTLED and (fits == kept).all():
             break
     if not solution.converged:
         raise SolveError(
-            "the joint solve of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
-            "distances, gravity, and what is said of the jig"
+            "bundle adjustment of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
+            "distances, gravity, and the jig in session.yaml"
         )
-    # of the loads' readings nobody asks further
     inverse = solution.covariance()[: problem.lens.stop, : problem.lens.stop]
     # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
     inverse = inverse + (share**-2 - 1.0) * inverse[:, RIG:] @ inverse[RIG:, :]
     covariance = _in_own_units(inverse, prior.lens_axes)
     camera = problem.camera(parameters)
-    return JointSolution(
+    return BundleAdjustment(
         problem=problem,
         solution=solution,
         parameters=parameters[:RIG],
@@ -332,6 +260,6 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
 
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """
-    runs = [r[: len(r) // RUN * RUN].reshape(-1, RUN).mean(axis=1) for r in residuals]
-    spread = MAD_SCALE * np.sqrt(RUN) * float(np.median(np.abs(np.concatenate(runs))))
+    runs = [r[: len(r) // _RUN * _RUN].reshape(-1, _RUN).mean(axis=1) for r in residuals]
+    spread = MAD_SCALE * np.sqrt(_RUN) * float(np.median(np.abs(np.concatenate(runs))))
     return float(max(spread, mad_std(np.concatenate(residuals)), 0.2))

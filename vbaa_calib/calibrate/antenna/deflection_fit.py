@@ -156,7 +156,7 @@ def robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[flo
 
 
 def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
-    """(N,) bool: which residuals from a robust fit, in the order of x, are slips. None of fewer than 8.
+    """(N,) bool: which residuals from a robust fit, in the order of x, are outliers. None of fewer than 8.
 
     `least_std` bounds the scatter from below: readings that are rounded may agree too well.
     """
@@ -221,7 +221,7 @@ def elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
     return deflections
 
 
-def least_squares(
+def gauss_newton(
     forward: Forward,
     x_m: np.ndarray,
     deflection_m: np.ndarray,
@@ -232,13 +232,13 @@ def least_squares(
 ) -> Parameters:
     """Gauss-Newton in the compliance, exact in one step for the beam. All arrays (N,).
 
-    Raises SolveError when it does not settle, as for a clamp that takes over all of the deflection.
+    Raises SolveError when it does not converge, as for a clamp that takes over all of the deflection.
     """
     stiffness = start_Nm2
     extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
     for _ in range(_STEPS):
         shape = forward(stiffness)
-        design = np.stack([by_compliance(forward, stiffness), *extra], axis=1)
+        design = np.stack([_by_compliance(forward, stiffness), *extra], axis=1)
         if not np.isfinite(design).all() or not np.isfinite(shape).all():
             break
         solution = np.linalg.lstsq(design, deflection_m - shape, rcond=None)[0]
@@ -250,12 +250,12 @@ def least_squares(
                 stiffness, float(next(rest)) if offset else 0.0, float(next(rest)) if turning else 0.0, design
             )
     raise SolveError(
-        "the fit of EI does not settle: the readings are not those of one rod in a clamp; check force, distance "
+        "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
         "and the table's columns"
     )
 
 
-def by_compliance(forward: Forward, stiffness_Nm2: float) -> np.ndarray:
+def _by_compliance(forward: Forward, stiffness_Nm2: float) -> np.ndarray:
     """(N,) dy/d ln(1/EI) in m."""
     share = 1e-4
     return (forward(stiffness_Nm2 / (1.0 + share)) - forward(stiffness_Nm2 / (1.0 - share))) / (2.0 * share)

@@ -14,7 +14,7 @@ from vbaa_calib.core.errors import InputError
 COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")
 LEAST_READINGS = 4
 """Two unknowns, EI and the gauge's offset, and something left over to judge the scatter by."""
-MOST_READINGS = 1000
+_MOST_READINGS = 1000
 _LONGEST_ROD_m = 10.0
 
 
@@ -44,14 +44,14 @@ def read_deflections(path: Path, force_N: float, distance_m: float) -> Deflectio
     """The table of a CSV. Raises InputError naming file, line and remedy for anything that cannot be one."""
     check_load(force_N, distance_m)
     rows = read_csv(path, COLUMNS)
-    if not LEAST_READINGS <= len(rows) <= MOST_READINGS:
+    if not LEAST_READINGS <= len(rows) <= _MOST_READINGS:
         few = len(rows) < LEAST_READINGS
         raise InputError(
             f"has {len(rows)} readings",
             where=path,
             remedy=f"at least {LEAST_READINGS}, spread between clamp and load, are needed"
             if few
-            else f"average them to {MOST_READINGS} at most",
+            else f"average them to {_MOST_READINGS} at most",
         )
     x, unloaded, loaded = (np.array([number(row, name, path) for row in rows]) for name in COLUMNS)
     places = [f"{path} line {row['line']}" for row in rows]

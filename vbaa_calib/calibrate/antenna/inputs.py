@@ -1,4 +1,4 @@
-"""What goes into the joint solve: what was seen of the antenna, and what was known before."""
+"""The inputs of bundle adjustment: observations of the antenna, and priors."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ EXACT = LoadReadings()
 
 
 def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
-    """What a place and a weight are known by: equal numbers are the same one, and off by the same."""
+    """Keys of a load's place and weight: equal numbers share one error."""
     force = float(np.hypot(load.force_y_N, load.force_z_N))
     return ("distance", f"{load.distance_m:.4f}"), ("mass", f"{force:.3g}")
 
 
-def readings_altered(load: Load) -> tuple[Load, Load]:
+def _readings_altered(load: Load) -> tuple[Load, Load]:
     """The load a step nearer to the clamp, and a step heavier."""
     heavier = float(np.exp(LOG_FORCE_STEP))
     return (
@@ -112,7 +112,7 @@ class Observation:
     ----------
     points_px : (N, 2) on the centreline. sigma_px : (N,) their standard deviations across it.
     gravity_m_s2 : (3,) antenna frame.
-    paint : what tells the antenna from its background. height : of its line above that, grey levels.
+    paint : what sets the antenna off from its background. height : of its line above that, grey levels.
     """
 
     still: Still
@@ -131,7 +131,7 @@ class Observation:
         """With its load a step nearer to the clamp, and with a little more force; itself where it has none."""
         if not isinstance(self.still, Load):
             return self, self
-        nearer, heavier = readings_altered(self.still)
+        nearer, heavier = _readings_altered(self.still)
         return replace(self, still=nearer), replace(self, still=heavier)
 
 
@@ -141,7 +141,7 @@ class Prior:
 
     Attributes
     ----------
-    poses : the camera's pose by one or several ways.
+    poses : the camera's pose by one or several methods.
     start : camera pose from which the solution's steps are counted.
     camera : the lens; one without a covariance counts as exact.
     mean, std : (11,) of the antenna's parameters, gain and offset.

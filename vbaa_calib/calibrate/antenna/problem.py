@@ -26,7 +26,7 @@ from vbaa_calib.session import Load
 
 from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
 
-SWEEPS = 4
+_SWEEPS = 4
 """Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
 
 
@@ -55,16 +55,16 @@ def still_curves(
         np.repeat(contact, each),
         load * factor,
         dead=True,
-        sweeps=SWEEPS,
+        sweeps=_SWEEPS,
     )
 
 
 POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
 GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
-BENT = 1 + len(PARAMETERS)
+_BENT = 1 + len(PARAMETERS)
 """Curves in each still: the antenna, and one a step further along each of its parameters."""
 RIG = len(RIG_PARAMETERS)
-INSIDE = 1.0 - 1e-5
+_INSIDE = 1.0 - 1e-5
 """Part of the length beyond which a load counts as on the tip, where moving it further changes nothing."""
 
 
@@ -119,7 +119,7 @@ class Problem:
         """(17 + P + K,) upper ends of the parameters: no load hangs beyond the tip."""
         ends = np.full(self.lens.stop + self.groups.count, np.inf)
         ends[self.lens.stop :] = self.groups.ends(
-            [one.still for one in self.observations], self.readings_at, INSIDE * self.length_m
+            [one.still for one in self.observations], self.readings_at, _INSIDE * self.length_m
         )
         return ends
 
@@ -134,7 +134,7 @@ class Problem:
         return slice(RIG, RIG + len(self.prior.lens_axes))
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
-        """The same with all points seen through the lens, and all loads as they are, that the parameters ask for.
+        """The same with all points seen through the lens, and all loads as they are, of these parameters.
 
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
@@ -148,11 +148,11 @@ class Problem:
             for index, one in enumerate(self.observations)
         ]
         if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
-            raise LensLost("the lens that the stills ask for folds inside the picture")
+            raise LensLost("the lens that the stills require folds inside the picture")
         return replace(here, seen_at_lens=seen, lens_at=parameters[self.lens])
 
     def camera(self, parameters: np.ndarray) -> Camera:
-        """The lens that the parameters ask for; its covariance is still the prior's."""
+        """The lens of these parameters; its covariance is still the prior's."""
         camera, step = self.prior.camera, self.prior.lens_axes @ parameters[self.lens]
         return camera.moved(step) if len(step) else camera
 
@@ -166,7 +166,7 @@ class Problem:
         return self.prior.start.retract(parameters[POSE])
 
     def seen(self, parameters: np.ndarray) -> list[SeenPoints]:
-        """The points of every observation through the lens that the parameters ask for, to first order."""
+        """The points of every observation through the lens of these parameters, to first order."""
         step = self.prior.lens_axes @ (parameters[self.lens] - self.lens_at)
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
@@ -185,17 +185,17 @@ class Problem:
         readings.
         """
         here = self._loaded(parameters)
-        antennas = np.repeat(parameters[None, ANTENNA], BENT, axis=0)
+        antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
         pose = self.pose(parameters)
         views = [each.inverse() for each in [pose, *map(pose.retract, np.diag(RIG_STEPS[:6]))]]
         curves = here.curves(antennas)
-        order = np.array([0] * 7 + list(range(1, BENT)))
+        order = np.array([0] * 7 + list(range(1, _BENT)))
         seen, blocks = self.seen(parameters), []
         for index, points in enumerate(seen):
-            images = image_curves(curves.picked(BENT * index + order), [*views, *[views[0]] * (BENT - 1)])
+            images = image_curves(curves.picked(_BENT * index + order), [*views, *[views[0]] * (_BENT - 1)])
             blocks.append(self._with_slopes(points, images))
-        moments = curves.moment_Nm.reshape(len(self.observations), BENT)
+        moments = curves.moment_Nm.reshape(len(self.observations), _BENT)
         if not self.groups.count:
             return blocks, moments
         by_load = here.slopes_by_load(parameters, seen)
@@ -255,8 +255,8 @@ class Problem:
 
     def _moments(self, parameters: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rows = np.zeros((len(moments), len(parameters)))
-        rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:BENT] - moments[:, :1]) / RIG_STEPS[6:]
-        rows[:, self.lens.stop :] = parameters[GAIN] * moments[:, BENT:]
+        rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:_BENT] - moments[:, :1]) / RIG_STEPS[6:]
+        rows[:, self.lens.stop :] = parameters[GAIN] * moments[:, _BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
         misfit = -self.moment_residuals_Nm(parameters, moments)
         return misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm

@@ -1,6 +1,6 @@
-"""What the joint solve's residuals say of its assumptions: equal compliance, weight, the sensor's noise and drift.
+"""Checks of the assumptions by the residuals: equal compliance, weight, the sensor's noise and drift.
 
-Each check asks what one more parameter would have become, to first order: nothing is solved again.
+Each check estimates one more parameter, to first order: nothing is solved again.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.rig.reprojection import image_curves, whitened_residuals
 
-from .bundle_adjustment import JointSolution
+from .bundle_adjustment import BundleAdjustment
 from .problem import ANTENNA
 
-ANISOTROPY_STEP = 1e-2
+_ANISOTROPY_STEP = 1e-2
 MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")
 FALSE_READING = 5.0
 """Standard deviations beyond which a moment reading is taken for a wrong one."""
 LEAST_GAIN = 1e-3
-"""The weight is said to be seen when the pictures narrow its variance by more than this part."""
+"""The weight counts as determined when the pictures narrow its variance by more than this part."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Checks:
         }
 
 
-def check(joint: JointSolution) -> Checks:
+def check(joint: BundleAdjustment) -> Checks:
     """All checks of a joint solution."""
     problem = joint.problem
     times = [observation.still.time_s for observation in problem.observations]
@@ -93,7 +93,7 @@ def check(joint: JointSolution) -> Checks:
     )
 
 
-def _one_more(joint: JointSolution, column: np.ndarray) -> Estimate | None:
+def _one_more(joint: BundleAdjustment, column: np.ndarray) -> Estimate | None:
     """What a further parameter would be whose change moves the residuals along column (R,)."""
     solution = joint.solution
     weights = solution.weights
@@ -106,18 +106,18 @@ def _one_more(joint: JointSolution, column: np.ndarray) -> Estimate | None:
     return Estimate(float(-(own @ (solution.residuals * weights)) / left), left**-0.5)
 
 
-def _column(joint: JointSolution, points: np.ndarray, moments: np.ndarray) -> np.ndarray:
+def _column(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> np.ndarray:
     """(R,) from the points' part, kept ones only, and the moments' (F,)."""
     kept_moments = moments[joint.kept]
     rest = len(joint.solution.residuals) - len(points) - len(kept_moments)
     return np.concatenate([points, kept_moments, np.zeros(rest)])
 
 
-def _anisotropy(joint: JointSolution) -> Estimate | None:
+def _anisotropy(joint: BundleAdjustment) -> Estimate | None:
     problem = joint.problem
     if not any(observation.load_N.any() for observation in problem.observations):
         return None
-    factors = np.array([[1.0, 1.0], np.exp([-0.5 * ANISOTROPY_STEP, 0.5 * ANISOTROPY_STEP])])
+    factors = np.array([[1.0, 1.0], np.exp([-0.5 * _ANISOTROPY_STEP, 0.5 * _ANISOTROPY_STEP])])
     antenna = joint.solution.parameters[ANTENNA]
     curves = problem.curves(np.stack([antenna, antenna]), factors)
     view = [joint.T_antenna_camera.inverse()] * 2
@@ -126,11 +126,11 @@ def _anisotropy(joint: JointSolution) -> Estimate | None:
         if joint.kept[index]:
             pair = image_curves(curves.picked(np.array([2 * index, 2 * index + 1])), view)
             distances = whitened_residuals(points, pair)
-            slopes.append((distances[:, 1] - distances[:, 0]) / ANISOTROPY_STEP / problem.noise_scale)
+            slopes.append((distances[:, 1] - distances[:, 0]) / _ANISOTROPY_STEP / problem.noise_scale)
     return _one_more(joint, _column(joint, np.concatenate(slopes), np.zeros(len(problem.observations))))
 
 
-def _mass(joint: JointSolution) -> Estimate | None:
+def _mass(joint: BundleAdjustment) -> Estimate | None:
     prior = joint.problem.prior
     mean, variance = float(prior.mean[MASS - 6]), float(prior.std[MASS - 6]) ** 2
     value, posterior = float(joint.parameters[MASS]), float(joint.covariance[MASS, MASS])
@@ -141,19 +141,19 @@ def _mass(joint: JointSolution) -> Estimate | None:
     return Estimate(float(np.exp(alone)), float(np.exp(alone) * information**-0.5))
 
 
-def _drift(joint: JointSolution, when: np.ndarray) -> Estimate | None:
+def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:
     if np.ptp(when) == 0.0:
         return None
     points = np.zeros(len(joint.solution.residuals) - _rest(joint))
     return _one_more(joint, _column(joint, points, (when - when[joint.kept].mean()) / joint.problem.moment_std_Nm))
 
 
-def _rest(joint: JointSolution) -> int:
+def _rest(joint: BundleAdjustment) -> int:
     """How many residuals come after the points'."""
     return int(joint.kept.sum()) + joint.problem.certain
 
 
-def _moment_noise(joint: JointSolution) -> tuple[float, tuple[float, float]]:
+def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float]]:
     """Noise of one reading and its interval, the degrees of freedom that the fit took from the readings left out."""
     problem, solution = joint.problem, joint.solution
     residuals = joint.moment_residuals_Nm[joint.kept]

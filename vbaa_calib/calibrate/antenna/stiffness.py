@@ -1,4 +1,4 @@
-"""EI from measured deflections of a clamped rod under one known load: least squares with an interval that is honest.
+"""EI from measured deflections of a clamped rod under one known load, with an interval that allows for shared errors.
 
 The deflection that the load adds is y(x) = h(x; EI) + offset: h the beam's or the elastica's, the offset the gauge's,
 which was set to zero twice and not at the same place. What such a table cannot tell apart is not left to the fit:
@@ -26,7 +26,7 @@ from .deflection_fit import (
     beam,
     elastica,
     error_models,
-    least_squares,
+    gauss_newton,
     neighbour_correlation,
     outlying,
     robust_line,
@@ -65,7 +65,7 @@ class StiffnessSolution:
     clamp_share_std, clamp_std_Nm2 : the clamp's prior, and its part of EI's std.
     offset_free : whether the gauge's offset was fitted.
     other_offset : the same with the offset held at 0, or free where it was held.
-    free_clamp : the same with a clamp that may turn at no cost; None where no such fit settles.
+    free_clamp : the same with a clamp that may turn at no cost; None where no such fit converges.
     """
 
     fit: Fit
@@ -86,25 +86,15 @@ class StiffnessSolution:
     free_clamp: Fit | None
 
 
-CLAMP_SHARE_STD = 0.02
+_CLAMP_SHARE_STD = 0.02
 """How far a clamp may turn, as a share of the rod's slope at the load. A rod held in a solid block of its own material
 turns there as if it were longer by about half its thickness t, which is the share t/distance: 1/50 for a rod 1 : 50."""
-STEEP_RAD = 0.15
+_STEEP_RAD = 0.15
 """Slope at the load from which the small-angle formula is not used, however large the scatter."""
-BIAS_SHARE = 0.1
+_BIAS_SHARE = 0.1
 """Largest error of the small-angle formula that is let pass, as a share of EI's standard deviation."""
-LEAST_BIAS = 1e-5
+_LEAST_BIAS = 1e-5
 """A share of EI that no bench test resolves, however well its readings agree."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Screened:
-    """A model fitted to the readings that are no slips."""
-
-    model: str
-    forward: Forward
-    parameters: Parameters
-    kept: np.ndarray
 
 
 def solve_stiffness(
@@ -113,7 +103,7 @@ def solve_stiffness(
     distance_m: float,
     *,
     offset: bool = True,
-    clamp_share_std: float = CLAMP_SHARE_STD,
+    clamp_share_std: float = _CLAMP_SHARE_STD,
 ) -> StiffnessSolution:
     """EI of the rod of a table, loaded by `force_N` at `distance_m` along it from the clamp.
 
@@ -122,21 +112,21 @@ def solve_stiffness(
     Raises
     ------
     InputError : force or distance impossible, or no bending that stands out from the scatter.
-    SolveError : the fit does not settle.
+    SolveError : the fit does not converge.
     """
     check_load(force_N, distance_m)
-    small = _fit_beam(table, force_N, distance_m, offset)
-    clamp = _clamp_effect(small, table, force_N, distance_m, clamp_share_std)
-    fit, errors, half = _judged(table, small, offset, clamp)
-    slope, bias = _linear_error(small, table, force_N, distance_m, offset)
-    steep, biased = slope > STEEP_RAD, abs(bias) > max(BIAS_SHARE * fit.std_Nm2 / fit.stiffness_Nm2, LEAST_BIAS)
+    bench = _Bench(table, force_N, distance_m)
+    chosen = small = _fit_beam(bench, offset)
+    clamp = chosen.clamp_effect(clamp_share_std)
+    fit, errors, half = chosen.judged(clamp)
+    slope, bias = chosen.linear_error()
+    steep, biased = slope > _STEEP_RAD, abs(bias) > max(_BIAS_SHARE * fit.std_Nm2 / fit.stiffness_Nm2, _LEAST_BIAS)
     reason = _why(slope, bias, fit.std_Nm2 / fit.stiffness_Nm2, steep, biased)
-    chosen = small
     if steep or biased:
-        chosen = _fit_elastica(table, force_N, distance_m, offset, small)
-        slope, bias = _linear_error(chosen, table, force_N, distance_m, offset)
-        clamp = _clamp_effect(chosen, table, force_N, distance_m, clamp_share_std)
-        fit, errors, half = _judged(table, chosen, offset, clamp)
+        chosen = _fit_elastica(bench, small)
+        slope, bias = chosen.linear_error()
+        clamp = chosen.clamp_effect(clamp_share_std)
+        fit, errors, half = chosen.judged(clamp)
     if half >= 1.0:
         raise _no_bending()
     residuals = table.deflection_m - chosen.forward(fit.stiffness_Nm2) - fit.offset_m
@@ -151,121 +141,127 @@ def solve_stiffness(
         outliers=tuple(int(index) for index in np.flatnonzero(~chosen.kept)),
         correlation=neighbour_correlation(residuals[chosen.kept]),
         correlation_length_m=errors.length_m,
-        effective_readings=_effective_readings(chosen, errors, residuals),
+        effective_readings=_effective_readings(chosen, errors, residuals[chosen.kept]),
         clamp_share_std=clamp_share_std,
         clamp_std_Nm2=clamp * fit.stiffness_Nm2,
         offset_free=offset,
-        other_offset=_judged(table, _refitted(table, chosen, not offset, False), not offset, clamp)[0],
-        free_clamp=_free_clamp(table, chosen, offset),
+        other_offset=chosen.refitted(not offset).judged(clamp)[0],
+        free_clamp=_free_clamp(chosen),
     )
 
 
-def _fit_beam(table: DeflectionTable, force_N: float, distance_m: float, offset: bool) -> _Screened:
-    forward = beam(table.x_m, force_N, distance_m)
-    compliance, _ = robust_line(forward(1.0), table.deflection_m, offset)
+@dataclass(frozen=True, eq=False)
+class _Bench:
+    """The table and the load it was measured under."""
+
+    table: DeflectionTable
+    force_N: float
+    distance_m: float
+
+    def forward(self, model: str, x_m: np.ndarray) -> Forward:
+        return (beam if model == "linear" else elastica)(x_m, self.force_N, self.distance_m)
+
+    @property
+    def least_std_m(self) -> float:
+        """What rounding two readings to the last decimal gives their difference, or what float64 can hold."""
+        table = self.table
+        return max(table.resolution_m / np.sqrt(6.0), 1e-12 * float(np.abs(table.deflection_m).max()))
+
+    def screened(self, model: str, start_Nm2: float, offset: bool) -> _RodFit:
+        """Fitted to the readings that are not outliers."""
+        forward = self.forward(model, self.table.x_m)
+        shape = forward(start_Nm2)
+        factor, intercept = robust_line(shape, self.table.deflection_m, offset)
+        kept = ~outlying(self.table.deflection_m - factor * shape - intercept, self.least_std_m)
+        return self.fitted(model, kept, start_Nm2, offset)
+
+    def fitted(self, model: str, kept: np.ndarray, start_Nm2: float, offset: bool, turning: bool = False) -> _RodFit:
+        x, y = self.table.x_m[kept], self.table.deflection_m[kept]
+        whole = self.forward(model, self.table.x_m)
+        found = gauss_newton(lambda stiffness: whole(stiffness)[kept], x, y, start_Nm2, offset=offset, turning=turning)
+        return _RodFit(self, model, whole, found, kept, offset)
+
+
+@dataclass(frozen=True, eq=False)
+class _RodFit:
+    """A model fitted to the readings kept (N,)."""
+
+    bench: _Bench
+    model: str
+    forward: Forward
+    parameters: Parameters
+    kept: np.ndarray
+    offset: bool
+
+    def refitted(self, offset: bool, turning: bool = False) -> _RodFit:
+        """The same model and readings under other assumptions."""
+        return self.bench.fitted(self.model, self.kept, self.parameters.stiffness_Nm2, offset, turning)
+
+    def judged(self, clamp: float) -> tuple[Fit, ErrorModels, float]:
+        """Standard deviations, the error models behind them, and half the relative interval of 1/EI."""
+        found, table = self.parameters, self.bench.table
+        x = table.x_m[self.kept]
+        model = self.forward(found.stiffness_Nm2)[self.kept] + found.offset_m + found.clamp_rotation_rad * x
+        residuals = table.deflection_m[self.kept] - model
+        errors = error_models(x, found.design, residuals, self.bench.least_std_m)
+        covariance = errors.covariance
+        fit = Fit(
+            found.stiffness_Nm2,
+            found.stiffness_Nm2 * float(np.hypot(np.sqrt(covariance[0, 0]), clamp)),
+            found.offset_m,
+            float(np.sqrt(covariance[1, 1])) if self.offset else 0.0,
+            found.clamp_rotation_rad,
+            float(np.sqrt(np.mean(residuals**2))),
+        )
+        return fit, errors, errors.half_width(np.eye(len(covariance))[0], clamp)
+
+    def slope_at_load(self) -> float:
+        bench = self.bench
+        return slope_at_load(self.model, bench.force_N, bench.distance_m, self.parameters.stiffness_Nm2)
+
+    def clamp_effect(self, share_std: float) -> float:
+        """Relative std of EI from the clamp's prior: how a turned clamp leaks into the estimated compliance."""
+        leak = np.linalg.lstsq(self.parameters.design, self.bench.table.x_m[self.kept], rcond=None)[0][0]
+        return abs(float(leak)) * share_std * self.slope_at_load()
+
+    def linear_error(self) -> tuple[float, float]:
+        """Slope at the load, and by which share the small-angle formula misses EI if the rod is an elastica."""
+        stiffness, x = self.parameters.stiffness_Nm2, self.bench.table.x_m[self.kept]
+        bent = self.bench.forward("elastica", x)(stiffness)
+        if not np.isfinite(bent).all():
+            return self.slope_at_load(), 1.0
+        straight = self.bench.forward("linear", x)(stiffness)
+        design = np.stack([straight, np.ones_like(x)], axis=1)[:, : 1 + self.offset]
+        compliance = np.linalg.lstsq(design, bent, rcond=None)[0][0]
+        return self.slope_at_load(), 1.0 / float(compliance) - 1.0 if compliance > 0.0 else 1.0
+
+
+def _fit_beam(bench: _Bench, offset: bool) -> _RodFit:
+    compliance, _ = robust_line(bench.forward("linear", bench.table.x_m)(1.0), bench.table.deflection_m, offset)
     if compliance <= 0.0:
         raise _no_bending()
-    return _screened(table, "linear", forward, 1.0 / compliance, offset)
+    return bench.screened("linear", 1.0 / compliance, offset)
 
 
-def _fit_elastica(
-    table: DeflectionTable, force_N: float, distance_m: float, offset: bool, small: _Screened
-) -> _Screened:
-    forward = elastica(table.x_m, force_N, distance_m)
-    # the beam's slips may be the elastica's shape, so they are looked for anew at its own EI
-    start = _refitted(table, _Screened("elastica", forward, small.parameters, small.kept), offset, False)
-    return _screened(table, "elastica", forward, start.parameters.stiffness_Nm2, offset)
+def _fit_elastica(bench: _Bench, small: _RodFit) -> _RodFit:
+    # the beam's outliers may be the elastica's shape, so they are looked for anew at its own EI
+    start = bench.fitted("elastica", small.kept, small.parameters.stiffness_Nm2, small.offset)
+    return bench.screened("elastica", start.parameters.stiffness_Nm2, small.offset)
 
 
-def _screened(table: DeflectionTable, model: str, forward: Forward, start_Nm2: float, offset: bool) -> _Screened:
-    shape = forward(start_Nm2)
-    factor, intercept = robust_line(shape, table.deflection_m, offset)
-    kept = ~outlying(table.deflection_m - factor * shape - intercept, _least_std(table))
-    return _Screened(model, forward, _least_squares(table, forward, kept, start_Nm2, offset, False), kept)
-
-
-def _refitted(table: DeflectionTable, screened: _Screened, offset: bool, turning: bool) -> _Screened:
-    start, kept = screened.parameters.stiffness_Nm2, screened.kept
-    parameters = _least_squares(table, screened.forward, kept, start, offset, turning)
-    return _Screened(screened.model, screened.forward, parameters, kept)
-
-
-def _least_squares(
-    table: DeflectionTable, forward: Forward, kept: np.ndarray, start_Nm2: float, offset: bool, turning: bool
-) -> Parameters:
-    def kept_only(stiffness: float) -> np.ndarray:
-        return forward(stiffness)[kept]
-
-    x, y = table.x_m[kept], table.deflection_m[kept]
-    return least_squares(kept_only, x, y, start_Nm2, offset=offset, turning=turning)
-
-
-def _judged(table: DeflectionTable, screened: _Screened, offset: bool, clamp: float) -> tuple[Fit, ErrorModels, float]:
-    """A fit with its standard deviations, the error models behind them, and half the relative interval of 1/EI."""
-    found, kept = screened.parameters, screened.kept
-    x = table.x_m[kept]
-    model = screened.forward(found.stiffness_Nm2)[kept] + found.offset_m + found.clamp_rotation_rad * x
-    residuals = table.deflection_m[kept] - model
-    errors = error_models(x, found.design, residuals, _least_std(table))
-    covariance = errors.covariance
-    first = np.eye(len(covariance))[0]
-    fit = Fit(
-        found.stiffness_Nm2,
-        found.stiffness_Nm2 * float(np.hypot(np.sqrt(covariance[0, 0]), clamp)),
-        found.offset_m,
-        float(np.sqrt(covariance[1, 1])) if offset else 0.0,
-        found.clamp_rotation_rad,
-        float(np.sqrt(np.mean(residuals**2))),
-    )
-    return fit, errors, errors.half_width(first, clamp)
-
-
-def _free_clamp(table: DeflectionTable, screened: _Screened, offset: bool) -> Fit | None:
-    if screened.kept.sum() <= screened.parameters.design.shape[1] + 1:
+def _free_clamp(found: _RodFit) -> Fit | None:
+    if found.kept.sum() <= found.parameters.design.shape[1] + 1:
         return None
     try:
-        return _judged(table, _refitted(table, screened, offset, True), offset, 0.0)[0]
+        return found.refitted(found.offset, turning=True).judged(0.0)[0]
     except SolveError:
         return None
 
 
-def _clamp_effect(
-    screened: _Screened, table: DeflectionTable, force_N: float, distance_m: float, share_std: float
-) -> float:
-    """Relative std of EI from the clamp's prior: how a turned clamp leaks into the estimated compliance."""
-    found = screened.parameters
-    slope = slope_at_load(screened.model, force_N, distance_m, found.stiffness_Nm2)
-    leak = np.linalg.lstsq(found.design, table.x_m[screened.kept], rcond=None)[0][0]
-    return abs(float(leak)) * share_std * slope
-
-
-def _linear_error(
-    screened: _Screened, table: DeflectionTable, force_N: float, distance_m: float, offset: bool
-) -> tuple[float, float]:
-    """Slope at the load, and by which share the small-angle formula misses EI if the rod is an elastica."""
-    stiffness, kept = screened.parameters.stiffness_Nm2, screened.kept
-    slope = slope_at_load(screened.model, force_N, distance_m, stiffness)
-    x = table.x_m[kept]
-    bent = elastica(x, force_N, distance_m)(stiffness)
-    straight = beam(x, force_N, distance_m)
-    if not np.isfinite(bent).all():
-        return slope, 1.0
-    design = np.stack([straight(stiffness), np.ones_like(x)], axis=1)[:, : 1 + offset]
-    compliance = np.linalg.lstsq(design, bent, rcond=None)[0][0]
-    return slope, 1.0 / float(compliance) - 1.0 if compliance > 0.0 else 1.0
-
-
-def _effective_readings(screened: _Screened, errors: ErrorModels, residuals_m: np.ndarray) -> float:
-    kept = residuals_m[screened.kept]
-    inverse = np.linalg.pinv(screened.parameters.design)[0]
-    plain = float(kept @ kept) / errors.freedom * float(inverse @ inverse)
-    real = float(errors.covariance[0, 0])
-    return len(kept) * min(plain / real, 1.0)
-
-
-def _least_std(table: DeflectionTable) -> float:
-    """The std that rounding two readings to the last decimal gives their difference, or what float64 can hold."""
-    return max(table.resolution_m / np.sqrt(6.0), 1e-12 * float(np.abs(table.deflection_m).max()))
+def _effective_readings(found: _RodFit, errors: ErrorModels, residuals_m: np.ndarray) -> float:
+    inverse = np.linalg.pinv(found.parameters.design)[0]
+    plain = float(residuals_m @ residuals_m) / errors.freedom * float(inverse @ inverse)
+    return len(residuals_m) * min(plain / float(errors.covariance[0, 0]), 1.0)
 
 
 def _why(slope: float, bias: float, relative_std: float, steep: bool, biased: bool) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.session_rig import observe
+from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, observe
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
@@ -193,16 +193,10 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -
 def _stills(rig: Rig, inputs: CheckInputs) -> list[CheckedStill]:
     if not inputs.stills:
         return []
-    seen = observe(
-        inputs.session,
-        rig.kinematics,
-        inputs.stills,
-        rig.camera,
-        rig.T_antenna_camera,
-        rig.antenna.parameters,
-        "antenna",
-        Paint(rig.image.bright, rig.image.weights),
-    )
+    paint = Paint(rig.image.bright, rig.image.weights)
+    nominal, pose = inputs.session.antenna, rig.T_antenna_camera
+    expected = ExpectedAntenna(nominal, rig.camera, pose, rig.antenna.parameters, paint)
+    seen = observe(inputs.session, rig.kinematics, inputs.stills, expected, "antenna")
     return check_stills(rig, seen, inputs.session.load_readings)
 
 

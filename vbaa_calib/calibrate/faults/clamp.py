@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.session import Load, Still
@@ -42,7 +42,7 @@ def _indices(kind: str) -> list[int]:
     return [ANTENNA.start + PARAMETERS.index(name) for name in _KINDS[kind]]
 
 
-def bow_diagnosis(joint: JointSolution) -> Diagnosis | None:
+def bow_diagnosis(joint: BundleAdjustment) -> Diagnosis | None:
     """A bow beyond the ordinary."""
     length, which = joint.problem.length_m, _indices("bow")
     bow = joint.parameters[which]
@@ -96,7 +96,7 @@ def _steps(rows: StillRows) -> list[_Step]:
     return best
 
 
-def step_diagnosis(joint: JointSolution, rows: StillRows, own_scatter: float) -> Diagnosis | None:
+def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float) -> Diagnosis | None:
     """A slip of the clamp or a bend of the antenna between two stills, whichever explains the pictures better.
 
     own_scatter : of the points, see `picture_scatter`. None where neither explains all of the residuals.

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, noise_scale, solve_joint
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, noise_scale
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.robust import huber_weights, mad_std
@@ -24,7 +24,7 @@ _ROUNDS, _UNWEIGHTED_ROUNDS, _CONVERGED = 10, 4, 0.02
 """Most rounds of a solve, the first ones without robust weights; it ends when the scatter falls by less than a part."""
 
 
-def solve_free(observations: Sequence[Observation], before: Prior, length_m: float, std_Nm: float) -> JointSolution:
+def solve_free(observations: Sequence[Observation], before: Prior, length_m: float, std_Nm: float) -> BundleAdjustment:
     """The solve of the no-load frames alone, without the moment sensor: it may be what is wrong.
 
     Raises SolveError when there are none, or it does not converge.
@@ -32,7 +32,7 @@ def solve_free(observations: Sequence[Observation], before: Prior, length_m: flo
     free = [one for one in observations if not isinstance(one.still, Load)]
     if not free:
         raise SolveError("there is no no-load frame")
-    return solve_joint(free, before, length_m, SENSOR_OFF * std_Nm)
+    return adjust_bundle(free, before, length_m, SENSOR_OFF * std_Nm)
 
 
 def picture_scatter(observations: Sequence[Observation]) -> float:
@@ -59,12 +59,12 @@ def fits(scatter: float, own_scatter: float) -> bool:
     return bool(scatter <= _FITS * own_scatter)
 
 
-def worst_still(joint: JointSolution) -> float:
+def worst_still(joint: BundleAdjustment) -> float:
     """Scatter of the points of the still that fits worst, over their claimed deviations."""
     return float(joint.point_rms.max() * joint.noise_scale)
 
 
-def scatter_with_change(joint: JointSolution, which: Sequence[int], after: Sequence[int], prior_std: float) -> float:
+def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Sequence[int], prior_std: float) -> float:
     """The points' scatter, over their claimed deviations, with parameters that differ from some still on.
 
     All parameters are solved for again, without the moment sensor: it may be what is wrong.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, Linearised, noise_scale
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, linearised, noise_scale
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import huber_losses
 from vbaa_calib.geometry import Kinematics
@@ -50,7 +50,7 @@ class _Hypothesis:
 
 
 def gravity_diagnosis(
-    free: JointSolution, kinematics: Kinematics, gravity_world_m_s2: np.ndarray, own_scatter: float
+    free: BundleAdjustment, kinematics: Kinematics, gravity_world_m_s2: np.ndarray, own_scatter: float
 ) -> Diagnosis | None:
     """Another direction of gravity, or another reading of the joints, under which the pictures fit.
 
@@ -80,7 +80,7 @@ def gravity_diagnosis(
     return Diagnosis(best.name, f"the free antenna sags as if {words}, and not as noted", best.remedy, grave=True)
 
 
-def _refitted(free: JointSolution, gravity_m_s2: np.ndarray) -> tuple[float, float]:
+def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, float]:
     """χ² and scatter of the points, over claimed deviations, with all solved again under a gravity (F, 3)."""
     problem = free.problem
     observations = [
@@ -88,13 +88,13 @@ def _refitted(free: JointSolution, gravity_m_s2: np.ndarray) -> tuple[float, flo
     ]
     kept = np.ones(len(observations), bool)
     problem = replace(problem, observations=observations, noise_scale=1.0, kept=kept)
-    now = Linearised.of(problem, problem.begin)
+    now = linearised(problem, problem.begin)
     for _ in range(_STEPS):
         # without robust weights: far from the antenna nearly all points would count as outliers
         scale = np.linalg.norm(now.jacobian, axis=0)
         step = -np.linalg.lstsq(now.jacobian / scale, now.residuals, rcond=None)[0] / scale
         try:
-            moved = Linearised.of(problem, now.parameters + step)
+            moved = linearised(problem, now.parameters + step)
         except ValueError:
             # an impossible gravity winds the antenna up: no further
             break

@@ -8,9 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, Linearised
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, exact_loads, linearised
 from vbaa_calib.calibrate.antenna.inputs import DISTANCE_STEP_M, LOG_FORCE_STEP, Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN
+from vbaa_calib.core.least_squares import Linearised
 from vbaa_calib.core.robust import chi_square
 from vbaa_calib.rig.reprojection import image_curves, whitened_residuals
 from vbaa_calib.session import Load
@@ -33,7 +34,7 @@ class StillRows:
         uncertainty is not taken for something else. K is 0 where they count as exact.
     """
 
-    joint: JointSolution
+    joint: BundleAdjustment
     solution: Linearised
     points: Sequence[slice]
     moments: np.ndarray
@@ -41,7 +42,7 @@ class StillRows:
     readings: np.ndarray
 
     @staticmethod
-    def of(joint: JointSolution) -> StillRows:
+    def of(joint: BundleAdjustment) -> StillRows:
         """The rows of a joint solution."""
         problem, kept = joint.problem, joint.kept
         sizes = [len(seen) if inside else 0 for seen, inside in zip(problem.seen_at_lens, kept, strict=True)]
@@ -49,9 +50,9 @@ class StillRows:
         solution, readings = joint.solution, problem.groups.count
         if len(solution.residuals) != ends[-1] + int(kept.sum()) + problem.certain:
             # the last pass may have ended on other stills than it began with
-            solution = Linearised.of(problem, solution.parameters)
+            solution = linearised(problem, solution.parameters)
         # with the loads fixed where the solve had them; `with_readings` frees them again
-        solution = solution.exact_loads(readings)
+        solution = exact_loads(solution, readings)
         moments = np.where(kept, ends[-1] + np.cumsum(kept) - 1, -1)
         points = [slice(a, b) for a, b in pairwise(ends)]
         return StillRows(joint, solution, points, moments, solution.weights, np.zeros((len(solution.residuals), 0)))

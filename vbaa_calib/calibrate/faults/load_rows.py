@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.antenna.shape import Curves
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.core.errors import Diagnosis
@@ -74,7 +74,7 @@ class _Fit:
     shown_std: float
 
 
-def wrong_rows(free: JointSolution, observations: Sequence[Observation], length_m: float) -> list[Row]:
+def wrong_rows(free: BundleAdjustment, observations: Sequence[Observation], length_m: float) -> list[Row]:
     """Every load whose row does not fit its picture, with the entry that does."""
     loaded = [(one, one.still) for one in observations if isinstance(one.still, Load)]
     centre, reach = _reference(free, loaded)
@@ -169,7 +169,7 @@ def all_by_commonest(named: Sequence[Row], observations: Sequence[Observation], 
     ]
 
 
-def _fit(free: JointSolution, one: Observation, loads: Sequence[Load], centre: float, reach: float) -> _Fit:
+def _fit(free: BundleAdjustment, one: Observation, loads: Sequence[Load], centre: float, reach: float) -> _Fit:
     """Each load's best fit with a logarithm of EI within `reach` of `centre`, both less the free antenna's."""
     steps = centre + np.linspace(-reach, reach, max(3, 2 * round(reach / _STEP) + 1))
     # an antenna that is stiffer bends as if the force were smaller
@@ -202,7 +202,7 @@ def _fit(free: JointSolution, one: Observation, loads: Sequence[Load], centre: f
     return _Fit(misfit.min(axis=1), steps[misfit.argmin(axis=1)], distances[0] / problem.noise_scale)
 
 
-def _reference(free: JointSolution, loaded: Sequence[tuple[Observation, Load]]) -> tuple[float, float]:
+def _reference(free: BundleAdjustment, loaded: Sequence[tuple[Observation, Load]]) -> tuple[float, float]:
     """Logarithm of EI, less the free antenna's, and its reach: from the loads that agree, if two do."""
     start = float(free.problem.prior.mean[6] - free.parameters[ANTENNA][6])
     # a sag that needs quite another antenna has another cause: gravity, or the mass

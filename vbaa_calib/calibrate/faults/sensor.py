@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.residual_checks import Estimate
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import mad_std
@@ -47,7 +47,7 @@ class _Readings:
     gain_std: float
 
     @staticmethod
-    def of(joint: JointSolution, std_Nm: float) -> _Readings | None:
+    def of(joint: BundleAdjustment, std_Nm: float) -> _Readings | None:
         """Of the stills that took part; None with fewer than 3, or where no moment was read."""
         _, moments = joint.problem.evaluate(joint.solution.parameters)
         kept = joint.kept
@@ -84,7 +84,7 @@ class _Readings:
 
 
 def sensor_diagnoses(
-    joint: JointSolution, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool
+    joint: BundleAdjustment, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool
 ) -> list[Diagnosis]:
     """What is wrong with the sensor; at most one of wiring, sign, unit and drift.
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, solve_joint
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
-from vbaa_calib.calibrate.antenna.session_rig import nominal_parameters, observe
-from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError
+from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load, Session, read_loads, read_noload
+from vbaa_calib.session import Load, Session
 
 from .clamp import bow_diagnosis, soft_clamp, step_diagnosis
 from .fit_quality import SENSOR_OFF, fits, picture_scatter, solve_free, worst_still
@@ -29,7 +28,7 @@ _ONE_CONTRADICTS = 20.0
 """The same of a single still. Clean sessions have one at 5 now and then, when a ruler was read badly."""
 
 
-def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSolution) -> list[Diagnosis]:
+def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
     """What is wrong with loads, antenna, clamp, moment sensor, gravity and joint readings.
 
     A fault that explains others comes first, and these are then not looked for: with a wrong gravity, or with wrong
@@ -43,7 +42,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSoluti
     problem = joint.problem
     own = picture_scatter(joint.noted)
     try:
-        free: JointSolution | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
+        free: BundleAdjustment | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
     except SolveError:
         free = None
     if free is not None:
@@ -68,7 +67,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: JointSoluti
 
 
 def _moved(
-    session: Session, kinematics: Kinematics, joint: JointSolution, free: JointSolution | None, own: float
+    session: Session, kinematics: Kinematics, joint: BundleAdjustment, free: BundleAdjustment | None, own: float
 ) -> list[Diagnosis]:
     """Gravity, what moved between stills, or else bow and clamp."""
     linear = StillRows.of(joint)
@@ -84,18 +83,18 @@ def _moved(
     return [one for one in found if one is not None]
 
 
-def _fit_corrected(joint: JointSolution, rows: Sequence[Row], own: float) -> bool:
+def _fit_corrected(joint: BundleAdjustment, rows: Sequence[Row], own: float) -> bool:
     """Whether all stills fit one antenna once the rows are corrected."""
     problem = joint.problem
     observations: list[Observation] = corrected(joint.noted, rows)
     try:
-        right = solve_joint(observations, problem.prior, problem.length_m, SENSOR_OFF * problem.moment_std_Nm)
+        right = adjust_bundle(observations, problem.prior, problem.length_m, SENSOR_OFF * problem.moment_std_Nm)
     except SolveError:
         return False
     return fits(right.noise_scale, own) and worst_still(right) <= _ONE_CONTRADICTS * own
 
 
-def _contradiction(joint: JointSolution, own: float, rows: Sequence[Row]) -> Diagnosis:
+def _contradiction(joint: BundleAdjustment, own: float, rows: Sequence[Row]) -> Diagnosis:
     names = [
         one.still.image.name if one.still.image else f"no {index + 1}"
         for index, (one, kept) in enumerate(zip(joint.noted, joint.kept, strict=True))
@@ -113,23 +112,21 @@ def _contradiction(joint: JointSolution, own: float, rows: Sequence[Row]) -> Dia
     )
 
 
-def _sensor(session: Session, joint: JointSolution, moments_known: bool) -> list[Diagnosis]:
+def _sensor(session: Session, joint: BundleAdjustment, moments_known: bool) -> list[Diagnosis]:
     checks = check(joint)
     drift, per = (checks.drift_Nm_per_row, "row") if checks.drift_Nm_per_s is None else (checks.drift_Nm_per_s, "s")
     return sensor_diagnoses(joint, session.moment_std_Nm, drift, per, moments_known)
 
 
-def with_cause(session: Session, kinematics: Kinematics, before: Prior, error: SolveError) -> SolveError | InputError:
+def with_cause(
+    session: Session,
+    kinematics: Kinematics,
+    observations: Sequence[Observation],
+    before: Prior,
+    error: SolveError,
+) -> SolveError | InputError:
     """An error of `solve_antenna` with its likely cause, where one is found."""
-    nominal = nominal_parameters(session.antenna)
-    try:
-        free = observe(session, kinematics, read_noload(session), before.camera, before.start, nominal, "free antenna")
-        loaded = observe(
-            session, kinematics, read_loads(session), before.camera, before.start, nominal, "known loads", free[0].paint
-        )
-    except VbaaError:
-        return error
-    causes = failure_causes(session, kinematics, [*free, *loaded], before)
+    causes = failure_causes(session, kinematics, observations, before)
     typed = [one for one in causes if one.name.startswith("load_")]
     if typed:
         return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
@@ -149,7 +146,7 @@ def failure_causes(
     try:
         # without the sensor, which may be what is wrong
         return (
-            still_diagnoses(session, kinematics, solve_joint(observations, before, length, SENSOR_OFF * std)) or found
+            still_diagnoses(session, kinematics, adjust_bundle(observations, before, length, SENSOR_OFF * std)) or found
         )
     except SolveError:
         pass

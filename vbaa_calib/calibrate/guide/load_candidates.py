@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, RIG, Problem
 from vbaa_calib.geometry import Kinematics
@@ -92,7 +92,7 @@ def _uses_pulley(observations: Sequence[Observation]) -> bool:
 
 
 def candidates(
-    joint: JointSolution, session: Session, kinematics: Kinematics, masses_kg: Sequence[float]
+    joint: BundleAdjustment, session: Session, kinematics: Kinematics, masses_kg: Sequence[float]
 ) -> list[Candidate]:
     """Every weight at every place and pull that the elastica and the picture support."""
     length = session.antenna.length_m
@@ -128,7 +128,7 @@ def candidates(
     ]
 
 
-def _predicted(joint: JointSolution, wanted: Sequence[Observation]) -> tuple[list[Observation], list[bool]]:
+def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> tuple[list[Observation], list[bool]]:
     """The wanted stills with the points that would be seen of them, those that stay in the picture; which those are."""
     problem, parameters = joint.problem, joint.solution.parameters
     free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
@@ -152,7 +152,7 @@ def _predicted(joint: JointSolution, wanted: Sequence[Observation]) -> tuple[lis
     return placed, inside
 
 
-def _rows(joint: JointSolution, problem: Problem) -> list[np.ndarray]:
+def _rows(joint: BundleAdjustment, problem: Problem) -> list[np.ndarray]:
     """Per still (N + 1, 17 + P): whitened rows of points and moment."""
     parameters = joint.solution.parameters[: problem.lens.stop]
     blocks, moments = problem.evaluate(parameters)
@@ -169,7 +169,7 @@ def _rows(joint: JointSolution, problem: Problem) -> list[np.ndarray]:
     return found
 
 
-def _by_readings(joint: JointSolution, problem: Problem) -> list[tuple[np.ndarray, np.ndarray]]:
+def _by_readings(joint: BundleAdjustment, problem: Problem) -> list[tuple[np.ndarray, np.ndarray]]:
     """Per still (N + 1,) twice: how its residuals move with its distance and with the logarithm of its force."""
     parameters, found = joint.solution.parameters[: problem.lens.stop], []
     for slopes in problem.slopes_by_load(parameters, problem.seen_at_lens):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.calibrate.faults.linearized import StillRows
@@ -74,7 +74,7 @@ class Planner:
 
     @staticmethod
     def of(
-        joint: JointSolution, offered: Sequence[Candidate], readings: LoadReadings, weighed: bool = False
+        joint: BundleAdjustment, offered: Sequence[Candidate], readings: LoadReadings, weighed: bool = False
     ) -> Planner:
         """From a joint solution and what could be hung next."""
         rows = StillRows.of(joint)

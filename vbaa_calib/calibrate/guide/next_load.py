@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.problem import GAIN
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, LoadReadings, Session
@@ -166,7 +166,7 @@ class LoadProgress:
 
 
 def load_progress(
-    joint: JointSolution,
+    joint: BundleAdjustment,
     session: Session,
     masses_kg: Sequence[float],
     goal_relative: float = 0.01,

@@ -1,4 +1,4 @@
-"""A board that is not flat: two sagittas, solved with the lens when the views ask for it."""
+"""A board that is not flat: two sagittas, solved with the lens when the views require it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from targets.board import BoardSpec, corner_points
 from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 
-from .bundle import FLEX, Bundle, Observation, free_directions, refine
+from .bundle import FLEX, Bundle, Observation, refine
 from .information import information
-from .models import LensModel
 from .validation import excess_in_errors, held_out_squares, rms_over
 
 _SIGNIFICANCE = 1e-3
@@ -89,16 +88,13 @@ def observations_of(views: Sequence[BoardView], spec: BoardSpec) -> list[Observa
     return [Observation(points[view.ids], view.corners_px, rise[view.ids]) for view in views]
 
 
-def judge_flex(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], square_pixels: bool = False
-) -> BoardFlex:
-    """Whether the views ask for a bent board: significant, better on held-out views, and not absurd.
+def judge_flex(bundle: Bundle, observations: Sequence[Observation], square_pixels: bool = False) -> BoardFlex:
+    """Whether the views require a bent board: significant, better on held-out views, and not absurd.
 
-    bundle : a solution of this lens, with or without a bent board.
+    bundle : a solution of the lens, with or without a bent board.
     """
-    bent = _fit(model, bundle, observations, square_pixels, flex=True)
-    sagittas = bent.sagittas_m
-    known = information(model, bent, observations, free_directions(model, square_pixels, True))
+    bent = refine(bundle.freed(square_pixels, flex=True), observations)
+    sagittas, known = bent.sagittas_m, information(bent, observations)
     if known is None:
         return BoardFlex(sagittas, None, 1.0, None, None, False, "the views do not tell a bent board from a flat one")
     spread = known.covariance[-FLEX:, -FLEX:]
@@ -106,36 +102,19 @@ def judge_flex(
     if p_value > _SIGNIFICANCE:
         reason = f"a flat board explains the corners (chance of this much by noise: {p_value:.2g})"
         return BoardFlex(sagittas, spread, p_value, None, None, False, reason)
-    flat = _fit(model, bundle, observations, square_pixels, flex=False)
-    without = information(model, flat, observations, free_directions(model, square_pixels, False))
+    flat = refine(bundle.freed(square_pixels, flex=False), observations)
+    without = information(flat, observations)
     assert without is not None, "a flat board leaves open no more than a bent one"
-    squares = [
-        held_out_squares(model, fit, observations, free_directions(model, square_pixels, flex), own)
-        for fit, flex, own in ((flat, False, without), (bent, True, known))
-    ]
+    squares = [held_out_squares(flat, observations, without), held_out_squares(bent, observations, known)]
     flat_rms, bent_rms = (rms_over(errors, observations) for errors in squares)
     gain = excess_in_errors(*squares)
     errors = f"{bent_rms:.3f} px on held-out views against {flat_rms:.3f} px flat, {gain:.1f} standard errors"
     extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
-    if np.abs(sagittas).max() > _LARGEST_PER_EXTENT * extent:
-        most = 1e3 * np.abs(sagittas).max()
-        reason = f"{most:.1f} mm is more than a board bends: another error looks like it"
-        return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, False, reason)
-    if gain <= _GAIN:
+    most, used = np.abs(sagittas).max(), False
+    if most > _LARGEST_PER_EXTENT * extent:
+        reason = f"{1e3 * most:.1f} mm is more than a board bends: another error looks like it"
+    elif gain <= _GAIN:
         reason = f"a bent board does not predict views clearly better ({errors})"
-        return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, False, reason)
-    return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, True, f"it predicts views better ({errors})")
-
-
-def _fit(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], square_pixels: bool, flex: bool
-) -> Bundle:
-    return refine(
-        model,
-        bundle.intrinsics,
-        bundle.poses,
-        observations,
-        free_directions(model, square_pixels, flex),
-        sagittas_m=bundle.sagittas_m if flex else np.zeros(FLEX),
-        unfolding=bundle.unfolding,
-    )
+    else:
+        reason, used = f"it predicts views better ({errors})", True
+    return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, used, reason)

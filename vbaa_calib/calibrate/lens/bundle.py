@@ -1,13 +1,14 @@
-"""Joint least squares over one lens, one board and many board poses, with the poses eliminated view by view."""
+"""Bundle adjustment of one lens, one board and many board poses; the poses are eliminated view by view."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
 from vbaa_calib.core.robust import cauchy_weights, radial_std
 
 from .models import PROJECTIONS, LensModel, Unfolding
@@ -85,33 +86,55 @@ def rows(model: LensModel, state: State, stack: Stack) -> tuple[np.ndarray, np.n
     return stack.pixels - pixels, by_shared, np.concatenate([by_turn, by_point], axis=-1)
 
 
-_RELATIVE_DECREASE = 1e-8
-_STANDSTILL, _UNDAMPED = 1e-6, 1e-8
-_ROUNDING, _POLISHING = 1e-13, 10
-_ROUGHLY = 1e-4
-_REWEIGHTINGS = 12
-_STEPS_PER_WEIGHTING = 2
-_SETTLED = 1e-2
+CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
+"""Enough for decisions; `polished` for what is reported."""
+_STANDSTILL, _POLISH = 1e-6, replace(CONVERGED, iterations=10, damping=1e-8)
+_REWEIGHTINGS, _CONVERGED_WEIGHTS = 12, 1e-2
+_FEW_STEPS = replace(CONVERGED, iterations=2, tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A solution of the joint problem.
+    """A lens with the poses of its views: a start, or a solution.
 
     Attributes
     ----------
+    model : of the lens.
     intrinsics : (4 + k,) fx, fy, cx, cy, distortion.
     poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
-    residuals_px : per view (N, 2), observed minus projected.
+    directions : (4 + k + 2, p) from `free_directions`: what is solved for besides the poses.
+    residuals_px : per view (N, 2), observed minus projected; none at a start.
     sagittas_m : (2,) of the board along its x and y.
-    unfolding : what held the lens from folding, where that was needed.
+    unfolding : what keeps the lens from folding, where that was needed.
     """
 
+    model: LensModel
     intrinsics: np.ndarray
     poses: np.ndarray
-    residuals_px: tuple[np.ndarray, ...]
+    directions: np.ndarray
+    residuals_px: tuple[np.ndarray, ...] = ()
     sagittas_m: np.ndarray = field(default_factory=lambda: np.zeros(FLEX))
     unfolding: Unfolding | None = None
+
+    @staticmethod
+    def start(model: LensModel, intrinsics: np.ndarray, poses: np.ndarray, square_pixels: bool = False) -> Bundle:
+        """Before anything is solved, the board flat."""
+        return Bundle(model, intrinsics, poses, free_directions(model, square_pixels))
+
+    @property
+    def poses_only(self) -> Bundle:
+        """The same with nothing but the poses to be solved for."""
+        return replace(self, directions=self.directions[:, :0])
+
+    def freed(self, square_pixels: bool, flex: bool) -> Bundle:
+        """The same with intrinsics, and the board's sagittas or none, to be solved for."""
+        sagittas = self.sagittas_m if flex else np.zeros(FLEX)
+        return replace(self, directions=free_directions(self.model, square_pixels, flex), sagittas_m=sagittas)
+
+    @property
+    def state(self) -> State:
+        """Where a descent from here begins."""
+        return State(np.concatenate([self.intrinsics, self.sagittas_m]), self.poses)
 
     @property
     def rms_px(self) -> float:
@@ -143,181 +166,94 @@ def free_directions(model: LensModel, square_pixels: bool = False, flex: bool = 
 
 
 def refine(
-    model: LensModel,
-    intrinsics: np.ndarray,
-    poses: np.ndarray,
-    observations: Sequence[Observation],
-    directions: np.ndarray,
-    robust: bool = False,
-    iterations: int = 300,
-    sagittas_m: Sequence[float] | np.ndarray = (0.0, 0.0),
-    unfolding: Unfolding | None = None,
-    tolerance: float = _RELATIVE_DECREASE,
-    damping: float = 1e-3,
+    start: Bundle, observations: Sequence[Observation], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
-    """Levenberg–Marquardt on the reprojection error from a start.
+    """Levenberg–Marquardt on the reprojection error.
 
-    Parameters
-    ----------
-    intrinsics : (4 + k,) start. poses : (V, 6) start. sagittas_m : (2,) start.
-    directions : (4 + k + 2, p) from `free_directions`; p = 0 solves the poses alone.
-    robust : weigh corners down by Cauchy's rule, so that gross errors do not pull.
-    iterations : at most; a few are enough to tell good starts from bad ones.
-    unfolding : what to add to the cost so that the lens does not fold.
-    tolerance : the descent ends when a step takes off less than this share of the cost. damping : of the first step.
+    robust : weigh corners down by Cauchy's loss, so that gross errors do not pull.
     """
-    stack = Stack.of(observations)
-    state = State(np.concatenate([np.asarray(intrinsics, float), sagittas_m]), np.array(poses, float))
-    weights = np.ones(len(stack.pixels))
+    stack, state = Stack.of(observations), start.state
+    problem = _Problem(start.model, stack, np.ones(len(stack.pixels)), start.directions, start.unfolding)
     if robust:
-        weights, state = _reweighted(model, state, stack, directions, unfolding)
-    state, system = _descend(model, state, stack, weights, directions, iterations, unfolding, tolerance, damping)
-    residuals = tuple(np.split(system.residuals_px, stack.bounds[1:-1]))
-    return Bundle(state.shared[:-FLEX], state.poses, residuals, state.shared[-FLEX:], unfolding)
+        weights = cauchy_weights(np.linalg.norm(rows(start.model, state, stack)[0], axis=1))
+        for _ in range(_REWEIGHTINGS):
+            problem = replace(problem, weights=weights)
+            system = problem.descended(state, _FEW_STEPS)
+            state, weights = system.state, cauchy_weights(np.linalg.norm(system.residuals_px, axis=1))
+            if np.abs(weights - problem.weights).max() < _CONVERGED_WEIGHTS:
+                break
+        problem = replace(problem, weights=weights)
+    system = problem.descended(state, rules)
+    return replace(
+        start,
+        intrinsics=system.state.shared[:-FLEX],
+        poses=system.state.poses,
+        residuals_px=tuple(np.split(system.residuals_px, stack.bounds[1:-1])),
+        sagittas_m=system.state.shared[-FLEX:],
+    )
 
 
-def polished(model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray) -> Bundle:
+def polished(bundle: Bundle, observations: Sequence[Observation]) -> Bundle:
     """A solution whose next step would be under a millionth of the parameters' deviations, whatever the problem's size.
 
     Reported numbers must not show where a descent happened to end; decisions need less.
     """
-    freedom = max(sum(view.pixels.size for view in observations) - directions.shape[1] - 6 * len(observations), 1)
-    return refine(
-        model,
-        bundle.intrinsics,
-        bundle.poses,
-        observations,
-        directions,
-        sagittas_m=bundle.sagittas_m,
-        unfolding=bundle.unfolding,
-        iterations=_POLISHING,
-        tolerance=_STANDSTILL**2 / freedom,
-        damping=_UNDAMPED,
-    )
+    sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
+    return refine(bundle, observations, replace(_POLISH, tolerance=_STANDSTILL**2 / max(sizes, 1)))
 
 
-def residuals_px(model: LensModel, bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:
+def residuals_px(bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:
     """Per view (N, 2), observed minus projected, of any corners of the bundle's views."""
     stack = Stack.of(observations)
-    state = State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
-    return np.split(rows(model, state, stack)[0], stack.bounds[1:-1])
+    return np.split(rows(bundle.model, bundle.state, stack)[0], stack.bounds[1:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What is minimised: the weighted corners, and what keeps the lens from folding."""
+
+    model: LensModel
+    stack: Stack
+    weights: np.ndarray
+    directions: np.ndarray
+    unfolding: Unfolding | None
+
+    def linearised(self, state: State) -> _System:
+        residuals, by_shared, by_pose = rows(self.model, state, self.stack)
+        columns = np.concatenate([by_shared @ self.directions, residuals[..., None], by_pose], axis=-1)
+        blocks = view_products(columns * np.sqrt(self.weights)[:, None, None], self.stack.bounds)
+        total = blocks[:, :-6, :-6].sum(axis=0)
+        if self.unfolding is not None:
+            lacking, by_lens = self.unfolding.rows(self.model, state.shared[:-FLEX])
+            held = np.column_stack([by_lens @ self.directions[:-FLEX], lacking])
+            total = total + held.T @ held
+        return _System(state, residuals, float(total[-1, -1]), total, blocks[:, -6:, :-6], blocks[:, -6:, -6:])
+
+    def moved(self, system: _System, step: np.ndarray) -> _System:
+        shared, poses = np.split(step, [self.directions.shape[1]])
+        return self.linearised(system.state.moved(self.directions @ shared, poses.reshape(-1, 6)))
+
+    def descended(self, state: State, rules: Rules) -> _System:
+        return levenberg_marquardt(self.linearised(state), _step, self.moved, rules).at
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The normal equations in blocks: shared, poses, and what couples them; all weighted."""
+    """The normal equations at a state; the last row and column of `total` and `coupling` are the residuals'."""
 
+    state: State
     residuals_px: np.ndarray
     cost: float
-    shared: np.ndarray
-    shared_gradient: np.ndarray
-    pose: np.ndarray
-    pose_gradient: np.ndarray
+    total: np.ndarray
     coupling: np.ndarray
+    poses: np.ndarray
 
 
-def _linearise(
-    model: LensModel,
-    state: State,
-    stack: Stack,
-    weights: np.ndarray,
-    directions: np.ndarray,
-    unfolding: Unfolding | None,
-) -> _System:
-    residuals, by_shared, by_pose = rows(model, state, stack)
-    scaled = np.concatenate([by_shared @ directions, by_pose, residuals[..., None]], axis=-1)
-    scaled *= np.sqrt(weights)[:, None, None]
-    blocks = np.array(
-        [
-            (flat := scaled[first:last].reshape(-1, scaled.shape[-1])).T @ flat
-            for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True)
-        ]
-    )
-    p = directions.shape[1]
-    lacking, held = np.zeros(0), np.zeros((0, p))
-    if unfolding is not None:
-        lacking, by_lens = unfolding.rows(model, state.shared[:-FLEX])
-        held = by_lens @ directions[:-FLEX]
-    return _System(
-        residuals_px=residuals,
-        cost=float(blocks[:, -1, -1].sum() + lacking @ lacking),
-        shared=blocks[:, :p, :p].sum(axis=0) + held.T @ held,
-        shared_gradient=blocks[:, :p, -1].sum(axis=0) + held.T @ lacking,
-        pose=blocks[:, p:-1, p:-1],
-        pose_gradient=blocks[:, p:-1, -1],
-        coupling=blocks[:, :p, p:-1],
-    )
-
-
-def _step(system: _System, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    pose = system.pose * (1.0 + damping * np.eye(6))
-    both = np.linalg.solve(
-        pose, np.concatenate([np.swapaxes(system.coupling, 1, 2), system.pose_gradient[..., None]], axis=-1)
-    )
-    through, own = both[..., :-1], both[..., -1]
-    shared = system.shared + damping * np.diag(np.diag(system.shared))
-    reduced = shared - (system.coupling @ through).sum(axis=0)
-    gradient = system.shared_gradient - np.einsum("vpk,vk->p", system.coupling, own)
-    shared_step = _solve_scaled(reduced, gradient)
-    return shared_step, own - through @ shared_step
-
-
-def _promise(system: _System, shared_step: np.ndarray, pose_step: np.ndarray) -> float:
-    """What a step takes off the cost if the problem is linear, or less."""
-    return float(system.shared_gradient @ shared_step + np.sum(system.pose_gradient * pose_step))
-
-
-def _solve_scaled(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    # coefficients differ by many orders of magnitude from focal lengths
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
-    return scale * np.linalg.lstsq(matrix * np.outer(scale, scale), scale * vector, rcond=1e-15)[0]
-
-
-def _descend(
-    model: LensModel,
-    state: State,
-    stack: Stack,
-    weights: np.ndarray,
-    directions: np.ndarray,
-    iterations: int,
-    unfolding: Unfolding | None,
-    tolerance: float,
-    damping: float = 1e-3,
-) -> tuple[State, _System]:
-    system = _linearise(model, state, stack, weights, directions, unfolding)
-    for _ in range(iterations):
-        try:
-            shared_step, pose_step = _step(system, damping)
-        except np.linalg.LinAlgError:
-            damping *= 10.0
-            continue
-        # a step that promises nothing need not be taken to know it
-        if _promise(system, shared_step, pose_step) <= tolerance * system.cost and damping < 1.0:
-            break
-        new_state = state.moved(directions @ shared_step, pose_step)
-        trial = _linearise(model, new_state, stack, weights, directions, unfolding)
-        if np.isfinite(trial.cost) and trial.cost <= (1.0 + _ROUNDING) * system.cost:
-            decrease = system.cost - trial.cost
-            state, system = new_state, trial
-            damping = max(0.1 * damping, 1e-15)
-            # under heavy damping a step is small wherever it is taken, and rounding is no decrease
-            if _ROUNDING * system.cost < decrease <= tolerance * system.cost and damping < 1.0:
-                break
-        else:
-            damping *= 8.0
-            if damping > 1e12:
-                break
-    return state, system
-
-
-def _reweighted(
-    model: LensModel, state: State, stack: Stack, directions: np.ndarray, unfolding: Unfolding | None
-) -> tuple[np.ndarray, State]:
-    """Cauchy weights (N,) that have settled, and the state that they lead to."""
-    weights = cauchy_weights(np.linalg.norm(rows(model, state, stack)[0], axis=1))
-    for _ in range(_REWEIGHTINGS):
-        state, system = _descend(model, state, stack, weights, directions, _STEPS_PER_WEIGHTING, unfolding, _ROUGHLY)
-        before, weights = weights, cauchy_weights(np.linalg.norm(system.residuals_px, axis=1))
-        if np.abs(weights - before).max() < _SETTLED:
-            break
-    return weights, state
+def _step(system: _System, damping: float) -> tuple[np.ndarray, float]:
+    """Steps of what is shared and of the poses, and what they take off the cost if the problem is linear, or less."""
+    damped = system.total + damping * np.diag(np.append(np.diag(system.total)[:-1], 0.0))
+    reduced, through = schur_complement(damped, system.coupling, system.poses * (1.0 + damping * np.eye(6)))
+    shared = solve_scaled(reduced[:-1, :-1], reduced[:-1, -1])
+    poses = through[..., -1] - through[..., :-1] @ shared
+    promise = float(system.total[:-1, -1] @ shared + np.sum(system.coupling[..., -1] * poses))
+    return np.concatenate([shared, poses.ravel()]), promise

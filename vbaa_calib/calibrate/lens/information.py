@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bundle import FLEX, Bundle, Observation, Stack, State, rows
-from .models import LensModel
+from vbaa_calib.core.least_squares import without_own
+
+from .bundle import FLEX, Bundle, Observation, Stack, rows
 
 _OPEN = 1e-10
 
@@ -52,25 +53,14 @@ class Information:
         return self.variance_px2 * self.half @ self.half.T
 
 
-def information(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
-) -> Information | None:
-    """At a solution over these corners; None where the views leave a free parameter open.
-
-    directions : (4 + k + 2, p) from `free_directions`.
-    """
+def information(bundle: Bundle, observations: Sequence[Observation]) -> Information | None:
+    """At a solution over these corners; None where the views leave a free parameter open."""
     counts = np.array([view.pixels.size for view in observations])
-    if counts.sum() <= directions.shape[1] + 6 * len(observations):
+    if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
         return None
     stack = Stack.of(observations)
-    state = State(np.concatenate([bundle.intrinsics, bundle.sagittas_m]), bundle.poses)
-    residuals, by_shared, by_pose = rows(model, state, stack)
-    by_shared, left = by_shared @ directions, []
-    for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True):
-        # what the view's own pose cannot explain; by QR, for normal equations would lose half the digits
-        basis, _ = np.linalg.qr(by_pose[first:last].reshape(-1, 6))
-        flat = by_shared[first:last].reshape(2 * (last - first), -1)
-        left.append(flat - basis @ (basis.T @ flat))
+    residuals, by_shared, by_pose = rows(bundle.model, bundle.state, stack)
+    left = without_own(by_shared @ bundle.directions, by_pose, stack.bounds)
     jacobian = np.vstack(left)
     norms = np.linalg.norm(jacobian, axis=0)
     if not np.all(np.isfinite(norms)) or not np.all(norms > 0.0):
@@ -79,16 +69,19 @@ def information(
     if values[-1] < _OPEN * values[0]:
         return None
     free = (basis.T / values) / norms[:, None]
-    half = directions @ free
+    half = bundle.directions @ free
     by_view = [flat @ free for flat in left]
-    own = np.split(residuals, stack.bounds[1:-1])
+    own = [residual.ravel() for residual in np.split(residuals, stack.bounds[1:-1])]
+    held = np.zeros((0, half.shape[1]))
+    if bundle.unfolding is not None:
+        held = bundle.unfolding.rows(bundle.model, bundle.intrinsics)[1] @ half[:-FLEX]
     return Information(
         half=half,
         blocks=np.array([flat.T @ flat for flat in by_view]),
-        gradients=np.array([flat.T @ residual.ravel() for flat, residual in zip(by_view, own, strict=True)]),
-        squares=np.array([np.sum(residual**2) for residual in own]),
-        roots=np.array([_root(flat, residual.ravel()) for flat, residual in zip(by_view, own, strict=True)]),
-        prior=_prior(model, bundle, half),
+        gradients=np.array([flat.T @ residual for flat, residual in zip(by_view, own, strict=True)]),
+        squares=np.array([residual @ residual for residual in own]),
+        roots=np.array([_root(flat, residual) for flat, residual in zip(by_view, own, strict=True)]),
+        prior=held.T @ held,
         counts=counts,
     )
 
@@ -99,29 +92,3 @@ def _root(flat: np.ndarray, residual: np.ndarray) -> np.ndarray:
     upper = np.linalg.qr(np.column_stack([flat, residual]), mode="r")
     factor[: len(upper)] = upper
     return factor
-
-
-def _prior(model: LensModel, bundle: Bundle, half: np.ndarray) -> np.ndarray:
-    if bundle.unfolding is None:
-        return np.zeros((half.shape[1], half.shape[1]))
-    held = bundle.unfolding.rows(model, bundle.intrinsics)[1] @ half[:-FLEX]
-    return held.T @ held
-
-
-def shared_covariance(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
-) -> np.ndarray | None:
-    """(4 + k + 2, 4 + k + 2) covariance of intrinsics and sagittas, poses marginalised (`Information.covariance`).
-
-    Zero for what is held fixed; None where the views leave a free parameter open.
-    """
-    known = information(model, bundle, observations, directions)
-    return None if known is None else known.covariance
-
-
-def lens_covariance(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
-) -> np.ndarray | None:
-    """(4 + k, 4 + k) covariance of the intrinsics: `shared_covariance` without the board."""
-    covariance = shared_covariance(model, bundle, observations, directions)
-    return None if covariance is None else covariance[:-FLEX, :-FLEX]

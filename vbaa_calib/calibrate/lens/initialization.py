@@ -3,52 +3,64 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from .bundle import FLEX, Bundle, Observation, free_directions, refine
+from .bundle import CONVERGED, Bundle, Observation, refine
 from .models import LENS_MODELS, LensModel, Unfolding, camera_matrix, is_monotonic, rational_like
 
 _FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)
-_TRIAL_ITERATIONS = 15
-_STEP_ITERATIONS = 6
-_ROUGHLY = 1e-3
+_TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
+_FEW_STEPS = replace(_TRIAL, iterations=6)
+_UNFOLDING = replace(CONVERGED, iterations=15, tolerance=1e-5)
 _PLAUSIBLE_PER_WIDTH = 1e-3
 _LEAST_SLOPES = (0.1, 0.2, 0.35)
-_CLOSELY = 1e-5
 _STIFF = 1e4
 _UNFOLDING_MAY_COST = 0.01
 _UNFOLDING_DEVIATIONS = 20.0
-_UNFOLDING_ITERATIONS = 15
+
+
+@dataclass(frozen=True)
+class LensOptions:
+    """The options of a lens solve.
+
+    Attributes
+    ----------
+    image_size : (width, height) px. model : "auto" or a name in `LENS_MODELS`.
+    min_corners : that a view must have. square_pixels : keep fx = fy.
+    """
+
+    image_size: tuple[int, int]
+    model: str = "auto"
+    min_corners: int = 6
+    square_pixels: bool = False
 
 
 def fit_lens(
     model: LensModel,
     observations: Sequence[Observation],
-    image_size: tuple[int, int],
-    square_pixels: bool = False,
+    options: LensOptions,
     flex: bool = False,
     warm: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
-    """The best solution of one lens model, from the start that needs the least luck first.
+    """The best solution of one lens model, from the most reliable start first.
 
     flex : solve for the board's sagittas too.
     warm : solutions by model name for nearly the same corners; where there is one it is the only start.
     """
-    directions = free_directions(model, square_pixels, flex)
     near = (warm or {}).get(model.name)
     if near is None:
-        near = rough_lens(model, observations, image_size, square_pixels, warm)
-    sagittas = near.sagittas_m if flex else np.zeros(FLEX)
-    return refine(model, near.intrinsics, near.poses, observations, directions, sagittas_m=sagittas)
+        near = rough_lens(model, observations, options, warm)
+    start = replace(near, residuals_px=(), unfolding=None)
+    return refine(start.freed(options.square_pixels, flex), observations)
 
 
 def rough_lens(
     model: LensModel,
     observations: Sequence[Observation],
-    image_size: tuple[int, int],
-    square_pixels: bool = False,
+    options: LensOptions,
     known: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
     """A solution of a flat board that needs only a few more steps, outliers and all.
@@ -61,36 +73,31 @@ def rough_lens(
     """
     simpler = (known or {}).get(model.simpler or "")
     if simpler is not None:
-        directions, start = free_directions(model, square_pixels), widened(simpler.intrinsics, model, image_size)
-        return refine(
-            model, start, simpler.poses, observations, directions, iterations=_TRIAL_ITERATIONS, tolerance=_ROUGHLY
-        )
+        return refine(_start(model, simpler.intrinsics, simpler.poses, options), observations, _TRIAL)
     tried: list[Bundle] = []
-    for focal in _focal_starts(observations, image_size):
-        bundle = _climbed(model, focal, observations, image_size, square_pixels)
+    for focal in _focal_starts(observations, options.image_size):
+        bundle = _climbed(model, focal, observations, options)
         # a mirrored solution (board behind the camera, negative focal length) can fit as well
-        if _is_physical(bundle) and bundle.sigma_px < _PLAUSIBLE_PER_WIDTH * max(image_size):
+        if _is_physical(bundle) and bundle.sigma_px < _PLAUSIBLE_PER_WIDTH * max(options.image_size):
             return bundle
         tried.append(bundle)
     physical = [bundle for bundle in tried if _is_physical(bundle)] or tried
     return min(physical, key=lambda bundle: np.nan_to_num(bundle.sigma_px, nan=np.inf))
 
 
-def _climbed(
-    model: LensModel,
-    focal_px: float,
-    observations: Sequence[Observation],
-    image_size: tuple[int, int],
-    square_pixels: bool,
-) -> Bundle:
+def _start(model: LensModel, intrinsics: np.ndarray, poses: np.ndarray, options: LensOptions) -> Bundle:
+    """Where a lens model starts from the solution of the next simpler one."""
+    return Bundle.start(model, widened(intrinsics, model, options.image_size), poses, options.square_pixels)
+
+
+def _climbed(model: LensModel, focal_px: float, observations: Sequence[Observation], options: LensOptions) -> Bundle:
     """From one focal length through the simpler lenses: a rich lens from a cold start ends far from the minimum."""
-    intrinsics = np.array([focal_px, focal_px, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
-    bundle = Bundle(intrinsics, start_poses(intrinsics, observations), ())
+    width, height = options.image_size
+    intrinsics = np.array([focal_px, focal_px, (width - 1) / 2, (height - 1) / 2])
+    poses = start_poses(intrinsics, observations)
     for rung in reversed(_ladder(model)):
-        start = widened(bundle.intrinsics, rung, image_size)
-        iterations = _TRIAL_ITERATIONS if rung is model else _STEP_ITERATIONS
-        directions = free_directions(rung, square_pixels)
-        bundle = refine(rung, start, bundle.poses, observations, directions, iterations=iterations, tolerance=_ROUGHLY)
+        bundle = refine(_start(rung, intrinsics, poses, options), observations, _TRIAL if rung is model else _FEW_STEPS)
+        intrinsics, poses = bundle.intrinsics, bundle.poses
     return bundle
 
 
@@ -102,41 +109,29 @@ def _ladder(model: LensModel) -> list[LensModel]:
     return ladder
 
 
-def unfolded(
-    model: LensModel,
-    bundle: Bundle,
-    observations: Sequence[Observation],
-    directions: np.ndarray,
-    image_size: tuple[int, int],
-) -> Bundle:
+def unfolded(bundle: Bundle, observations: Sequence[Observation], image_size: tuple[int, int]) -> Bundle:
     """A solution that does not fold inside the picture, where the corners leave room for one; the given one otherwise.
 
-    Beyond the corners a rich lens is held by nothing, and often folds there. Keeping up the slope of its radial curve
-    as far as the picture's corner takes that away and leaves the rest to the corners. At most 1 % of the squared
+    Beyond the corners nothing constrains a rich lens, and often it folds there. Keeping up the slope of its radial
+    curve as far as the picture's corner takes that away and leaves the rest to the corners. At most 1 % of the squared
     residuals is paid for it, or what 20 parameters would explain by chance: a lens that must pay more is wrong.
     """
+    model = bundle.model
     if not np.isfinite(bundle.rms_px) or is_monotonic(model, bundle.intrinsics, image_size):
         return bundle
     count = sum(len(view.pixels) for view in observations)
     share = max(_UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS / (2 * count))
     at_most = np.sqrt(1.0 + share) * bundle.rms_px
-    starts = [(bundle.intrinsics, bundle.poses)]
-    if len(_ladder(model)) > 1 and _ladder(model)[-1].camera_model != model.camera_model:
+    starts, simplest = [bundle], _ladder(model)[-1]
+    if simplest.camera_model != model.camera_model:
         # a pole inside the picture is not left by small steps
-        smooth = rough_lens(_ladder(model)[-1], observations, image_size)
-        starts.insert(0, (widened(smooth.intrinsics, model, image_size), smooth.poses))
+        smooth = rough_lens(simplest, observations, LensOptions(image_size))
+        wide = widened(smooth.intrinsics, model, image_size)
+        starts.insert(0, replace(bundle, intrinsics=wide, poses=smooth.poses))
     for slope in _LEAST_SLOPES:
+        unfolding = Unfolding(slope, _STIFF * bundle.sigma_px**2, image_size)
         for start in starts:
-            trial = refine(
-                model,
-                *start,
-                observations,
-                directions,
-                iterations=_UNFOLDING_ITERATIONS,
-                sagittas_m=bundle.sagittas_m,
-                unfolding=Unfolding(slope, _STIFF * bundle.sigma_px**2, image_size),
-                tolerance=_CLOSELY,
-            )
+            trial = refine(replace(start, unfolding=unfolding), observations, _UNFOLDING)
             if trial.rms_px <= at_most and is_monotonic(model, trial.intrinsics, image_size):
                 return trial
     return bundle

@@ -15,7 +15,8 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
 from .board_flex import BoardFlex, observations_of
-from .bundle import FLEX, Bundle, Observation, residuals_px
+from .bundle import FLEX, Observation, residuals_px
+from .initialization import LensOptions
 from .models import LENS_MODELS, camera_matrix, is_monotonic
 from .outliers import DroppedView, usable_views
 from .solve import Candidate, LensFit, decide, screen
@@ -24,12 +25,13 @@ _VAGUE_FOCAL = 0.02
 _COVERED = 0.5
 
 
-def verdict(chosen: Candidate | None, comparison: Sequence[Candidate], flex: BoardFlex, warnings: Sequence[str]) -> str:
+def _verdict(
+    chosen: Candidate | None, comparison: Sequence[Candidate], flex: BoardFlex, warnings: Sequence[str]
+) -> str:
     """Two to five sentences: is the lens to be trusted, why this model, do halves agree, is the board flat."""
     sentences = ["Look at the warnings before you trust this lens." if warnings else "This lens can be trusted."]
     if chosen is not None:
-        sentences.append(_why(chosen, comparison))
-        sentences.append(_halves(chosen))
+        sentences += [_why(chosen, comparison), _halves(chosen)]
     bent = f"{1e3 * flex.sagittas_m[0]:+.2f} mm along x, {1e3 * flex.sagittas_m[1]:+.2f} mm along y"
     sentences.append(
         f"The board is bent ({bent}); the lens was solved with that." if flex.used else "The board counts as flat."
@@ -61,34 +63,26 @@ def _halves(chosen: Candidate) -> str:
     return f"Two halves of the views {agree} ({chosen.halves:.1f} predicted deviations)."
 
 
-def _lens_warnings(
-    chosen: Candidate | None,
-    model: str,
-    monotonic: bool,
-    bundle: Bundle,
-    covariance: np.ndarray,
-    pixels: np.ndarray,
-    image_size: tuple[int, int],
+def _warnings(
+    chosen: Candidate | None, name: str, camera: Camera, monotonic: bool, pixels: np.ndarray
 ) -> tuple[str, ...]:
-    """What the user ought to know: folds, disagreement, a vague focal length, poor coverage.
-
-    pixels : (N, 2) all good corners. covariance : (4 + k, 4 + k) of the intrinsics.
-    """
+    """Folds, disagreement, a vague focal length, poor coverage. pixels : (N, 2) all good corners."""
     warnings = []
     if not monotonic:
-        warnings.append(f"the {model} lens folds inside the picture: directions near its border are not to be trusted")
+        warnings.append(f"the {name} lens folds inside the picture: directions near its border are not to be trusted")
     if chosen is not None and not chosen.halves_agree:
         warnings.append(
             f"two halves of the views give lenses that differ by {chosen.halves:.1f} times what is predicted: "
             "the uncertainty is larger than stated by about as much"
         )
-    focal_std = np.sqrt(np.diag(covariance)[:2]) / bundle.intrinsics[:2]
+    assert camera.covariance is not None
+    focal_std = np.sqrt(np.diag(camera.covariance)[:2]) / camera.parameters[:2]
     if focal_std.max() > _VAGUE_FOCAL:
         warnings.append(
             f"the focal length is known to {100 * focal_std.max():.1f} % only: "
             "add views of the board tilted by 30 to 45 degrees"
         )
-    share = _covered_share(pixels, image_size)
+    share = _covered_share(pixels, camera.image_size)
     if share < _COVERED:
         warnings.append(
             f"the corners cover {100 * share:.0f} % of the picture: add views with the board near its border"
@@ -103,7 +97,7 @@ def _covered_share(pixels: np.ndarray, image_size: tuple[int, int]) -> float:
 
 
 MIN_CORNERS = 6
-MIN_VIEWS = 3
+_MIN_VIEWS = 3
 _OUTLYING = 3.5
 
 
@@ -186,22 +180,45 @@ def solve_intrinsics(
     usable, dropped = usable_views(sorted(views, key=_rank), spec, min_corners)
     observations = observations_of(usable, spec)
     _require_enough(observations, dropped, model)
-    size = usable[0].image_size
-    start = screen(observations, size, model, square_pixels, min_corners)
+    options = LensOptions(usable[0].image_size, model, min_corners, square_pixels)
+    start = screen(observations, options)
     _require_enough(start.inliers.of(observations), [*dropped, *_contradicting(usable, start.inliers.views)], model)
-    fit = decide(start, observations, size, model, square_pixels, min_corners)
+    fit = decide(start, observations, options)
     dropped += _contradicting(usable, fit.inliers.views)
-    good = fit.inliers.of(observations)
-    _require_enough(good, dropped, model)
+    _require_enough(fit.inliers.of(observations), dropped, model)
+    bundle, lens = fit.bundle, fit.bundle.model
     if fit.information is None:
         raise InputError(
-            f"the pictures leave the {fit.lens.name} lens open",
+            f"the pictures leave the {lens.name} lens open",
             remedy="add views of the board tilted in different directions, or choose a simpler --model",
         )
+    camera = Camera(
+        model=lens.camera_model,
+        image_size=options.image_size,
+        matrix=camera_matrix(bundle.intrinsics),
+        distortion=bundle.intrinsics[4:],
+        covariance=fit.information.covariance[:-FLEX, :-FLEX],
+        parameter_names=lens.parameter_names,
+    )
+    monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
+    chosen = next((candidate for candidate in fit.comparison if candidate.model == lens.name), None)
+    good = fit.inliers.of(observations)
+    warnings = _warnings(chosen, lens.name, camera, monotonic, np.concatenate([view.pixels for view in good]))
     whole = [observations[index] for index in fit.inliers.views.tolist()]
-    distances = np.concatenate([np.linalg.norm(r, axis=1) for r in residuals_px(fit.lens, fit.bundle, whole)])
-    rms_px = float(np.sqrt((distances**2).mean()))
-    return _solution(fit, fit.information.covariance[:-FLEX, :-FLEX], usable, good, dropped, rms_px)
+    distances = np.concatenate([np.linalg.norm(residual, axis=1) for residual in residuals_px(bundle, whole)])
+    return LensSolution(
+        camera=camera,
+        model=lens.name,
+        rms_px=float(np.sqrt((distances**2).mean())),
+        rms_inliers_px=bundle.rms_px,
+        views=_used(fit, usable),
+        dropped=tuple(dropped),
+        comparison=fit.comparison,
+        monotonic=monotonic,
+        board_flex=fit.flex,
+        verdict=_verdict(chosen, fit.comparison, fit.flex, warnings),
+        warnings=warnings,
+    )
 
 
 def _rank(view: BoardView) -> tuple[object, ...]:
@@ -216,11 +233,11 @@ def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[Droppe
 
 
 def _require_enough(observations: Sequence[Observation], dropped: Sequence[DroppedView], model: str) -> None:
-    if len(observations) < MIN_VIEWS:
+    if len(observations) < _MIN_VIEWS:
         reasons = sorted({view.reason for view in dropped})
         raise InputError(
             f"{len(observations)} of {len(observations) + len(dropped)} pictures can be used, "
-            f"at least {MIN_VIEWS} are needed" + (f" ({'; '.join(reasons[:3])})" if reasons else ""),
+            f"at least {_MIN_VIEWS} are needed" + (f" ({'; '.join(reasons[:3])})" if reasons else ""),
             remedy="take more pictures of the board, tilted in different directions",
         )
     # auto compares up to the rational model, on four fifths of the views
@@ -231,42 +248,6 @@ def _require_enough(observations: Sequence[Observation], dropped: Sequence[Dropp
             f"{measured // 2} corners in {len(observations)} pictures are too few for a lens",
             remedy="take more pictures, with more of the board in view",
         )
-
-
-def _solution(
-    fit: LensFit,
-    covariance: np.ndarray,
-    usable: Sequence[BoardView],
-    good: Sequence[Observation],
-    dropped: Sequence[DroppedView],
-    rms_px: float,
-) -> LensSolution:
-    bundle, lens, image_size = fit.bundle, fit.lens, usable[0].image_size
-    camera = Camera(
-        model=lens.camera_model,
-        image_size=image_size,
-        matrix=camera_matrix(bundle.intrinsics),
-        distortion=bundle.intrinsics[4:],
-        covariance=covariance,
-        parameter_names=lens.parameter_names,
-    )
-    monotonic = is_monotonic(lens, bundle.intrinsics, image_size)
-    chosen = next((candidate for candidate in fit.comparison if candidate.model == lens.name), None)
-    pixels = np.concatenate([view.pixels for view in good])
-    warnings = _lens_warnings(chosen, lens.name, monotonic, bundle, covariance, pixels, image_size)
-    return LensSolution(
-        camera=camera,
-        model=lens.name,
-        rms_px=rms_px,
-        rms_inliers_px=bundle.rms_px,
-        views=_used(fit, usable),
-        dropped=tuple(dropped),
-        comparison=fit.comparison,
-        monotonic=monotonic,
-        board_flex=fit.flex,
-        verdict=verdict(chosen, fit.comparison, fit.flex, warnings),
-        warnings=warnings,
-    )
 
 
 def _used(fit: LensFit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:

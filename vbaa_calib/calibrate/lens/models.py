@@ -1,4 +1,4 @@
-"""A lens held from folding: the slope of its radial curve is kept up as far as the picture's corner."""
+"""Lens models, their projections, and what keeps a radial curve from folding inside the picture."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from scipy.optimize import lsq_linear
 
 from vbaa_calib.camera import Camera
 
-OPENCV_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-FISHEYE_NAMES = ("k1", "k2", "k3", "k4")
+_OPENCV_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_FISHEYE_NAMES = ("k1", "k2", "k3", "k4")
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class LensModel:
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """fx, fy, cx, cy, then the distortion in OpenCV's order."""
-        names = FISHEYE_NAMES if self.camera_model == "fisheye" else OPENCV_NAMES
+        names = _FISHEYE_NAMES if self.camera_model == "fisheye" else _OPENCV_NAMES
         return ("fx", "fy", "cx", "cy", *names[: self.distortion_count])
 
 
@@ -129,7 +129,7 @@ class Unfolding:
         furthest = _FURTHEST_PER_CORNER * reach
         radii = np.linspace(0.0, min(furthest, np.pi) if model.camera_model == "fisheye" else furthest, _SAMPLES)
         curve, slope, by_distortion = radial_curve(model, intrinsics[4:], radii)
-        # what lies beyond the picture may do as it likes
+        # beyond the picture nothing is required
         within = np.concatenate([[True], np.maximum.accumulate(curve)[:-1] < reach])
         short = within & (slope < self.least_slope)
         scale = np.sqrt(self.weight_px2) / self.least_slope
@@ -186,12 +186,12 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
     A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
     directions to one pixel.
     """
-    if _pole_in_sight(model, intrinsics, image_size):
+    if _pole_in_view(model, intrinsics, image_size):
         return False
     return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
 
 
-def _pole_in_sight(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
+def _pole_in_view(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
     """Whether the radial curve has a pole, or nearly one, before it has left the picture or just beyond.
 
     A pole with a zero beside it is narrower than any sampling of the curve, and which of the two comes first is often

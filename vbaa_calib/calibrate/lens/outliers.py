@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import screen_views
 
-from .bundle import Bundle, Observation, refine, residuals_px
-from .models import LensModel
+from .bundle import CONVERGED, Bundle, Observation, refine, residuals_px
 
 LEAST_CORNERS = 4
 """Four corners fix the pose of a plane."""
@@ -55,12 +54,13 @@ def usable_views(
 def _good_views(
     residuals: Sequence[np.ndarray], good: Sequence[np.ndarray], observations: Sequence[Observation], min_corners: int
 ) -> np.ndarray:
-    """(V,) which views are worth keeping, from their residuals (N, 2) px and masks of good corners (N,).
+    """(V,) which views are kept, from their residuals (N, 2) px and masks of good corners (N,).
 
     A view goes that is wrong as a whole: over half its corners are outliers, the rest has over 5 times the median
     view's error, or it no longer fixes a pose. All its corners are taken to fix one.
     """
-    rms = np.array([_rms(residual[mask]) for residual, mask in zip(residuals, good, strict=True)])
+    kept = [residual[mask] for residual, mask in zip(residuals, good, strict=True)]
+    rms = np.array([np.sqrt(np.mean(np.sum(one**2, axis=1))) if len(one) else np.inf for one in kept])
     limit = max(_GROSS_VIEW * float(np.median(rms)), _GROSS_LEAST_PX)
     return np.array(
         [
@@ -74,15 +74,11 @@ def _good_views(
     )
 
 
-def _rms(residuals: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))) if len(residuals) else np.inf
-
-
 _CHANCE = 1e-9
 _LEAST_PX = 0.25
 _ROUNDS = 8
 _BLURRED = 5.0
-_STEPS, _ROUGHLY = 5, 1e-4  # a robust fit only tells good corners from bad
+_ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,29 +119,14 @@ def inlier_masks(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [own <= limit * np.clip(np.median(own) / middle, 1.0, _BLURRED) for own in distances]
 
 
-def refined_robustly(
-    model: LensModel, start: Bundle, observations: Sequence[Observation], directions: np.ndarray
-) -> Bundle:
-    """A robust fit (Cauchy) to all corners, from a start and with its pull on the coefficients."""
-    return refine(
-        model,
-        start.intrinsics,
-        start.poses,
-        observations,
-        directions,
-        robust=True,
-        sagittas_m=start.sagittas_m,
-        unfolding=start.unfolding,
-        iterations=_STEPS,
-        tolerance=_ROUGHLY,
-    )
+def refined_robustly(start: Bundle, observations: Sequence[Observation]) -> Bundle:
+    """A robust fit (Cauchy) to all corners, just good enough to tell good corners from bad."""
+    return refine(start, observations, _ROUGHLY, robust=True)
 
 
 def fit_without_outliers(
-    model: LensModel,
     start: Bundle,
     observations: Sequence[Observation],
-    directions: np.ndarray,
     min_corners: int,
     masks: tuple[np.ndarray, ...] | None = None,
 ) -> tuple[Inliers, Bundle]:
@@ -159,7 +140,7 @@ def fit_without_outliers(
     bundle, views = start, np.arange(len(observations))
     for _ in range(_ROUNDS):
         whole = [observations[index] for index in views.tolist()]
-        residuals = residuals_px(model, bundle, whole)
+        residuals = residuals_px(bundle, whole)
         good = inlier_masks(residuals)
         keep = _good_views(residuals, good, whole, min_corners)
         if masks is not None and keep.all() and all(map(np.array_equal, good, masks)):
@@ -167,13 +148,5 @@ def fit_without_outliers(
         views, masks = views[keep], tuple(mask for mask, kept in zip(good, keep, strict=True) if kept)
         if not masks:
             break
-        bundle = refine(
-            model,
-            bundle.intrinsics,
-            bundle.poses[keep],
-            Inliers(views, masks).of(observations),
-            directions,
-            sagittas_m=bundle.sagittas_m,
-            unfolding=bundle.unfolding,
-        )
+        bundle = refine(replace(bundle, poses=bundle.poses[keep]), Inliers(views, masks).of(observations))
     return Inliers(views, masks or ()), bundle

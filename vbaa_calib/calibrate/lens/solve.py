@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .board_flex import BoardFlex, judge_flex
-from .bundle import Bundle, Observation, free_directions, polished
+from .bundle import FLEX, Bundle, Observation, polished
 from .information import Information, information
-from .initialization import fit_lens, rough_lens, unfolded
-from .models import LENS_MODELS, LensModel, is_monotonic
+from .initialization import LensOptions, fit_lens, rough_lens, unfolded
+from .models import LENS_MODELS, is_monotonic
 from .outliers import Inliers, fit_without_outliers, refined_robustly
-from .validation import AGREE, Halves, compare_halves, excess_in_errors, held_out_squares, rms_over
+from .validation import AGREE, compare_halves, excess_in_errors, held_out_squares, rms_over
 
-CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
-"""What `auto` compares, from simple to rich. Thin-prism and tilted lenses must be asked for by name."""
+_CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
+"""What `auto` compares, from simple to rich. Thin-prism and tilted lenses are compared only when named."""
 
 _CENTRED, _DECENTRED = ("none", "radial"), "opencv4"
 _EXCESS, _SMALL_EXCESS = 1.0, 2.0
@@ -54,22 +54,17 @@ class Candidate:
 
 
 def _assess(
-    model: LensModel,
-    bundle: Bundle,
-    observations: Sequence[Observation],
-    image_size: tuple[int, int],
-    directions: np.ndarray,
-    known: Information,
+    bundle: Bundle, observations: Sequence[Observation], image_size: tuple[int, int], known: Information
 ) -> tuple[Candidate, np.ndarray]:
     """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
-    squares = held_out_squares(model, bundle, observations, directions, known)
-    halves: Halves | None = compare_halves(model, bundle.intrinsics, known, image_size)
+    squares = held_out_squares(bundle, observations, known)
+    halves = compare_halves(bundle.model, bundle.intrinsics, known, image_size)
     candidate = Candidate(
-        model=model.name,
-        free_parameters=directions.shape[1] - int(np.any(directions[-2:] != 0.0, axis=0).sum()),
+        model=bundle.model.name,
+        free_parameters=int(np.any(bundle.directions[:-FLEX] != 0.0, axis=0).sum()),
         rms_px=bundle.rms_px,
         held_out_rms_px=rms_over(squares, observations),
-        monotonic=is_monotonic(model, bundle.intrinsics, image_size),
+        monotonic=is_monotonic(bundle.model, bundle.intrinsics, image_size),
         halves=None if halves is None else halves.deviations,
         halves_p_value=None if halves is None else halves.p_value,
     )
@@ -77,13 +72,9 @@ def _assess(
 
 
 def _choose_lens(
-    observations: Sequence[Observation],
-    image_size: tuple[int, int],
-    square_pixels: bool = False,
-    flex: bool = False,
-    warm: Mapping[str, Bundle] | None = None,
-) -> tuple[LensModel, Bundle, tuple[Candidate, ...]]:
-    """The lens model that the views ask for, its solution, and the comparison it rests on.
+    observations: Sequence[Observation], options: LensOptions, flex: bool, warm: Mapping[str, Bundle]
+) -> tuple[Bundle, tuple[Candidate, ...]]:
+    """The solution of the lens model that the views require, and the comparison it rests on.
 
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. Taken is
     the first in order of complexity whose held-out error is within one standard error (over views) of the best, two
@@ -95,17 +86,16 @@ def _choose_lens(
     """
     fits: dict[str, Bundle] = {}
     errors, candidates = {}, []
-    for name in CANDIDATES:
-        model, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex)
-        bundle = fit_lens(model, observations, image_size, square_pixels, flex, {**fits, **(warm or {})})
-        fits[name] = bundle = unfolded(model, bundle, observations, directions, image_size)
-        known = information(model, bundle, observations, directions)
+    for name in _CANDIDATES:
+        bundle = fit_lens(LENS_MODELS[name], observations, options, flex, {**fits, **warm})
+        fits[name] = bundle = unfolded(bundle, observations, options.image_size)
+        known = information(bundle, observations)
         if known is None:
             continue
-        candidate, errors[name] = _assess(model, bundle, observations, image_size, directions, known)
+        candidate, errors[name] = _assess(bundle, observations, options.image_size, known)
         candidates.append(candidate)
-    chosen = _simplest_good(candidates, errors) if candidates else CANDIDATES[0]
-    return LENS_MODELS[chosen], fits[chosen], tuple(candidates)
+    chosen = _simplest_good(candidates, errors) if candidates else _CANDIDATES[0]
+    return fits[chosen], tuple(candidates)
 
 
 def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:
@@ -115,19 +105,16 @@ def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray
     best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
     for candidate in allowed:
         own = errors[candidate.model]
-        if candidate.model in _CENTRED and _DECENTRED in rows and not _may_be_centred(candidate, rows, errors):
-            continue
+        if candidate.model in _CENTRED and _DECENTRED in rows:
+            # every lens is a little off its axis: to deny that takes evidence, and more than chance gives
+            worse = rows[_DECENTRED].held_out_rms_px > _CLEARLY * candidate.held_out_rms_px
+            if not worse or excess_in_errors(errors[_DECENTRED], own) <= _EXCESS:
+                continue
         loss = candidate.held_out_rms_px / best.held_out_rms_px
         tolerated = _SMALL_EXCESS if loss <= _SMALL else _EXCESS
         if loss <= _NEGLIGIBLE or excess_in_errors(own, errors[best.model]) <= tolerated:
             return candidate.model
     return best.model
-
-
-def _may_be_centred(candidate: Candidate, rows: Mapping[str, Candidate], errors: Mapping[str, np.ndarray]) -> bool:
-    """Every lens is a little off its axis: to deny that takes evidence, and more than chance gives."""
-    worse = rows[_DECENTRED].held_out_rms_px > _CLEARLY * candidate.held_out_rms_px
-    return worse and excess_in_errors(errors[_DECENTRED], errors[candidate.model]) > _EXCESS
 
 
 def _unless_too_dear(
@@ -137,7 +124,7 @@ def _unless_too_dear(
     return preferred if any(candidate.held_out_rms_px <= may_cost * least for candidate in preferred) else every
 
 
-SCREENING = ("opencv5", "fisheye", "rational")
+_SCREENING = ("opencv5", "fisheye", "rational")
 """Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
 
 _ROUNDS = 3
@@ -154,7 +141,6 @@ class LensFit:
     comparison : the lens models that were assessed.
     """
 
-    lens: LensModel
     bundle: Bundle
     inliers: Inliers
     flex: BoardFlex
@@ -166,70 +152,53 @@ class LensFit:
 class Screened:
     """The good corners under a first lens, that lens' solution over them, and solutions of others to start from."""
 
-    lens: LensModel
     inliers: Inliers
     bundle: Bundle
     warm: dict[str, Bundle]
 
 
-def screen(
-    observations: Sequence[Observation],
-    image_size: tuple[int, int],
-    model: str,
-    square_pixels: bool,
-    min_corners: int,
-) -> Screened:
-    """The good corners under the lens given, or under the best of `SCREENING` for "auto"; the board may be bent.
+def screen(observations: Sequence[Observation], options: LensOptions) -> Screened:
+    """The good corners under the lens given, or under the best of `_SCREENING` for "auto"; the board may be bent.
 
-    Which lens is best is told by the median corner of a robust fit, which outliers do not move.
+    The best lens is that with the least median error in a robust fit, which outliers do not move.
     """
     known: dict[str, Bundle] = {}
     robust = {}
-    for name in ("opencv4", *SCREENING) if model == "auto" else (model,):
-        lens, directions = LENS_MODELS[name], free_directions(LENS_MODELS[name], square_pixels, flex=True)
-        known[name] = rough_lens(lens, observations, image_size, square_pixels, known)
-        if name in SCREENING or name == model:
-            robust[name] = refined_robustly(lens, known[name], observations, directions)
+    for name in ("opencv4", *_SCREENING) if options.model == "auto" else (options.model,):
+        known[name] = rough_lens(LENS_MODELS[name], observations, options, known)
+        if name in _SCREENING or name == options.model:
+            robust[name] = refined_robustly(known[name].freed(options.square_pixels, flex=True), observations)
     best = min(robust, key=lambda name: robust[name].sigma_px)
-    lens, directions = LENS_MODELS[best], free_directions(LENS_MODELS[best], square_pixels, flex=True)
-    inliers, bundle = fit_without_outliers(lens, robust[best], observations, directions, min_corners)
+    inliers, bundle = fit_without_outliers(robust[best], observations, options.min_corners)
     warm = {name: replace(fit, poses=fit.poses[inliers.views]) for name, fit in (known | robust).items()}
-    return Screened(lens, inliers, bundle, warm)
+    return Screened(inliers, bundle, warm)
 
 
-def decide(
-    start: Screened,
-    observations: Sequence[Observation],
-    image_size: tuple[int, int],
-    model: str,
-    square_pixels: bool,
-    min_corners: int,
-) -> LensFit:
+def decide(start: Screened, observations: Sequence[Observation], options: LensOptions) -> LensFit:
     """Bend of the board, lens model, and once more the outliers under them, until neither decision changes."""
-    lens, inliers, bundle, warm = start.lens, start.inliers, start.bundle, start.warm
+    inliers, bundle, warm = start.inliers, start.bundle, start.warm
     comparison: tuple[Candidate, ...] = ()
     decided, judged = None, None
     for _ in range(_ROUNDS):
-        good = inliers.of(observations)
+        good, name = inliers.of(observations), bundle.model.name
         corners = sum(len(view.pixels) for view in good)
-        if judged != (lens.name, corners):
-            flex = judge_flex(lens, bundle, good, square_pixels)
-            judged = (lens.name, corners)
-        if decided == (lens.name, flex.used):
+        if judged != (name, corners):
+            flex = judge_flex(bundle, good, options.square_pixels)
+            judged = (name, corners)
+        if decided == (name, flex.used):
             break
-        if model == "auto":
-            lens, bundle, comparison = _choose_lens(good, image_size, square_pixels, flex.used, warm)
+        if options.model == "auto":
+            bundle, comparison = _choose_lens(good, options, flex.used, warm)
         else:
-            bundle = fit_lens(lens, good, image_size, square_pixels, flex.used, {lens.name: bundle})
-        decided = (lens.name, flex.used)
-        directions = free_directions(lens, square_pixels, flex.used)
+            bundle = fit_lens(bundle.model, good, options, flex.used, {name: bundle})
+        decided = (bundle.model.name, flex.used)
         whole = [observations[index] for index in inliers.views]
-        within, bundle = fit_without_outliers(lens, bundle, whole, directions, min_corners, inliers.masks)
+        within, bundle = fit_without_outliers(bundle, whole, options.min_corners, inliers.masks)
         inliers = Inliers(inliers.views[within.views], within.masks)
         warm = {name: replace(fit, poses=fit.poses[within.views]) for name, fit in warm.items()}
     good = inliers.of(observations)
-    bundle = polished(lens, unfolded(lens, bundle, good, directions, image_size), good, directions)
-    known = information(lens, bundle, good, directions)
-    if model != "auto" and known is not None:
-        comparison = (_assess(lens, bundle, good, image_size, directions, known)[0],)
-    return LensFit(lens, bundle, inliers, flex, comparison, known)
+    bundle = polished(unfolded(bundle, good, options.image_size), good)
+    known = information(bundle, good)
+    if options.model != "auto" and known is not None:
+        comparison = (_assess(bundle, good, options.image_size, known)[0],)
+    return LensFit(bundle, inliers, flex, comparison, known)

@@ -1,42 +1,36 @@
-"""Do two halves of the views tell of the same lens? Their difference over the picture, in units of the predicted."""
+"""Cross-validation of a lens: errors on held-out views, and the difference between two halves of the views."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from vbaa_calib.core.robust import chi_square_p
 
-from .bundle import FLEX, Bundle, Observation, refine
+from .bundle import CONVERGED, FLEX, Bundle, Observation, refine
 from .information import Information
 from .models import LensModel, camera_of
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
 _FOLDS = 5
 _LITTLE_MORE = 1.1
-_ITERATIONS, _ROUGHLY = 20, 1e-5  # from a start that is all but the answer
+_NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
 
 
-def held_out_squares(
-    model: LensModel,
-    bundle: Bundle,
-    observations: Sequence[Observation],
-    directions: np.ndarray,
-    known: Information,
-) -> np.ndarray:
+def held_out_squares(bundle: Bundle, observations: Sequence[Observation], known: Information) -> np.ndarray:
     """(V,) sum of squared distances of each view's corners, px², under a lens fitted without a fifth of the views.
 
     The pose of a held-out view is solved for, lens and board are not. One Gauss–Newton step from the solution over all
-    views, known, gives the lens without them; where that says that the views are missed by much more than when they are
-    seen, the step may be too long to be trusted and the lens is solved anew.
+    views gives the lens without them; where the held-out errors are much larger than the residuals, the step may be
+    too long to be trusted and the lens is solved anew.
     """
     stepped = _stepped_squares(known)
     if stepped.sum() <= _LITTLE_MORE * known.squares.sum():
         return stepped
-    return solved_squares(model, bundle, observations, directions)
+    return solved_squares(bundle, observations)
 
 
 def _stepped_squares(known: Information) -> np.ndarray:
@@ -52,9 +46,7 @@ def _stepped_squares(known: Information) -> np.ndarray:
     return squares
 
 
-def solved_squares(
-    model: LensModel, bundle: Bundle, observations: Sequence[Observation], directions: np.ndarray
-) -> np.ndarray:
+def solved_squares(bundle: Bundle, observations: Sequence[Observation]) -> np.ndarray:
     """(V,) as `held_out_squares`, each lens solved for."""
     squares = np.zeros(len(observations))
     folds = min(_FOLDS, len(observations))
@@ -62,26 +54,10 @@ def solved_squares(
         held = np.arange(len(observations)) % folds == fold
         seen = [view for view, out in zip(observations, held, strict=True) if not out]
         unseen = [view for view, out in zip(observations, held, strict=True) if out]
-        lens = _refined(model, bundle, bundle.poses[~held], seen, directions)
-        tested = _refined(model, lens, bundle.poses[held], unseen, directions[:, :0])
+        lens = refine(replace(bundle, poses=bundle.poses[~held]), seen, _NEAR)
+        tested = refine(replace(lens.poses_only, poses=bundle.poses[held]), unseen, _NEAR)
         squares[held] = [np.sum(residual**2) for residual in tested.residuals_px]
     return squares
-
-
-def _refined(
-    model: LensModel, start: Bundle, poses: np.ndarray, views: Sequence[Observation], directions: np.ndarray
-) -> Bundle:
-    return refine(
-        model,
-        start.intrinsics,
-        poses,
-        views,
-        directions,
-        iterations=_ITERATIONS,
-        sagittas_m=start.sagittas_m,
-        unfolding=start.unfolding,
-        tolerance=_ROUGHLY,
-    )
 
 
 def rms_over(squares: np.ndarray, observations: Sequence[Observation]) -> float:
@@ -99,7 +75,7 @@ def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
 AGREE = 1e-4
 """Halves of good data differ by so much that chance explains it with less than this about once in ten thousand."""
 
-OPEN = 1e6
+_OPEN = 1e6
 """A half leaves the lens open where one of its directions is seen so many times worse than another, of those that all
 views see alike."""
 
@@ -139,7 +115,7 @@ def compare_halves(
         _, factor = np.linalg.qr(known.roots[first::2].reshape(-1, size + 1))
         own, pull = factor[:size, :size], factor[:size, size]
         freedom = known.counts[first::2].sum() - size - 6 * len(known.counts[first::2])
-        if freedom <= 0 or np.linalg.cond(own) > OPEN:
+        if freedom <= 0 or np.linalg.cond(own) > _OPEN:
             return None
         inverse = solve_triangular(own, np.eye(size))
         variance = factor[size, size] ** 2 / freedom

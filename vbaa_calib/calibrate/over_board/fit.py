@@ -1,8 +1,8 @@
 """The antenna's frame in plane C from the picture of its sagging free shape: the least squares behind `over_board`.
 
 Unknown are the direction and the place of the clamp in plane C. The board's pose, its distance, and the antenna's shape
-are known with their covariances: they are solved for too, in units of their own standard deviations, so that what they
-are not sure of is in the answer, and what the picture tells better than they do is taken from it.
+are known with their covariances: they are solved for too, in units of their own standard deviations, so that their
+uncertainty is in the result, and the picture may correct them.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
 from vbaa_calib.calibrate.pose.board_pose import BoardPose
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.robust import huber_losses, huber_weights
+from vbaa_calib.core.least_squares import Linearised, Rules, minimise
 from vbaa_calib.geometry import Pose
-from vbaa_calib.geometry.independent_axes import inverse_information
+from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig.reprojection import (
     ImageCurves,
     SeenPoints,
@@ -30,12 +30,13 @@ from vbaa_calib.rig.reprojection import (
 
 from .free_antenna import FreeAntenna, Mark
 
-IN_PLANE, BOARD, HEIGHT, SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len(PARAMETERS))
+_IN_PLANE, BOARD, HEIGHT, _SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len(PARAMETERS))
 """Angle (rad) and clamp (x, y; m) in the board frame; then, whitened: board's tangent, height, antenna's parameters."""
 UNKNOWNS = 10 + len(PARAMETERS)
 _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (UNKNOWNS - 3)])
-_ITERATIONS, _PASSES, _HALVINGS = 40, 10, 8
-_STANDSTILL, _ENOUGH, _SETTLED = 1e-12, 1e-6, 1e-5
+_RULES = Rules(iterations=40, standstill=1e-12)
+_ENOUGH = 1e-6
+_PASSES, _CONVERGED = 10, 1e-5
 _END_MARGIN = 0.004
 """Points this part of the length off the clamp or the tip are left out: the holder's edge and the tip's round end."""
 _LEAST_POINTS = 20
@@ -83,7 +84,7 @@ class OverProblem:
 
     def T_camera_antenna(self, unknowns: np.ndarray) -> Pose:
         """Pose of the antenna frame."""
-        angle, x, y = unknowns[IN_PLANE]
+        angle, x, y = unknowns[_IN_PLANE]
         cos, sin, up = np.cos(angle), np.sin(angle), self.toward
         rotation = np.array([[cos, up * sin, 0.0], [sin, -up * cos, 0.0], [0.0, 0.0, -up]])
         height = self.height_m + self.height_std_m * unknowns[HEIGHT]
@@ -92,11 +93,11 @@ class OverProblem:
 
     def curves(self, unknowns: np.ndarray) -> ImageCurves:
         """The antenna in the picture for each of (K, 18) unknowns."""
-        parameters = self.antenna.parameters + unknowns[:, SHAPE] @ _root(self.antenna.covariance).T
+        parameters = self.antenna.parameters + unknowns[:, _SHAPE] @ independent_axes(self.antenna.covariance).T
         return image_curves(self.antenna.curves(parameters), [self.T_camera_antenna(row) for row in unknowns])
 
-    def residuals(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, ImageCurves]:
-        """Whitened residuals (R,): points, marks, priors; their Jacobian (R, 18); and the curves."""
+    def linearised(self, unknowns: np.ndarray) -> Linearised:
+        """Whitened residuals (R,), Huber's of the points, then marks and priors; their Jacobian (R, 18)."""
         curves = self.curves(np.vstack([unknowns, unknowns + np.diag(_STEPS)]))
         rows = [whitened_residuals(self.seen, curves) / self.noise_scale]
         rows += [
@@ -104,15 +105,18 @@ class OverProblem:
         ]
         values = np.vstack(rows)
         jacobian = (values[:, 1:] - values[:, :1]) / _STEPS
-        prior = np.eye(UNKNOWNS)[IN_PLANE.stop :]
-        return np.concatenate([values[:, 0], prior @ unknowns]), np.vstack([jacobian, prior]), curves
+        prior = np.eye(UNKNOWNS)[_IN_PLANE.stop :]
+        certain = len(self.marks) + len(prior)
+        return Linearised(
+            unknowns, np.concatenate([values[:, 0], prior @ unknowns]), np.vstack([jacobian, prior]), certain
+        )
 
     def by_lens(self, curves: ImageCurves) -> np.ndarray:
         """(R, P) change of the residuals with the lens, board and frame held where they are."""
         rows = [residuals_by_lens(self.seen, curves) / self.noise_scale]
         rows += [_mark_direction(mark, curves) @ _of_lens(mark.seen)[0] for mark in self.marks]
         points = np.vstack(rows)
-        return np.vstack([points, np.zeros((UNKNOWNS - IN_PLANE.stop, points.shape[1]))])
+        return np.vstack([points, np.zeros((UNKNOWNS - _IN_PLANE.stop, points.shape[1]))])
 
 
 def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
@@ -122,27 +126,25 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
     """
     unknowns = np.concatenate([start, np.zeros(UNKNOWNS - 3)])
     for _ in range(_PASSES):
-        unknowns = _descend(problem, unknowns)
+        unknowns = _descended(problem, unknowns)
         problem = _trimmed(problem, unknowns)
         points, curves = len(problem.seen), problem.curves(unknowns[None])
-        # squares that disturb alike are few: points that scatter little by chance are not worth more for it
+        # squares that disturb alike are few: points that scatter little by chance get no more weight
         scale = max(noise_scale([whitened_residuals(problem.seen, curves)[:, 0]]), 1.0)
-        settled = abs(scale / problem.noise_scale - 1.0) < _SETTLED
+        converged = abs(scale / problem.noise_scale - 1.0) < _CONVERGED
         problem = replace(problem, noise_scale=scale)
-        if settled:
+        if converged:
             break
-    unknowns = _descend(problem, unknowns)
-    residual, jacobian, curves = problem.residuals(unknowns)
-    weight = _weights(residual, points)
-    weighted = jacobian * weight[:, None]
-    inverse = inverse_information(weighted)
+    unknowns = _descended(problem, unknowns)
+    solution, curves = problem.linearised(unknowns), problem.curves(unknowns[None])
+    weight, inverse = solution.weights, solution.covariance()
     pose = problem.T_camera_antenna(unknowns).inverse()
     by_unknowns = _tangents(problem, unknowns)
     # the lens moves the board's pose, too
     by_board = np.linalg.solve(np.linalg.cholesky(problem.board.covariance), problem.board.lens_sensitivity)
-    pull = (problem.by_lens(curves) + jacobian[:, BOARD] @ by_board) * weight[:, None]
+    pull = (problem.by_lens(curves) + solution.jacobian[:, BOARD] @ by_board) * weight[:, None]
     pull[-(UNKNOWNS - 3) :] = 0.0
-    by_lens = -inverse @ (weighted.T @ pull)
+    by_lens = -inverse @ ((solution.jacobian * weight[:, None]).T @ pull)
     by_lens[BOARD] += by_board
     foot = feet(problem.seen, curves)
     covariance = by_unknowns @ inverse @ by_unknowns.T
@@ -157,13 +159,6 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
     )
 
 
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """A (possibly singular) matrix R with R Rᵀ = covariance."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-
-
 def _mark_direction(mark: Mark, curves: ImageCurves) -> np.ndarray:
     """(1, 2) the first curve's direction at the mark over the mark's standard deviation along it."""
     slope = curves.slopes[0, mark.end]
@@ -176,38 +171,11 @@ def _of_lens(seen: SeenPoints) -> np.ndarray:
     return np.zeros((len(seen), 2, 0)) if seen.by_lens is None else seen.by_lens
 
 
-def _weights(residual: np.ndarray, points: int) -> np.ndarray:
-    """Huber's for the points; marks and priors count in full."""
-    return np.concatenate([np.sqrt(huber_weights(residual[:points])), np.ones(len(residual) - points)])
-
-
-def _cost(residual: np.ndarray, points: int) -> float:
-    return float(huber_losses(residual[:points]).sum()) + 0.5 * float((residual[points:] ** 2).sum())
-
-
-def _descend(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
-    points = len(problem.seen)
-    residual, jacobian, _ = problem.residuals(unknowns)
-    for _ in range(_ITERATIONS):
-        weight = _weights(residual, points)
-        weighted = jacobian * weight[:, None]
-        information, slope = weighted.T @ weighted, weighted.T @ (residual * weight)
-        scale = np.sqrt(np.diag(information))
-        step = -np.linalg.solve(information / np.outer(scale, scale), slope / scale) / scale
-        promise = -float(slope @ step)
-        if promise < _STANDSTILL:
-            return unknowns
-        for halving in range(_HALVINGS):
-            moved = unknowns + 0.5**halving * step
-            trial = problem.residuals(moved)
-            if _cost(trial[0], points) < _cost(residual, points):
-                break
-        else:
-            return unknowns
-        unknowns, (residual, jacobian, _) = moved, trial
-    if promise < _ENOUGH:
-        return unknowns
-    raise SolveError("the antenna over the board could not be fitted to its picture")
+def _descended(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
+    descent = minimise(problem.linearised, problem.linearised(unknowns), _RULES)
+    if descent.exhausted and descent.promise >= _ENOUGH:
+        raise SolveError("the antenna over the board could not be fitted to its picture")
+    return descent.at.parameters
 
 
 def _trimmed(problem: OverProblem, unknowns: np.ndarray) -> OverProblem:
@@ -234,4 +202,4 @@ def _in_plane(problem: OverProblem, unknowns: np.ndarray, inverse: np.ndarray) -
     """Covariance of the in-plane unknowns, turned into the antenna frame."""
     cos, sin, up = np.cos(unknowns[0]), np.sin(unknowns[0]), problem.toward
     turn = np.array([[-up, 0.0, 0.0], [0.0, cos, sin], [0.0, up * sin, -up * cos]])
-    return turn @ inverse[IN_PLANE, IN_PLANE] @ turn.T
+    return turn @ inverse[_IN_PLANE, _IN_PLANE] @ turn.T

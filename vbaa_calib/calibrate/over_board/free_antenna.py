@@ -19,9 +19,9 @@ from vbaa_calib.rig.reprojection import SeenPoints, see
 from vbaa_calib.session import NominalAntenna
 
 LENGTH_STD_M = 3e-4
-CLAMP_OUT_OF_PLANE_STD_RAD = 0.01
+_CLAMP_OUT_OF_PLANE_STD_RAD = 0.01
 LOG_STIFFNESS_STD = 0.15
-"""What a nominal antenna is trusted with besides what the joint solve trusts it with: its length to a ruler's reading,
+"""What a nominal antenna is trusted with besides the priors of bundle adjustment: its length to a ruler's reading,
 its clamp's tangent to be as parallel to the board as a gauge makes it, and its stiffness to four per cent of the
 diameter."""
 
@@ -75,7 +75,7 @@ class Mark:
 class ClampMark:
     """Where a person, or a detector, sees the clamp's edge: pixel (2,) and its standard deviation along the antenna.
 
-    A rough mark, of many pixels, still tells which end of the antenna is the clamped one.
+    A rough mark, of many pixels, still shows which end of the antenna is the clamped one.
     """
 
     point_px: np.ndarray
@@ -90,7 +90,7 @@ def nominal_free_antenna(
     gravity_m_s2 : (3,) antenna frame.
     """
     shape = [BOW_STD_PER_M, BOW_STD_PER_M, LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
-    std = [0.0, 0.0, CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
+    std = [0.0, 0.0, _CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
     return FreeAntenna(
         antenna.length_m,
         length_std_m,
@@ -127,7 +127,7 @@ def refuse_touching(antenna: FreeAntenna, height_m: float, toward: float) -> Non
 
 
 def refuse_shadowed(line: BoardLine, where: str) -> None:
-    """Raises InputError for a dark antenna beside its own hard shadow: the two are not told apart."""
+    """Raises InputError for a dark antenna beside its own hard shadow: the two cannot be distinguished."""
     if not line.bright and line.shadow > _HARD_SHADOW:
         raise InputError(
             f"a band {100 * line.shadow:.0f} % darker runs beside the dark antenna: its shadow",
@@ -182,7 +182,7 @@ def outermost(line: BoardLine) -> np.ndarray:
 def from_clamp(
     line: BoardLine, plane: PlaneAbove, guess: Pose | None, clamp: ClampMark | None, where: str
 ) -> BoardLine:
-    """The line with its clamped end first. Raises InputError where nothing tells which end that is."""
+    """The line with its clamped end first. Raises InputError where nothing shows which end that is."""
     ends = outermost(line)
     if clamp is not None:
         near = np.linalg.norm(ends - clamp.point_px, axis=1)

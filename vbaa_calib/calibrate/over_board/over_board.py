@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.antenna.session_rig import check_size
-from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
+from vbaa_calib.calibrate.pose.board_pose import BoardPose, require_size, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -30,7 +29,6 @@ from .free_antenna import (
     FreeAntenna,
     Mark,
     from_clamp,
-    nominal_free_antenna,
     outermost,
     refuse_moved,
     refuse_scattered,
@@ -40,9 +38,7 @@ from .free_antenna import (
     see_with_lens,
 )
 
-__all__ = ["ClampMark", "FreeAntenna", "OverBoardSolution", "nominal_free_antenna", "solve_over_board"]
-
-WAY = "over board"
+_WAY = "over board"
 _CORNER_REACH_PX = 12.0
 """A corner this near to the antenna was sharpened in a window that shows the antenna."""
 _NAMED = 3
@@ -54,7 +50,7 @@ class OverBoardSolution:
 
     Attributes
     ----------
-    estimate : the pose and what it is worth. The frame is the antenna's own; a jig that holds the same frame only as
+    estimate : the pose with its covariance. The frame is the antenna's own; a jig that holds the same frame only as
         well as the clamp repeats differs by the clamp's scatter.
     board : the board's pose, with the second solution that a plane allows.
     line : the antenna in the picture, from clamp to tip.
@@ -67,87 +63,82 @@ class OverBoardSolution:
     fit: OverFit
 
 
+@dataclass(frozen=True, eq=False)
+class OverSetup:
+    """The antenna over the board, as described.
+
+    Attributes
+    ----------
+    spec : the board, flat on plane C. antenna : the free antenna above it.
+    height_m, height_std_m : of the antenna's axis at the clamp above the print.
+    clamp : the clamp's visible edge, where it is known.
+    """
+
+    spec: BoardSpec
+    camera: Camera
+    antenna: FreeAntenna
+    height_m: float
+    height_std_m: float
+    clamp: ClampMark | None = None
+
+
 def solve_over_board(
-    images: Mapping[str, np.ndarray],
-    spec: BoardSpec,
-    camera: Camera,
-    antenna: FreeAntenna,
-    height_m: float,
-    height_std_m: float,
-    *,
-    guess: Pose | None = None,
-    clamp: ClampMark | None = None,
-    bright: bool | None = None,
+    images: Mapping[str, np.ndarray], setup: OverSetup, guess: Pose | None = None, bright: bool | None = None
 ) -> OverBoardSolution:
     """Pose of the camera from pictures of the free antenna over a board that lies on plane C.
 
     Parameters
     ----------
     images : name → (H, W) uint8; camera, antenna and board stand still in all of them.
-    height_m, height_std_m : of the antenna's axis at the clamp above the print.
-    guess : a rough T_antenna_camera: only says which end is clamped, and to which side z points. Without it z points
+    guess : a rough T_antenna_camera: only decides which end is clamped, and to which side z points. Without it z points
         to the camera's side, and the clamped end is the one at the mark, or else the one that leaves the picture.
-    clamp : the clamp's visible edge, where it is known.
     bright : whether the antenna is brighter than black print; None: as the pictures show.
 
     Raises
     ------
     InputError : no board, no antenna, one that touches the board or hides in its own shadow, one whose ends do not
-        tell which is clamped or do not fix its place, or pictures that do not agree.
+        show which is clamped or do not fix its place, or pictures that do not agree.
     SolveError : the antenna could not be fitted.
     """
     if not images:
         raise InputError("there are no pictures of the antenna over the board", remedy="take one, or leave the way out")
+    camera, antenna, height_m, clamp = setup.camera, setup.antenna, setup.height_m, setup.clamp
     toward = 1.0 if guess is None else float(np.sign(guess.translation_m[2]) or 1.0)
     refuse_touching(antenna, height_m, toward)
     for name, image in images.items():
-        check_size(image, camera, name)
-    views = [detect_corners(image, spec, name) for name, image in images.items()]
-    picture = _typical(list(images.values()))
-    board, line = _board_and_line(picture, views, spec, camera, antenna, height_m, bright)
+        require_size(image.shape[1::-1], camera, name)
+    views = [detect_corners(image, setup.spec, name) for name, image in images.items()]
+    # the pictures' median: less noise, and one disturbed picture does not change it
+    picture = np.median(np.stack(list(images.values())), axis=0).astype(np.float32)
+    board, line = _board_and_line(picture, views, setup, bright)
     refuse_moved(images, picture, line)
-    refuse_shadowed(line, _name(images))
+    where = ", ".join(list(images)[:_NAMED]) + (" …" if len(images) > _NAMED else "")
+    refuse_shadowed(line, where)
     plane = PlaneAbove(camera, board.T_camera_board, height_m)
-    line = from_clamp(line, plane, guess, clamp, _name(images))
-    refuse_too_long(line, plane, antenna, _name(images))
-    marks = _marks(line, camera, antenna, clamp, _name(images))
+    line = from_clamp(line, plane, guess, clamp, where)
+    refuse_too_long(line, plane, antenna, where)
+    marks = _marks(line, camera, antenna, clamp, where)
     seen = see_with_lens(camera, line.points_px, line.sigma_px)
-    problem = OverProblem(seen, marks, board, height_m, height_std_m, antenna, toward)
+    problem = OverProblem(seen, marks, board, height_m, setup.height_std_m, antenna, toward)
     fit = solve_over(problem, _start(line, plane, antenna, clamp))
-    refuse_scattered(fit.noise_scale, _name(images))
-    estimate = PoseEstimate(WAY, fit.T_antenna_camera, fit.covariance, fit.lens_sensitivity)
+    refuse_scattered(fit.noise_scale, where)
+    estimate = PoseEstimate(_WAY, fit.T_antenna_camera, fit.covariance, fit.lens_sensitivity)
     return OverBoardSolution(estimate, board, line, fit)
 
 
-def _name(images: Mapping[str, np.ndarray]) -> str:
-    names = list(images)
-    return ", ".join(names[:_NAMED]) + (" …" if len(names) > _NAMED else "")
-
-
-def _typical(images: Sequence[np.ndarray]) -> np.ndarray:
-    """(H, W) float32: the pictures' median, whose noise is less and which one disturbed picture does not change."""
-    return np.median(np.stack(images), axis=0).astype(np.float32)
-
-
 def _board_and_line(
-    picture: np.ndarray,
-    views: Sequence[BoardView],
-    spec: BoardSpec,
-    camera: Camera,
-    antenna: FreeAntenna,
-    height_m: float,
-    bright: bool | None,
+    picture: np.ndarray, views: Sequence[BoardView], setup: OverSetup, bright: bool | None
 ) -> tuple[BoardPose, BoardLine]:
     """Board and antenna, the board once more without the corners that the antenna runs past."""
-    board = _board(views, spec, camera)
-    line = _line(picture, board, views, spec, camera, antenna, height_m, bright)
+    board = _board(views, setup)
+    line = _line(picture, board, views, setup, bright)
     reach = _CORNER_REACH_PX + 0.5 * line.width_px
     clear = [_without(view, line.distance_px(view.corners_px) < reach) for view in views]
     ids = np.unique(np.concatenate([view.ids for view in clear]))
-    if len(clear[0].ids) == len(views[0].ids) or not fixes_homography(corner_points(spec)[ids, :2]):
+    if len(clear[0].ids) == len(views[0].ids) or not fixes_homography(corner_points(setup.spec)[ids, :2]):
         return board, line
-    board = _board(clear, spec, camera)
-    return board, _line(picture, board, views, spec, camera, antenna, height_m, line.bright)
+    board = _board(clear, setup)
+    return board, _line(picture, board, views, setup, line.bright)
 
 
 def _without(view: BoardView, covered: np.ndarray) -> BoardView:
@@ -155,25 +146,19 @@ def _without(view: BoardView, covered: np.ndarray) -> BoardView:
     return replace(view, ids=view.ids[~covered], corners_px=view.corners_px[~covered], covariance_px2=kept)
 
 
-def _board(views: Sequence[BoardView], spec: BoardSpec, camera: Camera) -> BoardPose:
+def _board(views: Sequence[BoardView], setup: OverSetup) -> BoardPose:
     try:
-        return solve_board_pose(views, spec, camera)
+        return solve_board_pose(views, setup.spec, setup.camera)
     except InputError as error:
         what = error.what.replace("pictures of the jig", "pictures of the antenna over the board")
         raise InputError(what, where=error.where, remedy=error.remedy) from None
 
 
 def _line(
-    picture: np.ndarray,
-    board: BoardPose,
-    views: Sequence[BoardView],
-    spec: BoardSpec,
-    camera: Camera,
-    antenna: FreeAntenna,
-    height_m: float,
-    bright: bool | None,
+    picture: np.ndarray, board: BoardPose, views: Sequence[BoardView], setup: OverSetup, bright: bool | None
 ) -> BoardLine:
-    line = find_over_board(picture, camera, board.T_camera_board, spec, height_m, antenna.diameter_m, bright)
+    about = setup.spec, setup.height_m, setup.antenna.diameter_m, bright
+    line = find_over_board(picture, setup.camera, board.T_camera_board, *about)
     if line is None:
         raise InputError(
             "no antenna is found over the board",

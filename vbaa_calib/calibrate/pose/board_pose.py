@@ -1,4 +1,4 @@
-"""Plane C by a board in a jig: its place on the antenna's base is known, so its pose in the camera is the camera's."""
+"""Plane C by a board in a jig, whose pose on the antenna's base is known."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
@@ -16,7 +15,8 @@ from vbaa_calib.calibrate.lens.board_flex import Bend, bend
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
-from vbaa_calib.core.robust import radial_std
+from vbaa_calib.core.least_squares import SOFT_L1, SQUARES, Linearised, Loss, Rules, levenberg_marquardt
+from vbaa_calib.core.robust import radial_std, soft_l1_losses
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
@@ -26,8 +26,17 @@ from .fusion import PoseEstimate
 _SAME_START_RAD = 0.02
 
 
+def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
+    """Raises InputError when a picture (width, height) has not the size that the lens was calibrated for."""
+    if tuple(image_size) != tuple(camera.image_size):
+        is_, was = (f"{width}x{height} px" for width, height in (image_size, camera.image_size))
+        raise InputError(
+            f"is {is_}, the lens was calibrated at {was}", where=where, remedy="take all pictures at one resolution"
+        )
+
+
 def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
-    """Poses by every closed form at hand: IPPE alone can be far off or NaN, and says nothing of it.
+    """Poses by every closed form at hand: IPPE alone can be far off or NaN without an error.
 
     points : (N, 3) m, all with z = 0. normalized : (N, 2) their rays' x/z and y/z. Raises SolveError without one.
     """
@@ -68,7 +77,7 @@ _MOVED_PX = 2.0
 _GROSS_CORNER = 20.0
 _GROSS_LEAST_PX = 0.5
 _SAME_RAD = 1e-3
-_POLISHING, _ROUNDING = 2, 1e-9
+_RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
 AMBIGUOUS = 1.2
 """A plane's second pose fits nearly as well where its error is less than this many times the first one's."""
 _OUT_OF_SIGHT_PX = 1e3
@@ -123,7 +132,7 @@ def solve_board_pose(
     """Pose of the board from one or many pictures in which it stands still relative to the camera.
 
     Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
-    and only so does the residual variance tell of it.
+    and only then is it part of the residual variance.
 
     bent : the board's shape, where the lens solve found it bent (`BoardFlex.bend`). The pose is that of its mean plane.
         How its uncertainty goes with the lens' is left out.
@@ -133,25 +142,29 @@ def solve_board_pose(
     InputError : no usable board in the pictures, a picture size that is not the camera's, or a board that moved.
     SolveError : no start led to a pose.
     """
-    _refuse_other_sizes(views, camera)
+    for view in views:
+        require_size(view.image_size, camera, view.name)
     ids, pixels = _mean_corners(views)
     flat, rise = corner_points(spec)[ids], bend(spec)[ids]
     points = flat if bent is None else flat + np.outer(rise @ bent.sagittas_m, [0.0, 0.0, 1.0])
-    normalized, seen = _ideal_points(camera, pixels)
+    rays, valid = camera.unproject(pixels)
+    seen = valid & (rays[:, 2] > 0.05)
     if not fixes_homography(points[seen, :2]):
         raise InputError(
             f"{int(seen.sum())} corners of the board are seen in the pictures of the jig, which do not fix its pose",
             remedy="take the picture again with the board sharp, lit and wholly in view",
         )
-    starts = start_poses(flat[seen], normalized[seen])
-    found = [_refined(pose, camera, points, pixels, "soft_l1") for pose in starts]
-    found += [_refined(mirrored(pose, points), camera, points, pixels, "soft_l1") for pose in found[:1]]
-    first, *others = sorted(found, key=lambda pose: _robust_cost(pose, camera, points, pixels))
+    starts = start_poses(flat[seen], rays[seen, :2] / rays[seen, 2:])
+    found = [_refined(pose, camera, points, pixels, SOFT_L1) for pose in starts]
+    found += [_refined(mirrored(pose, points), camera, points, pixels, SOFT_L1) for pose in found[:1]]
+    first, *others = sorted(
+        found, key=lambda pose: float(soft_l1_losses(_residual(pose, camera, points, pixels)).sum())
+    )
     inliers = _inliers(first, camera, points, pixels)
     points, pixels = points[inliers], pixels[inliers]
     if not fixes_homography(points[:, :2]):
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
-    first = _polished(_refined(first, camera, points, pixels, "linear"), camera, points, pixels)
+    first = _refined(first, camera, points, pixels, SQUARES)
     by_pose, by_lens = _derivatives(first, camera, points)
     basis, factor = np.linalg.qr(by_pose)
     inverse = solve_triangular(factor, np.eye(6))
@@ -173,17 +186,6 @@ def solve_board_pose(
     )
 
 
-def _refuse_other_sizes(views: Sequence[BoardView], camera: Camera) -> None:
-    for view in views:
-        if view.image_size != tuple(camera.image_size):
-            raise InputError(
-                f"is {view.image_size[0]}x{view.image_size[1]} px, the lens was calibrated at "
-                f"{camera.image_size[0]}x{camera.image_size[1]} px",
-                where=view.name,
-                remedy="take all pictures at one resolution",
-            )
-
-
 def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
     """Ids (N,) and pixels (N, 2) averaged over the views. Raises InputError when the board moved between them."""
     ids = np.unique(np.concatenate([np.zeros(0, int), *(view.ids for view in views)]))
@@ -200,7 +202,7 @@ def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
         shift = np.linalg.norm(row - middle, axis=-1)
         if np.isfinite(shift).any() and np.nanmedian(shift) > _MOVED_PX:
             raise InputError(
-                f"the board stands {np.nanmedian(shift):.1f} px from where the other pictures of the jig show it",
+                f"the board is {np.nanmedian(shift):.1f} px away from where the other pictures of the jig show it",
                 where=view.name,
                 remedy="keep the board fixed to the antenna's base, or remove that picture",
             )
@@ -209,12 +211,6 @@ def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
     total = np.where(near[..., None], stack, 0.0).sum(axis=0)
     count = near.sum(axis=0)
     return ids[count > 0], total[count > 0] / count[count > 0, None]
-
-
-def _ideal_points(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    rays, valid = camera.unproject(pixels)
-    seen = valid & (rays[:, 2] > 0.05)
-    return np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], 0.0), seen
 
 
 def _residual(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -226,41 +222,30 @@ def _rms(residual: np.ndarray) -> float:
     return float(np.sqrt(2.0 * np.mean(residual**2)))
 
 
-def _robust_cost(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> float:
-    return float(np.sum(np.sqrt(1.0 + _residual(T_camera_board, camera, points, pixels) ** 2) - 1.0))
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A pose, and the corners' residuals and their derivatives by its tangent there."""
+
+    pose: Pose
+    rows: Linearised
+
+    @property
+    def cost(self) -> float:
+        return self.rows.cost
 
 
-def _refined(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray, loss: str) -> Pose:
-    # in units of the board's distance, so that the six steps weigh alike
-    reach = float(np.linalg.norm(T_camera_board.translation_m))
-    scale = np.array([1.0, 1.0, 1.0, reach, reach, reach])
-    for _ in range(2):
-        start = T_camera_board
-        result = least_squares(
-            lambda step, start=start: _residual(start.retract(step * scale), camera, points, pixels),
-            np.zeros(6),
-            # exact at the start of each round and within a turn of a few degrees good enough to descend
-            jac=lambda step, start=start: _derivatives(start.retract(step * scale), camera, points)[0] * scale,
-            loss=loss,
-            xtol=1e-12,
-            ftol=1e-12,
-            gtol=1e-12,
-            max_nfev=60,
-        )
-        T_camera_board = start.retract(result.x * scale)
-    return T_camera_board
+def _refined(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray, loss: Loss) -> Pose:
+    def linearised(pose: Pose) -> _Point:
+        residual, (by_pose, _) = _residual(pose, camera, points, pixels), _derivatives(pose, camera, points)
+        return _Point(pose, Linearised(np.zeros(6), residual, by_pose, 0, loss=loss))
 
+    def step(at: _Point, damping: float) -> tuple[np.ndarray, float]:
+        return at.rows.step(damping)
 
-def _polished(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> Pose:
-    """SciPy ends where the cost stands still, a few parts in 10⁵ of a deviation short of where the slope is zero."""
-    for _ in range(_POLISHING):
-        by_pose, _ = _derivatives(T_camera_board, camera, points)
-        residual = _residual(T_camera_board, camera, points, pixels)
-        moved = T_camera_board.retract(np.linalg.lstsq(by_pose, -residual, rcond=None)[0])
-        if not np.sum(_residual(moved, camera, points, pixels) ** 2) <= (1.0 + _ROUNDING) * np.sum(residual**2):
-            break
-        T_camera_board = moved
-    return T_camera_board
+    def moved(at: _Point, move: np.ndarray) -> _Point:
+        return linearised(at.pose.retract(move))
+
+    return levenberg_marquardt(linearised(T_camera_board), step, moved, _RULES).at.pose
 
 
 def _inliers(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -273,7 +258,7 @@ def _second(
     first: Pose, others: Sequence[Pose], camera: Camera, points: np.ndarray, pixels: np.ndarray
 ) -> PoseCandidate | None:
     for start in others:
-        T_camera_board = _refined(start, camera, points, pixels, "linear")
+        T_camera_board = _refined(start, camera, points, pixels, SQUARES)
         if _turn_between(T_camera_board, first) > _SAME_RAD and bool(camera.project(T_camera_board @ points)[1].all()):
             return PoseCandidate(T_camera_board, _rms(_residual(T_camera_board, camera, points, pixels)))
     return None
@@ -297,14 +282,14 @@ def jig_estimate(
 ) -> PoseEstimate:
     """The camera's pose in the antenna frame.
 
-    The deviations are what the jig itself is worth: how far the board's origin, and its turn about each axis, may be
-    off from `T_antenna_board`.
+    The standard deviations are the jig's own: how far the board's origin, and its turn about each axis, may be off
+    from `T_antenna_board`.
     """
     T_camera_board = board_pose.T_camera_board
     T_antenna_camera = T_antenna_board @ T_camera_board.inverse()
     rotation = T_antenna_camera.rotation
     # Turning the board by w turns the camera by −R·w about the board, which also moves it.
-    lever = _cross_matrix(rotation @ T_camera_board.translation_m)
+    lever = np.cross(rotation @ T_camera_board.translation_m, np.eye(3)).T
     by_board = np.block([[-rotation, np.zeros((3, 3))], [-lever @ rotation, -rotation]])
     by_jig = np.block([[np.eye(3), np.zeros((3, 3))], [lever, np.eye(3)]])
     jig = np.repeat([rotation_std_rad, translation_std_m], 3) ** 2
@@ -314,9 +299,3 @@ def jig_estimate(
         by_board @ board_pose.covariance @ by_board.T + by_jig * jig @ by_jig.T,
         by_board @ board_pose.lens_sensitivity,
     )
-
-
-def _cross_matrix(vector: np.ndarray) -> np.ndarray:
-    """(3, 3) with `cross_matrix(a) @ b == np.cross(a, b)`."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,4 +1,4 @@
-"""Plane C by several ways: do they agree within their uncertainty, and what do they say together?"""
+"""Camera poses by several methods: whether they agree within their uncertainty, and their weighted mean."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vbaa_calib.geometry import Pose
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
-    """The camera's pose by one way.
+    """The camera's pose by one method.
 
     Attributes
     ----------
@@ -35,12 +35,12 @@ class PoseEstimate:
 
 
 CONTRADICTION = 1e-4
-"""Ways that agree differ this much or more in one calibration of 10,000."""
+"""Chance below which two estimates contradict each other."""
 
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """How far two ways are apart.
+    """The difference of two estimates.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Difference:
 
     @property
     def p_value(self) -> float:
-        """How often ways that are both right differ as much."""
+        """Chance of a difference this large where both are right."""
         return chi_square_p(self.statistic, 6)
 
     @property
@@ -84,21 +84,20 @@ class Difference:
 
 
 def differences(ways: Sequence[PoseEstimate], lens_covariance: np.ndarray) -> list[Difference]:
-    """Every pair of ways. What both share through the lens, whose covariance is (P, P), cancels."""
-    return [_difference(one, other, lens_covariance) for one, other in combinations(ways, 2)]
-
-
-def _difference(one: PoseEstimate, other: PoseEstimate, lens_covariance: np.ndarray) -> Difference:
-    covariance = one.covariance + other.covariance
-    if len(lens_covariance):
-        by_lens = other.lens_sensitivity - one.lens_sensitivity
-        covariance = covariance + by_lens @ lens_covariance @ by_lens.T
-    step = other.T_antenna_camera.tangent_from(one.T_antenna_camera)
-    return Difference((one.way, other.way), step, covariance)
+    """Of every pair. What both share through the lens, whose covariance is (P, P), cancels."""
+    found = []
+    for one, other in combinations(ways, 2):
+        covariance = one.covariance + other.covariance
+        if len(lens_covariance):
+            by_lens = other.lens_sensitivity - one.lens_sensitivity
+            covariance = covariance + by_lens @ lens_covariance @ by_lens.T
+        step = other.T_antenna_camera.tangent_from(one.T_antenna_camera)
+        found.append(Difference((one.way, other.way), step, covariance))
+    return found
 
 
 def require_agreement(found: Sequence[Difference], where: object) -> None:
-    """Raises InputError when ways contradict each other, naming the one that stands alone if there is one."""
+    """Raises InputError when estimates contradict each other, naming the one that stands alone if there is one."""
     apart = [difference for difference in found if not difference.agrees]
     if not apart:
         return
@@ -108,20 +107,20 @@ def require_agreement(found: Sequence[Difference], where: object) -> None:
     raise InputError(
         f"the ways to plane C contradict each other: {'; '.join(map(str, apart))}: {which}",
         where=where,
-        remedy="measure it again, or say in session.yaml what it is worth (jig.translation_std_m, "
+        remedy="measure it again, or give its uncertainty in session.yaml (jig.translation_std_m, "
         "jig.rotation_std_rad, over.height_std_m), or take its folder away",
     )
 
 
 def fused(ways: Sequence[PoseEstimate]) -> Pose:
-    """The pose that all ways together say for the lens as it is: where the joint solve starts."""
+    """The weighted mean of all estimates, for the lens as it is: where bundle adjustment starts."""
     first = ways[0].T_antenna_camera
     weights = [np.linalg.inv(way.covariance) for way in ways]
-    pulls = [weight @ way.T_antenna_camera.tangent_from(first) for weight, way in zip(weights, ways, strict=True)]
-    return first.retract(np.linalg.solve(np.sum(weights, axis=0), np.sum(pulls, axis=0)))
+    weighted = [weight @ way.T_antenna_camera.tangent_from(first) for weight, way in zip(weights, ways, strict=True)]
+    return first.retract(np.linalg.solve(np.sum(weights, axis=0), np.sum(weighted, axis=0)))
 
 
-def loosened(estimate: PoseEstimate, directions: np.ndarray, std: np.ndarray) -> PoseEstimate:
-    """The estimate with more doubt along directions (K, 6) of its tangent, of standard deviations (K,)."""
+def inflated(estimate: PoseEstimate, directions: np.ndarray, std: np.ndarray) -> PoseEstimate:
+    """The estimate with standard deviations (K,) added along directions (K, 6) of its tangent."""
     spread = directions.T * std
     return replace(estimate, covariance=estimate.covariance + spread @ spread.T)

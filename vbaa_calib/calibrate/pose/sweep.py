@@ -1,13 +1,13 @@
 """Plane C by the actuator sweep: both joints move camera and antenna in front of a board that is fixed in the world.
 
-What the pictures tell. Each shows where the camera stands relative to the board, and all of them together how each
+What the pictures show. Each shows where the camera stands relative to the board, and all of them together how each
 joint moves the camera. Pan alone gives one line in the camera frame, the pan axis: the camera's turn about it and its
 place along it stay open, for the unknown board can follow both. Tilt alone leaves the same open for the tilt axis. Two
 lines that are not parallel leave nothing open: their common perpendicular is the actuator frame's x, its foot on the
 tilt axis the origin. The angle between the lines and their distance are two numbers more than a pose needs: the joints'
 skew and offset. The least motion is a cross, pan and tilt moved one after the other, to either side of the middle.
 
-What they cannot tell.
+What they cannot show.
 - The zero of the pan: turning world and board together about the pan axis changes no picture. It is the world's
   heading, and the camera's pose on the antenna does not depend on it.
 - The zero of the tilt: an encoder that reads zero elsewhere turns the camera on the actuator about the tilt axis, and
@@ -35,12 +35,13 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import SweepPicture
 
+from .board_pose import require_size
 from .fusion import PoseEstimate
-from .sweep_model import AXES, CAMERA, SweepCorners, SweepState, linearise, start, turned_over
-from .sweep_solve import ALL_FREE, AXES_HELD, SweepFit, fit, inlying, robust
+from .sweep_model import AXES, CAMERA, SweepCorners, SweepState, initial_state, linearise, turned_over
+from .sweep_solve import SweepFit, SweepProblem
 
 LEAST_PICTURES = 5
-"""A cross: the middle, and either side of both joints. Three fix the pose, but of fewer than five nothing tells how far
+"""A cross: the middle, and either side of both joints. Three fix the pose, but fewer than five do not show how far
 the readings scatter: with four, and 0.3 mrad, 14 of 120 sweeps were off by over six of their standard deviations."""
 
 _LEAST_TURN_RAD = 0.01
@@ -66,13 +67,7 @@ def _usable_pictures(
     Raises InputError when too few are left, or a picture has another size than the lens was calibrated at.
     """
     for view in views:
-        if view.image_size != tuple(camera.image_size):
-            was, is_ = (f"{size[0]}x{size[1]} px" for size in (camera.image_size, view.image_size))
-            raise InputError(
-                f"is {is_}, the lens was calibrated at {was}",
-                where=view.name,
-                remedy="take all pictures at one resolution",
-            )
+        require_size(view.image_size, camera, view.name)
     usable, dropped = usable_views(views, spec, 0)
     places = [next(i for i, view in enumerate(views) if view is one) for one in usable]
     if len(usable) < LEAST_PICTURES:
@@ -100,55 +95,55 @@ def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
         )
 
 
-def _which_pictures(
-    camera: Camera, state: SweepState, corners: SweepCorners
-) -> tuple[SweepState, np.ndarray, np.ndarray]:
-    """A robust state, which pictures it explains (P,) bool, and by how much it misses each (P,) px.
+def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[SweepState, np.ndarray, np.ndarray]:
+    """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px.
 
     A picture is taken back where its angles are no further off than those of the others scatter.
 
     Raises InputError when the angles belong to hardly more than half of the pictures, or one row is wrong and nothing
-    tells which.
+    shows which.
     """
-    state = _settled(camera, state, corners)
+    corners = problem.corners
+    state = _initial_state(SweepProblem.of(problem.camera, corners, axes=False), state)
     kept = np.ones(corners.pictures, bool)
     for _ in range(_ROUNDS):
-        state, residuals = robust(camera, state, corners, kept[corners.picture], ALL_FREE)
-        error = _missed_px(residuals, corners)
+        state, residuals = problem.robust(state, kept[corners.picture])
+        error = _picture_errors_px(residuals, corners)
         before, kept = kept, error <= max(_GROSS_PICTURE * float(np.median(error[kept])), _GROSS_LEAST_PX)
         if np.array_equal(kept, before):
             break
-    kept = _taken_back(camera, state, corners, kept)
+    kept = _taken_back(problem, state, kept)
     if LEAST_PICTURES <= kept.sum() <= _FEW_PICTURES:
-        state, kept = _without_the_odd_one(camera, state, corners, kept)
+        state, kept = _without_the_odd_one(problem, state, kept)
     if kept.sum() < max(LEAST_PICTURES, 0.6 * corners.pictures):
         what = f"the angles of sweep.csv explain {kept.sum()} of {corners.pictures} pictures, too few"
         raise InputError(what, remedy=_MEND)
-    return state, kept, _missed_px(linearise(camera, state, corners).residuals_px, corners)
+    return state, kept, _picture_errors_px(linearise(problem.camera, state, corners).residuals_px, corners)
 
 
-def _settled(camera: Camera, state: SweepState, corners: SweepCorners) -> SweepState:
-    """A robust state from a start, whichever way the board leans; with the axes where they are given."""
-    every = np.ones(len(corners.pixels), bool)
-    first = robust(camera, state, corners, every, AXES_HELD)
-    other = robust(camera, turned_over(first[0], corners), corners, every, AXES_HELD)
+def _initial_state(problem: SweepProblem, state: SweepState) -> SweepState:
+    """The better robust state of the two in which the board leans to one side or the other."""
+    every = np.ones(len(problem.corners.pixels), bool)
+    first = problem.robust(state, every)
+    other = problem.robust(turned_over(first[0], problem.corners), every)
     return min((first, other), key=lambda one: float(np.linalg.norm(one[1], axis=1).sum()))[0]
 
 
-def _missed_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarray:
+def _picture_errors_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarray:
     distance = np.linalg.norm(residuals, axis=1)
     return np.array([np.median(distance[corners.picture == index]) for index in range(corners.pictures)])
 
 
-def _taken_back(camera: Camera, state: SweepState, corners: SweepCorners, kept: np.ndarray) -> np.ndarray:
+def _taken_back(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> np.ndarray:
+    corners = problem.corners
     readings = np.stack([corners.pan_rad, corners.tilt_rad], axis=1)
     for _ in range(_ROUNDS):
         if kept.all():
             break
-        found, _ = inlying(camera, state, corners, kept[corners.picture], ALL_FREE)
+        found, _ = problem.inlying(state, kept[corners.picture])
         back = kept.copy()
         for index in np.flatnonzero(~kept):
-            angles = _own_angles(camera, found.state, corners, int(index))
+            angles = _own_angles(problem, found.state, int(index))
             if angles is not None:
                 back[index] = np.abs(angles - readings[index]).max() <= _GROSS_ANGLE * found.angle_std_rad
         if np.array_equal(back, kept):
@@ -157,37 +152,37 @@ def _taken_back(camera: Camera, state: SweepState, corners: SweepCorners, kept: 
     return kept
 
 
-def _without_the_odd_one(
-    camera: Camera, state: SweepState, corners: SweepCorners, kept: np.ndarray
-) -> tuple[SweepState, np.ndarray]:
-    """Leaves out the picture without which the angles of the others agree.
+def _without_the_odd_one(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> tuple[SweepState, np.ndarray]:
+    """Without the picture without which the angles of the others agree.
 
     Among few pictures one wrong row bends the fit so far that all seem a little off.
     """
-    whole, _ = inlying(camera, state, corners, kept[corners.picture], ALL_FREE)
+    picture = problem.corners.picture
+    whole, _ = problem.inlying(state, kept[picture])
     if whole.angle_std_rad < _NO_ENCODER_RAD:
         return whole.state, kept
-    places = np.arange(corners.pictures)
+    places = np.arange(problem.corners.pictures)
     others = [kept & (places != index) for index in np.flatnonzero(kept)]
-    fits = [inlying(camera, state, corners, some[corners.picture], ALL_FREE)[0] for some in others]
+    fits = [problem.inlying(state, some[picture])[0] for some in others]
     agree = [i for i, found in enumerate(fits) if found.angle_std_rad < _AGREE * whole.angle_std_rad]
     if len(agree) > 1:
         raise InputError(
-            f"one row of sweep.csv is off by {whole.angle_std_rad:.2g} rad or more, and nothing tells which",
-            remedy="look them through, or take a few pictures more",
+            f"one row of sweep.csv is off by {whole.angle_std_rad:.2g} rad or more, and nothing shows which",
+            remedy="check the rows, or take a few more pictures",
         )
     return (fits[agree[0]].state, others[agree[0]]) if agree else (whole.state, kept)
 
 
-def _own_angles(camera: Camera, state: SweepState, corners: SweepCorners, picture: int) -> np.ndarray | None:
+def _own_angles(problem: SweepProblem, state: SweepState, picture: int) -> np.ndarray | None:
     """(2,) pan and tilt at which one picture's corners would fit a state best; None where no angles near by do."""
+    corners = problem.corners
     mine = corners.picture == picture
     angles = np.array([corners.pan_rad[picture], corners.tilt_rad[picture]])
     for _ in range(_OWN_STEPS):
         alone = SweepCorners(
             corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[:1], angles[1:]
         )
-        moved = linearise(camera, state, alone)
+        moved = linearise(problem.camera, state, alone)
         design, left = moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel()
         angles = angles + np.clip(np.linalg.lstsq(design, left, rcond=None)[0], -_OWN_STEP_RAD, _OWN_STEP_RAD)
     error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
@@ -195,27 +190,26 @@ def _own_angles(camera: Camera, state: SweepState, corners: SweepCorners, pictur
 
 
 def _left_out_reason(
-    camera: Camera, state: SweepState, corners: SweepCorners, index: int, error_px: float, kinematics: Kinematics
+    problem: SweepProblem, state: SweepState, index: int, error_px: float, tilt_zero_rad: float
 ) -> str:
     """Why a picture was left out, with the angles at which it would fit."""
     what = f"its corners lie {error_px:.1f} px from where its angles put them"
-    angles = _own_angles(camera, state, corners, index)
+    angles = _own_angles(problem, state, index)
     if angles is None:
         return f"{what}; did the board or the camera move?"
-    pan, tilt = angles[0], angles[1] - kinematics.tilt_zero_rad
-    row_tilt = corners.tilt_rad[index] - kinematics.tilt_zero_rad
+    pan, tilt = problem.corners.pan_rad[index], problem.corners.tilt_rad[index] - tilt_zero_rad
     return (
-        f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {corners.pan_rad[index]:.3f}, "
-        f"{row_tilt:.3f}"
+        f"{what}: it looks like pan {angles[0]:.3f}, tilt {angles[1] - tilt_zero_rad:.3f}, its row says {pan:.3f}, "
+        f"{tilt:.3f}"
     )
 
 
-AXIS_SKEW_STD_RAD = 5e-3
-AXIS_OFFSET_STD_M = 5e-4
+_AXIS_SKEW_STD_RAD = 5e-3
+_AXIS_OFFSET_STD_M = 5e-4
 """How near to the given skew and offset a careful workshop keeps the axes. To hold them exactly there is not honest:
 0.3 mrad and 0.02 mm, which a good sweep hardly sees, then put the camera seven of its standard deviations off."""
 
-_ASKED_FOR = 0.05
+_CONTRADICTED = 0.05
 _LOOSE_RAD = 0.02
 _LOOSE_SHARE = 0.05
 _LOOSE_ANGLES_RAD = 0.02
@@ -223,7 +217,7 @@ _LOOSE_ANGLES_RAD = 0.02
 
 @dataclass(frozen=True, eq=False)
 class SweepSolution:
-    """What a sweep says.
+    """The result of a sweep.
 
     Attributes
     ----------
@@ -275,8 +269,8 @@ def solve_sweep(
     Parameters
     ----------
     views : the board as each picture shows it. pictures : the joints' readings, in the same order.
-    kinematics : how the antenna is mounted. Its skew and offset count as known to within AXIS_SKEW_STD_RAD and
-        AXIS_OFFSET_STD_M, and not at all where the pictures contradict that (5 % level).
+    kinematics : how the antenna is mounted. Its skew and offset count as known to within _AXIS_SKEW_STD_RAD and
+        _AXIS_OFFSET_STD_M, and not at all where the pictures contradict that (5 % level).
     tilt_zero_std_rad : how well the tilt encoder's zero is known.
 
     Raises
@@ -288,13 +282,14 @@ def solve_sweep(
     seen, readings, dropped = _usable_pictures(views, pictures, spec, camera)
     _refuse_one_joint(readings)
     corners = SweepCorners.of(seen, readings, spec, kinematics)
-    state, kept, error_px = _which_pictures(camera, start(camera, corners, kinematics), corners)
+    problem, zero = SweepProblem.of(camera, corners), kinematics.tilt_zero_rad
+    state, kept, error_px = _consistent_pictures(problem, initial_state(camera, corners, kinematics))
     _refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])
-    free, used = inlying(camera, state, corners, kept[corners.picture], ALL_FREE)
-    chosen = _with_axes(camera, corners, free, used, kinematics)
+    free, used = problem.inlying(state, kept[corners.picture])
+    chosen = _with_axes_prior(problem, free, used, kinematics)
     _refuse_loose(chosen)
     left_out = [
-        DroppedView(view.name, _left_out_reason(camera, chosen.state, corners, index, error_px[index], kinematics))
+        DroppedView(view.name, _left_out_reason(problem, chosen.state, index, error_px[index], zero))
         for index, view in enumerate(seen)
         if not kept[index]
     ]
@@ -323,27 +318,27 @@ def solve_sweep(
     )
 
 
-def _with_axes(
-    camera: Camera, corners: SweepCorners, free: SweepFit, used: np.ndarray, kinematics: Kinematics
-) -> SweepFit:
-    """The fit in which the axes are known to lie about where they were given, unless the data speak against it."""
+def _with_axes_prior(problem: SweepProblem, free: SweepFit, used: np.ndarray, kinematics: Kinematics) -> SweepFit:
+    """The fit with a prior on the axes where they were given, unless the data contradict it."""
     given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
     off = given - [free.state.axis_skew_rad, free.state.axis_offset_m]
-    spread = free.covariance[AXES, AXES] + np.diag(np.square([AXIS_SKEW_STD_RAD, AXIS_OFFSET_STD_M]))
-    if chi_square_p(chi_square(off, spread), 2) < _ASKED_FOR:
+    spread = free.covariance[AXES, AXES] + np.diag(np.square([_AXIS_SKEW_STD_RAD, _AXIS_OFFSET_STD_M]))
+    if chi_square_p(chi_square(off, spread), 2) < _CONTRADICTED:
         return free
     gain = free.covariance[:, AXES] @ np.linalg.inv(spread)
     skew, offset = given - off + (gain @ off)[AXES]
-    held = fit(camera, replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), corners, used, AXES_HELD)
+    held = SweepProblem.of(problem.camera, problem.corners, axes=False).fit(
+        replace(free.state, axis_skew_rad=skew, axis_offset_m=offset), used
+    )
     # Joseph's form: no difference of covariances
-    left, known = np.eye(len(gain)), np.diag(np.square([AXIS_SKEW_STD_RAD, AXIS_OFFSET_STD_M]))
+    left, known = np.eye(len(gain)), np.diag(np.square([_AXIS_SKEW_STD_RAD, _AXIS_OFFSET_STD_M]))
     left[:, AXES] -= gain
     covariance = left @ free.covariance @ left.T + gain @ known @ gain.T
     return replace(held, covariance=covariance, by_lens=free.by_lens - gain @ free.by_lens[AXES])
 
 
 def _refuse_loose(found: SweepFit) -> None:
-    """Raises InputError where the moves were too small, or the angles too far off, to tell the pose."""
+    """Raises InputError where the moves were too small, or the angles too far off, to determine the pose."""
     if found.angle_std_rad > _LOOSE_ANGLES_RAD:
         raise InputError(
             f"the angles of sweep.csv scatter by {found.angle_std_rad:.2g} rad about what the pictures show",

@@ -178,7 +178,7 @@ _SHARP_RAD = 0.01
 _SHARP_M = 1e-3
 
 
-def start(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
+def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
     """From the board's pose in each picture alone, pictures weighed so that a few wrong ones do not count.
 
     With K the turn that the joints give a picture, R_X·R_camera_board = K·R_B holds for all of them, which is linear in

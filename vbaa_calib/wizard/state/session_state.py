@@ -9,12 +9,13 @@ import numpy as np
 
 from targets.board import BoardSpec
 from targets.print_scale import PrintScale, rescaled
-from vbaa_calib.calibrate.antenna.bundle_adjustment import JointSolution, solve_joint
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.session_rig import nominal_parameters, observe_one, prior
+from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
 from vbaa_calib.calibrate.faults.stills import still_diagnoses
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.pipeline import stills_prior
 from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.calibrate.report import prior_doubts
@@ -112,7 +113,7 @@ class Known:
         joint = self.joint()
         return self.once("diagnoses", cause, lambda: [*_against_plane(joint), *self._still_diagnoses(joint)])
 
-    def _still_diagnoses(self, joint: JointSolution) -> list[Diagnosis]:
+    def _still_diagnoses(self, joint: BundleAdjustment) -> list[Diagnosis]:
         return still_diagnoses(self.session, self.kinematics, joint)
 
     def lens_corners(self) -> np.ndarray:
@@ -184,8 +185,8 @@ class Known:
         session, plane, camera = self.session, self.plane(), self.lens().camera
         nominal = nominal_parameters(session.antenna)
         pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
-        pose = fused(plane.estimates)
-        return observe_one(session.antenna, still, image, pull, camera, pose, nominal, self._paint(step))
+        expected = ExpectedAntenna(session.antenna, camera, fused(plane.estimates), nominal, self._paint(step))
+        return expected.observe(still, image, pull)
 
     def _paint(self, step: str) -> Paint | None:
         """What tells the antenna from its background, by the first free picture."""
@@ -194,18 +195,17 @@ class Known:
             return None
         return self.observation("noload", first[0]).paint
 
-    def joint(self) -> JointSolution:
+    def joint(self) -> BundleAdjustment:
         """Everything in one solve, by the stills so far."""
         return self.once("joint", self.cause("lens", "plane", "noload", "loads"), self._joint)
 
-    def _joint(self) -> JointSolution:
+    def _joint(self) -> BundleAdjustment:
         session, plane = self.session, self.plane()
-        camera, readings = self.lens().camera, session.load_readings
-        before = prior(session.antenna, camera, plane.estimates, plane.by_antenna_alone, readings)
+        before = stills_prior(session, self.lens(), plane)
         seen = [self.observation(step, one) for step in ("noload", "loads") for one in self.taken(step)]
         if not seen:
             raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")
-        return solve_joint(seen, before, session.antenna.length_m, session.moment_std_Nm)
+        return adjust_bundle(seen, before, session.antenna.length_m, session.moment_std_Nm)
 
     def write_files(self) -> None:
         """Bring session.yaml and the tables up to what the store has."""
@@ -216,7 +216,7 @@ class Known:
         return [self.still(step, one) for step in ("noload", "loads") for one in self.taken(step)]
 
 
-def _against_plane(joint: JointSolution) -> list[Diagnosis]:
+def _against_plane(joint: BundleAdjustment) -> list[Diagnosis]:
     """Where the antenna contradicts what plane C and its clamp were before it was seen."""
     remedy = "check what was said of the jig (place, axes, turn, how well it is known) and the clamp"
     return [Diagnosis("antenna_contradicts_plane", words, remedy, grave=True) for words in prior_doubts(joint)]

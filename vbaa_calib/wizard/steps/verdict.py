@@ -30,7 +30,7 @@ def conclude(root: Path, page: Page) -> dict[str, Any]:
     """
     session = load_session(root)
     calibration = calibrate(session)
-    write_json(root / RIG, rig_document(session, calibration, doubts(calibration), ["vbaa", "wizard"]))
+    write_json(root / RIG, rig_document(calibration, doubts(calibration), ["vbaa", "wizard"]))
     document = assess(root / RIG, root).to_dict()
     write_text(root / REPORT, page(document))
     return document

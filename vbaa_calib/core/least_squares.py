@@ -1,0 +1,252 @@
+"""Nonlinear least squares: Levenberg–Marquardt, robust losses, priors as rows, and Schur complements over views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from .robust import huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
+
+_LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e12
+
+
+class _HasCost(Protocol):
+    @property
+    def cost(self) -> float: ...
+
+
+Point = TypeVar("Point", bound=_HasCost)
+"""A problem linearised at some parameters."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When a descent ends.
+
+    Attributes
+    ----------
+    iterations : at most.
+    tolerance, standstill : it ends at a step that promises to lower the cost by less than this share, or this amount.
+    takes_last : whether that step is still taken. Where the slopes are exact and a linearisation is dear it need not
+        be; where they are differences it brings the parameters the last millionth of a deviation closer.
+    may_rise_share, may_rise : a cost that rises by no more than this, of the cost or as such, is rounding.
+    damping : of the first step.
+    growth, after_failure : after a step that failed the damping is so many times larger, and at least so large. Far
+        from a minimum small increases lead to it in fewer steps; close to it a failure is rounding, and the next step
+        is to be a clearly shorter one.
+    """
+
+    iterations: int
+    tolerance: float = 0.0
+    standstill: float = 0.0
+    takes_last: bool = False
+    may_rise_share: float = 0.0
+    may_rise: float = 0.0
+    damping: float = 0.0
+    growth: float = 10.0
+    after_failure: float = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Descent(Generic[Point]):
+    """Where a descent ended: the point, what its next step promises, and whether the iterations ran out before."""
+
+    at: Point
+    promise: float
+    exhausted: bool
+
+
+def levenberg_marquardt(
+    at: Point,
+    step: Callable[[Point, float], tuple[np.ndarray, float]],
+    moved: Callable[[Point, np.ndarray], Point | None],
+    rules: Rules,
+) -> Descent[Point]:
+    """Descend to a least cost.
+
+    Parameters
+    ----------
+    step : of a point and a damping, in units of the diagonal of the normal equations; and the decrease it promises.
+    moved : the point a step further; None where there is none.
+    """
+    damping, promise = rules.damping, np.inf
+    for _ in range(rules.iterations):
+        try:
+            move, promise = step(at, damping)
+        except np.linalg.LinAlgError:
+            damping = max(10.0 * damping, rules.after_failure)
+            continue
+        # a damped step is short wherever it is taken
+        last = promise <= rules.standstill + rules.tolerance * at.cost and damping < 1.0
+        if last and not rules.takes_last:
+            return Descent(at, promise, False)
+        trial = moved(at, move)
+        rounding = rules.may_rise + rules.may_rise_share * at.cost
+        if trial is not None and np.isfinite(trial.cost) and trial.cost <= at.cost + rounding:
+            decrease, at = at.cost - trial.cost, trial
+            damping = max(0.1 * damping, _LEAST_DAMPING)
+            last |= rounding < decrease <= rules.tolerance * at.cost and damping < 1.0
+        else:
+            damping = max(rules.growth * damping, rules.after_failure)
+        if last or damping > _MOST_DAMPING:
+            return Descent(at, promise, False)
+    return Descent(at, promise, True)
+
+
+def solve_scaled(matrix: np.ndarray, right: np.ndarray, damping: float = 0.0) -> np.ndarray:
+    """Solution (P,) or (P, K) of normal equations (P, P) whose unknowns differ by many orders of magnitude."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    rows = scale.reshape(-1, *[1] * (right.ndim - 1))
+    scaled = matrix * np.outer(scale, scale) + damping * np.eye(len(matrix))
+    return rows * np.linalg.lstsq(scaled, rows * right, rcond=1e-15)[0]
+
+
+def view_products(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """(V, m, m) sums of products of rows (N, 2, m), view by view; view v has rows bounds[v] to bounds[v + 1]."""
+    flat = [rows[first:last].reshape(-1, rows.shape[-1]) for first, last in pairwise(bounds)]
+    return np.array([block.T @ block for block in flat])
+
+
+def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is left of normal equations once each view's own unknowns are eliminated.
+
+    Parameters
+    ----------
+    total : (m, m) of what all views share. own : (V, k, k) of the views' own. cross : (V, k, m) between them.
+
+    Returns the reduced equations (m, m), and own⁻¹·cross (V, k, m), from which the own unknowns follow.
+    """
+    through = np.linalg.solve(own, cross)
+    return total - np.einsum("vki,vkj->ij", cross, through), through
+
+
+def without_own(shared: np.ndarray, own: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:
+    """Per view (2N, m), columns (N, 2, m) without what the view's own columns (N, 2, k) can explain.
+
+    By orthogonal projection: a Schur complement of normal equations loses half the digits.
+    """
+    left = []
+    for first, last in pairwise(bounds):
+        basis, _ = np.linalg.qr(own[first:last].reshape(-1, own.shape[-1]))
+        flat = shared[first:last].reshape(2 * (last - first), -1)
+        left.append(flat - basis @ (basis.T @ flat))
+    return left
+
+
+def _inverse_information(jacobian: np.ndarray) -> np.ndarray:
+    """(P, P) covariance of least squares over rows (R, P), whitened and weighted: the inverse of their information.
+
+    By the rows' triangular factor, so that no variance comes out negative.
+    """
+    scale = np.linalg.norm(jacobian, axis=0)
+    _, factor = np.linalg.qr(jacobian / scale)
+    root = solve_triangular(factor, np.eye(len(scale))) / scale[:, None]
+    return np.asarray(root @ root.T)
+
+
+class Loss(NamedTuple):
+    """A robust loss: of residuals (R,) each one's loss, and its weight on their squares."""
+
+    losses: Callable[[np.ndarray], np.ndarray]
+    weights: Callable[[np.ndarray], np.ndarray]
+
+
+HUBER = Loss(huber_losses, huber_weights)
+SOFT_L1 = Loss(soft_l1_losses, soft_l1_weights)
+SQUARES = Loss(lambda residuals: 0.5 * residuals**2, np.ones_like)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A dense problem at its parameters: residuals of what was measured, then of priors.
+
+    Attributes
+    ----------
+    parameters : (P,). residuals : (R,) in units of the loss. jacobian : (R, P) of them.
+    certain : how many of the residuals, the last ones, are priors': they are never weighed down.
+    converged : whether the solver converged. loss : of what was measured.
+    """
+
+    parameters: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+    certain: int
+    converged: bool = False
+    loss: Loss = HUBER
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(R,) factors on residuals and Jacobian that make least squares of the robust cost."""
+        measured = len(self.residuals) - self.certain
+        return np.concatenate([np.sqrt(self.loss.weights(self.residuals[:measured])), np.ones(self.certain)])
+
+    @property
+    def cost(self) -> float:
+        """What is minimised: the loss of what was measured, half the squares of the priors."""
+        measured = len(self.residuals) - self.certain
+        prior = self.residuals[measured:]
+        return float(self.loss.losses(self.residuals[:measured]).sum()) + 0.5 * float(prior @ prior)
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all residuals and slopes are numbers."""
+        return bool(np.isfinite(self.residuals).all() and np.isfinite(self.jacobian).all())
+
+    def normal_equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Reweighted information and slope, and the scale that was taken out of both: units differ greatly."""
+        weights = self.weights
+        weighted = self.jacobian * weights[:, None]
+        scale = np.linalg.norm(weighted, axis=0)
+        scale[scale == 0.0] = 1.0
+        weighted /= scale
+        return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
+
+    def covariance(self) -> np.ndarray:
+        """(P, P) inverse of the information."""
+        return _inverse_information(self.jacobian * self.weights[:, None])
+
+    def step(self, damping: float, at_end: bool | np.ndarray = False) -> tuple[np.ndarray, float]:
+        """(P,) damped step, and the decrease that an undamped one promises.
+
+        at_end : (P,) which parameters are at their upper end; those that would go further stay.
+        """
+        information, slope, scale = self.normal_equations()
+
+        def bounded(matrix: np.ndarray) -> np.ndarray:
+            step = -np.linalg.solve(matrix, slope)
+            free = ~(at_end & (step > 0.0))
+            if not free.all():
+                step = np.zeros(len(slope))
+                step[free] = -np.linalg.solve(matrix[np.ix_(free, free)], slope[free])
+            return step
+
+        damped = bounded(information + damping * np.eye(len(slope)))
+        # a damped step is short wherever it is taken
+        whole = bounded(information) if damping else damped
+        return damped / scale, -float(slope @ whole + 0.5 * whole @ information @ whole)
+
+
+def minimise(
+    evaluate: Callable[[np.ndarray], Linearised | None],
+    start: Linearised,
+    rules: Rules,
+    upper: float | np.ndarray = np.inf,
+) -> Descent[Linearised]:
+    """Least robust cost of a dense problem, by reweighted steps.
+
+    evaluate : the problem at parameters (P,); None where it has no residuals there.
+    upper : (P,) upper ends of the parameters.
+    """
+
+    def step(now: Linearised, damping: float) -> tuple[np.ndarray, float]:
+        return now.step(damping, now.parameters >= upper)
+
+    def moved(now: Linearised, move: np.ndarray) -> Linearised | None:
+        return evaluate(np.minimum(now.parameters + move, upper))
+
+    return levenberg_marquardt(start, step, moved, rules)
