@@ -24,7 +24,7 @@ from viz.figures.contacts import (
 )
 from viz.figures.drawing import TEAL, band, bars, ellipses, limits, new_axes, svg, time_colours
 from viz.figures.time import TimeAxis, curve, lanes, signals
-from viz.scene.thinning import thinned
+from viz.scene.readable import thinned
 
 STATUS = {"ok": "#00ff00", "failed": "#ff0000"}
 

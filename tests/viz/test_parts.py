@@ -14,12 +14,12 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
 from viz.parts import LOOK, Part, all_parts
-from viz.parts.contacts import MOST_SPREADS, contact_parts, magnification
+from viz.parts.contacts import MOST_SPREADS, contact_parts
 from viz.parts.part import along, arrow, ball, cone, stamp
 from viz.parts.true_object import truth_mesh
 from viz.scene.moments import moments_of
+from viz.scene.readable import enlargement, thinned
 from viz.scene.scene import ObjectMesh, Scene
-from viz.scene.thinning import thinned
 from viz.scene.truth import TrueObject
 
 from .scenes import bare_scene, full_scene
@@ -88,7 +88,7 @@ def test_ellipsoids_are_two_deviations_large_times_what_the_legend_says(scene: S
 
 @pytest.mark.parametrize(("half_axes_m", "factor"), [([1e-3], 1), ([4e-4], 5), ([1e-9], 100), ([0.1, 4e-4, 1e-9], 5)])
 def test_small_ellipsoids_are_enlarged_by_round_factors(half_axes_m: list[float], factor: int) -> None:
-    assert magnification(np.array(half_axes_m), 1e-3) == factor
+    assert enlargement(np.array(half_axes_m), 1e-3) == factor
 
 
 def test_degenerate_covariances_and_missing_numbers_are_drawn_or_left_out(table: ContactTable) -> None:

@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.ticker import LogLocator, MaxNLocator
 
+from viz.scene.readable import round_down
+
 from .drawing import AMBER, INK, RED, TEAL, band, bars, dots, legend, limits, new_axes, paths, style
 
 _MAP = LinearSegmentedColormap.from_list("std", ("#f3faf7", "#bfe3d8", "#6cbfb4", "#23878f", "#15506f", "#1b2a4e"))
@@ -107,7 +109,7 @@ def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[fl
     """Residuals as arrows from predicted to seen, enlarged alike."""
     lengths = np.concatenate([np.linalg.norm(_pairs(view["residuals_px"]), axis=1) for view in boards])
     long_px = max(float(np.quantile(lengths, 0.95)), 1e-6)
-    factor = _round_down(0.045 * float(image_size[0]) / long_px)
+    factor = round_down(0.045 * float(image_size[0]) / long_px)
     every = -(-len(lengths) // _MOST_ARROWS)
     axes = _picture_axes(f"residuals, {factor:g} times enlarged", image_size)
     for view in boards:
@@ -118,7 +120,7 @@ def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[fl
             arrows = np.stack([start, start + factor * residuals[chosen]], axis=1)
             paths(axes, arrows, ec=colour, lw=1.3, label="arrows")
         dots(axes, corners[:, 0], corners[:, 1], INK, 1.8)
-    shown = _round_down(long_px)
+    shown = round_down(long_px)
     length = factor * shown / float(image_size[0])
     axes.plot([1 - length, 1], [1.025, 1.025], transform=axes.transAxes, color=INK, lw=2, clip_on=False)
     axes.text(1 - length, 1.012, f"{shown:g} px ", transform=axes.transAxes, ha="right", color=INK)
@@ -127,13 +129,6 @@ def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[fl
 
 def _pairs(rows: Sequence[Sequence[float]]) -> np.ndarray:
     return np.array(rows, float).reshape(-1, 2)
-
-
-def _round_down(value: float) -> float:
-    """1, 2 or 5 times a power of ten."""
-    power = 10.0 ** float(np.floor(np.log10(value)))
-    share = value / power * (1 + 1e-9)
-    return float(f"{(5 if share >= 5 else 2 if share >= 2 else 1) * power:.1g}")
 
 
 @style

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from viz.scene.thinning import thinned
+from viz.scene.readable import enlargement, thinned
 
 from .drawing import (
     AMBER,
@@ -31,8 +31,8 @@ from .drawing import (
 VIEWS = (("from above", 0, 1), ("from the side, along y", 0, 2), ("from the side, along x", 1, 2))
 """Name, and which world axes run to the right and up."""
 MOST_ELLIPSES, MOST_POINTS, MOST_TRIANGLES = 300, 1500, 3000
-SIDE_PX, SEEN_PX, ENLARGEMENTS = 276.0, 5.0, (1, 2, 5, 10, 20, 50, 100)
-"""Ellipses whose usual radius is smaller than `SEEN_PX` are drawn so many times larger, which the key says."""
+SIDE_PX, SEEN_PX = 276.0, 5.0
+"""Ellipses whose usual radius is smaller than `SEEN_PX` are drawn larger, and the key says how much."""
 OBJECT = SLATE
 SLIDING, STICKING, UNUSED = "#0072b2", "#c2410c", "#94a3b8"
 STEEP = 1.5
@@ -70,11 +70,8 @@ class MapData:
     @property
     def enlargement(self) -> int:
         """How many times larger ellipses are drawn, so that the usual one can be seen; 1 where it can."""
-        size = 1e3 * np.sqrt(np.trace(self.covariance_m2, axis1=1, axis2=2))
-        if not np.isfinite(size).any():
-            return 1
-        usual = 2 * float(np.median(size[np.isfinite(size)])) * SIDE_PX / float(np.ptp(self.ends_mm[0]))
-        return next((factor for factor in ENLARGEMENTS if factor * usual >= SEEN_PX), ENLARGEMENTS[-1])
+        pixels_per_m = 1e3 * SIDE_PX / float(np.ptp(self.ends_mm[0]))
+        return enlargement(2 * pixels_per_m * np.sqrt(np.trace(self.covariance_m2, axis1=1, axis2=2)), SEEN_PX)
 
 
 @style

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from viz.scene.readable import enlargement, thinned
 from viz.scene.scene import Scene
-from viz.scene.thinning import thinned
 
 from .part import Part, along, arrow, ball, cone, stamp
 
 MOST_BALLS, MOST_ARROWS, MOST_SPREADS, MOST_CONES = 2500, 100, 60, 16
-MAGNIFIED = (1, 2, 5, 10, 20, 50, 100)
-"""Ellipsoids too small to be seen are drawn this many times larger, and the legend says so."""
 
 
 def contact_parts(scene: Scene) -> list[Part]:
@@ -35,12 +33,6 @@ def contact_parts(scene: Scene) -> list[Part]:
     return parts + _cones(scene, reach)
 
 
-def magnification(half_axes_m: np.ndarray, visible_m: float) -> int:
-    """How many times larger ellipsoids must be drawn for the middle one of their longest half axes (N,) to be seen."""
-    wanted = visible_m / max(float(np.median(half_axes_m)), 1e-12)
-    return next((factor for factor in MAGNIFIED if factor >= wanted), MAGNIFIED[-1])
-
-
 def _eyes(like: np.ndarray) -> np.ndarray:
     return np.broadcast_to(np.eye(3), (len(like), 3, 3))
 
@@ -51,7 +43,7 @@ def _spreads(scene: Scene, reach: float) -> list[Part]:
     known = np.flatnonzero(half[:, 2] > 0)
     if not len(known):
         return []
-    factor = magnification(half[known, 2], 0.04 * reach)
+    factor = enlargement(half[known, 2], 0.04 * reach)
     chosen = thinned(known, MOST_SPREADS)
     # flat ones are given some thickness: a mesh without any has no normals
     half = np.maximum(half[chosen], 0.02 * half[chosen, 2:])

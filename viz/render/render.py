@@ -92,13 +92,13 @@ def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
             parts = all_parts(scene)
             plotter = _staged(scene, _without(parts, "grid", "plane", "camera", "now"), mode, sheet.NEAR_SIZE)[0]
             half = look_at_contacts(plotter, scene)
-            near = _drawn(plotter)
+            near = _drawn(plotter), half
             whole = None
             if scene.rig is not None:
                 plotter = _staged(scene, _without(parts, "spread", "cones", "now"), mode, sheet.RIG_SIZE)[0]
                 look_at_all(plotter, scene)
                 whole = _drawn(plotter)
-        sheet.compose(temporary, scene, parts, mode, near, half, whole)
+        sheet.compose(temporary, scene, parts, mode, near, whole)
 
 
 def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", force: bool = False) -> None:

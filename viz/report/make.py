@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite
 
 if TYPE_CHECKING:
-    from estimator.object.estimate import ObjectEstimate
-    from estimator.table.contacts import ContactTable
-    from vbaa_calib.rig import Rig
-
-    from .pictures import Picture
     from .recording import SummaryRow
 
 SUFFIXES = (".html", ".htm")
@@ -82,6 +77,7 @@ def make_report(
     from viz.scene.truth import true_contacts
 
     from .findings import object_findings
+    from .pictures import SCENE_CAPTION, from_file, scene_picture, seen_picture
     from .recording import Report, write_report
     from .words import origin
 
@@ -93,6 +89,12 @@ def make_report(
     contents = None if sources.truth is None else read_json(sources.truth)
     truth = None if contents is None else true_contacts(table, contents, sources.truth)
     findings = object_findings(table, rig, truth)
+    if sources.picture is None:
+        pictures = [scene_picture(table, rig, findings.estimate, contents, sources.session)]
+    else:
+        pictures = [from_file(sources.picture, SCENE_CAPTION)]
+    if sources.session is not None and rig is not None:
+        pictures.append(seen_picture(table, rig, sources.session, sources.background))
     files = {
         "contacts": sources.contacts,
         "rig": sources.rig,
@@ -106,25 +108,7 @@ def make_report(
         rig=rig,
         truth=truth,
         summary=summary,
-        pictures=_pictures(sources, table, rig, findings.estimate, contents),
+        pictures=pictures,
         origin=origin(files, rig, argv),
     )
     write_report(path, report, force=force)
-
-
-def _pictures(
-    sources: Sources,
-    table: ContactTable,
-    rig: Rig | None,
-    estimate: ObjectEstimate | None,
-    truth: Mapping[str, Any] | None,
-) -> list[Picture]:
-    from .pictures import SCENE_CAPTION, from_file, scene_picture, seen_picture
-
-    if sources.picture is None:
-        pictures = [scene_picture(table, rig, estimate, truth, sources.session)]
-    else:
-        pictures = [from_file(sources.picture, SCENE_CAPTION)]
-    if sources.session is not None and rig is not None:
-        pictures.append(seen_picture(table, rig, sources.session, sources.background))
-    return pictures

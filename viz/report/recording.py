@@ -19,7 +19,7 @@ from viz.figures.drawing import RAMP, svg
 from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals
 from viz.pages.page import render
 from viz.pages.tables import Table, fixed, with_std
-from viz.scene.thinning import thinned
+from viz.scene.readable import thinned
 from viz.scene.truth import TrueContacts
 
 from .findings import ObjectFindings

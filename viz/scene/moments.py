@@ -9,7 +9,7 @@ import numpy as np
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 
-from .thinning import thinned
+from .readable import thinned
 
 MOST_FORCE_N, MOST_WAY_M = 1e4, 1e4
 MOST = 240

@@ -18,8 +18,8 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 
 from .moments import Moments
+from .readable import thinned
 from .scene import RigItems
-from .thinning import thinned
 
 GHOSTS = 6
 PICTURE_GRID = (10, 13)
