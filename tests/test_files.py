@@ -21,7 +21,6 @@ from vbaa_calib.core.csv_rows import number, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import (
     read_json,
-    read_text,
     read_yaml,
     refuse_overwrite,
     replacing,
@@ -45,36 +44,6 @@ def refused(caught: pytest.ExceptionInfo[InputError], path: Path, words: str) ->
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
     assert caught.value.remedy
-
-
-@pytest.mark.parametrize("read", [read_text, read_yaml, read_json, lambda path: read_csv(path, ["a"])])
-class TestAnyFile:
-    def test_missing(self, read, path: Path) -> None:
-        with pytest.raises(InputError) as caught:
-            read(path)
-        refused(caught, path, "no such file")
-
-    def test_a_folder(self, read, tmp_path: Path) -> None:
-        with pytest.raises(InputError) as caught:
-            read(tmp_path)
-        refused(caught, tmp_path, "is a folder")
-
-    def test_below_a_file(self, read, path: Path) -> None:
-        path.write_text("a: 1")
-        with pytest.raises(InputError) as caught:
-            read(path / "below")
-        refused(caught, path / "below", "cannot be read")
-
-    @pytest.mark.parametrize("content", [b"\xff\xfe\x00a", b"a: \xe9", bytes(range(256))])
-    def test_not_text(self, read, path: Path, content: bytes) -> None:
-        path.write_bytes(content)
-        with pytest.raises(InputError) as caught:
-            read(path)
-        refused(caught, path, "not UTF-8")
-
-    def test_an_impossible_name(self, read) -> None:
-        with pytest.raises(InputError):
-            read(Path("a\0b"))
 
 
 class TestYaml:
@@ -139,44 +108,6 @@ class TestYaml:
             read_yaml(path)
         refused(caught, path, "not valid YAML")
 
-    @pytest.mark.parametrize("text", ["", "# only a comment\n", "- 1\n- 2\n", "text", "3", "null"])
-    def test_no_mapping(self, path: Path, text: str) -> None:
-        path.write_text(text)
-        with pytest.raises(InputError) as caught:
-            read_yaml(path)
-        refused(caught, path, "must be a mapping")
-
-    def test_deep_nesting(self, path: Path) -> None:
-        path.write_text("a: " + "[" * 20000)
-        with pytest.raises(InputError) as caught:
-            read_yaml(path)
-        refused(caught, path, "nested too deeply")
-
-
-class TestJson:
-    def test_an_object(self, path: Path) -> None:
-        path.write_text('{"a": [1, 2.5, null]}', encoding="utf-8-sig")
-        assert read_json(path) == {"a": [1, 2.5, None]}
-
-    @pytest.mark.parametrize(
-        ("text", "words"),
-        [
-            ("", "line 1: is not valid JSON"),
-            ('{"a": 1,\n "b": }', "line 2: is not valid JSON"),
-            ('{"a": 1', "not valid JSON"),
-            ('{"a": 1, "a": 2}', "'a' stands twice"),
-            ('{"a": ' + "9" * 5000 + "}", "not valid JSON"),
-            ('{"a": ' + "[" * 100000, "nested too deeply"),
-            ("[1, 2]", "must be a JSON object"),
-            ('"text"', "must be a JSON object"),
-        ],
-    )
-    def test_what_is_refused(self, path: Path, text: str, words: str) -> None:
-        path.write_text(text)
-        with pytest.raises(InputError) as caught:
-            read_json(path)
-        refused(caught, path, words)
-
 
 @given(st.one_of(st.binary(max_size=80), st.text("a:&*<>[]{}!-?|'\"\n \t,#%@`01.e~=\\", max_size=80).map(str.encode)))
 def test_whatever_is_given_is_read_or_refused(content: bytes) -> None:
@@ -216,32 +147,6 @@ class TestCsv:
         path.write_text("a,b\nx\u2028y\x0bz,1\n", encoding="utf-8")
         assert read_csv(path, ["a"]) == [{"a": "x\u2028y\x0bz", "line": "2"}]
 
-    @pytest.mark.parametrize(
-        ("text", "words"),
-        [
-            ("", "is empty"),
-            ("\n\n ,\n", "is empty"),
-            ("a,b\n", "has a header but no rows"),
-            ("a,b\n,\n", "has a header but no rows"),
-            ("a,c\n1,2\n", "column b is missing"),
-            ("a,B\n1,2\n", "column b is missing"),
-            ("a,b,a\n1,2,3\n", "column a stands twice"),
-            ("a,b,c,c\n1,2,3,4\n", "column c stands twice"),
-            ("a;b\n1;2\n", "separate the cells by commas, not by ';'"),
-            ("a\tb\n1\t2\n", "separate the cells by commas"),
-            ("a,b\n1,2\n1\n", "line 3: has 1 cells, the header 2"),
-            ("a,b\n1,2,3\n", "line 2: has 3 cells, the header 2"),
-            ('a,b\n1,"2\n', "is not a valid CSV"),
-            ('a,b\n1,2\n"1"x,2\n', "line 3: is not a valid CSV"),
-            ("a,b\n" + "1" * 200000 + ",2\n", "is not a valid CSV"),
-        ],
-    )
-    def test_what_is_refused(self, path: Path, text: str, words: str) -> None:
-        path.write_text(text)
-        with pytest.raises(InputError) as caught:
-            read_csv(path, ["a", "b"], ["c"])
-        refused(caught, path, words)
-
     # one cell of a table: anything but what a reader may strip or a file cannot hold
     cell = st.text(st.characters(codec="utf-8", exclude_characters="\r\0"), max_size=8).map(str.strip)
 
@@ -262,19 +167,6 @@ class TestCsv:
 
 
 class TestNumber:
-    @pytest.mark.parametrize("text", ["nan", "NaN", "inf", "-Infinity", "1e999"])
-    def test_not_finite(self, path: Path, text: str) -> None:
-        with pytest.raises(InputError) as caught:
-            number({"x_m": text, "line": "7"}, "x_m", path)
-        refused(caught, path, "line 7: x_m is")
-        assert "finite" in str(caught.value)
-
-    @pytest.mark.parametrize("text", ["", "text", "1,5", "0x10", "1 m", "1_0", "--1", "None"])
-    def test_not_a_number(self, path: Path, text: str) -> None:
-        with pytest.raises(InputError) as caught:
-            number({"x_m": text, "line": "7"}, "x_m", path)
-        refused(caught, path, f"line 7: x_m is {text!r}")
-
     @pytest.mark.parametrize(("text", "value"), [("3", 3), ("3.0", 3), ("0", 0), ("1e3", 1000)])
     def test_whole(self, path: Path, text: str, value: int) -> None:
         whole = whole_number({"frame": text, "line": "7"}, "frame", path)

@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,24 +24,11 @@ from vbaa_calib.core.errors import InputError, SolveError
 
 from .conftest import Call
 
-HEAVY = {"torch", "pyvista", "cv2", "kornia", "scipy", "vtk", "vtkmodules"}
+HEAVY = {"torch", "pyvista", "cv2", "kornia", "scipy", "vtk", "vtkmodules", "pydantic", "rich"}
 
 
 def in_fresh_python(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-
-
-def test_help_is_quick() -> None:
-    """A contract, not a benchmark: under half a second, interpreter and all."""
-    command = [sys.executable, "-c", "from vbaa_calib.cli import main; main(['--help'])"]
-    seconds = []
-    for _ in range(3):
-        started = time.perf_counter()
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        seconds.append(time.perf_counter() - started)
-    assert min(seconds) < 0.5
-    for verb in VERBS:
-        assert f"\n  {verb} " in done.stdout
 
 
 def test_help_needs_no_heavy_library() -> None:

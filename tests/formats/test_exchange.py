@@ -237,3 +237,33 @@ def test_colmap_counts_pixels_from_their_corner() -> None:
     pinhole = read("colmap", COLMAP, "2").camera
     # a centred principal point is w/2 there, (w − 1)/2 here
     assert pinhole.matrix[:2, 2].tolist() == [1535.5, 1151.5]
+
+
+@pytest.mark.parametrize("name", ["kalibr", "colmap"])
+def test_of_several_cameras_one_must_be_named(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text(SAMPLES[name])
+    with pytest.raises(InputError, match="--camera"):
+        FORMATS[name].read(path, None)
+    with pytest.raises(InputError, match="holds no"):
+        FORMATS[name].read(path, "cam9")
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    name=st.sampled_from(sorted(SAMPLES)),
+    where=st.integers(0, 1500),
+    length=st.integers(0, 40),
+    put=st.text(st.sampled_from("0123456789.-+e[]{}:,'\"\n #!&*%abn\\\0é"), max_size=12),
+)
+def test_a_damaged_file_is_read_or_refused_never_worse(name: str, where: int, length: int, put: str) -> None:
+    text = SAMPLES[name]
+    where %= len(text)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "file"
+        path.write_text(text[:where] + put + text[where + length :], newline="")
+        try:
+            found = FORMATS[name].read(path, WHICH.get(name))
+        except InputError:
+            return
+    assert found.camera.matrix[0, 0] > 0

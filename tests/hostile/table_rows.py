@@ -58,6 +58,11 @@ NOLOAD: tuple[Row, ...] = (
     ("a moment without a number", d.cell(2, "moment_Nm", ""), "line 2", "moment_Nm is ''"),
     ("a moment in another unit", d.text("moment_Nm", "moment_mNm"), "column moment_Nm is missing"),
 )
+SWEEP: tuple[Row, ...] = (
+    ("degrees", d.cell(2, "tilt_rad", "20"), "line 2", "give radians"),
+    ("a picture twice", d.cell(3, "image", "board_000.png"), "line 3", "stands in line 2, too"),
+    ("no picture named", d.cell(2, "image", ""), "line 2", "image is empty"),
+)
 LOADS: tuple[Row, ...] = (
     ("a distance in cm", d.cell(2, "distance_m", "10"), "line 2", "the antenna 0.24 m long"),
     ("at the clamp", d.cell(2, "distance_m", "0"), "line 2", "distance_m is 0"),
@@ -114,7 +119,7 @@ CASES: list[Case] = [
     *cases("noload.csv", "session/noload/noload.csv", CHECK, table("image")[::3] + numbers(3, "moment_Nm")),
     *cases("loads.csv", "session/loads/loads.csv", CALIBRATE, table("force_z_N") + numbers(3, "force_y_N") + LOADS),
     *cases("loads.csv", "session/loads/loads.csv", CHECK, numbers(2, "distance_m") + LOADS),
-    *cases("sweep.csv", "swept/sweep/sweep.csv", CALIBRATE_SWEPT, table("pan_rad") + numbers(4, "pan_rad")),
+    *cases("sweep.csv", "swept/sweep/sweep.csv", CALIBRATE_SWEPT, table("pan_rad") + numbers(4, "pan_rad") + SWEEP),
     *cases(
         "recording.csv",
         "session/recording/recording.csv",

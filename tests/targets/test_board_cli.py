@@ -109,7 +109,7 @@ def test_warns_of_what_prints_badly(tmp_path: Path) -> None:
         (["-o", "no/board.pdf"], "its folder does not exist"),
         (["-o", "there.pdf"], "is a folder"),
         (["-o", "b.pdf", "--spec", "absent.yaml"], "absent.yaml: no such file"),
-        (["-o", "b.pdf", "--spec", "bad.yaml"], "bad.yaml: squares_x: 1 is not between 2 and 200"),
+        (["-o", "b.pdf", "--spec", "bad.yaml"], "bad.yaml line 1: squares_x: 1 is not between 2 and 200"),
         (["-o", "b.pdf", "--spec", "good.yaml", "--squares", "9x6"], "--squares and --spec both describe"),
         (["-o", "b.pdf", "--spec", "good.yaml", "--legacy"], "--legacy and --spec both describe"),
         (["-o", "b.pdf", "--squares", "9"], "--squares is '9'"),

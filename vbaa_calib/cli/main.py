@@ -12,31 +12,53 @@ import sys
 import threading
 import traceback
 from collections.abc import Sequence
+from types import ModuleType
 from typing import NoReturn
 
 import vbaa_calib
 from vbaa_calib.core.errors import InputError, VbaaError
 
-from . import verbs as our_verbs
-
-
-def _verbs_of(package: str) -> dict[str, tuple[str, str]]:
-    """A package's verbs; none, and a word about it, where a folder of the user's stands in the package's place."""
-    try:
-        verbs: dict[str, tuple[str, str]] = importlib.import_module(f"{package}.cli.verbs").VERBS
-    except ImportError as error:
-        print(f"vbaa: the package {package} is hidden ({error}); `vbaa doctor` says by what", file=sys.stderr)
-        return {}
-    return verbs
-
-
-VERBS: dict[str, tuple[str, str]] = {
-    **our_verbs.VERBS,
-    **_verbs_of("estimator"),
-    **_verbs_of("viz"),
+VERBS = {
+    "board": (
+        "vbaa_calib.cli.board",
+        "a print-exact ChArUco sheet: vector PDF with rulers, SVG, or PNG for a screen",
+    ),
+    "wizard": ("viz.cli.wizard", "guided, resumable calibration: from a printed board to a trusted rig"),
+    "intrinsics": ("vbaa_calib.cli.intrinsics", "lens from photos of a ChArUco board"),
+    "calibrate": ("vbaa_calib.cli.calibrate", "a session to rig.json: lens, plane C, antenna, sensors"),
+    "stiffness": ("vbaa_calib.cli.stiffness", "EI from a table of measured deflections, no camera needed"),
+    "simulate": ("vbaa_calib.cli.simulate", "a synthetic session from a scene file, with truth.json"),
+    "selftest": ("vbaa_calib.cli.selftest", "draw your board with known corners: how far off is this OpenCV?"),
+    "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
+    "convert": ("vbaa_calib.cli.convert", "the camera to and from ROS, OpenCV, Kalibr, mrcal and COLMAP files"),
+    "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml or rig.json"),
+    "budget": ("estimator.cli.budget", "what limits this rig's contacts, and what to improve first"),
+    "track": ("estimator.cli.track", "contacts in time: first contact, loss, slip and stick, ringing"),
+    "check": ("viz.cli.check", "is this rig still right? a report and a plain verdict"),
+    "estimate": (
+        "viz.cli.estimate",
+        "a recording to contacts.csv and report.html: where and how hard, with standard deviations",
+    ),
+    "look": ("viz.cli.look", "what is seen of the antenna in one picture, in words and as a debug picture"),
+    "reconstruct": ("viz.cli.reconstruct", "contacts to the object's surface and stiffness: .vtp, .ply or .glb"),
+    "report": ("viz.cli.report", "contacts as a page to read: plots, map, friction cone, table"),
+    "view": ("viz.cli.view", "the 3-D scene as a window, a PNG or a self-contained HTML page"),
     "doctor": ("vbaa_calib.cli.doctor", "is this installation healthy? each problem with its remedy"),
     "demo": ("viz.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
 }
+"""Name → (module with `configure` and `run`, one line of help). Modules are imported when their verb is run."""
+
+
+def _module(verb: str) -> ModuleType:
+    """The module of a verb. Raises InputError where a folder of the user's stands in its package's place."""
+    name = VERBS[verb][0]
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not name.startswith(error.name):
+            raise
+        package = name.partition(".")[0]
+        raise InputError(f"the package {package} is hidden ({error})", remedy="`vbaa doctor` says by what") from None
 
 
 class _Parser(argparse.ArgumentParser):
@@ -65,13 +87,13 @@ def _front_parser() -> _Parser:
 
 
 def _verb_parser(name: str) -> _Parser:
-    module, line = VERBS[name]
+    line = VERBS[name][1]
     parser = _Parser(prog=f"vbaa {name}", description=line[0].upper() + line[1:] + ".", allow_abbrev=False)
     parser.add_argument("--json", action="store_true", help="print the result's numbers as one JSON object on stdout")
     parser.add_argument("--force", action="store_true", help="replace outputs that exist already")
     parser.add_argument("--debug", action="store_true", help="show the whole traceback of an error")
     # last, so that a verb may take one of these names for itself (`stiffness --force N`)
-    importlib.import_module(module).configure(parser)
+    _module(name).configure(parser)
     return parser
 
 
@@ -82,7 +104,7 @@ def run_verb(argv: Sequence[str]) -> int:
         raise InputError(f"there is no verb {name!r}", remedy=f"the verbs are {', '.join(VERBS)}")
     args = _verb_parser(name).parse_args(argv[1:])
     args.argv = ["vbaa", *argv]
-    result = importlib.import_module(VERBS[name][0]).run(args)
+    result = _module(name).run(args)
     if args.json:
         print(json.dumps(result, allow_nan=False))
     return int(result.get("exit_code", 0))  # `doctor` has bad news and its numbers at once

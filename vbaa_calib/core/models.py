@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
@@ -27,6 +28,8 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import ErrorDetails, core_schema
 
 from .errors import InputError
+from .files import read_text, read_yaml
+from .yaml_text import line_of
 
 T = TypeVar("T")
 Number = Annotated[float, Strict(), AllowInfNan(False)]
@@ -93,14 +96,17 @@ def checked(model: type[T], data: Any, where: object, remedy: str, key: str = ""
 
     where : the file. key : the dotted name of `data` in it. remedy : where no better one is known.
     """
-    bad = _not_finite(data, key)
+    bad = _not_finite(data)
     if bad is not None:
-        raise InputError(f"{bad} is not a finite number", where=where, remedy="give a number in SI units")
+        name = _dotted(key, bad)
+        place = _with_line(where, data, bad)
+        raise InputError(f"{name} is not a finite number", where=place, remedy="give a number in SI units")
     adapter: TypeAdapter[T] = TypeAdapter(model)
     try:
         return adapter.validate_python(data)
     except ValidationError as error:
-        raise refusal(error, where, remedy, key, adapter.json_schema) from None
+        place = _with_line(where, data, _first(error)["loc"])
+        raise refusal(error, place, remedy, key, adapter.json_schema) from None
 
 
 def refusal(
@@ -113,10 +119,10 @@ def refusal(
     """One line for the first thing that a ValueError, pydantic's or another, found wrong; `schema` adds the bounds."""
     if not isinstance(error, ValidationError):
         return _from_value_error(error, where, remedy, key)
-    first = min(error.errors(include_url=False), key=_importance)
+    first = _first(error)
     whole = schema()
     part, above = _at(whole, whole, first["loc"]), _at(whole, whole, first["loc"][:-1])
-    name = ".".join(map(str, [*([key] if key else ()), *first["loc"]]))
+    name = _dotted(key, first["loc"])
     if first["type"] == "value_error":
         return _from_value_error(first["ctx"]["error"], where, remedy, name)
     if first["type"] == "missing":
@@ -133,6 +139,27 @@ def refusal(
 
 
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+
+
+def _first(error: ValidationError) -> ErrorDetails:
+    return min(error.errors(include_url=False), key=_importance)
+
+
+def _dotted(key: str, loc: Sequence[int | str]) -> str:
+    return ".".join(map(str, [*([key] if key else ()), *loc]))
+
+
+def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
+    """With the line of a place in the data, where they are what a YAML file holds, whole or under `board`."""
+    if not isinstance(where, Path) or where.suffix not in (".yaml", ".yml"):
+        return where
+    try:
+        held = read_yaml(where)
+    except InputError:
+        return where
+    above = () if held == data else ("board",)
+    line = line_of(read_text(where), [*above, *loc]) if held.get("board") == data or not above else None
+    return where if line is None else f"{where} line {line}"
 
 
 def _importance(error: ErrorDetails) -> tuple[int, bool, str]:
@@ -202,10 +229,9 @@ def _allowed(bounds: Mapping[str, Any]) -> str:
     return f"between {low:g} and {high:g}"
 
 
-def _not_finite(data: Any, key: str) -> str | None:
-    """The dotted name of the first number that is not one; a whole number may be too large for a float."""
+def _not_finite(data: Any, loc: tuple[int | str, ...] = ()) -> tuple[int | str, ...] | None:
+    """Where the first number stands that is not one; a whole number may be too large for a float."""
     if isinstance(data, float | int):
-        return None if abs(data) <= sys.float_info.max else key
+        return None if abs(data) <= sys.float_info.max else loc
     items = data.items() if isinstance(data, Mapping) else enumerate(data) if isinstance(data, list) else ()
-    named = ((f"{key}.{name}" if key else str(name), value) for name, value in items)
-    return next((bad for name, value in named if (bad := _not_finite(value, name)) is not None), None)
+    return next((bad for name, value in items if (bad := _not_finite(value, (*loc, name))) is not None), None)

@@ -4,11 +4,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 
 import yaml
 
 _MOST_VALUES = 1e6
+
+
+def line_of(text: str, keys: Sequence[str | int]) -> int | None:
+    """The line where a place in a YAML text stands, or the last key on the way to it; None for none at all."""
+    node, line = yaml.compose(text, Loader=UniqueKeyLoader), None
+    for key in keys:
+        if isinstance(node, yaml.MappingNode):
+            pairs = [(name, value) for name, value in node.value if name.value == str(key)]
+        else:
+            pairs = [(value, value) for value in (node.value[key : key + 1] if isinstance(key, int) else [])]
+        if not pairs:
+            break
+        line, node = pairs[0][0].start_mark.line + 1, pairs[0][1]
+    return line
 
 
 class UniqueKeyLoader(yaml.SafeLoader):

@@ -17,5 +17,5 @@ def load_board(path: Path) -> BoardSpec:
     """
     data = read_yaml(path)
     nested = isinstance(data.get("board"), Mapping)
-    where = f"{path} board" if nested else path
-    return checked(BoardSpec, data["board"] if nested else data, where, "mend that key (docs/formats.md)")
+    board, key = (data["board"], "board") if nested else (data, "")
+    return checked(BoardSpec, board, path, "mend that key (docs/formats.md)", key)

@@ -108,6 +108,10 @@ def test_a_point_that_stands_twice_was_measured_once(tmp_path: Path) -> None:
     assert lines[1].tolist() == [[2.0, 1.0, 0.3]]
 
 
+def test_without_deviations(tmp_path: Path) -> None:
+    np.testing.assert_array_equal(read(tmp_path, "v_px,frame,u_px\n1,2,3\n")[2], [[3, 1, np.nan]])
+
+
 @pytest.mark.parametrize("row", [(0, 1e300, 1.0, 0.1), (0, 1.0, -2e7, 0.1), (0, 1.0, 1.0, 1e300)])
 def test_places_in_no_picture(tmp_path: Path, row: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="no picture is that large"):

@@ -1,0 +1,185 @@
+"""session.yaml: what is read of it, and what is refused by name; more of the latter: tests/hostile."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vbaa_calib.session import (
+    MomentSensor,
+    OverBoard,
+    Still,
+    load_session,
+    session_from,
+)
+
+from .files import (
+    GOOD,
+    SECOND,
+    attempt,
+    changed,
+    complaint,
+    nodes,
+    pose,
+    write,
+)
+
+
+class TestSessionFile:
+    def test_what_is_read(self, root: Path) -> None:
+        session = load_session(root)
+        assert session.board.squares_x == 9
+        assert session.antenna.stiffness_Nm2 == pytest.approx(193e9 * math.pi * 0.0008**4 / 64, rel=1e-15)
+        assert session.antenna.mass_per_length_kg_m == pytest.approx(7900 * math.pi * 0.0008**2 / 4, rel=1e-15)
+        np.testing.assert_array_equal(session.gravity_world_m_s2, [0, 0, -9.80665])
+        np.testing.assert_allclose(session.kinematics.T_actuator_antenna.translation_m, [0.1, 0.2, 0.3])
+        np.testing.assert_array_equal(session.kinematics.position_world_m, [0, 0, 0.15])
+        assert session.moment_std_Nm == 2e-5
+        # the jig holds the back; the printed face is one thickness nearer, along the board's −z
+        assert session.T_antenna_board is not None
+        normal = session.T_antenna_board.rotation[:, 2]
+        np.testing.assert_allclose(normal, [2 * 0.6 * 0.8, 0, 0.8**2 - 0.6**2], atol=1e-15)
+        np.testing.assert_allclose(session.T_antenna_board.translation_m, [0.1, 0.2, 0.3] - 0.002 * normal)
+
+    def test_a_second_moment_sensor(self, root: Path) -> None:
+        assert load_session(root).second_moment_sensor is None
+        write(root, changed("second_moment_sensor", to=SECOND))
+        assert load_session(root).second_moment_sensor == MomentSensor(-0.97, 1e-4, 3e-5)
+        write(root, changed("second_moment_sensor", to=None))
+        assert load_session(root).second_moment_sensor is None
+
+    @pytest.mark.parametrize("drop", [True, False])
+    def test_what_may_be_missing_or_null(self, root: Path, drop: bool) -> None:
+        write(root, changed("jig", drop=drop))
+        assert load_session(root).T_antenna_board is None
+        write(root, changed("kinematics", drop=drop))
+        kinematics = load_session(root).kinematics
+        np.testing.assert_array_equal(kinematics.T_actuator_antenna.matrix, np.eye(4))
+        np.testing.assert_array_equal(kinematics.position_world_m, np.zeros(3))
+
+    def test_what_has_a_default(self, root: Path) -> None:
+        session = load_session(root)
+        assert (session.jig_translation_std_m, session.jig_rotation_std_rad) == (0.0, 0.0)
+        assert session.tilt_zero_std_rad == 0.01
+        assert session.over is None
+        kinematics = session.kinematics
+        assert (kinematics.axis_skew_rad, kinematics.axis_offset_m, kinematics.tilt_zero_rad) == (0.0, 0.0, 0.0)
+        write(root, changed("over", to={}))
+        assert load_session(root).over == OverBoard(0.0, 1e-4, 0.0, 0.0)
+
+    def test_what_is_known_of_jig_joints_and_board(self, root: Path) -> None:
+        data = changed("over", to={"height_m": 0.002, "height_std_m": 2e-4, "pan_rad": 0.1, "tilt_rad": -1.5})
+        data["jig"] |= {"translation_std_m": 2e-4, "rotation_std_rad": 1e-3}
+        data["kinematics"] |= {
+            "axis_skew_rad": 0.01,
+            "axis_offset_m": -0.002,
+            "tilt_zero_rad": 0.03,
+            "tilt_zero_std_rad": 0,
+        }
+        write(root, data)
+        session = load_session(root)
+        assert (session.jig_translation_std_m, session.jig_rotation_std_rad) == (2e-4, 1e-3)
+        kinematics = session.kinematics
+        assert (kinematics.axis_skew_rad, kinematics.axis_offset_m, kinematics.tilt_zero_rad) == (0.01, -0.002, 0.03)
+        assert session.tilt_zero_std_rad == 0.0
+        assert session.over == OverBoard(0.002, 2e-4, 0.1, -1.5)
+
+    def test_weightless(self, root: Path) -> None:
+        write(root, changed("gravity_world"))
+        session = load_session(root)
+        np.testing.assert_array_equal(session.gravity_world_m_s2, np.zeros(3))
+        np.testing.assert_array_equal(session.gravity_antenna([Still(None, 0.1, 0.2, 0.0)]), np.zeros((1, 3)))
+
+    def test_gravity_turns_with_the_joints(self, root: Path) -> None:
+        write(root, changed("kinematics"))
+        session, angle = load_session(root), 0.3
+        pulls = session.gravity_antenna([Still(None, 0.7, angle, 0.0), Still(None, 0.0, 0.0, 0.0)])
+        expected = -9.80665 * np.array([math.sin(angle), 0.0, math.cos(angle)])
+        np.testing.assert_allclose(pulls, [expected, [0, 0, -9.80665]], atol=1e-12)
+
+    def test_more_keys_at_the_top_are_welcome(self, root: Path) -> None:
+        write(root, GOOD | dict.fromkeys(("quality", "operator", "boards", "antenna_2", "sweep"), 1))
+        assert load_session(root).board.squares_x == 9
+
+    def test_the_line_is_named_where_the_file_has_it(self, root: Path) -> None:
+        path = root / "session.yaml"
+        path.write_text(path.read_text().replace("length_m: 0.24", "length_m: 240"))
+        line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "length_m: 240" in text)
+        assert f"line {line}: antenna.length_m: 240 is not" in complaint(lambda: load_session(root), path)
+        data = changed("antenna", "length_m", to=240)
+        path.write_text("schema: another, and not what is checked here")
+        assert "line" not in complaint(lambda: session_from(data, root, path), path)
+
+    def test_every_missing_key_is_named(self, root: Path) -> None:
+        said = {}
+        for keys in nodes(GOOD):
+            if isinstance(keys[-1], str):
+                write(root, changed(*keys, drop=True))
+                said[".".join(map(str, keys))] = attempt(lambda: load_session(root))[1]
+        assert all(f" {key} is missing" in words for key, words in said.items() if words and key != "schema")
+        optional = {"jig", "kinematics", "kinematics.T_actuator_antenna", "kinematics.position_world_m"}
+        optional |= {f"board.{key}" for key in ("type", "dictionary", "legacy_pattern", "thickness_m")}
+        assert {key for key, words in said.items() if not words} == optional
+
+    @pytest.mark.parametrize(
+        ("keys", "value", "words"),
+        [
+            (("board", "squares_x"), 9.0, "board.squares_x: 9.0 is not a whole number"),
+            (("board", "square_m"), 12.0, "board.square_m: 12.0 is not between 0 and 10"),
+            (("board", "marker_m"), 0.012, "board: marker_m is 0.012 and square_m 0.012: 0 < marker_m < square_m"),
+            (("board", "legacy_pattern"), "no", "board.legacy_pattern: 'no' is not true or false"),
+            (("board", "type"), "chessboard", "board.type: 'chessboard' is not 'charuco'"),
+            (("board", "square_mm"), 12, "unknown key board.square_mm; is square_m meant?"),
+            (("antenna", "youngs_modulus_Pa"), 193, "antenna.youngs_modulus_Pa: 193 is not between 100000 and 2e+12"),
+            (("antenna", "length_mm"), 240, "unknown key antenna.length_mm; is length_m meant?"),
+            (("jig",), [1], "jig: [1] is not a mapping"),
+            (("jig", "T_board_antenna"), pose(), "unknown key jig.T_board_antenna; the keys here are T_antenna_board"),
+            (("jig", "T_antenna_board", "rotation_xyzw"), [0, 0, 1, 1], "has length 1.41; a unit quaternion"),
+            (("jig", "T_antenna_board", "rotation_xyzw"), [0, 0, 1], "rotation_xyzw: [0, 0, 1] is not 4 values"),
+            (("jig", "T_antenna_board", "translation_m"), [0, "x", 0], "translation_m.1: 'x' is not a number"),
+            (("jig", "T_antenna_board", "translation_m"), [0, 10**400, 0], "translation_m.1 is not a finite"),
+            (("jig", "rotation_std_rad"), "1 deg", "jig.rotation_std_rad: '1 deg' is not a number"),
+            (("kinematics", "tilt_zero_rad"), 90, "kinematics.tilt_zero_rad"),
+            (("kinematics", "tilt_zero_std_rad"), -0.01, "kinematics.tilt_zero_std_rad"),
+            (("over",), {"height_m": -0.002}, "over.height_m"),
+            (("over",), {"height_std_m": 0}, "over.height_std_m"),
+            (("over",), {"tilt_rad": -90}, "over.tilt_rad"),
+            (("moment_sensor", "std"), 1e-5, "unknown key moment_sensor.std"),
+            (("second_moment_sensor",), {"std_Nm": 1e-5}, "second_moment_sensor.gain is missing"),
+            (("second_moment_sensor",), SECOND | {"gain": 0}, "second_moment_sensor.gain: 0 is not between"),
+        ],
+    )
+    def test_every_wrong_value_is_named(self, root: Path, keys: tuple[str, ...], value: Any, words: str) -> None:
+        path = write(root, changed(*keys, to=value))
+        assert words in complaint(lambda: load_session(root), path)
+
+    @pytest.mark.parametrize(
+        ("wrong", "meant"), [("jigs", "jig"), ("kinematic", "kinematics"), ("Jig", "jig"), ("gravity", "gravity_world")]
+    )
+    def test_a_misspelt_key_is_not_a_further_one(self, root: Path, wrong: str, meant: str) -> None:
+        data = changed(meant, drop=True)
+        path = write(root, data | {wrong: GOOD[meant]})
+        text = complaint(lambda: load_session(root), path)
+        assert f"unknown key {wrong}; is {meant} meant?" in text
+
+
+ODD = st.sampled_from(
+    [None, True, -1, 0, 1e-300, 1e300, math.nan, math.inf, 10**400, "", "x", "\n", [], [1], {}, {"a": 1}, "2024-01-01"]
+)
+
+
+@settings(deadline=None)
+@given(st.sampled_from(nodes(GOOD)), ODD)
+def test_whatever_stands_in_a_session_it_is_read_or_refused(keys: tuple[str | int, ...], value: Any) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder), changed(*keys, to=value))
+        session, said = attempt(lambda: load_session(Path(folder)))
+        assert session is None or np.isfinite([session.antenna.stiffness_Nm2, *session.gravity_world_m_s2]).all()
+        assert session is not None or said.startswith(str(path))

@@ -1,0 +1,192 @@
+"""A session's tables: what is read of them; what is refused: tests/hostile."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vbaa_calib.session import (
+    Still,
+    SweepPicture,
+    check_pictures,
+    has_over,
+    has_sweep,
+    load_session,
+    read_centrelines,
+    read_loads,
+    read_noload,
+    read_recording,
+    read_sweep,
+)
+
+from .files import (
+    CENTRELINES,
+    GOOD,
+    LOADS,
+    NOLOAD,
+    RECORDING,
+    SWEEP,
+    attempt,
+    changed,
+    complaint,
+    write,
+)
+
+
+class TestStills:
+    def test_what_is_read(self, root: Path) -> None:
+        session = load_session(root)
+        first, second = read_noload(session)
+        assert first == Still(root / "noload" / "a.png", 0.1, 0.2, 1e-3)
+        assert (second.image, second.tilt_rad) == (root / "noload" / "b.png", -0.2)
+        load, last = read_loads(session)
+        assert (load.distance_m, load.force_y_N, load.force_z_N) == (0.1, 0.02, 0.0)
+        assert (last.distance_m, last.force_z_N) == (0.24, -0.01)
+
+    @pytest.mark.parametrize(("name", "read"), [("noload", read_noload), ("loads", read_loads)])
+    def test_when_they_were_taken(self, root: Path, name: str, read: Callable[[Any], list[Still]]) -> None:
+        path = root / name / f"{name}.csv"
+        header, first, second = path.read_text().splitlines()
+        assert [still.time_s for still in read(load_session(root))] == [None, None]
+        path.write_text(f"{header},time_s\n{first},12.5\n{second},-3\n")
+        assert [still.time_s for still in read(load_session(root))] == [12.5, -3.0]
+        path.write_text(f"{header},time_s\n{first},12.5\n{second},\n")
+        assert "line 3: time_s is ''" in complaint(lambda: read(load_session(root)), path)
+
+
+@pytest.fixture
+def sweep(root: Path) -> Path:
+    """A sweep of two pictures."""
+    path = root / "sweep" / "sweep.csv"
+    path.parent.mkdir()
+    path.write_text(SWEEP)
+    for picture in ("a.png", "b.png"):
+        path.with_name(picture).touch()
+    return path
+
+
+class TestSweep:
+    def test_what_is_read(self, root: Path, sweep: Path) -> None:
+        session = load_session(root)
+        assert has_sweep(session)
+        first, second = read_sweep(session)
+        assert first == SweepPicture(sweep.with_name("a.png"), 0.1, 0.2)
+        assert (second.image, second.pan_rad, second.tilt_rad) == (sweep.with_name("b.png"), 0.0, -0.2)
+
+    def test_without(self, root: Path) -> None:
+        assert not has_sweep(load_session(root))
+
+    def test_pictures_without_their_angles(self, root: Path, sweep: Path) -> None:
+        sweep.unlink()
+        assert has_sweep(load_session(root))
+        assert "no such file; it gives the joint angles" in complaint(lambda: read_sweep(load_session(root)), sweep)
+
+
+class TestOver:
+    def test_pictures_and_height_belong_together(self, root: Path) -> None:
+        assert not has_over(load_session(root))
+        (root / "over").mkdir()
+        text = complaint(lambda: has_over(load_session(root)), root / "session.yaml")
+        assert "over is missing, but there is a folder over/; give over.height_m" in text
+        write(root, changed("over", to={"height_m": 0.002}))
+        assert has_over(load_session(root))
+        (root / "over").rmdir()
+        assert not has_over(load_session(root))
+
+
+class TestRecording:
+    def test_what_is_read(self, root: Path) -> None:
+        first, second = read_recording(load_session(root))
+        assert (first.frame, first.time_s, first.image) == (3, 0.0, root / "recording" / "a.png")
+        assert (first.pan_rad, first.tilt_rad, first.moment_Nm) == (0.1, 0.2, 1e-3)
+        assert (second.frame, second.time_s) == (1, 0.1)
+
+    @pytest.mark.parametrize("cell", ["", "  "])
+    def test_a_frame_without_its_moment_is_seen_but_not_felt(self, root: Path, cell: str) -> None:
+        (root / "recording" / "recording.csv").write_text(RECORDING.replace("1e-3", cell))
+        first, second = read_recording(load_session(root))
+        assert math.isnan(first.moment_Nm)
+        assert second.moment_Nm == 0.0
+
+    def test_a_recording_without_moments(self, root: Path) -> None:
+        lines = [line.rpartition(",")[0] for line in RECORDING.splitlines()]
+        (root / "recording" / "recording.csv").write_text("\n".join(lines))
+        assert all(math.isnan(frame.moment_Nm) for frame in read_recording(load_session(root)))
+
+    def test_a_second_moment_axis(self, root: Path) -> None:
+        path = root / "recording" / "recording.csv"
+        assert all(math.isnan(frame.moment_z_Nm) for frame in read_recording(load_session(root)))
+        path.write_text("frame,time_s,image,pan_rad,tilt_rad,moment_z_Nm\n3,0,a.png,0,0,2e-3\n4,1,b.png,0,0,\n")
+        first, second = read_recording(load_session(root))
+        assert first.moment_z_Nm == 2e-3
+        assert math.isnan(first.moment_Nm)
+        assert math.isnan(second.moment_z_Nm)
+
+    @pytest.mark.parametrize("name", ["moment", "moment_mNm", "Moment_Nm", "moment_Nmm"])
+    def test_a_moment_under_another_name_is_not_left_out_in_silence(self, root: Path, name: str) -> None:
+        path = root / "recording" / "recording.csv"
+        path.write_text(RECORDING.replace("moment_Nm", name))
+        text = complaint(lambda: read_recording(load_session(root)), path)
+        assert f"column moment_Nm is missing, but there is {name}; name it moment_Nm, in SI units" in text
+
+    def test_further_columns_are_nobodys_business(self, root: Path) -> None:
+        path = root / "recording" / "recording.csv"
+        path.write_text(RECORDING.replace("\n", ",7\n").replace("moment_Nm,7", "moment_Nm,moment_raw_Nm"))
+        assert [frame.moment_Nm for frame in read_recording(load_session(root))] == [1e-3, 0.0]
+
+    def test_a_camera_slower_than_the_sensor(self, root: Path) -> None:
+        path = root / "recording" / "recording.csv"
+        path.write_text(RECORDING.replace("b.png", "a.png").replace("1,0.1", "1,0.0"))
+        first, second = read_recording(load_session(root))
+        assert first.image == second.image
+        assert first.time_s == second.time_s
+
+
+class TestCentrelines:
+    @pytest.fixture
+    def path(self, root: Path) -> Path:
+        path = root / "recording" / "centrelines.csv"
+        path.write_text(CENTRELINES)
+        for picture in ("a.png", "b.png"):
+            (root / "recording" / picture).unlink()
+        return path
+
+    def test_the_recording_then_needs_no_pictures(self, root: Path, path: Path) -> None:
+        assert [frame.image for frame in read_recording(load_session(root))] == [None, None]
+        table = root / "recording" / "recording.csv"
+        table.write_text("frame,time_s,pan_rad,tilt_rad,moment_Nm\n3,0.0,0.1,0.2,1e-3\n")
+        assert [frame.frame for frame in read_recording(load_session(root))] == [3]
+
+
+def test_pictures_are_checked_before_the_work(root: Path) -> None:
+    pictures = [root / "noload" / "a.png", root / "noload" / "b.png"]
+    check_pictures(pictures, (12, 8), "the rig's camera has")
+    what = complaint(lambda: check_pictures(pictures, (640, 480), "the rig's camera has"), pictures[0])
+    assert "is 12x8 px, the rig's camera has 640x480 px" in what
+    pictures[1].write_bytes(pictures[0].read_bytes()[:-9])
+    assert "truncated" in complaint(lambda: check_pictures(pictures, (12, 8), "x"), pictures[1])
+
+
+def test_whatever_stands_in_a_table_it_is_read_or_refused(content: bytes, position: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        session = load_session(write(root, GOOD).parent)
+        for name, text, read in (
+            ("noload/noload.csv", NOLOAD, read_noload),
+            ("loads/loads.csv", LOADS, read_loads),
+            ("sweep/sweep.csv", SWEEP, read_sweep),
+            ("recording/recording.csv", RECORDING, read_recording),
+            ("recording/centrelines.csv", CENTRELINES, read_centrelines),
+        ):
+            path = root / name
+            path.parent.mkdir(exist_ok=True)
+            for picture in ("a.png", "b.png"):
+                path.with_name(picture).touch()
+            path.write_bytes(text.encode()[:position] + content + text.encode()[position:])
+            rows, said = attempt(lambda read=read: read(session))
+            assert rows or said.startswith(str(path))
