@@ -11,9 +11,9 @@ READING_STD_MM = 0.25
 SIGNIFICANT = 3.0
 MOST_ASPECT = 1e-3
 """Difference of the scales in x and y below which a board may be called square: 0.12 mm at the end of 240 mm."""
-LEAST_PRECISION = 0.01
+_LEAST_PRECISION = 0.01
 """Standard deviation of a scale beyond which it is not taken."""
-REACH_MM = 240.0
+_REACH_MM = 240.0
 """The length for which errors are told in words: a usual antenna's."""
 _RANGE = (0.8, 1.25)
 _SHORT_MM = 100.0
@@ -76,7 +76,7 @@ def print_scale(
     for name, value in zip(("ruler_x_mm", "ruler_y_mm"), rulers, strict=True):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value!r}: the length that the sheet's ruler says, in mm, is needed")
-        least = reading_std_mm / LEAST_PRECISION
+        least = reading_std_mm / _LEAST_PRECISION
         if value < least:
             raise ValueError(
                 f"{name} is {value:g}: readings good to {reading_std_mm:g} mm tell a scale to "
@@ -142,12 +142,12 @@ def _judged(
     if math.isnan(scale):
         return (
             f"printed at {axes}: the axes differ by {100 * abs(aspect):.2f} ± {100 * aspect_std:.2f} %, so its squares "
-            f"are not square, and lengths of {REACH_MM:g} mm would be off by {REACH_MM * abs(aspect) / 2:.2g} mm",
+            f"are not square, and lengths of {_REACH_MM:g} mm would be off by {_REACH_MM * abs(aspect) / 2:.2g} mm",
             "print it again, at 100 % and with nothing fitted to the page, on another printer if it comes out the "
             "same; if the readings were rough, measure again",
         )
     words = (
-        f"printed at {_percent(scale, std)} ({axes}): lengths of {REACH_MM:g} mm are known to {REACH_MM * std:.2g} mm"
+        f"printed at {_percent(scale, std)} ({axes}): lengths of {_REACH_MM:g} mm are known to {_REACH_MM * std:.2g} mm"
     )
     if SIGNIFICANT * aspect_std > MOST_ASPECT:
         words += f"; a difference of the axes below {100 * SIGNIFICANT * aspect_std:.1f} % would not show"

@@ -9,8 +9,8 @@ import numpy as np
 from .board import BoardSpec
 from .pattern import marker_cells
 
-LEAST_MODULE_PX = 2
-MOST_PIXELS = 100_000_000
+_LEAST_MODULE_PX = 2
+_MOST_PIXELS = 100_000_000
 LEAST_PX_PER_MM, MOST_PX_PER_MM = 0.5, 500.0
 
 
@@ -48,8 +48,8 @@ def on_screen(wanted: BoardSpec, px_per_mm: float) -> ScreenBoard:
         raise ValueError(f"the screen has {px_per_mm:g} pixels per mm: {low:g} to {high:g} are needed")
     modules = int(wanted.dictionary[len("DICT_")]) + 2
     square, marker = (1e3 * length * px_per_mm for length in (wanted.square_m, wanted.marker_m))
-    if round(marker / modules) < LEAST_MODULE_PX:
-        least = LEAST_MODULE_PX * modules / px_per_mm * wanted.square_m / wanted.marker_m
+    if round(marker / modules) < _LEAST_MODULE_PX:
+        least = _LEAST_MODULE_PX * modules / px_per_mm * wanted.square_m / wanted.marker_m
         raise ValueError(
             f"squares of {1e3 * wanted.square_m:g} mm are {square:.1f} pixels there, too few to draw the markers; "
             f"take squares of {least:.3g} mm or more"
@@ -61,7 +61,7 @@ def on_screen(wanted: BoardSpec, px_per_mm: float) -> ScreenBoard:
         wanted, square_m=round(1e-3 * side / px_per_mm, 12), marker_m=round(1e-3 * modules * module / px_per_mm, 12)
     )
     board = ScreenBoard(spec, px_per_mm, side, modules * module, module, margin_px=(side + 1) // 2)
-    if board.size_px[0] * board.size_px[1] > MOST_PIXELS:
+    if board.size_px[0] * board.size_px[1] > _MOST_PIXELS:
         raise ValueError(f"the picture would have {board.size_px[0]} x {board.size_px[1]} pixels, more than any screen")
     return board
 

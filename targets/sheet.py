@@ -64,14 +64,14 @@ def qr_modules(text: str) -> np.ndarray:
 
 
 MARGIN_MM = 8.0
-MOST_MARGIN_MM = 200.0
-RULER_MM = 8.0
-QR_MM = 22.0
-GAP_MM = 3.0
+_MOST_MARGIN_MM = 200.0
+_RULER_MM = 8.0
+_QR_MM = 22.0
+_GAP_MM = 3.0
 SIZES = (1.0, 0.9, 0.8, 0.7)
 """Rulers, words and QR code are drawn so many times as large, the largest with which the board fits."""
 LEAST_QUIET_MM, QUIET_SQUARES = 5.0, 0.35
-LEAST_RULER_MM = 30.0
+_LEAST_RULER_MM = 30.0
 _RULER_END_MM = 5.5
 LINE_SPACING = 1.35
 _PT_PER_MM = 72 / 25.4
@@ -120,12 +120,12 @@ class Layout:
     @property
     def ruler(self) -> float:
         """Room for a ruler, across it."""
-        return RULER_MM * self.size
+        return _RULER_MM * self.size
 
     @property
     def qr(self) -> float:
         """Room for the QR code."""
-        return QR_MM * self.size
+        return _QR_MM * self.size
 
     @property
     def orientation(self) -> str:
@@ -175,8 +175,8 @@ def lay_out(spec: BoardSpec, paper: Paper, margin_mm: float = MARGIN_MM) -> Layo
 
 
 def _check_margin(margin_mm: float) -> None:
-    if not 0 <= margin_mm <= MOST_MARGIN_MM:
-        raise ValueError(f"the margin is {margin_mm:g} mm: 0 to {MOST_MARGIN_MM:g} mm are needed")
+    if not 0 <= margin_mm <= _MOST_MARGIN_MM:
+        raise ValueError(f"the margin is {margin_mm:g} mm: 0 to {_MOST_MARGIN_MM:g} mm are needed")
 
 
 def _largest_words(spec: BoardSpec, paper: Paper, margin_mm: float) -> str:
@@ -223,21 +223,21 @@ def _room(layout: Layout) -> float:
 
 def _on_page(spec: BoardSpec, paper: Paper, page: tuple[float, float], margin: float, size: float) -> Layout | None:
     width, height = page
-    ruler, end = RULER_MM * size, _RULER_END_MM * size
-    text_width = width - 2 * margin - QR_MM * size - GAP_MM
+    ruler, end = _RULER_MM * size, _RULER_END_MM * size
+    text_width = width - 2 * margin - _QR_MM * size - _GAP_MM
     if text_width < 15:
         return None
     header = _header_lines(spec, text_width, size)
-    header_height = max(QR_MM * size, LINE_SPACING * sum(line.size_mm for line in header))
+    header_height = max(_QR_MM * size, LINE_SPACING * sum(line.size_mm for line in header))
     quiet = _quiet_mm(spec)
     board_width, board_height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
     left, right = margin + ruler + quiet, margin + quiet
     top, bottom = margin + header_height + quiet, margin + ruler + quiet
     # whole centimetres, with room for the unit behind the last number
     ruler_x = floor_to(width - margin - ruler - margin - 2 * end, 10.0)
-    ruler_y = floor_to(height - margin - header_height - GAP_MM - ruler - margin - 2 * end, 10.0)
+    ruler_y = floor_to(height - margin - header_height - _GAP_MM - ruler - margin - 2 * end, 10.0)
     free = 1e-9 + width - left - right - board_width, 1e-9 + height - top - bottom - board_height
-    if min(free) < 0 or min(ruler_x, ruler_y) < LEAST_RULER_MM:
+    if min(free) < 0 or min(ruler_x, ruler_y) < _LEAST_RULER_MM:
         return None
     return Layout(
         paper,

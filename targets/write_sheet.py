@@ -14,10 +14,10 @@ from .pattern import board_shapes, outlines, placed
 from .sheet import LINE_SPACING, Layout, board_id, font_name, qr_modules, spec_line
 
 TICK_WIDTH_MM, END_WIDTH_MM = 0.12, 0.2
-TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
+_TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
 """Length of the tick at every so many millimetres."""
-NUMBER_MM = 2.2
-_BASELINE_MM = TICKS_MM[10] + 0.4 + 0.75 * NUMBER_MM
+_NUMBER_MM = 2.2
+_BASELINE_MM = _TICKS_MM[10] + 0.4 + 0.75 * _NUMBER_MM
 _UNIT_MM = 2.6  # from the last tick, past half its number
 _QR_QUIET = 4
 
@@ -47,13 +47,13 @@ def _ruler_along_x(layout: Layout) -> Iterator[Stroke | Label]:
     for at, length, width, number in _ticks(round(layout.ruler_x)):
         yield Stroke(x0 + at, y0, x0 + at, y0 + size * length, width)
         if number:
-            yield Label(x0 + at, y0 + size * _BASELINE_MM, number, size * NUMBER_MM, anchor="middle")
-    yield Label(x0 + layout.ruler_x + size * _UNIT_MM, y0 + size * _BASELINE_MM, "mm", size * NUMBER_MM)
+            yield Label(x0 + at, y0 + size * _BASELINE_MM, number, size * _NUMBER_MM, anchor="middle")
+    yield Label(x0 + layout.ruler_x + size * _UNIT_MM, y0 + size * _BASELINE_MM, "mm", size * _NUMBER_MM)
 
 
 def _ruler_along_y(layout: Layout) -> Iterator[Stroke | Label]:
     (_, _, x0, y0), size = ruler_origin(layout), layout.size
-    beside, letters = x0 - size * (TICKS_MM[10] + 0.4), size * NUMBER_MM
+    beside, letters = x0 - size * (_TICKS_MM[10] + 0.4), size * _NUMBER_MM
     yield Stroke(x0, y0 - layout.ruler_y, x0, y0, TICK_WIDTH_MM)
     for at, length, width, number in _ticks(round(layout.ruler_y)):
         yield Stroke(x0 - size * length, y0 - at, x0, y0 - at, width)
@@ -64,7 +64,7 @@ def _ruler_along_y(layout: Layout) -> Iterator[Stroke | Label]:
 
 def _ticks(length: int) -> Iterator[tuple[int, float, float, str]]:
     for at in range(length + 1):
-        tick = max(size for every, size in TICKS_MM.items() if at % every == 0)
+        tick = max(size for every, size in _TICKS_MM.items() if at % every == 0)
         width = END_WIDTH_MM if at in (0, length) else TICK_WIDTH_MM
         yield at, tick, width, str(at) if at % 10 == 0 else ""
 
@@ -84,13 +84,13 @@ def _qr(spec: BoardSpec, layout: Layout) -> Shape:
     return Shape(placed(outlines(dark), module, x, layout.margin))
 
 
-PT_PER_MM = 72 / 25.4
+_PT_PER_MM = 72 / 25.4
 
 
 def as_pdf(drawing: Drawing) -> bytes:
     """The PDF; the same drawing gives the same bytes."""
     stream = io.BytesIO()
-    size = drawing.width_mm * PT_PER_MM, drawing.height_mm * PT_PER_MM
+    size = drawing.width_mm * _PT_PER_MM, drawing.height_mm * _PT_PER_MM
     canvas = Canvas(stream, pagesize=size, invariant=1, pageCompression=1, lang="en")
     canvas.setTitle(drawing.title)
     canvas.setSubject(drawing.subject)
@@ -109,19 +109,19 @@ def _put(canvas: Canvas, mark: Shape | Stroke | Label, height: float) -> None:
     if isinstance(mark, Shape):
         path = canvas.beginPath()
         for (x, y), *rest in mark.loops:
-            path.moveTo(x * PT_PER_MM, (height - y) * PT_PER_MM)
+            path.moveTo(x * _PT_PER_MM, (height - y) * _PT_PER_MM)
             for u, v in rest:
-                path.lineTo(u * PT_PER_MM, (height - v) * PT_PER_MM)
+                path.lineTo(u * _PT_PER_MM, (height - v) * _PT_PER_MM)
             path.close()
         canvas.drawPath(path, stroke=0, fill=1, fillMode=FILL_EVEN_ODD)
     elif isinstance(mark, Stroke):
-        canvas.setLineWidth(mark.width * PT_PER_MM)
+        canvas.setLineWidth(mark.width * _PT_PER_MM)
         ends = (mark.x0, height - mark.y0, mark.x1, height - mark.y1)
-        canvas.line(*(end * PT_PER_MM for end in ends))
+        canvas.line(*(end * _PT_PER_MM for end in ends))
     else:
         canvas.saveState()
-        canvas.setFont(font_name(mark.bold), mark.size_mm * PT_PER_MM)
-        canvas.translate(mark.x * PT_PER_MM, (height - mark.y) * PT_PER_MM)
+        canvas.setFont(font_name(mark.bold), mark.size_mm * _PT_PER_MM)
+        canvas.translate(mark.x * _PT_PER_MM, (height - mark.y) * _PT_PER_MM)
         canvas.rotate(90 if mark.turned else 0)
         put = {"start": canvas.drawString, "middle": canvas.drawCentredString, "end": canvas.drawRightString}
         put[mark.anchor](0, 0, mark.text)

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from vbaa_calib.session import (
     Still,
@@ -172,6 +174,8 @@ def test_pictures_are_checked_before_the_work(root: Path) -> None:
     assert "truncated" in complaint(lambda: check_pictures(pictures, (12, 8), "x"), pictures[1])
 
 
+@settings(deadline=None)
+@given(st.binary(max_size=60), st.integers(0, len(LOADS)))
 def test_whatever_stands_in_a_table_it_is_read_or_refused(content: bytes, position: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)

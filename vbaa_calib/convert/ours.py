@@ -19,8 +19,8 @@ from vbaa_calib.session import read_pose
 
 from .exchanged import Exchanged, Format
 
-POSE_KEY = "T_reference_camera"
-OF_RIG = ("antenna, moment sensor and joints, with their covariance",)
+_POSE_KEY = "T_reference_camera"
+_OF_RIG = ("antenna, moment sensor and joints, with their covariance",)
 
 
 def read(path: Path, which: str | None) -> Exchanged:
@@ -30,7 +30,7 @@ def read(path: Path, which: str | None) -> Exchanged:
     data = read_json(path)
     if data.get("schema") == RIG_SCHEMA:
         rig = Rig.from_dict(data, path)
-        return Exchanged(rig.camera, rig.T_antenna_camera, OF_RIG)
+        return Exchanged(rig.camera, rig.T_antenna_camera, _OF_RIG)
     if data.get("schema") != CAMERA_SCHEMA:
         raise InputError(
             f"schema is {data.get('schema')!r}",
@@ -38,13 +38,13 @@ def read(path: Path, which: str | None) -> Exchanged:
             remedy=f"{RIG_SCHEMA} or {CAMERA_SCHEMA} is needed; another program's file needs --from",
         )
     return Exchanged(
-        Camera.load(path), None if data.get(POSE_KEY) is None else read_pose(data[POSE_KEY], path, POSE_KEY)
+        Camera.load(path), None if data.get(_POSE_KEY) is None else read_pose(data[_POSE_KEY], path, _POSE_KEY)
     )
 
 
 def write(given: Exchanged) -> str:
     """camera.json."""
-    pose = {} if given.T_reference_camera is None else {POSE_KEY: given.T_reference_camera.to_dict()}
+    pose = {} if given.T_reference_camera is None else {_POSE_KEY: given.T_reference_camera.to_dict()}
     return json.dumps(given.camera.to_dict() | pose, indent=2, allow_nan=False) + "\n"
 
 

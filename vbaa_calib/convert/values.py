@@ -68,14 +68,14 @@ def _named(camera: Camera) -> list[tuple[str, float]]:
     return list(zip(camera.parameter_names[4:], camera.distortion.tolist(), strict=True))
 
 
-LARGEST_SIDE_PX = 100_000
+_LARGEST_SIDE_PX = 100_000
 """As in the schema of rig.json."""
 _SQUARE = 1e-3
 
 
 def whole(value: Any, key: str, path: Path) -> int:
     """A whole number of pixels. Raises InputError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= LARGEST_SIDE_PX:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= _LARGEST_SIDE_PX:
         raise InputError(f"{key} is {_shown(value)}", where=path, remedy="a picture's side in whole pixels is needed")
     if value != int(value):
         raise InputError(f"{key} is {value:g}", where=path, remedy="a picture's side in whole pixels is needed")

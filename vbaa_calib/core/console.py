@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable
 from typing import TypeVar
 
-Item = TypeVar("Item")
+_Item = TypeVar("_Item")
 
 
 def say(text: str) -> None:
@@ -14,7 +14,7 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterable[Item]:
+def progress(items: Iterable[_Item], what: str, total: int | None = None) -> Iterable[_Item]:
     """The same items, with a progress bar on stderr; quiet when stderr is not a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         return items

@@ -11,7 +11,7 @@ from typing import TextIO
 from .errors import InputError
 from .files import MOST_BYTES, require_file
 
-LONGEST = 1_000_000
+_LONGEST = 1_000_000
 """Characters of a line, beyond which it is none of a table."""
 
 
@@ -62,9 +62,9 @@ def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 def _lines(stream: TextIO) -> Iterator[str]:
     """Its lines. Raises csv.Error for one without end."""
-    while line := stream.readline(LONGEST):
-        if len(line) == LONGEST and not line.endswith("\n"):
-            raise csv.Error(f"a line of over {LONGEST} characters")
+    while line := stream.readline(_LONGEST):
+        if len(line) == _LONGEST and not line.endswith("\n"):
+            raise csv.Error(f"a line of over {_LONGEST} characters")
         yield line
 
 

@@ -22,9 +22,9 @@ from .errors import InputError
 from .yaml_text import UniqueKeyLoader
 
 MOST_BYTES = 2_000_000_000
-MOST_YAML_BYTES = 1_000_000
+_MOST_YAML_BYTES = 1_000_000
 """What people write by hand; PyYAML takes seconds for it."""
-MOST_JSON_BYTES = 256_000_000
+_MOST_JSON_BYTES = 256_000_000
 
 
 def read_bytes(path: Path, kind: str = "file", most: int = MOST_BYTES) -> bytes:
@@ -70,7 +70,7 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
 def read_yaml(path: Path) -> dict[str, Any]:
     """A YAML mapping. Raises InputError naming the line of what is wrong."""
     try:
-        data = yaml.load(read_text(path, MOST_YAML_BYTES), Loader=UniqueKeyLoader)
+        data = yaml.load(read_text(path, _MOST_YAML_BYTES), Loader=UniqueKeyLoader)
     except RecursionError:
         raise InputError("is not valid YAML (nested too deeply)", where=path, remedy="write it again") from None
     except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -87,7 +87,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object. Raises InputError naming the line of what is wrong."""
     try:
-        data = json.loads(read_text(path, MOST_JSON_BYTES), object_pairs_hook=_unique_object)
+        data = json.loads(read_text(path, _MOST_JSON_BYTES), object_pairs_hook=_unique_object)
     except json.JSONDecodeError as error:
         where, problem = f"{path} line {error.lineno}", error.msg
     except RecursionError:

@@ -18,7 +18,8 @@ def line_of(text: str, keys: Sequence[str | int]) -> int | None:
         if isinstance(node, yaml.MappingNode):
             pairs = [(name, value) for name, value in node.value if name.value == str(key)]
         else:
-            pairs = [(value, value) for value in (node.value[key : key + 1] if isinstance(key, int) else [])]
+            items = node.value if isinstance(node, yaml.SequenceNode) else []
+            pairs = [(value, value) for number, value in enumerate(items) if number == key]
         if not pairs:
             break
         line, node = pairs[0][0].start_mark.line + 1, pairs[0][1]

@@ -16,12 +16,12 @@ from vbaa_calib.simulate.render.board import print_sheet
 
 from .detector_pictures import Conditions, draw_board
 
-SQUARE_PX = (24.0, 40.0, 64.0)
+_SQUARE_PX = (24.0, 40.0, 64.0)
 BLUR_PX = (0.5, 1.0, 2.0)
 OPENCV, OURS = "OpenCV", "vbaa-calib"
 _LEAST_CORNERS = 12
 
-Detector = Callable[[np.ndarray, BoardSpec], BoardView]
+_Detector = Callable[[np.ndarray, BoardSpec], BoardView]
 
 
 @dataclass(frozen=True)
@@ -73,15 +73,15 @@ def opencv_corners(image: np.ndarray, spec: BoardSpec) -> BoardView:
     return BoardView("", np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel(), found, (width, height))
 
 
-DETECTORS: dict[str, Detector] = {OPENCV: opencv_corners, OURS: detect_corners}
+DETECTORS: dict[str, _Detector] = {OPENCV: opencv_corners, OURS: detect_corners}
 
 
 def try_detectors(
     spec: BoardSpec,
     pictures: int,
     seed: int,
-    detectors: Mapping[str, Detector] = DETECTORS,
-    square_px: Sequence[float] = SQUARE_PX,
+    detectors: Mapping[str, _Detector] = DETECTORS,
+    square_px: Sequence[float] = _SQUARE_PX,
     blur_px: Sequence[float] = BLUR_PX,
 ) -> list[Row]:
     """Every detector on the same pictures: `pictures` random poses for each size of the squares and each blur.
@@ -136,10 +136,10 @@ def _row(
     )
 
 
-BIASED_PX = 0.08
+_BIASED_PX = 0.08
 """A mean error that no chance makes: the detectors at hand stay below 0.02 px."""
-HALF_PX = (0.35, 0.65)
-GOOD_PX = 0.1
+_HALF_PX = (0.35, 0.65)
+_GOOD_PX = 0.1
 _FOUND = 0.5
 
 
@@ -152,7 +152,7 @@ def mean_bias_px(rows: Sequence[Row], detector: str) -> np.ndarray:
 def is_sound(rows: Sequence[Row]) -> bool:
     """Whether neither detector is off as a whole, nor silent under every condition."""
     biases = np.array([mean_bias_px(rows, detector) for detector in (OPENCV, OURS)])
-    return bool((np.abs(biases) < BIASED_PX).all())
+    return bool((np.abs(biases) < _BIASED_PX).all())
 
 
 def verdict(rows: Sequence[Row]) -> list[str]:
@@ -167,9 +167,9 @@ def _of_opencv(bias: np.ndarray) -> list[str]:
             f"{name} finds this board under none of the conditions: are its squares too many, or its markers too thin?"
         ]
     shift = f"({bias[0]:+.2f}, {bias[1]:+.2f}) px"
-    if np.abs(bias).max() < BIASED_PX:
+    if np.abs(bias).max() < _BIASED_PX:
         return [f"{name} finds this board's corners without bias: {shift} in the mean."]
-    if ((np.abs(bias) > HALF_PX[0]) & (np.abs(bias) < HALF_PX[1])).any():
+    if ((np.abs(bias) > _HALF_PX[0]) & (np.abs(bias) < _HALF_PX[1])).any():
         return [
             f"{name} is half a pixel off, {shift}: it counts pixels from a corner of the first one, as versions before "
             "4.14 did. Update it."
@@ -182,17 +182,20 @@ def _of_ours(rows: Sequence[Row]) -> list[str]:
     if not np.isfinite(bias).all():
         return []
     sentences = []
-    if np.abs(bias).max() >= BIASED_PX:
+    if np.abs(bias).max() >= _BIASED_PX:
         sentences.append(
             f"The corners used here are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px: do not calibrate with them."
         )
     good = [
-        row for row in rows if row.detector == OURS and row.measured and row.found >= _FOUND and row.rms_px <= GOOD_PX
+        row for row in rows if row.detector == OURS and row.measured and row.found >= _FOUND and row.rms_px <= _GOOD_PX
     ]
     if not good:
-        return [*sentences, f"Under no condition tried are corners within {GOOD_PX} px rms: the markers leave no room."]
+        return [
+            *sentences,
+            f"Under no condition tried are corners within {_GOOD_PX} px rms: the markers leave no room.",
+        ]
     smallest = min(row.square_px for row in good)
-    sentences.append(f"Our corners are within {GOOD_PX} px rms from squares of {smallest:g} px on.")
+    sentences.append(f"Our corners are within {_GOOD_PX} px rms from squares of {smallest:g} px on.")
     pulls = [row.error_per_std for row in good if row.error_per_std is not None]
     if pulls and max(pulls) > 1.5:
         sentences.append(

@@ -15,7 +15,7 @@ from vbaa_calib.core.errors import Diagnosis
 from .finding import Finding, by_system, pip
 
 DRAWING_SECONDS, CAMERA_SECONDS, TORCH_SECONDS = 90.0, 30.0, 120.0
-SLOW_TORCH_SECONDS = 20.0
+_SLOW_TORCH_SECONDS = 20.0
 _OPEN = (
     "import json, sys, cv2\n"
     "for index in map(int, sys.argv[1:]):\n"
@@ -45,7 +45,7 @@ class Tried:
         return lines[-1].strip() if lines else "it said nothing"
 
 
-Try = Callable[[Sequence[str], float], Tried]
+_Try = Callable[[Sequence[str], float], Tried]
 
 
 def try_python(arguments: Sequence[str], seconds: float) -> Tried:
@@ -68,7 +68,7 @@ def try_python(arguments: Sequence[str], seconds: float) -> Tried:
     return Tried(done.returncode, done.stdout, done.stderr)
 
 
-def drawing(attempt: Try = try_python) -> Finding:
+def drawing(attempt: _Try = try_python) -> Finding:
     """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so this alone stops nothing."""
     tried = attempt(["-m", "viz.render.probe"], DRAWING_SECONDS)
     if tried.code == 0:
@@ -100,7 +100,7 @@ def _readable(path: str) -> bool:
 def cameras(
     devices: Sequence[str] | None = None,
     readable: Callable[[str], bool] = _readable,
-    attempt: Try = try_python,
+    attempt: _Try = try_python,
     system: str = sys.platform,
 ) -> Finding:
     """Cameras, and whether they give a picture. None is no fault: pictures come from files and streams too."""
@@ -138,7 +138,7 @@ def cameras(
     return Finding("cameras", words, tuple(problems), {"devices": list(devices), "giving": giving})
 
 
-def torch(attempt: Try = try_python) -> Finding:
+def torch(attempt: _Try = try_python) -> Finding:
     """Whether torch loads, and how long that takes; every calibration waits for it."""
     tried = attempt(["-c", _TORCH], TORCH_SECONDS)
     fields = tried.out.split()
@@ -156,7 +156,7 @@ def torch(attempt: Try = try_python) -> Finding:
     seconds = float(fields[0])
     words = f"{fields[1]} loads in {seconds:.1f} s, {fields[2]} threads, {'with' if fields[3] == 'True' else 'no'} CUDA"
     problems: tuple[Diagnosis, ...] = ()
-    if seconds > SLOW_TORCH_SECONDS:
+    if seconds > _SLOW_TORCH_SECONDS:
         slow = f"torch takes {seconds:.0f} s to load, and every calibration waits for it"
         remedy = "put the environment on a local disk; have the virus scanner leave it out; try again when warm"
         problems = (Diagnosis("torch_slow", slow, remedy),)

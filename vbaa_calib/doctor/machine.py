@@ -18,7 +18,7 @@ from .finding import Finding, by_system
 
 MB, GB = 1_000_000, 1_000_000_000
 DISK_FULL, DISK_LOW = 200 * MB, 2 * GB
-MEMORY_LOW = 2 * GB
+_MEMORY_LOW = 2 * GB
 
 
 def the_folders() -> dict[str, Path | None]:
@@ -101,7 +101,7 @@ def computing(memory: Callable[[], int | None] = available_memory, environ: Mapp
     said = f"{free / GB:.1f} GB of memory" if free is not None else "memory unknown"
     words = f"{count} cores, {said}, OMP_NUM_THREADS {threads or 'not set'}"
     problems = []
-    if free is not None and free < MEMORY_LOW:
+    if free is not None and free < _MEMORY_LOW:
         low = f"only {free / GB:.1f} GB of memory are free"
         problems.append(Diagnosis("memory_low", low, "close other programs; large pictures and torch need about 2 GB"))
     if threads is not None and (not threads.isdigit() or int(threads) < 1):

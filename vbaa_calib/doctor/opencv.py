@@ -14,7 +14,7 @@ from vbaa_calib.core.errors import Diagnosis
 from .finding import Finding, by_system, pip
 
 RIGHT = "opencv-contrib-python-headless"
-RIGHT_RANGE = ">=4.14,<5"
+_RIGHT_RANGE = ">=4.14,<5"
 _NAMES = frozenset(
     f"opencv{contrib}-python{headless}" for contrib in ("", "-contrib") for headless in ("", "-headless")
 )
@@ -38,7 +38,7 @@ def opencv(installed: Mapping[str, str] | None = None, load: Any = _load) -> Fin
     """Several wheels at once overwrite each other's files; OpenCV 5 lacks what is needed; some wheels need libGL."""
     installed = wheels() if installed is None else installed
     named = ", ".join(f"{name} {version}" for name, version in sorted(installed.items())) or "no wheel of OpenCV"
-    again = f'{pip("install", "--force-reinstall", "--no-deps")} "{RIGHT}{RIGHT_RANGE}"'
+    again = f'{pip("install", "--force-reinstall", "--no-deps")} "{RIGHT}{_RIGHT_RANGE}"'
     problems = []
     if len(installed) > 1:
         remedy = f"{pip('uninstall', '--yes', *sorted(installed))}, then {again}"
@@ -94,5 +94,5 @@ def detector() -> Finding:
         return Finding("detector", words, numbers=numbers)
     bias = mean_bias_px(rows, OPENCV)
     wrong = f"OpenCV's corners are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px in the mean, or not found"
-    remedy = f'{pip("install")} "{RIGHT}{RIGHT_RANGE}", then vbaa selftest with your board'
+    remedy = f'{pip("install")} "{RIGHT}{_RIGHT_RANGE}", then vbaa selftest with your board'
     return Finding("detector", words, (Diagnosis("detector_biased", wrong, remedy, grave=True),), numbers)

@@ -15,19 +15,19 @@ from vbaa_calib.core.errors import Diagnosis
 from .finding import Finding, by_system, pip
 
 OURS = "vbaa-calib"
-LEAST_PYTHON = (3, 11)
+_LEAST_PYTHON = (3, 11)
 ROOT = Path(__file__).parents[2]
 """The folder that holds our packages: a source tree, or site-packages."""
 
-Version = Callable[[str], str]
+_Version = Callable[[str], str]
 
 
 def python_version(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Finding:
     """Whether this Python is new enough, and where it lives."""
     words = f"{'.'.join(map(str, version))}, {sys.executable}"
-    if version[:2] >= LEAST_PYTHON:
+    if version[:2] >= _LEAST_PYTHON:
         return Finding("python", words, numbers={"version": list(version)})
-    wanted = ".".join(map(str, LEAST_PYTHON))
+    wanted = ".".join(map(str, _LEAST_PYTHON))
     remedy = by_system(
         f"apt-get install python{wanted} python{wanted}-venv, then make a new environment with it",
         f"brew install python@{wanted}, then make a new environment with it",
@@ -73,7 +73,7 @@ def _split(requirement: str) -> tuple[str, str]:
     return re.sub(r"[-_.]+", "-", found[1]).lower(), found[2].strip()
 
 
-def packages(requirements: Iterable[str] | None = None, version_of: Version = metadata.version) -> Finding:
+def packages(requirements: Iterable[str] | None = None, version_of: _Version = metadata.version) -> Finding:
     """Every package that is asked for: there, and of a version that fits."""
     stale = False
     if requirements is None:

@@ -26,11 +26,11 @@ from .rows import wrong
 from .settings import Session
 
 COLUMNS, DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
-FAR_PX = 1e7
+_FAR_PX = 1e7
 """Places and deviations beyond it are slips of the pen."""
 BLOCK = 1 << 20
 ENDLESS = "a line of more than 1 MB"
-MOST_FRAME = 2**53
+_MOST_FRAME = 2**53
 _NEWLINE, _RETURN, _COMMA = b"\n\r,"
 
 
@@ -159,8 +159,8 @@ def _plain(block: bytes, layout: Layout) -> np.ndarray | None:
     except ValueError:  # UnicodeDecodeError is one, too
         return None
     frame = table[:, 0]
-    sound = (np.abs(table[:, 1:]) <= FAR_PX).all() and (
-        (frame >= 0) & (frame < MOST_FRAME) & (frame == np.floor(frame))
+    sound = (np.abs(table[:, 1:]) <= _FAR_PX).all() and (
+        (frame >= 0) & (frame < _MOST_FRAME) & (frame == np.floor(frame))
     ).all()
     if not sound or len(table) != filled.sum() or not (table[:, 3:] > 0.0).all():
         return None
@@ -239,7 +239,7 @@ def _row_by_row(lines: _Lines, layout: Layout, places: Mapping[str, int], path: 
             raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
         frame = whole_number(row, "frame", path)
         for name in places.keys() - {"frame"}:
-            if abs(number(row, name, path)) > FAR_PX:
+            if abs(number(row, name, path)) > _FAR_PX:
                 raise wrong(row, path, f"{name} is {row[name]}", "give pixels: no picture is that large")
         if runs and runs[-3] == frame:
             runs[-1] = lines.at

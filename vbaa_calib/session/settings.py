@@ -21,12 +21,12 @@ from vbaa_calib.geometry import Kinematics, Pose
 from .rows import Still
 
 SCHEMA = "vbaa.session/1"
-TILT_ZERO_STD_RAD = 0.01
-OVER_HEIGHT_STD_M = 1e-4
+_TILT_ZERO_STD_RAD = 0.01
+_OVER_HEIGHT_STD_M = 1e-4
 RULER_STD_M, WEIGHT_STD_RELATIVE = 5e-4, 5e-3
 """How well a load's place and weight are known where session.yaml does not say: a ruler, and weights as they are sold.
 """
-CLAMP_STD_PX = 20.0
+_CLAMP_STD_PX = 20.0
 
 
 def _not_zero(gain: float) -> float:
@@ -85,7 +85,7 @@ class OverBoard:
     height_m: Annotated[
         Number, Field(ge=0, le=0.5, description="of the antenna's axis over the printed face, towards the viewer")
     ] = 0.0
-    height_std_m: Annotated[Number, Field(gt=0, le=0.1)] = OVER_HEIGHT_STD_M
+    height_std_m: Annotated[Number, Field(gt=0, le=0.1)] = _OVER_HEIGHT_STD_M
     pan_rad: _JointReading = 0.0
     tilt_rad: _JointReading = 0.0
     clamp_px: Annotated[
@@ -96,7 +96,7 @@ class OverBoard:
         ),
     ] = None
     clamp_std_px: Annotated[Number, Field(gt=0, le=1e4, description="how well that is known along the antenna")] = (
-        CLAMP_STD_PX
+        _CLAMP_STD_PX
     )
 
 
@@ -160,7 +160,7 @@ class FileKinematics:
 class _SessionKinematics(FileKinematics):
     tilt_zero_std_rad: Annotated[
         Number, Field(ge=0, le=3.2, description="how well the encoder's zero is known before calibration")
-    ] = TILT_ZERO_STD_RAD
+    ] = _TILT_ZERO_STD_RAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +237,7 @@ class Session:
     moment_std_Nm: float
     jig_translation_std_m: float = 0.0
     jig_rotation_std_rad: float = 0.0
-    tilt_zero_std_rad: float = TILT_ZERO_STD_RAD
+    tilt_zero_std_rad: float = _TILT_ZERO_STD_RAD
     print_scale_std: float = 0.0
     load_readings: LoadReadings = LoadReadings()
     over: OverBoard | None = None

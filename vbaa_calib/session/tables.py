@@ -61,7 +61,7 @@ def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose:
             raise InputError(what, where=path, remedy="use one camera at one resolution throughout")
 
 
-MOMENTS = ("moment_Nm", "moment_z_Nm")
+_MOMENTS = ("moment_Nm", "moment_z_Nm")
 """Columns of a recording that may be missing."""
 
 
@@ -112,13 +112,13 @@ def read_recording(session: Session) -> list[Frame]:
     require(path, "it names the frames of the recording")
     with_images = not (path.parent / "centrelines.csv").exists()
     columns = ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad")
-    rows = csv_rows(path, columns, MOMENTS)
+    rows = csv_rows(path, columns, _MOMENTS)
     first = next(rows)
-    refuse_misspelt(path, MOMENTS[0], (*columns, *MOMENTS))
+    refuse_misspelt(path, _MOMENTS[0], (*columns, *_MOMENTS))
     frames: list[Frame] = []
     seen: set[int] = set()
     for row in chain([first], rows):
-        moments: dict[str, Any] = {name: reading(row, name, path) for name in MOMENTS}
+        moments: dict[str, Any] = {name: reading(row, name, path) for name in _MOMENTS}
         frame = Frame(**view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
         if frame.frame in seen:
             raise wrong(row, path, f"frame {frame.frame} stands twice", "every frame needs its own number")
