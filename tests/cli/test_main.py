@@ -91,7 +91,7 @@ def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path, tmp
     assert loud.err == quiet.err
     schema = vbaa("schema", "rig", "--json")
     assert schema.result == json.loads(vbaa("schema", "rig").out)
-    assert schema.result["properties"]["schema"] == {"const": "vbaa.rig/1"}
+    assert schema.result["properties"]["schema"]["const"] == "vbaa.rig/1"
 
 
 def test_calibrate_tells_how_well(vbaa: Call, made: Path, tmp_path: Path) -> None:
