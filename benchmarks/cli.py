@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.subjects import SUBJECTS, Subject
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 
+from .subjects import SUBJECTS, Subject
+
 if TYPE_CHECKING:
-    from benchmarks.subjects import Measured
+    from .subjects import Measured
 
 ALL = "all"
 
@@ -54,7 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure one subject, or several one after the other; print the tables, write the files."""
-    from benchmarks.subjects import refuse_folder
+    from .subjects import refuse_folder
 
     chosen = _chosen(args)
     _check_numbers(args, chosen)
@@ -89,7 +90,7 @@ def _check_numbers(args: argparse.Namespace, chosen: Sequence[Subject]) -> None:
 
 
 def _one(args: argparse.Namespace, subject: Subject) -> dict[str, Any]:
-    from benchmarks.harness import as_json
+    from .harness import as_json
 
     measured, _ = _measured(args, subject)
     return as_json(measured.found.numbers) | measured.record
@@ -97,8 +98,8 @@ def _one(args: argparse.Namespace, subject: Subject) -> dict[str, Any]:
 
 def _measured(args: argparse.Namespace, subject: Subject) -> tuple[Measured, list[Path]]:
     """One subject measured, its table shown, its files written."""
-    from benchmarks.harness import machine
-    from benchmarks.subjects import Measured, write
+    from .harness import machine
+    from .subjects import Measured, write
 
     options = subject.options(args.seed, args.quick, args.draws, args.jobs)
     begun = time.perf_counter()
@@ -119,7 +120,7 @@ def _show(args: argparse.Namespace, text: str) -> None:
 
 def _several(args: argparse.Namespace, chosen: Sequence[Subject]) -> dict[str, Any]:
     """Each subject in turn, whatever becomes of the others; a summary at the end."""
-    from benchmarks.harness import Line, as_json, as_text
+    from .harness import Line, as_json, as_text
 
     lines: list[Line] = []
     numbers: dict[str, Any] = {}

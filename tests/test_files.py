@@ -19,15 +19,7 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.csv_rows import number, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import (
-    read_json,
-    read_yaml,
-    refuse_overwrite,
-    replacing,
-    sha256,
-    write_json,
-    write_text,
-)
+from vbaa_calib.core.files import read_json, read_yaml, refuse_overwrite, replacing, sha256, write_json, write_text
 
 BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
 """A few hundred bytes of YAML that stand for 9¹¹ values."""

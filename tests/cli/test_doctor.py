@@ -14,7 +14,7 @@ import pytest
 
 from vbaa_calib.cli import doctor as verb
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import finding, opencv, packages, shadows
+from vbaa_calib.doctor import finding, opencv, packages
 from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +72,7 @@ def test_all_that_pyproject_asks_for_is_looked_at() -> None:
     """From the source tree; one that changed since the installation is told."""
     asked, _ = packages.declared(ROOT)
     assert any(line.startswith("opencv-contrib-python-headless") for line in asked)
-    assert set(shadows.LIBRARIES.values()) <= {"PyYAML", *(packages._split(line)[0] for line in asked)}
+    assert set(packages.LIBRARIES.values()) <= {"PyYAML", *(packages._split(line)[0] for line in asked)}
 
 
 def test_a_stale_or_absent_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,16 +166,16 @@ def test_a_biased_detector(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`targets` of the user's own on the path is fatal, in the current folder a warning; an empty folder is neither."""
     (tmp_path / "targets").mkdir()
-    assert shadows.shadows(tmp_path).status == OK
+    assert packages.shadows(tmp_path).status == OK
     (tmp_path / "targets" / "__init__.py").write_text("")
     (tmp_path / "yaml.py").write_text("")
-    waiting = shadows.shadows(tmp_path)
+    waiting = packages.shadows(tmp_path)
     assert (waiting.status, names(waiting)) == (LOOK, ["name_taken", "name_taken"])
     assert str(tmp_path / "targets") in waiting.problems[0].words
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("targets", "yaml"):
         monkeypatch.delitem(sys.modules, name)
-    taken = shadows.shadows(tmp_path)
+    taken = packages.shadows(tmp_path)
     assert (taken.status, names(taken)) == (FAILS, ["package_shadowed", "package_shadowed"])
     assert f"targets is taken from {tmp_path / 'targets'}" in taken.problems[0].words
     assert "rename" in taken.problems[0].remedy
@@ -183,7 +183,7 @@ def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytes
 
 def test_a_package_of_ours_that_is_hidden() -> None:
     """A namespace folder, or nothing at all."""
-    found = shadows.shadows(origin_of=lambda name: None if name == "viz" else shadows.origin(name))
+    found = packages.shadows(origin_of=lambda name: None if name == "viz" else packages.origin(name))
     assert (found.status, names(found)) == (FAILS, ["package_hidden"])
 
 

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from vbaa_calib.cli import doctor as verb
-from vbaa_calib.doctor import elsewhere, machine
-from vbaa_calib.doctor.elsewhere import Tried
+from vbaa_calib.doctor import machine
 from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
+from vbaa_calib.doctor.machine import Tried
 
 
 def names(found: Finding) -> list[str]:
@@ -99,24 +99,24 @@ def test_a_terminal_without_signs(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_drawing_that_fails(attempt: Any, words: str) -> None:
     """It crashes, hangs or says no: never more than a look, for pages do without."""
-    found = elsewhere.drawing(attempt)
+    found = machine.drawing(attempt)
     assert (found.status, names(found)) == (LOOK, ["no_drawing"])
     assert words in found.problems[0].words
-    assert elsewhere.drawing(ends(0)).status == OK
+    assert machine.drawing(ends(0)).status == OK
 
 
 def test_a_process_may_crash_or_hang() -> None:
     """Real ones: the doctor outlives them, and keeps what they had said."""
-    crashed = elsewhere.try_python(["-c", "import os; os.abort()"], 20)
+    crashed = machine.try_python(["-c", "import os; os.abort()"], 20)
     assert crashed.code is not None
     assert crashed.code != 0
-    hung = elsewhere.try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
+    hung = machine.try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
     assert (hung.code, hung.out.strip()) == (None, "[0, null]")
 
 
 def camera(devices: Sequence[str], readable: bool, attempt: Any) -> Finding:
     """The check for cameras with everything replaced."""
-    return elsewhere.cameras(devices, lambda path: readable, attempt, "linux")
+    return machine.cameras(devices, lambda path: readable, attempt, "linux")
 
 
 def test_cameras() -> None:
@@ -133,14 +133,14 @@ def test_cameras() -> None:
     assert names(stuck) == ["camera_stuck"]
     assert stuck.problems[0].words == "camera 1 does not answer"
     assert names(camera(["/dev/video0"], True, ends(-11))) == ["camera_stuck"]
-    assert elsewhere.cameras(None, attempt=ends(0, "[0, null]\n[1, null]\n"), system="darwin").status == OK
+    assert machine.cameras(None, attempt=ends(0, "[0, null]\n[1, null]\n"), system="darwin").status == OK
 
 
 def test_torch() -> None:
     """Well, slow, broken, hanging."""
-    assert elsewhere.torch(ends(0, "1.5 2.13.0 2 False\n")).numbers["seconds"] == 1.5
-    assert names(elsewhere.torch(ends(0, "55.0 2.13.0 2 False\n"))) == ["torch_slow"]
-    broken = elsewhere.torch(ends(1, err="OSError: [WinError 126] c10.dll"))
+    assert machine.torch(ends(0, "1.5 2.13.0 2 False\n")).numbers["seconds"] == 1.5
+    assert names(machine.torch(ends(0, "55.0 2.13.0 2 False\n"))) == ["torch_slow"]
+    broken = machine.torch(ends(1, err="OSError: [WinError 126] c10.dll"))
     assert (broken.status, names(broken)) == (FAILS, ["torch_broken"])
     assert "c10.dll" in broken.problems[0].words
-    assert names(elsewhere.torch(ends(None))) == ["torch_broken"]
+    assert names(machine.torch(ends(None))) == ["torch_broken"]

@@ -15,7 +15,7 @@ from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.board.corners import detect_corners
 from vbaa_calib.detect.quality.blur import blur_ellipse, edge_blur
 from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
-from vbaa_calib.doctor.detector_pictures import Conditions, DrawnBoard, draw_board
+from vbaa_calib.doctor.detector_test import Conditions, DrawnBoard, draw_board
 from vbaa_calib.simulate.render.board import print_sheet
 
 SPEC = BoardSpec(7, 5, 0.02, 0.014)

@@ -12,7 +12,7 @@ from targets.board import BoardSpec
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.board.view_quality import ViewQuality, fixes_homography, measure_quality
 from vbaa_calib.detect.quality.screen import corner_std_px, screen_views
-from vbaa_calib.doctor.detector_pictures import Conditions, draw_board
+from vbaa_calib.doctor.detector_test import Conditions, draw_board
 from vbaa_calib.simulate.render.board import print_sheet
 
 SPEC = BoardSpec(7, 5, 0.02, 0.014)

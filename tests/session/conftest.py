@@ -8,13 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from .files import (
-    GOOD,
-    LOADS,
-    NOLOAD,
-    RECORDING,
-    write,
-)
+from .files import GOOD, LOADS, NOLOAD, RECORDING, write
 
 
 @pytest.fixture

@@ -12,24 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.session import (
-    MomentSensor,
-    OverBoard,
-    Still,
-    load_session,
-    session_from,
-)
+from vbaa_calib.session import MomentSensor, OverBoard, Still, load_session, session_from
 
-from .files import (
-    GOOD,
-    SECOND,
-    attempt,
-    changed,
-    complaint,
-    nodes,
-    pose,
-    write,
-)
+from .files import GOOD, SECOND, attempt, changed, complaint, nodes, pose, write
 
 
 class TestSessionFile:

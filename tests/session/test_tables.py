@@ -26,18 +26,7 @@ from vbaa_calib.session import (
     read_sweep,
 )
 
-from .files import (
-    CENTRELINES,
-    GOOD,
-    LOADS,
-    NOLOAD,
-    RECORDING,
-    SWEEP,
-    attempt,
-    changed,
-    complaint,
-    write,
-)
+from .files import CENTRELINES, GOOD, LOADS, NOLOAD, RECORDING, SWEEP, attempt, changed, complaint, write
 
 
 class TestStills:

@@ -9,17 +9,17 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import elsewhere, machine, opencv, packages, shadows
+from vbaa_calib.doctor import machine, opencv, packages
 from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
 
 CHECKS: dict[str, Callable[[], Finding]] = {
     "python": packages.python_version,
     "packages": packages.packages,
-    "shadows": shadows.shadows,
+    "shadows": packages.shadows,
     "opencv": opencv.opencv,
-    "torch": elsewhere.torch,
-    "drawing": elsewhere.drawing,
-    "cameras": elsewhere.cameras,
+    "torch": machine.torch,
+    "drawing": machine.drawing,
+    "cameras": machine.cameras,
     "folders": machine.writable,
     "disk": machine.disk,
     "computing": machine.computing,

@@ -14,7 +14,7 @@ from vbaa_calib.camera.camera import SCHEMA as CAMERA_SCHEMA
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.rig import Rig
-from vbaa_calib.rig.rig import SCHEMA as RIG_SCHEMA
+from vbaa_calib.rig.rig_file import SCHEMA as RIG_SCHEMA
 from vbaa_calib.session import read_pose
 
 from .exchanged import Exchanged, Format

@@ -8,13 +8,90 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec, opencv_board
+from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.console import progress
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
-from vbaa_calib.simulate.render.board import print_sheet
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.render.board import Sheet, board_patch, print_sheet
+from vbaa_calib.simulate.render.picture import Studio, digitise, expose
+from vbaa_calib.simulate.scene.lens import Lens, project, ray_map
+from vbaa_calib.simulate.scene.scene import PictureSpec
 
-from .detector_pictures import Conditions, draw_board
+TILT_RAD = np.radians(45.0)
+_BEHIND = 0.35
+_ROOM = 1.12
+_FOCAL_PER_SIDE = 1.6
+_FAR = 1e12
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How a picture is taken.
+
+    Attributes
+    ----------
+    square_px : side of a square at the board's middle, seen face on.
+    blur_px : standard deviation of the lens's Gaussian blur; the pixel's own area comes on top.
+    noise : standard deviation of the grey levels (of 255).
+    exposure : 1 puts the paper at about 210 of 255; from 1.2 on the paper saturates.
+    """
+
+    square_px: float
+    blur_px: float
+    noise: float = 2.0
+    exposure: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnBoard:
+    """A board before noise: grey (H, W) float, its true corners (corner_count, 2) px, and how it was taken."""
+
+    grey: np.ndarray
+    corners_px: np.ndarray
+    conditions: Conditions
+
+    def picture(self, rng: np.random.Generator) -> np.ndarray:
+        """(H, W) uint8 with fresh noise."""
+        return digitise(_picture_spec(self.conditions), self.grey, rng)
+
+
+def draw_board(
+    sheet: Sheet, conditions: Conditions, rng: np.random.Generator, tilt_rad: float = TILT_RAD
+) -> DrawnBoard:
+    """The whole board at a random tilt up to `tilt_rad`, any roll, any place on the pixel grid; the lens is ideal."""
+    spec = sheet.spec
+    diagonal = float(np.hypot(spec.squares_x + 1, spec.squares_y + 1))
+    side = int(np.ceil(_ROOM * diagonal * conditions.square_px))
+    focal, middle = _FOCAL_PER_SIDE * side, (side - 1) / 2
+    lens = Lens("opencv", (side, side), np.array([[focal, 0, middle], [0, focal, middle], [0, 0, 1.0]]), np.zeros(0))
+    pose = _pose(spec, focal, conditions.square_px, rng, tilt_rad)
+    ones = np.ones((side, side), np.float32)
+    place = Studio(_picture_spec(conditions), ray_map(lens), np.float32(conditions.exposure) * ones, ones[:2, :2])
+    patch = board_patch(place, sheet, pose, _facing_the_lamp())
+    grey = expose(place, np.float32(_BEHIND) * ones, [] if patch is None else [patch])
+    return DrawnBoard(grey, project(lens, pose @ corner_points(spec)), conditions)
+
+
+def _pose(spec: BoardSpec, focal: float, square_px: float, rng: np.random.Generator, tilt_rad: float) -> Pose:
+    around, roll = rng.uniform(0.0, 2 * np.pi, 2)
+    tilt = Rotation.from_rotvec(rng.uniform(0.0, tilt_rad) * np.array([np.cos(around), np.sin(around), 0.0]))
+    rotation = (tilt * Rotation.from_rotvec([0.0, 0.0, roll])).as_matrix()
+    middle = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
+    distance = focal * spec.square_m / square_px
+    shift = np.append(rng.uniform(-1.0, 1.0, 2) * spec.square_m / square_px, distance)
+    return Pose(rotation, shift - rotation @ middle)
+
+
+def _facing_the_lamp() -> np.ndarray:
+    """A camera that looks straight down, so that the board is lit about alike in every picture."""
+    return np.diag([1.0, -1.0, -1.0])
+
+
+def _picture_spec(conditions: Conditions) -> PictureSpec:
+    return PictureSpec(conditions.blur_px, conditions.noise, _FAR, 0.0, 0.0, _BEHIND, 0.0, 0.0, 0.0, 0.0)
+
 
 _SQUARE_PX = (24.0, 40.0, 64.0)
 BLUR_PX = (0.5, 1.0, 2.0)

@@ -2,9 +2,9 @@
 
 from vbaa_calib.session import MomentSensor
 
-from .parameters import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, SENSOR_PARAMETERS
-from .parts import Antenna, AntennaImage
-from .rig import SCHEMA, Rig
+from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, SENSOR_PARAMETERS, Antenna, AntennaImage
+from .rig import Rig
+from .rig_file import SCHEMA
 
 __all__ = [
     "POSE_PARAMETERS",

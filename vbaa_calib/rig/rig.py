@@ -16,8 +16,7 @@ from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.session import MomentSensor
 
-from .parameters import POSE_PARAMETERS, RIG_PARAMETERS
-from .parts import Antenna, AntennaImage, check_view, kinematics_to_dict
+from .parts import POSE_PARAMETERS, RIG_PARAMETERS, Antenna, AntennaImage, check_view, kinematics_to_dict
 from .rig_file import SCHEMA, Joint, RigFile
 
 
