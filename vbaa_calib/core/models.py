@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -101,12 +102,17 @@ def checked(model: type[T], data: Any, where: object, remedy: str, key: str = ""
         name = _dotted(key, bad)
         place = _with_line(where, data, bad)
         raise InputError(f"{name} is not a finite number", where=place, remedy="give a number in SI units")
-    adapter: TypeAdapter[T] = TypeAdapter(model)
+    adapter = _adapter(model)
     try:
         return adapter.validate_python(data)
     except ValidationError as error:
         place = _with_line(where, data, _first(error)["loc"])
         raise refusal(error, place, remedy, key, adapter.json_schema) from None
+
+
+@cache
+def _adapter(model: type[T]) -> TypeAdapter[T]:
+    return TypeAdapter(model)
 
 
 def refusal(
