@@ -102,7 +102,7 @@ def checked(model: type[T], data: Any, where: object, remedy: str, key: str = ""
         name = _dotted(key, bad)
         place = _with_line(where, data, bad)
         raise InputError(f"{name} is not a finite number", where=place, remedy="give a number in SI units")
-    adapter = _adapter(model)
+    adapter: TypeAdapter[T] = _adapter(model)
     try:
         return adapter.validate_python(data)
     except ValidationError as error:
@@ -111,7 +111,7 @@ def checked(model: type[T], data: Any, where: object, remedy: str, key: str = ""
 
 
 @cache
-def _adapter(model: type[T]) -> TypeAdapter[T]:
+def _adapter(model: Any) -> TypeAdapter[Any]:
     return TypeAdapter(model)
 
 
