@@ -9,7 +9,6 @@ from __future__ import annotations
 import difflib
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -102,17 +101,12 @@ def checked(model: type[T], data: Any, where: object, remedy: str, key: str = ""
         name = _dotted(key, bad)
         place = _with_line(where, data, bad)
         raise InputError(f"{name} is not a finite number", where=place, remedy="give a number in SI units")
-    adapter: TypeAdapter[T] = _adapter(model)
+    adapter: TypeAdapter[T] = TypeAdapter(model)
     try:
         return adapter.validate_python(data)
     except ValidationError as error:
         place = _with_line(where, data, _first(error)["loc"])
         raise refusal(error, place, remedy, key, adapter.json_schema) from None
-
-
-@cache
-def _adapter(model: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(model)
 
 
 def refusal(
