@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.solver.frames import Frames, frames_from_pixels
-from estimator.solver.prediction import bend, predict, predicted_moment
+from estimator.contact.noise_free import empty_frames, noise_free_frames
+from estimator.solver.frames import Frames
+from estimator.solver.prediction import predict
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import Rig
@@ -25,7 +26,6 @@ DIRECTIONS = 8
 STEEPEST_RAD = np.radians(45.0)
 """Slopes beyond it are not compared with the rod."""
 FORCE_TOLERANCE = 1e-6
-MOST_POINTS = 400
 _FORCE_STEPS = 6
 
 
@@ -91,33 +91,10 @@ def of_force(rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_
 
 
 def as_seen(rig_arrays: RigArrays, touches: Touches, with_moment: bool) -> Frames:
-    """Noise-free frames of the contacts: a point a pixel along what is in the picture, and the reading."""
-    rig, empty = rig_arrays.rig, _empty(rig_arrays, touches)
-    shapes = bend(empty, RUNG, unknowns_of(rig_arrays, touches)[:, None])
-    T_camera_antenna = rig.T_antenna_camera.inverse()
-    nodes, _ = rig.camera.project(T_camera_antenna @ shapes.points_m)
-    length_px = np.nansum(np.hypot(*np.moveaxis(np.diff(nodes, axis=1), -1, 0)), axis=1)
-    count = int(np.clip(np.max(length_px, initial=2.0), 2, MOST_POINTS))
-    share = (np.arange(count) + 0.5) / count
-    points = np.stack(
-        [
-            np.stack([np.interp(share * arc[-1], arc, axis) for axis in curve.T], axis=1)
-            for arc, curve in zip(shapes.arclength_m, shapes.points_m, strict=True)
-        ]
-    )
-    pixels, valid = rig.camera.project(T_camera_antenna @ points)
-    inside = valid & ((pixels >= 0.0) & (pixels <= np.array(rig.camera.image_size) - 1.0)).all(axis=-1)
-    # fewer points than pixels stand for all of them
-    sigma = rig.image.noise_px * np.sqrt(count / np.clip(length_px, 1.0, None))
-    pixels, sigma = np.where(inside[..., None], pixels, np.nan), np.repeat(sigma[:, None], count, axis=1)
-    silent = np.full((len(touches), 2), np.nan)
-    seen = frames_from_pixels(rig_arrays, pixels, sigma, silent, empty.gravity_m_s2)
+    """Noise-free frames of the contacts, with the reading if it is to be used."""
     available = np.ones((len(touches), 2)) * (with_moment & (rig_arrays.gain != 0.0))
-    return replace(
-        seen,
-        sensor_available=available,
-        moment_Nm=predicted_moment(replace(empty, sensor_available=available), shapes) * rig_arrays.std,
-    )
+    unknowns = unknowns_of(rig_arrays, touches)
+    return noise_free_frames(_empty(rig_arrays, touches), RUNG, unknowns, available, point_per_px=True)
 
 
 def world_rotation(rig: Rig, touches: Touches) -> np.ndarray:
@@ -126,8 +103,5 @@ def world_rotation(rig: Rig, touches: Touches) -> np.ndarray:
 
 
 def _empty(rig_arrays: RigArrays, touches: Touches) -> Frames:
-    count = len(touches)
-    gravity = np.tile(world_rotation(rig_arrays.rig, touches).T @ rig_arrays.rig.gravity_world_m_s2, (count, 1))
-    return frames_from_pixels(
-        rig_arrays, np.zeros((count, 1, 2)), np.ones((count, 1)), np.full((count, 2), np.nan), gravity
-    )
+    gravity = world_rotation(rig_arrays.rig, touches).T @ rig_arrays.rig.gravity_world_m_s2
+    return empty_frames(rig_arrays, np.tile(gravity, (len(touches), 1)))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.solver.frames import Frames, frames_from_pixels
-from estimator.solver.prediction import bend, predict, predicted_moment, rig_jacobian
+from estimator.solver.frames import Frames
+from estimator.solver.prediction import bend, predict, rig_jacobian
 from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
 from estimator.solver.state import evaluate, initial_state
 from estimator.table.contacts import ContactTable
@@ -15,11 +15,12 @@ from estimator.table.joint_angles import joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
+from .noise_free import empty_frames, noise_free_frames
+
 RUNG = "elastica"
 CHUNK = 256
 STEP = 0.1
 """Of the deviations along which contacts are moved: small against what bends."""
-MOST_POINTS = 400
 _FORCE_STEPS = 4
 _WEIGHTS, _HALVINGS = (1e-3, 1e3), 14
 
@@ -65,17 +66,14 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
         rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0)
     )
     rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
-    parts = [_moved(rig_arrays, table, row, pan[row], tilt[row]) for row in _chunks(rows)]
+    chunks = (rows[begin : begin + CHUNK] for begin in range(0, len(rows), CHUNK))
+    parts = [_moved(rig_arrays, table, row, pan[row], tilt[row]) for row in chunks]
     size = parts[0].shape[-1] if parts else 1
     moved = np.full((len(table), 9, size), np.nan)
     if parts:
         moved[rows] = np.concatenate(parts)
     point, force, tangent = np.split(moved, 3, axis=1)
     return Shared(point, force, tangent, _rest(table.covariance_world_m2, point))
-
-
-def _chunks(rows: np.ndarray) -> list[np.ndarray]:
-    return [rows[begin : begin + CHUNK] for begin in range(0, len(rows), CHUNK)]
 
 
 def _rest(covariance_m2: np.ndarray, modes_m: np.ndarray) -> np.ndarray:
@@ -93,16 +91,14 @@ def _moved(
     """(B, 9, S) of world point, force and tangent of these rows."""
     rotation, _ = rig_arrays.rig.kinematics.world_antenna(pan, tilt)
     gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-    frames = _unseen(rig_arrays, gravity)
+    frames = empty_frames(rig_arrays, gravity)
     unknowns = _unknowns(frames, table, rows)
-    seen = _as_seen(frames, unknowns, np.isfinite(table.moment_residual_Nm[rows]))
+    read = np.isfinite(table.moment_residual_Nm[rows]) & (rig_arrays.gain[0] != 0.0)
+    seen = noise_free_frames(frames, RUNG, unknowns, np.stack([read, 0.0 * read], axis=1), point_per_px=False)
     by_error = _errors(seen, unknowns, table.distance_std_m[rows] / rig_arrays.length_m)
-    shapes = bend(
-        frames,
-        RUNG,
-        unknowns[:, None] + STEP * np.concatenate([0.0 * by_error[:, :1, :UNKNOWNS], by_error[..., :UNKNOWNS]], axis=1),
-        STEP * _antenna_steps(rig_arrays, by_error),
-    )
+    by_error = np.concatenate([0.0 * by_error[:, :1], by_error], axis=1)  # the contacts themselves first
+    by_antenna = by_error[..., UNKNOWNS:] @ rig_arrays.axes[POSES : POSES + ANTENNA].T
+    shapes = bend(frames, RUNG, unknowns[:, None] + STEP * by_error[..., :UNKNOWNS], STEP * by_antenna)
     values = np.stack([shapes.contact_m, shapes.force_N, shapes.tangents[:, CONTACT]], axis=-2)
     values = values.reshape(len(rows), -1, 3, 3)
     slopes = (values[:, 1:] - values[:, :1]) / STEP
@@ -115,14 +111,6 @@ def _moved(
     whole = np.concatenate([turned[..., :size], by_axes * kinematics.axes_std, turned[..., size:]], axis=-1)
     # what is true lies one deviation further than what is known
     return -whole.reshape(len(rows), 9, -1)
-
-
-def _unseen(rig_arrays: RigArrays, gravity: np.ndarray) -> Frames:
-    """Frames with nothing in them but their gravity (B, 3)."""
-    count = len(gravity)
-    return frames_from_pixels(
-        rig_arrays, np.zeros((count, 1, 2)), np.ones((count, 1)), np.full((count, 2), np.nan), gravity
-    )
 
 
 def _unknowns(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
@@ -141,31 +129,6 @@ def _unknowns(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarr
         )
         unknowns[:, 1:3] += step[..., 0]
     return unknowns
-
-
-def _as_seen(frames: Frames, unknowns: np.ndarray, felt: np.ndarray) -> Frames:
-    """Frames that show these contacts, without noise, about a point a pixel; `felt` (B,): the moment was read."""
-    rig_arrays, rig = frames.rig_arrays, frames.rig_arrays.rig
-    shapes = bend(frames, RUNG, unknowns[:, None])
-    pixels, valid = rig.camera.project(rig.T_antenna_camera.inverse() @ shapes.points_m)
-    along = np.hypot(*np.moveaxis(np.diff(pixels, axis=1), -1, 0))
-    count = int(np.clip(np.nanmax(np.nansum(along, axis=1), initial=2.0), 2, MOST_POINTS))
-    share = (np.arange(count) + 0.5) / count
-    points = np.stack(
-        [_resampled(arc, curve, share) for arc, curve in zip(shapes.arclength_m, shapes.points_m, strict=True)]
-    )
-    pixels, valid = rig.camera.project(rig.T_antenna_camera.inverse() @ points)
-    size = np.array(rig.camera.image_size)
-    inside = valid & (pixels >= 0.0).all(axis=-1) & (pixels <= size - 1.0).all(axis=-1)
-    pixels = np.where(inside[..., None], pixels, np.nan)
-    sigma = np.full(pixels.shape[:2], rig.image.noise_px)
-    seen = frames_from_pixels(rig_arrays, pixels, sigma, np.full((len(pixels), 2), np.nan), frames.gravity_m_s2)
-    available = np.stack([felt & (rig_arrays.gain[0] != 0.0), 0.0 * felt], axis=1)
-    return replace(seen, sensor_available=available * 1.0, moment_Nm=predicted_moment(frames, shapes) * rig_arrays.std)
-
-
-def _resampled(arclength_m: np.ndarray, points_m: np.ndarray, share: np.ndarray) -> np.ndarray:
-    return np.stack([np.interp(share * arclength_m[-1], arclength_m, axis) for axis in points_m.T], axis=1)
 
 
 def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> np.ndarray:
@@ -194,12 +157,6 @@ def _as_certain(points: np.ndarray, beside: np.ndarray, variance: np.ndarray) ->
         vague = np.linalg.inv(middle[:, None, None] * points + beside)[:, 0, 0] > variance
         low, high = np.where(vague, middle, low), np.where(vague, high, middle)
     return np.linalg.inv(np.sqrt(low * high)[:, None, None] * points + beside)
-
-
-def _antenna_steps(rig_arrays: RigArrays, by_error: np.ndarray) -> np.ndarray:
-    """(B, 1 + S, 9) steps of the antenna's parameters, none first."""
-    steps = by_error[..., UNKNOWNS:] @ rig_arrays.axes[POSES : POSES + ANTENNA].T
-    return np.concatenate([0.0 * steps[:, :1], steps], axis=1)
 
 
 def _by_axes(rig_arrays: RigArrays, values: np.ndarray, pan: np.ndarray, tilt: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ from estimator import ContactEstimator
 from estimator.budget.budget import error_budget
 from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, answer, better, parts, per_result
 from estimator.budget.space import JOINT_AXES, LENS, RIG_CAUSES, split, subsets
-from estimator.budget.touches import MOST_POINTS, of_force
+from estimator.budget.touches import of_force
 from estimator.contact.common_errors import shared_errors
+from estimator.contact.noise_free import MOST_POINTS
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
