@@ -1,4 +1,4 @@
-"""The error budget of a rig: what each cause contributes to contacts, and what knowing it better would be worth."""
+"""The error budget of a rig: what each cause contributes to contacts, and what knowing it better would gain."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .parts import (
     MOMENT_NOISE,
     PIXELS,
     RESULTS,
-    Answer,
-    Linear,
-    answer,
-    better,
-    in_common,
-    linear,
-    parts,
+    Linearization,
+    Propagation,
+    correlated_variance,
+    improved,
+    linearize,
     per_result,
+    propagate,
+    variance_by_cause,
 )
 from .space import JOINT_AXES, LENS, ErrorSpace
 from .touches import Touches, ordinary_touches, unknowns_of
@@ -172,16 +172,16 @@ class Budget:
 def error_budget(
     rig: Rig, touches: Touches | None = None, *, friction: float = FRICTION_RAD, with_moment: bool = True
 ) -> Budget:
-    """The budget of a rig, over ordinary contacts unless told.
+    """The budget of a rig, by default over ordinary contacts.
 
     Parameters
     ----------
-    friction : rad, deviation of the friction angle as the estimator is told it.
+    friction : rad, deviation of the friction angle as the estimator assumes it.
     with_moment : False for vision alone.
 
     Raises
     ------
-    InputError : a friction that is none, or no contact for which the estimator would give numbers.
+    InputError : a friction that is out of range, or no contact for which the estimator would give numbers.
     """
     if not 0.0 <= friction <= 1.0:
         raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
@@ -189,43 +189,46 @@ def error_budget(
     rig_arrays = RigArrays.from_rig(rig, float(friction), np.empty(0))
     space = ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
-        every = linear(rig_arrays, space, touches, with_moment)
-        told = _told(rig_arrays, touches, every, with_moment)
-    if not told.any():
+        every = linearize(rig_arrays, space, touches, with_moment)
+        determined = _determined(rig_arrays, touches, every, with_moment)
+    if not determined.any():
         raise InputError(
-            "the estimator would give no numbers for " + (f"any of {len(told)} contacts" if len(told) > 1 else "this"),
+            "the estimator would give no numbers for "
+            + (f"any of {len(determined)} contacts" if len(determined) > 1 else "this"),
             where="budget",
             remedy="give a contact that is pressed harder and in the picture, or calibrate the rig better",
         )
-    here = every.picked(told)
-    now = answer(here)
-    by_cause = {cause: part for cause, part in parts(space, now).items() if part.any()}
+    here = every.picked(determined)
+    now = propagate(here)
+    by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
     results = _results(space, now, by_cause)
     aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
     missing = tuple(cause for cause in NAMES if cause not in (*by_cause, *aside))
-    return Budget(touches.picked(told), len(told), results, by_cause, missing, tuple(_notes(rig, with_moment)))
+    return Budget(
+        touches.picked(determined), len(determined), results, by_cause, missing, tuple(_notes(rig, with_moment))
+    )
 
 
-def _told(rig_arrays: RigArrays, touches: Touches, given: Linear, with_moment: bool) -> np.ndarray:
-    """(B,) whether the estimator would give numbers, as `verdict` decides for contacts that fit well."""
-    sound = np.isfinite(given.points).all(axis=(1, 2)) & (given.usable >= FEWEST_POINTS)
-    std = np.full((len(given), 6), np.nan)
+def _determined(rig_arrays: RigArrays, touches: Touches, linear: Linearization, with_moment: bool) -> np.ndarray:
+    """(B,) whether the estimator would give numbers, as `contact.status` decides for contacts that fit well."""
+    sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= FEWEST_POINTS)
+    std = np.full((len(linear), 6), np.nan)
     if sound.any():
-        std[sound] = np.sqrt(answer(given.picked(sound)).variance)
+        std[sound] = np.sqrt(propagate(linear.picked(sound)).variance)
     limit = np.minimum(LOW_SIGNAL * rig_arrays.length_m, LOW_SIGNAL_RELATIVE * touches.distance_m)
-    told = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
+    determined = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
     if with_moment:
-        return told
+        return determined
     force = np.hypot(*touches.push_N.T)
     seen = edge_on(rig_arrays.rig, unknowns_of(rig_arrays, touches)) >= EDGE_ON_BLIND_RAD
-    return told & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
+    return determined & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
 
 
-def _results(space: ErrorSpace, now: Answer, by_cause: dict[str, np.ndarray]) -> dict[str, ResultBudget]:
-    whole, shared = _mean(now.variance), _mean(in_common(space, now))
+def _results(space: ErrorSpace, now: Propagation, by_cause: dict[str, np.ndarray]) -> dict[str, ResultBudget]:
+    whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
     own = {cause: _mean(part) for cause, part in by_cause.items()}
     changed = {
-        cause: [_mean(answer(now.linear, better(space, cause, factor)).variance) for factor in (0.5, 0.0)]
+        cause: [_mean(propagate(now.linear, improved(space, cause, factor)).variance) for factor in (0.5, 0.0)]
         if cause != FORCE_PRIOR
         else [whole, whole]
         for cause in by_cause

@@ -1,9 +1,9 @@
-"""From linearised contacts to the variance of each result by its causes, as known or with a cause known better.
+"""Linear error propagation: the variance of each result by its causes, as known or with a cause known better.
 
 To first order an estimate is off by T·C·Jᵀ·W·n − T·C·P·x − D·z. n is the noise of points and readings, weighed by W. x
-holds the friction angle and the independent errors of rig and joint axes, z of them, all of unit deviation and held by
-the prior's weights P. C is the inverse of JᵀWJ + P. T says how results follow the unknowns, D how they are off by what
-no frame tells. Noise and errors are independent, so that the variance is the sum of their parts.
+holds the friction angle and the independent errors of rig and joint axes, z of them, all of unit deviation, with the
+prior's weights P. C is the inverse of JᵀWJ + P. T says how results follow the unknowns, D their errors that no frame
+determines. Noise and errors are independent, so that the variance is the sum of their parts.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.solver.state import evaluate, initial_state
 
 from .space import ErrorSpace
-from .touches import RUNG, Touches, as_seen, unknowns_of, world_rotation
+from .touches import RUNG, Touches, noise_free_touches, unknowns_of, world_rotation
 
 PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
 RESULTS = {
@@ -33,20 +33,20 @@ EXACT_NOISE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class Linearization:
     """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes.
 
     Attributes
     ----------
-    points, felt : (B, K, K) information in the picture and in the readings.
+    points, readings : (B, K, K) information in the picture and in the readings.
     prior : (B, K) weight of the squares.
     results : (B, 6, K) how distance, f_y, f_z and the world point follow the unknowns (T).
-    beyond : (B, 6, S) how they are off by errors that no frame tells (D).
+    beyond : (B, 6, S) their errors that no frame determines (D).
     usable : (B,) how many points the picture shows.
     """
 
     points: np.ndarray
-    felt: np.ndarray
+    readings: np.ndarray
     prior: np.ndarray
     results: np.ndarray
     beyond: np.ndarray
@@ -55,14 +55,14 @@ class Linear:
     def __len__(self) -> int:
         return len(self.points)
 
-    def picked(self, which: np.ndarray) -> Linear:
+    def picked(self, which: np.ndarray) -> Linearization:
         """Some of the contacts."""
-        return Linear(*(values[which] for values in vars(self).values()))
+        return Linearization(*(values[which] for values in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
-class Better:
-    """What is known better than it is: factors on the deviations of noise and friction, and on the errors' own steps.
+class Improvement:
+    """Smaller deviations: factors on those of noise and friction, and on the errors' own steps.
 
     `errors` (S, S) maps independent errors of unit deviation to those that are left; None: as they are.
     """
@@ -73,26 +73,26 @@ class Better:
     errors: np.ndarray | None = None
 
 
-def better(space: ErrorSpace, cause: str, factor: float) -> Better:
-    """A cause's deviation times a factor; a rig's cause as if it were measured again, which tells of others too."""
+def improved(space: ErrorSpace, cause: str, factor: float) -> Improvement:
+    """A cause's deviation times a factor; a rig's cause as if it were measured again, which narrows others, too."""
     if cause == PIXELS:
-        return Better(pixels=max(factor, EXACT_NOISE))
+        return Improvement(pixels=max(factor, EXACT_NOISE))
     if cause == MOMENT_NOISE:
-        return Better(moment_noise=max(factor, EXACT_NOISE))
+        return Improvement(moment_noise=max(factor, EXACT_NOISE))
     if cause == FRICTION:
-        return Better(friction=factor)
-    told = space.told[space.causes.index(cause)]
-    return Better(errors=np.eye(space.size) - (1.0 - factor) * told)
+        return Improvement(friction=factor)
+    determined = space.determined[space.causes.index(cause)]
+    return Improvement(errors=np.eye(space.size) - (1.0 - factor) * determined)
 
 
-def linear(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linear:
-    """Linearise contacts at what they would be seen as."""
-    frames, unknowns = as_seen(rig_arrays, touches, with_moment), unknowns_of(rig_arrays, touches)
+def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linearization:
+    """Linearise contacts about their noise-free frames."""
+    frames, unknowns = noise_free_touches(rig_arrays, touches, with_moment), unknowns_of(rig_arrays, touches)
     prediction = predict(frames, RUNG, unknowns)
     by_rig = rig_jacobian(frames, RUNG, unknowns, prediction)
     fits = evaluate(frames, RUNG, by_rig, initial_state(frames, prediction, unknowns))
     prior, moved = fits.problem.prior, fits.problem.moment_jacobian
-    felt = np.swapaxes(moved, 1, 2) @ moved
+    readings = np.swapaxes(moved, 1, 2) @ moved
     columns = fits.problem.jacobian
     points = np.swapaxes(columns, 1, 2) @ fits.problem.sums.times(columns)
     rotation = world_rotation(rig_arrays.rig, touches)
@@ -105,9 +105,9 @@ def linear(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_mome
     moved_by_axes = np.einsum("kbij,bj->bik", turned, prediction.point_force[:, :3]) + np.moveaxis(shifted, 0, -1)
     beyond = np.concatenate([np.zeros((len(touches), 3, space.size)), moved_by_axes @ space.axes], axis=1)
     more = space.size - space.rig
-    return Linear(
+    return Linearization(
         np.pad(points, ((0, 0), (0, more), (0, more))),
-        np.pad(felt, ((0, 0), (0, more), (0, more))),
+        np.pad(readings, ((0, 0), (0, more), (0, more))),
         np.pad(prior, ((0, 0), (0, more)), constant_values=1.0),
         np.pad(results, ((0, 0), (0, 0), (0, more))),
         beyond,
@@ -116,29 +116,30 @@ def linear(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_mome
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """How B results are off, as known or better.
+class Propagation:
+    """The errors of B results, with what is known or an improvement of it.
 
     Attributes
     ----------
     covariance : (B, K, K) of the unknowns.
-    results, beyond : as in `Linear`, for what is left of the errors.
+    results, beyond : as in `Linearization`, for what is left of the errors.
     """
 
-    linear: Linear
-    known_better: Better
+    linear: Linearization
+    improvement: Improvement
     covariance: np.ndarray
     results: np.ndarray
     beyond: np.ndarray
 
     @property
     def by_noise(self) -> dict[str, np.ndarray]:
-        """(B, 6) variance by each kind of noise, by friction, and by what is thought likely of the force."""
+        """(B, 6) variance by each kind of noise, by friction, and by the prior of the force."""
         gain = self.results @ self.covariance
+        left = _scaling(self.linear, self.improvement)
         weights = self.linear.prior
         noise = {
-            PIXELS: (self.linear.points / self.known_better.pixels**2, gain @ self._left),
-            MOMENT_NOISE: (self.linear.felt / self.known_better.moment_noise**2, gain @ self._left),
+            PIXELS: (self.linear.points / self.improvement.pixels**2, gain @ left),
+            MOMENT_NOISE: (self.linear.readings / self.improvement.moment_noise**2, gain @ left),
         }
         found = {
             cause: np.einsum("bqk,bkl,bql->bq", slopes, information, slopes)
@@ -160,42 +161,38 @@ class Answer:
         whole: np.ndarray = sum(self.by_noise.values(), np.zeros(()))
         return np.asarray(whole + (self.by_errors**2).sum(axis=-1))
 
-    @property
-    def _left(self) -> np.ndarray:
-        return _left(self.linear, self.known_better)
 
-
-def answer(given: Linear, known_better: Better = Better()) -> Answer:
-    """The estimate of contacts, made with what is known, or would be."""
-    left = _left(given, known_better)
-    information = given.points / known_better.pixels**2 + given.felt / known_better.moment_noise**2
-    information = left @ information @ left + np.eye(left.shape[-1]) * given.prior[:, None]
+def propagate(linear: Linearization, improvement: Improvement = Improvement()) -> Propagation:
+    """The errors of contacts that are estimated with what is known, or with an improvement of it."""
+    left = _scaling(linear, improvement)
+    information = linear.points / improvement.pixels**2 + linear.readings / improvement.moment_noise**2
+    information = left @ information @ left + np.eye(left.shape[-1]) * linear.prior[:, None]
     scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
     scale = np.where(scale > 0.0, scale, 1.0)
     with np.errstate(all="ignore"):
         covariance = _inverse(information / (scale[:, :, None] * scale[:, None])) / (scale[:, :, None] * scale[:, None])
     errors = left[UNKNOWNS:, UNKNOWNS:]
-    return Answer(given, known_better, covariance, given.results @ left, given.beyond @ errors)
+    return Propagation(linear, improvement, covariance, linear.results @ left, linear.beyond @ errors)
 
 
-def in_common(space: ErrorSpace, given: Answer) -> np.ndarray:
+def correlated_variance(space: ErrorSpace, propagation: Propagation) -> np.ndarray:
     """(B, 6) variance by errors of rig and joint axes that belongs to no cause alone, by their correlations.
 
-    It is what all of them make less what each makes beyond what the others tell; negative where errors cancel that are
-    correlated. `parts` divides it.
+    It is what all of them make less what each makes beyond what the others determine; negative where correlated errors
+    cancel. `variance_by_cause` divides it.
     """
-    errors = given.by_errors
+    errors = propagation.by_errors
     whole = (errors**2).sum(axis=-1)
-    told = np.einsum("bqi,gij,bqj->gbq", errors, space.told_without, errors, optimize=True)
-    return np.asarray(whole - (whole - told).sum(axis=0))
+    others = np.einsum("bqi,gij,bqj->gbq", errors, space.determined_by_others, errors, optimize=True)
+    return np.asarray(whole - (whole - others).sum(axis=0))
 
 
-def parts(space: ErrorSpace, given: Answer) -> dict[str, np.ndarray]:
-    """(B, 6) variance by every cause; they add up to `Answer.variance`."""
-    errors = given.by_errors
+def variance_by_cause(space: ErrorSpace, propagation: Propagation) -> dict[str, np.ndarray]:
+    """(B, 6) variance by every cause; they add up to `Propagation.variance`."""
+    errors = propagation.by_errors
     shared = np.einsum("bqi,gij,bqj->gbq", errors, space.shares, errors, optimize=True)
     # rounding leaves what is nothing a little below it
-    return given.by_noise | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
+    return propagation.by_noise | dict(zip(space.causes, np.clip(shared, 0.0, None), strict=True))
 
 
 def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -203,18 +200,18 @@ def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
     return {name: rows[:, list(which)].sum(axis=1) for name, which in RESULTS.items()}
 
 
-def _left(given: Linear, known_better: Better) -> np.ndarray:
-    left = np.eye(given.prior.shape[1])
-    left[UNKNOWNS - 1, UNKNOWNS - 1] = known_better.friction
-    if known_better.errors is not None:
-        left[UNKNOWNS:, UNKNOWNS:] = known_better.errors
+def _scaling(linear: Linearization, improvement: Improvement) -> np.ndarray:
+    left = np.eye(linear.prior.shape[1])
+    left[UNKNOWNS - 1, UNKNOWNS - 1] = improvement.friction
+    if improvement.errors is not None:
+        left[UNKNOWNS:, UNKNOWNS:] = improvement.errors
     return left
 
 
 def _inverse(matrices: np.ndarray) -> np.ndarray:
     """Inverses (B, K, K); infinite where there is none."""
     values, vectors = np.linalg.eigh(np.where(np.isfinite(matrices), matrices, 0.0))
-    held = values[:, :1] > 1e-15 * values[:, -1:]
+    regular = values[:, :1] > 1e-15 * values[:, -1:]
     with np.errstate(all="ignore"):
-        inverse = (vectors / np.where(held, values, 1.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
-    return np.where(held[..., None], inverse, np.inf)
+        inverse = (vectors / np.where(regular, values, 1.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
+    return np.where(regular[..., None], inverse, np.inf)

@@ -44,8 +44,8 @@ def advice(budget: Budget) -> list[str]:
     lines.append(words)
     leads = budget.leads("distance_m")
     if len(leads) > 1:
-        told = ", ".join(f"{NAMES[cause]} in {count}" for cause, count in leads.items())
-        lines.append(f"The largest part of the distance's error is {told} of {len(budget.touches)} contacts.")
+        listed = ", ".join(f"{NAMES[cause]} in {count}" for cause, count in leads.items())
+        lines.append(f"The largest part of the distance's error is {listed} of {len(budget.touches)} contacts.")
     if of_rig is not None and of_rig != first:
         lines.append(
             f"Of the calibration, {NAMES[of_rig]} first: half of it takes {100 * budget.gain(of_rig):.1f} % off, on "
@@ -53,8 +53,10 @@ def advice(budget: Budget) -> list[str]:
         )
     shared = [name for name in ADVISED if abs(budget.results[name].in_common) > CORRELATED]
     if shared:
-        told = ", ".join(f"{100 * budget.results[name].in_common:.0f} % of the {RESULT_NAMES[name]}" for name in shared)
-        lines.append(f"Errors of the calibration are correlated: {told}'s variance has no one cause, and is divided.")
+        listed = ", ".join(
+            f"{100 * budget.results[name].in_common:.0f} % of the {RESULT_NAMES[name]}" for name in shared
+        )
+        lines.append(f"Errors of the calibration are correlated: {listed}'s variance has no one cause, and is divided.")
     return lines
 
 

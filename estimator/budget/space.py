@@ -25,7 +25,7 @@ RIG_CAUSES = {
 }
 """Causes and their rows of the joint covariance; the lens' rows follow them."""
 DEPENDENT = 1e-7
-"""What a row of unit deviation adds to others by less than this is known from them."""
+"""A row of unit deviation that adds less than this to others is determined by them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,16 +35,16 @@ class ErrorSpace:
     Attributes
     ----------
     causes : names of the G causes that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`.
-    told : (G, S, S) projector onto what is known once a cause is known exactly, correlations included.
-    told_without : (G, S, S) the same of all the other causes together.
+    determined : (G, S, S) projector onto the errors that are determined once a cause is known, by correlation, too.
+    determined_by_others : (G, S, S) the same of all the other causes together.
     shares : (G, S, S) each cause's part of the unit matrix, see `split`.
     rig : how many of the S are the estimator's own rig steps; they stand first.
     axes : (3, S) errors of the joint axes' skew, offset and tilt zero.
     """
 
     causes: tuple[str, ...]
-    told: np.ndarray
-    told_without: np.ndarray
+    determined: np.ndarray
+    determined_by_others: np.ndarray
     shares: np.ndarray
     rig: int
     axes: np.ndarray
@@ -64,10 +64,12 @@ class ErrorSpace:
         rows = {cause: rig_rows[[RIG_PARAMETERS.index(name) for name in names]] for cause, names in RIG_CAUSES.items()}
         rows |= {LENS: rig_rows[len(RIG_PARAMETERS) :], JOINT_AXES: axes}
         rows = {cause: part for cause, part in rows.items() if part.any()}
-        told = subsets(list(rows.values()), axes.shape[1])
+        determined = subsets(list(rows.values()), axes.shape[1])
         single = [1 << index for index in range(len(rows))]
-        without = [len(told) - 1 - one for one in single]
-        return ErrorSpace(tuple(rows), told[single], told[without], split(told), rig_axes.shape[1], axes)
+        without = [len(determined) - 1 - one for one in single]
+        return ErrorSpace(
+            tuple(rows), determined[single], determined[without], split(determined), rig_axes.shape[1], axes
+        )
 
 
 def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
@@ -75,27 +77,27 @@ def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
 
     `rows` are G arrays (P_g, S): a cause's parameters by the independent errors.
     """
-    told = np.zeros((1, size, size))
+    determined = np.zeros((1, size, size))
     for part in rows:
         scale = np.linalg.norm(part, axis=1, keepdims=True)
         unit = part / np.where(scale > 0.0, scale, 1.0)
         # what the cause adds to each of the sets without it
-        _, lengths, new = np.linalg.svd(unit - unit @ told, full_matrices=False)
+        _, lengths, new = np.linalg.svd(unit - unit @ determined, full_matrices=False)
         new = new * (lengths > DEPENDENT)[..., None]
-        told = np.concatenate([told, told + np.swapaxes(new, 1, 2) @ new])
-    return told
+        determined = np.concatenate([determined, determined + np.swapaxes(new, 1, 2) @ new])
+    return determined
 
 
-def split(told: np.ndarray) -> np.ndarray:
+def split(determined: np.ndarray) -> np.ndarray:
     """(G, S, S) Shapley's shares of G causes, none negative, that add up to what all of them tell.
 
     A cause's share is what it tells in addition to others that are known before it, averaged over all orders: causes
     that are correlated divide what they have in common.
     """
-    count = len(told).bit_length() - 1
-    members = (np.arange(len(told))[:, None] >> np.arange(count)) & 1
+    count = len(determined).bit_length() - 1
+    members = (np.arange(len(determined))[:, None] >> np.arange(count)) & 1
     sizes = members.sum(axis=1)
     weight = np.array([factorial(k) * factorial(count - k - 1) / factorial(count) for k in range(count)])
     joins = np.where(members == 1, weight[np.clip(sizes - 1, 0, None)][:, None], 0.0) if count else members * 0.0
     stays = np.where(members == 0, weight[np.clip(sizes, None, count - 1)][:, None], 0.0) if count else members * 0.0
-    return np.asarray(np.einsum("ug,uij->gij", joins - stays, told))
+    return np.asarray(np.einsum("ug,uij->gij", joins - stays, determined))

@@ -70,7 +70,9 @@ def unknowns_of(rig_arrays: RigArrays, touches: Touches) -> np.ndarray:
     return unknowns
 
 
-def of_force(rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float) -> Touches:
+def touch_of_force(
+    rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float
+) -> Touches:
     """The one contact whose lateral force, antenna frame, is `force_N` (2,); of a push NaN where it bends too far."""
     touch = Touches(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
     empty = _empty(rig_arrays, touch)
@@ -90,7 +92,7 @@ def of_force(rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_
     )
 
 
-def as_seen(rig_arrays: RigArrays, touches: Touches, with_moment: bool) -> Frames:
+def noise_free_touches(rig_arrays: RigArrays, touches: Touches, with_moment: bool) -> Frames:
     """Noise-free frames of the contacts, with the reading if it is to be used."""
     available = np.ones((len(touches), 2)) * (with_moment & (rig_arrays.gain != 0.0))
     unknowns = unknowns_of(rig_arrays, touches)

@@ -26,7 +26,7 @@ _WEIGHTS, _HALVINGS = (1e-3, 1e3), 14
 
 
 @dataclass(frozen=True, eq=False)
-class Shared:
+class CommonErrors:
     """How far B frames' results are off, world frame, for each of S independent errors of unit deviation.
 
     The errors are the rig's (pose, antenna, sensor, lens), those of the joint axes, and, last, the friction angle as
@@ -44,13 +44,13 @@ class Shared:
     own_m2: np.ndarray
 
     @staticmethod
-    def none(table: ContactTable) -> Shared:
+    def none(table: ContactTable) -> CommonErrors:
         """Of frames whose rig is not known: all of their covariance counts as their own."""
         nothing = np.zeros((len(table), 3, 0))
-        return Shared(nothing, nothing, nothing, table.covariance_world_m2)
+        return CommonErrors(nothing, nothing, nothing, table.covariance_world_m2)
 
 
-def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = None) -> Shared:
+def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = None) -> CommonErrors:
     """The errors that the contacts of one recording share.
 
     Parameters
@@ -73,7 +73,7 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
     if parts:
         moved[rows] = np.concatenate(parts)
     point, force, tangent = np.split(moved, 3, axis=1)
-    return Shared(point, force, tangent, _rest(table.covariance_world_m2, point))
+    return CommonErrors(point, force, tangent, _rest(table.covariance_world_m2, point))
 
 
 def _rest(covariance_m2: np.ndarray, modes_m: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.contact.common_errors import Shared, shared_errors
+from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.object.friction import friction
 from estimator.object.track import follow
 from estimator.table.contacts import ContactTable
@@ -35,7 +35,7 @@ class ObjectEstimate:
     track: Track
     surface: Surface
     friction: Friction
-    shared: Shared
+    shared: CommonErrors
 
     @property
     def compliance(self) -> Compliance:
@@ -99,7 +99,7 @@ def estimate_object(table: ContactTable, rig: Rig | None = None, friction_rad: f
     """
     touches_of(table)  # says what is missing before any work
     friction_rad = table.assumed_friction_rad if friction_rad is None else friction_rad
-    shared = Shared.none(table) if rig is None else shared_errors(rig, table, friction_rad)
+    shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table, friction_rad)
     radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
     surface = reconstruct(touches_of(table, shared), radius_m)
     track = follow(table, rig, None if rig is None else shared, _normals(table, surface))

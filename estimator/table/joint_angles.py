@@ -14,15 +14,15 @@ FOREIGN_M = 1e-3
 
 
 def joint_angles(kinematics: Kinematics, table: ContactTable) -> tuple[np.ndarray, np.ndarray]:
-    """Pan and tilt (B,) in rad; NaN where neither the table gives them nor a contact in both frames tells.
+    """Pan and tilt (B,) in rad; NaN where the table has neither them nor a contact in both frames.
 
     Raises
     ------
     InputError : the contacts are not of this rig.
     """
-    told = np.isfinite(table.pan_rad) & np.isfinite(table.tilt_rad)
+    recorded = np.isfinite(table.pan_rad) & np.isfinite(table.tilt_rad)
     pan, tilt = from_points(kinematics, table.point_antenna_m, table.point_world_m)
-    pan, tilt = np.where(told, table.pan_rad, pan), np.where(told, table.tilt_rad, tilt)
+    pan, tilt = np.where(recorded, table.pan_rad, pan), np.where(recorded, table.tilt_rad, tilt)
     rotation, translation = kinematics.world_antenna(pan, tilt)
     off = np.einsum("bij,bj->bi", rotation, table.point_antenna_m) + translation - table.point_world_m
     if (np.linalg.norm(off, axis=1) > FOREIGN_M).any():

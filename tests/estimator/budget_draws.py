@@ -13,7 +13,7 @@ from benchmarks.estimator.scenes import Scenes, scenes
 from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup, moved
 from benchmarks.estimator.shapes import Shapes, ShapesOf
 from estimator import ContactEstimator
-from estimator.budget.parts import Linear, linear
+from estimator.budget.parts import Linearization, linearize
 from estimator.budget.space import ErrorSpace
 from estimator.budget.touches import Touches
 from estimator.solver.rig_arrays import RigArrays
@@ -119,10 +119,12 @@ def errors(
     return np.asarray(answers.reshape(len(steps), len(touches), 6) - np.array(truths))
 
 
-def linearised(rig: Rig, touches: Touches, friction: float = FRICTION_RAD) -> tuple[RigArrays, ErrorSpace, Linear]:
+def linearised(
+    rig: Rig, touches: Touches, friction: float = FRICTION_RAD
+) -> tuple[RigArrays, ErrorSpace, Linearization]:
     rig_arrays = RigArrays.from_rig(rig, friction, np.empty(0))
     space = ErrorSpace.of(rig_arrays)
-    return rig_arrays, space, linear(rig_arrays, space, touches)
+    return rig_arrays, space, linearize(rig_arrays, space, touches)
 
 
 RIG = correlated_rig()

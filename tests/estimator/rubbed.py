@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.contact.common_errors import Shared
+from estimator.contact.common_errors import CommonErrors
 from estimator.object.track.result import Track
 from estimator.table.contacts import ContactRow, ContactTable
 
@@ -32,7 +32,7 @@ class Rubbed:
 
     table: ContactTable
     track: Track
-    shared: Shared
+    shared: CommonErrors
     mu: float
     normal: np.ndarray
 
@@ -112,7 +112,7 @@ def rubbed(
         for i in range(count)
     ]
     table = ContactTable.from_rows(rows)
-    shared = Shared(0.0 * modes, turn @ modes, 0.0 * modes, table.covariance_world_m2)
+    shared = CommonErrors(0.0 * modes, turn @ modes, 0.0 * modes, table.covariance_world_m2)
     track = followed(np.where(slides, "sliding", "sticking"), velocity @ turn.T, errors.speed_m_s)
     return Rubbed(table, track, shared, mu, normal @ turn.T)
 

@@ -9,9 +9,9 @@ import pytest
 
 from estimator import ContactEstimator
 from estimator.budget.budget import error_budget
-from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, answer, better, parts, per_result
+from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, improved, per_result, propagate, variance_by_cause
 from estimator.budget.space import JOINT_AXES, LENS, RIG_CAUSES, split, subsets
-from estimator.budget.touches import of_force
+from estimator.budget.touches import touch_of_force
 from estimator.contact.common_errors import shared_errors
 from estimator.contact.noise_free import MOST_POINTS
 from estimator.solver.rig_arrays import RigArrays
@@ -40,8 +40,8 @@ def whitened(rig: Rig) -> np.ndarray:
 def test_parts_add_up_to_what_the_estimator_says(rig: Rig) -> None:
     touches = three_touches(RIG)
     _, space, given = linearised(rig, touches)
-    now = answer(given)
-    whole = np.sum(list(parts(space, now).values()), axis=0)
+    now = propagate(given)
+    whole = np.sum(list(variance_by_cause(space, now).values()), axis=0)
     np.testing.assert_allclose(whole, now.variance, rtol=1e-9)
     seen = seen_of(rig, touches, points=MOST_POINTS)
     estimator = ContactEstimator(rig, "rod", friction=FRICTION_RAD)
@@ -79,7 +79,7 @@ def test_shares_are_never_negative_and_make_the_whole(rig: Rig) -> None:
     assert (LENS in space.causes) == rig.with_lens
     assert (JOINT_AXES in space.causes) == (not rig.kinematics.axes_known)
     assert "clamp_give" not in space.causes
-    np.testing.assert_allclose(space.told @ space.told, space.told, atol=1e-8)
+    np.testing.assert_allclose(space.determined @ space.determined, space.determined, atol=1e-8)
 
 
 def test_a_rig_without_errors_has_no_causes() -> None:
@@ -99,7 +99,7 @@ def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> No
     """Rigs off by a third of a deviation in one parameter after the other, contacts that rub: no noise, all weights."""
     touches = three_touches(RIG)
     rig_arrays, _, given = linearised(RIG, touches)
-    now, std = answer(given), whitened(RIG)
+    now, std = propagate(given), whitened(RIG)
     scale = np.sqrt(now.variance)
     said = now.by_errors @ np.linalg.pinv(rig_arrays.axes / std[:, None])
     size, count = 0.3, len(std)
@@ -120,7 +120,7 @@ def test_common_errors_are_those_of_a_recording() -> None:
     rig_arrays, _, given = linearised(RIG_AXES, touches, 0.2)
     seen = seen_of(RIG_AXES, touches)
     shared = shared_errors(RIG_AXES, table_of(seen)).point_m[..., :-1]
-    said = answer(given).by_errors[:, 3:]
+    said = propagate(given).by_errors[:, 3:]
     np.testing.assert_allclose((shared**2).sum(axis=(1, 2)), (said**2).sum(axis=(1, 2)), rtol=0.06)
     size = rig_arrays.axes.shape[1]
     np.testing.assert_allclose(shared[..., :size], said[..., :size], atol=0.08 * np.abs(said).max())
@@ -141,7 +141,7 @@ def test_knowing_a_cause_is_what_a_rig_with_that_knowledge_has(cause: str) -> No
         _, _, there = linearised(other, touches)
         _, space, here = linearised(RIG, touches)
         np.testing.assert_allclose(
-            answer(here, better(space, cause, factor)).variance, answer(there).variance, rtol=1e-4
+            propagate(here, improved(space, cause, factor)).variance, propagate(there).variance, rtol=1e-4
         )
 
 
@@ -158,7 +158,7 @@ def test_less_noise_and_friction_is_what_a_quieter_rig_has(factor: float) -> Non
     }
     for cause, there in others.items():
         np.testing.assert_allclose(
-            answer(here, better(space, cause, factor)).variance, answer(there).variance, rtol=1e-3
+            propagate(here, improved(space, cause, factor)).variance, propagate(there).variance, rtol=1e-3
         )
 
 
@@ -197,7 +197,7 @@ def test_the_advice_names_what_was_made_bad() -> None:
 
 def test_contacts_that_would_come_without_numbers_are_left_out() -> None:
     rig_arrays = RigArrays.from_rig(RIG, 0.2, np.empty(0))
-    weak = of_force(rig_arrays, 0.5 * RIG.antenna.length_m, np.array([1e-6, 0.0]), 0.0, 0.0)
+    weak = touch_of_force(rig_arrays, 0.5 * RIG.antenna.length_m, np.array([1e-6, 0.0]), 0.0, 0.0)
     with pytest.raises(InputError, match="no numbers"):
         error_budget(RIG, weak)
     with pytest.raises(InputError, match="friction is 3"):
@@ -212,9 +212,9 @@ def test_contacts_that_would_come_without_numbers_are_left_out() -> None:
 def test_a_force_is_made_by_its_push() -> None:
     """Under weight and bow, on a contact that bends much, the force's lateral part is what was asked for."""
     rig_arrays = RigArrays.from_rig(RIG, 0.2, np.empty(0))
-    touch = of_force(rig_arrays, 0.18, np.array([0.05, -0.08]), 0.1, 0.4)
+    touch = touch_of_force(rig_arrays, 0.18, np.array([0.05, -0.08]), 0.1, 0.4)
     np.testing.assert_allclose(seen_of(RIG, touch).force_N[0, 1:], [0.05, -0.08], rtol=1e-4)
-    assert np.isnan(of_force(rig_arrays, 0.18, np.array([50.0, 0.0]), 0.0, 0.0).push_N).all()
+    assert np.isnan(touch_of_force(rig_arrays, 0.18, np.array([50.0, 0.0]), 0.0, 0.0).push_N).all()
 
 
 def test_results_are_sums_of_their_rows() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.shapes import ShapesOf, rod_shapes
-from estimator.budget.parts import FRICTION, answer, better
+from estimator.budget.parts import FRICTION, improved, propagate
 from estimator.budget.space import LENS, RIG_CAUSES
 from estimator.solver.rig_arrays import RigArrays
 
@@ -23,7 +23,7 @@ def sampled(
     _, space, given = linearised(RIG, touches)
     rig, rubs = RIG, FRICTION_RAD * rng.normal(size=draws)
     estimator_friction = FRICTION_RAD
-    now = answer(given)
+    now = propagate(given)
     if known_cause == FRICTION:
         rubs, estimator_friction = 0.0 * rubs, 0.0
     elif known_cause is not None:
@@ -34,7 +34,7 @@ def sampled(
         less[rows], less[:, rows] = 0.0, 0.0
         rig = replace(RIG, covariance=0.5 * (less + less.T))
     if known_cause is not None:
-        now = answer(given, better(space, known_cause, 0.0))
+        now = propagate(given, improved(space, known_cause, 0.0))
     axes = RigArrays.from_rig(rig, FRICTION_RAD, np.empty(0)).axes
     steps = rng.normal(size=(draws, axes.shape[1])) @ axes.T
     off = errors(rig, steps, touches, rubs, rng, estimator_friction, made_by)
@@ -55,5 +55,5 @@ def test_more_samples_fall_as_predicted_when_a_cause_is_known(cause: str | None)
     drawn, said = sampled(400, 5, cause, rod_shapes)
     assert np.isfinite(drawn).all()
     np.testing.assert_allclose(drawn, said, rtol=0.15, atol=1e-9)
-    before = np.sqrt(answer(linearised(RIG, three_touches(RIG))[2]).variance)
+    before = np.sqrt(propagate(linearised(RIG, three_touches(RIG))[2]).variance)
     assert cause is None or (said < before * (1 + 1e-9)).all()

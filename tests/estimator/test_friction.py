@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.contact.common_errors import Shared
+from estimator.contact.common_errors import CommonErrors
 from estimator.object.friction import Friction, friction
 from estimator.object.friction.angles import friction_touches, sliding_steadily
 from estimator.object.surface import Surface, reconstruct, touches_of
@@ -144,7 +144,7 @@ def test_forces_that_push_the_slip_are_no_friction(both_ways: bool) -> None:
 
 def test_an_unknown_rig_costs_certainty(there_and_back: tuple[Rubbed, Surface]) -> None:
     given, surface = there_and_back
-    known, unknown = judged(given, surface), judged(replace(given, shared=Shared.none(given.table)), surface)
+    known, unknown = judged(given, surface), judged(replace(given, shared=CommonErrors.none(given.table)), surface)
     assert unknown.determined
     assert abs(unknown.mu - 0.3) < 3 * unknown.std
     assert unknown.std > known.std

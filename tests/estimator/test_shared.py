@@ -10,7 +10,7 @@ import pytest
 from benchmarks.estimator.scenes import Scenes, random_scenes
 from benchmarks.estimator.setup import ACROSS, Setup, moved
 from estimator import ContactEstimator
-from estimator.contact.common_errors import Shared, shared_errors
+from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.core.errors import InputError
@@ -111,7 +111,7 @@ def test_own_and_shared_make_the_whole() -> None:
     alone = shared_errors(exact, table_of(replace(scenes_of(RIG, RIG), rig=exact)))
     assert alone.point_m.shape[-1] == 3 + 1
     assert not alone.point_m[..., :3].any()
-    nobody = Shared.none(table)
+    nobody = CommonErrors.none(table)
     assert nobody.point_m.shape[-1] == 0
     np.testing.assert_array_equal(nobody.own_m2, table.covariance_world_m2)
 

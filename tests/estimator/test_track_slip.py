@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.contact.common_errors import Shared
+from estimator.contact.common_errors import CommonErrors
 from estimator.object.track import Event, Track, follow
 from estimator.table.contacts import ContactTable
 
@@ -16,11 +16,11 @@ from .track_tables import RATE_HZ, Rubbed, rubbed, rubbed_table
 COUNT = 60
 
 
-def known(table: ContactTable, common_m: float = 1e-3) -> Shared:
+def known(table: ContactTable, common_m: float = 1e-3) -> CommonErrors:
     """A calibration whose error moves all points alike, the table's covariance being noise alone."""
     modes = np.tile(common_m * np.eye(3), (len(table), 1, 1))
     nothing = np.zeros_like(modes)
-    return Shared(modes, nothing, nothing, table.covariance_world_m2)
+    return CommonErrors(modes, nothing, nothing, table.covariance_world_m2)
 
 
 def track_of(truth: Rubbed, seed: int = 0, **noise) -> tuple[ContactTable, Track]:

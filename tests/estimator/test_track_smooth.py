@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.setup import Setup
-from estimator.contact.common_errors import Shared
+from estimator.contact.common_errors import CommonErrors
 from estimator.object.track import follow, smooth
 from estimator.object.track.smooth import kalman_smooth, smoothable_pieces, walk_intensity
 from estimator.table.contacts import ContactTable
@@ -20,10 +20,10 @@ RIG = Setup(real=True, exact=True).rig()
 COUNT = 50
 
 
-def known(table: ContactTable, common_m: float) -> Shared:
+def known(table: ContactTable, common_m: float) -> CommonErrors:
     """A calibration error that moves all points alike, told apart from the table's covariance."""
     modes = np.tile(common_m * np.eye(3), (len(table), 1, 1))
-    return Shared(modes, 0.0 * modes, 0.0 * modes, table.covariance_world_m2 - common_m**2 * np.eye(3))
+    return CommonErrors(modes, 0.0 * modes, 0.0 * modes, table.covariance_world_m2 - common_m**2 * np.eye(3))
 
 
 def swaying() -> Rubbed:
@@ -33,7 +33,7 @@ def swaying() -> Rubbed:
     return rubbed(along, 0.012 + aside, walk)
 
 
-def seen(truth: Rubbed, seed: int, common_m: float = 2e-3, rig: Rig = RIG) -> tuple[ContactTable, Shared]:
+def seen(truth: Rubbed, seed: int, common_m: float = 2e-3, rig: Rig = RIG) -> tuple[ContactTable, CommonErrors]:
     """A table whose covariances hold a common error, and what is shared."""
     rng = np.random.default_rng(seed)
     table = rubbed_table(truth, rng)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from estimator.contact.common_errors import Shared
+from estimator.contact.common_errors import CommonErrors
 from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.geometry import Kinematics
@@ -16,7 +16,7 @@ from vbaa_calib.geometry import Kinematics
 from .evidence import SLIDING, STICKING, UNUSED, FrictionTouches
 
 if TYPE_CHECKING:
-    from estimator.contact.common_errors import Shared
+    from estimator.contact.common_errors import CommonErrors
     from estimator.object.surface import Surface
     from estimator.object.track.result import Track
 
@@ -81,7 +81,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(a * b, axis=1)
 
 
-def force_directions(table: ContactTable, shared: Shared, rows: np.ndarray, axes: Axes) -> Directions:
+def force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes) -> Directions:
     """Of the forces in these rows (P,) of the table: what is not common in their deviations is each one's own."""
     force = table.force_world_N[rows]
     across = np.hypot(dot(force, axes.normal), dot(force, axes.lateral))
@@ -172,7 +172,7 @@ prior, which is taken out again, would be most of what is left."""
 
 
 def friction_touches(
-    table: ContactTable, surface: Surface, track: Track, shared: Shared, friction_rad: float
+    table: ContactTable, surface: Surface, track: Track, shared: CommonErrors, friction_rad: float
 ) -> tuple[FrictionTouches, Axes, Directions]:
     """The touches of a surface, with the axes and the forces' directions behind them.
 
@@ -228,7 +228,7 @@ def sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
 
 
 def _friction_angles(
-    table: ContactTable, shared: Shared, rows: np.ndarray, axes: Axes, found: Directions, friction_rad: float
+    table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes, found: Directions, friction_rad: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Friction angles (P,) as the data alone say them, own deviations (P,) and common errors (P, S + 1).
 

@@ -14,7 +14,7 @@ from .coefficient import Coefficient, coefficient, enough_sliding, judge
 from .evidence import WRONG, Evidence, FrictionTouches
 
 if TYPE_CHECKING:
-    from estimator.contact.common_errors import Shared
+    from estimator.contact.common_errors import CommonErrors
     from estimator.object.surface import Surface
     from estimator.object.track.result import Track
     from vbaa_calib.rig import Rig
@@ -183,14 +183,19 @@ class Friction:
 
 
 def friction(
-    table: ContactTable, surface: Surface, track: Track, shared: Shared, friction_rad: float, rig: Rig | None = None
+    table: ContactTable,
+    surface: Surface,
+    track: Track,
+    shared: CommonErrors,
+    friction_rad: float,
+    rig: Rig | None = None,
 ) -> Friction:
     """One μ for the object; forces against normals; normals by the force.
 
     Parameters
     ----------
     surface, track : of the same table.
-    shared : what the frames' errors have in common; `Shared.none` where the rig is not known, which then counts
+    shared : what the frames' errors have in common; `CommonErrors.none` where the rig is not known, which then counts
         every error as common and as the frame's own.
     friction_rad : standard deviation of the friction angle that the contacts were estimated with.
     rig : for ν, the normals' direction in the antenna's yz plane.
@@ -243,7 +248,7 @@ def _unknown_turn(axes: Axes, where: np.ndarray) -> np.ndarray:
     return turn[:, :, None] * turn[:, None, :]
 
 
-def _roll_std(table: ContactTable, shared: Shared, rows: np.ndarray, found: Directions) -> np.ndarray:
+def _roll_std(table: ContactTable, shared: CommonErrors, rows: np.ndarray, found: Directions) -> np.ndarray:
     """(P,) of ψ: with a rig the two components' errors are known together, without one they are not."""
     if not shared.point_m.shape[2]:
         return roll_std_rad(table)[rows]

@@ -11,7 +11,7 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 
 if TYPE_CHECKING:
-    from estimator.contact.common_errors import Shared
+    from estimator.contact.common_errors import CommonErrors
 
 MAX_TOUCHES = 500
 """More contacts are thinned evenly: the solve costs their number cubed."""
@@ -56,7 +56,7 @@ class Touches:
         return len(self.point_m)
 
 
-def touches_of(table: ContactTable, shared: Shared | None = None) -> Touches:
+def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touches:
     """The contacts that can be used: located, with a force whose direction is known; thinned to `MAX_TOUCHES`.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.contact.common_errors import Shared, shared_errors
+from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.contact.motion import Beam
 from estimator.table.contacts import ContactTable
 from vbaa_calib.geometry import Kinematics
@@ -67,7 +67,10 @@ RADIUS_M = 0.5e-3
 
 
 def follow(
-    table: ContactTable, rig: Rig | None = None, shared: Shared | None = None, normal_world: np.ndarray | None = None
+    table: ContactTable,
+    rig: Rig | None = None,
+    shared: CommonErrors | None = None,
+    normal_world: np.ndarray | None = None,
 ) -> Track:
     """What happens in a recording: first contact, loss, sticking and sliding, ringing.
 
@@ -142,7 +145,7 @@ def _after_onset(
     return phase
 
 
-def _notes(table: ContactTable, contact: ContactStates, shared: Shared | None) -> list[str]:
+def _notes(table: ContactTable, contact: ContactStates, shared: CommonErrors | None) -> list[str]:
     notes = []
     located = table.located
     if not np.isfinite(table.evidence).any():

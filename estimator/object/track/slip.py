@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from estimator.contact.common_errors import Shared
+from estimator.contact.common_errors import CommonErrors
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
@@ -56,7 +56,7 @@ class Stroke:
     modes_m: np.ndarray
 
 
-def strokes(table: ContactTable, state: np.ndarray, shared: Shared | None) -> tuple[Stroke, ...]:
+def strokes(table: ContactTable, state: np.ndarray, shared: CommonErrors | None) -> tuple[Stroke, ...]:
     """The runs of located frames with a tangent; `state` (B,) as `onset.Contacting`'s."""
     good = table.located & (state == 1) & np.isfinite(table.time_s)
     good &= np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(table.tangent_world).all(axis=1)
@@ -77,7 +77,7 @@ def median_step(time_s: np.ndarray) -> float:
     return float(np.median(steps)) if len(steps) else np.inf
 
 
-def own_noise(table: ContactTable, rows: np.ndarray, shared: Shared | None) -> np.ndarray:
+def own_noise(table: ContactTable, rows: np.ndarray, shared: CommonErrors | None) -> np.ndarray:
     """(P, 3, 3) what differs from frame to frame; the whole covariance where calibration is not told apart from it."""
     whole = table.covariance_world_m2[rows]
     return whole if shared is None or shared.point_m.shape[-1] == 0 else shared.own_m2[rows]
@@ -97,7 +97,7 @@ def path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     return np.median(np.abs(off), axis=0) / NORMAL_QUARTILE
 
 
-def _stroke(table: ContactTable, rows: np.ndarray, shared: Shared | None) -> Stroke:
+def _stroke(table: ContactTable, rows: np.ndarray, shared: CommonErrors | None) -> Stroke:
     time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
     distance, force = table.distance_m[rows], table.force_world_N[rows]
     material = _without_walk(point[..., None], tangent, distance[:, None])[..., 0]

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logsumexp
 
-from estimator.contact.common_errors import Shared, shared_errors
+from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.rig import Rig
@@ -125,7 +125,9 @@ LEAST_NOISE = 1e-6
 """Of a point's own variance, in every direction: the filter divides by it."""
 
 
-def smooth(table: ContactTable, rig: Rig, shared: Shared | None = None, track: Track | None = None) -> ContactTable:
+def smooth(
+    table: ContactTable, rig: Rig, shared: CommonErrors | None = None, track: Track | None = None
+) -> ContactTable:
     """The same table with contact points, distances and forces smoothed in time.
 
     What is not located, or lies in too short a piece, stays as it is.
@@ -174,7 +176,7 @@ def _smooth_piece(
     table: ContactTable,
     rows: np.ndarray,
     own_m2: np.ndarray,
-    shared: Shared,
+    shared: CommonErrors,
     rotation: np.ndarray,
     changed: dict[str, np.ndarray],
 ) -> None:
@@ -208,7 +210,7 @@ def _smooth_distance(table: ContactTable, rows: np.ndarray, own_m2: np.ndarray, 
 
 
 def _smooth_forces(
-    table: ContactTable, rows: np.ndarray, shared: Shared, rotation: np.ndarray, changed: dict[str, np.ndarray]
+    table: ContactTable, rows: np.ndarray, shared: CommonErrors, rotation: np.ndarray, changed: dict[str, np.ndarray]
 ) -> None:
     """Antenna frame, y and z; the component along the antenna's x follows in the proportion that it had."""
     time, force = table.time_s[rows], np.einsum("bji,bj->bi", rotation, table.force_world_N[rows])
