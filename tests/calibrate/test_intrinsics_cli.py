@@ -49,26 +49,6 @@ def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pyt
 
 
 @pytest.mark.parametrize(
-    ("extra", "words"),
-    [
-        (["--model", "pinhole"], "invalid choice"),
-        (["--min-corners", "2"], "--min-corners is 2"),
-        (["--min-corners", "many"], "invalid int"),
-        ([], "no such folder"),
-    ],
-)
-def test_wrong_calls_are_one_line_and_code_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture, extra: list[str], words: str
-) -> None:
-    board, output = write_board(tmp_path / "board.yaml"), tmp_path / "camera.json"
-    assert main(["intrinsics", str(tmp_path / "none"), "--board", str(board), "-o", str(output), *extra]) == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert error.count("\n") == 1
-    assert not output.exists()
-
-
-@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("squares_x: 7", "squares_y is missing"),

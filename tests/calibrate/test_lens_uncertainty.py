@@ -24,8 +24,6 @@ from vbaa_calib.calibrate.lens.uncertainty import (
     turn_jacobian,
 )
 from vbaa_calib.calibrate.lens.validation import AGREE, Halves, compare_halves, held_out_squares, solved_squares
-from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
 
 RIG = rigs()[0]
 GRID = (5, 4)
@@ -125,11 +123,6 @@ def test_pixels_without_a_ray_have_no_uncertainty() -> None:
     std = projection_uncertainty(camera).std_px
     assert np.isnan(std[0, 0])
     assert np.isfinite(std[6, 8])
-
-
-def test_a_camera_without_covariance_is_refused() -> None:
-    with pytest.raises(InputError, match="no covariance"):
-        projection_uncertainty(Camera("opencv", (640, 480), np.diag([500.0, 500.0, 1.0]), np.zeros(0)))
 
 
 def halves_of(views: list[Observation], poses: np.ndarray) -> Halves | None:

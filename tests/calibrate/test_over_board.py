@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,11 +12,7 @@ from vbaa_calib.calibrate.over_board.free_antenna import ClampMark
 from vbaa_calib.calibrate.plane_c import corner_bias
 from vbaa_calib.calibrate.pose.fusion import inflated
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import read_gray
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.render.board import print_sheet
-from vbaa_calib.simulate.render.picture import studio
-from vbaa_calib.simulate.write_boards import write_over
 
 from ..over_scenes import HEIGHT_STD_M, LENGTH_STD_M, Shown, View, drawn_view, shown, tangent
 
@@ -156,17 +151,6 @@ def test_a_picture_in_which_the_antenna_moved_is_named() -> None:
     images = {"a.png": scene.picture, "b.png": scene.picture, "moved.png": moved.picture}
     with pytest.raises(InputError, match=r"moved\.png: the antenna is not where"):
         scene.solved(images=images)
-
-
-def test_the_folder_holds_the_pictures_that_were_rendered(tmp_path: Path) -> None:
-    scene = shown(PLAIN)
-    base, place = scene.scene, studio(scene.scene.lens, scene.scene.picture, np.random.default_rng(0))
-    rng = np.random.default_rng(0)
-    truth = write_over(base, place, print_sheet(base.board), scene.over, tmp_path, rng)
-    assert [path.name for path in (tmp_path / "over").iterdir()] == ["over_000.png"]
-    assert (read_gray(tmp_path / "over" / "over_000.png") == scene.picture).all()
-    assert truth["height_m"] == scene.over.height_m
-    assert truth["tip_antenna_m"][2] < -0.003
 
 
 REFUSED = {

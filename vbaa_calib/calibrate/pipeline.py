@@ -31,7 +31,7 @@ class Calibration:
 
     Attributes
     ----------
-    stills : no-load frames and loads, in the order of the joint solve.
+    stills : no-load frames and loads, in the order of bundle adjustment.
     lens_diagnoses : what the lens' pictures, taken together, show to be wrong. still_diagnoses : what the stills do.
     """
 

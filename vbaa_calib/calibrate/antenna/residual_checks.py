@@ -77,7 +77,7 @@ class Checks:
 
 
 def check(joint: BundleAdjustment) -> Checks:
-    """All checks of a joint solution."""
+    """All checks of a bundle adjustment."""
     problem = joint.problem
     times = [observation.still.time_s for observation in problem.observations]
     timed = all(time is not None for time in times)

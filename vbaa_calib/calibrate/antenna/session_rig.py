@@ -165,7 +165,7 @@ def solve_antenna(session: Session, observations: Sequence[Observation], before:
 def make_rig(
     session: Session, kinematics: Kinematics, joint: BundleAdjustment, observations: Sequence[Observation]
 ) -> Rig:
-    """The rig out of a joint solution."""
+    """The rig out of a bundle adjustment."""
     gain, offset = joint.sensor_gain_offset
     paint = observations[0].paint
     heights = [one.height for one in observations if not isinstance(one.still, Load) and one.height > 0]
