@@ -31,7 +31,7 @@ from vbaa_calib.core.yaml_text import UniqueKeyDumper
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.rig import Antenna, Rig
 from vbaa_calib.session import read_centrelines, read_noload, read_recording
-from vbaa_calib.wizard.state.journal import Journal, Left, Record, Taken
+from vbaa_calib.wizard.state.journal import AcceptedPicture, Journal, RefusedPicture, StepRecord
 from vbaa_calib.wizard.state.session_file import write_table
 from viz.files.glb import glb_bytes
 from viz.files.object_file import read_object, to_mesh, vtp_text
@@ -242,7 +242,10 @@ def row_of(table: ContactTable, index: int) -> ContactRow:
 @given(values=st.lists(st.tuples(st.floats(-6, 6), st.floats(-6, 6), NUMBER), min_size=1, max_size=3))
 def test_the_wizards_tables(values: list[tuple[float, float, float]]) -> None:
     names = ("pan_rad", "tilt_rad", "moment_Nm")
-    taken = [Taken(f"noload/{k}.png", "", "", dict(zip(names, one, strict=True))) for k, one in enumerate(values)]
+    taken = [
+        AcceptedPicture(file=f"noload/{k}.png", source="", sha256="", readings=dict(zip(names, one, strict=True)))
+        for k, one in enumerate(values)
+    ]
     with TemporaryDirectory() as folder:
         root = Path(folder)
         (root / "noload").mkdir()
@@ -293,11 +296,14 @@ READINGS = st.fixed_dictionaries(dict.fromkeys(("pan_rad", "tilt_rad", "moment_N
 @QUICK
 @given(readings=st.lists(READINGS, max_size=3), why=WORD, length=NUMBER, turn=st.lists(NUMBER, min_size=3, max_size=3))
 def test_the_wizards_journal(readings: list[dict[str, float]], why: str, length: float, turn: list[float]) -> None:
-    taken = tuple(Taken(f"noload/{k}.png", why, "ab", one) for k, one in enumerate(readings))
+    taken = tuple(
+        AcceptedPicture(file=f"noload/{k}.png", source=why, sha256="ab", readings=one) for k, one in enumerate(readings)
+    )
+    refused = RefusedPicture(source=why, sha256="cd", why=why)
     journal = Journal(
-        {"antenna_length_mm": length, "jig_turn_deg": turn, "source": why},
-        {"noload": Record(taken, (Left(why, "cd", why),), "by hand")},
-        ("lens",),
+        answers={"antenna_length_mm": length, "jig_turn_deg": turn, "source": why},
+        steps={"noload": StepRecord(taken=taken, left=(refused,), closed="by hand")},
+        redone=("lens",),
     )
     back = passed("wizard.json", lambda path: write_json(path, journal.to_dict()), Journal.read)
     assert bits(back.to_dict()) == bits(journal.to_dict())

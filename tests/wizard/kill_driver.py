@@ -75,7 +75,7 @@ if __name__ == "__main__":
     plan_path = Path(sys.argv[1])
     plan = json.loads(plan_path.read_text())
     if not plan["seeing"]:
-        flow.ALL.update(unseen_steps())
+        flow.STEP_BY_NAME.update(unseen_steps())
         mock.patch.object(verdict, "conclude", unseen_conclude).start()
     result = killed(Path(plan["root"]), plan["argv"], plan["kills"], plan["seed"])
     plan_path.with_suffix(".found.json").write_text(json.dumps(result))

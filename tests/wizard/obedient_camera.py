@@ -13,7 +13,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import board_patch, print_sheet
 from vbaa_calib.simulate.render.picture import digitise, expose, studio, surroundings
 from vbaa_calib.simulate.scene.lens import Lens
-from vbaa_calib.wizard.sources.offered import Offered, frame_offered
+from vbaa_calib.wizard.sources.picture import Picture, frame_picture
 
 RIG = rigs()[1]
 FPS = 6.0
@@ -51,14 +51,14 @@ class ObedientCamera:
         self._for: object = None
         self._since = 0
 
-    def next(self, timeout_s: float) -> Offered | None:
+    def next(self, timeout_s: float) -> Picture | None:
         """The next frame."""
         if self.ended:
             return None
         number, self.number = self.number, self.number + 1
         self.ended = self.number >= self._frames
         pixels = self._empty() if number == 0 else self._frame()
-        return frame_offered(f"frame {number}", pixels, number / FPS)
+        return frame_picture(f"frame {number}", pixels, number / FPS)
 
     def close(self) -> None:
         """Nothing is held open."""

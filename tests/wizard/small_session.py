@@ -23,12 +23,12 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml, write_json, write_text
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.sources.offered import Offered
-from vbaa_calib.wizard.state.progress import Judged, Progress
-from vbaa_calib.wizard.state.session_state import Known
+from vbaa_calib.wizard.sources.picture import Picture
+from vbaa_calib.wizard.state.catalogue import PICTURES
+from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import LOCK
 from vbaa_calib.wizard.steps import verdict
-from vbaa_calib.wizard.steps.step import Step
+from vbaa_calib.wizard.steps.step import PictureCheck, Progress, Step
 
 from ..small_scene import small_scene
 
@@ -117,14 +117,14 @@ def tiny_source(folder: Path) -> Path:
 def unseen_steps() -> dict[str, Step]:
     """Steps for which every picture is good but those named bad, and any number is enough: all but seeing."""
 
-    def judge(known: Known, offered: Offered, readings: Mapping[str, float] | None) -> Judged:
-        return Judged("is bad" if offered.name.startswith("bad") else "")
+    def check(state: SessionState, picture: Picture, readings: Mapping[str, float] | None) -> PictureCheck:
+        return PictureCheck("is bad" if picture.name.startswith("bad") else "")
 
-    def look(known: Known) -> Progress:
+    def progress(state: SessionState) -> Progress:
         return Progress(usable=True)
 
-    steps = {name: replace(flow.ALL[name], judge=judge, look=look) for name in ("lens", "plane", "noload", "loads")}
-    return steps | {"sensor": replace(flow.ALL["sensor"], look=look)}
+    steps = {name: replace(flow.STEP_BY_NAME[name], check=check, progress=progress) for name in PICTURES}
+    return steps | {"sensor": replace(flow.STEP_BY_NAME["sensor"], progress=progress)}
 
 
 def unseen_conclude(root: Path, _page: object) -> dict[str, Any]:

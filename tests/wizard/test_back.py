@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.asking import Earlier
-from vbaa_calib.wizard.sources import Offered
+from vbaa_calib.wizard.asking import RetractedAnswers
+from vbaa_calib.wizard.sources import Picture
 from vbaa_calib.wizard.state.catalogue import QUESTIONS
 from vbaa_calib.wizard.state.questions import Question
-from vbaa_calib.wizard.state.session_state import Known
+from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
-from vbaa_calib.wizard.ui.interface import Command, Interrupted, Nobody
+from vbaa_calib.wizard.ui.base import Interrupted, Ui
 
 from .small_session import answers, tiny_source, unseen_steps
 
-BACK, ENTER = Command("back"), object()
+BACK, QUIT, ENTER = "!back", "!quit", object()
 
 
-class Typist(Nobody):
+class Typist(Ui):
     """Answers what is asked as its script has it: (key, answer or command), or (pictures to wait for, command)."""
 
     interactive = True
@@ -34,17 +34,17 @@ class Typist(Nobody):
     def begin(self, step: flow.Step) -> None:
         self.step = step.name
 
-    def ask(self, question: Question, facts: Mapping[str, Any]) -> Any:
+    def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
         if not self.script:
             raise flow.Quit
         key, given = self.script.pop(0)
         assert question.key == key
         self.offered[question.key] = question.default
-        if isinstance(given, Command):
-            raise Interrupted(given)
+        if isinstance(given, str) and given.startswith("!"):
+            raise Interrupted(given[1:])
         return question.read(question.default if given is ENTER else given)
 
-    def commands(self) -> list[Command]:
+    def commands(self) -> list[str]:
         if not self.script:
             raise flow.Quit
         wanted, command = self.script[0]
@@ -53,13 +53,13 @@ class Typist(Nobody):
         if len(self.store.journal.of(self.step).taken) < wanted:
             return []
         self.script.pop(0)
-        return [command]
+        return [command[1:]]
 
 
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, step in unseen_steps().items():
-        monkeypatch.setitem(flow.ALL, name, step)
+        monkeypatch.setitem(flow.STEP_BY_NAME, name, step)
     return tiny_source(tmp_path / "source")
 
 
@@ -69,7 +69,7 @@ def walked(root: Path, given: Mapping[str, Any], script: Sequence[tuple[str | in
         store.answer(given)
         typist = Typist(script, store)
         with pytest.raises(flow.Quit):
-            flow.walk(Known(store), typist)
+            flow.walk(SessionState(store), typist, lambda document: "")
     assert not typist.script
     return store, typist
 
@@ -89,8 +89,8 @@ def test_back_reaches_the_questions_of_a_step_whose_pictures_have_begun(source: 
         ("camera_inclination_deg", BACK),
         ("camera_distance_mm", 410),
         ("camera_inclination_deg", ENTER),
-        (3, Command("enough")),
-        ("plane_way", Command("quit")),
+        (3, "!enough"),
+        ("plane_way", QUIT),
     ]
     store, typist = walked(tmp_path / "session", until(source, "camera_inclination_deg"), script)
     assert store.journal.answers["camera_distance_mm"] == 410
@@ -107,7 +107,7 @@ def test_back_over_several_answers_offers_each_of_them(source: Path, tmp_path: P
     script: list[tuple[str | int, Any]] = [(0, BACK), *((key, BACK) for key in [*asked, *board[:-1]])]
     script += [(key, ENTER) for key in [*reversed(board), *reversed(asked)]]
     given = until(source, "camera_inclination_deg") | {"board_reading_std_mm": 0.05}
-    store, typist = walked(tmp_path / "session", given, [*script, (3, Command("quit"))])
+    store, typist = walked(tmp_path / "session", given, [*script, (3, QUIT)])
     kept = {key: store.journal.answers[key] for key in [*asked, *board]}
     assert kept == {key: given[key] for key in kept} == {key: typist.offered[key] for key in kept}
 
@@ -119,7 +119,7 @@ def test_what_was_read_on_one_print_is_not_offered_for_another(source: Path, tmp
         ("board_along_y_mm", BACK),
         ("board_along_x_mm", BACK),
         ("paper", "A3"),
-        ("board_along_x_mm", Command("quit")),
+        ("board_along_x_mm", QUIT),
     ]
     _, typist = walked(tmp_path / "session", given, script)
     assert typist.offered["board_along_x_mm"] is None
@@ -129,10 +129,10 @@ def test_the_way_to_plane_c_stays_while_it_has_pictures(source: Path, tmp_path: 
     """They lie in its folder: back passes it by, on to the step before."""
     asked = ["board_thickness_mm", "jig_std_deg", "jig_std_mm", "jig_turn_deg", "jig_board_y", "jig_board_x"]
     script = [
-        (3, Command("enough")),
+        (3, "!enough"),
         (1, BACK),
         *((key, BACK) for key in [*asked, "jig_translation_mm"]),
-        (3, Command("quit")),
+        (3, QUIT),
     ]
     store, _ = walked(tmp_path / "session", until(source, "board_thickness_mm"), script)
     assert store.journal.answers["plane_way"] == "jig"
@@ -145,8 +145,8 @@ def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> N
     given = {"antenna_diameter_mm": 0.8, "youngs_modulus_GPa": 193.0}
     with Store(tmp_path / "session") as store:
         store.answer(given)
-        store.leave("noload", Offered("a.png", np.zeros((1, 1), np.uint8), ".png", b"a"), "no antenna is seen")
-        earlier = Earlier()
+        store.refuse("noload", Picture("a.png", np.zeros((1, 1), np.uint8), ".png", b"a"), "no antenna is seen")
+        earlier = RetractedAnswers()
         assert earlier.take_back(store, "noload")
         earlier.answer(store, "youngs_modulus_GPa", 193.0)
         assert [one.source for one in store.journal.of("noload").left] == ["a.png"]

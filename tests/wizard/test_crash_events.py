@@ -14,10 +14,10 @@ import pytest
 
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard import flow as opening
-from vbaa_calib.wizard.sources.offered import Offered, SourceLost, frame_offered
+from vbaa_calib.wizard.sources.picture import Picture, SourceLost, frame_picture
 from vbaa_calib.wizard.state.journal import Journal
-from vbaa_calib.wizard.state.progress import Judged
 from vbaa_calib.wizard.state.store import Store
+from vbaa_calib.wizard.steps.step import PictureCheck
 
 from .small_session import call, tree
 from .tiny_wizard import Tiny, expect_refused, finished, pictures, tiny
@@ -26,17 +26,17 @@ __all__ = ["finished", "tiny"]
 
 
 def on_picture(patch: pytest.MonkeyPatch, step: str, number: int, event: Callable[[], object]) -> None:
-    """Something happens while the picture `number` of a step is judged."""
+    """Something happens while the picture `number` of a step is checked."""
     seen = 0
 
-    def judge(known: Any, offered: Offered, readings: Any) -> Judged:
+    def check(state: Any, picture: Picture, readings: Any) -> PictureCheck:
         nonlocal seen
         seen += 1
         if seen == number:
             event()
-        return Judged("is bad" if offered.name.startswith("bad") else "")
+        return PictureCheck("is bad" if picture.name.startswith("bad") else "")
 
-    patch.setitem(flow.ALL, step, replace(flow.ALL[step], judge=judge))
+    patch.setitem(flow.STEP_BY_NAME, step, replace(flow.STEP_BY_NAME[step], check=check))
 
 
 def journal(tiny: Tiny) -> Journal:
@@ -66,11 +66,11 @@ class Unplugged:
         self.left, self.frames = frames, frames
         self.pixels = np.random.default_rng(4).integers(0, 255, (60, 80), np.uint8)
 
-    def next(self, timeout_s: float) -> Offered:
+    def next(self, timeout_s: float) -> Picture:
         if not self.left:
             raise SourceLost("is unplugged", where=self.name, remedy="plug it in and run the wizard again")
         self.left -= 1
-        return frame_offered(f"frame {self.left}", self.pixels, 0.1 * (self.frames - self.left))
+        return frame_picture(f"frame {self.left}", self.pixels, 0.1 * (self.frames - self.left))
 
     def close(self) -> None:
         self.left = 0
@@ -78,8 +78,8 @@ class Unplugged:
 
 def test_the_camera_is_unplugged(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opening, "open_source", lambda *_: Unplugged(80))
-    found = replace(flow.ALL["lens"], look=lambda known: flow.ALL["plane"].look(known))
-    monkeypatch.setitem(flow.ALL, "lens", found)
+    found = replace(flow.STEP_BY_NAME["lens"], progress=lambda state: flow.STEP_BY_NAME["plane"].progress(state))
+    monkeypatch.setitem(flow.STEP_BY_NAME, "lens", found)
     before = len(journal(tiny).of("lens").taken)
     outcome = call(tiny.session, "--reopen", "lens")
     expect_refused(tiny, outcome, "camera:0", "is unplugged", "plug it in")

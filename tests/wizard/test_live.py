@@ -14,17 +14,15 @@ import numpy as np
 import pytest
 
 from targets.sheet import spec_document
-from vbaa_calib.wizard.capture import Taking
-from vbaa_calib.wizard.flow import ALL
-from vbaa_calib.wizard.sources import Offered, Source, open_source
-from vbaa_calib.wizard.state.journal import Record
-from vbaa_calib.wizard.state.progress import Progress
-from vbaa_calib.wizard.state.readings import Given
-from vbaa_calib.wizard.state.session_state import Known
+from vbaa_calib.wizard.capture import Capture
+from vbaa_calib.wizard.flow import STEP_BY_NAME
+from vbaa_calib.wizard.sources import Picture, Source, open_source
+from vbaa_calib.wizard.state.journal import StepRecord
+from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
 from vbaa_calib.wizard.steps import lens
-from vbaa_calib.wizard.steps.step import Step
-from vbaa_calib.wizard.ui.interface import Command, Live, Nobody
+from vbaa_calib.wizard.steps.step import Progress, Step
+from vbaa_calib.wizard.ui.base import LiveView, Ui
 from vbaa_calib.wizard.ui.page import Page
 
 from .obedient_camera import FPS, RIG, ObedientCamera
@@ -33,18 +31,18 @@ MOST_FRAMES = 150
 
 
 @dataclass
-class Watching(Nobody):
-    """Nobody to answer, and all that is told is kept."""
+class Watching(Ui):
+    """Nobody to answer; all that is shown is kept."""
 
-    lives: list[Live] = field(default_factory=list)
+    lives: list[LiveView] = field(default_factory=list)
     shown: list[Progress] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     page: Page | None = None
 
-    def live(self, step: Step, live: Live) -> None:
-        self.lives.append(live)
+    def live(self, view: LiveView) -> None:
+        self.lives.append(view)
         if self.page is not None:
-            self.page.live(live)
+            self.page.live(view)
 
     def show(self, step: Step, progress: Progress) -> None:
         self.shown.append(progress)
@@ -56,7 +54,7 @@ class Watching(Nobody):
 
 
 @contextmanager
-def rig(root: Path) -> Iterator[Known]:
+def rig(root: Path) -> Iterator[SessionState]:
     """A session in which all is answered before the lens."""
     with Store(root) as store:
         (root / "board.yaml").write_text(spec_document(RIG.board, "of the test"))
@@ -73,18 +71,18 @@ def rig(root: Path) -> Iterator[Known]:
             "camera_inclination_deg": 35.0,
         }
         store.answer(answers)
-        known = Known(store)
-        known.live_size = RIG.image_size
-        yield known
+        state = SessionState(store)
+        state.live_size = RIG.image_size
+        yield state
 
 
 @dataclass
 class Seen:
     """What a run of the lens' step came to."""
 
-    end: Command
-    desk: Watching
-    record: Record
+    end: str
+    ui: Watching
+    record: StepRecord
     last: Progress
     pixels: list[np.ndarray]
 
@@ -102,7 +100,7 @@ class Filming:
     def ended(self) -> bool:
         return self._camera.ended
 
-    def next(self, timeout_s: float) -> Offered | None:
+    def next(self, timeout_s: float) -> Picture | None:
         offered = self._camera.next(timeout_s)
         if offered is not None:
             self.pixels.append(offered.image)
@@ -115,20 +113,20 @@ class Filming:
 @pytest.fixture(scope="module")
 def obeyed(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     """The lens by an obedient camera, the page looking on."""
-    with rig(tmp_path_factory.mktemp("obeyed")) as known:
-        page = Page(known.store, {name: step.title for name, step in ALL.items()}, known.lens_corners)
+    with rig(tmp_path_factory.mktemp("obeyed")) as state:
+        page = Page(state, {name: step.title for name, step in STEP_BY_NAME.items()})
         try:
             page.begin(lens.STEP)
-            desk = Watching(page=page)
-            film = Filming(ObedientCamera(lambda: lens.worth(known), MOST_FRAMES))
-            end = Taking(known, desk, lens.STEP, film, Given()).run()
-            return Seen(end, desk, known.store.journal.of("lens"), lens.look(known), film.pixels)
+            ui = Watching(page=page)
+            film = Filming(ObedientCamera(lambda: lens.guidance(state), MOST_FRAMES))
+            end = Capture(state, ui, lens.STEP, film).run()
+            return Seen(end, ui, state.store.journal.of("lens"), lens.STEP.progress(state), film.pixels)
         finally:
             page.close()
 
 
 def test_obeying_and_holding_still_is_enough(obeyed: Seen) -> None:
-    assert (obeyed.end.kind, obeyed.record.closed) == ("closed", "enough")
+    assert (obeyed.end, obeyed.record.closed) == ("closed", "enough")
     assert len(obeyed.pixels) < MOST_FRAMES
     assert 8 <= len(obeyed.record.taken) <= 12
     assert obeyed.last.enough
@@ -137,32 +135,32 @@ def test_obeying_and_holding_still_is_enough(obeyed: Seen) -> None:
 
 
 def test_only_frames_that_are_held_still_are_taken(obeyed: Seen) -> None:
-    by_name = {f"frame {index}": live for index, live in enumerate(obeyed.desk.lives)}
+    by_name = {f"frame {index}": live for index, live in enumerate(obeyed.ui.lives)}
     for one in obeyed.record.taken:
         live = by_name[one.source]
         assert live.held == 1.0
-        assert not live.judged.refusal
-    moving = [live for live in obeyed.desk.lives if live.words.startswith("moving")]
+        assert not live.check.refusal
+    moving = [live for live in obeyed.ui.lives if live.words.startswith("moving")]
     assert len(moving) >= 2 * len(obeyed.record.taken)
-    assert {hint.name for live in moving for hint in live.judged.hints} & {"motion_blur", "out_of_focus"}
+    assert {hint.name for live in moving for hint in live.check.hints} & {"motion_blur", "out_of_focus"}
 
 
 def test_it_is_said_when_the_board_is_not_seen(obeyed: Seen) -> None:
-    first = obeyed.desk.lives[0].judged
+    first = obeyed.ui.lives[0].check
     assert first.hints[0].name == "no_board"
     assert first.hints[0].remedy
 
 
 def test_the_match_rises_on_the_way_to_the_pose_that_is_wanted(tmp_path: Path) -> None:
-    with rig(tmp_path / "rig") as known:
-        camera = ObedientCamera(lambda: lens.worth(known), 12, moving=8)
+    with rig(tmp_path / "rig") as state:
+        camera = ObedientCamera(lambda: lens.guidance(state), 12, moving=8)
         frames = [camera.next(0.0) for _ in range(12)]
-        judged = [lens.judge(known, frame, None) for frame in frames if frame is not None]
-    match = [one.closeness for one in judged if one.closeness is not None]
+        checks = [lens._check(state, frame, None) for frame in frames if frame is not None]
+    match = [one.closeness for one in checks if one.closeness is not None]
     assert len(match) >= 5
     assert all(later > earlier - 0.02 for earlier, later in itertools.pairwise(match))
     assert match[0] < 0.6 < 0.9 < match[-1]
-    closer = [one.closer for one in judged if one.closeness is not None]
+    closer = [one.closer for one in checks if one.closeness is not None]
     assert closer[0] != closer[-1] == "hold it there"
 
 
@@ -188,7 +186,7 @@ class Cut:
     def ended(self) -> bool:
         return self._source.ended
 
-    def next(self, timeout_s: float) -> Offered | None:
+    def next(self, timeout_s: float) -> Picture | None:
         self._left -= 1
         if self._left < 0:
             raise KeyboardInterrupt
@@ -201,16 +199,16 @@ class Cut:
 def test_a_video_gives_the_same_pictures_again_and_after_a_stop(obeyed: Seen, tmp_path: Path) -> None:
     film(tmp_path / "lens.avi", obeyed.pixels[:37])
 
-    def run(name: str, frames: int = 1000) -> Record:
-        with rig(tmp_path / name) as known:
+    def run(name: str, frames: int = 1000) -> StepRecord:
+        with rig(tmp_path / name) as state:
             source = open_source(str(tmp_path / "lens.avi"))
-            Taking(known, Watching(), lens.STEP, Cut(source, frames), Given()).run()
-            return known.store.journal.of("lens")
+            Capture(state, Watching(), lens.STEP, Cut(source, frames)).run()
+            return state.store.journal.of("lens")
 
     whole = run("whole")
     assert len(whole.taken) >= 4
     with pytest.raises(KeyboardInterrupt):
         run("stopped", 24)
-    with rig(tmp_path / "stopped") as known:
-        assert 0 < len(known.taken("lens")) < len(whole.taken)
+    with rig(tmp_path / "stopped") as state:
+        assert 0 < len(state.taken("lens")) < len(whole.taken)
     assert run("stopped").taken == whole.taken

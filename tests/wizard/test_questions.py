@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.catalogue import QUESTIONS, SOURCES, TABLES, by_key, open_questions
+from vbaa_calib.wizard.state.catalogue import BY_KEY, QUESTIONS, SOURCES, TABLES, open_questions
 from vbaa_calib.wizard.state.questions import Question
 
 RNG_SEED = 11
@@ -30,7 +30,7 @@ def test_numbers_with_any_separator() -> None:
 
 
 def test_choices_by_their_beginnings() -> None:
-    paper, way, axis = by_key()["paper"], by_key()["plane_way"], by_key()["gravity"]
+    paper, way, axis = BY_KEY["paper"], BY_KEY["plane_way"], BY_KEY["gravity"]
     assert [paper.read(text) for text in ("a4", "A3", "let", " LETTER ")] == ["A4", "A3", "Letter", "Letter"]
     assert [way.read(text) for text in ("j", "s", "ov")] == ["jig", "sweep", "over"]
     assert [axis.read(text) for text in ("x", "-x", "n")] == ["x", "-x", "none"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.readings import UNITS, Given, asked, complete, from_list, from_table, in_si, with_last
+from vbaa_calib.wizard.state.readings import UNITS, ReadingsTable, asked, complete, in_si, read_table, table_of
 
 DOWN = np.array([0.0, 0.0, -9.80665])
 
@@ -61,7 +61,7 @@ def test_each_folder_has_what_it_needs() -> None:
 
 def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
     rows = [{"pan_deg": 1}, {"image": "folder/b.png", "pan_deg": 2}, {"pan_deg": 3}]
-    given = from_list(rows, "answers")
+    given = table_of(rows, "answers")
     assert [given.of(name, taken) for name, taken in (("a.png", 0), ("b.png", 1), ("c.png", 1), ("d.png", 2))] == [
         {"pan_deg": 1},
         {"pan_deg": 2},
@@ -69,12 +69,10 @@ def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
         None,
     ]
     (tmp_path / "t.csv").write_text("image,remark,pan_deg\nsub/a.png,good,1\n\nb.png,,2\n")
-    assert from_table(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
-    assert Given().of("a.png", 0) is None
+    assert read_table(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
+    assert ReadingsTable().of("a.png", 0) is None
 
 
 def test_joints_stay_where_they_were() -> None:
-    pan, tilt, moment = asked("noload")
     last = {"pan_rad": math.radians(20), "tilt_rad": math.radians(-12.5), "moment_Nm": 1.0}
-    assert (with_last(pan, last).default, with_last(tilt, last).default) == (20.0, -12.5)
-    assert with_last(moment, last).default is None
+    assert [question.default for question in asked("noload", last)] == [20.0, -12.5, None]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.wizard.state.progress import Judged, Number, Progress
-from vbaa_calib.wizard.ui.interface import Live, lines_of
+from vbaa_calib.wizard.steps.step import Number, PictureCheck, Progress
+from vbaa_calib.wizard.ui.base import LiveView, progress_lines
 from vbaa_calib.wizard.ui.terminal import Screen, clipped, live_words, wrapped
 
 
@@ -95,7 +95,7 @@ def test_a_step_says_what_is_wrong_what_to_do_and_what_is_next_last() -> None:
         numbers=(Number("plane C", "0.2 mm", "0.1 mm", False), Number("lens", "0.05 px", "0.1 px", True)),
         diagnoses=(Diagnosis("a", "it slips", "clamp it"), Diagnosis("b", "it is bent", "straighten it", grave=True)),
     )
-    assert lines_of(progress) == [
+    assert progress_lines(progress) == [
         "seen      3 pictures",
         "          plane C: 0.2 mm (goal 0.1 mm)",
         "          lens: 0.05 px (goal 0.1 px, reached)",
@@ -110,8 +110,8 @@ def test_a_step_says_what_is_wrong_what_to_do_and_what_is_next_last() -> None:
 
 def test_a_live_picture_in_a_line() -> None:
     image, corners = np.zeros((2, 2), np.uint8), np.zeros((20, 2))
-    close = Judged(corners_px=corners, closeness=0.456, closer="nearer")
-    assert live_words(Live(image, close, 0.5, "hold still")) == "▮▮▯▯ 20 corners · match 46 %: nearer · hold still"
+    close = PictureCheck(corners_px=corners, closeness=0.456, closer="nearer")
+    assert live_words(LiveView(image, close, 0.5, "hold still")) == "▮▮▯▯ 20 corners · match 46 %: nearer · hold still"
     blur = Diagnosis("blur", "blurred by 3 px", "hold still", grave=True)
-    refused = Judged(str(blur), corners, (blur,))
-    assert live_words(Live(image, refused, 0.0)) == "▯▯▯▯ 20 corners · blurred by 3 px → hold still"
+    refused = PictureCheck(str(blur), corners, (blur,))
+    assert live_words(LiveView(image, refused, 0.0)) == "▯▯▯▯ 20 corners · blurred by 3 px → hold still"

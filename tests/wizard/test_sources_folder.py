@@ -18,7 +18,7 @@ from vbaa_calib.core.images import gray_from_bytes, read_gray
 from vbaa_calib.wizard.sources import SourceLost, open_source
 from vbaa_calib.wizard.sources.folder import FolderSource, Pace
 
-QUICK = Pace(look_s=0.02, settle_s=0.05, patience_s=0.25)
+QUICK = Pace(scan_s=0.02, settle_s=0.05, patience_s=0.25)
 
 
 def picture(seed: int, suffix: str = ".png") -> bytes:

@@ -13,7 +13,7 @@ import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.sources import Source, SourceLost, camera
-from vbaa_calib.wizard.sources.camera import CameraWish, open_camera, parse_camera
+from vbaa_calib.wizard.sources.camera import CameraSettings, open_camera, parse_camera
 from vbaa_calib.wizard.sources.live import Patience
 
 QUICK = Patience(open_s=0.6, silence_s=0.4, failures=3)
@@ -92,7 +92,7 @@ def use_up(source: Source) -> None:
 
 def test_the_newest_frame_is_given_and_old_ones_are_dropped(plug) -> None:
     fake = plug(["go"])
-    source = open_camera(CameraWish(0), patience=QUICK)
+    source = open_camera(CameraSettings(0), patience=QUICK)
     offered = [source.next(1.0)]
     for _ in range(3):
         time.sleep(0.15)
@@ -109,14 +109,14 @@ def test_the_newest_frame_is_given_and_old_ones_are_dropped(plug) -> None:
 
 def test_names_go_on_after_those_that_were_seen(plug) -> None:
     plug(["go"])
-    source = open_camera(CameraWish(0), {"frame 0", "frame 2"}, QUICK)
+    source = open_camera(CameraSettings(0), {"frame 0", "frame 2"}, QUICK)
     assert [source.next(1.0).name for _ in range(3)] == ["frame 1", "frame 3", "frame 4"]
     source.close()
 
 
 def test_no_frame_in_time_is_none(plug) -> None:
     plug(["go"])
-    source = open_camera(CameraWish(0), patience=QUICK)
+    source = open_camera(CameraSettings(0), patience=QUICK)
     source.next(1.0)
     assert source.next(0.0) is None
     source.close()
@@ -126,7 +126,7 @@ def test_no_frame_in_time_is_none(plug) -> None:
                                              ("raise", "no more pictures"), ("empty", "no more pictures")])  # fmt: skip
 def test_an_unplugged_camera_is_told_soon(plug, play: str, words: str) -> None:
     fake = plug(["go"] * 5 + [play])
-    source = open_camera(CameraWish(0), patience=QUICK)
+    source = open_camera(CameraSettings(0), patience=QUICK)
     start_s = time.monotonic()
     with pytest.raises(SourceLost, match=f"{words}; check cable and plug"):
         use_up(source)
@@ -147,7 +147,7 @@ def test_a_camera_that_does_not_start_is_refused(plug, plays: list[str], opens: 
     plug(plays, opens=opens)
     start_s = time.monotonic()
     with pytest.raises(InputError, match=words) as raised:
-        open_camera(CameraWish(0), patience=QUICK)
+        open_camera(CameraSettings(0), patience=QUICK)
     assert raised.value.remedy
     assert not isinstance(raised.value, SourceLost)
     assert time.monotonic() - start_s < 3
@@ -155,7 +155,7 @@ def test_a_camera_that_does_not_start_is_refused(plug, plays: list[str], opens: 
 
 def test_another_resolution_shows_in_the_frames(plug) -> None:
     plug(["go"] * 3 + ["larger"])
-    source = open_camera(CameraWish(0), patience=QUICK)
+    source = open_camera(CameraSettings(0), patience=QUICK)
     shapes = [offered.image.shape for _ in range(8) if (offered := source.next(0.5))]
     assert shapes[0] == (48, 64)
     assert shapes[-1] == (96, 128)
@@ -186,15 +186,15 @@ def test_a_camera_that_is_not_one_is_refused(text: str) -> None:
 
 
 def test_cameras_are_parsed() -> None:
-    assert parse_camera("0") == CameraWish(0)
-    assert parse_camera("/dev/video2?width=640") == CameraWish("/dev/video2", width=640)
+    assert parse_camera("0") == CameraSettings(0)
+    assert parse_camera("/dev/video2?width=640") == CameraSettings("/dev/video2", width=640)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere cameras are no files")
 def test_a_missing_camera_is_told_with_those_that_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera, "list_cameras", lambda: ["/dev/video0 (USB cam)"])
     with pytest.raises(InputError, match=r"no /dev/video97; there are /dev/video0 \(USB cam\)"):
-        open_camera(CameraWish(97))
+        open_camera(CameraSettings(97))
     monkeypatch.setattr(camera, "list_cameras", lambda: [])
     with pytest.raises(InputError, match="shows no camera"):
-        open_camera(CameraWish(str(Path("/dev/video97"))))
+        open_camera(CameraSettings(str(Path("/dev/video97"))))

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import gray_from_bytes
-from vbaa_calib.wizard.sources import Source, SourceLost, open_source, without_secrets
+from vbaa_calib.wizard.sources import Source, SourceLost, open_source
 from vbaa_calib.wizard.sources.live import Patience
-from vbaa_calib.wizard.sources.offered import frame_offered
+from vbaa_calib.wizard.sources.picture import frame_picture, without_secrets
 from vbaa_calib.wizard.sources.stream import open_stream
 
 QUICK = Patience(open_s=2.0, silence_s=1.5, failures=1, retries_s=(0.05, 0.1))
@@ -206,5 +206,5 @@ def test_grey_of_a_colour_frame_is_that_of_its_png() -> None:
     pixels = rng.integers(0, 256, (200, 300, 3), dtype=np.uint8)
     pixels[:16, :16] = np.arange(256, dtype=np.uint8).reshape(16, 16, 1)
     for frame in (pixels, pixels[..., 1].copy()):
-        offered = frame_offered("x", frame, 0.0)
+        offered = frame_picture("x", frame, 0.0)
         np.testing.assert_array_equal(offered.image, gray_from_bytes(offered.data, Path("x.png")))

@@ -10,7 +10,7 @@ import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray, read_picture
-from vbaa_calib.wizard.sources import Offered, Source, open_source
+from vbaa_calib.wizard.sources import Picture, Source, open_source
 
 FRAMES = 25
 
@@ -26,7 +26,7 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def frames(source: Source) -> list[Offered]:
+def frames(source: Source) -> list[Picture]:
     found = []
     while not source.ended:
         offered = source.next(0.5)

@@ -11,15 +11,15 @@ import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
-from vbaa_calib.wizard.sources.offered import Offered
+from vbaa_calib.wizard.sources.picture import Picture
 from vbaa_calib.wizard.state.journal import Journal
 from vbaa_calib.wizard.state.store import Store
 
 IMAGE = np.zeros((2, 3), np.uint8)
 
 
-def offered(name: str, content: bytes | None = None, suffix: str = ".png") -> Offered:
-    return Offered(name, IMAGE, suffix, name.encode() if content is None else content)
+def picture(name: str, content: bytes | None = None, suffix: str = ".png") -> Picture:
+    return Picture(name, IMAGE, suffix, name.encode() if content is None else content)
 
 
 def on_disk(store: Store) -> Journal:
@@ -33,8 +33,8 @@ def store(tmp_path: Path) -> Store:
 
 
 def test_a_taken_picture_is_on_the_disk_byte_by_byte_before_it_is_said(store: Store) -> None:
-    first = store.take("lens", offered("IMG 1.JPG", b"\xff\xd8", ".JPG"), {})
-    second = store.take("noload", offered("a.png"), {"pan_rad": 0.1, "tilt_rad": 0.2, "moment_Nm": 0.1 + 0.2})
+    first = store.take("lens", picture("IMG 1.JPG", b"\xff\xd8", ".JPG"), {})
+    second = store.take("noload", picture("a.png"), {"pan_rad": 0.1, "tilt_rad": 0.2, "moment_Nm": 0.1 + 0.2})
     assert (first.file, second.file) == ("intrinsics/0001.jpg", "noload/0001.png")
     assert store.path(first).read_bytes() == b"\xff\xd8"
     assert first.sha256 == hashlib.sha256(b"\xff\xd8").hexdigest() == sha256(store.path(first))
@@ -46,15 +46,15 @@ def test_names_never_meet(store: Store) -> None:
     """Neither a picture that somebody put there nor one that was dropped is ever written over."""
     (store.root / "intrinsics").mkdir()
     (store.root / "intrinsics" / "0001.jpg").write_bytes(b"mine")
-    files = [store.take("lens", offered(name), {}).file for name in ("a", "b", "c")]
+    files = [store.take("lens", picture(name), {}).file for name in ("a", "b", "c")]
     assert files == [f"intrinsics/000{number}.png" for number in (2, 3, 4)]
     store.drop("lens", store.journal.of("lens").taken[0])
-    assert store.take("lens", offered("d"), {}).file == "intrinsics/0005.png"
+    assert store.take("lens", picture("d"), {}).file == "intrinsics/0005.png"
     assert (store.root / "intrinsics" / "0001.jpg").read_bytes() == b"mine"
 
 
 def test_a_dropped_picture_is_kept_and_not_offered_again(store: Store) -> None:
-    store.take("lens", offered("a"), {})
+    store.take("lens", picture("a"), {})
     store.close("lens", "enough")
     place = store.drop("lens", store.journal.of("lens").taken[0])
     assert place.read_bytes() == b"a"
@@ -65,7 +65,7 @@ def test_a_dropped_picture_is_kept_and_not_offered_again(store: Store) -> None:
 def test_redo_keeps_the_old_with_its_readings(store: Store) -> None:
     readings = {"pan_rad": 0.0, "tilt_rad": 0.5, "moment_Nm": 1.0}
     for name in ("a", "b"):
-        store.take("noload", offered(name), readings)
+        store.take("noload", picture(name), readings)
     store.answer({"gravity": "x", "antenna_diameter_mm": 1.0})
     place = store.redo("noload", forget=["gravity"])
     assert place is not None
@@ -73,7 +73,7 @@ def test_redo_keeps_the_old_with_its_readings(store: Store) -> None:
     assert json.loads((place / "was.json").read_text())["taken"][0]["readings"] == readings
     assert on_disk(store).of("noload").judged == frozenset()
     assert on_disk(store).answers == {"antenna_diameter_mm": 1.0}
-    store.take("noload", offered("c"), readings)
+    store.take("noload", picture("c"), readings)
     again = store.redo("noload")
     assert again not in (None, place)
     assert store.redo("noload") is None
@@ -81,39 +81,39 @@ def test_redo_keeps_the_old_with_its_readings(store: Store) -> None:
 
 
 def test_missing_and_changed_pictures(store: Store) -> None:
-    gone, changed, whole = (store.take("lens", offered(name), {}) for name in "abc")
+    gone, changed, whole = (store.take("lens", picture(name), {}) for name in "abc")
     store.close("lens", "enough")
     store.path(gone).unlink()
     store.path(changed).write_bytes(b"x")
-    assert store.missing() == [gone, changed]
+    assert store.lost() == [gone, changed]
     store.forget([gone, changed])
     assert on_disk(store).of("lens").taken == (whole,)
     assert on_disk(store).of("lens").closed == ""
-    assert store.strangers() == [store.path(changed)]
+    assert store.unlisted() == [store.path(changed)]
 
 
-def test_ways_that_were_not_chosen_are_strangers(store: Store) -> None:
+def test_ways_that_were_not_chosen_are_unlisted(store: Store) -> None:
     """But for those that came with a session."""
     for way in ("plane", "sweep", "over"):
         (store.root / way).mkdir()
     store.answer({"plane_way": "sweep"})
-    assert {path.name for path in store.strangers()} == {"plane", "over"}
+    assert {path.name for path in store.unlisted()} == {"plane", "over"}
     store.answer({"jig_given": True})
-    assert store.strangers() == []
+    assert store.unlisted() == []
 
 
 def test_what_is_put_aside_is_never_written_over(store: Store) -> None:
     for content in (b"1", b"2"):
         (store.root / "intrinsics").mkdir(exist_ok=True)
         (store.root / "intrinsics" / "x.png").write_bytes(content)
-        store.put_aside(store.strangers(), "found")
+        store.set_aside(store.unlisted(), "found")
     found = [path.read_bytes() for path in sorted((store.root / "aside").rglob("x.png"))]
     assert sorted(found) == [b"1", b"2"]
 
 
 def test_a_file_that_is_replaced_is_kept(store: Store) -> None:
     for content in (b"1", b"1", b"2"):
-        store.replace("board.yaml", content)
+        store.write("board.yaml", content)
     assert (store.root / "board.yaml").read_bytes() == b"2"
     assert [path.read_bytes() for path in (store.root / "aside").rglob("board.yaml")] == [b"1"]
 

@@ -98,7 +98,7 @@ def test_the_first_minutes_of_a_newcomer(start: Start, tmp_path: Path) -> None:
     wizard.until("took 0.png as intrinsics/0001.png")
     assert "seen 1 picture" in " ".join(wizard.until("2 more pictures").split())
     wizard.type("drop")
-    wizard.until("intrinsics/0001.png is put aside")
+    wizard.until("intrinsics/0001.png is set aside")
     wizard.type("dorp")
     wizard.until("'dorp' is none of enough, take, drop")
     wizard.press(b"\x03")

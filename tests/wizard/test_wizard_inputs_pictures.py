@@ -89,7 +89,7 @@ def test_no_antenna(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_files_that_are_no_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each is named, and passed by; what is cut off would be half a picture."""
     for name, step in unseen_steps().items():
-        monkeypatch.setitem(flow.ALL, name, step)
+        monkeypatch.setitem(flow.STEP_BY_NAME, name, step)
     source = repainted(tmp_path, "intrinsics", lambda picture: picture, slice(0))
     for name, content in (("a.png", b""), ("b.png", b"text"), ("c.jpg", b"\xff\xd8\xff\xe0")):
         (source / "intrinsics" / name).write_bytes(content)

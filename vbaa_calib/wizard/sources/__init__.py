@@ -1,6 +1,6 @@
 """Where the wizard's pictures come from: a folder that fills up, a camera, a video, a stream."""
 
 from .choose import open_source
-from .offered import Offered, Source, SourceLost, without_secrets
+from .picture import Picture, Source, SourceLost
 
-__all__ = ["Offered", "Source", "SourceLost", "open_source", "without_secrets"]
+__all__ = ["Picture", "Source", "SourceLost", "open_source"]

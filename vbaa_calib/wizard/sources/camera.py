@@ -14,32 +14,27 @@ import cv2
 
 from vbaa_calib.core.errors import InputError
 
-from .live import Advice, LiveSource, Patience, silence_opencv
-from .offered import shown
+from .live import Fault, LiveSource, Patience, silence_opencv
+from .picture import shown
 
 _KEYS = "width, height, fps and fourcc"
 _LIKE = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"
 _MOST = {"width": 65535, "height": 65535, "fps": 1000}
 _PLUG = "check cable and plug, close other programs that use the camera, then run this again: it goes on where it was"
-_ADVICE = Advice(
-    what={
-        "closed": "the camera cannot be opened",
-        "blank": "the camera opens but gives no picture",
-        "broken": "the camera gives no more pictures",
-        "hung": "the camera does not answer",
-    },
-    remedy={
-        "closed": "close other programs that use it, or name another camera",
-        "blank": "close other programs that use it, try another size or fourcc=MJPG, or name another camera",
-        "broken": _PLUG,
-        "hung": _PLUG,
-    },
-)
+_FAULTS: dict[Fault, tuple[str, str]] = {
+    "closed": ("the camera cannot be opened", "close other programs that use it, or name another camera"),
+    "blank": (
+        "the camera opens but gives no picture",
+        "close other programs that use it, try another size or fourcc=MJPG, or name another camera",
+    ),
+    "broken": ("the camera gives no more pictures", _PLUG),
+    "hung": ("the camera does not answer", _PLUG),
+}
 
 
 @dataclass(frozen=True)
-class CameraWish:
-    """Which camera, and what is asked of it; None: as it comes.
+class CameraSettings:
+    """Which camera, and what is asked of it; None: the camera's default.
 
     Attributes
     ----------
@@ -54,7 +49,7 @@ class CameraWish:
     fourcc: str | None = None
 
 
-def parse_camera(text: str) -> CameraWish:
+def parse_camera(text: str) -> CameraSettings:
     """What stands behind "camera:". Raises InputError."""
     device, _, query = text.partition("?")
     numbers: dict[str, int] = {}
@@ -69,14 +64,14 @@ def parse_camera(text: str) -> CameraWish:
             what = f"{shown(key)} cannot be {shown(value)!r}" if known else f"{shown(key)!r} is not known of a camera"
             raise InputError(what, where=f"camera:{shown(text)}", remedy=f"{_KEYS} can be asked for; {_LIKE}")
     if re.fullmatch(r"[0-9]{1,3}", device):
-        return CameraWish(int(device), fourcc=fourcc, **numbers)
+        return CameraSettings(int(device), fourcc=fourcc, **numbers)
     if device.startswith("/"):
-        return CameraWish(device, fourcc=fourcc, **numbers)
+        return CameraSettings(device, fourcc=fourcc, **numbers)
     raise InputError("is neither a camera's number nor its device", where=f"camera:{shown(text)}", remedy=_LIKE)
 
 
 def list_cameras() -> list[str]:
-    """The camera devices that this computer shows, with their names where the system tells them; Linux only."""
+    """The camera devices that this computer shows, with their names where the system knows them; Linux only."""
     found = []
     for path in sorted(Path("/dev").glob("video*"), key=lambda path: (len(path.name), path.name)):
         try:
@@ -87,13 +82,13 @@ def list_cameras() -> list[str]:
     return found
 
 
-def open_camera(wish: CameraWish, seen: Container[str] = (), patience: Patience | None = None) -> LiveSource:
+def open_camera(settings: CameraSettings, seen: Container[str] = (), patience: Patience | None = None) -> LiveSource:
     """A camera, running. Raises InputError when it is not there or gives no picture."""
-    name = f"camera:{wish.device}"
-    _check_device(wish.device, name)
+    name = f"camera:{settings.device}"
+    _check_device(settings.device, name)
     notes: list[str] = []
-    source = LiveSource(name, _opener(wish, notes), patience or Patience(), _ADVICE, seen)
-    source.say(*notes)
+    source = LiveSource(name, _opener(settings, notes), patience or Patience(), _FAULTS, seen)
+    source.add_notes(*notes)
     return source
 
 
@@ -111,15 +106,15 @@ def _check_device(device: int | str, name: str) -> None:
         raise InputError(f"{path} may not be used", where=name, remedy=remedy)
 
 
-def _opener(wish: CameraWish, notes: list[str]) -> Callable[[], cv2.VideoCapture]:
-    """Opens the camera as wished, and writes into `notes` what came of it."""
+def _opener(settings: CameraSettings, notes: list[str]) -> Callable[[], cv2.VideoCapture]:
+    """Opens the camera with these settings, and writes the result into `notes`."""
 
     def opened() -> cv2.VideoCapture:
         silence_opencv()
         backend = cv2.CAP_V4L2 if sys.platform.startswith("linux") else cv2.CAP_ANY
-        capture = cv2.VideoCapture(wish.device, backend)
+        capture = cv2.VideoCapture(settings.device, backend)
         if capture.isOpened():
-            notes[:] = [*_ask_size(capture, wish), _stop_autofocus(capture), _EXPOSURE]
+            notes[:] = [*_ask_size(capture, settings), _stop_autofocus(capture), _EXPOSURE]
         return capture
 
     return opened
@@ -128,12 +123,12 @@ def _opener(wish: CameraWish, notes: list[str]) -> Callable[[], cv2.VideoCapture
 _EXPOSURE = "the camera's automatic exposure is left as it is"
 
 
-def _ask_size(capture: cv2.VideoCapture, wish: CameraWish) -> list[str]:
+def _ask_size(capture: cv2.VideoCapture, settings: CameraSettings) -> list[str]:
     # the pixel format first: it decides which sizes there are
-    if wish.fourcc:
-        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wish.fourcc))
-    sides = {cv2.CAP_PROP_FRAME_WIDTH: wish.width, cv2.CAP_PROP_FRAME_HEIGHT: wish.height}
-    for key, value in {**sides, cv2.CAP_PROP_FPS: wish.fps}.items():
+    if settings.fourcc:
+        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*settings.fourcc))
+    sides = {cv2.CAP_PROP_FRAME_WIDTH: settings.width, cv2.CAP_PROP_FRAME_HEIGHT: settings.height}
+    for key, value in {**sides, cv2.CAP_PROP_FPS: settings.fps}.items():
         if value:
             capture.set(key, value)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)

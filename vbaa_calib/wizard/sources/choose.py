@@ -1,4 +1,4 @@
-"""From what the user types to the source that is meant."""
+"""From what the user types to a source."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES
 
-from .camera import CameraWish, open_camera, parse_camera
+from .camera import CameraSettings, open_camera, parse_camera
 from .folder import FolderSource
-from .offered import Source, shown
+from .picture import Source, shown
 from .stream import open_stream
 from .video import VideoSource
 
@@ -43,7 +43,7 @@ def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Sou
     if stat.S_ISDIR(mode):
         return FolderSource(path, seen, wait)
     if stat.S_ISCHR(mode):
-        return open_camera(CameraWish(str(path.absolute())), seen)
+        return open_camera(CameraSettings(str(path.absolute())), seen)
     if not stat.S_ISREG(mode):
         raise InputError("is neither folder, video nor camera", where=shown(text), remedy=_KINDS)
     if path.suffix.lower() in SUFFIXES:
@@ -56,7 +56,7 @@ def _mode(path: Path, text: str) -> int:
         return path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         if text.startswith("/dev/video"):
-            open_camera(CameraWish(text))  # raises, with the cameras that are there
+            open_camera(CameraSettings(text))  # raises, with the cameras that are there
         digits = f"for a camera write camera:{text}; or " if text.isdigit() and len(text) < 4 else ""
         raise InputError("no such folder or video", where=shown(text), remedy=f"{digits}{_KINDS}") from None
     except (OSError, ValueError) as error:

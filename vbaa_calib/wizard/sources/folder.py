@@ -12,7 +12,7 @@ from pathlib import Path
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES, gray_from_bytes
 
-from .offered import Offered, SourceLost, shown
+from .picture import Picture, SourceLost, shown
 
 _TEMPORARY = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".download", ".filepart", ".swp")
 _MOST_BYTES = 1_000_000_000
@@ -25,31 +25,31 @@ class Pace:
 
     Attributes
     ----------
-    look_s : between two looks at the folder.
+    scan_s : between two scans of the folder.
     settle_s : a file that did not change for this long is taken as written.
-    patience_s : a file that did not change for this long and still cannot be read is told as broken.
+    patience_s : a file that did not change for this long and still cannot be read is reported as broken.
     """
 
-    look_s: float = 0.25
+    scan_s: float = 0.25
     settle_s: float = 0.5
     patience_s: float = 3.0
 
 
 @dataclass(frozen=True)
 class _Watched:
-    """A file that was not offered yet: what the system said of it, since when that holds; read in vain; told so."""
+    """A file that was not offered yet: its size and time, since when; whether it was read in vain, and reported."""
 
     state: tuple[int, int]
     since_s: float
     failed: bool = False
-    told: bool = False
+    reported: bool = False
 
 
 class FolderSource:
     """The pictures of a folder: those that are there by name, then new ones as they come.
 
     A picture is offered once it is whole: its size and time stand still and its bytes decode. One that is replaced
-    by another of the same name is not offered again; one that was told as broken is, when it changes.
+    by another of the same name is not offered again; one that was reported as broken is, when it changes.
     """
 
     live = False
@@ -73,22 +73,22 @@ class FolderSource:
         names = self._names(InputError)
         if not names and not wait:
             raise InputError("holds no pictures", where=self.name, remedy=f"put {', '.join(SUFFIXES)} files into it")
-        self._start_s = self._looked_s = clock()
-        self._first_look(names)
+        self._start_s = self._scanned_s = clock()
+        self._first_scan(names)
 
     @property
     def ended(self) -> bool:
-        """All that was there at the start was offered, or told as broken; never while more is waited for."""
-        return not self._wait and all(watched.told or name in self._seen for name, watched in self._watched.items())
+        """All that was there at the start was offered, or reported as broken; never while more is waited for."""
+        return not self._wait and all(watched.reported or name in self._seen for name, watched in self._watched.items())
 
-    def next(self, timeout_s: float) -> Offered | None:
+    def next(self, timeout_s: float) -> Picture | None:
         """The next whole picture. Raises SourceLost when the folder is gone."""
         until_s = self._clock() + timeout_s
         while True:
             # thousands of files take long to look at: not as long as some are known to wait
             if not self._ready:
-                if self._clock() - self._looked_s >= self._pace.look_s:
-                    self._look()
+                if self._clock() - self._scanned_s >= self._pace.scan_s:
+                    self._scan()
                 self._ready = self._settled()
             while self._ready:
                 name = self._ready.pop(0)
@@ -98,7 +98,7 @@ class FolderSource:
             left_s = until_s - self._clock()
             if self.ended or left_s <= 0:
                 return None
-            time.sleep(min(left_s, self._pace.look_s))
+            time.sleep(min(left_s, self._pace.scan_s))
 
     def close(self) -> None:
         """Nothing is held open."""
@@ -110,13 +110,13 @@ class FolderSource:
         for name, watched in sorted(self._watched.items()):
             wait_s = self._pace.patience_s if watched.failed else self._pace.settle_s
             if now_s - watched.since_s >= wait_s:
-                if not watched.told:
+                if not watched.reported:
                     settled.append(name)
             elif watched.since_s == self._start_s and not watched.failed:
                 break  # it was there at the start, and those are offered by name
         return settled
 
-    def _read(self, name: str) -> Offered | None:
+    def _read(self, name: str) -> Picture | None:
         """The picture, from bytes that are read once; None where it is not whole, with a note once patience is over."""
         path, watched = self._folder / name, self._watched[name]
         try:
@@ -139,17 +139,17 @@ class FolderSource:
             return self._failed(name, str(error))
         del self._watched[name]
         self._given.add(name)
-        return Offered(name, image, path.suffix.lower(), data)
+        return Picture(name, image, path.suffix.lower(), data)
 
-    def _failed(self, name: str, why: str) -> Offered | None:
+    def _failed(self, name: str, why: str) -> Picture | None:
         watched = self._watched[name]
         over = self._clock() - watched.since_s >= self._pace.patience_s
-        self._watched[name] = replace(watched, failed=True, told=over)
+        self._watched[name] = replace(watched, failed=True, reported=over)
         if over:
             self.notes += (why,)
         return None
 
-    def _first_look(self, names: list[str]) -> None:
+    def _first_scan(self, names: list[str]) -> None:
         """What was there for long need not be watched first."""
         for name in filter(self._is_new, names):
             status = self._status(name)
@@ -158,8 +158,8 @@ class FolderSource:
                 since_s = self._start_s - (self._pace.patience_s if age_s > _OLD_S else 0)
                 self._watched[name] = _Watched(_state(status), since_s)
 
-    def _look(self) -> None:
-        now_s = self._looked_s = self._clock()
+    def _scan(self) -> None:
+        now_s = self._scanned_s = self._clock()
         there = set(filter(self._is_new, self._names(SourceLost)))
         for name in sorted(there if self._wait else there & self._watched.keys()):
             status = self._status(name)

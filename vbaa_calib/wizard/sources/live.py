@@ -1,4 +1,4 @@
-"""Frames of a camera or stream as pictures that are offered."""
+"""The newest frames of a camera or stream."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-from .offered import Offered, SourceLost, frame_offered
+from .picture import Picture, SourceLost, frame_picture
 
 Fault = Literal["closed", "blank", "broken", "hung"]
 """Could not be opened; opened but never gave a frame; its frames stopped; it does not answer."""
@@ -41,48 +41,99 @@ class Patience:
     retries_s: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """(H, W) or (H, W, 3) uint8 pixels, and the time since the source was opened."""
-
-    pixels: np.ndarray
-    time_s: float
-
-
 def silence_opencv() -> None:
-    """Keep OpenCV's and FFmpeg's own lines off the terminal: what matters is said by the sources."""
+    """Keep OpenCV's and FFmpeg's own lines off the terminal: the sources report what matters."""
     # FFmpeg's level is read once, when the first capture is opened; -8 is its "quiet"
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
-class Grabber:
-    """The newest frame of a capture. Older ones are dropped; only those asked for are decoded."""
+class LiveSource:
+    """The newest frames of a device: those that nobody took in time are dropped, and not decoded.
 
-    def __init__(self, opener: Callable[[], cv2.VideoCapture], patience: Patience) -> None:
-        self._opener, self._patience = opener, patience
-        self._changed = threading.Condition()
-        self._stop = threading.Event()
+    Frames count from 0; a number whose name is in `seen` is left out, so that names stay unique when a session goes on.
+    A thread reads the device; one that hangs is left behind and ends with the process.
+    """
+
+    live = True
+    ended = False
+
+    def __init__(
+        self,
+        name: str,
+        opener: Callable[[], cv2.VideoCapture],
+        patience: Patience,
+        faults: Mapping[Fault, tuple[str, str]],
+        seen: Container[str] = (),
+    ) -> None:
+        """Opens the device and waits for its first frame. faults : what is wrong, and the remedy.
+
+        Raises InputError when no frame comes.
+        """
+        self.name = name
+        self._opener, self._patience, self._faults, self._seen = opener, patience, faults, seen
+        self._notes: tuple[str, ...] = ()
+        self._number = self._reopened = 0
+        self._changed, self._stop = threading.Condition(), threading.Event()
         self._start_s = time.monotonic()
         self._due_s = self._start_s + patience.open_s
-        self._frame: Frame | None = None
-        self._wanted = True
-        self._had_frames = False
+        self._frame: tuple[np.ndarray, float] | None = None
+        self._wanted, self._had_frames = True, False
         self._fault: Fault | None = None
-        self.reopened = 0
         self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
         self._thread.start()
+        try:
+            # a little longer than the thread's own patience, so that the thread finds what is wrong
+            self._first = self._newest(patience.open_s + 1)
+        except BaseException:
+            self.close()
+            raise
+        if self._first is None:
+            self.close()
+            raise self._error(InputError, self._fault_now() or "hung")
 
     @property
-    def fault(self) -> Fault | None:
+    def notes(self) -> tuple[str, ...]:
+        """Messages so far."""
+        times = range(1, self._reopened + 1)
+        return (*self._notes, *(f"{self.name} broke off and was reached again, time {time}" for time in times))
+
+    def add_notes(self, *notes: str) -> None:
+        """Add messages, before the first frame is taken."""
+        self._notes += notes
+
+    def next(self, timeout_s: float) -> Picture | None:
+        """The newest frame, waited for if need be. Raises SourceLost when the device is gone."""
+        frame, self._first = self._first or self._newest(timeout_s), None
+        if frame is None:
+            fault = self._fault_now()
+            if fault is not None:
+                self.close()
+                raise self._error(SourceLost, fault)
+            return None
+        while (name := f"frame {self._number}") in self._seen:
+            self._number += 1
+        self._number += 1
+        return frame_picture(name, *frame)
+
+    def close(self) -> None:
+        """Let go of the device."""
+        self._stop.set()
+        self._thread.join(_LEAVE_S)
+
+    def _error(self, kind: type[InputError], fault: Fault) -> InputError:
+        what, remedy = self._faults[fault]
+        return kind(what, where=self.name, remedy=remedy)
+
+    def _fault_now(self) -> Fault | None:
         """Why there are no more frames; None while there may be some."""
         with self._changed:
             if self._fault is None and time.monotonic() > self._due_s:
                 return "hung"
             return self._fault
 
-    def newest(self, timeout_s: float) -> Frame | None:
-        """A frame that was not given before; None when none came in time, or when there is a `fault`."""
+    def _newest(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
+        """A frame that was not given before, and its time; None when none came in time, or there is a fault."""
         until_s = time.monotonic() + timeout_s
         with self._changed:
             self._wanted = True
@@ -94,51 +145,47 @@ class Grabber:
             frame, self._frame, self._wanted = self._frame, None, False
             return frame
 
-    def close(self) -> None:
-        """Let the thread release the capture; one that hangs is left behind, it ends with the process."""
-        self._stop.set()
-        self._thread.join(_LEAVE_S)
-
     def _run(self) -> None:
+        """The thread: open, read until it breaks, open again as long as patience lasts."""
         retries = iter(self._patience.retries_s)
         while not self._stop.is_set():
-            fault, frames = self._session()
+            fault, frames = self._read_until_it_breaks()
             if frames:
                 retries = iter(self._patience.retries_s)
             wait_s = next(retries, None) if self._had_frames else None
             if wait_s is None:
-                self._tell(fault if not self._had_frames else "broken")
+                with self._changed:
+                    self._fault = "broken" if self._had_frames else fault
+                    self._changed.notify_all()
                 return
-            self._expect(wait_s + self._patience.open_s)
+            self._expect_frame(wait_s + self._patience.open_s)
             self._stop.wait(wait_s)
 
-    def _session(self) -> tuple[Fault, int]:
-        """Open, read until it breaks, release; what happened, and how many frames came."""
+    def _read_until_it_breaks(self) -> tuple[Fault, int]:
+        """What happened, and how many frames came."""
         try:
             capture = self._opener()
         except cv2.error:
             return "closed", 0
+        failures = frames = 0
         try:
             if not capture.isOpened():
                 return "closed", 0
-            return self._read(capture)
+            while not self._stop.is_set() and failures < self._patience.failures:
+                pixels = self._grab(capture)
+                if pixels is None:
+                    failures += 1
+                    self._stop.wait(_PAUSE_S)
+                    continue
+                self._reopened += frames == 0 and self._had_frames
+                failures, frames, self._had_frames = 0, frames + 1, True
+                self._expect_frame(self._patience.silence_s)
+                if pixels.size:
+                    with self._changed:
+                        self._frame = pixels, time.monotonic() - self._start_s
+                        self._changed.notify_all()
         finally:
             capture.release()
-
-    def _read(self, capture: cv2.VideoCapture) -> tuple[Fault, int]:
-        failures = frames = 0
-        while not self._stop.is_set() and failures < self._patience.failures:
-            pixels = self._grab(capture)
-            if pixels is None:
-                failures += 1
-                self._stop.wait(_PAUSE_S)
-                continue
-            if frames == 0 and self._had_frames:
-                self.reopened += 1
-            failures, frames, self._had_frames = 0, frames + 1, True
-            self._expect(self._patience.silence_s)
-            if pixels.size:
-                self._give(pixels)
         return "broken" if frames else "blank", frames
 
     def _grab(self, capture: cv2.VideoCapture) -> np.ndarray | None:
@@ -156,92 +203,6 @@ class Grabber:
             return None
         return pixels[..., 0] if pixels.shape[2:] == (1,) else pixels
 
-    def _give(self, pixels: np.ndarray) -> None:
-        with self._changed:
-            self._frame = Frame(pixels, time.monotonic() - self._start_s)
-            self._changed.notify_all()
-
-    def _expect(self, within_s: float) -> None:
+    def _expect_frame(self, within_s: float) -> None:
         with self._changed:
             self._due_s = time.monotonic() + within_s
-
-    def _tell(self, fault: Fault) -> None:
-        with self._changed:
-            self._fault = fault
-            self._changed.notify_all()
-
-
-@dataclass(frozen=True)
-class Advice:
-    """What is wrong and what to do about it, by fault."""
-
-    what: Mapping[Fault, str]
-    remedy: Mapping[Fault, str]
-
-    def error(self, kind: type[InputError], fault: Fault, name: str) -> InputError:
-        """The error to raise."""
-        return kind(self.what[fault], where=name, remedy=self.remedy[fault])
-
-
-class LiveSource:
-    """The newest frames of a device: those that nobody took in time are dropped.
-
-    Frames count from 0; a number whose name is in `seen` is left out, so that names stay unique when a session goes on.
-    """
-
-    live = True
-    ended = False
-
-    def __init__(
-        self,
-        name: str,
-        opener: Callable[[], cv2.VideoCapture],
-        patience: Patience,
-        advice: Advice,
-        seen: Container[str] = (),
-    ) -> None:
-        """Opens the device and waits for its first frame. Raises InputError when none comes."""
-        self.name = name
-        self._advice, self._seen = advice, seen
-        self._said: tuple[str, ...] = ()
-        self._number = 0
-        self._grabber = Grabber(opener, patience)
-        try:
-            # a little longer than the grabber's own patience, so that it is always the one to say what is wrong
-            self._first = self._grabber.newest(patience.open_s + 1)
-        except BaseException:
-            self.close()
-            raise
-        if self._first is None:
-            fault = self._grabber.fault or "hung"
-            self.close()
-            raise advice.error(InputError, fault, name)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What there was to say so far."""
-        times = self._grabber.reopened
-        broke = (f"{self.name} broke off and was reached again, time {index + 1}" for index in range(times))
-        return (*self._said, *broke)
-
-    def say(self, *notes: str) -> None:
-        """Add notes, before the first frame is taken."""
-        self._said += notes
-
-    def next(self, timeout_s: float) -> Offered | None:
-        """The newest frame, waited for if need be. Raises SourceLost when the device is gone."""
-        frame, self._first = self._first or self._grabber.newest(timeout_s), None
-        if frame is None:
-            fault = self._grabber.fault
-            if fault is not None:
-                self.close()
-                raise self._advice.error(SourceLost, fault, self.name)
-            return None
-        while (name := f"frame {self._number}") in self._seen:
-            self._number += 1
-        self._number += 1
-        return frame_offered(name, frame.pixels, frame.time_s)
-
-    def close(self) -> None:
-        """Let go of the device."""
-        self._grabber.close()

@@ -9,26 +9,18 @@ import cv2
 
 from vbaa_calib.core.errors import InputError
 
-from .live import Advice, LiveSource, Patience, silence_opencv
-from .offered import shown
+from .live import Fault, LiveSource, Patience, silence_opencv
+from .picture import shown
 
 SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
 _NO_HOST = ("udp", "rtp")
 _REACH = "check that camera and network are up, then run this again: it goes on where it was"
-_ADVICE = Advice(
-    what={
-        "closed": "the stream cannot be opened",
-        "blank": "the stream opens but gives no picture",
-        "broken": "the stream broke off and cannot be reached again",
-        "hung": "the stream does not answer",
-    },
-    remedy={
-        "closed": "try the address, user and password in a video player",
-        "blank": "try the address in a video player",
-        "broken": _REACH,
-        "hung": _REACH,
-    },
-)
+_FAULTS: dict[Fault, tuple[str, str]] = {
+    "closed": ("the stream cannot be opened", "try the address, user and password in a video player"),
+    "blank": ("the stream opens but gives no picture", "try the address in a video player"),
+    "broken": ("the stream broke off and cannot be reached again", _REACH),
+    "hung": ("the stream does not answer", _REACH),
+}
 # FFmpeg has tried on its own before a read fails
 STREAM_PATIENCE = Patience(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
@@ -42,14 +34,12 @@ def open_stream(url: str, seen: Container[str] = (), patience: Patience = STREAM
     _check(url, name)
     kept: list[bool] = []
     try:
-        source = LiveSource(name, _opener(url, patience, kept), patience, _ADVICE, seen)
+        return LiveSource(name, _opener(url, patience, kept), patience, _FAULTS, seen)
     except InputError:
         if kept:
-            raise InputError(
-                "is a video that is kept there, not a live stream", where=name, remedy="save it and name the file"
-            ) from None
+            what = "is a stored video, not a live stream"
+            raise InputError(what, where=name, remedy="save it and name the file") from None
         raise
-    return source
 
 
 def _check(url: str, name: str) -> None:

@@ -11,11 +11,11 @@ import cv2
 from vbaa_calib.core.errors import InputError
 
 from .live import silence_opencv
-from .offered import Offered, frame_offered, shown
+from .picture import Picture, frame_picture, shown
 
 _AGAIN = "record or copy it again, or turn it into a folder of pictures"
 _USUAL_FPS = 30.0
-_PROMISED_SHARE = 0.95
+_READABLE_SHARE = 0.95
 
 
 class VideoSource:
@@ -41,11 +41,11 @@ class VideoSource:
         if not self._capture.isOpened() or not self._capture.grab():
             self._capture.release()
             raise InputError("is not a video that can be read", where=shown(str(path)), remedy=_AGAIN)
-        self._promised = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        self._frame_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         fps = self._capture.get(cv2.CAP_PROP_FPS)
         self._fps = fps if 1 <= fps <= 1000 else _USUAL_FPS
 
-    def next(self, timeout_s: float) -> Offered | None:
+    def next(self, timeout_s: float) -> Picture | None:
         """The next frame; None at the end."""
         while not self.ended:
             index, name = self._index, f"frame {self._index}"
@@ -55,7 +55,7 @@ class VideoSource:
             if not self._capture.grab():
                 self._end()
             if read and pixels is not None and pixels.size:
-                return frame_offered(f"frame {index}", pixels, time_s)
+                return frame_picture(f"frame {index}", pixels, time_s)
         return None
 
     def close(self) -> None:
@@ -64,15 +64,15 @@ class VideoSource:
         self._capture.release()
 
     def _stamp(self) -> float:
-        """The frame's time since the video began, s; one frame after the last where the file does not tell."""
-        told = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-        if not math.isfinite(told) or told < 0 or told <= self._time_s:
-            told = 0.0 if self._index == 0 else self._time_s + 1 / self._fps
-        self._time_s = told
-        return told
+        """The frame's time since the video began, s; one frame after the last where the file does not hold it."""
+        time_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        if not math.isfinite(time_s) or time_s < 0 or time_s <= self._time_s:
+            time_s = 0.0 if self._index == 0 else self._time_s + 1 / self._fps
+        self._time_s = time_s
+        return time_s
 
     def _end(self) -> None:
-        if self._index < _PROMISED_SHARE * self._promised:
-            promised = f"{self._promised:.0f}"
-            self.notes += (f"{self.name} is cut off or damaged: {self._index} of its {promised} frames can be read",)
+        if self._index < _READABLE_SHARE * self._frame_count:
+            read = f"{self._index} of its {self._frame_count:.0f} frames can be read"
+            self.notes += (f"{self.name} is cut off or damaged: {read}",)
         self.close()

@@ -1,124 +1,134 @@
-"""What a wizard has been told and shown so far: answers, pictures taken, pictures left, step by step."""
+"""wizard.json: answers, pictures taken and refused, step by step."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, FiniteFloat, ValidationError, model_validator
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 
-from .catalogue import QUESTIONS, SOURCES, TABLES
+from .catalogue import QUESTIONS, READINGS, SOURCES, STEPS, TABLES
 
 SCHEMA = "vbaa.wizard/1"
-STEPS = ("board", "lens", "plane", "noload", "loads", "sensor", "verdict")
-PICTURES = {"lens": "for the lens", "plane": "for plane C", "noload": "of the free antenna", "loads": "of loads"}
-"""Steps that take pictures, and of what those are."""
-READINGS: Mapping[str, tuple[str, ...]] = {
-    "sweep": ("pan_rad", "tilt_rad"),
-    "noload": ("pan_rad", "tilt_rad", "moment_Nm"),
-    "loads": ("pan_rad", "tilt_rad", "moment_Nm", "distance_m", "force_y_N", "force_z_N"),
-}
-"""Folder → what is read with each of its pictures."""
 _REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
+_QUESTIONS = {question.key: question for question in (*QUESTIONS, *SOURCES, *TABLES)}
+_TABLES = {question.key for question in TABLES}
 _FOLLOWING = {"measure_x_mm": "number", "measure_y_mm": "number"} | {
     f"{name}_given": "yesno" for name in ("board", "jig", "over", "gravity")
 }
-_KINDS = (
-    {question.key: question.kind for question in (*QUESTIONS, *SOURCES)}
-    | {question.key: "table" for question in TABLES}
-    | _FOLLOWING
-)
-_CHOICES = {question.key: question.choices for question in QUESTIONS if question.choices}
+"""What is kept with the answers and follows from them or from a session that was there; with its kind."""
 
 
-@dataclass(frozen=True)
-class Taken:
-    """A picture that was accepted.
+def _inside(file: str) -> str:
+    if Path(file).is_absolute() or ".." in Path(file).parts or "\0" in file:
+        raise ValueError(f"{file!r} is no file of this session")
+    return file
+
+
+def _answers(answers: dict[str, Any]) -> dict[str, Any]:
+    """Answers of the right type; their ranges were checked when they were given."""
+    return {key: _answer(key, value) for key, value in answers.items()}
+
+
+def _answer(key: str, value: Any) -> Any:
+    question = _QUESTIONS.get(key)
+    kind = _FOLLOWING.get(key) or (question and question.kind)
+    if not kind:
+        raise ValueError(f"{key!r} is no question")
+    if kind in ("number", "numbers"):
+        numbers = value if kind == "numbers" and isinstance(value, list) else [value]
+        for one in numbers:
+            if isinstance(one, bool) or not isinstance(one, int | float) or not math.isfinite(one):
+                raise ValueError(f"{one!r} is no number")
+        return [float(one) for one in value] if numbers is value else float(value)
+    choices = (question.choices if question else ()) or (value,)
+    right_type = isinstance(value, bool if kind == "yesno" else str) or (key in _TABLES and isinstance(value, list))
+    if not right_type or value not in choices:
+        raise ValueError(f"{key} is {value!r}")
+    return value
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, strict=True)
+
+
+class AcceptedPicture(_Model):
+    """A picture that was taken.
 
     Attributes
     ----------
-    file : where it is, relative to the session. source : its name where it came from.
-    readings : what was read with it, SI: joint angles, moment, load.
+    file : where it is, relative to the session. source : its name where it came from. readings : SI.
     """
 
-    file: str
+    file: Annotated[str, AfterValidator(_inside)]
     source: str
     sha256: str
-    readings: Mapping[str, float] = field(default_factory=dict)
+    readings: dict[str, FiniteFloat]
 
-    def to_dict(self) -> dict[str, Any]:
-        """For wizard.json."""
-        return {"file": self.file, "source": self.source, "sha256": self.sha256, "readings": dict(self.readings)}
+    @model_validator(mode="after")
+    def _is_complete(self) -> AcceptedPicture:
+        for name in READINGS.get(Path(self.file).parent.name, ()):
+            if name not in self.readings:
+                raise ValueError(f"{self.file} has no {name}")
+        return self
 
 
-@dataclass(frozen=True)
-class Left:
-    """A picture that was not accepted, and why."""
+class RefusedPicture(_Model):
+    """A picture that was not taken, and why."""
 
     source: str
     sha256: str
     why: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """For wizard.json."""
-        return {"source": self.source, "sha256": self.sha256, "why": self.why}
 
-
-@dataclass(frozen=True)
-class Record:
+class StepRecord(_Model):
     """One step. `closed` says how it ended: "enough", "by hand", "all pictures seen"; empty while it is open."""
 
-    taken: tuple[Taken, ...] = ()
-    left: tuple[Left, ...] = ()
+    taken: tuple[AcceptedPicture, ...] = ()
+    left: tuple[RefusedPicture, ...] = ()
     closed: str = ""
 
     @property
     def judged(self) -> frozenset[str]:
-        """Names, where they came from, of all pictures that were taken or left."""
-        return frozenset(one.source for one in self.taken) | frozenset(one.source for one in self.left)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For wizard.json."""
-        return {
-            "taken": [one.to_dict() for one in self.taken],
-            "left": [one.to_dict() for one in self.left],
-            "closed": self.closed,
-        }
+        """Names, where they came from, of all pictures that were taken or refused."""
+        return frozenset({one.source for one in self.taken} | {one.source for one in self.left})
 
 
-@dataclass(frozen=True)
-class Journal:
-    """Everything. Changed only by making a new one."""
+class Journal(_Model):
+    """All answers and pictures. Changed only by making a new one."""
 
-    answers: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
-    steps: Mapping[str, Record] = field(default_factory=lambda: MappingProxyType({}))
+    answers: Annotated[dict[str, Any], AfterValidator(_answers)]
+    steps: dict[str, StepRecord]
     redone: tuple[str, ...] = ()
 
-    def of(self, step: str) -> Record:
+    @model_validator(mode="after")
+    def _names_steps(self) -> Journal:
+        for name in self.steps:
+            if name not in STEPS:
+                raise ValueError(f"names a step {name!r}")
+        return self
+
+    def of(self, step: str) -> StepRecord:
         """The record of a step."""
-        return self.steps.get(step, Record())
+        return self.steps.get(step, StepRecord())
 
     def with_answers(self, answers: Mapping[str, Any]) -> Journal:
-        """With these answers, older ones to the same questions replaced."""
-        return replace(self, answers={**self.answers, **answers})
+        """With exactly these answers."""
+        return self.model_copy(update={"answers": dict(answers)})
 
-    def with_step(self, step: str, record: Record) -> Journal:
-        """With this record in place of the step's."""
-        return replace(self, steps={**self.steps, step: record})
+    def with_step(self, step: str, **changes: Any) -> Journal:
+        """With these entries of the step's record changed."""
+        return self.model_copy(update={"steps": {**self.steps, step: self.of(step).model_copy(update=changes)}})
 
     def to_dict(self) -> dict[str, Any]:
         """wizard.json."""
-        return {
-            "schema": SCHEMA,
-            "answers": dict(self.answers),
-            "steps": {name: record.to_dict() for name, record in self.steps.items()},
-            "redone": list(self.redone),
-        }
+        return {"schema": SCHEMA, **self.model_dump(mode="json")}
 
     @staticmethod
     def read(path: Path) -> Journal:
@@ -127,64 +137,13 @@ class Journal:
             data = read_json(path)
         except InputError as error:
             raise InputError(error.what, where=error.where, remedy=_REMEDY) from None
-        return Journal.from_dict(data, path)
-
-    @staticmethod
-    def from_dict(data: Mapping[str, Any], path: Path) -> Journal:
-        """From wizard.json. Raises InputError naming what is wrong with it."""
         if data.get("schema") != SCHEMA:
             raise InputError(f"schema is {data.get('schema')!r}, {SCHEMA} is needed", where=path, remedy=_REMEDY)
         try:
-            steps = {name: _record(record) for name, record in data["steps"].items()}
-            answers = {key: _answer(key, value) for key, value in data["answers"].items()}
-            redone = tuple(str(name) for name in data.get("redone", ()))
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"is damaged ({error!r})", where=path, remedy=_REMEDY) from None
-        unknown = [name for name in steps if name not in STEPS]
-        if unknown:
-            raise InputError(f"names a step {unknown[0]!r}", where=path, remedy=_REMEDY)
-        return Journal(answers, steps, redone)
-
-
-def _record(data: Mapping[str, Any]) -> Record:
-    taken = tuple(
-        Taken(
-            _inside(one["file"]),
-            str(one["source"]),
-            str(one["sha256"]),
-            {key: _finite(value) for key, value in one["readings"].items()},
-        )
-        for one in data["taken"]
-    )
-    for one in taken:
-        missing = [name for name in READINGS.get(Path(one.file).parent.name, ()) if name not in one.readings]
-        if missing:
-            raise ValueError(f"{one.file} has no {missing[0]}")
-    left = tuple(Left(str(one["source"]), str(one["sha256"]), str(one["why"])) for one in data["left"])
-    return Record(taken, left, str(data["closed"]))
-
-
-def _answer(key: str, value: Any) -> Any:
-    """An answer as the wizard keeps it; its range was checked when it was given."""
-    kind = _KINDS.get(key)
-    if kind is None:
-        raise ValueError(f"{key!r} is no question")
-    if isinstance(value, list) and kind in ("numbers", "table"):
-        return [_finite(one) for one in value] if kind == "numbers" else value
-    if kind == "number":
-        return _finite(value)
-    if not isinstance(value, bool if kind == "yesno" else str) or value not in _CHOICES.get(key, (value,)):
-        raise ValueError(f"{key} is {value!r}")
-    return value
-
-
-def _finite(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is no number")
-    return float(value)
-
-
-def _inside(file: str) -> str:
-    if not isinstance(file, str) or Path(file).is_absolute() or ".." in Path(file).parts or "\0" in file:
-        raise ValueError(f"{file!r} is no file of this session")
-    return file
+            # as JSON, in which lists are tuples also where types are strict
+            return Journal.model_validate_json(json.dumps(data))
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"]))
+            what = f"is damaged ({place + ': ' if place else ''}{first['msg'].removeprefix('Value error, ')})"
+            raise InputError(what, where=path, remedy=_REMEDY) from None

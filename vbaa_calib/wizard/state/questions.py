@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import string
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,6 @@ from typing import Any
 from vbaa_calib.core.errors import InputError
 
 Answers = Mapping[str, Any]
-Value = Any
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Question:
     Attributes
     ----------
     key : `antenna_length_mm` is `--antenna-length-mm` and `antenna_length_mm:`.
-    step : which step asks it. words : the question. why : what it is good for.
+    step : that asks it. words : the question. why : what the answer is used for.
     kind : number, numbers, choice, yesno or text. unit : of a number.
     default : taken when nothing is typed; None: there is none.
     low, high : the range of a number. choices : of a choice. length : of numbers, 0 for any.
@@ -33,7 +33,7 @@ class Question:
     why: str = ""
     kind: str = "number"
     unit: str = ""
-    default: Value = None
+    default: Any = None
     low: float = -math.inf
     high: float = math.inf
     choices: tuple[str, ...] = ()
@@ -45,7 +45,7 @@ class Question:
         """On the command line."""
         return "--" + self.key.replace("_", "-")
 
-    def read(self, given: object, where: object = None) -> Value:
+    def read(self, given: object, where: object = None) -> Any:
         """The answer that was typed, written or clicked, checked. Raises InputError saying what is expected."""
         try:
             return _READERS[self.kind](self, given)
@@ -54,27 +54,16 @@ class Question:
             raise InputError(what, where=where, remedy=self._expected()) from None
 
     def _expected(self) -> str:
-        expected = {
-            "number": f"give a number{self._unit()}{self._range()}",
-            "numbers": f"give {self.length or 'some'} numbers{self._unit()}{self._range()}, commas between them",
+        unit = f" in {self.unit}" if self.unit else ""
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            unit += f" from {self.low:g} to {self.high:g}"
+        return {
+            "number": f"give a number{unit}",
+            "numbers": f"give {self.length or 'some'} numbers{unit}, commas between them",
             "choice": f"give one of {', '.join(self.choices)}",
             "yesno": "give yes or no",
             "text": f"give a text: {self.words}",
-        }
-        return expected[self.kind]
-
-    def _unit(self) -> str:
-        return f" in {self.unit}" if self.unit else ""
-
-    def _range(self) -> str:
-        if math.isfinite(self.low) and math.isfinite(self.high):
-            return f" from {self.low:g} to {self.high:g}"
-        return ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """What a page needs to ask it."""
-        names = ("key", "words", "why", "kind", "unit", "default")
-        return {name: getattr(self, name) for name in names} | {"choices": list(self.choices)}
+        }[self.kind]
 
 
 def _short(given: object) -> str:
@@ -87,12 +76,12 @@ def _short(given: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def shown(value: Value) -> str:
+def typed(value: Any) -> str:
     """An answer as one types it."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        return ", ".join(map(shown, value))
+        return ", ".join(map(typed, value))
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
@@ -106,26 +95,24 @@ def _as_number(given: object) -> float:
             raise ValueError("that is not a number")
         if text.count(",") == 1 and "." not in text:
             raise ValueError("the decimal sign is a point")
-        given = float(text) if _looks_like_number(text) else math.nan
-        if math.isnan(given):
-            raise ValueError("that is not a number" + _unit_typed(text))
+        if not _is_number(text):
+            head = text.rstrip(f"{string.ascii_letters}%° ")
+            raise ValueError("that is not a number" + (", leave the unit out" if _is_number(head) else ""))
+        given = text
     value = float(given)
+    if math.isnan(value) and isinstance(given, str):
+        raise ValueError("that is not a number")
     if not math.isfinite(value):
         raise ValueError("that is not a finite number")
     return value
 
 
-def _looks_like_number(text: str) -> bool:
+def _is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:
         return False
     return True
-
-
-def _unit_typed(text: str) -> str:
-    head = text.rstrip("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ%° ")
-    return ", leave the unit out" if head != text and _looks_like_number(head) else ""
 
 
 def _read_number(question: Question, given: object) -> float:
@@ -178,7 +165,7 @@ def _read_text(question: Question, given: object) -> str:
     return given.strip()
 
 
-_READERS: Mapping[str, Callable[[Question, object], Value]] = {
+_READERS: Mapping[str, Callable[[Question, object], Any]] = {
     "number": _read_number,
     "numbers": _read_numbers,
     "choice": _read_choice,

@@ -25,47 +25,47 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "force_y": {"force_y_N": 1.0, "force_y_mN": 1e-3},
     "force_z": {"force_z_N": 1.0, "force_z_mN": 1e-3},
 }
-"""Quantity → names under which it may be given, and what makes SI of it. The first one is what is kept."""
+"""Quantity → names under which it may be given, and their size in SI. The first one is what is kept."""
 COLUMNS = tuple(name for names in UNITS.values() for name in names)
 STEADY_PART = 0.02
 """Part of a weight's pull that may go along the antenna: a load of a session has no such component."""
 
-JOINTS = (
+_JOINTS = (
     Question("pan_deg", "", "Pan angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
     Question("tilt_deg", "", "Tilt angle", unit="degrees", default=0.0, low=-360.0, high=360.0),
 )
-MOMENT = Question("moment_mNm", "", "Moment sensor's reading", unit="mN·m", low=-1e5, high=1e5)
-LOAD = (
+_MOMENT = Question("moment_mNm", "", "Moment sensor's reading", unit="mN·m", low=-1e5, high=1e5)
+_LOAD = (
     Question("mass_g", "", "Mass on the antenna", unit="g", low=1e-6, high=1e6),
     Question("distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0),
 )
+_ASKED = {"sweep": _JOINTS, "noload": (*_JOINTS, _MOMENT), "loads": (*_LOAD, *_JOINTS, _MOMENT)}
+_NEEDED = {
+    "sweep": ("pan", "tilt"),
+    "noload": ("pan", "tilt", "moment"),
+    "loads": ("pan", "tilt", "moment", "distance"),
+}
 
 
-def asked(folder: str) -> tuple[Question, ...]:
-    """What has to be read with each picture of a folder."""
-    return {
-        "sweep": JOINTS,
-        "noload": (*JOINTS, MOMENT),
-        "loads": (*LOAD, *JOINTS, MOMENT),
-    }.get(folder, ())
-
-
-def with_last(question: Question, last: Mapping[str, float]) -> Question:
-    """The question with what was read last as its default, where it is of a joint: they often stay where they were."""
-    if question not in JOINTS:
-        return question
-    names = UNITS[question.key.partition("_")[0]]
-    return replace(question, default=round(last[next(iter(names))] / names[question.key], 9))
+def asked(folder: str, last: Mapping[str, float] | None = None) -> list[Question]:
+    """What has to be read with each picture of a folder. last : readings, of which joint angles are the defaults."""
+    questions = []
+    for question in _ASKED.get(folder, ()):
+        if last is not None and question in _JOINTS:
+            names = UNITS[question.key.partition("_")[0]]
+            question = replace(question, default=round(last[next(iter(names))] / names[question.key], 9))
+        questions.append(question)
+    return questions
 
 
 @dataclass(frozen=True)
-class Given:
+class ReadingsTable:
     """Readings that were written down beforehand.
 
     Attributes
     ----------
     by_image : picture's name → its row. in_order : rows without names, for pictures as they are taken.
-    where : the file they stand in.
+    where : the file.
     """
 
     by_image: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -79,21 +79,19 @@ class Given:
         return self.in_order[taken] if taken < len(self.in_order) else None
 
 
-def from_table(path: Path) -> Given:
+def read_table(path: Path) -> ReadingsTable:
     """A CSV with a column `image` and any of `COLUMNS`. Raises InputError."""
     rows: dict[str, Mapping[str, Any]] = {}
     for row in read_csv(path, ("image",), COLUMNS):
-        name = Path(row["image"]).name
+        where, name = f"{path} line {row['line']}", Path(row["image"]).name
         if not name:
-            raise InputError("image is empty", where=f"{path} line {row['line']}", remedy="name the picture")
-        if name in rows:
-            raise InputError(f"{name} stands twice", where=f"{path} line {row['line']}", remedy="a row per picture")
-        rows[name] = {key: cell for key, cell in row.items() if key in COLUMNS and cell}
-        in_si(rows[name], f"{path} line {row['line']}")
-    return Given(rows, (), path)
+            raise InputError("image is empty", where=where, remedy="name the picture")
+        cells = {key: cell for key, cell in row.items() if key in COLUMNS and cell}
+        _add(rows, name, cells, where)
+    return ReadingsTable(rows, (), path)
 
 
-def from_list(rows: Sequence[Any], where: object) -> Given:
+def table_of(rows: Sequence[Any], where: object) -> ReadingsTable:
     """Rows of an answers file: mappings of `COLUMNS`, with or without `image`. Raises InputError."""
     by_image: dict[str, Mapping[str, Any]] = {}
     in_order: list[Mapping[str, Any]] = []
@@ -101,24 +99,27 @@ def from_list(rows: Sequence[Any], where: object) -> Given:
         place = f"{where} row {number}"
         if not isinstance(row, Mapping):
             raise InputError("is not a mapping", where=place, remedy="give pan_rad: ..., moment_Nm: ... and so on")
-        for key in row:
-            if key != "image" and key not in COLUMNS:
-                raise InputError(
-                    f"unknown key {key!r}", where=place, remedy=f"the keys are image, {', '.join(COLUMNS)}"
-                )
-        numbers = {key: value for key, value in row.items() if key != "image"}
-        in_si(numbers, place)
-        if "image" in row:
-            if not isinstance(row["image"], str) or not (name := Path(row["image"]).name):
-                raise InputError(
-                    "image is no name of a picture", where=place, remedy="name the picture, or leave it out"
-                )
-            if name in by_image:
-                raise InputError(f"{name} stands twice", where=place, remedy="a row per picture")
-            by_image[name] = numbers
-        else:
-            in_order.append(numbers)
-    return Given(by_image, tuple(in_order), where)
+        unknown = [key for key in row if key not in ("image", *COLUMNS)]
+        if unknown:
+            remedy = f"the keys are image, {', '.join(COLUMNS)}"
+            raise InputError(f"unknown key {unknown[0]!r}", where=place, remedy=remedy)
+        cells = {key: value for key, value in row.items() if key != "image"}
+        if "image" not in row:
+            in_si(cells, place)
+            in_order.append(cells)
+            continue
+        if not isinstance(row["image"], str) or not (name := Path(row["image"]).name):
+            remedy = "name the picture, or leave it out"
+            raise InputError("image is no name of a picture", where=place, remedy=remedy)
+        _add(by_image, name, cells, place)
+    return ReadingsTable(by_image, tuple(in_order), where)
+
+
+def _add(rows: dict[str, Mapping[str, Any]], name: str, cells: Mapping[str, Any], where: str) -> None:
+    if name in rows:
+        raise InputError(f"{name} stands twice", where=where, remedy="a row per picture")
+    in_si(cells, where)
+    rows[name] = cells
 
 
 def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
@@ -129,8 +130,7 @@ def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
         if len(given) > 1:
             raise InputError(f"gives {given[0]} and {given[1]}", where=where, remedy="give one of them")
         for name in given:
-            value = Question(name, "", name).read(typed[name], where)
-            found[next(iter(names))] = value * names[name]
+            found[next(iter(names))] = Question(name, "", name).read(typed[name], where) * names[name]
     for name in ("distance_m", "mass_kg"):
         if not found.get(name, 1.0) > 0:
             raise InputError(f"{name} is {found[name]:g}", where=where, remedy="it is more than zero: measure it again")
@@ -145,45 +145,37 @@ def complete(
     gravity_antenna_m_s2 : (3,) at these joint angles: a mass pulls along it. length_m : of the antenna, where no load
     hangs beyond. Raises InputError naming what is missing.
     """
-    known = in_si(typed, where)
-    needed = {
-        "sweep": ("pan", "tilt"),
-        "noload": ("pan", "tilt", "moment"),
-        "loads": ("pan", "tilt", "moment", "distance"),
-    }
-    for quantity in needed.get(folder, ()):
+    readings = in_si(typed, where)
+    for quantity in _NEEDED.get(folder, ()):
         names = tuple(UNITS[quantity])
-        if names[0] not in known:
+        if names[0] not in readings:
             raise InputError(f"{names[0]} is missing", where=where, remedy=f"give {' or '.join(names)}")
     for name in ("pan_rad", "tilt_rad"):
-        if abs(known.get(name, 0.0)) > 2 * np.pi:
-            raise InputError(f"{name} is {known[name]:g}, more than a turn", where=where, remedy="are these degrees?")
+        if abs(readings.get(name, 0.0)) > 2 * np.pi:
+            what = f"{name} is {readings[name]:g}, more than a turn"
+            raise InputError(what, where=where, remedy="are these degrees?")
     if folder != "loads":
-        return known
-    if known["distance_m"] > length_m:
-        what = f"distance_m is {known['distance_m']:g}, the antenna {length_m:g} m long"
+        return readings
+    if readings["distance_m"] > length_m:
+        what = f"distance_m is {readings['distance_m']:g}, the antenna {length_m:g} m long"
         raise InputError(what, where=where, remedy="measure from the clamp along the antenna; is the unit right?")
-    return known | _force(known, gravity_antenna_m_s2, where)
+    force = _force(readings, gravity_antenna_m_s2, where)
+    if not force.any():
+        raise InputError("the force is zero", where=where, remedy="free frames belong to the step before")
+    return readings | {"force_y_N": float(force[0]), "force_z_N": float(force[1])}
 
 
-def _force(known: Mapping[str, float], gravity: np.ndarray, where: object) -> dict[str, float]:
-    by_force = "force_y_N" in known or "force_z_N" in known
-    if by_force == ("mass_kg" in known):
+def _force(readings: Mapping[str, float], gravity: np.ndarray, where: object) -> np.ndarray:
+    by_force = "force_y_N" in readings or "force_z_N" in readings
+    if by_force == ("mass_kg" in readings):
         what = "gives both mass and force" if by_force else "gives neither a mass nor a force"
         raise InputError(what, where=where, remedy="give mass_g, or force_y_N and force_z_N")
     if by_force:
-        force = np.array([known.get("force_y_N", 0.0), known.get("force_z_N", 0.0)])
-    else:
-        if not gravity.any():
-            raise InputError("a mass pulls nowhere without gravity", where=where, remedy="give force_y_N and force_z_N")
-        if abs(gravity[0]) > STEADY_PART * np.linalg.norm(gravity):
-            part = 100 * abs(gravity[0]) / np.linalg.norm(gravity)
-            raise InputError(
-                f"at these joint angles {part:.0f} % of the weight pull along the antenna",
-                where=where,
-                remedy="turn the antenna level before hanging a weight on it",
-            )
-        force = known["mass_kg"] * gravity[1:]
-    if not force.any():
-        raise InputError("the force is zero", where=where, remedy="free frames belong to the step before")
-    return {"force_y_N": float(force[0]), "force_z_N": float(force[1])}
+        return np.array([readings.get("force_y_N", 0.0), readings.get("force_z_N", 0.0)])
+    if not gravity.any():
+        raise InputError("a mass pulls nowhere without gravity", where=where, remedy="give force_y_N and force_z_N")
+    along = abs(gravity[0]) / np.linalg.norm(gravity)
+    if along > STEADY_PART:
+        what = f"at these joint angles {100 * along:.0f} % of the weight pull along the antenna"
+        raise InputError(what, where=where, remedy="turn the antenna level before hanging a weight on it")
+    return readings["mass_kg"] * gravity[1:]

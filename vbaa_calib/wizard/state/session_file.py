@@ -19,40 +19,37 @@ from vbaa_calib.core.files import read_yaml, write_text
 from vbaa_calib.core.yaml_text import UniqueKeyDumper
 from vbaa_calib.session import SCHEMA, Session, has_sweep, load_session, session_from
 
-from .catalogue import by_key
-from .journal import READINGS, Journal, Taken
+from .catalogue import BY_KEY, READINGS
+from .journal import AcceptedPicture
 from .store import Store
 
-MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
-"""Answers that a scale needs: what the rulers say, and what was read on them."""
+_MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
+"""What the rulers of the sheet say, and what was read on them."""
 _WHERE = "board_along_x_mm, board_along_y_mm"
 
 
-def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
-    """The print's scale; None before both readings were given. Raises InputError for readings that cannot be."""
-    if any(name not in answers for name in MEASURED):
+def scale_of(answers: Mapping[str, Any], require_square: bool = False) -> PrintScale | None:
+    """The print's scale; None before both readings were given.
+
+    Raises InputError for readings that cannot be; if required, for a print whose squares are not square, too.
+    """
+    if any(name not in answers for name in _MEASURED):
         return None
-    x, along_x, y, along_y = (float(answers[name]) for name in MEASURED)
+    x, along_x, y, along_y = (float(answers[name]) for name in _MEASURED)
     try:
-        return print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", READING_STD_MM)))
+        scale = print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", READING_STD_MM)))
     except ValueError as error:
-        # targets.scale knows its own parameters, not what they are called here
+        # targets.print_scale knows its own parameters, not what they are called here
         what = str(error).replace("reading_std", "board_reading_std")
         what = what.replace("reading_x", "board_along_x").replace("reading_y", "board_along_y")
         raise InputError(what, where=_WHERE, remedy="measure it again") from None
-
-
-def square_scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
-    """The same. Raises InputError for a print whose squares are not square, too: no board describes it."""
-    scale = scale_of(answers)
-    if scale is not None and scale.differs:
+    if require_square and scale.differs:
         raise InputError(scale.words, where=_WHERE, remedy=scale.remedy)
     return scale
 
 
-GRAVITY_M_S2 = 9.80665
-DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
-COLUMNS = {folder: ("image", *names) for folder, names in READINGS.items()}
+_GRAVITY_M_S2 = 9.80665
+_DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 
 
 def _session_data(
@@ -62,7 +59,7 @@ def _session_data(
 
     board : as it was printed. before : what session.yaml holds. print_scale_std : of the print's scale, relative.
     """
-    value = {key: answers.get(key, question.default) for key, question in by_key().items()}
+    value = {key: answers.get(key, question.default) for key, question in BY_KEY.items()}
     data = dict(before) | {
         "schema": SCHEMA,
         "board": board.to_dict(),
@@ -84,8 +81,8 @@ def _session_data(
     elif "board_given" not in answers:
         data.pop("print_scale_std", None)
     if "gravity" in answers or "gravity_world" not in before:
-        down = DIRECTIONS.get(value["gravity"])
-        data["gravity_world"] = None if down is None else [GRAVITY_M_S2 * float(part) for part in down]
+        down = _DIRECTIONS.get(value["gravity"])
+        data["gravity_world"] = None if down is None else [_GRAVITY_M_S2 * float(part) for part in down]
     way = value["plane_way"]
     # the calibration takes every way that session.yaml names: one that was chosen before must not stay
     for other in {"jig", "over"} - {way}:
@@ -108,7 +105,7 @@ def check_jig_axes(x: str, y: str) -> None:
 
 def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
     check_jig_axes(value["jig_board_x"], value["jig_board_y"])
-    x, y = (np.array(DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
+    x, y = (np.array(_DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
     turn = Rotation.from_rotvec(value["jig_turn_deg"], degrees=True)
     rotation = turn * Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
     return {
@@ -124,29 +121,34 @@ def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
 def session_of(store: Store, board: BoardSpec, print_scale_std: float = 0.0) -> Session:
     """The session as the answers have it so far. Raises InputError for answers that do not go together."""
     path = store.root / "session.yaml"
-    before = read_yaml(path) if path.exists() else {}
-    return session_from(_session_data(store.journal.answers, board, before, print_scale_std), store.root, path)
+    data = _session_data(store.journal.answers, board, _read(path), print_scale_std)
+    return session_from(data, store.root, path)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return read_yaml(path) if path.exists() else {}
 
 
 def write_session(store: Store, board: BoardSpec, print_scale_std: float = 0.0) -> None:
     """Write session.yaml and the tables as the journal has them, where they are not so already."""
-    path = store.root / "session.yaml"
-    before = read_yaml(path) if path.exists() else {}
-    data = _session_data(store.journal.answers, board, before, print_scale_std)
-    if _is_ready(store.journal) and data != before:
+    path, answers = store.root / "session.yaml", store.journal.answers
+    before = _read(path)
+    data = _session_data(answers, board, before, print_scale_std)
+    without_default = ("board", "antenna_length_mm", "antenna_diameter_mm", "plane_way")
+    if data != before and all(key in answers for key in without_default):
         text = yaml.dump(
             data, Dumper=UniqueKeyDumper, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True
         )
         write_text(path, text)
     for step in ("plane", "noload", "loads"):
         folder = store.folder(step)
-        if folder in COLUMNS and store.journal.of(step).taken:
+        if folder in READINGS and store.journal.of(step).taken:
             write_table(store.root / folder / f"{folder}.csv", folder, store.journal.of(step).taken)
 
 
-def write_table(path: Path, folder: str, taken: Sequence[Taken]) -> None:
+def write_table(path: Path, folder: str, taken: Sequence[AcceptedPicture]) -> None:
     """The table of a folder of pictures; numbers to the last bit. Untouched where it says the same already."""
-    columns = [*COLUMNS[folder], *(["time_s"] if all("time_s" in one.readings for one in taken) else [])]
+    columns = ["image", *READINGS[folder], *(["time_s"] if all("time_s" in one.readings for one in taken) else [])]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -183,8 +185,3 @@ def answers_of(session_yaml: Path) -> dict[str, Any]:
     }
     way = next((way for way, there in ways.items() if there), None)
     return found if way is None else found | {"plane_way": way}
-
-
-def _is_ready(journal: Journal) -> bool:
-    """Whether session.yaml can be written: all of it that has no default was answered."""
-    return all(key in journal.answers for key in ("board", "antenna_length_mm", "antenna_diameter_mm", "plane_way"))

@@ -1,8 +1,8 @@
-"""The session folder as the wizard's memory: what it says it has is on the disk before it says so.
+"""The session folder as the wizard's memory: what it reports as taken is on the disk before it reports it.
 
 Each picture is written whole (write, fsync, rename), then wizard.json that names it. Whatever ends the program in
-between leaves a picture that nobody names, which is put aside at the next start. The tables and session.yaml follow
-from wizard.json and are written anew from it.
+between leaves a picture that wizard.json does not name, which is set aside at the next start. The tables and
+session.yaml follow from wizard.json and are written anew from it.
 """
 
 from __future__ import annotations
@@ -12,41 +12,18 @@ import os
 import re
 import shutil
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
+
+from filelock import FileLock, Timeout
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing, sha256, write_json
 from vbaa_calib.core.images import SUFFIXES
-from vbaa_calib.wizard.sources.offered import Offered
+from vbaa_calib.wizard.sources.picture import Picture
 
-from .journal import Journal, Left, Record, Taken
-
-
-def _locked(path: Path) -> TextIO:
-    """An open file that is locked until it is closed, or the process ends, however it ends.
-
-    Raises InputError where another process has it, or where it cannot be written.
-    """
-    try:
-        stream = path.open("a")
-    except OSError as error:
-        why = f"cannot be written ({error.strerror})"
-        raise InputError(why, where=path.parent, remedy="name a folder that can be written") from None
-    try:
-        import fcntl
-
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        stream.close()
-        raise InputError(
-            "another wizard works on this session", where=path.parent, remedy="end that one first"
-        ) from None
-    except (ImportError, OSError):  # no such locks there, as on some network drives; the files are whole all the same
-        pass
-    return stream
-
+from .catalogue import PICTURES
+from .journal import AcceptedPicture, Journal, RefusedPicture, StepRecord
 
 NAME = "wizard.json"
 ASIDE = "aside"
@@ -66,7 +43,7 @@ class Store:
 
     def __init__(self, root: Path) -> None:
         self.root = Path(root)
-        self.journal = Journal()
+        self.journal = Journal(answers={}, steps={})
 
     def __enter__(self) -> Store:
         try:
@@ -76,18 +53,28 @@ class Store:
             raise InputError(f"cannot be made ({why})", where=self.root, remedy="name another folder") from None
         if not os.access(self.root, os.W_OK | os.X_OK):
             raise InputError("is read-only", where=self.root, remedy="name a folder that can be written")
-        self._lock = _locked(self.root / LOCK)
+        self._lock = FileLock(self.root / LOCK, blocking=False)
+        try:
+            self._lock.acquire()
+        except Timeout:
+            what = "another wizard works on this session"
+            raise InputError(what, where=self.root, remedy="end that one first") from None
+        except NotImplementedError:  # no locks there, as on some network drives; the files are whole all the same
+            pass
+        except OSError as error:
+            what = f"cannot be written ({error.strerror})"
+            raise InputError(what, where=self.root, remedy="name a folder that can be written") from None
         try:
             if (self.root / NAME).exists():
                 self.journal = Journal.read(self.root / NAME)
-            self._sweep_up()
+            self._remove_half_written()
         except BaseException:
-            self._lock.close()
+            self._lock.release()
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._lock.close()
+        self._lock.release()
 
     @property
     def is_new(self) -> bool:
@@ -98,126 +85,135 @@ class Store:
         """Name of the folder of a step's pictures."""
         return FOLDERS.get(step) or WAYS[str(self.journal.answers.get("plane_way", "jig"))]
 
-    def path(self, taken: Taken) -> Path:
+    def path(self, taken: AcceptedPicture) -> Path:
         """Where a picture is."""
         return self.root / taken.file
 
     def save(self, journal: Journal) -> None:
-        """Put a journal on the disk, then take it for true."""
+        """Put a journal on the disk, then go on with it."""
         write_json(self.root / NAME, journal.to_dict())
         self.journal = journal
 
-    def answer(self, answers: Mapping[str, Any], mended: bool = False) -> None:
-        """Keep answers. mended : they replace others that were taken back."""
+    def answer(self, answers: Mapping[str, Any], corrected: bool = False) -> None:
+        """Keep answers. corrected : they replace others that were taken back.
+
+        Pictures of the antenna that were refused are offered again: a wrong answer may have been the reason.
+        """
         before = self.journal.answers
         changed = [key for key, value in answers.items() if before.get(key) != value]
         if not changed:
             return
-        journal = self.journal.with_answers(answers)
-        if any((mended or key in before) and not key.endswith(("source", "readings")) for key in changed):
-            journal = _looked_at_again(journal)
+        journal = self.journal.with_answers({**before, **answers})
+        if any((corrected or key in before) and not key.endswith(("source", "readings")) for key in changed):
+            for step in ("noload", "loads"):
+                if journal.of(step).left:
+                    journal = journal.with_step(step, left=())
         self.save(journal)
 
     def forget_answers(self, keys: Collection[str]) -> None:
         """Drop answers, so that they are asked for again."""
-        left = {key: value for key, value in self.journal.answers.items() if key not in keys}
-        self.save(replace(self.journal, answers=left))
+        self.save(self._without_answers(self.journal, keys))
 
-    def take(self, step: str, offered: Offered, readings: Mapping[str, float]) -> Taken:
+    @staticmethod
+    def _without_answers(journal: Journal, keys: Collection[str]) -> Journal:
+        return journal.with_answers({key: value for key, value in journal.answers.items() if key not in keys})
+
+    def take(self, step: str, picture: Picture, readings: Mapping[str, float]) -> AcceptedPicture:
         """Keep a picture, with what was read with it."""
-        record = self.journal.of(step)
+        before = self.journal.of(step).taken
         folder = self.root / self.folder(step)
         folder.mkdir(exist_ok=True)
-        number = 1 + max((_number(one.file) for one in record.taken), default=0)
+        stems = [Path(one.file).stem for one in before]
+        number = 1 + max((int(stem) for stem in stems if stem.isascii() and stem.isdigit()), default=0)
         while any((folder / f"{number:04d}{suffix}").exists() for suffix in SUFFIXES):
             number += 1
-        path = folder / f"{number:04d}{offered.suffix.lower()}"
+        path = folder / f"{number:04d}{picture.suffix.lower()}"
         with replacing(path) as temporary:
-            temporary.write_bytes(offered.data)
-        taken = Taken(path.relative_to(self.root).as_posix(), offered.name, offered.sha256, dict(readings))
-        self.save(self.journal.with_step(step, replace(record, taken=(*record.taken, taken))))
+            temporary.write_bytes(picture.data)
+        file = path.relative_to(self.root).as_posix()
+        taken = AcceptedPicture(file=file, source=picture.name, sha256=picture.sha256, readings=dict(readings))
+        self.save(self.journal.with_step(step, taken=(*before, taken)))
         return taken
 
-    def leave(self, step: str, offered: Offered, why: str) -> None:
+    def refuse(self, step: str, picture: Picture, why: str) -> None:
         """Remember that a picture was not taken."""
-        record = self.journal.of(step)
-        left = (*record.left, Left(offered.name, offered.sha256, why))
-        self.save(self.journal.with_step(step, replace(record, left=left)))
+        refused = RefusedPicture(source=picture.name, sha256=picture.sha256, why=why)
+        self.save(self.journal.with_step(step, left=(*self.journal.of(step).left, refused)))
 
     def close(self, step: str, how: str) -> None:
-        """The step is done."""
+        """The step is done; `how` is empty to go on with it."""
         if self.journal.of(step).closed != how:
-            self.save(self.journal.with_step(step, replace(self.journal.of(step), closed=how)))
+            self.save(self.journal.with_step(step, closed=how))
 
-    def open(self, step: str) -> None:
-        """Go on with a step that was done."""
-        self.close(step, "")
-
-    def drop(self, step: str, taken: Taken) -> Path:
-        """Take a picture back: it goes aside and is not offered again. Where it is now."""
+    def drop(self, step: str, taken: AcceptedPicture) -> Path:
+        """Take a picture back: it is set aside and not offered again. Where it is now."""
         record = self.journal.of(step)
         kept = tuple(one for one in record.taken if one is not taken)
-        left = (*record.left, Left(taken.source, taken.sha256, "taken back"))
-        self.save(self.journal.with_step(step, replace(record, taken=kept, left=left, closed="")))
-        return self._aside(self.path(taken), "dropped")
+        refused = RefusedPicture(source=taken.source, sha256=taken.sha256, why="taken back")
+        self.save(self.journal.with_step(step, taken=kept, left=(*record.left, refused), closed=""))
+        target = self._new_aside("dropped") / self.path(taken).name
+        with contextlib.suppress(FileNotFoundError):
+            self.path(taken).rename(target)
+        return target
 
     def redo(self, step: str, forget: Collection[str] = ()) -> Path | None:
         """Start a step again, these answers forgotten.
 
-        What it had goes aside, and where that is comes back; None where it had nothing.
+        What it had is set aside, and the folder comes back; None where it had nothing.
         """
-        record = self.journal.of(step)
-        answers = {key: value for key, value in self.journal.answers.items() if key not in forget}
-        again = replace(self.journal.with_step(step, Record()), answers=answers, redone=(*self.journal.redone, step))
+        record, redone = self.journal.of(step), (*self.journal.redone, step)
+        again = self._without_answers(self.journal, forget)
+        again = again.model_copy(update={"steps": {**again.steps, step: StepRecord()}, "redone": redone})
         place = None
         if record.taken:
-            place = self._new_aside(f"{step}-{again.redone.count(step)}")
-            write_json(place / "was.json", record.to_dict())
+            place = self._new_aside(f"{step}-{redone.count(step)}")
+            write_json(place / "was.json", record.model_dump(mode="json"))
         self.save(again)
         for taken in record.taken:
             if place is not None and self.path(taken).exists():
                 self.path(taken).rename(place / Path(taken.file).name)
         return place
 
-    def missing(self) -> list[Taken]:
+    def lost(self) -> list[AcceptedPicture]:
         """Pictures that were taken and are not there any more, or have changed."""
         every = [one for record in self.journal.steps.values() for one in record.taken]
         return [one for one in every if not self.path(one).is_file() or sha256(self.path(one)) != one.sha256]
 
-    def forget(self, lost: list[Taken]) -> None:
-        """Go on without pictures that are not there any more."""
+    def forget(self, lost: list[AcceptedPicture]) -> None:
+        """Go on without these pictures."""
         journal = self.journal
         for step, record in self.journal.steps.items():
             kept = tuple(one for one in record.taken if one not in lost)
             if len(kept) < len(record.taken):
-                journal = journal.with_step(step, replace(record, taken=kept, closed=""))
+                journal = journal.with_step(step, taken=kept, closed="")
         self.save(journal)
 
-    def strangers(self) -> list[Path]:
+    def unlisted(self) -> list[Path]:
         """Pictures in the steps' folders that the journal does not name, and folders of ways that were not chosen.
 
         The calibration takes every way to plane C that it finds; those that came with a session are meant.
         """
         named = {one.file for record in self.journal.steps.values() for one in record.taken}
-        folders = [self.root / self.folder(step) for step in ("lens", "plane", "noload", "loads")]
+        folders = [self.root / self.folder(step) for step in PICTURES]
         pictures = [path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir())]
         found = [path for path in pictures if path.suffix.lower() in SUFFIXES and path.is_file()]
-        strange = [path for path in found if path.relative_to(self.root).as_posix() not in named]
+        unlisted = [path for path in found if path.relative_to(self.root).as_posix() not in named]
         if "jig_given" in self.journal.answers:
-            return strange
+            return unlisted
         ways = (self.root / way for way in WAYS.values() if way != self.folder("plane"))
-        return strange + [folder for folder in ways if folder.is_dir()]
+        return unlisted + [folder for folder in ways if folder.is_dir()]
 
-    def replace(self, name: str, data: bytes) -> None:
+    def write(self, name: str, data: bytes) -> None:
         """Write a file that is not the wizard's alone; what it held before is kept aside."""
         path = self.root / name
-        if path.exists() and path.read_bytes() != data:
+        if path.exists():
+            if path.read_bytes() == data:
+                return
             shutil.copy2(path, self._new_aside("replaced") / name)
-        if not path.exists() or path.read_bytes() != data:
-            with replacing(path) as temporary:
-                temporary.write_bytes(data)
+        with replacing(path) as temporary:
+            temporary.write_bytes(data)
 
-    def put_aside(self, paths: Sequence[Path], why: str) -> Path:
+    def set_aside(self, paths: Sequence[Path], why: str) -> Path:
         """Move files or folders out of the way, never delete them. The folder where they are now."""
         place = self._new_aside(why)
         for path in paths:
@@ -226,16 +222,10 @@ class Store:
             path.rename(target)
         return place
 
-    def _aside(self, path: Path, why: str) -> Path:
-        target = self._new_aside(why) / path.name
-        with contextlib.suppress(FileNotFoundError):
-            path.rename(target)
-        return target
-
     def _new_aside(self, name: str) -> Path:
-        base, number = self.root / ASIDE, 1
+        number = 1
         while True:
-            place = base / (name if number == 1 else f"{name}-{number}")
+            place = self.root / ASIDE / (name if number == 1 else f"{name}-{number}")
             try:
                 place.mkdir(parents=True)
             except FileExistsError:
@@ -243,24 +233,9 @@ class Store:
             else:
                 return place
 
-    def _sweep_up(self) -> None:
-        """Remove what a wizard that was stopped while writing left half-written: nobody was told of it."""
+    def _remove_half_written(self) -> None:
+        """Temporary files of a wizard that was stopped while writing."""
         for folder in (self.root, *(self.root / name for name in (*FOLDERS.values(), *WAYS.values()))):
-            if folder.is_dir():
-                for path in folder.iterdir():
-                    if _HALF_WRITTEN.fullmatch(path.name):
-                        path.unlink(missing_ok=True)
-
-
-def _looked_at_again(journal: Journal) -> Journal:
-    """With the pictures of the antenna that were left offered again: why they were may have been a wrong answer."""
-    for step in ("noload", "loads"):
-        record = journal.of(step)
-        if record.left:
-            journal = journal.with_step(step, replace(record, left=()))
-    return journal
-
-
-def _number(file: str) -> int:
-    stem = Path(file).stem
-    return int(stem) if stem.isascii() and stem.isdigit() else 0
+            for path in folder.iterdir() if folder.is_dir() else ():
+                if _HALF_WRITTEN.fullmatch(path.name):
+                    path.unlink(missing_ok=True)

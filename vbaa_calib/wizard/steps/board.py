@@ -10,13 +10,12 @@ from targets.paper import paper_named
 from targets.sheet import board_id, fill_in, lay_out, size_words, spec_document
 from targets.write_sheet import as_pdf, draw
 from vbaa_calib.detect.board.board_file import load_board
-from vbaa_calib.wizard.state.progress import Number, Progress
-from vbaa_calib.wizard.state.session_state import BOARD, Known
+from vbaa_calib.wizard.state.session_state import BOARD, SessionState
 from vbaa_calib.wizard.state.store import Store
 
-from .step import Step
+from .step import Number, Progress, Step
 
-SHEET = "board.pdf"
+_SHEET = "board.pdf"
 
 
 def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
@@ -26,7 +25,7 @@ def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
     """
     if answers["board"] != "new":
         spec = load_board(Path(str(answers["board"])))
-        store.replace(BOARD, spec_document(spec, f"from {answers['board']}").encode())
+        store.write(BOARD, spec_document(spec, f"from {answers['board']}").encode())
         return {
             "measure_x_mm": 1e3 * spec.square_m * spec.squares_x,
             "measure_y_mm": 1e3 * spec.square_m * spec.squares_y,
@@ -34,25 +33,25 @@ def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
     paper = paper_named(str(answers["paper"]))
     spec = fill_in(paper=paper)
     layout = lay_out(spec, paper)
-    store.replace(SHEET, as_pdf(draw(spec, layout)))
-    store.replace(BOARD, spec_document(spec, f"as the wizard drew it in {SHEET}").encode())
+    store.write(_SHEET, as_pdf(draw(spec, layout)))
+    store.write(BOARD, spec_document(spec, f"as the wizard drew it in {_SHEET}").encode())
     return {"measure_x_mm": layout.ruler_x, "measure_y_mm": layout.ruler_y}
 
 
-def print_words(store: Store, answers: Mapping[str, Any]) -> str:
+def print_instructions(store: Store, answers: Mapping[str, Any]) -> str:
     """What to do with the sheet."""
     if answers["board"] != "new":
         return "measure the print of your board"
     return (
-        f"print {store.root / SHEET} at 100 % (not fitted to the page), glue it on something flat and stiff, and "
+        f"print {store.root / _SHEET} at 100 % (not fitted to the page), glue it on something flat and stiff, and "
         "measure its two rulers from end line to end line"
     )
 
 
-def look(known: Known) -> Progress:
+def _progress(state: SessionState) -> Progress:
     """The board as it was printed."""
-    spec, scale = known.board, known.scale
-    seen = [f"board {board_id(known.nominal_board)}: {size_words(spec)}"]
+    spec, scale = state.board, state.scale
+    seen = [f"board {board_id(state.nominal_board)}: {size_words(spec)}"]
     if scale is None:
         return Progress(tuple(seen), ("two readings of the print",))
     return Progress(
@@ -69,5 +68,5 @@ STEP = Step(
     "Board",
     "Print the board at 100 %, glue it flat, and measure the print in both directions.",
     "The board is the ruler of everything: a print 1 % too small makes every distance 1 % wrong, and EI with it.",
-    look,
+    _progress,
 )

@@ -1,107 +1,104 @@
-"""The wizard's page, kept up to date: what the terminal says in words, with the live picture."""
+"""The wizard's page: what the terminal says in words, with the live picture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import cv2
 import numpy as np
 
-from vbaa_calib.wizard.preview import Preview, Snapshot
-from vbaa_calib.wizard.state.journal import STEPS
-from vbaa_calib.wizard.state.progress import Progress
-from vbaa_calib.wizard.state.questions import Question
-from vbaa_calib.wizard.state.questions import shown as typed
-from vbaa_calib.wizard.state.store import Store
-from vbaa_calib.wizard.steps.step import Step
+from vbaa_calib.wizard.state.catalogue import STEPS
+from vbaa_calib.wizard.state.questions import Question, typed
+from vbaa_calib.wizard.state.session_state import SessionState
+from vbaa_calib.wizard.steps.step import Progress, Step, counted
+
+from .base import LiveView
+from .server import PageServer
 
 _COLUMNS, _ROWS = 12, 8
 _LOG_LINES = 60
 _WIDEST_PX = 1280
+_NOT_STILL: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
 
 
 class Page:
-    """What is on the page now.
+    """What is on the page now. titles : of the steps by name."""
 
-    corners : the (N, 2) corners of all pictures taken for the lens, for the coverage. titles : of the steps by name.
-    """
-
-    def __init__(self, store: Store, titles: dict[str, str], corners: Callable[[], np.ndarray], port: int = 0) -> None:
-        self._store, self._titles, self._corners = store, titles, corners
-        self._preview = Preview(port)
-        self._preview.start()
+    def __init__(self, state: SessionState, titles: Mapping[str, str], port: int = 0) -> None:
+        self._state, self._titles = state, titles
+        self._server = PageServer(port)
         self._step: Step | None = None
         self._progress = Progress()
         self._question: dict[str, Any] | None = None
         self._live: dict[str, Any] | None = None
         self._jpeg: bytes | None = None
         self._log: list[str] = []
-        self._verdict: dict[str, Any] | None = None
+        self._verdict: dict[str, str] | None = None
         self._report: str | None = None
         self._doing = ""
-        self._number = self._since = self._asked = 0
+        # numbers of states: the last one; the first that commands may be meant for; the first with the question
+        self._number = self._commands_from = self._answers_from = 0
 
     @property
     def url(self) -> str:
         """To open in a browser on this machine."""
-        return self._preview.url
+        return self._server.url
 
-    def take(self) -> list[tuple[str, Any]]:
-        """Commands given on the page since the last call, but for those that were meant for what was there before."""
+    def take_commands(self) -> list[tuple[str, Any]]:
+        """Commands and answers since the last call, but for those that were meant for what was there before."""
         taken: list[tuple[str, Any]] = []
-        for command in self._preview.take_commands():
+        for command in self._server.take_commands():
             seen = self._number if command.seen is None else command.seen
             if command.kind == "answer":
-                fits = self._question is not None and seen >= self._asked
+                fits = self._question is not None and seen >= self._answers_from
             else:
-                fits = command.kind in self._can() and (command.kind in ("take", "quit") or seen >= self._since)
+                late = seen < self._commands_from and command.kind not in ("take", "quit")
+                fits = command.kind in self._possible() and not late
             if fits:
                 taken.append((command.kind, command.value))
                 # a second click came before the page showed what the first one did
-                self._since = self._number + 1
+                self._commands_from = self._number + 1
         return taken
 
-    def _can(self) -> list[str]:
-        """What may be done now."""
+    def _possible(self) -> list[str]:
+        """The commands that make sense now."""
         if self._verdict is not None:
             return ["quit"]
         name = self._step.name if self._step else STEPS[0]
-        can = ["quit"] if name == STEPS[0] else ["back", "quit"]
-        if self._step is None or self._step.judge is None:
-            return ["redo", *can] if name == STEPS[0] else can
-        if self._store.journal.of(name).taken:
-            can = ["enough", "drop", *can]
+        leave = ["quit"] if name == STEPS[0] else ["back", "quit"]
+        if self._step is None or self._step.check is None:
+            return ["redo", *leave] if name == STEPS[0] else leave
+        taken = ["enough", "drop"] if self._state.taken(name) else []
         watching = self._live is not None and self._question is None
-        return (["take"] if watching else []) + ["redo", *can]
+        return [*(["take"] if watching else []), "redo", *taken, *leave]
 
     def begin(self, step: Step) -> None:
         """A step begins."""
-        self._step, self._progress, self._doing = step, Progress(), ""
-        self._live, self._jpeg, self._question = None, None, None
-        self._since = self._number + 1
-        self._publish()
+        self._live = self._jpeg = self._question = None
+        self._commands_from = self._number + 1
+        self.show(step, Progress())
 
     def ask(self, question: Question, words: str, problem: str) -> None:
-        """A question is open."""
-        self._question = question.to_dict() | {"words": words, "problem": problem or None}
-        if question.kind == "numbers":
-            self._question["kind"] = "text"
-            if question.default is not None:
-                self._question["default"] = typed(question.default)
-        if question.kind == "yesno" and question.default is not None:
-            self._question["default"] = question.read(question.default)
-        self._doing, self._asked = "", self._number + 1
+        """A question is open. problem : why the answer before was not accepted, or ""."""
+        kind, default = question.kind, question.default
+        if default is not None:
+            default = typed(default) if kind == "numbers" else question.read(default)
+        self._question = {
+            "key": question.key,
+            "words": words,
+            "why": question.why,
+            "kind": "text" if kind == "numbers" else kind,
+            "unit": question.unit,
+            "default": default,
+            "choices": list(question.choices),
+            "problem": problem or None,
+        }
+        self._doing, self._answers_from = "", self._number + 1
         if self._live is not None:
             # it stands still until the answer
-            still: dict[str, Any] = {
-                "hold": 0.0,
-                "suggested_px": None,
-                "suggestion": "",
-                "closeness": None,
-                "hints": [],
-            }
-            self._live = self._live | still
+            self._live |= _NOT_STILL
         self._publish()
 
     def answered(self) -> None:
@@ -119,36 +116,33 @@ class Page:
         self._step, self._progress, self._doing = step, progress, ""
         self._publish()
 
-    def live(self, live: Any) -> None:
+    def live(self, view: LiveView) -> None:
         """A live picture with what was found in it."""
-        height, width = live.image.shape
-        target = self._progress.target
+        height, width = view.image.shape
+        check, target = view.check, self._progress.target
+        u, v = self._state.lens_corners().T
+        counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
         self._live = {
             "image_size": [width, height],
-            "corners_px": live.judged.corners_px.tolist(),
-            "coverage": self._coverage(width, height),
+            "corners_px": check.corners_px.tolist(),
+            "coverage": {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()},
             "suggested_px": None if target is None else target.outline_px.tolist(),
-            "suggestion": (target.words if target else "") + (f" · {live.judged.closer}" if live.judged.closer else ""),
-            "closeness": live.judged.closeness,
-            "hold": live.held,
-            "hints": [hint.to_dict() for hint in live.judged.hints],
+            "suggestion": (target.words if target else "") + (f" · {check.closer}" if check.closer else ""),
+            "closeness": check.closeness,
+            "hold": view.held,
+            "hints": [hint.to_dict() for hint in check.hints],
         }
         shrunk = min(1.0, _WIDEST_PX / width)
-        small = cv2.resize(live.image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
+        small = cv2.resize(view.image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
         self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
         self._publish()
-
-    def _coverage(self, width: int, height: int) -> dict[str, Any]:
-        u, v = self._corners().T
-        counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
-        return {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()}
 
     def log(self, line: str) -> None:
         """A line for the log."""
         self._log = [*self._log, line][-_LOG_LINES:]
         self._publish()
 
-    def done(self, document: Mapping[str, Any], report: str | None) -> None:
+    def done(self, document: Mapping[str, Any], report: str) -> None:
         """The end: check.json's content, and where its page is."""
         self._verdict = {"level": document["verdict"], "words": document["words"]}
         self._report, self._question, self._live, self._jpeg = report, None, None, None
@@ -156,50 +150,35 @@ class Page:
 
     def close(self) -> None:
         """Stop answering."""
-        self._preview.close()
+        self._server.close()
 
     def _publish(self) -> None:
-        step, progress, finished = self._step, self._progress, self._verdict is not None
+        step, progress = self._step, self._progress
+        texts = {name: getattr(step, name, "") for name in ("name", "title", "what", "why")}
         state = {
-            "session": str(self._store.root),
-            "steps": self._steps(),
-            "step": {
-                "name": step.name if step else "",
-                "title": step.title if step else "",
-                "what": step.what if step else "",
-                "why": step.why if step else "",
-                "seen": list(progress.seen),
+            "session": str(self._state.store.root),
+            "steps": [self._step_line(name) for name in STEPS],
+            "step": texts
+            | {
+                "seen": progress.seen,
                 "missing": [*progress.missing, *map(str, progress.diagnoses)],
                 "next": f"working: {self._doing} …" if self._doing else progress.next,
                 "enough": progress.enough and not self._doing,
-                "numbers": [
-                    {"label": one.label, "value": one.value, "goal": one.goal or None, "met": one.met}
-                    for one in progress.numbers
-                ],
+                "numbers": [asdict(number) for number in progress.numbers],
             },
             "question": self._question,
             "live": self._live,
             "log": self._log,
-            "finished": finished,
+            "finished": self._verdict is not None,
             "verdict": self._verdict,
             "report": self._report,
-            "can": self._can(),
+            "can": self._possible(),
         }
-        self._number = self._preview.show(Snapshot(state, self._jpeg))
+        self._number = self._server.show(state, self._jpeg)
 
-    def _steps(self) -> list[dict[str, str]]:
-        finished, journal = self._verdict is not None, self._store.journal
-        steps = []
-        for name in STEPS:
-            record = journal.of(name)
-            now = self._step is not None and name == self._step.name and not finished
-            count = len(record.taken)
-            steps.append(
-                {
-                    "name": name,
-                    "title": self._titles[name],
-                    "status": "now" if now else "done" if record.closed or finished else "todo",
-                    "note": f"{count} picture{'' if count == 1 else 's'}" if count else "",
-                }
-            )
-        return steps
+    def _step_line(self, name: str) -> dict[str, str]:
+        finished, record = self._verdict is not None, self._state.store.journal.of(name)
+        now = self._step is not None and name == self._step.name and not finished
+        status = "now" if now else "done" if record.closed or finished else "todo"
+        note = counted(len(record.taken), "picture") if record.taken else ""
+        return {"name": name, "title": self._titles[name], "status": status, "note": note}

@@ -1,4 +1,4 @@
-"""The wizard in a terminal, with its page beside it: whichever is answered first."""
+"""The wizard in a terminal, with its page beside it: the first answer counts, typed or clicked."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TextIO
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.journal import STEPS
-from vbaa_calib.wizard.state.progress import Progress
-from vbaa_calib.wizard.state.questions import Question, Value, shown
-from vbaa_calib.wizard.steps.step import Step
+from vbaa_calib.wizard.state.catalogue import STEPS
+from vbaa_calib.wizard.state.questions import Question, typed
+from vbaa_calib.wizard.steps.step import Progress, Step
 
-from .interface import COMMANDS, Command, Interrupted, Live, lines_of
+from .base import COMMANDS, Interrupted, LiveView, Ui, progress_lines
 from .page import Page
 
 _WIDEST = 100
@@ -27,25 +26,19 @@ _STYLES = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "
 
 
 def wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> str:
-    """Each line of a text broken at blanks to fit `width`; paths and addresses stay whole, so that they can be copied.
+    """Lines broken at blanks to fit `width`; paths and addresses stay whole, so that they can be copied.
 
-    indent : before each line. hang : before what a line goes on with, as `indent` where it is None.
+    hang : before what a line goes on with, as `indent` where it is None.
     """
-    further = indent if hang is None else hang
-    lines: list[str] = []
-    for line in text.split("\n"):
-        folded = textwrap.wrap(
-            line,
-            width,
-            initial_indent=indent,
-            subsequent_indent=further,
-            break_long_words=False,
-            break_on_hyphens=False,
-            replace_whitespace=False,
-            drop_whitespace=True,
-        )
-        lines += folded or [""]
-    return "\n".join(lines)
+    fold = textwrap.TextWrapper(
+        width,
+        initial_indent=indent,
+        subsequent_indent=indent if hang is None else hang,
+        break_long_words=False,
+        break_on_hyphens=False,
+        replace_whitespace=False,
+    )
+    return "\n".join(part for line in text.split("\n") for part in fold.wrap(line) or [""])
 
 
 def clipped(text: str, width: int) -> str:
@@ -75,14 +68,9 @@ class Screen:
             columns = 0
         return max(min(columns or shutil.get_terminal_size().columns, _WIDEST + 1) - 1, _NARROWEST)
 
-    @property
-    def moves(self) -> bool:
-        """Whether a line can be written over."""
-        return self._moves
-
     def write(self, text: str, style: str = "", indent: str = "", hang: str | None = None) -> None:
         """A paragraph for good."""
-        self._clear()
+        self.clear()
         begin, end = (_STYLES[style], "\033[0m") if style and self._styled else ("", "")
         self._put(f"{begin}{wrapped(text, self.width, indent, hang)}{end}\n")
 
@@ -95,37 +83,34 @@ class Screen:
                 self._put(f"\0337\033[A\r{status}\033[K\0338")
                 self._status = status
             return
-        self._clear()
+        self.clear()
         if not self._moves:
             status = None
         self._put(prompt if status is None else f"{status}\n{prompt}")
         self._prompt, self._status = prompt, status
 
-    def entered(self) -> None:
-        """A line was typed: what stands there stays."""
+    def line_typed(self) -> None:
+        """What was typed behind the prompt stays."""
         self._prompt = self._status = None
 
     def passing(self, text: str) -> None:
         """A line that stands until something else is written."""
-        self._clear()
+        self.clear()
         if self._moves:
             self._prompt = clipped(text, self.width)
             self._put(self._prompt)
         else:
             self._put(f"{text}\n")
 
-    def close(self) -> None:
+    def clear(self) -> None:
         """What comes next begins a line of its own."""
-        self._clear()
-
-    def _clear(self) -> None:
         if self._prompt is None:
             return
         if self._moves:
             self._put("\r\033[K" + ("" if self._status is None else "\033[A\033[K"))
         else:
             self._put("\n")
-        self.entered()
+        self.line_typed()
 
     def _put(self, text: str) -> None:
         # not all encodings of a terminal have every sign
@@ -140,15 +125,16 @@ _LABEL = 12 * " "
 _MESSAGE_STYLES = {"next": "next", "WRONG": "wrong", "look": "doubt"}
 
 
-class Terminal:
+class Terminal(Ui):
     """Questions and progress as lines; single words are commands. `page` shows the same, None for none."""
 
     interactive = True
 
     def __init__(self, page: Page | None = None) -> None:
         self._page, self._screen = page, Screen()
+        self._write = self._screen.write
         self._typed: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._told: tuple[str, tuple[str, ...]] = ("", ())
+        self._shown: tuple[str, list[str]] = ("", [])
         self._problem = ""
         self._status, self._status_s = "", 0.0
         threading.Thread(target=self._read, daemon=True).start()
@@ -161,66 +147,61 @@ class Terminal:
                 self._typed.put(line.decode(sys.stdin.encoding or "utf-8", "replace").strip())
         self._typed.put(None)
 
-    def _next_line(self) -> str | None:
-        """A line that was typed, None where there is none. The end of the input is the command quit."""
-        try:
-            line = self._typed.get_nowait()
-        except queue.Empty:
-            return None
-        if line is not None:
-            self._screen.entered()
-        return "quit" if line is None else line
+    def _next_line(self) -> tuple[str, str] | None:
+        """A line that was typed and the command in it, "" for none; the end of the input is the command quit."""
+        while True:
+            try:
+                line = self._typed.get_nowait()
+            except queue.Empty:
+                return None
+            if line is None:
+                return "quit", "quit"
+            self._screen.line_typed()
+            word = line.lower()
+            if word not in ("help", "?"):
+                return line, word if word in COMMANDS else ""
+            for name, words in COMMANDS.items():
+                self._write(f"{name:9s} {words}", "", "  ", _LABEL)
+            self._write("An answer of before is given anew with its flag: vbaa wizard --help lists them.", "", "  ")
 
-    def ask(self, question: Question, facts: Mapping[str, Any]) -> Value:
-        """Ask until the answer is one."""
-        words = question.words.format_map(facts)
+    def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
+        """Ask until the answer is right."""
+        words = question.words.format_map(facts or {})
         self._write("")
         self._write(words, "bold")
         if question.why:
             self._write(f"({question.why})", "dim", "  ", "   ")
         problem, self._problem = self._problem, ""
-        while True:
-            if self._page is not None:
-                self._page.ask(question, words, problem)
-            given = self._answer(question)
-            try:
-                value = question.read(given)
-            except InputError as error:
-                problem = f"{error.what.removeprefix(f'{question.key} is ')}; {error.remedy}"
-                self._write(problem, "doubt", "  ")
-                continue
+        try:
+            while True:
+                if self._page is not None:
+                    self._page.ask(question, words, problem)
+                try:
+                    return question.read(self._first_answer(question))
+                except InputError as error:
+                    problem = f"{error.what.removeprefix(f'{question.key} is ')}; {error.remedy}"
+                    self._write(problem, "doubt", "  ")
+        finally:
             if self._page is not None:
                 self._page.answered()
-            return value
 
-    def _answer(self, question: Question) -> object:
+    def _first_answer(self, question: Question) -> object:
+        """What is typed or clicked first. Raises Interrupted for a command."""
         while True:
             self._screen.below(_prompt(question))
-            line = self._next_line()
-            if line is not None:
-                command = _command(line)
-                if command == "help":
-                    self._help()
-                elif command and line not in question.choices:
-                    raise self._interrupted(command)
-                elif line or question.default is None:
-                    return line
-                else:
-                    return question.default
-                continue
-            if self._page is not None:
-                for kind, value in self._page.take():
-                    if kind == "answer" and question.key in value:
-                        self._write(f"on the page: {shown(value[question.key])}", "", "  ")
-                        return value[question.key]
-                    if kind not in ("answer", "take"):
-                        raise self._interrupted(kind)
+            found = self._next_line()
+            if found is not None:
+                line, command = found
+                if command and line not in question.choices:
+                    raise Interrupted(command)
+                return line if line or question.default is None else question.default
+            for kind, value in [] if self._page is None else self._page.take_commands():
+                if kind == "answer" and question.key in value:
+                    self._write(f"on the page: {typed(value[question.key])}", "", "  ")
+                    return value[question.key]
+                if kind not in ("answer", "take"):
+                    raise Interrupted(kind)
             time.sleep(_TICK_S)
-
-    def _interrupted(self, kind: str) -> Interrupted:
-        if self._page is not None:
-            self._page.answered()
-        return Interrupted(Command(kind))
 
     def greet(self, paragraphs: Sequence[str]) -> None:
         """The first words, a blank line after each."""
@@ -233,19 +214,19 @@ class Terminal:
         self._write(f"\n{title.ljust(min(self._screen.width, 79), '─')}", "bold")
         self._write(step.what)
         self._write(step.why, "dim")
-        self._told, self._status = ("", ()), ""
+        self._shown, self._status = ("", []), ""
         if self._page is not None:
             self._page.begin(step)
 
     def show(self, step: Step, progress: Progress) -> None:
         """How far the step is: what has changed since it was shown before, and what is next."""
-        lines = tuple(lines_of(progress))
-        before = self._told[1] if self._told[0] == step.name else ()
+        lines = progress_lines(progress)
+        before = self._shown[1] if self._shown[0] == step.name else []
         for line in lines:
             label = line.split(maxsplit=1)[0]
             if line not in before or label == "next":
                 self._write(line, _MESSAGE_STYLES.get(label, ""), "  ", _LABEL)
-        self._told = (step.name, lines)
+        self._shown = (step.name, lines)
         if self._page is not None:
             self._page.show(step, progress)
 
@@ -255,47 +236,44 @@ class Terminal:
         if self._page is not None:
             self._page.working(words)
 
-    def live(self, step: Step, live: Live) -> None:
+    def live(self, view: LiveView) -> None:
         """The picture on the page, and a line about it above the prompt."""
         if self._page is not None:
-            self._page.live(live)
+            self._page.live(view)
         now = time.monotonic()
         if now - self._status_s >= _STATUS_EVERY_S:
-            self._status, self._status_s = f"  {live_words(live)}", now
+            self._status, self._status_s = f"  {live_words(view)}", now
 
     def say(self, line: str) -> None:
         """A line."""
-        self._write(line, "", "  ", "    ")
-        if self._page is not None:
-            self._page.log(line)
+        self._log(line)
 
     def wrong(self, line: str) -> None:
         """A line, and beside the next question on the page."""
-        self._write(line, "doubt", "  ", "    ")
         self._problem = line
+        self._log(line, "doubt")
+
+    def _log(self, line: str, style: str = "") -> None:
+        self._write(line, style, "  ", "    ")
         if self._page is not None:
             self._page.log(line)
 
-    def commands(self) -> list[Command]:
+    def commands(self) -> list[str]:
         """Typed and clicked."""
-        found = []
-        while (line := self._next_line()) is not None:
-            command = _command(line)
-            if command == "help":
-                self._help()
-            elif command:
-                found.append(Command(command))
+        commands: list[str] = []
+        while "quit" not in commands and (found := self._next_line()) is not None:
+            line, command = found
+            if command:
+                commands.append(command)
             elif line:
                 self._write(f"{line!r} is none of {', '.join(COMMANDS)}", "doubt", "  ")
-            if command == "quit":
-                break
         if self._page is not None:
-            found += [Command(kind) for kind, _ in self._page.take() if kind != "answer"]
+            commands += [kind for kind, _ in self._page.take_commands() if kind != "answer"]
         if self._status:
             self._screen.below("  take, enough, drop, back, redo, quit, help: ", self._status)
         else:
             self._screen.below("  waiting for pictures (or: enough, drop, back, redo, quit, help): ")
-        return found
+        return commands
 
     def done(self, document: Mapping[str, Any], report: str) -> None:
         """The verdict."""
@@ -310,39 +288,25 @@ class Terminal:
 
     def close(self) -> None:
         """Leave the terminal as it was, and the page."""
-        self._screen.close()
+        self._screen.clear()
         if self._page is not None:
             self._page.close()
 
-    def _help(self) -> None:
-        for name, words in COMMANDS.items():
-            self._write(f"{name:9s} {words}", "", "  ", _LABEL)
-        self._write("An answer of before is given anew with its flag: vbaa wizard --help lists them.", "", "  ")
 
-    def _write(self, text: str, style: str = "", indent: str = "", hang: str | None = None) -> None:
-        self._screen.write(text, style, indent, hang)
-
-
-def live_words(live: Live) -> str:
+def live_words(view: LiveView) -> str:
     """A live picture in a line: how long it is held, what is seen, what to change."""
-    held = "▮" * round(4 * live.held) + "▯" * (4 - round(4 * live.held))
-    judged, parts = live.judged, []
-    if len(judged.corners_px):
-        parts.append(f"{len(judged.corners_px)} corners")
-    if judged.refusal:
-        grave = next((hint for hint in judged.hints if hint.grave), None)
-        parts.append(judged.refusal if grave is None else f"{grave.words} → {grave.remedy}")
+    full = round(4 * view.held)
+    check, parts = view.check, []
+    if len(check.corners_px):
+        parts.append(f"{len(check.corners_px)} corners")
+    if check.refusal:
+        grave = next((hint for hint in check.hints if hint.grave), None)
+        parts.append(check.refusal if grave is None else f"{grave.words} → {grave.remedy}")
     else:
-        if judged.closeness is not None:
-            parts.append(f"match {100 * judged.closeness:.0f} %: {judged.closer}")
-        parts += [live.words or "hold still", *(hint.words for hint in judged.hints)]
-    return f"{held} {' · '.join(parts)}"
-
-
-def _command(line: str) -> str:
-    """The command that a line is, "" where it is none."""
-    word = line.lower()
-    return "help" if word == "?" else word if word in COMMANDS else ""
+        if check.closeness is not None:
+            parts.append(f"match {100 * check.closeness:.0f} %: {check.closer}")
+        parts += [view.words or "hold still", *(hint.words for hint in check.hints)]
+    return f"{'▮' * full}{'▯' * (4 - full)} {' · '.join(parts)}"
 
 
 def _prompt(question: Question) -> str:
@@ -351,5 +315,5 @@ def _prompt(question: Question) -> str:
     if choices:
         parts.append(" / ".join(choices))
     if question.default is not None:
-        parts.append(f"Enter for {shown(question.default)}")
+        parts.append(f"Enter for {typed(question.default)}")
     return f"  {', '.join(parts) or 'answer'}: "

@@ -1,4 +1,4 @@
-"""Accepts a picture when the scene is held still, so that nobody has to press a key with the board in both hands."""
+"""Finds when the scene is held still, so that nobody has to press a key with the board in both hands."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _BENDS = (np.ones_like(_X), _X, _Y, _X**2, _Y**2)
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class FrameFeatures:
     """What is kept of a frame.
 
     Attributes
@@ -60,8 +60,10 @@ class Look:
     ids: np.ndarray | None
 
 
-def look_at(image: np.ndarray, time_s: float, corners_px: np.ndarray | None, ids: np.ndarray | None) -> Look:
-    """Keep of an (H, W) uint8 picture what motion is measured by."""
+def _features_of(
+    image: np.ndarray, time_s: float, corners_px: np.ndarray | None, ids: np.ndarray | None
+) -> FrameFeatures:
+    """What motion of an (H, W) uint8 picture is measured by."""
     height, width = image.shape
     scale = max(1.0, max(width, height) / _SMALL_PX)
     columns, rows = (max(1, round(side / scale / _TILE_PX)) for side in (width, height))
@@ -77,38 +79,38 @@ def look_at(image: np.ndarray, time_s: float, corners_px: np.ndarray | None, ids
     sharpness = float(np.sqrt(energy.mean() / contrast)) / scale if contrast > 0 else 0.0
     corners = None if corners_px is None else np.asarray(corners_px, float).reshape(-1, 2)
     noise = _noise(image) / scale
-    return Look(time_s, (width, height), scale, noise, tiles, basis, np.sqrt(energy), sharpness, corners, ids)
+    return FrameFeatures(time_s, (width, height), scale, noise, tiles, basis, np.sqrt(energy), sharpness, corners, ids)
 
 
-def motion_px(look: Look, other: Look) -> float:
+def motion_px(frame: FrameFeatures, other: FrameFeatures) -> float:
     """The largest shift of anything between two frames of one size, px; NaN where nothing is there to see it by.
 
     0 where no shift is larger than noise explains; up to twice too large while small. Those above some 2
-    small pixels are not told apart: they count as 16.
+    small pixels are not distinguished: they count as 16.
     """
-    shared = _shared_corners(look, other)
+    shared = _shared_corners(frame, other)
     if shared is not None:
         return float(np.quantile(np.linalg.norm(shared[0] - shared[1], axis=1), 0.9))
-    slope = np.maximum(look.slope, other.slope)
-    noise = max(look.noise, other.noise)
+    slope = np.maximum(frame.slope, other.slope)
+    noise = max(frame.noise, other.noise)
     least_slope = max(_LEAST_SLOPE, _LEAST_SLOPE_PER_NOISE * noise)
     usable = slope > least_slope
-    shift, unexplained = _shifts(look.basis[usable], look.tiles[usable] - other.tiles[usable], least_slope)
+    shift, unexplained = _shifts(frame.basis[usable], frame.tiles[usable] - other.tiles[usable], least_slope)
     shift[unexplained > np.hypot(_UNLIKE_PX * slope[usable], np.sqrt(2) * _NOISE_MARGIN * noise)] = _FAR_PX
-    told = shift[np.isfinite(shift)]
-    return float(np.clip(told.max(), 0.0, _FAR_PX)) * look.scale if len(told) else float("nan")
+    measured = shift[np.isfinite(shift)]
+    return float(np.clip(measured.max(), 0.0, _FAR_PX)) * frame.scale if len(measured) else float("nan")
 
 
 def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[np.ndarray, np.ndarray]:
     """Each tile's shift beyond its noise, small pixels (T,), and the change that is left, grey levels (T,).
 
-    A shift is told along a direction only in which the tile's slopes are at least `least_slope`, and not far below
-    those across it: along an edge, what is rough about the pixels would be taken for a shift. -inf where there is none.
+    Only along directions in which the tile's slopes are at least `least_slope` and not far below those across it:
+    along an edge, roughness of the pixels would be taken for a shift. -inf where there is none.
     """
     across = basis.swapaxes(1, 2)
     normal = (across @ basis).astype(float)
     right = (across @ change[..., None])[..., 0].astype(float)
-    # light is eliminated, so that what is left tells the shift alone
+    # the light is eliminated (Schur complement)
     light = normal[:, 2:, 2:] + 1e-3 * np.eye(normal.shape[1] - 2)
     gain = np.linalg.solve(light, np.concatenate([normal[:, 2:, :2], right[:, 2:, None]], axis=2))
     matrix = normal[:, :2, :2] - normal[:, :2, 2:] @ gain[:, :, :2]
@@ -135,15 +137,15 @@ def _noise(image: np.ndarray) -> float:
     return float(np.quantile(bends, 0.25)) / (_QUARTILE_OF_NOISE * np.sqrt(6)) if bends.size else 0.0
 
 
-def _shared_corners(look: Look, other: Look) -> tuple[np.ndarray, np.ndarray] | None:
+def _shared_corners(frame: FrameFeatures, other: FrameFeatures) -> tuple[np.ndarray, np.ndarray] | None:
     """The corners that both frames show, (M, 2) each; None for fewer than 4."""
-    if look.corners_px is None or other.corners_px is None:
+    if frame.corners_px is None or other.corners_px is None:
         return None
-    if look.ids is None or other.ids is None:
-        same = len(look.corners_px) == len(other.corners_px) >= _FEWEST_CORNERS
-        return (look.corners_px, other.corners_px) if same else None
-    _, here, there = np.intersect1d(look.ids, other.ids, return_indices=True)
-    return (look.corners_px[here], other.corners_px[there]) if len(here) >= _FEWEST_CORNERS else None
+    if frame.ids is None or other.ids is None:
+        same = len(frame.corners_px) == len(other.corners_px) >= _FEWEST_CORNERS
+        return (frame.corners_px, other.corners_px) if same else None
+    _, here, there = np.intersect1d(frame.ids, other.ids, return_indices=True)
+    return (frame.corners_px[here], other.corners_px[there]) if len(here) >= _FEWEST_CORNERS else None
 
 
 def _cut(small: np.ndarray) -> np.ndarray:
@@ -154,7 +156,7 @@ def _cut(small: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class StillSettings:
+class StillnessSettings:
     """When a scene counts as still; as it stands, for a board in the hand.
 
     Attributes
@@ -178,19 +180,19 @@ class StillSettings:
     sharp_share: float = 0.9
 
 
-ON_A_STAND = StillSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
+ON_A_STAND = StillnessSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
 """For an antenna that a load was hung on: all else stands, and it may still vibrate."""
 
 
 @dataclass(frozen=True)
-class Held:
-    """What a frame has led to.
+class Stillness:
+    """How long the scene has been still.
 
     Attributes
     ----------
     share : of the hold that is done, 0..1.
     take : this frame is to be taken.
-    motion_px : since the frame before, where it moved most; NaN where that cannot be told.
+    motion_px : since the frame before, where it moved most; NaN where that cannot be measured.
     words : for the screen.
     """
 
@@ -202,12 +204,12 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class _Hold:
-    first: Look
+    first: FrameFeatures
     frames: int
     best: float
 
 
-class StillGate:
+class StillnessDetector:
     """Says of each frame whether the scene has been still for long enough to take it.
 
     The frame that is taken is the one just fed; it waits for one that is nearly as sharp as the hold's best, since a
@@ -215,11 +217,11 @@ class StillGate:
     frame is. Depends on nothing but what it is fed, times included.
     """
 
-    def __init__(self, settings: StillSettings | None = None) -> None:
-        self._settings = settings or StillSettings()
-        self._last: Look | None = None
+    def __init__(self, settings: StillnessSettings | None = None) -> None:
+        self._settings = settings or StillnessSettings()
+        self._last: FrameFeatures | None = None
         self._hold: _Hold | None = None
-        self._taken: Look | None = None
+        self._taken: FrameFeatures | None = None
         self._moved = True
 
     def rearm(self) -> None:
@@ -232,7 +234,7 @@ class StillGate:
         time_s: float,
         corners_px: np.ndarray | None = None,
         ids: np.ndarray | None = None,
-    ) -> Held:
+    ) -> Stillness:
         """Judge the next frame.
 
         Parameters
@@ -243,51 +245,51 @@ class StillGate:
             more, motion is theirs, and the rest of the picture is not looked at.
         ids : (N,) the corners' ids; without them corners are matched only where their number is the same.
         """
-        look = look_at(image, time_s, corners_px, ids)
-        last, self._last = self._last, look
+        frame = _features_of(image, time_s, corners_px, ids)
+        last, self._last = self._last, frame
         if last is None:
-            return self._restart(look, math.nan, "hold still")
-        if look.size != last.size:
+            return self._restart(frame, math.nan, "hold still")
+        if frame.size != last.size:
             self.rearm()
-            return self._restart(look, math.nan, "the picture's size has changed: hold still")
-        if not 0 < look.time_s - last.time_s <= self._settings.gap_s:
-            return self._restart(look, math.nan, "frames are missing: hold still")
-        return self._judge(look, last)
+            return self._restart(frame, math.nan, "the picture's size has changed: hold still")
+        if not 0 < frame.time_s - last.time_s <= self._settings.gap_s:
+            return self._restart(frame, math.nan, "frames are missing: hold still")
+        return self._judge(frame, last)
 
-    def _judge(self, look: Look, last: Look) -> Held:
-        scale = max(1.0, max(look.size) / 1280)
-        step_px = motion_px(look, last)
+    def _judge(self, frame: FrameFeatures, last: FrameFeatures) -> Stillness:
+        scale = max(1.0, max(frame.size) / 1280)
+        step_px = motion_px(frame, last)
         if math.isnan(step_px):
-            return self._restart(look, step_px, "nothing is seen that could be held still: more light, or focus")
+            return self._restart(frame, step_px, "nothing is seen that could be held still: more light, or focus")
         if self._taken is not None and not self._moved:
-            self._moved = motion_px(look, self._taken) > self._settings.clear_px * scale
-        allowed_px = max(self._settings.step_px, self._settings.speed_px_s * (look.time_s - last.time_s))
+            self._moved = motion_px(frame, self._taken) > self._settings.clear_px * scale
+        allowed_px = max(self._settings.step_px, self._settings.speed_px_s * (frame.time_s - last.time_s))
         if step_px > min(allowed_px, self._settings.drift_px) * scale:
-            return self._restart(look, step_px, "moving: hold still")
+            return self._restart(frame, step_px, "moving: hold still")
         if not self._moved:
             self._hold = None
-            return Held(0.0, False, step_px, "taken: now move on")
-        if self._hold is None or motion_px(look, self._hold.first) > self._settings.drift_px * scale:
-            return self._restart(look, step_px, "hold still")
-        return self._go_on(look, self._hold, step_px, scale)
+            return Stillness(0.0, False, step_px, "taken: now move on")
+        if self._hold is None or motion_px(frame, self._hold.first) > self._settings.drift_px * scale:
+            return self._restart(frame, step_px, "hold still")
+        return self._go_on(frame, self._hold, step_px, scale)
 
-    def _go_on(self, look: Look, hold: _Hold, step_px: float, scale: float) -> Held:
+    def _go_on(self, frame: FrameFeatures, hold: _Hold, step_px: float, scale: float) -> Stillness:
         settings = self._settings
-        hold = self._hold = _Hold(hold.first, hold.frames + 1, max(hold.best, look.sharpness))
-        held_s = look.time_s - hold.first.time_s
+        hold = self._hold = _Hold(hold.first, hold.frames + 1, max(hold.best, frame.sharpness))
+        held_s = frame.time_s - hold.first.time_s
         # a frame's time stamp is rounded, to milliseconds in videos
         share = min((held_s + 1e-3) / settings.hold_s, hold.frames / settings.hold_frames)
         if share < 1:
-            return Held(share, False, step_px, "hold still")
-        if self._taken is not None and motion_px(look, self._taken) <= 2 * settings.step_px * scale:
-            return Held(0.0, False, step_px, "nothing has changed since the last picture: move on")
-        if look.sharpness < settings.sharp_share * hold.best:
+            return Stillness(share, False, step_px, "hold still")
+        if self._taken is not None and motion_px(frame, self._taken) <= 2 * settings.step_px * scale:
+            return Stillness(0.0, False, step_px, "nothing has changed since the last picture: move on")
+        if frame.sharpness < settings.sharp_share * hold.best:
             if held_s > 2 * settings.hold_s:
-                return self._restart(look, step_px, "the focus has changed: hold still")
-            return Held(1.0, False, step_px, "hold still: waiting for a sharp frame")
-        self._taken, self._moved, self._hold = look, False, None
-        return Held(1.0, True, step_px, "taken")
+                return self._restart(frame, step_px, "the focus has changed: hold still")
+            return Stillness(1.0, False, step_px, "hold still: waiting for a sharp frame")
+        self._taken, self._moved, self._hold = frame, False, None
+        return Stillness(1.0, True, step_px, "taken")
 
-    def _restart(self, look: Look, step_px: float, words: str) -> Held:
-        self._hold = _Hold(look, 1, look.sharpness)
-        return Held(0.0, False, step_px, words)
+    def _restart(self, frame: FrameFeatures, step_px: float, words: str) -> Stillness:
+        self._hold = _Hold(frame, 1, frame.sharpness)
+        return Stillness(0.0, False, step_px, words)

@@ -13,65 +13,61 @@ import pytest
 
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.wizard.capture import GO_ON
-from vbaa_calib.wizard.flow import ALL
-from vbaa_calib.wizard.preview import Command, Snapshot
-from vbaa_calib.wizard.sources.offered import frame_offered
-from vbaa_calib.wizard.state.progress import Judged, Progress, Target
+from vbaa_calib.wizard.flow import STEP_BY_NAME
+from vbaa_calib.wizard.sources.picture import frame_picture
 from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
 from vbaa_calib.wizard.steps import board, lens
-from vbaa_calib.wizard.ui.interface import Live
+from vbaa_calib.wizard.steps.step import PictureCheck, Progress, Target
+from vbaa_calib.wizard.ui.base import LiveView
 from vbaa_calib.wizard.ui.page import Page
+from vbaa_calib.wizard.ui.server import PageCommand
 
-from .preview_browser import BROWSER, Browser
+from .browser import BROWSER, Browser
 from .pseudo_terminal import PseudoTerminal
 from .small_session import answers, answers_file, rendered
 
 
 class Shown:
-    """A preview without a server: what it was told last, and commands to take."""
+    """A server that only keeps what it was shown last, and commands to take."""
 
     url = "http://127.0.0.1:0/"
 
     def __init__(self, port: int = 0) -> None:
         self.number, self.state = 0, dict[str, Any]()
         self.jpeg: bytes | None = None
-        self.commands: list[Command] = []
+        self.commands: list[PageCommand] = []
 
-    def start(self) -> None:
-        """Nothing to start."""
-
-    def show(self, snapshot: Snapshot) -> int:
+    def show(self, state: Mapping[str, Any], jpeg: bytes | None = None) -> int:
         self.number += 1
-        self.state, self.jpeg = json.loads(json.dumps(snapshot.state)), snapshot.jpeg
+        self.state, self.jpeg = json.loads(json.dumps(state)), jpeg
         return self.number
 
-    def take_commands(self) -> list[Command]:
+    def take_commands(self) -> list[PageCommand]:
         taken, self.commands = self.commands, []
         return taken
-
-    def close(self) -> None:
-        """Nothing to close."""
 
 
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Page, Shown, Store]]:
-    monkeypatch.setattr("vbaa_calib.wizard.ui.page.Preview", Shown)
+    monkeypatch.setattr("vbaa_calib.wizard.ui.page.PageServer", Shown)
+    monkeypatch.setattr(SessionState, "lens_corners", lambda _: np.array([[5.0, 5.0]]))
     with Store(tmp_path / "rig") as store:
-        made = Page(store, {name: step.title for name, step in ALL.items()}, lambda: np.array([[5.0, 5.0]]))
-        shown = made._preview
+        made = Page(SessionState(store), {name: step.title for name, step in STEP_BY_NAME.items()})
+        shown = made._server
         assert isinstance(shown, Shown)
         yield made, shown, store
 
 
-def live(judged: Judged) -> Live:
+def live(check: PictureCheck) -> LiveView:
     """A small live picture."""
-    return Live(np.full((90, 160), 100, np.uint8), judged, 0.5)
+    return LiveView(np.full((90, 160), 100, np.uint8), check, 0.5)
 
 
 def taken(store: Store) -> None:
     """A picture of the lens."""
-    store.take("lens", frame_offered("frame 1", np.zeros((4, 4), np.uint8), 0.0), {})
+    store.take("lens", frame_picture("frame 1", np.zeros((4, 4), np.uint8), 0.0), {})
 
 
 def test_only_what_can_be_done_is_offered(page: tuple[Page, Shown, Store]) -> None:
@@ -81,7 +77,7 @@ def test_only_what_can_be_done_is_offered(page: tuple[Page, Shown, Store]) -> No
     made.begin(lens.STEP)
     assert shown.state["can"] == ["redo", "back", "quit"]
     taken(store)
-    made.live(live(Judged()))
+    made.live(live(PictureCheck()))
     assert shown.state["can"] == ["take", "redo", "enough", "drop", "back", "quit"]
     made.ask(GO_ON, "Go on?", "")
     assert "take" not in shown.state["can"]
@@ -98,11 +94,11 @@ def test_a_second_click_before_the_first_was_seen_does_nothing(page: tuple[Page,
     taken(store)
     made.log("took one")
     seen = shown.number
-    shown.commands = [Command("drop", None, seen), Command("drop", None, seen), Command("quit", None, seen)]
-    assert made.take() == [("drop", None), ("quit", None)]
+    shown.commands = [PageCommand(kind=kind, seen=seen) for kind in ("drop", "drop", "quit")]
+    assert made.take_commands() == [("drop", None), ("quit", None)]
     made.log("dropped")
-    shown.commands = [Command("drop", None, shown.number)]
-    assert made.take() == [("drop", None)]
+    shown.commands = [PageCommand(kind="drop", seen=shown.number)]
+    assert made.take_commands() == [("drop", None)]
 
 
 def test_a_command_for_the_step_before_does_nothing(page: tuple[Page, Shown, Store]) -> None:
@@ -110,8 +106,8 @@ def test_a_command_for_the_step_before_does_nothing(page: tuple[Page, Shown, Sto
     made.begin(board.STEP)
     seen = shown.number
     made.begin(lens.STEP)
-    shown.commands = [Command("redo", None, seen)]
-    assert made.take() == []
+    shown.commands = [PageCommand(kind="redo", seen=seen)]
+    assert made.take_commands() == []
 
 
 def test_an_answer_is_for_the_question_that_was_seen(page: tuple[Page, Shown, Store]) -> None:
@@ -122,10 +118,10 @@ def test_an_answer_is_for_the_question_that_was_seen(page: tuple[Page, Shown, St
     made.answered()
     made.ask(mass, "Mass?", "too heavy")
     assert shown.state["question"]["problem"] == "too heavy"
-    shown.commands = [Command("answer", {"mass_g": 5.0}, first)]
-    assert made.take() == []
-    shown.commands = [Command("answer", {"mass_g": 6.0}, shown.number)]
-    assert made.take() == [("answer", {"mass_g": 6.0})]
+    shown.commands = [PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)]
+    assert made.take_commands() == []
+    shown.commands = [PageCommand(kind="answer", value={"mass_g": 6.0}, seen=shown.number)]
+    assert made.take_commands() == [("answer", {"mass_g": 6.0})]
 
 
 def test_a_live_picture_with_all_about_it(page: tuple[Page, Shown, Store]) -> None:
@@ -134,7 +130,7 @@ def test_a_live_picture_with_all_about_it(page: tuple[Page, Shown, Store]) -> No
     outline = np.array([[1.0, 1.0], [9.0, 1.0], [9.0, 9.0], [1.0, 9.0]])
     made.show(lens.STEP, Progress(target=Target(outline, "board in the left")))
     hint = Diagnosis("blur", "blurred", "hold still")
-    made.live(live(Judged(corners_px=np.ones((3, 2)), hints=(hint,), closeness=0.4, closer="nearer")))
+    made.live(live(PictureCheck(corners_px=np.ones((3, 2)), hints=(hint,), closeness=0.4, closer="nearer")))
     now = shown.state["live"]
     assert now["image_size"] == [160, 90]
     assert now["suggested_px"] == outline.tolist()
@@ -192,7 +188,7 @@ def test_the_wizard_is_led_from_its_page(tmp_path: Path) -> None:
         until_text(browser, "5 pictures")
         browser.click("[data-kind=drop]")
         browser.click("[data-kind=drop]")
-        wizard.until("intrinsics/0005.png is put aside")
+        wizard.until("intrinsics/0005.png is set aside")
         until_text(browser, "4 pictures")
         browser.click("[data-kind=enough]")
         wizard.until("3 of 7")

@@ -1,4 +1,4 @@
-"""One picture that a source offers, and what every source can do."""
+"""A picture of a source, and what every source can do."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ class SourceLost(InputError):
 
 
 @dataclass(frozen=True, eq=False)
-class Offered:
-    """One picture that a source offers.
+class Picture:
+    """A picture of a source.
 
     Attributes
     ----------
@@ -83,22 +83,19 @@ class Source(Protocol):
     name : for the screen; a URL's secrets are left out.
     live : a stream of frames, of which one is accepted when it is held still; else every picture counts.
     ended : no more will come.
-    notes : what there was to say so far, in order; it only grows.
+    notes : messages so far, in order; it only grows.
     """
 
     @property
     def name(self) -> str: ...
-
     @property
     def live(self) -> bool: ...
-
     @property
     def ended(self) -> bool: ...
-
     @property
     def notes(self) -> tuple[str, ...]: ...
 
-    def next(self, timeout_s: float) -> Offered | None:
+    def next(self, timeout_s: float) -> Picture | None:
         """The next picture; None where there is nothing new within `timeout_s`. Raises SourceLost."""
         ...
 
@@ -107,10 +104,7 @@ class Source(Protocol):
         ...
 
 
-def frame_offered(name: str, pixels: np.ndarray, time_s: float) -> Offered:
+def frame_picture(name: str, pixels: np.ndarray, time_s: float) -> Picture:
     """A live frame: (H, W) grey or (H, W, 3) blue, green, red, uint8."""
-    return Offered(name, _gray(pixels), ".png", pixels, time_s)
-
-
-def _gray(pixels: np.ndarray) -> np.ndarray:
-    return pixels if pixels.ndim == 2 else cv2.transform(pixels, _TO_GRAY)
+    gray = pixels if pixels.ndim == 2 else cv2.transform(pixels, _TO_GRAY)
+    return Picture(name, gray, ".png", pixels, time_s)

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from vbaa_calib.wizard.preview import Command, Preview, Snapshot
+from vbaa_calib.wizard.ui.server import PageCommand, PageServer
 
-from .preview_browser import BROWSER, Browser
-from .preview_states import LIVE, QUESTION, STATE, jpeg, state
+from .browser import BROWSER, Browser
+from .page_client import LIVE, QUESTION, STATE, jpeg, state
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no browser here")
 
@@ -25,35 +25,36 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 
 @pytest.fixture
-def preview(browser: Browser) -> Iterator[Preview]:
+def server(browser: Browser) -> Iterator[PageServer]:
     browser.told.clear()
     browser.size(1280, 860)
-    with Preview() as preview:
-        yield preview
-        browser.open("about:blank")
+    server = PageServer()
+    yield server
+    browser.open("about:blank")
+    server.close()
 
 
-def opened(browser: Browser, preview: Preview, **changed: Any) -> Browser:
+def opened(browser: Browser, server: PageServer, **changed: Any) -> Browser:
     """The page, once it shows a state with these entries."""
-    preview.show(Snapshot(state(**changed), jpeg() if changed.get("live") else None))
-    browser.open(preview.url)
+    server.show(state(**changed), jpeg() if changed.get("live") else None)
+    browser.open(server.url)
     browser.until("document.getElementById('main')?.hidden === false")
     return browser
 
 
-def given(preview: Preview) -> Command:
+def given(server: PageServer) -> PageCommand:
     """The next command, and that it is the only one."""
     end = time.monotonic() + 10.0
-    while not (commands := preview.take_commands()):
+    while not (commands := server.take_commands()):
         assert time.monotonic() < end, "no command came"
         time.sleep(0.02)
     assert len(commands) == 1
     return commands[0]
 
 
-def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, preview: Preview) -> None:
+def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, server: PageServer) -> None:
     hostile = "<img src=x onerror=\"document.title='taken'\">.png"
-    page = opened(browser, preview, log=[hostile], session=hostile)
+    page = opened(browser, server, log=[hostile], session=hostile)
     assert page.value("location.search") == ""
     assert page.text("#title") == STATE["step"]["title"]
     assert page.text("#session") == hostile
@@ -63,15 +64,15 @@ def test_it_shows_the_state_as_text_and_follows_it(browser: Browser, preview: Pr
     assert page.value("document.querySelector('[aria-current=step] .name').textContent") == "Lens (now)"
     assert page.text("#missing") == "the lower right"
     step = {**STATE["step"], "title": "Now something else", "enough": True}
-    preview.show(Snapshot(state(step=step, steps=[])))
+    server.show(state(step=step, steps=[]))
     page.until("document.getElementById('title').textContent === 'Now something else'")
     assert page.value("document.title") == f"Now something else · {STATE['session']}"
     assert page.text("#enough") == "✓ Enough: you can go on."
     assert page.complaints() == []
 
 
-def test_picture_corners_outline_coverage_and_hints(browser: Browser, preview: Preview) -> None:
-    page = opened(browser, preview, live=LIVE)
+def test_picture_corners_outline_coverage_and_hints(browser: Browser, server: PageServer) -> None:
+    page = opened(browser, server, live=LIVE)
     page.until("document.getElementById('picture').naturalWidth === 320")
     page.until("document.querySelectorAll('#marks .cell').length === 12")
     assert page.value("document.querySelectorAll('#marks .empty').length") == 8
@@ -87,80 +88,80 @@ def test_picture_corners_outline_coverage_and_hints(browser: Browser, preview: P
     assert "4 of 12 fields" in page.text("#covered")
     page.click("#cells")
     page.until("document.querySelectorAll('#marks .cell').length === 0")
-    preview.show(Snapshot(state(live={**LIVE, "corners_px": [], "suggested_px": None, "hold": 1.0}), jpeg(20)))
+    server.show(state(live={**LIVE, "corners_px": [], "suggested_px": None, "hold": 1.0}), jpeg(20))
     page.until("document.getElementById('held').textContent === '✓ still'")
     assert page.value("document.querySelectorAll('#marks .corner, #marks .wanted, #marks .top').length") == 0
     page.click("#cells")
     assert page.complaints() == []
 
 
-def test_words_are_not_renewed_with_every_frame(browser: Browser, preview: Preview) -> None:
-    page = opened(browser, preview, live={**LIVE, "suggestion": "frame 0"})
+def test_words_are_not_renewed_with_every_frame(browser: Browser, server: PageServer) -> None:
+    page = opened(browser, server, live={**LIVE, "suggestion": "frame 0"})
     page.until("document.getElementById('suggestion').textContent === 'frame 0'")
     page.value(
         "window.changes = 0; new MutationObserver(() => { window.changes += 1; })"
         ".observe(document.getElementById('suggestion'), {childList: true})"
     )
     for number in range(1, 31):
-        preview.show(Snapshot(state(live={**LIVE, "suggestion": f"frame {number}"}), jpeg(number)))
+        server.show(state(live={**LIVE, "suggestion": f"frame {number}"}), jpeg(number))
         time.sleep(0.03)
     page.until("document.getElementById('suggestion').textContent === 'frame 30'")
     assert page.value("window.changes") <= 4
 
 
 @pytest.mark.parametrize(("typed", "value"), [("0,125", 0.125), ("1e-2", 0.01), ("120 g", "120 g")])
-def test_a_number_is_typed_and_entered(browser: Browser, preview: Preview, typed: str, value: object) -> None:
-    page = opened(browser, preview, question=QUESTION)
+def test_a_number_is_typed_and_entered(browser: Browser, server: PageServer, typed: str, value: object) -> None:
+    page = opened(browser, server, question=QUESTION)
     page.until("document.activeElement.id === 'field'")
     page.press("Enter", 13)
     page.until("document.getElementById('problem').textContent === 'A number is needed.'")
     page.type(typed)
-    preview.show(Snapshot(state(question=QUESTION, log=["a frame came meanwhile"])))
+    server.show(state(question=QUESTION, log=["a frame came meanwhile"]))
     page.until("document.getElementById('log').textContent.includes('meanwhile')")
     page.press("Enter", 13)
-    assert given(preview) == Command("answer", {"loads.1.mass": value}, 2)
+    assert given(server) == PageCommand(kind="answer", value={"loads.1.mass": value}, seen=2)
     page.until("document.getElementById('sent').textContent.startsWith('sent: ')")
-    preview.show(Snapshot(state(question={**QUESTION, "problem": "too heavy"})))
+    server.show(state(question={**QUESTION, "problem": "too heavy"}))
     page.until("document.getElementById('problem').textContent === 'too heavy'")
     assert page.value("document.getElementById('field').value") == typed
     assert page.complaints() == []
 
 
-def test_choices_yes_and_no_and_texts(browser: Browser, preview: Preview) -> None:
+def test_choices_yes_and_no_and_texts(browser: Browser, server: PageServer) -> None:
     paper = {**QUESTION, "key": "paper", "kind": "choice", "choices": ["A4", "A3", "<b>"], "default": "A3"}
-    page = opened(browser, preview, question=paper)
+    page = opened(browser, server, question=paper)
     page.press("Enter", 13)
-    assert given(preview).value == {"paper": "A3"}
+    assert given(server).value == {"paper": "A3"}
     page.click("#asked label:nth-of-type(3) input")
     page.click("#answer")
-    assert given(preview).value == {"paper": "<b>"}
-    preview.show(Snapshot(state(question={**QUESTION, "key": "sure", "kind": "yesno"})))
+    assert given(server).value == {"paper": "<b>"}
+    server.show(state(question={**QUESTION, "key": "sure", "kind": "yesno"}))
     page.until("document.querySelectorAll('#asked input').length === 2")
     page.click("#answer")
     page.until("document.getElementById('problem').textContent === 'Choose one.'")
     page.click("#asked label:nth-of-type(2)")
     page.click("#answer")
-    assert given(preview).value == {"sure": False}
+    assert given(server).value == {"sure": False}
     many = {**QUESTION, "key": "dictionary", "kind": "choice", "choices": [f"d{i}" for i in range(20)], "default": "d7"}
-    preview.show(Snapshot(state(question=many)))
+    server.show(state(question=many))
     page.until("document.querySelector('#asked select')")
     page.click("#answer")
-    assert given(preview).value == {"dictionary": "d7"}
-    preview.show(Snapshot(state(question={**QUESTION, "key": "name", "kind": "text", "default": "rig"})))
+    assert given(server).value == {"dictionary": "d7"}
+    server.show(state(question={**QUESTION, "key": "name", "kind": "text", "default": "rig"}))
     page.until("document.getElementById('field')?.value === 'rig'")
     page.type("rig <b>")
     page.press("Enter", 13)
-    assert given(preview).value == {"name": "rig <b>"}
+    assert given(server).value == {"name": "rig <b>"}
     assert page.complaints() == []
 
 
-def test_buttons_and_the_space_key(browser: Browser, preview: Preview) -> None:
-    page = opened(browser, preview, live=LIVE)
+def test_buttons_and_the_space_key(browser: Browser, server: PageServer) -> None:
+    page = opened(browser, server, live=LIVE)
     for kind in ("take", "enough", "drop", "back"):
         page.click(f"[data-kind={kind}]")
-        assert given(preview) == Command(kind, None, 1)
+        assert given(server) == PageCommand(kind=kind, seen=1)
     page.press(" ", 32)
-    assert given(preview).kind == "take", "and not once more what was clicked before"
+    assert given(server).kind == "take", "and not once more what was clicked before"
     for kind in ("redo", "quit"):
         page.click(f"[data-kind={kind}]")
         page.until("document.getElementById('sure').open")
@@ -169,25 +170,25 @@ def test_buttons_and_the_space_key(browser: Browser, preview: Preview) -> None:
         page.click(f"[data-kind={kind}]")
         page.until("document.getElementById('sure').open")
         page.click("#yes")
-        assert given(preview).kind == kind
-    preview.show(Snapshot(state(live=LIVE, question=QUESTION, can=["enough"]), jpeg()))
+        assert given(server).kind == kind
+    server.show(state(live=LIVE, question=QUESTION, can=["enough"]), jpeg())
     page.until("document.activeElement.id === 'field'")
     page.press(" ", 32)
     assert page.value("document.getElementById('field').value") == " "
     shown = "[...document.querySelectorAll('#buttons button')].filter(b => !b.hidden).map(b => b.dataset.kind)"
     assert page.value(shown) == ["enough"]
-    assert preview.take_commands() == []
+    assert server.take_commands() == []
     assert page.complaints() == []
 
 
-def test_the_end_has_a_verdict_and_a_report(browser: Browser, preview: Preview, tmp_path: Path) -> None:
+def test_the_end_has_a_verdict_and_a_report(browser: Browser, server: PageServer, tmp_path: Path) -> None:
     report = tmp_path / "report.html"
     report.write_text(
         "<!doctype html><title>r</title><p id=p>no</p><script>document.getElementById('p').textContent = 'alive';"
         "fetch('/state?after=0').then(r => r.text()).catch(() => 'refused').then(t => { document.title = t; })</script>"
     )
     verdict = {"level": "holds", "words": "This rig can be trusted"}
-    page = opened(browser, preview, finished=True, verdict=verdict, report=str(report))
+    page = opened(browser, server, finished=True, verdict=verdict, report=str(report))
     assert page.text("#ended") == "This rig can be trusted"
     assert page.text("#level") == "✓ holds"
     assert page.value("document.getElementById('task').hidden")
@@ -196,33 +197,35 @@ def test_the_end_has_a_verdict_and_a_report(browser: Browser, preview: Preview, 
     assert page.text("#p") == "alive"
 
 
-def test_without_the_token_there_is_nothing(browser: Browser, preview: Preview) -> None:
-    preview.show(Snapshot(state()))
-    browser.open(f"http://127.0.0.1:{preview.port}/")
+def test_without_the_token_there_is_nothing(browser: Browser, server: PageServer) -> None:
+    server.show(state())
+    browser.open(f"http://127.0.0.1:{server.port}/")
     browser.until("document.body?.innerText.includes('address that the wizard printed')")
     assert browser.value("document.getElementById('main')") is None
-    browser.open(f"http://127.0.0.1:{preview.port}/?token=wrong")
+    browser.open(f"http://127.0.0.1:{server.port}/?token=wrong")
     browser.until('document.body?.innerText.includes("is not this run\'s")')
 
 
 def test_the_page_says_when_the_wizard_is_gone_and_comes_back_to_it(browser: Browser) -> None:
-    with Preview() as first:
-        page = opened(browser, first)
+    first = PageServer()
+    page = opened(browser, first)
+    first.close()
     page.until("document.getElementById('link').textContent.includes('does not answer')")
-    with Preview(first.port) as second:
-        second.show(Snapshot(state()))
-        page.until("document.getElementById('link').textContent.includes('an earlier run')")
+    second = PageServer(first.port)
+    second.show(state())
+    page.until("document.getElementById('link').textContent.includes('an earlier run')")
     browser.open("about:blank")
+    second.close()
 
 
 @pytest.mark.parametrize(
     "width", [360, *(pytest.param(width, marks=pytest.mark.slow) for width in (700, 1000, 1440, 1920))]
 )
-def test_it_fits_every_width_in_light_and_dark(browser: Browser, preview: Preview, width: int) -> None:
+def test_it_fits_every_width_in_light_and_dark(browser: Browser, server: PageServer, width: int) -> None:
     long = {**LIVE, "suggestion": "long_" * 40, "hints": [{**LIVE["hints"][0], "words": "x" * 300}]}
     for scheme, paper in (("light", "rgb(255, 255, 255)"), ("dark", "rgb(26, 33, 43)")):
         browser.size(width, 800, scheme)
-        page = opened(browser, preview, live=long, question=QUESTION, session="s" * 200, log=["y" * 300])
+        page = opened(browser, server, live=long, question=QUESTION, session="s" * 200, log=["y" * 300])
         page.until("document.querySelectorAll('#marks .cell').length === 12")
         assert page.value("document.documentElement.scrollWidth") <= width
         assert page.value("getComputedStyle(document.getElementById('task')).backgroundColor") == paper
@@ -232,10 +235,10 @@ def test_it_fits_every_width_in_light_and_dark(browser: Browser, preview: Previe
             assert page.value(f"{seen}(document.querySelector('{selector}'))"), (selector, scheme)
 
 
-def test_a_state_that_cannot_be_shown_is_said(browser: Browser, preview: Preview) -> None:
-    page = opened(browser, preview)
-    preview.show(Snapshot(state(live={"image_size": None})))
+def test_a_state_that_cannot_be_shown_is_said(browser: Browser, server: PageServer) -> None:
+    page = opened(browser, server)
+    server.show(state(live={"image_size": None}))
     page.until("document.getElementById('link').textContent.includes('cannot show')")
-    preview.show(Snapshot(state(session="again")))
+    server.show(state(session="again"))
     page.until("document.getElementById('session').textContent === 'again'")
     page.until("document.getElementById('link').textContent === 'connected'")

@@ -1,0 +1,418 @@
+"""The page's server answers to its own address and to who has the run's token; nobody slow or broken disturbs it."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.wizard.ui import server as module
+from vbaa_calib.wizard.ui.server import BODY_LIMIT, COMMANDS_KEPT, FILES, PICTURES_KEPT, STATIC, PageCommand, PageServer
+
+from .page_client import ask, command, cookie, jpeg, raw, state, token
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[PageServer]:
+    """One for all that is refused: it leaves no trace."""
+    server = PageServer()
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def fresh() -> Iterator[PageServer]:
+    server = PageServer()
+    yield server
+    server.close()
+
+
+PATHS = ("/", "/page.js", "/picture.js", "/question.js", "/page.css", "/icon.svg", "/state", "/picture", "/report")
+
+
+def test_the_address_gives_a_cookie_and_leads_to_an_address_without_the_token(server: PageServer) -> None:
+    reply = ask(server, "/?" + urlsplit(server.url).query, {})
+    assert (reply.status, reply.headers["Location"]) == (303, "/")
+    name, _, rest = reply.headers["Set-Cookie"].partition("=")
+    assert name == f"vbaa_wizard_{server.port}"
+    assert rest.split("; ") == [token(server), "Path=/", "HttpOnly", "SameSite=Strict"]
+    assert ask(server, "/", {"Cookie": f"{name}={token(server)}"}).status == 200
+
+
+def test_each_run_has_its_own_long_token(server: PageServer, fresh: PageServer) -> None:
+    assert token(server) != token(fresh)
+    assert len(token(server)) >= 43
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_nothing_without_the_token(server: PageServer, path: str) -> None:
+    server.show(state(), jpeg())
+    wrong = token(server)[:-1] + "?"
+    for headers in (
+        {},
+        {"Cookie": f"vbaa_wizard_{server.port}={wrong}"},
+        {"Cookie": f"vbaa_wizard={token(server)}"},
+        {"Cookie": f"vbaa_wizard_{server.port}="},
+        {"Cookie": f"vbaa_wizard_{server.port}={token(server)}é".encode().decode("latin-1")},
+        {"Authorization": f"Bearer {wrong}"},
+        {"Authorization": f"Basic {token(server)}"},
+    ):
+        reply = ask(server, path, headers)
+        assert reply.status == 403
+        assert token(server).encode() not in reply.body
+    assert ask(server, f"{path}?token={wrong}", {}).status == 403
+    assert ask(server, f"{path}?token={token(server)}&token={wrong}", {}).status == 403
+    if path != "/":
+        assert ask(server, f"{path}?token={token(server)}", {}).status == 403, "in the first address only"
+
+
+def test_commands_need_the_token(server: PageServer) -> None:
+    assert command(server, b'{"kind": "quit"}', Cookie=None).status == 403
+    assert command(server, b'{"kind": "quit"}', Cookie=None, Authorization="Bearer x").status == 403
+    assert server.take_commands() == []
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "[::1]:{port}", ""]
+)
+def test_only_the_own_address(server: PageServer, host: str) -> None:
+    named = host.format(port=server.port)
+    assert ask(server, "/", {"Host": named, **cookie(server)}).status == 421
+    assert ask(server, "/?" + urlsplit(server.url).query, {"Host": named}).status == 421
+    assert command(server, b'{"kind": "quit"}', Host=named).status == 421
+    assert server.take_commands() == []
+
+
+def test_no_host_or_two_are_refused(server: PageServer) -> None:
+    line = f"Cookie: {cookie(server)['Cookie']}\r\n".encode()
+    own = f"Host: 127.0.0.1:{server.port}\r\n".encode()
+    assert raw(server, b"GET / HTTP/1.1\r\n" + line + b"\r\n") == 400
+    assert raw(server, b"GET / HTTP/1.1\r\n" + own + own + line + b"\r\n") == 400
+    assert raw(server, b"GET / HTTP/1.1\r\n" + own + line + b"\r\n") == 200
+
+
+def test_localhost_is_the_own_address_too(server: PageServer) -> None:
+    host = f"localhost:{server.port}"
+    assert ask(server, "/", {"Host": host, **cookie(server)}).status == 200
+    assert command(server, b'{"kind": "take"}', Host=host, Origin=f"http://{host}").status == 202
+    assert server.take_commands() == [PageCommand(kind="take")]
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1", "http://127.0.0.1", ""]
+)
+def test_commands_from_another_site_are_refused(server: PageServer, origin: str) -> None:
+    assert command(server, b'{"kind": "quit"}', Origin=origin.format(port=server.port)).status == 403
+    assert command(server, b'{"kind": "quit"}', Origin=None).status == 403
+    assert server.take_commands() == []
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_pages_of_others_cannot_use_ours(server: PageServer, site: str) -> None:
+    for path in PATHS:
+        assert ask(server, path, {"Sec-Fetch-Site": site, **cookie(server)}).status == 403
+    assert command(server, b'{"kind": "quit"}', Sec_Fetch_Site=site).status == 403
+
+
+def test_a_program_may_use_the_token_in_a_header(server: PageServer) -> None:
+    headers = {"Authorization": f"Bearer {token(server)}", "Content-Type": "application/json"}
+    assert ask(server, "/command", headers, "POST", b'{"kind": "take"}').status == 202
+    assert server.take_commands() == [PageCommand(kind="take")]
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/../server.py", "/%2e%2e/server.py", "/..%2fserver.py", "/page.js/../server.py", "/page.html", "//etc/passwd",
+     "/report/../../etc/passwd", "/report/", "/.", "/static/", "/page.js%00", "*", "//["],
+)  # fmt: skip
+def test_only_known_paths(server: PageServer, path: str) -> None:
+    reply = ask(server, path)
+    assert reply.status in (400, 404)
+    assert len(reply.body) < 60
+
+
+def test_the_form_for_proxies_is_refused(server: PageServer) -> None:
+    head = f" HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nCookie: {cookie(server)['Cookie']}\r\n\r\n".encode()
+    assert raw(server, b"GET http://evil.example/page.js" + head) == 404
+    assert raw(server, b"GET /page.js" + head) == 200
+
+
+def test_unknown_methods_and_known_paths_in_a_wrong_way(server: PageServer) -> None:
+    origin = {"Origin": f"http://127.0.0.1:{server.port}", "Content-Type": "application/json", **cookie(server)}
+    for method in ("PUT", "DELETE", "OPTIONS", "TRACE", "CONNECT", "SHOUT"):
+        for path in ("/", "/command", "/state"):
+            assert ask(server, path, method=method).status == 405
+    assert ask(server, "/command").status == 405
+    assert ask(server, "/state", origin, "POST", b"{}").status == 405
+    for query in ("after=x", "after=-1", "after=1&after=2", "after=" + "9" * 40, "after=", "after=%D9%A3"):
+        assert ask(server, f"/state?{query}").status == 400
+    assert ask(server, "/picture?n=1.5").status == 400
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\r\n\r\n",
+        b"nonsense\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET " + b"/" * 70000 + b" HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 20000 + b"\r\n",
+        b"GET / HTTP/1.1\r\nA: " + b"b" * 70000 + b"\r\n\r\n",
+        b"GET / HTTP/1.1\r\n\xff\xfe: \x00\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\r\n",
+    ],
+    ids=["TLS", "nonsense", "version", "long line", "many headers", "long header", "binary", "websocket"],
+)
+def test_what_is_no_request_is_refused_quietly(
+    server: PageServer, data: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert raw(server, data) in (0, 400, 421)
+    assert ask(server, "/").status == 200
+    assert capfd.readouterr() == ("", "")
+
+
+def test_every_answer_carries_the_policy(server: PageServer) -> None:
+    server.show(state(), jpeg())
+    replies = [ask(server, path) for path in ("/", "/page.js", "/state", "/picture?n=1", "/nowhere", "/report")]
+    replies += [ask(server, "/", {}), ask(server, "/", method="PUT"), command(server, b"x")]
+    for reply in replies:
+        policy = reply.headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert "unsafe" not in policy
+        assert reply.headers["X-Content-Type-Options"] == "nosniff"
+        assert reply.headers["Cache-Control"] == "no-store"
+        assert reply.headers["Referrer-Policy"] == "no-referrer"
+        assert "Server" not in reply.headers
+        assert "Access-Control-Allow-Origin" not in reply.headers
+
+
+def test_the_page_s_files_hold_nothing_inline_and_nothing_from_elsewhere() -> None:
+    html = (STATIC / "page.html").read_text(encoding="utf-8")
+    assert not re.search(r"\son\w+\s*=|<script(?![^>]* src=)|<style|style=", html)
+    for name, _ in FILES.values():
+        text = (STATIC / name).read_text(encoding="utf-8")
+        assert set(re.findall(r"\w+://[^\s\"']+", text)) <= {"http://www.w3.org/2000/svg"}
+        for danger in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "Function("):
+            assert danger not in text
+
+
+def test_commands_arrive_in_order_and_as_they_are(server: PageServer) -> None:
+    values: list[Any] = [0.125, -3, "120 g", True, None, ""]
+    for number, value in enumerate(values):
+        sent = {"kind": "answer", "value": {"loads.1.mass": value}, "seen": number}
+        assert command(server, json.dumps(sent).encode()).status == 202
+    for kind in ("take", "enough", "back", "redo", "drop", "quit"):
+        assert command(server, json.dumps({"kind": kind}).encode()).status == 202
+    answers = [PageCommand(kind="answer", value={"loads.1.mass": v}, seen=i) for i, v in enumerate(values)]
+    assert server.take_commands()[: len(values)] == answers
+
+
+WRONG = [
+    "", "\xff\xfe", "take", "[]", "null", '"take"', "{}", '{"kind": "shout"}', '{"kind": null}', '{"kind": ["take"]}',
+    '{"kind": "take", "value": 1}', '{"kind": "take", "extra": 1}', '{"kind": "take", "seen": -1}',
+    '{"kind": "take", "seen": true}', '{"kind": "take", "seen": 1.5}', '{"kind": "answer"}',
+    '{"kind": "answer", "value": 1}', '{"kind": "answer", "value": {}}', '{"kind": "answer", "value": {"": 1}}',
+    '{"kind": "answer", "value": {"a": 1, "b": 2}}',
+    *(f'{{"kind": "answer", "value": {{"a": {value}}}}}' for value in (
+        "NaN", "Infinity", "1e999", "1e16", "9" * 400, "9" * 5000, "[1]", '{"b": 1}', '"\\u001b[2J"', '"two\\nlines"',
+        '"\\ud800"', '"' + "x" * 2001 + '"')),
+    '{"kind": "answer", "value": {"\\u0000": 1}}', '{"kind": "answer", "value": {"' + "x" * 101 + '": 1}}',
+    "[" * BODY_LIMIT,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("body", WRONG, ids=[body[:48] for body in WRONG])
+def test_what_is_no_command_is_refused(server: PageServer, body: str) -> None:
+    assert command(server, body.encode("latin-1")).status == 400
+    assert server.take_commands() == []
+
+
+def test_a_command_is_small_and_json(server: PageServer) -> None:
+    fine = b'{"kind": "take"}'
+    for kind in (
+        None,
+        "",
+        "text/plain",
+        "application/x-www-form-urlencoded",
+        "multipart/form-data",
+        "application/jsonp",
+    ):
+        assert command(server, fine, Content_Type=kind).status == 415
+    assert command(server, b" " * (BODY_LIMIT + 1)).status == 413
+    head = (
+        f"POST /command HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nCookie: {cookie(server)['Cookie']}\r\n"
+        f"Origin: http://127.0.0.1:{server.port}\r\nContent-Type: application/json\r\n"
+    )
+    chunk = f"{BODY_LIMIT + 1:x}\r\n{' ' * (BODY_LIMIT + 1)}\r\n0\r\n\r\n"
+    assert raw(server, f"{head}Transfer-Encoding: chunked\r\n\r\n{chunk}".encode()) == 413
+    for length in ("-1", "1e3", "12, 13", "9" * 30):
+        assert raw(server, f"{head}Content-Length: {length}\r\n\r\n".encode()) == 400
+    assert raw(server, f"{head}Content-Length: 9000000000\r\n\r\n".encode()) == 413, "and not even read"
+    assert server.take_commands() == []
+
+
+def test_too_many_commands_wait_their_turn(server: PageServer) -> None:
+    for _ in range(COMMANDS_KEPT):
+        server._commands.put_nowait(PageCommand(kind="take"))
+    assert command(server, b'{"kind": "take"}').status == 503
+    assert len(server.take_commands()) == COMMANDS_KEPT
+    assert command(server, b'{"kind": "take"}').status == 202
+    assert len(server.take_commands()) == 1
+
+
+def test_a_state_becomes_json_whatever_is_in_it(fresh: PageServer) -> None:
+    """NumPy, paths, what is not finite, names of files that are no Unicode; later changes do not reach the page."""
+    shown = state(
+        a=np.float64(0.5),
+        b=np.array([[1, 2]]),
+        c=[float("nan"), -np.inf],
+        d=Path("x/y"),
+        e=(True, None),
+        f="a\udcff.png",
+    )
+    fresh.show(shown)
+    shown["log"].append("third")
+    sent = json.loads(ask(fresh, "/state?after=0").body)["state"]
+    assert [sent[key] for key in "abcdef"] == [0.5, [[1, 2]], [None, None], "x/y", [True, None], "a?.png"]
+    assert sent["log"] == ["first", "second"]
+
+
+def test_state_is_held_until_there_is_news(fresh: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    number = fresh.show(state())
+    assert json.loads(ask(fresh, "/state?after=0").body)["n"] == number
+    got: list[int] = []
+    clients = [
+        threading.Thread(target=lambda: got.append(json.loads(ask(fresh, f"/state?after={number}").body)["n"]))
+        for _ in range(30)
+    ]
+    for client in clients:
+        client.start()
+    while len(fresh._server.server_state.connections) < 30:
+        time.sleep(0.02)
+    assert got == []
+    fresh.show(state(session="news"))
+    for client in clients:
+        client.join(30)
+    assert got == [number + 1] * 30
+    monkeypatch.setattr(module, "NEWS_S", 0.05)
+    reply = ask(fresh, f"/state?after={number + 1}")
+    assert (reply.status, reply.body) == (204, b"")
+
+
+def test_the_picture_belongs_to_the_state_and_is_kept_for_a_while(fresh: PageServer) -> None:
+    assert ask(fresh, "/picture?n=1").status == 404
+    same = jpeg()
+    assert [fresh.show(state(), picture) for picture in (same, same, None, same)] == [1, 2, 3, 4]
+    assert json.loads(ask(fresh, "/state?after=0").body)["picture"] == 1
+    for level in range(PICTURES_KEPT):
+        fresh.show(state(), jpeg(level))
+    reply = ask(fresh, "/picture?n=5")
+    assert (reply.body, reply.headers["Content-Type"]) == (jpeg(0), "image/jpeg")
+    assert ask(fresh, "/picture?n=1").body == jpeg(PICTURES_KEPT - 1), "no longer kept: the newest instead"
+
+
+def test_the_report_and_no_other_file(fresh: PageServer, tmp_path: Path) -> None:
+    report = tmp_path / "report é.html"
+    report.write_text("<h1>all well</h1>", encoding="utf-8")
+    (tmp_path / "other.html").write_text("other")
+    fresh.show(state())
+    assert ask(fresh, "/report").status == 404
+    fresh.show(state(report=str(report)))
+    reply = ask(fresh, "/report")
+    assert (reply.status, reply.body) == (200, b"<h1>all well</h1>")
+    assert reply.headers["Content-Security-Policy"].startswith("sandbox allow-scripts")
+    assert "allow-same-origin" not in reply.headers["Content-Security-Policy"]
+    assert ask(fresh, "/other.html").status == 404
+    assert ask(fresh, "/report?file=other.html").body == reply.body
+    for named in (tmp_path / "gone.html", tmp_path, tmp_path / "rig.json", "/etc/passwd", "a\0.html"):
+        fresh.show(state(report=str(named)))
+        assert ask(fresh, "/report").status == 404
+
+
+def test_slow_requests_are_cut_however_their_bytes_trickle(fresh: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "CONNECTION_S", 0.3)
+    with socket.create_connection(("127.0.0.1", fresh.port), timeout=30) as slow:
+        slow.settimeout(0.05)
+        slow.sendall(b"GET / HTTP/1.1\r\n")
+        while True:
+            try:
+                slow.sendall(b"a")
+                if slow.recv(1) == b"":
+                    break
+            except TimeoutError:
+                continue
+            except OSError:
+                break
+
+
+def test_too_many_connections_are_refused_and_leave_room_again(
+    fresh: PageServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "CONNECTION_S", 1.0)
+    with ExitStack() as stack:
+        for _ in range(module.CONNECTIONS + 20):
+            stack.enter_context(socket.create_connection(("127.0.0.1", fresh.port), timeout=30))
+        fresh.show(state())
+        while ask(fresh, "/").status != 200:
+            time.sleep(0.1)
+
+
+def test_showing_never_waits_for_a_client_that_does_not_read(fresh: PageServer) -> None:
+    big = b"\xff\xd8" + b"x" * 5_000_000
+    fresh.show(state(), big)
+    with ExitStack() as stack:
+        for _ in range(4):
+            client = stack.enter_context(socket.create_connection(("127.0.0.1", fresh.port), timeout=30))
+            client.sendall(
+                f"GET /picture?n=1 HTTP/1.1\r\nHost: 127.0.0.1:{fresh.port}\r\n"
+                f"Cookie: {cookie(fresh)['Cookie']}\r\n\r\n".encode()
+            )
+            client.recv(10)
+        for _ in range(50):
+            fresh.show(state(), big)
+            fresh.take_commands()
+        assert ask(fresh, "/").status == 200
+
+
+def test_a_failure_inside_is_an_answer_and_not_a_traceback(
+    fresh: PageServer, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(fresh, "_pictures", "secret place")
+    reply = ask(fresh, "/picture?n=1")
+    assert reply.status == 500
+    assert b"secret" not in reply.body
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_port_that_is_taken_is_said(server: PageServer) -> None:
+    assert server._socket.getsockname() == ("127.0.0.1", server.port)
+    for port in (server.port, 70000):
+        with pytest.raises(InputError, match=f"port {port}"):
+            PageServer(port)
+
+
+def test_closing_ends_it_also_twice_and_with_clients_waiting() -> None:
+    server = PageServer()
+    number = server.show(state())
+    waiting = threading.Thread(target=lambda: ask(server, f"/state?after={number}"))
+    waiting.start()
+    while not server._server.server_state.connections:
+        time.sleep(0.02)
+    server.close()
+    server.close()
+    waiting.join(30)
+    assert not waiting.is_alive()
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", server.port), timeout=2)

@@ -1,0 +1,332 @@
+"""The HTTP server of the wizard's page, on 127.0.0.1 and for whoever has the token of this run."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import logging
+import queue
+import secrets
+import socket
+import threading
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import uvicorn
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import to_json, to_jsonable_python
+from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+from starlette.types import Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from vbaa_calib.core.errors import InputError
+
+BODY_LIMIT = 16 * 1024
+REPORT_LIMIT = 200 * 1024 * 1024
+TEXT_LIMIT = 2000
+NEWS_S = 20.0
+"""How long a request for news is held open."""
+CONNECTION_S = 30.0
+"""A connection is cut after this time, however slowly its bytes are sent or read."""
+CONNECTIONS = 64
+PICTURES_KEPT = 8
+"""A browser that is a little behind still gets the picture that belongs to the corners it draws."""
+COMMANDS_KEPT = 100
+
+FILES = {
+    "/": ("page.html", "text/html"),
+    "/icon.svg": ("icon.svg", "image/svg+xml"),
+    "/page.css": ("page.css", "text/css"),
+    "/page.js": ("page.js", "text/javascript"),
+    "/picture.js": ("picture.js", "text/javascript"),
+    "/question.js": ("question.js", "text/javascript"),
+}
+STATIC = Path(__file__).with_name("static")
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+    "Connection": "close",
+}
+# a report stands alone: it may run its own scripts, but as a stranger to this server
+REPORT_POLICY = (
+    "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_log = logging.getLogger(__name__)
+
+
+def _printable(text: str) -> str:
+    """No control characters: the text can be printed to a terminal and written to a file."""
+    if not text.isprintable():
+        raise ValueError("not printable")
+    return text
+
+
+_Key = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
+_Text = Annotated[str, Field(max_length=TEXT_LIMIT), AfterValidator(_printable)]
+_Number = Annotated[float, Field(ge=-1e15, le=1e15)]
+
+
+class PageCommand(BaseModel):
+    """A click or an answer on the page.
+
+    Attributes
+    ----------
+    value : {key: value} of an answer, else None.
+    seen : number of the state that was on the page; None where the sender does not tell.
+    """
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+    kind: Literal["answer", "take", "enough", "back", "redo", "drop", "quit"]
+    value: dict[_Key, bool | _Number | _Text | None] | None = None
+    seen: Annotated[int, Field(ge=0, lt=10**15)] | None = None
+
+    @model_validator(mode="after")
+    def _has_the_right_value(self) -> PageCommand:
+        if (None if self.value is None else len(self.value)) != (1 if self.kind == "answer" else None):
+            raise ValueError("an answer is one key with its value, another command has none")
+        return self
+
+
+class _Connection(H11Protocol):
+    """A connection with an end."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._end = self.loop.call_later(CONNECTION_S, transport.abort)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._end.cancel()
+        super().connection_lost(exc)
+
+
+class PageServer:
+    """Serves the page from a thread of its own. No method waits for a browser.
+
+    Parameters
+    ----------
+    port : to listen on, at 127.0.0.1; 0: any that is free.
+
+    Raises
+    ------
+    InputError : the port cannot be had.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        try:
+            self._socket = socket.create_server(("127.0.0.1", port))
+        except (OSError, OverflowError) as error:
+            what = f"the page cannot listen on port {port}: {getattr(error, 'strerror', None) or error}"
+            raise InputError(what, remedy="give another port, or 0 for any") from error
+        self.port: int = self._socket.getsockname()[1]
+        self._token = secrets.token_urlsafe(32)
+        # a browser keeps one set of cookies for all ports
+        self._cookie = f"vbaa_wizard_{self.port}"
+        self._hosts = (f"127.0.0.1:{self.port}", f"localhost:{self.port}")
+        self._lock = threading.Lock()
+        self._number, self._body, self._report = 0, b"", ""
+        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=PICTURES_KEPT)
+        self._commands: queue.Queue[PageCommand] = queue.Queue(COMMANDS_KEPT)
+        self._changed = asyncio.Event()
+        self._app = Starlette(
+            routes=[
+                *(Route(path, self._file) for path in FILES),
+                Route("/state", self._state),
+                Route("/picture", self._picture),
+                Route("/report", self._report_page),
+                Route("/command", self._command, methods=["POST"]),
+            ]
+        )
+        self._app.router.redirect_slashes = False
+        config = uvicorn.Config(
+            self._guarded,
+            interface="asgi3",
+            http=_Connection,
+            ws="none",
+            lifespan="off",
+            log_config=None,
+            log_level="critical",
+            server_header=False,
+            limit_concurrency=CONNECTIONS,
+            timeout_graceful_shutdown=1,
+        )
+        self._server = uvicorn.Server(config)
+        self._loop = asyncio.new_event_loop()
+        # browsers come and go; the terminal is the wizard's
+        self._loop.set_exception_handler(lambda _, context: _log.debug("the page's server: %s", context))
+        self._thread = threading.Thread(target=self._serve, name="page", daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        self._loop.run_until_complete(self._server.serve(sockets=[self._socket]))
+        self._loop.close()
+
+    @property
+    def url(self) -> str:
+        """The address to open, with this run's token: whoever has it can see the page and give commands."""
+        return f"http://127.0.0.1:{self.port}/?token={self._token}"
+
+    def show(self, state: Mapping[str, Any], jpeg: bytes | None = None) -> int:
+        """Make this what the page shows; its number, which commands given on seeing it carry.
+
+        What is not finite becomes null, what is no Unicode in a file name a question mark.
+        """
+        with self._lock:
+            self._number += 1
+            if jpeg is not None and (not self._pictures or self._pictures[-1][1] is not jpeg):
+                self._pictures.append((self._number, jpeg))
+            picture = None if jpeg is None else self._pictures[-1][0]
+            sent = {"n": self._number, "picture": picture, "state": state}
+            plain = to_jsonable_python(sent, inf_nan_mode="null", fallback=lambda array: array.tolist())
+            self._body = to_json(_unicode(plain))
+            self._report = str(state.get("report") or "")
+        self._wake()
+        return self._number
+
+    def take_commands(self) -> list[PageCommand]:
+        """What was commanded since the last call, in order."""
+        return [self._commands.get_nowait() for _ in range(self._commands.qsize())]
+
+    def close(self) -> None:
+        """Stop answering; may be called twice. What is still being sent is given a second."""
+        self._server.should_exit = True
+        self._wake()
+        self._thread.join()
+        self._socket.close()
+
+    def _wake(self) -> None:
+        def renew() -> None:
+            self._changed.set()
+            self._changed = asyncio.Event()
+
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(renew)
+
+    async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """The application for who may use it; every answer carries the policy."""
+
+        async def with_policy(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(raw=message["headers"])
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await (self._refusal(Request(scope)) or self._app)(scope, receive, with_policy)
+
+    def _refusal(self, request: Request) -> Response | None:
+        """The answer to a request that may not pass, or that brings the token; None for all others."""
+        headers, told = request.headers, request.query_params.getlist("token")
+        if len(headers.getlist("host")) != 1 or headers["host"].lower() not in self._hosts:
+            return PlainTextResponse("this server answers only to its own address\n", 421)
+        if told and request.scope["path"] == "/" and request.method == "GET":
+            return self._entrance(told)
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+            return PlainTextResponse("another site may not use this page\n", 403)
+        word, _, bearer = headers.get("authorization", "").partition(" ")
+        by_header = word == "Bearer" and self._is_token(bearer)
+        if not by_header and not self._is_token(request.cookies.get(self._cookie, "")):
+            words = "open the address that the wizard printed in the terminal: it carries this run's token\n"
+            return PlainTextResponse(words, 403)
+        if request.method == "POST":
+            # browsers tell the origin of every POST; a program with the token in its header need not
+            origins = headers.getlist("origin")
+            if origins not in [[f"http://{host}"] for host in self._hosts] and not (by_header and not origins):
+                return PlainTextResponse("another site may not send commands\n", 403)
+        return None
+
+    def _is_token(self, text: str) -> bool:
+        """In a time that does not tell how much of it was right."""
+        return hmac.compare_digest(text.encode("utf-8", "replace"), self._token.encode())
+
+    def _entrance(self, told: list[str]) -> Response:
+        """From the address with the token to the one without, the token kept in a cookie."""
+        if len(told) != 1 or not self._is_token(told[0]):
+            words = "the token in this address is not this run's: open the address that the wizard printed\n"
+            return PlainTextResponse(words, 403)
+        cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+        return Response(status_code=303, headers={"Location": "/", "Set-Cookie": cookie})
+
+    async def _file(self, request: Request) -> Response:
+        name, kind = FILES[request.scope["path"]]
+        return Response((STATIC / name).read_bytes(), media_type=kind)
+
+    async def _state(self, request: Request) -> Response:
+        after = _number_in(request, "after")
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(NEWS_S):
+                while self._number == after and not self._server.should_exit:
+                    await self._changed.wait()
+        with self._lock:
+            if self._number == after:
+                return Response(status_code=204)
+            return Response(self._body, media_type="application/json")
+
+    async def _picture(self, request: Request) -> Response:
+        number = _number_in(request, "n")
+        with self._lock:
+            kept = dict(self._pictures)
+        if not kept:
+            raise HTTPException(404, "there is no picture")
+        return Response(kept.get(number, kept[max(kept)]), media_type="image/jpeg")
+
+    async def _report_page(self, request: Request) -> Response:
+        path = Path(self._report)
+        try:
+            if path.suffix.lower() not in (".html", ".htm") or path.stat().st_size > REPORT_LIMIT:
+                raise HTTPException(404, "there is no report yet")
+            body = path.read_bytes()
+        except (OSError, ValueError):
+            raise HTTPException(404, "the report cannot be read") from None
+        return Response(body, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
+
+    async def _command(self, request: Request) -> Response:
+        if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
+            raise HTTPException(415, "a command is JSON")
+        body, length = b"", int(request.headers.get("content-length", "0"))
+        if length <= BODY_LIMIT:
+            async for part in request.stream():
+                body += part
+                if len(body) > BODY_LIMIT:
+                    break
+        if max(length, len(body)) > BODY_LIMIT:
+            raise HTTPException(413, f"a command has at most {BODY_LIMIT} bytes")
+        try:
+            command = PageCommand.model_validate_json(body)
+            self._commands.put_nowait(command)
+        except ValidationError as error:
+            raise HTTPException(400, f"that is no command: {error.errors()[0]['msg']}") from None
+        except queue.Full:
+            raise HTTPException(503, "the wizard has not yet taken the commands before") from None
+        return JSONResponse({"accepted": command.kind}, 202)
+
+
+def _number_in(request: Request, name: str) -> int:
+    told = request.query_params.getlist(name) or ["0"]
+    if len(told) != 1 or not (told[0].isascii() and told[0].isdigit() and len(told[0]) <= 15):
+        raise HTTPException(400, f"{name} is a whole number")
+    return int(told[0])
+
+
+def _unicode(value: Any) -> Any:
+    """With a question mark for each lone surrogate, as in names of files that are no Unicode."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode()
+    if isinstance(value, dict):
+        return {key: _unicode(item) for key, item in value.items()}
+    return [_unicode(item) for item in value] if isinstance(value, list) else value
