@@ -95,20 +95,6 @@ def test_picture_corners_outline_coverage_and_hints(browser: Browser, server: Pa
     assert page.complaints() == []
 
 
-def test_words_are_not_renewed_with_every_frame(browser: Browser, server: PageServer) -> None:
-    page = opened(browser, server, live={**LIVE, "suggestion": "frame 0"})
-    page.until("document.getElementById('suggestion').textContent === 'frame 0'")
-    page.value(
-        "window.changes = 0; new MutationObserver(() => { window.changes += 1; })"
-        ".observe(document.getElementById('suggestion'), {childList: true})"
-    )
-    for number in range(1, 31):
-        server.show(state(live={**LIVE, "suggestion": f"frame {number}"}), jpeg(number))
-        time.sleep(0.03)
-    page.until("document.getElementById('suggestion').textContent === 'frame 30'")
-    assert page.value("window.changes") <= 4
-
-
 @pytest.mark.parametrize(("typed", "value"), [("0,125", 0.125), ("1e-2", 0.01), ("120 g", "120 g")])
 def test_a_number_is_typed_and_entered(browser: Browser, server: PageServer, typed: str, value: object) -> None:
     page = opened(browser, server, question=QUESTION)

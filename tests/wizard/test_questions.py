@@ -7,8 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.catalogue import BY_KEY, QUESTIONS, SOURCES, TABLES, open_questions
+from vbaa_calib.wizard.state.catalogue import QUESTIONS, SOURCES, TABLES, open_questions
 from vbaa_calib.wizard.state.questions import Question
 
 RNG_SEED = 11
@@ -27,22 +26,6 @@ def test_numbers_with_any_separator() -> None:
     for typed in ("1,-2.5,3e-1", "1, -2.5, 3e-1", "1;-2.5;3e-1", "1 -2.5 3e-1", [1, "-2.5", 0.3], (1, -2.5, 0.3)):
         assert question.read(typed) == [1.0, -2.5, 0.3]
     assert Question("q", "", "", kind="numbers").read(5) == [5.0]
-
-
-def test_choices_by_their_beginnings() -> None:
-    paper, way, axis = BY_KEY["paper"], BY_KEY["plane_way"], BY_KEY["gravity"]
-    assert [paper.read(text) for text in ("a4", "A3", "let", " LETTER ")] == ["A4", "A3", "Letter", "Letter"]
-    assert [way.read(text) for text in ("j", "s", "ov")] == ["jig", "sweep", "over"]
-    assert [axis.read(text) for text in ("x", "-x", "n")] == ["x", "-x", "none"]
-
-
-def test_yes_and_no() -> None:
-    question = Question("q", "", "", kind="yesno")
-    assert all(question.read(text) for text in ("y", "Yes", "true", True))
-    assert not any(question.read(text) for text in ("n", "NO", "false", False))
-    for text in ("", "maybe", "1", 1, None):
-        with pytest.raises(InputError, match="give yes or no"):
-            question.read(text)
 
 
 def test_defaults_are_answers() -> None:

@@ -41,13 +41,6 @@ def test_a_mass_is_its_weight() -> None:
         assert by_mass["distance_m"] == pytest.approx(0.2)
 
 
-def test_the_tip_is_the_last_place() -> None:
-    row = {"pan_rad": 0, "tilt_rad": 0, "moment_Nm": 0, "mass_kg": 0.01}
-    assert complete("loads", row | {"distance_m": 0.24}, DOWN, 0.24, None)["distance_m"] == 0.24
-    with pytest.raises(InputError, match=r"distance_m is 0\.2401, the antenna 0\.24 m long"):
-        complete("loads", row | {"distance_m": 0.2401}, DOWN, 0.24, None)
-
-
 def test_each_folder_has_what_it_needs() -> None:
     assert complete("plane", {}, DOWN, 0.24, None) == {}
     for folder in ("sweep", "noload", "loads"):

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import io
 
-import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.wizard.steps.step import Number, PictureCheck, Progress
-from vbaa_calib.wizard.ui.base import LiveView, progress_lines
-from vbaa_calib.wizard.ui.terminal import Screen, clipped, live_words, wrapped
+from vbaa_calib.wizard.steps.step import Number, Progress
+from vbaa_calib.wizard.ui.base import progress_lines
+from vbaa_calib.wizard.ui.terminal import Screen, wrapped
 
 
 def test_lines_are_broken_at_blanks_and_hang_below_their_label() -> None:
@@ -26,11 +25,6 @@ def test_an_address_stays_whole_and_blank_lines_stay() -> None:
     address = "http://127.0.0.1:45213/?token=" + 43 * "x"
     assert address in wrapped(f"open {address} in a browser", 40).split("\n")
     assert wrapped("one\n\ntwo", 40) == "one\n\ntwo"
-
-
-def test_a_line_that_is_written_over_never_wraps() -> None:
-    assert clipped("short", 10) == "short"
-    assert clipped("much too long", 8) == "much to…"
 
 
 class FakeTerminal(io.StringIO):
@@ -106,12 +100,3 @@ def test_a_step_says_what_is_wrong_what_to_do_and_what_is_next_last() -> None:
         "          → clamp it",
         "next      board in the left",
     ]
-
-
-def test_a_live_picture_in_a_line() -> None:
-    image, corners = np.zeros((2, 2), np.uint8), np.zeros((20, 2))
-    close = PictureCheck(corners_px=corners, closeness=0.456, closer="nearer")
-    assert live_words(LiveView(image, close, 0.5, "hold still")) == "▮▮▯▯ 20 corners · match 46 %: nearer · hold still"
-    blur = Diagnosis("blur", "blurred by 3 px", "hold still", grave=True)
-    refused = PictureCheck(str(blur), corners, (blur,))
-    assert live_words(LiveView(image, refused, 0.0)) == "▯▯▯▯ 20 corners · blurred by 3 px → hold still"

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import gray_from_bytes, read_gray
+from vbaa_calib.core.images import read_gray
 from vbaa_calib.wizard.sources import SourceLost, open_source
 from vbaa_calib.wizard.sources.folder import FolderSource, Pace
 
@@ -59,15 +59,6 @@ def test_pictures_come_by_name_as_their_own_bytes(tmp_path: Path) -> None:
     assert source.ended
     assert source.next(0.0) is None
     assert source.notes == ()
-
-
-def test_bytes_decode_as_the_file_does_and_errors_name_it(tmp_path: Path) -> None:
-    path = tmp_path / "x.png"
-    path.write_bytes(picture(3))
-    np.testing.assert_array_equal(gray_from_bytes(path.read_bytes(), path), read_gray(path))
-    for data in (b"", b"hello", picture(3)[:-20]):
-        with pytest.raises(InputError, match=r"x\.png"):
-            gray_from_bytes(data, path)
 
 
 def test_what_was_seen_is_not_offered_again(tmp_path: Path) -> None:
@@ -185,14 +176,6 @@ def test_a_broken_picture_is_told_once_and_offered_when_mended(tmp_path: Path, d
     assert offered.name == "bad.png"
 
 
-def test_a_folder_of_broken_pictures_ends(tmp_path: Path) -> None:
-    put(tmp_path / "a.png", b"")
-    put(tmp_path / "b.png", b"x", age_s=0)
-    source = FolderSource(tmp_path, pace=QUICK)
-    assert all_of(source) == []
-    assert len(source.notes) == 2
-
-
 def test_temporary_and_unprintable_names_are_left_alone(tmp_path: Path) -> None:
     for name in (".hidden.png", "a.png.part", "a.part.png", "b.tmp", "~c.png", "d.crdownload"):
         put(tmp_path / name, picture(1))
@@ -216,26 +199,6 @@ def test_a_picture_that_vanishes_is_passed_over(tmp_path: Path, monkeypatch: pyt
 
     monkeypatch.setattr(Path, "read_bytes", vanishing)
     assert all_of(FolderSource(tmp_path, pace=QUICK)) == ["a.png", "c.png"]
-
-
-def test_each_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for index in range(5):
-        put(tmp_path / f"{index}.png", picture(index))
-    reads = []
-    read = Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda path: (reads.append(path.name), read(path))[1])
-    all_of(FolderSource(tmp_path, pace=QUICK))
-    assert sorted(reads) == [f"{index}.png" for index in range(5)]
-
-
-def test_thousands_of_pictures(tmp_path: Path) -> None:
-    data, first = picture(1), tmp_path / "0000.png"
-    put(first, data)
-    for index in range(1, 2000):
-        os.link(first, tmp_path / f"{index:04d}.png")
-    start_s = time.monotonic()
-    assert len(all_of(FolderSource(tmp_path, pace=QUICK))) == 2000
-    assert time.monotonic() - start_s < 10
 
 
 def test_a_folder_that_goes_away_is_told(tmp_path: Path) -> None:

@@ -111,13 +111,6 @@ def test_what_is_put_aside_is_never_written_over(store: Store) -> None:
     assert sorted(found) == [b"1", b"2"]
 
 
-def test_a_file_that_is_replaced_is_kept(store: Store) -> None:
-    for content in (b"1", b"1", b"2"):
-        store.write("board.yaml", content)
-    assert (store.root / "board.yaml").read_bytes() == b"2"
-    assert [path.read_bytes() for path in (store.root / "aside").rglob("board.yaml")] == [b"1"]
-
-
 def test_only_what_is_half_written_is_swept_up(tmp_path: Path) -> None:
     """Names as the wizard's own writes leave them; a user's hidden files are none."""
     (tmp_path / "intrinsics").mkdir()

@@ -17,7 +17,7 @@ from vbaa_calib.wizard.ui.base import Interrupted, LiveView, Ui
 from .sources import Picture, Source
 from .stillness import ON_A_STAND, StillnessDetector
 
-KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
+_KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
 GO_ON = Question(
     "go_on", "", "Go on with the next step?", "no: more pictures may be taken", kind="yesno", default="yes"
 )
@@ -61,7 +61,7 @@ def _readings_of(state: SessionState, ui: Ui, step: str, table: ReadingsTable, n
         doubts = _load_doubts(state, step, readings)
         for doubt in doubts:
             ui.say(str(doubt))
-        if not doubts or ui.ask(KEEP):
+        if not doubts or ui.ask(_KEEP):
             return readings
 
 

@@ -33,7 +33,7 @@ _BENDS = (np.ones_like(_X), _X, _Y, _X**2, _Y**2)
 
 
 @dataclass(frozen=True, eq=False)
-class FrameFeatures:
+class _FrameFeatures:
     """What is kept of a frame.
 
     Attributes
@@ -62,7 +62,7 @@ class FrameFeatures:
 
 def _features_of(
     image: np.ndarray, time_s: float, corners_px: np.ndarray | None, ids: np.ndarray | None
-) -> FrameFeatures:
+) -> _FrameFeatures:
     """What motion of an (H, W) uint8 picture is measured by."""
     height, width = image.shape
     scale = max(1.0, max(width, height) / _SMALL_PX)
@@ -79,10 +79,10 @@ def _features_of(
     sharpness = float(np.sqrt(energy.mean() / contrast)) / scale if contrast > 0 else 0.0
     corners = None if corners_px is None else np.asarray(corners_px, float).reshape(-1, 2)
     noise = _noise(image) / scale
-    return FrameFeatures(time_s, (width, height), scale, noise, tiles, basis, np.sqrt(energy), sharpness, corners, ids)
+    return _FrameFeatures(time_s, (width, height), scale, noise, tiles, basis, np.sqrt(energy), sharpness, corners, ids)
 
 
-def motion_px(frame: FrameFeatures, other: FrameFeatures) -> float:
+def motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
     """The largest shift of anything between two frames of one size, px; NaN where nothing is there to see it by.
 
     0 where no shift is larger than noise explains; up to twice too large while small. Those above some 2
@@ -137,7 +137,7 @@ def _noise(image: np.ndarray) -> float:
     return float(np.quantile(bends, 0.25)) / (_QUARTILE_OF_NOISE * np.sqrt(6)) if bends.size else 0.0
 
 
-def _shared_corners(frame: FrameFeatures, other: FrameFeatures) -> tuple[np.ndarray, np.ndarray] | None:
+def _shared_corners(frame: _FrameFeatures, other: _FrameFeatures) -> tuple[np.ndarray, np.ndarray] | None:
     """The corners that both frames show, (M, 2) each; None for fewer than 4."""
     if frame.corners_px is None or other.corners_px is None:
         return None
@@ -204,7 +204,7 @@ class Stillness:
 
 @dataclass(frozen=True, eq=False)
 class _Hold:
-    first: FrameFeatures
+    first: _FrameFeatures
     frames: int
     best: float
 
@@ -219,9 +219,9 @@ class StillnessDetector:
 
     def __init__(self, settings: StillnessSettings | None = None) -> None:
         self._settings = settings or StillnessSettings()
-        self._last: FrameFeatures | None = None
+        self._last: _FrameFeatures | None = None
         self._hold: _Hold | None = None
-        self._taken: FrameFeatures | None = None
+        self._taken: _FrameFeatures | None = None
         self._moved = True
 
     def rearm(self) -> None:
@@ -256,7 +256,7 @@ class StillnessDetector:
             return self._restart(frame, math.nan, "frames are missing: hold still")
         return self._judge(frame, last)
 
-    def _judge(self, frame: FrameFeatures, last: FrameFeatures) -> Stillness:
+    def _judge(self, frame: _FrameFeatures, last: _FrameFeatures) -> Stillness:
         scale = max(1.0, max(frame.size) / 1280)
         step_px = motion_px(frame, last)
         if math.isnan(step_px):
@@ -273,7 +273,7 @@ class StillnessDetector:
             return self._restart(frame, step_px, "hold still")
         return self._go_on(frame, self._hold, step_px, scale)
 
-    def _go_on(self, frame: FrameFeatures, hold: _Hold, step_px: float, scale: float) -> Stillness:
+    def _go_on(self, frame: _FrameFeatures, hold: _Hold, step_px: float, scale: float) -> Stillness:
         settings = self._settings
         hold = self._hold = _Hold(hold.first, hold.frames + 1, max(hold.best, frame.sharpness))
         held_s = frame.time_s - hold.first.time_s
@@ -290,6 +290,6 @@ class StillnessDetector:
         self._taken, self._moved, self._hold = frame, False, None
         return Stillness(1.0, True, step_px, "taken")
 
-    def _restart(self, frame: FrameFeatures, step_px: float, words: str) -> Stillness:
+    def _restart(self, frame: _FrameFeatures, step_px: float, words: str) -> Stillness:
         self._hold = _Hold(frame, 1, frame.sharpness)
         return Stillness(0.0, False, step_px, words)

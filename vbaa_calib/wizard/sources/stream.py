@@ -12,7 +12,7 @@ from vbaa_calib.core.errors import InputError
 from .live import Fault, LiveSource, Patience, silence_opencv
 from .picture import shown
 
-SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
+_SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
 _NO_HOST = ("udp", "rtp")
 _REACH = "check that camera and network are up, then run this again: it goes on where it was"
 _FAULTS: dict[Fault, tuple[str, str]] = {
@@ -22,10 +22,10 @@ _FAULTS: dict[Fault, tuple[str, str]] = {
     "hung": ("the stream does not answer", _REACH),
 }
 # FFmpeg has tried on its own before a read fails
-STREAM_PATIENCE = Patience(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
+_STREAM_PATIENCE = Patience(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
 
-def open_stream(url: str, seen: Container[str] = (), patience: Patience = STREAM_PATIENCE) -> LiveSource:
+def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREAM_PATIENCE) -> LiveSource:
     """A stream, running; when it breaks off it is opened again, a few times. Raises InputError.
 
     User, password and tokens in the URL are never shown.
@@ -50,8 +50,8 @@ def _check(url: str, name: str) -> None:
         raise InputError("is not a valid URL", where=name, remedy="write it like rtsp://host:554/path") from None
     if parts.scheme.lower() == "file":
         raise InputError("is a URL of a file", where=name, remedy="name the file's path itself")
-    if parts.scheme.lower() not in SCHEMES:
-        kinds = ", ".join(f"{scheme}://" for scheme in SCHEMES)
+    if parts.scheme.lower() not in _SCHEMES:
+        kinds = ", ".join(f"{scheme}://" for scheme in _SCHEMES)
         raise InputError(f"{shown(parts.scheme)}:// is not read", where=name, remedy=f"these are: {kinds}")
     if any(sign.isspace() or not sign.isprintable() for sign in url):
         raise InputError("holds blanks or control characters", where=name, remedy="write a blank as %20")

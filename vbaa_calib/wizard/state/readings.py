@@ -14,10 +14,10 @@ from vbaa_calib.core.errors import InputError
 
 from .questions import Question
 
-DEGREES = np.pi / 180.0
+_DEGREES = np.pi / 180.0
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "pan": {"pan_rad": 1.0, "pan_deg": DEGREES},
-    "tilt": {"tilt_rad": 1.0, "tilt_deg": DEGREES},
+    "pan": {"pan_rad": 1.0, "pan_deg": _DEGREES},
+    "tilt": {"tilt_rad": 1.0, "tilt_deg": _DEGREES},
     "moment": {"moment_Nm": 1.0, "moment_mNm": 1e-3},
     "time": {"time_s": 1.0},
     "distance": {"distance_m": 1.0, "distance_mm": 1e-3},
@@ -27,7 +27,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Quantity → names under which it may be given, and their size in SI. The first one is what is kept."""
 COLUMNS = tuple(name for names in UNITS.values() for name in names)
-STEADY_PART = 0.02
+_STEADY_PART = 0.02
 """Part of a weight's pull that may go along the antenna: a load of a session has no such component."""
 
 _JOINTS = (
@@ -175,7 +175,7 @@ def _force(readings: Mapping[str, float], gravity: np.ndarray, where: object) ->
     if not gravity.any():
         raise InputError("a mass pulls nowhere without gravity", where=where, remedy="give force_y_N and force_z_N")
     along = abs(gravity[0]) / np.linalg.norm(gravity)
-    if along > STEADY_PART:
+    if along > _STEADY_PART:
         what = f"at these joint angles {100 * along:.0f} % of the weight pull along the antenna"
         raise InputError(what, where=where, remedy="turn the antenna level before hanging a weight on it")
     return readings["mass_kg"] * gravity[1:]

@@ -30,8 +30,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from vbaa_calib.core.errors import InputError
 
 BODY_LIMIT = 16 * 1024
-REPORT_LIMIT = 200 * 1024 * 1024
-TEXT_LIMIT = 2000
+_REPORT_LIMIT = 200 * 1024 * 1024
+_TEXT_LIMIT = 2000
 NEWS_S = 20.0
 """How long a request for news is held open."""
 CONNECTION_S = 30.0
@@ -41,16 +41,12 @@ PICTURES_KEPT = 8
 """A browser that is a little behind still gets the picture that belongs to the corners it draws."""
 COMMANDS_KEPT = 100
 
-FILES = {
-    "/": ("page.html", "text/html"),
-    "/icon.svg": ("icon.svg", "image/svg+xml"),
-    "/page.css": ("page.css", "text/css"),
-    "/page.js": ("page.js", "text/javascript"),
-    "/picture.js": ("picture.js", "text/javascript"),
-    "/question.js": ("question.js", "text/javascript"),
+FILES = {"/": "page.html"} | {
+    f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "picture.js", "question.js")
 }
+_TYPES = {".html": "text/html", ".svg": "image/svg+xml", ".css": "text/css", ".js": "text/javascript"}
 STATIC = Path(__file__).with_name("static")
-HEADERS = {
+_HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -62,7 +58,7 @@ HEADERS = {
     "Connection": "close",
 }
 # a report stands alone: it may run its own scripts, but as a stranger to this server
-REPORT_POLICY = (
+_REPORT_POLICY = (
     "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -78,7 +74,7 @@ def _printable(text: str) -> str:
 
 
 _Key = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
-_Text = Annotated[str, Field(max_length=TEXT_LIMIT), AfterValidator(_printable)]
+_Text = Annotated[str, Field(max_length=_TEXT_LIMIT), AfterValidator(_printable)]
 _Number = Annotated[float, Field(ge=-1e15, le=1e15)]
 
 
@@ -223,7 +219,7 @@ class PageServer:
         async def with_policy(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(raw=message["headers"])
-                for name, value in HEADERS.items():
+                for name, value in _HEADERS.items():
                     headers.setdefault(name, value)
             await send(message)
 
@@ -235,7 +231,12 @@ class PageServer:
         if len(headers.getlist("host")) != 1 or headers["host"].lower() not in self._hosts:
             return PlainTextResponse("this server answers only to its own address\n", 421)
         if told and request.scope["path"] == "/" and request.method == "GET":
-            return self._entrance(told)
+            # from the address with the token to the one without, the token kept in a cookie
+            if len(told) == 1 and self._is_token(told[0]):
+                cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+                return Response(status_code=303, headers={"Location": "/", "Set-Cookie": cookie})
+            words = "the token in this address is not this run's: open the address that the wizard printed\n"
+            return PlainTextResponse(words, 403)
         if headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
             return PlainTextResponse("another site may not use this page\n", 403)
         word, _, bearer = headers.get("authorization", "").partition(" ")
@@ -254,17 +255,9 @@ class PageServer:
         """In a time that does not tell how much of it was right."""
         return hmac.compare_digest(text.encode("utf-8", "replace"), self._token.encode())
 
-    def _entrance(self, told: list[str]) -> Response:
-        """From the address with the token to the one without, the token kept in a cookie."""
-        if len(told) != 1 or not self._is_token(told[0]):
-            words = "the token in this address is not this run's: open the address that the wizard printed\n"
-            return PlainTextResponse(words, 403)
-        cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
-        return Response(status_code=303, headers={"Location": "/", "Set-Cookie": cookie})
-
     async def _file(self, request: Request) -> Response:
-        name, kind = FILES[request.scope["path"]]
-        return Response((STATIC / name).read_bytes(), media_type=kind)
+        path = STATIC / FILES[request.scope["path"]]
+        return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
 
     async def _state(self, request: Request) -> Response:
         after = _number_in(request, "after")
@@ -288,12 +281,12 @@ class PageServer:
     async def _report_page(self, request: Request) -> Response:
         path = Path(self._report)
         try:
-            if path.suffix.lower() not in (".html", ".htm") or path.stat().st_size > REPORT_LIMIT:
+            if path.suffix.lower() not in (".html", ".htm") or path.stat().st_size > _REPORT_LIMIT:
                 raise HTTPException(404, "there is no report yet")
             body = path.read_bytes()
         except (OSError, ValueError):
             raise HTTPException(404, "the report cannot be read") from None
-        return Response(body, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
+        return Response(body, media_type="text/html", headers={"Content-Security-Policy": _REPORT_POLICY})
 
     async def _command(self, request: Request) -> Response:
         if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":

@@ -41,7 +41,7 @@ def wrapped(text: str, width: int, indent: str = "", hang: str | None = None) ->
     return "\n".join(part for line in text.split("\n") for part in fold.wrap(line) or [""])
 
 
-def clipped(text: str, width: int) -> str:
+def _clipped(text: str, width: int) -> str:
     """A text on one line that the terminal does not break."""
     return text if len(text) <= width else text[: max(width - 1, 0)] + "…"
 
@@ -76,8 +76,8 @@ class Screen:
 
     def below(self, prompt: str, status: str | None = None) -> None:
         """The line where one types, and a line above it that changes; what was typed so far stays."""
-        status = None if status is None else clipped(status, self.width)
-        prompt = clipped(prompt, self.width)
+        status = None if status is None else _clipped(status, self.width)
+        prompt = _clipped(prompt, self.width)
         if prompt == self._prompt and (status is None) == (self._status is None):
             if status != self._status and self._moves:
                 self._put(f"\0337\033[A\r{status}\033[K\0338")
@@ -97,7 +97,7 @@ class Screen:
         """A line that stands until something else is written."""
         self.clear()
         if self._moves:
-            self._prompt = clipped(text, self.width)
+            self._prompt = _clipped(text, self.width)
             self._put(self._prompt)
         else:
             self._put(f"{text}\n")
@@ -242,7 +242,7 @@ class Terminal(Ui):
             self._page.live(view)
         now = time.monotonic()
         if now - self._status_s >= _STATUS_EVERY_S:
-            self._status, self._status_s = f"  {live_words(view)}", now
+            self._status, self._status_s = f"  {_live_words(view)}", now
 
     def say(self, line: str) -> None:
         """A line."""
@@ -293,7 +293,7 @@ class Terminal(Ui):
             self._page.close()
 
 
-def live_words(view: LiveView) -> str:
+def _live_words(view: LiveView) -> str:
     """A live picture in a line: how long it is held, what is seen, what to change."""
     full = round(4 * view.held)
     check, parts = view.check, []

@@ -22,8 +22,12 @@ TABLES: dict[str, tuple[str, str | bytes, tuple[str, ...]]] = {
     "no moment": ("noload", "image,pan_rad,tilt_rad\n1.png,0,0\n", ("moment_Nm is missing", "moment_mNm")),
     "semicolons": ("noload", FREE.replace(",", ";") + "1.png;0;0;0\n", ("separate the cells by commas",)),
     "a cell too few": ("noload", FREE + "1.png,0,0\n", ("line 2", "3 cells")),
-    "a picture without row": ("noload", FREE + "1.png,0,0,0\n", ("2.png", "nothing says", "noload-readings")),
-    "other names": ("noload", FREE + "a.png,0,0,0\nb.png,0,0,0\n", ("1.png", "nothing says")),
+    "a picture without row": (
+        "noload",
+        FREE + "1.png,0,0,0\n",
+        ("2.png", "readings of the picture", "noload-readings"),
+    ),
+    "other names": ("noload", FREE + "a.png,0,0,0\nb.png,0,0,0\n", ("1.png", "readings of the picture")),
     "a picture twice": ("noload", FREE + "1.png,0,0,0\n1.png,0,0,0\n", ("line 3", "1.png stands twice")),
     "no name": ("noload", FREE + ",0,0,0\n", ("line 2", "image is empty")),
     "NaN": ("noload", FREE + "1.png,0,0,0\n2.png,0,nan,0\n", ("line 3", "tilt_rad is 'nan'", "give a number")),
@@ -74,7 +78,7 @@ def test_rows_of_an_answers_file(step: str, tiny: Tiny, tmp_path: Path) -> None:
     row = {"pan_deg": 0, "tilt_deg": 0, "moment_mNm": 1} | ({"distance_mm": 100} if step == "loads" else {})
     file = tmp_path / "rows.yaml"
     file.write_text(yaml.safe_dump({f"{step}_readings": [row]}))
-    words = ("1.png", "neither a mass nor a force") if step == "loads" else ("2.png", "nothing says")
+    words = ("1.png", "neither a mass nor a force") if step == "loads" else ("2.png", "readings of the picture")
     expect_refused(tiny, call(tiny.session, "--redo", step, "--answers", file), *words)
 
 
