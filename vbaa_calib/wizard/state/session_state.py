@@ -10,9 +10,9 @@ import numpy as np
 
 from targets.board import BoardSpec
 from targets.print_scale import PrintScale, rescaled
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters, solve_antenna
+from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
 from vbaa_calib.calibrate.faults.stills import still_diagnoses
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
@@ -188,7 +188,7 @@ class SessionState:
         seen = [self._observation(step, one) for step in _STILLS for one in self.taken(step)]
         if not seen:
             raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")
-        return solve_antenna(session, seen, before)
+        return adjust_bundle(seen, before, session.antenna.length_m, session.moment_std_Nm)
 
     def still_diagnoses(self) -> list[Diagnosis]:
         """What is wrong, or looks wrong, with the pictures of the antenna and what was typed with them."""
