@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.harness import column, or_none, rms_known
 from estimator import ContactEstimator
-from estimator.contact.recording import look, measured
+from estimator.contact.recording import detect, measured
 from vbaa_calib.detect.whisker.antenna import find_along, pixels, width_px
 from vbaa_calib.detect.whisker.centreline import Centreline
 
@@ -165,7 +165,7 @@ def stages(pages: Cell, read: Reading, timed: int, repeats: int) -> list[StageRo
 def _steps(estimator: ContactEstimator, photograph: Photograph) -> dict[str, Callable[[], object]]:
     """Stage → what to call, given what the stages before it found. The fit takes the lens off by itself."""
     rig, frame, image = estimator.rig, frame_of(photograph), photograph.image
-    first = look(rig, frame, image)
+    first = detect(rig, frame, image)
     given = measured(rig, frame, first)
     (rough,) = estimator.rough([given])
     assert rough is not None
@@ -173,14 +173,14 @@ def _steps(estimator: ContactEstimator, photograph: Photograph) -> dict[str, Cal
     fitted_m = rough.points_m
 
     def second_look() -> Centreline:
-        """Along the fitted shape, as `recording.look_again` takes it."""
+        """Along the fitted shape, as `recording.detect_again` takes it."""
         to_camera = rig.T_antenna_camera.inverse()
         guide = pixels(rig.camera, to_camera, fitted_m)
         width = width_px(rig.camera, to_camera, fitted_m, rig.antenna.diameter_m)
         return find_along(image, guide, width, rig.image.bright)
 
     return {
-        "first look": partial(look, rig, frame, image),
+        "first look": partial(detect, rig, frame, image),
         "rough fit": partial(estimator.rough, [given]),
         "second look": second_look,
         "lens taken off the points": partial(rig.camera.normalized_with_slopes, offered.points_px),

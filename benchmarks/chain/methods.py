@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from estimator import ContactEstimator
-from estimator.contact.recording import Glance, look, look_again, looks, measured
+from estimator.contact.recording import FirstDetection, detect, detect_again, detections, measured
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
@@ -73,19 +73,19 @@ def seen(estimator: ContactEstimator, photographs: Sequence[Photograph], twice: 
     """What the fit is given of pictures, by the steps that a recording's pictures go through."""
     glances = (_glance(estimator, one) for one in photographs)
     if twice:
-        return (each.measured for each in looks(estimator, glances))
+        return (each.measured for each in detections(estimator, glances))
     return (measured(estimator.rig, each.frame, each.line if each.line.found else NOTHING) for each in glances)
 
 
 def centreline(estimator: ContactEstimator, photograph: Photograph) -> Centreline:
     """As it is seen at the second look."""
-    (seen_again,) = look_again(estimator, [_glance(estimator, photograph)])
+    (seen_again,) = detect_again(estimator, [_glance(estimator, photograph)])
     return seen_again.line if seen_again.line.found else NOTHING
 
 
-def _glance(estimator: ContactEstimator, photograph: Photograph) -> Glance:
+def _glance(estimator: ContactEstimator, photograph: Photograph) -> FirstDetection:
     frame = frame_of(photograph)
-    return Glance(frame, photograph.image, look(estimator.rig, frame, photograph.image))
+    return FirstDetection(frame, photograph.image, detect(estimator.rig, frame, photograph.image))
 
 
 def _contacts(estimator: ContactEstimator, twice: bool, photographs: Sequence[Photograph]) -> Answers:

@@ -49,7 +49,7 @@ class FrameContact:
 
 
 @dataclass(frozen=True, eq=False)
-class Glance:
+class FirstDetection:
     """A frame, its picture (H, W) on the plane of paint, and what a first look saw in it."""
 
     frame: Frame
@@ -58,7 +58,7 @@ class Glance:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Detection:
     """What was seen of the antenna in a picture, and what that offers to the fit."""
 
     line: Centreline
@@ -93,7 +93,7 @@ def paint(rig: Rig) -> Paint:
     return Paint(rig.image.bright, rig.image.weights)
 
 
-def look(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
+def detect(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
     """The antenna on one picture's plane of paint, (H, W), wherever the corridor lets it be."""
     pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
     prepared = _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
@@ -108,7 +108,7 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | 
     return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
 
 
-def look_again(estimator: ContactEstimator, glances: Sequence[Glance]) -> list[Look]:
+def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection]) -> list[Detection]:
     """The antenna of each picture measured along the shape that the first look led to, which is where the fit begins.
 
     What was seen in part, or twice, is no antenna to be fitted, and is not looked for again.
@@ -117,26 +117,26 @@ def look_again(estimator: ContactEstimator, glances: Sequence[Glance]) -> list[L
     firsts = [measured(rig, each.frame, each.line if each.line.found else NOTHING) for each in glances]
     shapes = estimator.rough(firsts)
     return [
-        Look(each.line, first) if rough is None else _along(rig, each, rough)
+        Detection(each.line, first) if rough is None else _along(rig, each, rough)
         for each, first, rough in zip(glances, firsts, shapes, strict=True)
     ]
 
 
-def _along(rig: Rig, glance: Glance, rough: RoughFit) -> Look:
+def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     T_camera_antenna = rig.T_antenna_camera.inverse()
     guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
     width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
     again = find_along(glance.image, guide, width, rig.image.bright)
     line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
-    return Look(line, replace(measured(rig, glance.frame, line), start=rough.unknowns))
+    return Detection(line, replace(measured(rig, glance.frame, line), start=rough.unknowns))
 
 
-def looks(estimator: ContactEstimator, glances: Iterable[Glance]) -> Iterator[Look]:
+def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -> Iterator[Detection]:
     """Second looks at pictures in order, as many at a time as memory allows."""
     coming = iter(glances)
     for first in coming:
         several = [first, *islice(coming, max(AT_ONCE_PX // first.image.size, 1) - 1)]
-        yield from look_again(estimator, several)
+        yield from detect_again(estimator, several)
 
 
 def _read_plane(rig: Rig, path: Path) -> np.ndarray:
@@ -156,7 +156,7 @@ def read_ground(rig: Rig, path: Path) -> Background:
     return Background(_read_plane(rig, path).astype(np.float32))
 
 
-def glance(estimator: ContactEstimator, frame: Frame, ground: Background | None = None) -> Glance:
+def first_detection(estimator: ContactEstimator, frame: Frame, ground: Background | None = None) -> FirstDetection:
     """A first look at a frame's picture, less the ground if that is known.
 
     Raises InputError when the picture cannot be read or has another size.
@@ -165,14 +165,14 @@ def glance(estimator: ContactEstimator, frame: Frame, ground: Background | None 
     image = _read_plane(estimator.rig, frame.image)
     if ground is not None:
         image = ground.subtracted_from(image)
-    return Glance(frame, image, look(estimator.rig, frame, image))
+    return FirstDetection(frame, image, detect(estimator.rig, frame, image))
 
 
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Background | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
-    given, kept = tee(looks(estimator, (glance(estimator, frame, ground) for frame in frames)))
+    given, kept = tee(detections(estimator, (first_detection(estimator, frame, ground) for frame in frames)))
     for frame, seen, contact in zip(frames, kept, estimator.run(each.measured for each in given), strict=True):
         said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
         yield FrameContact(frame, said, seen.measured, seen.line)

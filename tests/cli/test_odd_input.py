@@ -44,7 +44,7 @@ def test_calibrate_refuses_before_the_long_work(
 def test_estimate_refuses_before_the_long_work(
     vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recording, "glance", refuse_to_begin)
+    monkeypatch.setattr(recording, "first_detection", refuse_to_begin)
     truncate(PICTURES["recording"])(session)
     refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv"), "is truncated or damaged")
 

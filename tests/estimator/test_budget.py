@@ -9,7 +9,7 @@ import pytest
 
 from estimator import ContactEstimator
 from estimator.budget.budget import error_budget
-from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, improved, per_result, propagate, variance_by_cause
+from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, improved, propagate, variance_by_cause
 from estimator.budget.space import JOINT_AXES, LENS, RIG_CAUSES, split, subsets
 from estimator.budget.touches import touch_of_force
 from estimator.contact.common_errors import shared_errors
@@ -215,9 +215,3 @@ def test_a_force_is_made_by_its_push() -> None:
     touch = touch_of_force(rig_arrays, 0.18, np.array([0.05, -0.08]), 0.1, 0.4)
     np.testing.assert_allclose(seen_of(RIG, touch).force_N[0, 1:], [0.05, -0.08], rtol=1e-4)
     assert np.isnan(touch_of_force(rig_arrays, 0.18, np.array([50.0, 0.0]), 0.0, 0.0).push_N).all()
-
-
-def test_results_are_sums_of_their_rows() -> None:
-    rows = np.arange(12.0).reshape(2, 6)
-    assert per_result(rows)["point_m"].tolist() == [12.0, 30.0]
-    assert per_result(rows)["force_N"].tolist() == [3.0, 15.0]

@@ -16,9 +16,7 @@ from estimator.contact.overlay import (
     STATUS_COLOURS,
     ellipse,
     frame_picture,
-    in_brief,
     marks,
-    numbers,
     status_colour,
 )
 from estimator.contact.recording import FrameContact, estimate_picture
@@ -169,10 +167,3 @@ def test_marks_that_are_not_numbers_or_far_away_are_no_trouble() -> None:
     canvas.arrow(wild[3], wild[2], (255, 255, 255))
     canvas.words("µ ° ± ☃", wild[1], (255, 255, 255))
     assert canvas.image.any()
-
-
-def test_numbers_in_words(curves: Curves) -> None:
-    assert "contact 150.00 ± 0.50 mm" in numbers(contact_of("ok", curves))
-    assert in_brief(contact_of("ok", curves)) == "150.00 ± 0.50 mm from the clamp, 67.1 mN"
-    assert in_brief(contact_of("failed", curves)) == "the reason for failed"
-    assert numbers(contact_of("failed", curves)) == "moment residual 1.0 µN·m"

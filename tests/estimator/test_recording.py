@@ -69,14 +69,6 @@ def test_frames_are_made_when_they_are_asked_for() -> None:
     assert len(estimator.taken) == 8
 
 
-def test_a_frame_without_pixels_is_handed_over_empty() -> None:
-    estimator = Chunked(rig_of((320, 240)))
-    (item,) = estimate_centrelines(estimator, FRAMES[:1], {})
-    assert item.measured is not None
-    assert item.measured.points_px.shape == (0, 2)
-    assert item.measured.sigma_px.shape == (0,)
-
-
 def test_a_frame_without_moments_stays_so() -> None:
     silent = replace(FRAMES[3], moment_Nm=math.nan, moment_z_Nm=math.nan)
     seen = measured(rig_of((320, 240)), silent, NOTHING)

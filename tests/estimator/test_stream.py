@@ -88,14 +88,14 @@ def test_pictures_are_judged_for_motion_too(monkeypatch: pytest.MonkeyPatch) -> 
     """What was seen in each picture goes through the same stream; a picture without an antenna keeps its own words."""
     lost = 20
     seen = [
-        recording.Look(NOTHING if index == lost else NOTHING.with_verdict("ok", ""), measured)
+        recording.Detection(NOTHING if index == lost else NOTHING.with_verdict("ok", ""), measured)
         for index, measured in enumerate(recorded(touched(0.02)))
     ]
     seen[lost] = replace(
         seen[lost], measured=replace(seen[lost].measured, points_px=np.empty((0, 2)), sigma_px=np.empty(0))
     )
-    monkeypatch.setattr(recording, "glance", lambda _, frame, __: frame.frame)
-    monkeypatch.setattr(recording, "looks", lambda _, glances: (seen[index] for index in glances))
+    monkeypatch.setattr(recording, "first_detection", lambda _, frame, __: frame.frame)
+    monkeypatch.setattr(recording, "detections", lambda _, glances: (seen[index] for index in glances))
     frames = [Frame(None, 0.0, 0.0, 0.0, frame=index, time_s=index / RATE_HZ) for index in range(COUNT)]
     found = list(recording.estimate_pictures(ContactEstimator(RIG), frames))
     assert [item.frame.frame for item in found] == list(range(COUNT))

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     _check(args)
 
-    from estimator.contact.recording import look, paint
+    from estimator.contact.recording import detect, paint
     from vbaa_calib.core.console import say
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import described
@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     plane = paint(rig).plane
     picture = plane(read_picture(args.image))
     image = picture if args.background is None else _taken_off(picture, plane(read_picture(args.background)))
-    line = look(rig, frame, image)
-    other_way = not line.found and look(_other_way(rig), frame, image).found
+    line = detect(rig, frame, image)
+    other_way = not line.found and detect(_other_way(rig), frame, image).found
     taken, other = ("brighter", "darker") if rig.image.bright else ("darker", "brighter")
     taken += "" if rig.image.weights is None else " in its colour"
     hint = f"; taken for {other} it is found: is this the rig's picture?" if other_way else ""
