@@ -8,12 +8,11 @@ import pytest
 from benchmarks.estimator import grid as estimator_grid
 from benchmarks.estimator import rods as estimator_rods
 from benchmarks.estimator.bound import bound
-from benchmarks.estimator.grid import FROM_TIP_STD, LARGEST_BOUND, planned, summary
+from benchmarks.estimator.grid import summary
 from benchmarks.estimator.rods import POPULATIONS
-from benchmarks.estimator.scenes import Scenes, random_scenes, rolled, scenes
+from benchmarks.estimator.scenes import Scenes, random_scenes
 from benchmarks.estimator.setup import Setup
 from benchmarks.estimator.statistics import QUANTITIES, Estimates, estimate, quality, standard_errors, truth
-from benchmarks.harness import shares
 
 UPRIGHT = Setup("none").rig()
 
@@ -30,17 +29,6 @@ def test_quality_of_errors_that_are_known() -> None:
     expected = standard_errors(100)
     for name in ("of_bound", "bias", "covered"):
         assert np.std([getattr(one, name) for one in each]) == pytest.approx(getattr(expected, name), rel=0.1)
-
-
-def test_frames_without_numbers_are_counted_not_averaged() -> None:
-    """A touch too weak to be told, and one that is plain."""
-    frames = scenes(UPRIGHT, np.full(2, 0.12), rolled(np.array([1e-6, 0.05]), 0.0)).noisy(np.random.default_rng(1))
-    found = estimate(frames, "auto", 0.0)
-    np.testing.assert_array_equal(found.numbered, [False, True])
-    assert found.share("ok") == 0.5
-    assert (np.abs(found.values[1] - truth(frames)[1]) < 5 * found.std[1]).all()
-    assert shares(found.status[[1, 1, 0, 1]]).startswith("ok 75.0 %, ")
-    assert len(estimate(frames.picked(np.zeros(0, int)), "auto", 0.0).values) == 0
 
 
 def made_up(skew: float = 0.0, silent: float = 0.0):
@@ -81,21 +69,6 @@ def test_the_grid_finds_a_skew_and_silence(monkeypatch) -> None:
     assert [line.pooled for line in lines if line.measure == "bias"] == pytest.approx([0.5] * 3, abs=0.05)
     assert [line.pooled for line in lines if line.measure == "of_bound"] == pytest.approx([np.sqrt(1.25)] * 3, abs=0.05)
     assert not any(line.met for line in lines if line.measure == "bias")
-
-
-def test_cells_are_pressed_as_hard_as_they_must_be() -> None:
-    rig = Setup("none", np.radians(30.0)).rig()
-    plan = planned(rig)
-    assert plan.left_out == ("",) * 15
-    distance = plan.reach * 0.24
-    frames = scenes(rig, distance, plan.push_N)
-    np.testing.assert_allclose(bound(frames).std, plan.bound_std, rtol=1e-6)
-    assert (plan.bound_std[:, 0] <= LARGEST_BOUND * distance).all()
-    assert (plan.bound_std[:, 0] * FROM_TIP_STD <= 0.24 - distance).all()
-    aside = np.hypot(frames.shapes.contact_m[:, 1], frames.shapes.contact_m[:, 2])
-    depth = (rig.T_antenna_camera.inverse() @ (distance[:, None] * [1.0, 0.0, 0.0]))[:, 2]
-    assert (aside >= 20 * 0.1 * depth / rig.camera.matrix[0, 0]).all()
-    np.testing.assert_allclose(aside, plan.deflection_m, rtol=1e-3)
 
 
 def test_the_estimator_reaches_the_bound_on_a_part_of_the_grid() -> None:

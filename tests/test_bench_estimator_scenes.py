@@ -18,7 +18,6 @@ from benchmarks.estimator.scenes import (
 )
 from benchmarks.estimator.setup import ACROSS, LENSES, RIG_STD, TOWARDS_CLAMP, Setup, drawn_truth, inside
 from benchmarks.estimator.shapes import elastica_shapes, rod_shapes
-from vbaa_calib.core.errors import InputError
 
 UPRIGHT = Setup("none").rig()
 
@@ -48,11 +47,6 @@ def test_towards_the_clamp_is_the_papers_inclined_camera() -> None:
     points = np.array([[0.12, 0.0, 1e-5], [0.12 + 1e-5 * np.tan(tilt), 0.0, 0.0]])
     raised, shifted = rig.camera.project(rig.T_antenna_camera.inverse() @ points)[0]
     np.testing.assert_allclose(raised, shifted, atol=1e-6)
-
-
-def test_a_box_that_fits_at_no_distance_is_refused() -> None:
-    with pytest.raises(InputError, match="does not fit"):
-        Setup("none", swing_m=5.0).rig()
 
 
 def test_elastica_and_rod_agree_on_a_weightless_antenna() -> None:
@@ -92,11 +86,6 @@ def test_the_moment_of_a_real_antenna_holds_its_weight() -> None:
     np.testing.assert_array_equal(frames.force_N, 0.0)
 
 
-def test_the_elastica_refuses_what_it_does_not_know() -> None:
-    with pytest.raises(InputError, match="weight"):
-        scenes(Setup(real=True).rig(), np.array([0.1]), np.array([[0.1, 0.0]]))
-
-
 def test_pushes_give_the_slopes_and_deflections_they_are_for() -> None:
     distance = np.array([0.03, 0.12, 0.23])
     steep = scenes(UPRIGHT, distance, rolled(push_for_slope(np.full(3, 0.6), distance, 3.9e-3), 0.3))
@@ -118,16 +107,6 @@ def test_noise_is_seeded_and_as_large_as_it_says() -> None:
     moments = noisy.moment_Nm - np.repeat(frames.moment_Nm, 5)
     assert moments.std() == pytest.approx(2e-5, rel=0.25)
     np.testing.assert_array_equal(frames.noisy(np.random.default_rng(3), 5).points_px, noisy.points_px)
-
-
-def test_what_leaves_the_picture_is_not_given() -> None:
-    frames = scenes(UPRIGHT, np.array([0.1]), rolled(push_for_slope(np.array([1.0]), np.array([0.1]), 3.9e-3), 0.0))
-    outside = np.isnan(frames.points_px[0]).any(axis=1)
-    assert 0 < outside.sum() < 200
-    assert not np.diff(outside.astype(int)).min() < 0
-    assert np.isfinite(bound(frames).std).all()
-    whole = scenes(Setup("none", swing_m=0.25).rig(), np.array([0.1]), frames.touches.push_N)
-    assert not np.isnan(whole.points_px).any()
 
 
 def test_a_true_rig_scatters_as_the_covariance_says() -> None:

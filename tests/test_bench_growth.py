@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.growth.growth import SERIES, Grown, Power, Series, as_text, cost_of, fitted, follow, resident_MB
+from benchmarks.growth.growth import Grown, Series, as_text, cost_of, fitted, follow, resident_MB
 
 SIZES = [10, 30, 100, 300, 1000, 3000]
 
@@ -42,11 +42,6 @@ def test_too_few_sizes_say_nothing() -> None:
         assert not found.worse_than(0.0)
 
 
-@pytest.mark.parametrize(("exponent", "std", "worse"), [(1.1, 0.0, False), (1.3, 0.01, True), (1.3, 0.2, False)])
-def test_worse_is_what_stands_out(exponent: float, std: float, worse: bool) -> None:
-    assert Power(exponent, std, 1.0, 1.0).worse_than(1.0) == worse
-
-
 @pytest.mark.skipif(not np.isfinite(resident_MB("VmHWM")), reason="the system does not tell")
 def test_memory_that_is_taken_shows() -> None:
     held = cost_of(lambda: np.ones(5_000_000), 1)
@@ -66,12 +61,3 @@ def test_a_series_that_grows_too_fast_is_found_out() -> None:
     assert grown.worse
     assert not Grown(replace(series, time_exponent=9.0, memory_exponent=3.0), grown.sizes, grown.costs).worse
     assert "WORSE" in as_text([grown])
-
-
-@pytest.mark.parametrize(
-    ("name", "size"),
-    [("frames, streamed", 20), ("points per frame", 10), ("picture size", 100), ("views, lens", 5)],
-)
-def test_each_kind_of_work_runs(name: str, size: int) -> None:
-    series = next(series for series in SERIES if series.name == name)
-    assert series.prepare(size, 1)() is not series

@@ -10,7 +10,6 @@ import pytest
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.harness import rms_known
-from benchmarks.object import object as bench
 from benchmarks.object.cases import AXIS, CENTRE, SETUP, SOFT, Case
 from benchmarks.object.judge import judge
 from benchmarks.object.scenes import Recorded, contacts, play
@@ -78,27 +77,3 @@ def test_the_judge_sees_a_given_rig_that_is_off(played: Recorded) -> None:
     assert off.contacts > 15
     assert rms_known(exact.normal_rad) < math.radians(3.0)
     assert rms_known(exact.surface_m) < 2e-4
-
-
-def test_a_rigid_object_has_no_stiffness() -> None:
-    rows = bench.run(1, 0, [bench.Cell(SHORT, math.inf, 0.0, exact) for exact in (True, False)])
-    assert [row.rig for row in rows] == ["exact", "off"]
-    assert all(row.stiffness_N_m is None and row.stiffness_error is None for row in rows)
-    assert rows[0].surface_mm < 0.2
-
-
-def test_a_row_names_the_goals_that_it_misses() -> None:
-    good = bench.ObjectRow(
-        *("sphere", 1000.0, 0.2, "exact", 3, 200.0, 0.0, 0.05, 0.1, 0.95, 0.05, 0.05, 0.05, 0.95, 0.5, 0.95, 1.0, 0.8),
-        *(0.01, 1.0, 1.0, 0.05, 1.0, 1.0, 1.0, 1.0, 1.0),
-    )
-    assert good.misses == ()
-    bad = replace(good, surface_mm=0.11)
-    assert bad.misses == ("surface",)
-    assert replace(good, surface_mm=1.2, point_std_mm=1.0).misses == ("surface",)
-    assert replace(good, normal_deg=3.1).misses == ("normals",)
-    assert replace(good, force_deg=5.0).misses == ()
-    assert replace(good, force_deg=5.0, rig="off, slippery").misses == ("force",)
-    assert replace(good, mu_error=None).misses == ("friction",)
-    assert replace(good, stiffness_told=0.5).misses == ("stiffness",)
-    assert replace(good, stiffness_N_m=None, stiffness_error=None, stiffness_told=0.0).misses == ()

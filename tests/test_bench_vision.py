@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.vision.hard import HARDSHIPS, good, mixed
+from benchmarks.vision.hard import HARDSHIPS, good
 from benchmarks.vision.judge import bound_px, score
 from benchmarks.vision.scenes import Bend, Block, Shot, aside_px, light, path_px, truth
 from benchmarks.vision.vision import hardships, hostile
@@ -94,10 +94,3 @@ def test_many_hard_pictures() -> None:
     assert hard.ok > 0.85
     assert hard.confident_false <= 0.005
     assert empty.confident_false <= 0.001
-
-
-def test_an_empty_picture_has_no_antenna_in_it() -> None:
-    shot = mixed(np.random.default_rng(1), SIZE, empty=True)
-    assert shot.bend is None
-    assert len(truth(shot).path_px) == 0
-    np.testing.assert_array_equal(light(shot), light(shot, antenna=False))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from typing import Any
@@ -119,7 +119,7 @@ def _row(pages: Cell, method: Method, bound_m: np.ndarray, read: Reading, timed:
         pictures=len(pages),
         ms=1e3 * alone,
         ms_recording=1e3 * together,
-        **asdict(verdict(found, photographs, bound_m)),
+        **verdict(found, photographs, bound_m),
         bound_mm=1e3 * float(np.sqrt(np.mean(bound_m**2))),
         read_ms=1e3 * read.memory_s,
     )

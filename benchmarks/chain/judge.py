@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -22,23 +23,8 @@ ASTRAY_BOUND, ASTRAY_STATED = 5.0, 4.0
 """A number is wrong and confident when it is off by more than both: the bound's standard deviations, and its own."""
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """A method's answers against the truth; None without any. The attributes are those of `chain.ChainRow`."""
-
-    l_rms_mm: float | None
-    l_rms_error_mm: float | None
-    l_median_mm: float | None
-    of_bound: float | None
-    of_bound_error: float | None
-    force_percent: float | None
-    direction_deg: float | None
-    answered: float
-    wrong: float
-
-
-def verdict(found: Answers, photographs: Sequence[Photograph], bound_m: np.ndarray) -> Verdict:
-    """Of K answers, with the bound's standard deviations (K,) m."""
+def verdict(found: Answers, photographs: Sequence[Photograph], bound_m: np.ndarray) -> dict[str, Any]:
+    """The columns of `chain.ChainRow` that judge K answers, with the bound's standard deviations (K,) m."""
     error = found.distance_m - np.array([one.distance_m for one in photographs])
     force = np.array([one.force_N[1:] for one in photographs])
     off = np.linalg.norm(found.force_N - force, axis=1) / np.linalg.norm(force, axis=1)
@@ -47,18 +33,20 @@ def verdict(found: Answers, photographs: Sequence[Photograph], bound_m: np.ndarr
     known = np.isfinite(error)
     scaled, plain = (or_none(rms_known(each)) for each in (error / bound_m, 1e3 * error))
     weight = bound_m[known] ** 2
-    return Verdict(
-        l_rms_mm=plain,
+    return {
+        "l_rms_mm": plain,
         # a few pictures with wide bounds make most of it
-        l_rms_error_mm=None if plain is None else plain * float(np.linalg.norm(weight) / weight.sum() / np.sqrt(2.0)),
-        l_median_mm=float(np.median(1e3 * np.abs(error[known]))) if known.any() else None,
-        of_bound=scaled,
-        of_bound_error=None if scaled is None else scaled / float(np.sqrt(2.0 * known.sum())),
-        force_percent=or_none(rms_known(1e2 * off)),
-        direction_deg=or_none(rms_known(np.degrees(np.arctan2(*turned)))),
-        answered=float(known.mean()),
-        wrong=float((known & astray).mean()),
-    )
+        "l_rms_error_mm": None
+        if plain is None
+        else plain * float(np.linalg.norm(weight) / weight.sum() / np.sqrt(2.0)),
+        "l_median_mm": float(np.median(1e3 * np.abs(error[known]))) if known.any() else None,
+        "of_bound": scaled,
+        "of_bound_error": None if scaled is None else scaled / float(np.sqrt(2.0 * known.sum())),
+        "force_percent": or_none(rms_known(1e2 * off)),
+        "direction_deg": or_none(rms_known(np.degrees(np.arctan2(*turned)))),
+        "answered": float(known.mean()),
+        "wrong": float((known & astray).mean()),
+    }
 
 
 _BEYOND_CACHE_BYTES = 256 * 2**20
