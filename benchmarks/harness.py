@@ -93,6 +93,11 @@ def or_none(value: float | np.floating) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def of_any(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+    """A statistic of values; None without any."""
+    return float(statistic(values)) if len(values) else None
+
+
 def mean_of(rows: Sequence[Any], name: str) -> float:
     """Mean of one attribute over the rows that have it; NaN without any."""
     known = [value for row in rows if (value := getattr(row, name)) is not None]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
-from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
@@ -46,18 +46,23 @@ class Solved:
     seconds: tuple[float, ...]
 
 
+def prior_of(given: Draw, clock: list[float]) -> Prior:
+    """Lens from the views, then pose of C from the jig; the times after both are added to the clock."""
+    lens = solve_intrinsics(given.views, BOARD, model=given.rig.lens_model)
+    clock.append(time.perf_counter())
+    board_pose = solve_board_pose(given.jig_views, BOARD, lens.camera, lens.board_flex.bend)
+    estimate = jig_estimate(board_pose, T_ANTENNA_JIG)
+    clock.append(time.perf_counter())
+    return prior(NOMINAL, lens.camera, [estimate])
+
+
 def solve(given: Draw) -> Solved:
     """Lens from the views, pose of C from the jig, then everything together from the stills.
 
     Raises VbaaError as these do.
     """
     clock = [time.perf_counter()]
-    lens = solve_intrinsics(given.views, BOARD, model=given.rig.lens_model)
-    clock.append(time.perf_counter())
-    board_pose = solve_board_pose(given.jig_views, BOARD, lens.camera, lens.board_flex.bend)
-    estimate = jig_estimate(board_pose, T_ANTENNA_JIG)
-    clock.append(time.perf_counter())
-    before = prior(NOMINAL, lens.camera, [estimate])
+    before = prior_of(given, clock)
     joint = adjust_bundle(observations(given), before, NOMINAL.length_m, MOMENT_NM)
     clock.append(time.perf_counter())
     first = len(RIG_PARAMETERS)

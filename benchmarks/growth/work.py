@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.calibration import rigs as calibration_rigs
 from benchmarks.chain.scenes import JOINTS_RAD, cell
-from benchmarks.coverage.rigs import BOARD, MOMENT_NM, NOMINAL, T_ANTENNA_JIG, coverage_rigs, draw
-from benchmarks.coverage.solve import observations
+from benchmarks.coverage.rigs import MOMENT_NM, NOMINAL, coverage_rigs, draw
+from benchmarks.coverage.solve import observations, prior_of
 from benchmarks.estimator.scenes import push_for_deflection, rolled, scenes
 from benchmarks.estimator.setup import LENGTH_M, SIGMA_PX, STIFFNESS_NM2, Setup
 from benchmarks.object.cases import CASES, SETUP
@@ -27,9 +27,7 @@ from estimator.object.surface import reconstruct, touches_of
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import write_contacts
 from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
-from vbaa_calib.calibrate.antenna.session_rig import prior
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
-from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 
@@ -160,10 +158,7 @@ def lens_solve(size: int, seed: int) -> Work:
 def joint_solve(size: int, seed: int) -> Work:
     """Everything together from so many stills: those of one calibration, over and over."""
     given = draw(coverage_rigs()[0], (seed,))
-    lens = solve_intrinsics(given.views, BOARD, model=given.rig.lens_model)
-    board_pose = solve_board_pose(given.jig_views, BOARD, lens.camera, lens.board_flex.bend)
-    before = prior(NOMINAL, lens.camera, [jig_estimate(board_pose, T_ANTENNA_JIG)])
-    once = observations(given)
+    before, once = prior_of(given, []), observations(given)
     stills = [once[index % len(once)] for index in range(size)]
     return lambda: adjust_bundle(stills, before, NOMINAL.length_m, MOMENT_NM)
 
@@ -195,11 +190,8 @@ def repeated(table: ContactTable, located: int) -> ContactTable:
     parts = []
     for turn in range(times):
         moved = table.point_world_m + _BESIDE_M * rng.normal(size=table.point_world_m.shape)
-        parts.append(
-            replace(
-                table, frame=table.frame + turn * len(table), time_s=table.time_s + turn * span, point_world_m=moved
-            )
-        )
+        frame, time_s = table.frame + turn * len(table), table.time_s + turn * span
+        parts.append(replace(table, frame=frame, time_s=time_s, point_world_m=moved))
     whole = ContactTable.joined(parts)
     end = int(np.flatnonzero(np.cumsum(whole.located) >= located)[0]) + 1
     return ContactTable(**{field.name: getattr(whole, field.name)[:end] for field in fields(ContactTable)})

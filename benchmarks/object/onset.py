@@ -89,14 +89,11 @@ def alarms(frames: int, seed: int) -> list[AlarmRow]:
         for number, motion in enumerate(_MOTIONS):
             counts = np.zeros(2, int)
             for draw in progress(range(count), f"free, {rig}, {motion}", count):
-                counts += _alarms_of(_free_recording(rig, motion, (seed, RIGS.index(rig), number, draw)))
+                table = _free_recording(rig, motion, (seed, RIGS.index(rig), number, draw))
+                told = sum(event.kind == "first_contact" for event in follow(table).events)
+                counts += told, int((table.evidence >= CONTACT_EVIDENCE).sum())
             rows.append(AlarmRow(rig, motion, count, count * _FREE_FRAMES, *counts.tolist()))
     return rows
-
-
-def _alarms_of(table: ContactTable) -> tuple[int, int]:
-    told = sum(event.kind == "first_contact" for event in follow(table).events)
-    return told, int((table.evidence >= CONTACT_EVIDENCE).sum())
 
 
 def _free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:

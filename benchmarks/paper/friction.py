@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import column, or_none, rms_known
+from benchmarks.harness import column, of_any, or_none, rms_known
 from estimator import ContactEstimator
-from estimator.contact.contacts import Contacts
 from estimator.object.estimate import ObjectEstimate
 from estimator.paper.two_point import contact_position
 from estimator.table.contacts import FRICTION_RAD
@@ -23,7 +22,7 @@ from vbaa_calib.simulate.contact.holding import Touch
 from vbaa_calib.simulate.contact.touch import touch
 
 from .rig import FELT, Pictures, felt_of, free_point, free_shape, paper_rig, taken
-from .sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a, knife_edge
+from .sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a, direction_deg, knife_edge
 
 NORMAL_DEG, DISTANCE_M, EDGE_RADIUS_M = 20.0, 0.15, 1e-3
 _PRESSED_RAD, _DRAGGED_RAD = np.radians(4.0), np.radians(4.0)
@@ -153,19 +152,13 @@ def _by_two_points(rig: Rig, frames: _Dragged, drawn: Pictures, free: Pictures, 
     return Trace(*(np.einsum("bij,bj->bi", frames.rotation, vector) for vector in (point, force)))
 
 
-def _by_all_points(rig: Rig, frames: _Dragged, drawn: Pictures, sigma_px: float) -> Contacts:
-    """The estimator, frame by frame."""
-    return ContactEstimator(rig).estimate_batch(
-        drawn.points_px, drawn.moment_Nm[:, 1], frames.pan_rad, frames.tilt_rad, sigma_px=sigma_px
-    )
-
-
 def cone(trace: Trace) -> Cone:
     """As one would with a ruler: ν across the line through all contacts, ψ over the later half of each leg."""
     part, known = joints()[2], np.isfinite(trace.point_m).all(axis=1)
     line = trace.point_m[known & (part > 0), 1:]
-    psi = _turned_deg(trace.force_N)
-    legs = [known & (part == leg) & _later_half(part == leg) for leg in (1, 2)]
+    psi = direction_deg(trace.force_N)
+    place = [np.cumsum(part == leg) for leg in (1, 2)]
+    legs = [known & (part == leg) & (at > 0.5 * at[-1]) for leg, at in zip((1, 2), place, strict=True)]
     if len(line) < 3 or not all(leg.any() for leg in legs):
         return Cone(np.nan, np.nan, np.nan)
     along = np.linalg.svd(line - line.mean(axis=0))[2][0]
@@ -192,7 +185,9 @@ def run(
             for draw in range(draws):
                 used = frames[draw % len(frames)]
                 drawn, free = (each.noisy(rig, sigma_px, rng) for each in (used.touched, used.free))
-                found = _by_all_points(rig, used, drawn, sigma_px)
+                found = ContactEstimator(rig).estimate_batch(
+                    drawn.points_px, drawn.moment_Nm[:, 1], used.pan_rad, used.tilt_rad, sigma_px=sigma_px
+                )
                 felt.append(felt_of(rig, found, used.pan_rad, used.tilt_rad, FRICTION_RAD))
                 traces = {
                     TWO_POINTS: _by_two_points(rig, used, drawn, free, sigma_px),
@@ -209,11 +204,6 @@ def run(
     return rows, shown
 
 
-def _later_half(leg: np.ndarray) -> np.ndarray:
-    place = np.cumsum(leg)
-    return place > 0.5 * place[-1]
-
-
 def _row(method: str, sigma_px: float, friction: float, normal_deg: np.ndarray, mu: np.ndarray) -> FrictionRow:
     said = np.isfinite(mu)
     return FrictionRow(
@@ -223,10 +213,10 @@ def _row(method: str, sigma_px: float, friction: float, normal_deg: np.ndarray, 
         draws=len(mu),
         answered=float(said.mean()),
         normal_true_deg=NORMAL_DEG,
-        normal_mean_deg=float(normal_deg[said].mean()) if said.any() else None,
+        normal_mean_deg=of_any(np.mean, normal_deg[said]),
         normal_rms_deg=or_none(rms_known(normal_deg[said] - NORMAL_DEG)),
-        mu_mean=float(mu[said].mean()) if said.any() else None,
-        mu_std=float(mu[said].std()) if said.any() else None,
+        mu_mean=of_any(np.mean, mu[said]),
+        mu_std=of_any(np.std, mu[said]),
         mu_rms=or_none(rms_known(mu - friction)),
     )
 
@@ -235,24 +225,17 @@ def _felt_row(sigma_px: float, friction: float, felt: Sequence[ObjectEstimate]) 
     """With the median normal of each recording, turned into the world's yz plane."""
     mu, std = np.array([[each.friction.mu, each.friction.std] for each in felt]).T
     interval = np.array([each.friction.interval for each in felt])
-    normal = np.array([np.median(_turned_deg(each.normals.normal)) for each in felt])
+    normal = np.array([np.median(direction_deg(each.normals.normal)) for each in felt])
     said = np.isfinite(mu)
     inside = (interval[said, 0] <= friction) & (friction <= interval[said, 1])
     row = _row(FELT, sigma_px, friction, normal, mu)
-    return replace(
-        row, mu_stated=or_none(rms_known(std[said])), mu_covered=float(inside.mean()) if said.any() else None
-    )
-
-
-def _turned_deg(outward: np.ndarray) -> np.ndarray:
-    """(P,) of −n (P, 3) from y."""
-    return np.degrees(np.arctan2(-outward[:, 2], -outward[:, 1]))
+    return replace(row, mu_stated=or_none(rms_known(std[said])), mu_covered=of_any(np.mean, inside))
 
 
 def _path(method: str, friction: float, frames: _Dragged, trace: Trace) -> list[PathRow]:
     part, normal = joints()[2], cone(trace).normal_deg
     first = np.nanmean(trace.point_m[:, 1:] - frames.point_m[:, 1:], axis=0) + frames.point_m[APPROACH, 1:]
-    psi = _turned_deg(trace.force_N)
+    psi = direction_deg(trace.force_N)
     seen = 1e3 * (trace.point_m[:, 1:] - first)
     true = 1e3 * (frames.point_m[:, 1:] - frames.point_m[APPROACH, 1:])
     return [

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import concatenated, or_none, rms_known
+from benchmarks.harness import concatenated, of_any, or_none, rms_known
 from estimator import ContactEstimator
 from estimator.paper.baselines import Press, run_method
 from estimator.paper.baselines.press import contact_moments, deflections, noise_of, wire_of
@@ -201,19 +199,15 @@ def _rows(
                 direction_true_deg=float(direction_deg(pushed[:, place]).mean()),
                 draws=len(said),
                 answered=float(said.mean()),
-                l_mean_mm=_of(np.mean, 1e3 * distance[said, place]),
-                l_std_mm=_of(np.std, some[0]),
+                l_mean_mm=of_any(np.mean, 1e3 * distance[said, place]),
+                l_std_mm=of_any(np.std, some[0]),
                 l_rms_mm=or_none(rms_known(some[0])),
                 l_stated_mm=or_none(rms_known(1e3 * std[said, place])),
-                covered=_of(np.mean, np.abs(some[0]) <= 1.96e3 * std[said, place]),
-                direction_mean_deg=_of(np.mean, direction_deg(force[said, place])),
-                direction_std_deg=_of(np.std, some[1]),
+                covered=of_any(np.mean, np.abs(some[0]) <= 1.96e3 * std[said, place]),
+                direction_mean_deg=of_any(np.mean, direction_deg(force[said, place])),
+                direction_std_deg=of_any(np.std, some[1]),
                 direction_rms_deg=or_none(rms_known(some[1])),
                 lean_rms_deg=or_none(rms_known(lean[said, place])),
             )
         )
     return rows
-
-
-def _of(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
-    return float(statistic(values)) if len(values) else None

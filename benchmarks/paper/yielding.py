@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import column, or_none, rms_known
+from benchmarks.harness import column, of_any, or_none, rms_known
 from estimator import ContactEstimator
 from estimator.paper.baselines import Answer, Ring, press_from_recording, run_method
 from estimator.paper.baselines.vision import STANDS_OUT, compliance_of
@@ -134,12 +134,12 @@ def _row(method: str, stiffness_N_m: float, true_m: np.ndarray, readings: list[A
         stiffness_N_m,
         draws=len(readings),
         answered=float(said.mean()),
-        l_error_mm=float(off[said].mean()) if said.any() else None,
+        l_error_mm=of_any(np.mean, off[said]),
         l_rms_mm=or_none(rms_known(off)),
         l_stated_mm=or_none(rms_known(1e3 * np.array([each.distance_std_m for each in readings])[said])),
         l_expected_mm=None,
         object_answered=float(told.mean()),
-        object_mean_N_m=float(object_N_m[told].mean()) if told.any() else None,
+        object_mean_N_m=of_any(np.mean, object_N_m[told]),
         object_rms=or_none(rms_known(object_N_m / stiffness_N_m - 1.0)),
-        object_covered=float(inside[told].mean()) if told.any() else None,
+        object_covered=of_any(np.mean, inside[told]),
     )
