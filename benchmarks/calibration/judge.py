@@ -1,4 +1,4 @@
-"""What a lens is worth, in millimetres on plane C."""
+"""The error of a lens, in millimetres on plane C."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def plane_c() -> tuple[Pose, np.ndarray]:
 def error_mm(camera: Camera, truth: Camera, from_jig: bool = False) -> float:
     """Rms distance on C between points and where the camera puts their pixels, mm.
 
-    The pose of C is told; with `from_jig` it is solved with this camera from the same points, exactly seen, as a board
-    in the jig gives it, which takes up much of a lens' error. Points outside the true picture are left out; a pixel
+    The pose of C is the true one; with `from_jig` it is solved with this camera from the same points without noise, as
+    a board in the jig gives it, which takes up much of a lens' error. Points outside the true picture are left out; a pixel
     that has no ray counts as 100 mm.
     """
     T_camera_plane, points = plane_c()

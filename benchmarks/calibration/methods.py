@@ -42,7 +42,7 @@ Method = Callable[[Sequence[Draw]], list[Outcome]]
 
 
 def solve_oracle(given: Draw) -> Camera:
-    """Least squares from the true start, told the outliers and the bend of the board."""
+    """Least squares from the true start, outliers and bend of the board known."""
     rig = given.rig
     observations = [
         view.picked(good) for view, good in zip(observations_of(given.views, BOARD), given.good, strict=True)

@@ -1,4 +1,4 @@
-"""Runs mrcal or lensboy on many problems: `python calibration_peer_script.py PEER PROBLEMS.npz ANSWERS.npz`.
+"""Runs mrcal or lensboy on many problems: `python peer_script.py PEER PROBLEMS.npz ANSWERS.npz`.
 
 It is started with the interpreter that has the peer, so it imports numpy and the peer alone.
 

@@ -83,7 +83,7 @@ def information_of(photograph: Photograph) -> Information:
 
 def equal_information(known: Sequence[Information], points: int = POINTS) -> tuple[np.ndarray, float]:
     """Places (N,) along the antenna between which there is equally much information, on average over pictures, and
-    the standard deviation in px that makes a point at each worth what lies around it."""
+    the standard deviation in px of a point at each that carries the information around it."""
     grid = np.linspace(0.0, 1.0, 2001)
     summed = np.mean([_summed(one, grid) for one in known], axis=0)
     places = np.interp((np.arange(points) + 0.5) / points * summed[-1], summed, grid)

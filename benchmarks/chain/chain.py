@@ -35,7 +35,7 @@ class ChainRow:
 
     Attributes
     ----------
-    told : it is told by the truth which points to take.
+    told : the truth decides which points it takes.
     ms, ms_recording : of one thread for one picture that comes alone, and for each of a recording.
     l_rms_mm, l_median_mm : error of the contact distance, of the pictures with a number; None without any.
     l_rms_error_mm : what the rms scatters by from chance, were every error as its picture's bound has it.
@@ -85,15 +85,16 @@ def run(pictures: int, seed: int, quick: bool = False, sizes: Sequence[tuple[int
             read = reading(size, repeats)
             for known in RIGS:
                 pages = cell(size, known, pictures, seed)
-                told = [information_of(one) for one in pages.photographs]
-                bound_m = bounds(pages, told)
+                informations = [information_of(one) for one in pages.photographs]
+                bound_m = bounds(pages, informations)
                 methods = [*ours(pages.rig), *others(pages.rig)]
                 rows = [
                     _row(pages, method, bound_m, read, timed, repeats)
                     for method in progress(methods, f"{pages.name}, {known} rig", len(methods))
                 ]
                 found.rows.extend(rows)
-                found.losses.extend(losses(pages, told, bound_m, {row.method: row.of_bound for row in rows}, seed))
+                of_bound = {row.method: row.of_bound for row in rows}
+                found.losses.extend(losses(pages, informations, bound_m, of_bound, seed))
                 if RIGS[known]:
                     found.stages.extend(stages(pages, read, timed, repeats))
     return found

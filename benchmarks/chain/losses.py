@@ -59,7 +59,7 @@ class _FoundPoints:
 
 def losses(
     pages: Cell,
-    told: Sequence[Information],
+    informations: Sequence[Information],
     bound_m: np.ndarray,
     of_bound: Mapping[str, float | None],
     seed: int,
@@ -67,10 +67,10 @@ def losses(
     """Every rung but the lowest, which knows no weight; `of_bound` is what each reached from the pictures."""
     rng = np.random.default_rng([seed, 1])
     estimator = ContactEstimator(pages.rig)
-    found = [found_points(estimator, one, known) for one, known in zip(pages.photographs, told, strict=True)]
+    found = [found_points(estimator, one, known) for one, known in zip(pages.photographs, informations, strict=True)]
     errors, stated = (np.concatenate([getattr(one, name) for one in found]) for name in ("errors", "stated"))
     points, size = or_none(rms_known(errors)), or_none(rms_known(stated))
-    places, sigma_px = equal_information(told)
+    places, sigma_px = equal_information(informations)
     clean = joined(
         [replace(at_places(replace(one.truth, sigma_px=sigma_px), places), rig=pages.rig) for one in pages.photographs]
     )

@@ -47,7 +47,7 @@ class Method:
     Attributes
     ----------
     solve : pictures to answers; one picture is a frame that comes alone, several are a recording.
-    told : it is told by the truth which points to take, which no user is.
+    told : the truth decides which points it takes, as no user can.
     """
 
     name: str

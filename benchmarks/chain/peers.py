@@ -1,4 +1,4 @@
-"""What others make of the same pictures: the paper's formulas, a ruler, SciPy, and the way of the image toolboxes.
+"""What others make of the same pictures: the paper's formulas, a straight line, SciPy, and image toolboxes.
 
 Formulas for a straight antenna are helped along: the free antenna's shape and moment, which the rig knows, are taken
 off first, as one would with a picture before the touch.

@@ -56,7 +56,7 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One draw's errors by quantity, or why there are none; what else is worth knowing of it."""
+    """One draw's errors by quantity, or why there are none; its times and noise."""
 
     errors: Mapping[str, Errors]
     seconds: tuple[float, ...] = ()

@@ -47,11 +47,11 @@ def measure(options: Options) -> Findings:
 
 def headline(lines: Sequence[grid.SummaryRow], timed: Sequence[speed.SpeedRow]) -> str:
     """The distance's error over its bound in all cells, how often it is covered, and the quickest batch."""
-    told = {line.measure: line for line in lines if line.quantity == "l"}
-    if not told:
+    measures = {line.measure: line for line in lines if line.quantity == "l"}
+    if not measures:
         return "no kind of scene could be judged"
     fastest = max(1e6 / row.us_per_frame for row in timed if row.family == speed.ESTIMATOR)
     return (
-        f"distance: rms error {told['of_bound'].pooled:.2f} × the bound over {told['of_bound'].cells} kinds of scene, "
-        f"{100 * told['covered'].pooled:.0f} % covered; up to {fastest:.0f} frames/s"
+        f"distance: rms error {measures['of_bound'].pooled:.2f} × the bound over {measures['of_bound'].cells} kinds of "
+        f"scene, {100 * measures['covered'].pooled:.0f} % covered; up to {fastest:.0f} frames/s"
     )

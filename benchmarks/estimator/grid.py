@@ -272,9 +272,9 @@ def grid_text(rows: Sequence[CellRow], lines: Sequence[SummaryRow]) -> str:
     rigs = [["lens", "tilt", "cells", "ok %", "tip %", "without %", "l of bound"]]
     for lens, tilt in dict.fromkeys((row.lens, row.tilt_deg) for row in run):
         own = [row for row in run if (row.lens, row.tilt_deg) == (lens, tilt)]
-        told = [100 * mean_of(own, name) for name in ("ok", "tip_contact", "without_numbers")]
+        percent = [100 * mean_of(own, name) for name in ("ok", "tip_contact", "without_numbers")]
         ratio = rms_known(np.array([row.of_bound for row in own], float))
-        rigs.append([lens, f"{tilt:.0f}", str(len(own)), *(f"{share:.2f}" for share in told), f"{ratio:.3f}"])
+        rigs.append([lens, f"{tilt:.0f}", str(len(own)), *(f"{share:.2f}" for share in percent), f"{ratio:.3f}"])
     left_out = [f"{row.cell}: {row.left_out}" for row in cells if row.left_out]
     text = [table(lines, title) if lines else title, "", aligned(rigs, [True] + [False] * 6)]
     return "\n".join([*text, *(["", "left out:", *left_out] if left_out else [])])

@@ -298,9 +298,9 @@ def hostile_text(rows: Sequence[HostileRow]) -> str:
         f"({1e5 * total['beyond'] / max(total['claimed'], 1):.1f} in 100,000) and {total['imagined']} of a free antenna"
     ]
     worst = sorted((row for row in rows if row.worst_std is not None), key=lambda row: -(row.worst_std or 0.0))
-    told = [(f"{row.worst_std:.1f} deviations in {row.worst}", row) for row in worst[:10]]
-    told += [(row.failure, row) for row in rows if row.failure]
-    lines += [f"    {what}: replay(seed={r.seed}, chunk={r.chunk}, frames={r.frames})" for what, r in told]
+    listed = [(f"{row.worst_std:.1f} deviations in {row.worst}", row) for row in worst[:10]]
+    listed += [(row.failure, row) for row in rows if row.failure]
+    lines += [f"    {what}: replay(seed={r.seed}, chunk={r.chunk}, frames={r.frames})" for what, r in listed]
     return "\n".join(lines)
 
 

@@ -1,7 +1,7 @@
 """The estimator on scenes of the static rod: weight, bow, clamp error, steep slopes.
 
 The bias of a frame is its error from a picture without noise, in the deviations that the estimator states for the
-noise it is told of.
+noise it is given.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class _Population:
 
     Attributes
     ----------
-    friction_std_rad : of the friction angle, with which it is drawn and of which the estimator is told.
+    friction_std_rad : of the friction angle, with which it is drawn and which the estimator is given.
     """
 
     name: str

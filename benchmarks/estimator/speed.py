@@ -1,4 +1,4 @@
-"""Speed against error: the paper's two points, a ruler, the estimator's rungs and a SciPy loop on the same frames."""
+"""Speed against error: two points, a straight line, the estimator's rungs and a SciPy loop on the same frames."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class Estimates:
 
 
 def estimate(scenes: Scenes, model: str, friction_std_rad: float) -> Estimates:
-    """Every frame by the estimator, which is told the points' true deviation and the friction to expect."""
+    """Every frame by the estimator, given the points' true deviation and the friction to expect."""
     if not len(scenes):
         nothing, words = np.zeros((0, 3)), np.zeros(0, str)
         return Estimates(nothing, nothing, nothing, words, words)

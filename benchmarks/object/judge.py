@@ -1,4 +1,4 @@
-"""One felt recording against its truth."""
+"""One recording of a stroked object against its truth."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Judged:
 def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
     """Estimate a recording's contacts and object, and compare them with the truth.
 
-    `friction_rad` is the deviation of the friction angle that the estimator is told.
+    `friction_rad` is the deviation of the friction angle that the estimator is given.
     """
     begin = time.perf_counter()
     table = contacts(recorded, friction=friction_rad)

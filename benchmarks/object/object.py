@@ -42,7 +42,7 @@ class Cell:
     ----------
     stiffness_N_m : infinite for a rigid object. friction : Coulomb's μ.
     exact : whether the rig is known exactly; otherwise as well as a calibration says.
-    slippery : whether the estimator is told that nothing rubs.
+    slippery : whether the estimator knows that there is no friction.
     """
 
     case: Case
@@ -67,7 +67,7 @@ class ObjectRow:
     normal_deg, force_deg : rms angle to the true normal, of the felt normals and of the forces; force_median_deg.
     mu_error : rms over the draws in which μ was told; mu_told : their share; mu_covered : share of all intervals.
     stiffness_error : rms, relative; stiffness_told, stiffness_covered likewise.
-    compliance_error_std : rms error of the compliance in its own deviations, told or not.
+    compliance_error_std : rms error of the compliance in its own deviations, determined or not.
     estimate_s, feel_s : least time of a draw.
     """
 

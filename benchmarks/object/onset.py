@@ -73,7 +73,7 @@ class OnsetRow:
 
 
 @dataclass(frozen=True, eq=False)
-class _Approach:
+class Approach:
     """A recording and the time of its first touch."""
 
     table: ContactTable
@@ -115,7 +115,7 @@ def _free_recording(rig: str, motion: str, seed: Sequence[int]) -> ContactTable:
     return contacts(record(true, far, [[Joints(*pair) for pair in angles.tolist()]], rng, given=given))
 
 
-def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> _Approach:
+def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> Approach:
     """The antenna turned against a knife edge at constant speed, frames at a random phase."""
     rng = np.random.default_rng(list(seed))
     given = Setup(real=True, exact=rig == "exact", tilt_rad=float(rng.uniform(0.2, 0.8)), azimuth_rad=2.6).rig()
@@ -137,7 +137,7 @@ def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> _Approach:
     time = (np.arange(_BEFORE + after) + rng.uniform()) / RATE_HZ
     pan = touch_rad + rate * (time - _BEFORE / RATE_HZ)
     recorded = record(true, edge, [[Joints(float(angle), tilt) for angle in pan]], rng, given=given)
-    return _Approach(contacts(replace(recorded, time_s=time)), given, _touch_s(recorded.truth, time))
+    return Approach(contacts(replace(recorded, time_s=time)), given, _touch_s(recorded.truth, time))
 
 
 def _touch_s(truth: Truth, time_s: np.ndarray) -> float:
@@ -161,11 +161,11 @@ def onsets(draws: int, seed: int, speeds_m_s: Sequence[float] = SPEEDS_M_S) -> l
     return rows
 
 
-def onset_row(rig: str, speed_m_s: float, made: Sequence[_Approach]) -> OnsetRow:
+def onset_row(rig: str, speed_m_s: float, made: Sequence[Approach]) -> OnsetRow:
     """What came of approaches at one speed."""
     good, alone = [], []
     for one in made:
-        event = told(one)
+        event = first_contact(one)
         if event is not None:
             good.append((event.time_s - one.touch_s, event.time_std_s, event.time_s + event.delay_s - one.touch_s))
             single = one.table.time_s[one.table.in_contact]
@@ -188,7 +188,7 @@ def onset_row(rig: str, speed_m_s: float, made: Sequence[_Approach]) -> OnsetRow
     )
 
 
-def told(one: _Approach) -> Event | None:
+def first_contact(one: Approach) -> Event | None:
     """The one first contact of an approach; None where it was not told, more than once, or before it was."""
     events = [event for event in follow(one.table, one.given).events if event.kind == "first_contact"]
     early = any(event.time_s + event.delay_s < one.touch_s for event in events)

@@ -29,7 +29,7 @@ _PRESS_FRAMES = 5
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What a path hangs on (`synth.paths.Place`): an object before a rig. `radius_m` is the antenna's."""
+    """An object before a rig, as the simulator's joint paths take it. `radius_m` is the antenna's."""
 
     name: str
     object: TouchObject

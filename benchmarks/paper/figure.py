@@ -75,12 +75,12 @@ def yielding(rows: Sequence[YieldingRow]) -> Figure:
     for colour, method in zip(COLOURS, dict.fromkeys(row.method for row in rows), strict=False):
         own = [row for row in rows if row.method == method and row.l_rms_mm is not None]
         left.loglog(_column(own, "stiffness_N_m"), _column(own, "l_rms_mm"), "o-", color=colour, lw=1, label=method)
-        told = [row for row in own if row.object_mean_N_m is not None]
-        if told:
-            k, mark = _column(told, "stiffness_N_m"), "o" if method == ALL_POINTS else "s"
-            middle, off = _column(told, "object_mean_N_m") / k, _column(told, "object_rms")
+        determined = [row for row in own if row.object_mean_N_m is not None]
+        if determined:
+            k, mark = _column(determined, "stiffness_N_m"), "o" if method == ALL_POINTS else "s"
+            middle, off = _column(determined, "object_mean_N_m") / k, _column(determined, "object_rms")
             right.errorbar(k, middle, off, fmt=mark, capsize=2, lw=0.8, color=colour, label=method)
-            for row, x, y in zip(told, k, middle, strict=True):
+            for row, x, y in zip(determined, k, middle, strict=True):
                 right.text(1.1 * x, y, f"{100 * row.object_answered:.0f} %", fontsize=8, color=colour)
     theory = [row for row in rows if row.l_expected_mm is not None]
     line = _column(theory, "stiffness_N_m"), _column(theory, "l_expected_mm")

@@ -61,7 +61,7 @@ def joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def dragged(true: Rig, friction: float, slip_scale_m: float | None = None) -> _Dragged:
     """The antenna pressed along the edge's normal, then carried along the edge and back.
 
-    `slip_scale_m` asks for the simulator's simpler friction (`synth.touch`), which is faster.
+    `slip_scale_m` asks for the simulator's simpler friction which is faster.
     """
     pan, tilt, _ = joints()
     at = free_point(true, DISTANCE_M)
@@ -131,7 +131,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Cone:
-    """ν in degrees from y, and α in degrees on the way there and back, positive outwards; NaN where not told."""
+    """ν in degrees from y, and α in degrees on the way there and back, positive outwards; NaN where undetermined."""
 
     normal_deg: float
     there_deg: float
@@ -153,7 +153,7 @@ def _by_two_points(rig: Rig, frames: _Dragged, drawn: Pictures, free: Pictures, 
 
 
 def cone(trace: Trace) -> Cone:
-    """As one would with a ruler: ν across the line through all contacts, ψ over the later half of each leg."""
+    """ν across the line through all contacts, ψ over the later half of each leg."""
     part, known = joints()[2], np.isfinite(trace.point_m).all(axis=1)
     line = trace.point_m[known & (part > 0), 1:]
     psi = direction_deg(trace.force_N)

@@ -165,7 +165,7 @@ def direction_deg(force_N: np.ndarray) -> np.ndarray:
 
 
 def _by_all_points(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Answers]:
-    """The estimator, told that there is no friction, all draws in one batch."""
+    """The estimator without friction, all draws in one batch."""
     together = concatenated(drawn)
     count = len(together.points_px)
     found = ContactEstimator(rig, friction=0.0).estimate_batch(

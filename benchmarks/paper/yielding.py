@@ -23,7 +23,7 @@ _PANS_RAD = np.radians(np.linspace(0.5, 6.0, 12))
 _BASELINES = ("Active Antenna", "Dynamic Active Antenna", "2D-VBAA, pushing")
 TRUE_RIGS = 6
 _SLIPPERY_RAD = 0.0
-"""What the estimator is told of friction: there is none."""
+"""Friction that the estimator expects: none."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def _row(method: str, stiffness_N_m: float, true_m: np.ndarray, readings: list[A
     off = 1e3 * (np.array([each.distance_m for each in readings]) - true_m)
     object_N_m = np.array([each.object_stiffness_N_m for each in readings])
     object_std = np.array([each.object_stiffness_std_N_m for each in readings])
-    said, told = np.isfinite(off), np.isfinite(object_N_m)
+    said, determined = np.isfinite(off), np.isfinite(object_N_m)
     with np.errstate(invalid="ignore"):
         inside = np.abs(1.0 / object_N_m - 1.0 / stiffness_N_m) <= 2.0 * object_std / object_N_m**2
     return YieldingRow(
@@ -138,8 +138,8 @@ def _row(method: str, stiffness_N_m: float, true_m: np.ndarray, readings: list[A
         l_rms_mm=or_none(rms_known(off)),
         l_stated_mm=or_none(rms_known(1e3 * np.array([each.distance_std_m for each in readings])[said])),
         l_expected_mm=None,
-        object_answered=float(told.mean()),
-        object_mean_N_m=of_any(np.mean, object_N_m[told]),
+        object_answered=float(determined.mean()),
+        object_mean_N_m=of_any(np.mean, object_N_m[determined]),
         object_rms=or_none(rms_known(object_N_m / stiffness_N_m - 1.0)),
-        object_covered=of_any(np.mean, inside[told]),
+        object_covered=of_any(np.mean, inside[determined]),
     )

@@ -259,7 +259,7 @@ def _with_twin(canvas: np.ndarray, shot: Shot, path: np.ndarray, twin: Twin) -> 
     points = np.round(16 * moved[:: max(1, len(moved) // 200)]).astype(np.int32).reshape(-1, 1, 2)
     thickness = max(1, round(shot.width_px))
     cv2.polylines(mask, [points], False, 255, thickness, cv2.LINE_AA, 4)
-    # its smooth edges make the line about a pixel broader than it is told to be
+    # its smooth edges make the line about a pixel broader than asked for
     level = min(shot.width_px / (thickness + 1.0), 1.0) / 255.0
     share = level * cv2.GaussianBlur(mask.astype(np.float32), (0, 0), max(twin.blur_px, 0.3))
     if twin.strength < 0:

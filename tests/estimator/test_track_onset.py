@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.object.onset import alarms, approach, as_text, onset_row, told
+from benchmarks.object.onset import alarms, approach, as_text, first_contact, onset_row
 from estimator.object.track import Event, Track, follow
 from estimator.object.track.events import Growth, free_level, instant
 from estimator.table.contacts import ContactTable
@@ -171,7 +171,7 @@ def test_an_instant_of_which_little_is_known_says_so() -> None:
 
 def test_a_simulated_approach_is_timed() -> None:
     made = approach("calibrated", 0.02, (1, 2))
-    event = told(made)
+    event = first_contact(made)
     assert event is not None
     assert abs(event.time_s - made.touch_s) < 4.0 * event.time_std_s < 0.1
     assert 0.0 < event.delay_s < 0.15
