@@ -28,8 +28,8 @@ def error_mm(camera: Camera, truth: Camera, from_jig: bool = False) -> float:
     """Rms distance on C between points and where the camera puts their pixels, mm.
 
     The pose of C is the true one; with `from_jig` it is solved with this camera from the same points without noise, as
-    a board in the jig gives it, which takes up much of a lens' error. Points outside the true picture are left out; a pixel
-    that has no ray counts as 100 mm.
+    a board in the jig gives it, which takes up much of a lens' error. Points outside the true picture do not count; a
+    pixel that has no ray counts as 100 mm.
     """
     T_camera_plane, points = plane_c()
     space = np.column_stack([points, np.zeros(len(points))])

@@ -75,7 +75,7 @@ class Row:
 
 
 def _distorted(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """(N, 2) pixels of ideal points by OpenCV: the judge is none of the _contestants' own code."""
+    """(N, 2) pixels of ideal points by OpenCV: the judge is none of the compared methods."""
     if camera.model == "fisheye":
         return cv2.fisheye.distortPoints(points[:, None], camera.matrix, camera.distortion).reshape(-1, 2)
     rays = np.column_stack([points, np.ones(len(points))])
