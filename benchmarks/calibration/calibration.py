@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, legend, panels
+from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, label_x, legend, panels
 from benchmarks.harness import Findings, Options, column, mean_of, or_none, table
 from vbaa_calib.core.console import progress
 
@@ -134,7 +134,7 @@ def figure(rows: Sequence[Row], draws: int) -> Figure:
     there = {row.method for row in solved}
     shown = {method: style for method, style in STYLES.items() if method in there}
     legend(drawn, shown, "hollow: pose of C solved", title=f"median of {draws} draws")
-    drawn.supxlabel("time of one solve, s")
+    label_x(every, 3, "time of one solve, s")
     drawn.supylabel("rms error of points on plane C, mm")
     return drawn
 

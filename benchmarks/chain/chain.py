@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.figures import AMBER, BLUE, GREEN, GREY, INK, SHADE, VIOLET, label, legend, name_points, panels
+from benchmarks.figures import AMBER, BLUE, GREEN, GREY, INK, SHADE, VIOLET, label, label_x, legend, name_points, panels
 from benchmarks.harness import Findings, Options, column, one_thread, table
 from vbaa_calib.core.console import progress
 
@@ -216,7 +216,7 @@ def figure(rows: Sequence[ChainRow]) -> Figure:
     every[0].set_xlim(0.35 * least, 8.0 * max([row.l_rms_mm or 0.0 for row in shown], default=1.0))
     every[0].set_ylim(0.35 * min(row.read_ms for row in rows), 8.0 * max([row.ms for row in shown], default=1.0))
     legend(drawn, _STYLES, "hollow: in a recording; bars: one standard error of the rms", columns=4)
-    drawn.supxlabel("rms error of the contact distance, mm")
+    label_x(every, 2, "rms error of the contact distance, mm")
     drawn.supylabel("processor time per picture, ms")
     return drawn
 
@@ -251,7 +251,7 @@ def _marks(panel: Axes, rows: Sequence[ChainRow]) -> None:
             alike.append(row)
     names = [", ".join(row.method for row in group) for group in groups]
     at = [(max(row.l_rms_mm or 0.0 for row in group), group[0].ms, _STYLES[group[0].family][0]) for group in groups]
-    name_points(panel, [(name, *place) for name, place in zip(names, at, strict=True)], gap=1.5)
+    name_points(panel, [(name, *place) for name, place in zip(names, at, strict=True)], gap=1.35)
 
 
 def _together(one: ChainRow, other: ChainRow) -> bool:

@@ -211,7 +211,9 @@ def figure(rows: Sequence[SpeedRow]) -> Figure:
             colour, mark = STYLES[row.family]
             face = colour if row.rig == "exact" else "none"
             panel.loglog(row.of_bound, row.us_per_frame, mark, color=colour, markerfacecolor=face, markersize=6)
-        name_points(panel, [(r.method, r.of_bound or 0.0, r.us_per_frame, STYLES[r.family][0]) for r in own])
+        name_points(
+            panel, [(r.method, r.of_bound or 0.0, r.us_per_frame, STYLES[r.family][0]) for r in own], character=0.015
+        )
         label(panel, title, "rms error of the contact distance over the Cramér–Rao bound")
     every[0].set_xlim(0.7, 3.0 * max([row.of_bound or 0.0 for row in shown], default=1.0))
     every[0].set_ylim(top=5.0 * max([row.us_per_frame for row in shown], default=1.0))

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import torch
 
-from benchmarks.figures import AMBER, GREEN, VIOLET, label, legend, name_points, panels
+from benchmarks.figures import AMBER, GREEN, VIOLET, label, label_x, legend, name_points, panels
 from benchmarks.harness import Findings, Options, column, median_seconds, table
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import progress
@@ -202,7 +202,7 @@ def figure(rows: Sequence[Row], points: int) -> Figure:
         name_points(panel, points_named)
         label(panel, name)
     legend(drawn, _FAMILIES, title="numbers: steps")
-    drawn.supxlabel("time, ns per point")
+    label_x(every, 3, "time, ns per point")
     drawn.supylabel("largest error, px")
     return drawn
 
