@@ -106,8 +106,8 @@ def one_contact(scenes: Scenes, index: int, rung: str = "elastica") -> np.ndarra
         pixels, _ = rig.camera.project(to_camera @ shape.points_m[0])
         curve = CubicSpline(pixels[:, 0], pixels[:, 1])
         across = (v - curve(u)) / np.sqrt(1.0 + curve(u, 1) ** 2)
-        felt = sensor.gain * (reading - shape.moment_Nm[0]) / sensor.std_Nm
-        return np.append(across / scenes.sigma_px, felt)
+        by_moment = sensor.gain * (reading - shape.moment_Nm[0]) / sensor.std_Nm
+        return np.append(across / scenes.sigma_px, by_moment)
 
     try:
         found = least_squares(residuals, _start(scenes, index, reading), method="lm")

@@ -207,7 +207,7 @@ SERIES = (
         "contacts",
         (100, 300, 1_000, 3_000, 10_000, 30_000),
         (),
-        work.felt_object,
+        work.object_of_contacts,
         "each contact once: common errors, track, events; the surface takes 500 of them",
     ),
 )

@@ -169,7 +169,7 @@ def surface_of_contacts(size: int, seed: int) -> Work:
     return lambda: reconstruct(touches, SETUP.rig().antenna.diameter_m / 2)
 
 
-def felt_object(size: int, seed: int) -> Work:
+def object_of_contacts(size: int, seed: int) -> Work:
     """Everything that so many contacts say."""
     table, rig = repeated(_stroked(seed), size), SETUP.rig()
     return lambda: estimate_object(table, rig)

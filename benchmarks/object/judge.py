@@ -107,7 +107,7 @@ def _angle(vectors: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _normals(felt: ObjectEstimate, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles (P,) of the felt normals to the true ones, and whether these lie in their 95 % regions.
+    """Angles (P,) of the estimated normals to the true ones, and whether these lie in their 95 % regions.
 
     The turn is judged in those directions across the normal in which the covariance is not zero.
     """

@@ -1,4 +1,4 @@
-"""`vbaa bench object`: objects felt by stroking them, against what is true of them."""
+"""`vbaa bench object`: objects estimated from strokes, against what is true of them."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class ObjectRow:
     worst_mm : largest distance of a vertex in any draw.
     point_mm, point_std_mm : rms error of the contact points along the normal, and rms of their deviations.
     surface_covered, point_covered, normal_covered : shares of the 95 % regions that hold the truth.
-    normal_deg, force_deg : rms angle to the true normal, of the felt normals and of the forces; force_median_deg.
+    normal_deg, force_deg : rms angle to the true normal, of the estimated normals and of the forces; force_median_deg.
     mu_error : rms over the draws in which μ was told; mu_told : their share; mu_covered : share of all intervals.
     stiffness_error : rms, relative; stiffness_told, stiffness_covered likewise.
     compliance_error_std : rms error of the compliance in its own deviations, determined or not.
@@ -97,7 +97,7 @@ class ObjectRow:
     stiffness_covered: float = column("cov", ".2f")
     compliance_error_std: float = column()
     estimate_s: float = column("s", ".1f")
-    feel_s: float = column("s felt", ".1f")
+    feel_s: float = column("s object", ".1f")
 
     @property
     def misses(self) -> tuple[str, ...]:

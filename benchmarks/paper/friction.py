@@ -21,7 +21,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.holding import Touch
 from vbaa_calib.simulate.contact.touch import touch
 
-from .rig import FELT, Pictures, felt_of, free_point, free_shape, paper_rig, taken
+from .rig import FELT, Pictures, free_point, free_shape, object_of, paper_rig, taken
 from .sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a, direction_deg, knife_edge
 
 NORMAL_DEG, DISTANCE_M, EDGE_RADIUS_M = 20.0, 0.15, 1e-3
@@ -181,14 +181,14 @@ def run(
         frames = [dragged(true, friction, slip_scale_m) for true in trues]
         for sigma_px in SIGMAS_PX:
             cones: dict[str, list[Cone]] = {TWO_POINTS: [], ALL_POINTS: []}
-            felt = []
+            estimates = []
             for draw in range(draws):
                 used = frames[draw % len(frames)]
                 drawn, free = (each.noisy(rig, sigma_px, rng) for each in (used.touched, used.free))
                 found = ContactEstimator(rig).estimate_batch(
                     drawn.points_px, drawn.moment_Nm[:, 1], used.pan_rad, used.tilt_rad, sigma_px=sigma_px
                 )
-                felt.append(felt_of(rig, found, used.pan_rad, used.tilt_rad, FRICTION_RAD))
+                estimates.append(object_of(rig, found, used.pan_rad, used.tilt_rad, FRICTION_RAD))
                 traces = {
                     TWO_POINTS: _by_two_points(rig, used, drawn, free, sigma_px),
                     ALL_POINTS: Trace(found.point_world_m, found.force_world_N),
@@ -200,7 +200,7 @@ def run(
             for method, several in cones.items():
                 normal, mu = np.array([[each.normal_deg, each.mu] for each in several]).T
                 rows.append(_row(method, sigma_px, friction, normal, mu))
-            rows.append(_felt_row(sigma_px, friction, felt))
+            rows.append(_object_row(sigma_px, friction, estimates))
     return rows, shown
 
 
@@ -221,11 +221,11 @@ def _row(method: str, sigma_px: float, friction: float, normal_deg: np.ndarray, 
     )
 
 
-def _felt_row(sigma_px: float, friction: float, felt: Sequence[ObjectEstimate]) -> FrictionRow:
+def _object_row(sigma_px: float, friction: float, found: Sequence[ObjectEstimate]) -> FrictionRow:
     """With the median normal of each recording, turned into the world's yz plane."""
-    mu, std = np.array([[each.friction.mu, each.friction.std] for each in felt]).T
-    interval = np.array([each.friction.interval for each in felt])
-    normal = np.array([np.median(direction_deg(each.normals.normal)) for each in felt])
+    mu, std = np.array([[each.friction.mu, each.friction.std] for each in found]).T
+    interval = np.array([each.friction.interval for each in found])
+    normal = np.array([np.median(direction_deg(each.normals.normal)) for each in found])
     said = np.isfinite(mu)
     inside = (interval[said, 0] <= friction) & (friction <= interval[said, 1])
     row = _row(FELT, sigma_px, friction, normal, mu)

@@ -129,7 +129,7 @@ FELT = "all points, felt"
 """`estimator.object.estimate`: shape, slip, friction and compliance together, of the estimator's contacts."""
 
 
-def felt_of(
+def object_of(
     rig: Rig, contacts: Contacts, pan_rad: np.ndarray, tilt_rad: np.ndarray, friction_rad: float
 ) -> ObjectEstimate:
     """What one recording's contacts say of the object; `friction_rad` as they were estimated with."""
