@@ -42,6 +42,7 @@ WRITTEN: dict[str, tuple[object, ...]] = {
     "number": (None, True, [], [1.0], {"value": 1}, float("nan"), 10**400, "240 mm", datetime.date(2026, 1, 1)),
     "numbers": (None, True, [], {"x": 1}, [1, 2, "x"], [[1], 2, 3], [1, 2, None], [float("inf"), 1, 1]),
     "choice": (None, True, 3, ["x"], {"x": 1}),
+    "text": (None, 3, True, {"path": "x"}, "x" * 5000, datetime.date(2026, 1, 1)),
 }
 
 
