@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -194,4 +194,4 @@ def repeated(table: ContactTable, located: int) -> ContactTable:
         parts.append(replace(table, frame=frame, time_s=time_s, point_world_m=moved))
     whole = ContactTable.joined(parts)
     end = int(np.flatnonzero(np.cumsum(whole.located) >= located)[0]) + 1
-    return ContactTable(**{field.name: getattr(whole, field.name)[:end] for field in fields(ContactTable)})
+    return whole.picked(slice(end))

@@ -18,8 +18,8 @@ COLUMNS = (
 """Of track.csv; a number that does not exist is an empty cell. The three in capitals are along the world's axes."""
 
 
-MOST_TOLD = 20
-"""Events that are said; --json has all."""
+MOST_EVENTS = 20
+"""Events that are printed; --json has all."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Follow the recording and write track.csv. Returns the events and how many frames are in each phase."""
     from estimator.contact.common_errors import shared_errors
     from estimator.object.track import follow, smooth
-    from estimator.table.files import check_format, read_contacts
+    from estimator.table.files import check_format, read_contacts, write_contacts
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import refuse_overwrite, write_text
@@ -66,13 +66,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     smoothed = None if args.smooth is None or rig is None else smooth(table, rig, shared, track)
     write_text(args.output, _as_csv(table, track), args.force)
     if smoothed is not None:
-        _write_smoothed(args.smooth, smoothed, args.force)
+        write_contacts(args.smooth, smoothed.rows(), args.force)
     counts = Counter(track.phase.tolist())
     say(f"{len(table)} frames: " + ", ".join(f"{count} {phase}" for phase, count in counts.most_common()))
-    for event in track.events[:MOST_TOLD]:
+    for event in track.events[:MOST_EVENTS]:
         say(f"  {event.words}")
-    if len(track.events) > MOST_TOLD:
-        say(f"  … and {len(track.events) - MOST_TOLD} more events: --json has all")
+    if len(track.events) > MOST_EVENTS:
+        say(f"  … and {len(track.events) - MOST_EVENTS} more events: --json has all")
     for line in track.notes:
         say(f"  {line}")
     say("wrote " + ", ".join(map(str, outputs)))
@@ -105,7 +105,7 @@ def _as_csv(table: ContactTable, track: Track) -> str:
 
 
 def _events_as_data(track: Track) -> list[dict[str, Any]]:
-    """The events as plain data; a time that cannot be told is None."""
+    """The events as plain data; an unknown time is None."""
     import math
     from dataclasses import asdict
 
@@ -116,14 +116,3 @@ def _events_as_data(track: Track) -> list[dict[str, Any]]:
         }
         for event in track.events
     ]
-
-
-def _write_smoothed(path: Path, table: ContactTable, force: bool) -> None:
-    from dataclasses import fields
-
-    from estimator.table.contacts import ContactRow
-    from estimator.table.files import write_contacts
-
-    names = [each.name for each in fields(ContactRow)]
-    rows = [ContactRow(**{name: getattr(table, name)[i] for name in names}) for i in range(len(table))]
-    write_contacts(path, rows, force)

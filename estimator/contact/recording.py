@@ -72,20 +72,13 @@ def gravity(rig: Rig, frame: Frame) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
     """A centreline with the deviations that this rig's pictures really have."""
-    return _felt(frame, line.points_px, line.sigma_px * rig.image.noise_scale)
+    return _measured(frame, line.points_px, line.sigma_px * rig.image.noise_scale)
 
 
-def _felt(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Measured:
+def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Measured:
     """Points (N, 2) with deviations (N,) and the frame's readings."""
-    return Measured(
-        points_px,
-        sigma_px,
-        frame.moment_Nm,
-        frame.pan_rad,
-        frame.tilt_rad,
-        moment_z_Nm=frame.moment_z_Nm,
-        time_s=frame.time_s,
-    )
+    moments = {"moment_Nm": frame.moment_Nm, "moment_z_Nm": frame.moment_z_Nm}
+    return Measured(points_px, sigma_px, pan_rad=frame.pan_rad, tilt_rad=frame.tilt_rad, time_s=frame.time_s, **moments)
 
 
 def paint(rig: Rig) -> Paint:
@@ -186,7 +179,7 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Backgrou
 def _measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
     """What a frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN."""
     points = lines.get(frame.frame, np.empty((0, 3)))
-    return _felt(frame, points[:, :2], np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px))
+    return _measured(frame, points[:, :2], np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px))
 
 
 def estimate_centrelines(

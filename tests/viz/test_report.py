@@ -57,7 +57,7 @@ def text_of(html: str) -> str:
 def tiled(table: ContactTable, number: int) -> ContactTable:
     """The same frames over and over, with their own numbers and times."""
     index = np.arange(number) % len(table)
-    longer = ContactTable(**{field.name: getattr(table, field.name)[index] for field in fields(ContactTable)})
+    longer = table.picked(index)
     return replace(longer, frame=np.arange(number), time_s=1.7e9 + np.arange(number) / 30)
 
 
@@ -157,7 +157,7 @@ def test_a_report_without_a_contact(table: ContactTable, status: str, words: str
 
 
 def test_one_frame_is_enough(table: ContactTable) -> None:
-    one = ContactTable(**{field.name: getattr(table, field.name)[:1] for field in fields(ContactTable)})
+    one = table.picked(slice(1))
     html = page(Report("one", one, ObjectFindings()))
     Balanced().feed(html)
     assert "Contact located in 1 of 1 frames" in html
