@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 import cv2
+import jinja2
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
@@ -28,24 +28,6 @@ JPEG = [
     *(cv2.IMWRITE_JPEG_QUALITY, 92),
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),  # thin coloured lines stay sharp
 ]
-
-_STYLE = """
-  body { margin: 0; background: #14171c; color: #e5e7eb;
-         font: 15px/1.45 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
-  main { max-width: 1500px; margin: 0 auto; padding: 22px; }
-  h1 { font-size: 20px; margin: 0 0 14px; }
-  input[name=status] { position: absolute; opacity: 0; }
-  label { display: inline-block; margin: 0 8px 10px 0; padding: 4px 13px; border-radius: 99px; cursor: pointer;
-          border: 2px solid var(--level, #94a3b8); }
-  input:focus-visible + label { outline: 2px solid #fff; outline-offset: 2px; }
-  input:checked + label { background: var(--level, #94a3b8); color: #fff; text-shadow: 0 0 3px #000;
-                          box-shadow: inset 0 0 0 99px rgba(0, 0, 0, .3); }
-  .frames { display: grid; grid-template-columns: repeat(auto-fill, minmax(230px, 1fr)); gap: 14px; margin-top: 8px; }
-  .frames a { color: inherit; text-decoration: none; background: #1f242c; border-radius: 8px; overflow: hidden;
-              border-top: 4px solid var(--level); }
-  .frames img { width: 100%; display: block; } .frames p { margin: 8px 11px 10px; overflow-wrap: anywhere; }
-  .frames b { float: right; } .frames small { color: #9ca3af; display: block; clear: both; }
-"""
 
 
 @dataclass(frozen=True)
@@ -113,35 +95,16 @@ def _write(image: np.ndarray, image_size: tuple[int, int], folder: Path, name: s
 
 def page(entries: list[Entry]) -> str:
     """The page: thumbnails in the order of the frames, and buttons that show one status alone. No scripts."""
-    counts = Counter(entry.status for entry in entries)
-    known = [status for status in STATUS_COLOURS if counts[status]]
-    hidden = "".join(f"  #only-{status}:checked ~ .frames a:not(.{status}) {{ display: none; }}\n" for status in known)
-    buttons = [_button("all", f"all {len(entries)}", "checked", "")]
-    for status in known:
-        title = f"{status} {counts[status]}"
-        buttons.append(_button(f"only-{status}", title, f'title="{escape(MEANINGS[status])}"', _level(status)))
-    cards = "".join(_card(entry) for entry in sorted(entries, key=lambda entry: entry.frame))
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{OURS}\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>What was seen of the antenna</title>\n<style>{_STYLE}{hidden}</style></head>\n"
-        f"<body><main><h1>What was seen of the antenna, frame by frame</h1>\n{''.join(buttons)}\n"
-        f'<div class="frames">\n{cards}</div></main></body></html>\n'
+    loader = jinja2.PackageLoader("estimator.contact", package_path="")
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-
-
-def _level(status: str) -> str:
-    return f'style="--level: {STATUS_COLOURS[status]}"'
-
-
-def _button(name: str, words: str, extra: str, style: str) -> str:
-    return f'<input type="radio" name="status" id="{name}" {extra}><label for="{name}" {style}>{escape(words)}</label>'
-
-
-def _card(entry: Entry) -> str:
-    return (
-        f'<a class="{entry.status}" href="{entry.name}.jpg" {_level(entry.status)}>'
-        f'<img loading="lazy" src="{THUMBNAILS}/{entry.name}.jpg" alt="frame {entry.frame}, {entry.status}">'
-        f"<p><b>{entry.status}</b>frame {entry.frame}"
-        f"<small>{entry.time_s:.2f} s: {escape(entry.words)}</small></p></a>\n"
+    counts = Counter(entry.status for entry in entries)
+    return environment.get_template("overlay.html.j2").render(
+        generator=OURS,
+        entries=sorted(entries, key=lambda entry: entry.frame),
+        counts={status: counts[status] for status in STATUS_COLOURS if counts[status]},
+        meanings=MEANINGS,
+        colours=STATUS_COLOURS,
+        thumbnails=THUMBNAILS,
     )
