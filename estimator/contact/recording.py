@@ -77,8 +77,15 @@ def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
 
 def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Measured:
     """Points (N, 2) with deviations (N,) and the frame's readings."""
-    moments = {"moment_Nm": frame.moment_Nm, "moment_z_Nm": frame.moment_z_Nm}
-    return Measured(points_px, sigma_px, pan_rad=frame.pan_rad, tilt_rad=frame.tilt_rad, time_s=frame.time_s, **moments)
+    return Measured(
+        points_px,
+        sigma_px,
+        frame.moment_Nm,
+        frame.pan_rad,
+        frame.tilt_rad,
+        moment_z_Nm=frame.moment_z_Nm,
+        time_s=frame.time_s,
+    )
 
 
 def paint(rig: Rig) -> Paint:
