@@ -250,7 +250,7 @@ def _mixed_root(spread: Array, known: Array) -> Array:
     return xp.minimum(xp.maximum(root, spread), xp.ones_like(root))
 
 
-ROUNDS = 3
+_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +269,7 @@ class StraightLineContact:
 
 
 def straight_line_contact(
-    x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any, rounds: int = ROUNDS
+    x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any, rounds: int = _ROUNDS
 ) -> StraightLineContact:
     """Contact distance and f_y from points (..., N) on plane C, upright camera; NumPy or torch, NaN points left out.
 

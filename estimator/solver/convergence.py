@@ -60,7 +60,7 @@ def converge(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = 
     fits = _initial_fits(frames, rung, unknowns, feet_m)
     fits = _with_rig(fits) if frames.rig_arrays.axes.shape[1] else _descend(fits)
     for _ in range(_ROUNDS):
-        estimate = scatter(fits.problem)
+        estimate = _scatter(fits.problem)
         changed = abs(estimate - fits.state.scatter) > _SCATTER_CHANGE * fits.state.scatter
         if not bool(changed.any()):
             break
@@ -112,7 +112,7 @@ def coarse_minima(
     return minima, total
 
 
-def scatter(problem: Problem) -> Array:
+def _scatter(problem: Problem) -> Array:
     """(B,) median residual of the points over its expectation, 1 unless it is too large for noise."""
     xp = namespace(problem.scatter)
     present = problem.points.precision > 0.0

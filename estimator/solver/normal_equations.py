@@ -11,9 +11,9 @@ from .prediction import Prediction, RigJacobian
 from .residuals import NodeSums, PointResiduals, node_sums
 from .rig_arrays import TIP_DEFLECTION_STD, RigArrays
 
-CONVERGED = 1e-4
+_CONVERGED = 1e-4
 """Linear problems are solved once no frame's reweighted step promises to lower the cost by more than this part."""
-LEAST_DAMPING = 1e-12
+_LEAST_DAMPING = 1e-12
 """Added to the diagonal of scaled normal equations: a direction without information stays where it is."""
 
 
@@ -126,7 +126,7 @@ def solve_columns(information: Array, right_sides: Array, damping: Array | None 
     scale = xp.sqrt(information[:, diagonal, diagonal])
     scale = xp.where(scale > 0.0, scale, xp.ones_like(scale))
     unit = information / (scale[:, :, None] * scale[:, None])
-    unit[:, diagonal, diagonal] += LEAST_DAMPING if damping is None else damping[:, None] + LEAST_DAMPING
+    unit[:, diagonal, diagonal] += _LEAST_DAMPING if damping is None else damping[:, None] + _LEAST_DAMPING
     return xp.linalg.solve(unit, right_sides / scale[..., None]) / scale[..., None]
 
 
@@ -137,6 +137,6 @@ def least_cost(problem: Problem, at: Array, rounds: int) -> Array:
         now = normal_equations(problem, at + step, step)
         change = solve_normal_equations(now.information, now.right_side)
         step = step + change
-        if bool(((now.right_side * change).sum(-1) < CONVERGED * (1.0 + now.cost)).all()):
+        if bool(((now.right_side * change).sum(-1) < _CONVERGED * (1.0 + now.cost)).all()):
             break
     return cost(problem, at + step, step)

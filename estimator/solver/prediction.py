@@ -18,7 +18,7 @@ from .curves import INNER, LAST, cubics, dot, image_slopes, project, spacing
 from .frames import Frames
 from .rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
 
-STEP = 1e-4
+_STEP = 1e-4
 """Finite-difference step of each unknown."""
 TIP = 1.0
 """The tip's distance in antenna lengths."""
@@ -108,9 +108,9 @@ def predict(frames: Frames, rung: str, unknowns: Array, derivatives: bool = True
         (UNKNOWNS if rig_arrays.friction_rad > 0.0 and rung in FRICTION_RUNGS else UNKNOWNS - 1) if derivatives else 0
     )
     ones = xp.ones_like(unknowns[:, :1])
-    signs = xp.concat([xp.where(unknowns[:, :1] + STEP > TIP, -ones, ones)] + [ones] * (UNKNOWNS - 1), -1)[:, :free]
+    signs = xp.concat([xp.where(unknowns[:, :1] + _STEP > TIP, -ones, ones)] + [ones] * (UNKNOWNS - 1), -1)[:, :free]
     steps = xp.concat([ones, signs], -1)[..., None] * rig_arrays.unit_steps[: free + 1]
-    shapes = bend(frames, rung, unknowns[:, None] + STEP * steps)
+    shapes = bend(frames, rung, unknowns[:, None] + _STEP * steps)
     grid = len(frames), free + 1
     u, v, depth = (part.reshape(*grid, -1) for part in project(rig_arrays, shapes.points_m))
     points, tangents = (vectors.reshape(*grid, -1, 3)[:, 0] for vectors in (shapes.points_m, shapes.tangents))
@@ -118,11 +118,11 @@ def predict(frames: Frames, rung: str, unknowns: Array, derivatives: bool = True
     size = xp.clip(xp.hypot(slope_u, slope_v), 1e-30, None)
     normal_u, normal_v = -slope_v / size, slope_u / size
     displacement = (u[:, 1:] - u[:, :1]) * normal_u[:, None] + (v[:, 1:] - v[:, :1]) * normal_v[:, None]
-    jacobian = displacement / (STEP * signs[..., None])
+    jacobian = displacement / (_STEP * signs[..., None])
     moment = predicted_moment(frames, shapes).reshape(*grid, 2)
-    moment_jacobian = (moment[:, 1:] - moment[:, :1]) / (STEP * signs[..., None])
+    moment_jacobian = (moment[:, 1:] - moment[:, :1]) / (_STEP * signs[..., None])
     point_force = xp.concat([shapes.contact_m, shapes.force_N], -1).reshape(*grid, 6)
-    point_force_jacobian = (point_force[:, 1:] - point_force[:, :1]) / (STEP * signs[..., None])
+    point_force_jacobian = (point_force[:, 1:] - point_force[:, :1]) / (_STEP * signs[..., None])
     if 0 < free < UNKNOWNS:
         jacobian = xp.concat([jacobian, xp.zeros_like(jacobian[:, :1])], 1)
         moment_jacobian = xp.concat([moment_jacobian, xp.zeros_like(moment_jacobian[:, :1])], 1)

@@ -10,7 +10,7 @@ from .curves import LAST, dot, evaluate_cubics, flat_rows
 from .frames import Frames
 from .prediction import Prediction
 
-EVERY, FOOT_STEPS = 4, 2
+_EVERY, _FOOT_STEPS = 4, 2
 """A foot is searched from the nearest of every fourth node by Newton steps; later each iteration adds one."""
 
 
@@ -73,12 +73,12 @@ class NodeSums:
 def nearest_feet(frames: Frames, prediction: Prediction) -> Array:
     """(B, N) arc lengths of the points of the curves nearest to the seen ones, searched globally."""
     xp = namespace(prediction.nodes)
-    some = prediction.nodes[:, ::EVERY]
+    some = prediction.nodes[:, ::_EVERY]
     away_u = frames.points[..., :1] - some[:, None, :, 0]
     away_v = frames.points[..., 1:] - some[:, None, :, 1]
     nearest = xp.argmin(away_u * away_u + away_v * away_v, -1)
-    foot = prediction.arclength(EVERY * nearest + 0.0 * frames.points[..., 0])
-    for _ in range(FOOT_STEPS):
+    foot = prediction.arclength(_EVERY * nearest + 0.0 * frames.points[..., 0])
+    for _ in range(_FOOT_STEPS):
         foot = point_residuals(frames, prediction, foot).foot_m
     return foot
 

@@ -17,7 +17,7 @@ UNKNOWNS = 4
 standard deviations of its prior."""
 TIP_DEFLECTION_STD = 0.3
 """Prior on the tip's deflection, in antenna lengths: it only matters where the data do not hold the force."""
-NEGLIGIBLE = 1e-9
+_NEGLIGIBLE = 1e-9
 """Axes of the joint covariance below this fraction of the largest are dropped."""
 
 
@@ -60,7 +60,7 @@ class RigArrays:
         inverses = [pose.inverse() for pose in poses]
         axes = independent_axes(rig.covariance)
         size = np.abs(axes).max(axis=0)
-        axes = axes[:, size > NEGLIGIBLE * max(float(size.max()), 1e-300)]
+        axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
         sensors = (rig.moment_sensor, rig.second_moment_sensor)
         gain, offset, std = np.array([(s.gain, s.offset_Nm, s.std_Nm) if s else (0.0, 0.0, 1.0) for s in sensors]).T
         arrays = (

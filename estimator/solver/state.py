@@ -12,10 +12,10 @@ from .normal_equations import NormalEquations, Problem, cost, linear_problem, no
 from .prediction import Prediction, RigJacobian, predict
 from .residuals import nearest_feet, point_residuals
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
-def select(values: T, which: Array) -> T:
+def select(values: _T, which: Array) -> _T:
     """Rows by index or mask, of the dataclasses inside as well; what is no array stays."""
     made: dict[str, Any] = {}
     for name, value in _fields(values):
@@ -28,7 +28,7 @@ def select(values: T, which: Array) -> T:
     return _replaced(values, made)
 
 
-def where(mask: Array, first: T, second: T) -> T:
+def where(mask: Array, first: _T, second: _T) -> _T:
     """Row by row from the first where the mask is true, else from the second."""
     made: dict[str, Any] = {}
     for name, value in _fields(first):
@@ -37,7 +37,7 @@ def where(mask: Array, first: T, second: T) -> T:
     return _replaced(first, made)
 
 
-def with_rows(whole: T, rows: Array, part: T) -> T:
+def with_rows(whole: _T, rows: Array, part: _T) -> _T:
     """The whole with the rows of these indices, in rising order, replaced by a part."""
     made: dict[str, Any] = {}
     for name, values in _fields(whole):
@@ -52,7 +52,7 @@ def with_rows(whole: T, rows: Array, part: T) -> T:
     return _replaced(whole, made)
 
 
-def concatenate(parts: list[T], order: Array) -> T:
+def concatenate(parts: list[_T], order: Array) -> _T:
     """Parts one after the other, then reordered."""
     made: dict[str, Any] = {}
     for name, first in _fields(parts[0]):

@@ -52,21 +52,3 @@ def test_stiffness_and_mass_count() -> None:
     waves = [vibrations.modes(0.4 + step, 1)[0][0] for step in (-1e-4, 1e-4)]
     growth = 2.0 * (waves[1] - waves[0]) / (2e-4 * np.mean(waves)) / LENGTH_M  # d ln ω/dl
     assert heard(ring, doubtful).distance_std_m == pytest.approx(0.02 / growth, rel=0.02)
-
-
-def test_what_is_no_ring_down_is_said() -> None:
-    rng = np.random.default_rng(5)
-    time = np.arange(400) / 1000.0
-    quiet = heard(Ring(time, rng.normal(0.0, 2e-5, 400)))
-    assert quiet.reason
-    assert np.isnan(quiet.distance_m)
-    free = heard(Ring(time, 4e-4 * np.cos(vibrations.frequency_rad_s(1.8751) * time) + rng.normal(0.0, 2e-5, 400)))
-    assert "nothing holds it" in free.reason
-    fast = heard(Ring(time, 4e-4 * np.cos(2 * np.pi * 90.0 * time) + rng.normal(0.0, 2e-5, 400)))
-    assert np.isnan(fast.distance_m)
-    assert fast.reason
-    assert "are needed" in heard(Ring(time[:5], time[:5])).reason
-    assert "do not rise" in heard(Ring(np.zeros(20), np.arange(20.0))).reason
-    drift = heard(Ring(time, 1e-3 * time + rng.normal(0.0, 1e-6, 400)))
-    assert np.isnan(drift.distance_m)
-    assert drift.reason

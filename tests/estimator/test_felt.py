@@ -51,14 +51,6 @@ def test_normals_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, Object
     assert np.sqrt(np.mean(normal_errors_deg(recorded, felt)[felt.friction.used_as == "sliding"] ** 2)) < 3.0
 
 
-def test_rows_belong_together(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
-    _, table, felt = rough
-    np.testing.assert_array_equal(felt.friction.row, felt.surface.touched_row)
-    assert len(felt.track.phase) == len(table)
-    assert len(felt.normals.normal) == len(felt.surface.touched_m)
-    assert felt.compliance is felt.surface.compliance
-
-
 def test_the_summary_is_plain_data(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
     felt = rough[2]
     summary = felt.summary()

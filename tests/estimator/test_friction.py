@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from estimator.contact.common_errors import CommonErrors
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.angles import friction_touches, sliding_steadily
+from estimator.object.friction.angles import friction_touches
 from estimator.object.surface import Surface, reconstruct, touches_of
 
-from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, followed, rubbed
+from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, rubbed
 
 
 def shaped(given: Rubbed) -> Surface:
@@ -83,14 +83,6 @@ def test_what_sticks_sets_a_bound() -> None:
         assert "none lies in the midst of a slide" in found.reason
 
 
-def test_what_sticks_beside_what_slides_does_no_harm() -> None:
-    slips = np.arange(80) % 40 > 15
-    found = judged(rubbed(0.3, np.random.default_rng(4), slips=slips, count=80))
-    assert found.determined
-    assert found.mu == pytest.approx(0.3, abs=0.005)
-    assert (found.used_as == "sticking").sum() >= 32
-
-
 def test_sliding_along_the_antenna_is_only_as_good_as_the_friction_angle() -> None:
     blind = rubbed(0.3, np.random.default_rng(5), slip_rad=np.pi / 2, errors=Errors(lean_rad=3.0))
     found = judged(blind)
@@ -148,13 +140,6 @@ def test_an_unknown_rig_costs_certainty(there_and_back: tuple[Rubbed, Surface]) 
     assert unknown.determined
     assert abs(unknown.mu - 0.3) < 3 * unknown.std
     assert unknown.std > known.std
-
-
-def test_only_the_midst_of_sliding_counts() -> None:
-    velocity = np.array([[0.01 * sign, 0.0, 0.0] for sign in [1] * 8 + [-1] * 7])
-    phase = np.array(["free"] + ["sliding"] * 14)
-    inside = sliding_steadily(followed(phase, velocity, 1e-4), np.arange(len(phase)) / 30.0)
-    np.testing.assert_array_equal(np.flatnonzero(inside), [3, 4, 5, 10, 11, 12])
 
 
 def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:

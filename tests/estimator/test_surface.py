@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from estimator.object.surface import Surface, reconstruct, touches_of
 from estimator.object.surface import touches as touches_module
-from estimator.object.surface.patches import group
 from estimator.table.contacts import ContactRow, ContactTable
 from tests.viz.touching import ANTENNA_RADIUS_M, cylinder, sphere, touch
 from vbaa_calib.core.errors import InputError
@@ -108,14 +107,6 @@ def test_several_passes_with_friction_both_ways_are_one_patch() -> None:
     assert set(surface.touched_patch) == {0}
 
 
-def test_two_sides_of_a_cylinder_are_two_patches() -> None:
-    surface = rebuilt(*both(grid(1.0, 2.1), grid(1.0 + np.pi, 2.1 + np.pi)))
-    assert set(surface.patch) == {0, 1}
-    assert (np.diff(surface.patch[surface.triangles], axis=1) == 0).all()
-    sides = [surface.normals[surface.patch == side].mean(axis=0) for side in (0, 1)]
-    assert sides[0] @ sides[1] < -0.7
-
-
 def test_touched_all_around_the_patches_stay_height_fields() -> None:
     rng = np.random.default_rng(3)
     surface = rebuilt(*cylinder(rng.uniform(0, 2 * np.pi, 150), rng.uniform(-0.03, 0.03, 150)), std_along_m=2e-4)
@@ -210,14 +201,6 @@ def test_nothing_touched_is_an_input_error() -> None:
     row = ContactRow(frame=0, time_s=0.0, status="no_contact")
     with pytest.raises(InputError, match="no frame has a located contact"):
         touches_of(ContactTable.from_rows([row]))
-
-
-def test_grouping_labels_every_point_once() -> None:
-    points, normals = both(grid(1.0, 2.1), grid(1.0 + np.pi, 2.1 + np.pi))
-    order = np.random.default_rng(0).permutation(len(points))
-    labels = group(points[order], normals[order])
-    assert sorted(np.unique(labels)) == [0, 1]
-    assert all(len(set(labels[np.argsort(order)][half])) == 1 for half in (slice(0, 63), slice(63, None)))
 
 
 def test_a_ball_touched_here_and_there_is_whole() -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from benchmarks.object.onset import alarms, approach, as_text, first_contact, onset_row
 from estimator.object.track import Event, Track, follow
-from estimator.object.track.events import Growth, free_level, instant
 from estimator.table.contacts import ContactTable
 
 from .track_tables import RATE_HZ, evidence, evidence_table
@@ -149,24 +148,6 @@ def test_without_joint_angles_frames_are_not_pooled_and_it_is_said() -> None:
     track = follow(replace(table, pan_rad=np.full(120, np.nan)))
     assert of(track, "first_contact")[0].frame == int(np.argmax(values >= 14.0))
     assert any("no joint angles" in note for note in track.notes)
-
-
-def test_free_frames_tell_noise_from_common_error() -> None:
-    rng = np.random.default_rng(12)
-    for common, noise in (EXACT, OFF, (np.array([1.0, 1.0, 1.0]), 0.2)):
-        level, own = free_level(evidence(np.zeros(20_000), common, noise, rng))
-        assert level == pytest.approx(0.5 * common @ common + 1.5 * noise**2, rel=0.03)
-        assert own == pytest.approx(noise**2, rel=0.12)
-
-
-def test_an_instant_of_which_little_is_known_says_so() -> None:
-    time = np.arange(4) / RATE_HZ
-    growth = Growth(
-        *(time, np.array([1.0, 1.0, 1.0, 20.0]), np.ones(3), np.empty(0), np.empty(0), np.empty(0), time[0], time[3])
-    )
-    found, std = instant(growth)
-    assert time[0] < found < time[3]
-    assert 0.005 < std < 0.04
 
 
 def test_a_simulated_approach_is_timed() -> None:

@@ -75,8 +75,3 @@ def test_a_line_is_found_within_its_deviation(pace_hz: float) -> None:
 def test_noise_is_not_taken_for_a_line() -> None:
     found = [frequency(np.arange(40) / 30.0, np.random.default_rng(seed).normal(size=40), 15.0) for seed in range(200)]
     assert sum(each is not None for each in found) <= 3
-
-
-@pytest.mark.parametrize("count", [2, 7, 9])
-def test_too_little_tells_nothing(count: int) -> None:
-    assert frequency(np.arange(count) / 30.0, np.ones(count), 15.0) is None

@@ -86,15 +86,6 @@ def test_torch_agrees_with_numpy_whatever_the_pieces() -> None:
     assert two_point_contact(x[:0], y[:0], EI).contact_m.shape == (0,)
 
 
-def test_stiffness_and_length_for_each_frame() -> None:
-    x, y, contact, force, _ = scenes(300, 9)
-    stiffness = np.linspace(1e-3, 5e-3, 300)
-    found = two_point_contact(x, y, stiffness, np.where(np.arange(300) % 2, LENGTH, 1e-3))
-    assert np.isnan(found.contact_m[::2]).all()
-    np.testing.assert_allclose(found.contact_m[1::2], contact[1::2], rtol=1e-9)
-    np.testing.assert_allclose(found.force_y_N[1::2], (force * stiffness / EI)[1::2], rtol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("formula", "part"),
     [(two_point.curved, Part.CURVED), (two_point.straight, Part.STRAIGHT), (two_point.mixed, Part.MIXED)],

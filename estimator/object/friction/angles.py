@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from estimator.object.track.result import Track
 
 
-LEAST_STD_RAD = 1e-4
+_LEAST_STD_RAD = 1e-4
 """No direction is known better than that: rigs that are said to be exact would else be believed without limit."""
-LEAST_OWN = 0.2
+_LEAST_OWN = 0.2
 """So much of a deviation at least is taken for the frame's own."""
 
 
@@ -81,7 +81,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(a * b, axis=1)
 
 
-def force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes) -> Directions:
+def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes) -> Directions:
     """Of the forces in these rows (P,) of the table: what is not common in their deviations is each one's own."""
     force = table.force_world_N[rows]
     across = np.hypot(dot(force, axes.normal), dot(force, axes.lateral))
@@ -89,13 +89,13 @@ def force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray
     angle = np.arctan2(dot(force, axes.lateral), dot(force, axes.normal))
     if shared.point_m.shape[2]:
         modes = np.einsum("pi,pis->ps", axes.lateral, shared.force_N[rows]) / across[:, None]
-        own = np.sqrt(np.maximum(whole**2 - np.sum(modes**2, axis=1), (LEAST_OWN * whole) ** 2))
+        own = np.sqrt(np.maximum(whole**2 - np.sum(modes**2, axis=1), (_LEAST_OWN * whole) ** 2))
     else:  # how much is common is not known: it counts as both, as a turn of all forces and as a stretch
         stretch = np.hypot(table.force_y_std_N, table.force_z_std_N)[rows] / across
         own, modes = whole, np.stack([whole, 0.5 * np.sin(2.0 * angle) * stretch], axis=1)
     return Directions(
         angle,
-        np.maximum(own, LEAST_STD_RAD),
+        np.maximum(own, _LEAST_STD_RAD),
         modes,
         table.friction_angle_rad[rows],
         table.friction_angle_std_rad[rows],
@@ -122,12 +122,12 @@ def roll_of(kinematics: Kinematics, table: ContactTable, rows: np.ndarray, vecto
     return np.arctan2(local[:, 2], local[:, 1])
 
 
-NEAR = 0.3
+_NEAR = 0.3
 """Touches within so much of the patch's extent of each are looked at: where it stuck there may be many in one place."""
-SHARE = 0.2
+_SHARE = 0.2
 """They must spread across the antenna by so much of what they spread along it: a shape that was only felt along the
 antenna has no slope across it, and small errors of the points along it pass for one."""
-NOISE = 4.0
+_NOISE = 4.0
 """And by so many of the deviations that they usually have."""
 
 
@@ -136,12 +136,12 @@ def spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: np
     same = patch[:, None] == patch
     apart = np.where(same, cdist(point_m, point_m), 0.0)
     extent = np.array([apart[patch == label].max() for label in patch])
-    near = same & (apart <= NEAR * extent[:, None])
+    near = same & (apart <= _NEAR * extent[:, None])
     offset = point_m - point_m[:, None]
     across, along = (_spread(np.einsum("pni,pi->pn", offset, axis), near) for axis in (axes.lateral, axes.along))
     noise = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", axes.lateral, own_m2, axes.lateral), 0.0))
     usual = np.array([np.median(noise[each]) for each in near])
-    return (across > SHARE * along) & (across > NOISE * usual)
+    return (across > _SHARE * along) & (across > _NOISE * usual)
 
 
 def _spread(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
@@ -153,20 +153,20 @@ def _spread(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
 
 NORMAL_KNOWN_RAD = 0.12
 """A touch whose normal the shape does not tell to this tells nothing of friction across the antenna."""
-FORCE_KNOWN_RAD = 0.25
+_FORCE_KNOWN_RAD = 0.25
 """Nor does one whose force is not known to this."""
-SLIPS = 2.0
+_SLIPS = 2.0
 """A slip speed of so many deviations has a direction."""
-LEAST_OWN_TOUCHES = 0.7
+_LEAST_OWN_TOUCHES = 0.7
 """So much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
 whole and the common one, would be anything."""
-NEIGHBOURS, NEAR_S = 2, 0.07
+_NEIGHBOURS, _NEAR_S = 2, 0.07
 """A touch slides for certain if so many frames before and after it, as far as they lie within this time, and the next
 ones in any case, slide the same way: the slip is taken from several frames at a time, so that it begins early and ends
 late, and turns slowly where it turned at once."""
-SAME_WAY = 0.5
+_SAME_WAY = 0.5
 """Cosine between the slips of such neighbours."""
-SEEN = 0.5
+_SEEN = 0.5
 """A friction angle is seen where its deviation falls to so much of the one before the frame was seen. Above that the
 prior, which is taken out again, would be most of what is left."""
 
@@ -182,7 +182,7 @@ def friction_touches(
     """
     rows = surface.touched_row
     axes = Axes.of(surface.touched_normal, table.tangent_world[rows], table.status[rows] == "tip_contact")
-    found = force_directions(table, shared, rows, axes)
+    found = _force_directions(table, shared, rows, axes)
     turned = np.einsum("pi,pij,pj->p", axes.lateral, surface.touched_normal_covariance, axes.lateral)
     common = np.einsum("pi,pik->pk", axes.lateral, surface.touched_normal_modes)
     normal_std = np.sqrt(np.maximum(turned - np.sum(common**2, axis=1), 0.0))
@@ -194,7 +194,7 @@ def friction_touches(
     sound = ~surface.outlier & ~track.ringing[rows] & np.isfinite(found.lateral_rad)
     side_by_side = spread_across(table.point_world_m[rows], shared.own_m2[rows], axes, surface.touched_patch)
     told = np.sqrt(np.maximum(turned, 0.0)) < NORMAL_KNOWN_RAD
-    across = sound & side_by_side & told & (force_std < FORCE_KNOWN_RAD)
+    across = sound & side_by_side & told & (force_std < _FORCE_KNOWN_RAD)
     along = sound & np.isfinite(seen) & np.isfinite(seen_std)
     slides = sliding_steadily(track, table.time_s)[rows] & np.isfinite(slip_std)
     rubs = FrictionTouches(
@@ -219,11 +219,11 @@ def sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
     """(B,) bool: frames, at times (B,), in the midst of sliding one way."""
     sliding, way = track.phase == "sliding", np.nan_to_num(unit(track.slip_velocity_m_s))
     result = sliding.copy()
-    for step in range(-NEIGHBOURS, NEIGHBOURS + 1):
+    for step in range(-_NEIGHBOURS, _NEIGHBOURS + 1):
         at = np.arange(len(sliding)) + step
         there = np.clip(at, 0, len(sliding) - 1)
-        alike = (at == there) & sliding[there] & (dot(way, way[there]) > SAME_WAY)
-        result &= alike | ((abs(step) > 1) & (np.abs(time_s[there] - time_s) > NEAR_S))
+        alike = (at == there) & sliding[there] & (dot(way, way[there]) > _SAME_WAY)
+        result &= alike | ((abs(step) > 1) & (np.abs(time_s[there] - time_s) > _NEAR_S))
     return result
 
 
@@ -237,7 +237,7 @@ def _friction_angles(
     """
     std, size = found.longitudinal_std_rad, shared.point_m.shape[2]
     before = max(friction_rad, float(np.nanmax(std, initial=1e-12)))
-    told = (std > 0.0) & (std < SEEN * before) & (table.status[rows] != "tip_contact")
+    told = (std > 0.0) & (std < _SEEN * before) & (table.status[rows] != "tip_contact")
     widened = 1.0 / (1.0 - np.where(told, std / before, 0.0) ** 2)
     angle, whole = found.longitudinal_rad * widened, std * np.sqrt(widened)
     if not size:
@@ -252,7 +252,7 @@ def _friction_angles(
     # the last common error is the prior's, which was taken out: to first order, so that half of that is in doubt
     doubt = np.stack([np.zeros(len(rows)), 0.5 * (angle - found.longitudinal_rad)], axis=1)
     modes = np.hstack([turned[:, :-1] * widened[:, None], doubt])
-    own = np.sqrt(np.maximum(whole**2 - np.sum(modes[:, :-1] ** 2, axis=1), (LEAST_OWN_TOUCHES * whole) ** 2))
+    own = np.sqrt(np.maximum(whole**2 - np.sum(modes[:, :-1] ** 2, axis=1), (_LEAST_OWN_TOUCHES * whole) ** 2))
     return np.where(told, angle, np.nan), own, np.where(told[:, None], modes, 0.0)
 
 
@@ -262,6 +262,6 @@ def _slip(track: Track, rows: np.ndarray, axes: Axes) -> tuple[np.ndarray, np.nd
     parts = np.stack([dot(velocity, axes.lateral), dot(velocity, axes.along)], axis=1)
     speed = np.linalg.norm(parts, axis=1)
     with np.errstate(invalid="ignore"):
-        directed = speed > SLIPS * std
+        directed = speed > _SLIPS * std
     speed = np.where(directed, speed, np.nan)
     return parts / speed[:, None], std / speed

@@ -10,13 +10,13 @@ from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p
 
 from .evidence import SLIDING, UNUSED, WRONG, Evidence, FrictionTouches, Profile, profile, student_t_losses
 
-LARGEST = 2.0
+_LARGEST = 2.0
 """No larger μ is looked for."""
-BOUND = 0.5 * 1.645**2
+_BOUND = 0.5 * 1.645**2
 """What a bound that holds in 95 % costs, in logarithms of the likelihood."""
-SPARED = 2
+_SPARED = 2
 """Of the touches that need not slide so many may be wrong without having set a bound."""
-SHARE = 0.95
+_SHARE = 0.95
 _COARSE, _FINE, _FAR, _BETWEEN = 41, 61, 9.0, 17
 _SCATTERED = 8
 
@@ -27,7 +27,7 @@ class Coefficient:
 
     Attributes
     ----------
-    mu, std : mean and standard deviation of the posterior, all μ up to `LARGEST` being alike before.
+    mu, std : mean and standard deviation of the posterior, all μ up to `_LARGEST` being alike before.
     interval : (2,) the shortest that holds 95 % of it.
     lower, upper : one-sided bounds at 95 %, 0 and inf where there is none.
     scatter : the own residuals in own standard deviations (median); the deviations were widened by it where above 1.
@@ -95,7 +95,7 @@ def _identifiable_axes(evidence: Evidence) -> np.ndarray:
 
 def _profile_on_grids(evidence: Evidence) -> Profile:
     """At a coarse grid of μ, and at a fine one where that finds the likely values."""
-    grid = np.tan(np.linspace(0.0, np.arctan(LARGEST), _COARSE))
+    grid = np.tan(np.linspace(0.0, np.arctan(_LARGEST), _COARSE))
     coarse = profile(evidence, grid)
     worth = coarse.evidence
     likely = np.flatnonzero(worth < worth.min() + _FAR)
@@ -114,45 +114,45 @@ def _scatter(evidence: Evidence, off: np.ndarray) -> float:
 def _cost_without_worst(evidence: Evidence, found: Profile) -> np.ndarray:
     """(G,) the costs without the touches farthest outside the cone."""
     outside = np.sort(student_t_losses(found.off[:, ~evidence.slides]), axis=1)
-    return found.cost - outside[:, max(outside.shape[1] - SPARED, 0) :].sum(axis=1)
+    return found.cost - outside[:, max(outside.shape[1] - _SPARED, 0) :].sum(axis=1)
 
 
 def _shortest(grid: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(2,) the shortest interval of that share: from the boundary on, where the posterior is highest there."""
     edges = np.concatenate([[grid[0]], 0.5 * (grid[1:] + grid[:-1]), [grid[-1]]])
     total = np.concatenate([[0.0], np.cumsum(weight)])
-    begin = np.linspace(0.0, 1.0 - SHARE, 101)
-    low, high = np.interp(begin, total, edges), np.interp(np.minimum(begin + SHARE, total[-1]), total, edges)
+    begin = np.linspace(0.0, 1.0 - _SHARE, 101)
+    low, high = np.interp(begin, total, edges), np.interp(np.minimum(begin + _SHARE, total[-1]), total, edges)
     best = int(np.argmin(high - low))
     return np.array([low[best], high[best]])
 
 
 def _bounds(evidence: Evidence, found: Profile) -> tuple[float, float]:
-    """Where the profile likelihood rises above its least by `BOUND`, below and above it."""
+    """Where the profile likelihood rises above its least by `_BOUND`, below and above it."""
     cost = _cost_without_worst(evidence, found)
-    dear, best = cost > cost.min() + BOUND, int(np.argmin(cost))
+    dear, best = cost > cost.min() + _BOUND, int(np.argmin(cost))
     below, above = np.flatnonzero(dear[:best]), best + np.flatnonzero(dear[best:])
 
     def edge(outside: int, inside: int) -> float:
         between = np.linspace(found.mu[outside], found.mu[inside], _BETWEEN)
         finer = _cost_without_worst(evidence, profile(evidence, between, found.modes[inside]))
-        return float(between[np.flatnonzero(finer > cost.min() + BOUND).max(initial=0)])
+        return float(between[np.flatnonzero(finer > cost.min() + _BOUND).max(initial=0)])
 
     lower = edge(below[-1], below[-1] + 1) if len(below) else 0.0
     return lower, edge(above[0], above[0] - 1) if len(above) else np.inf
 
 
-FEWEST = 5
+_FEWEST = 5
 """So many touches have to slide."""
-KNOWN_SHARE = 0.25
+_KNOWN_SHARE = 0.25
 """Directions that are known for fewer of the touches are known by accident."""
-STD, STD_SHARE = 0.03, 0.1
+_STD, _STD_SHARE = 0.03, 0.1
 """μ is told where its deviation is below the first, or below this share of μ."""
-CONTRADICTED = 4.0
+_CONTRADICTED = 4.0
 """Sliding touches that scatter so many times as much as they should do not follow the law."""
-WRONG_SHARE = 0.25
+_WRONG_SHARE = 0.25
 """Nor do they where so many lie far off."""
-STRAINED = 1e-5
+_STRAINED = 1e-5
 """Nor do touches that need common errors as improbable as this."""
 
 
@@ -172,7 +172,7 @@ class Verdict:
 
 def enough_sliding(rubs: FrictionTouches) -> bool:
     """Whether as many touches slide as μ needs; fewer could all be wrong."""
-    return int(np.sum(rubs.used_as == SLIDING)) >= FEWEST
+    return int(np.sum(rubs.used_as == SLIDING)) >= _FEWEST
 
 
 def judge(rubs: FrictionTouches, mu: Coefficient | None) -> Verdict:
@@ -183,12 +183,12 @@ def judge(rubs: FrictionTouches, mu: Coefficient | None) -> Verdict:
             f"none of {len(rubs)} contacts has a force and a normal from the shape whose directions are both known; "
             "stroke the object across the antenna, over some length"
         )
-    if used < KNOWN_SHARE * len(rubs):
+    if used < _KNOWN_SHARE * len(rubs):
         return _undetermined(
             f"only {used} of {len(rubs)} contacts have a force and a normal from the shape whose directions are known, "
             "too few to believe that these are; stroke the object across the antenna, over some length"
         )
-    bounds = np.array([mu.lower, mu.upper if mu.upper < LARGEST else np.inf])
+    bounds = np.array([mu.lower, mu.upper if mu.upper < _LARGEST else np.inf])
     if not enough_sliding(rubs):
         few = f"only {sliding}" if sliding else "none"
         words = f"of {used} contacts whose normal is known {few} lie{'s' * (sliding < 2)} in the midst of a slide"
@@ -196,7 +196,7 @@ def judge(rubs: FrictionTouches, mu: Coefficient | None) -> Verdict:
     against = _contradiction(sliding, mu)
     if against:
         return _undetermined(against)
-    if mu.std > max(STD, STD_SHARE * mu.mu):
+    if mu.std > max(_STD, _STD_SHARE * mu.mu):
         return Verdict(False, f"{_why_imprecise(rubs)}{_bound_words(bounds)}", bounds)
     widened = f", scattering {mu.scatter:.1f} times as much as they should" if mu.scatter > 1.5 else ""
     beside = f" and {used - sliding} that must not exceed it" if used > sliding else ""
@@ -221,14 +221,14 @@ def _undetermined(reason: str) -> Verdict:
 
 def _contradiction(sliding: int, mu: Coefficient) -> str:
     """Why the sliding touches cannot be friction's, if they cannot; otherwise nothing."""
-    if mu.scatter > CONTRADICTED:
+    if mu.scatter > _CONTRADICTED:
         return (
             f"the {sliding} sliding contacts scatter {mu.scatter:.0f} times as much as they should: the forces do not "
             "follow friction against the slip; did the object move, or does its friction differ from place to place?"
         )
-    if mu.wrong > WRONG_SHARE:
+    if mu.wrong > _WRONG_SHARE:
         return f"{100 * mu.wrong:.0f} % of the {sliding} sliding contacts do not follow friction against the slip"
-    if mu.strain < STRAINED:
+    if mu.strain < _STRAINED:
         return (
             f"the {sliding} sliding contacts could follow friction against the slip only if rig and normals were off "
             "by far more than they should be; did the object move?"

@@ -74,13 +74,13 @@ class FrictionTouches:
         return replace(self, used_as=resting, slides=np.zeros(len(self), bool))
 
 
-FREEDOM = 5.0
+_FREEDOM = 5.0
 """Own errors follow Student's t of so many degrees of freedom: a few frames may be wrong, by any amount."""
-DIRECTED = 4.0
+_DIRECTED = 4.0
 """A part of the slip that is not so many times its deviation says nothing of μ, which could be of any size then."""
 WRONG = 4.0
 """In own deviations: farther off, a touch is not believed."""
-NOISE = 3.0
+_NOISE = 3.0
 """What need not slide speaks of μ only where it lies so many of its own deviations outside the cone: noise alone would
 else ask for a wider one, the more the more such touches there are."""
 _STEPS, _ENOUGH, _LEAST_SHARE = 40, 1e-5, 1e-2
@@ -113,7 +113,7 @@ class Evidence:
         """What is known of the touches that are used; of those that slide, along the sure parts of the slip."""
         used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
         unsure = rubs.slip_std_rad[:, None] * np.abs(rubs.slip[:, ::-1])
-        directed = ~slides[:, None] | (np.abs(rubs.slip) > DIRECTED * unsure)
+        directed = ~slides[:, None] | (np.abs(rubs.slip) > _DIRECTED * unsure)
         sides = (
             (rubs.lateral_rad, rubs.lateral_std_rad, rubs.lateral_modes_rad),
             (rubs.longitudinal_rad, rubs.longitudinal_std_rad, rubs.longitudinal_modes_rad),
@@ -188,12 +188,12 @@ class Profile:
 
 def student_t_losses(off: np.ndarray) -> np.ndarray:
     """Student's negative log-likelihoods, of residuals in standard deviations."""
-    return 0.5 * (FREEDOM + 1.0) * np.log1p(off**2 / FREEDOM)
+    return 0.5 * (_FREEDOM + 1.0) * np.log1p(off**2 / _FREEDOM)
 
 
-def student_t_weights(off: np.ndarray) -> np.ndarray:
+def _student_t_weights(off: np.ndarray) -> np.ndarray:
     """What the residuals count for: slope of `losses` over the residual."""
-    return (FREEDOM + 1.0) / (FREEDOM + off**2)
+    return (_FREEDOM + 1.0) / (_FREEDOM + off**2)
 
 
 def profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> Profile:
@@ -206,7 +206,7 @@ def profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None)
     modes = evidence.modes_rad
     z = np.tile(np.zeros(modes.shape[1]) if start is None else start, (len(mu), 1))
     expected, spread = evidence.expected(mu), evidence.spread(mu)
-    slack = np.where(evidence.slides, 0.0, np.arctan(mu)[:, None] + NOISE * spread)
+    slack = np.where(evidence.slides, 0.0, np.arctan(mu)[:, None] + _NOISE * spread)
 
     def residual(at: np.ndarray) -> np.ndarray:
         bare = evidence.angle_rad - expected - at @ modes.T
@@ -216,13 +216,13 @@ def profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None)
         return 0.5 * np.sum(at**2, axis=1) + student_t_losses(off).sum(axis=1)
 
     def hessian_of(off: np.ndarray) -> np.ndarray:
-        weight = np.where(evidence.slides | (off != 0.0), student_t_weights(off), 0.0) / spread**2
+        weight = np.where(evidence.slides | (off != 0.0), _student_t_weights(off), 0.0) / spread**2
         return np.eye(len(modes.T)) + np.swapaxes(weight[:, :, None] * modes, 1, 2) @ modes
 
     off = residual(z)
     cost, share = cost_of(z, off), np.ones(len(mu))
     for _ in range(_STEPS):
-        pull = (student_t_weights(off) * off / spread) @ modes - z
+        pull = (_student_t_weights(off) * off / spread) @ modes - z
         step = np.linalg.solve(hessian_of(off), pull[..., None])[..., 0]
         tried = z + share[:, None] * step
         tried_off = residual(tried)

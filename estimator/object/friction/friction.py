@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from vbaa_calib.rig import Rig
 
 
-UNKNOWN_MU = 1.0
+_UNKNOWN_MU = 1.0
 """Of an object whose friction is not known the force is thought to lean as far as this allows."""
 
 
@@ -58,7 +58,7 @@ class _Turn:
         return _Turn(self.angle_rad + share * (aim - self.angle_rad), self.variance * (1.0 - share))
 
 
-def update_normals(
+def _update_normals(
     normal: np.ndarray,
     covariance: np.ndarray,
     axes: Axes,
@@ -97,7 +97,7 @@ def _by_force(
     """Where the force alone sees the normal: on the cone's rim in touches that slide, if μ is known, in others anywhere
     in it, taken as Gaussian; nothing where the fit has had its say."""
     whole = found.lateral_std_rad**2 + np.sum(found.lateral_modes_rad**2, axis=1)
-    cone = np.arctan(largest_mu if np.isfinite(largest_mu) else UNKNOWN_MU) ** 2 / 3.0
+    cone = np.arctan(largest_mu if np.isfinite(largest_mu) else _UNKNOWN_MU) ** 2 / 3.0
     angle, variance = found.lateral_rad, cone + whole
     if mu is not None and np.isfinite(largest_mu):
         rim = rubs.slides & ~rubs.across
@@ -236,7 +236,7 @@ def friction(
         nu_rad=nu,
         nu_std_rad=nu_std,
         lateral_slip=rubs.slip[:, 0],
-        normals=update_normals(
+        normals=_update_normals(
             normal, covariance, axes, rubs, found, mu if said.informative else None, said.interval[1]
         ),
     )

@@ -16,12 +16,12 @@ from .result import Compliance, Surface
 from .solution import leave_one_out_residuals
 from .touches import Touches, touches_of
 
-DEVIATIONS_95 = 1.96
-LEAST_VARIATION = 0.05
+_DEVIATIONS_95 = 1.96
+_LEAST_VARIATION = 0.05
 """Below this relative spread of the normal forces nothing can be said."""
 
 
-MODEL_M, MODEL_SHARE = 1e-5, 0.015
+_MODEL_M, MODEL_SHARE = 1e-5, 0.015
 """What the model leaves out may move contacts by so much over the forces felt, and draws the compliance by this part:
 noise along the antenna flattens what is bent. Rubbed at μ = 0.6, a rigid cylinder seems to yield by 0.25 mm/N
 (`vbaa bench object`)."""
@@ -34,16 +34,16 @@ def _compliance_of(fit: Fit) -> Compliance:
     pressed = press[press > 0]
     low_N, high_N = (float(np.min(pressed)), float(np.max(pressed))) if len(pressed) else (0.0, 0.0)
     own = float(np.sqrt(solution.own_variance))
-    left_out = np.hypot(MODEL_M / max(high_N - low_N, 1e-12), MODEL_SHARE * compliance_m_N)
+    left_out = np.hypot(_MODEL_M / max(high_N - low_N, 1e-12), MODEL_SHARE * compliance_m_N)
     std = float(np.hypot(np.sqrt(solution.variance), left_out))
-    lowest, highest = compliance_m_N - DEVIATIONS_95 * std, compliance_m_N + DEVIATIONS_95 * std
+    lowest, highest = compliance_m_N - _DEVIATIONS_95 * std, compliance_m_N + _DEVIATIONS_95 * std
     nothing = np.full(2, np.nan)
     forces = f"normal forces from {1e3 * low_N:.3g} to {1e3 * high_N:.3g} mN"
 
     def untold(reason: str, interval: np.ndarray = nothing) -> Compliance:
         return Compliance(compliance_m_N, std, own, np.nan, interval, False, reason)
 
-    if len(touches) < 3 or not high_N - low_N > LEAST_VARIATION * high_N or not std > 0:
+    if len(touches) < 3 or not high_N - low_N > _LEAST_VARIATION * high_N or not std > 0:
         return untold(f"the object's stiffness cannot be told: {len(touches)} contacts, {forces}")
     if abs(solution.compliance_m_N) > SETTLED * std:
         return untold("the object's stiffness cannot be told: shape and stiffness do not settle together")
@@ -71,11 +71,11 @@ def _unknown_compliance(reason: str) -> Compliance:
     return Compliance(np.nan, np.nan, np.nan, np.nan, np.full(2, np.nan), False, reason)
 
 
-GUESSED_STD_M = 2e-4
+_GUESSED_STD_M = 2e-4
 """For touches whose covariance is not given, to smooth them by; no deviation is reported then."""
-SCALE_TOLERATED = 1.5
+_SCALE_TOLERATED = 1.5
 """Touches that scatter more than this about the surface have covariances that are too small: all are widened."""
-ENOUGH = 12
+_ENOUGH = 12
 """Fewer touches do not tell their own scatter."""
 
 
@@ -95,8 +95,8 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
     touches, known, notes = _with_covariances(touches)
     patches, normal = make_patches(touches, antenna_radius_m)
     found = fit(touches, antenna_radius_m, patches, first_state(touches, patches, normal), True)
-    scale = scatter(found)
-    if not known or scale > SCALE_TOLERATED:
+    scale = _scatter(found)
+    if not known or scale > _SCALE_TOLERATED:
         touches = replace(touches, own_m2=scale**2 * touches.own_m2)
         found = fit(touches, antenna_radius_m, patches, found.state, True)
         if known:
@@ -107,11 +107,11 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
     return _surface(found, compliance, known, [*touches.notes, *notes])
 
 
-def scatter(fit: Fit) -> float:
+def _scatter(fit: Fit) -> float:
     """How far the touches lie off what the others predict, in standard deviations of that; 1 where all is well."""
     residual = np.abs(leave_one_out_residuals(fit.solution))
     points = np.concatenate([f.equations.slack == 0 for f in fit.solution.patches])
-    return float(np.median(residual[points])) / NORMAL_QUARTILE if len(fit.touches) >= ENOUGH else 1.0
+    return float(np.median(residual[points])) / NORMAL_QUARTILE if len(fit.touches) >= _ENOUGH else 1.0
 
 
 def _with_covariances(touches: Touches) -> tuple[Touches, bool, list[str]]:
@@ -121,7 +121,7 @@ def _with_covariances(touches: Touches) -> tuple[Touches, bool, list[str]]:
     if given.all():
         return touches, True, []
     if not given.any():
-        own = np.tile(GUESSED_STD_M**2 * np.eye(3), (len(touches), 1, 1))
+        own = np.tile(_GUESSED_STD_M**2 * np.eye(3), (len(touches), 1, 1))
         return replace(touches, own_m2=own), False, ["the contacts have no covariance: no standard deviation is given"]
     own = np.where(given[:, None, None], touches.own_m2, np.median(touches.own_m2[given], axis=0))
     note = f"{np.sum(~given)} contacts without a covariance were given that of the others"

@@ -9,22 +9,22 @@ from scipy.linalg import block_diag
 
 from .kernel import Functionals, concatenate, slopes_at, values_at
 
-LEAST_STD_M = 1e-7
+_LEAST_STD_M = 1e-7
 """Added to every deviation of a point, so that the equations can be solved where points are given as exact."""
-LEAST_STD_RAD = 3e-4
+_LEAST_STD_RAD = 3e-4
 """The same for the antenna's tangent."""
 UNSEEN_BEND_PER_M = 50.0
 """Standard deviation of an object's curvature across a curve, before the data."""
-ROUND_M = 0.03
+_ROUND_M = 0.03
 """The same of its radius: how far an axis is off about which it may be round."""
 IGNORED = 1e8
 """The covariance of a touch that is left out is taken as so many times as large."""
-MOST_OFF_M = 1e-3
+_MOST_OFF_M = 1e-3
 """What it takes a point off at most: contacts worse than that are left out anyway."""
-BESIDE_M = 0.05
+_BESIDE_M = 0.05
 """What a slack of 1 rad is for a curve: how far touches lie beside it for other reasons than its shape; the path of the
 contacts zigzags with the force, and is no function over its long direction."""
-UNBELIEVED_RAD = 10.0
+_UNBELIEVED_RAD = 10.0
 """Deviation of a tangent that is not to be believed."""
 
 
@@ -129,8 +129,8 @@ def _height_field(seen: LocalTouches) -> Equations:
     tangent, tilt = seen.tangent[held], up[held]
     # to second order: an error along a surface that bends takes a point off it
     bent = seen.bend_per_m @ seen.own_m2[:, :2, :2]
-    off = np.clip(0.5 * np.trace(bent, axis1=1, axis2=2), -MOST_OFF_M, MOST_OFF_M)
-    beside = [0.5 * np.trace(bent @ bent, axis1=1, axis2=2), np.where(seen.ignored[held], UNBELIEVED_RAD**2, 0.0)]
+    off = np.clip(0.5 * np.trace(bent, axis1=1, axis2=2), -_MOST_OFF_M, _MOST_OFF_M)
+    beside = [0.5 * np.trace(bent @ bent, axis1=1, axis2=2), np.where(seen.ignored[held], _UNBELIEVED_RAD**2, 0.0)]
     turn = np.zeros((len(held), 3))
     turn[:, :2] = -np.einsum("ni,nij->nj", tangent[:, :2], seen.bend_per_m[held])
     tangents_own = np.einsum("ni,nis->ns", tilt, seen.tangent_modes[held])
@@ -139,7 +139,7 @@ def _height_field(seen: LocalTouches) -> Equations:
             values_at(seen.point_m[:, :2], np.ones(1)), slopes_at(seen.point_m[held, :2], tangent[:, None, :2])
         ),
         y=np.concatenate([seen.point_m[:, 2] + off, tangent[:, 2]]),
-        noise=_noise([up, turn], [np.arange(count), held], seen.own_m2, [LEAST_STD_M, LEAST_STD_RAD])
+        noise=_noise([up, turn], [np.arange(count), held], seen.own_m2, [_LEAST_STD_M, _LEAST_STD_RAD])
         + np.diag(np.concatenate(beside)),
         modes=np.concatenate([_project(up, seen.modes_m), _project(turn, seen.modes_m[held]) + tangents_own]),
         force_N=np.concatenate([np.sum(up * seen.yield_N, axis=1), np.sum(turn * seen.yield_N[held], axis=1)]),
@@ -163,22 +163,22 @@ def _curve(seen: LocalTouches) -> Equations:
     along = _project(sides[1], seen.modes_m)
     tangent = np.where(np.isfinite(seen.tangent), seen.tangent, 0.0)
     off = 0.5 * UNSEEN_BEND_PER_M * np.einsum("ni,nij,nj->n", tangent, seen.own_m2, tangent)
-    off = np.minimum(off, MOST_OFF_M)
+    off = np.minimum(off, _MOST_OFF_M)
     angle = np.arctan2(outward[:, 0], outward[:, 1])
     over = seen.point_m[:, :1]
     line = np.column_stack([np.ones(count), over])
     turned = angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0]
-    rolled = ROUND_M * np.concatenate([1.0 - np.cos(turned), -np.sin(turned)])
+    rolled = _ROUND_M * np.concatenate([1.0 - np.cos(turned), -np.sin(turned)])
     every = np.arange(count)
-    across = _noise(sides[:1], [every], seen.own_m2, [LEAST_STD_M]) + np.outer(off, off) + np.diag(2.0 * off**2)
-    noise = block_diag(across, _noise(sides[1:], [every], seen.own_m2, [LEAST_STD_M]) + along @ along.T)
+    across = _noise(sides[:1], [every], seen.own_m2, [_LEAST_STD_M]) + np.outer(off, off) + np.diag(2.0 * off**2)
+    noise = block_diag(across, _noise(sides[1:], [every], seen.own_m2, [_LEAST_STD_M]) + along @ along.T)
     return Equations(
         rows=concatenate(values_at(over, outward), values_at(over, beside)),
         y=np.concatenate([np.sum(each * seen.point_m[:, 1:], axis=1) for each in (outward, beside)]),
         noise=noise + np.outer(rolled, rolled),
         modes=np.concatenate([_project(sides[0], seen.modes_m), np.zeros(along.shape)]),
         force_N=np.concatenate([np.sum(sides[0] * seen.yield_N, axis=1), np.zeros(count)]),
-        slack=np.concatenate([np.zeros(count), np.full(count, BESIDE_M)]),
+        slack=np.concatenate([np.zeros(count), np.full(count, _BESIDE_M)]),
     )
 
 

@@ -13,20 +13,20 @@ from .patches import facing, group, tangent_frame
 from .solution import PatchModel, Solution, learn_prior, leave_one_out_residuals, solve
 from .touches import Touches
 
-ROUNDS, LEARNING, MOST_ROUNDS = 3, 2, 15
+_ROUNDS, _LEARNING, _MOST_ROUNDS = 3, 2, 15
 """Turns of a fit at least, those in which smoothness is learned anew, and turns at most."""
-SETTLED, STILL = 0.1, 1e-3
+SETTLED, _STILL = 0.1, 1e-3
 """In standard deviations: a compliance that moves by less than the second is done, one that still moves by more than
 the first after all turns has not settled."""
-TOO_FAR = 5.0
+_TOO_FAR = 5.0
 """A touch this many standard deviations off what the others predict is left out ..."""
-MOST_LEFT_OUT = 0.1
+_MOST_LEFT_OUT = 0.1
 """... as long as they are no more than this part of all: otherwise the covariances are at fault."""
-VAGUE_M, VAGUE_FACTOR = 1e-3, 3.0
+_VAGUE_M, _VAGUE_FACTOR = 1e-3, 3.0
 """A touch that is known along the surface worse than both this, and so many times worse than most, is not used."""
-STEEPEST = 3.0
+_STEEPEST = 3.0
 """A slope that is larger is not believed on the way."""
-SHARPEST_M = 3e-4
+_SHARPEST_M = 3e-4
 """A surface does not bend more sharply than with this radius, on the way."""
 
 
@@ -86,7 +86,7 @@ def _poorly_located(touches: Touches, normal: np.ndarray) -> np.ndarray:
     whole = np.trace(touches.own_m2, axis1=1, axis2=2)
     across = np.einsum("pi,pij,pj->p", normal, touches.own_m2, normal)
     along = np.sqrt(np.maximum(whole - across, 0.0))
-    return along > max(VAGUE_FACTOR * float(np.median(along)), VAGUE_M)
+    return along > max(_VAGUE_FACTOR * float(np.median(along)), _VAGUE_M)
 
 
 def first_state(touches: Touches, patches: tuple[Patch, ...], normal: np.ndarray) -> FitState:
@@ -103,15 +103,15 @@ def first_state(touches: Touches, patches: tuple[Patch, ...], normal: np.ndarray
 
 
 def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: FitState, yielding: bool) -> Fit:
-    """`ROUNDS` turns from a state on; `yielding`: with a compliance."""
+    """`_ROUNDS` turns from a state on; `yielding`: with a compliance."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
-    for turn in range(MOST_ROUNDS):
+    for turn in range(_MOST_ROUNDS):
         points, seen = _surface_points(touches, antenna_radius_m, patches, state)
         fitted, priors = [], []
         for patch, given, prior in zip(patches, seen, state.priors, strict=True):
             stated = equations(given, patch.wide)
-            if prior is None or turn < LEARNING:
+            if prior is None or turn < _LEARNING:
                 extent = float(np.linalg.norm(np.ptp(given.point_m[:, : patch.dimensions], axis=0)))
                 largest = extent / max(float(np.abs(stated.force_N).max()), 1e-12)
                 prior = learn_prior(stated, extent, prior, largest if yielding else 0.0)
@@ -120,9 +120,9 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
         solution = solve(tuple(fitted), yielding)
         normals = estimate_normals(touches, patches, solution, seen)
         widened, state = state.widened, replace(state, priors=tuple(priors))
-        state = _next_state(patches, seen, solution, normals, state, touches, 0 < turn < MOST_ROUNDS - 1)
+        state = _next_state(patches, seen, solution, normals, state, touches, 0 < turn < _MOST_ROUNDS - 1)
         same = (widened == state.widened).all()  # what is left out now was left out of the solution
-        if turn >= ROUNDS - 1 and same and abs(solution.compliance_m_N) <= STILL * np.sqrt(solution.variance):
+        if turn >= _ROUNDS - 1 and same and abs(solution.compliance_m_N) <= _STILL * np.sqrt(solution.variance):
             break
     normals = estimate_normals(touches, patches, solution, seen, common=True)
     return Fit(touches, patches, solution, state, points, normals)
@@ -179,21 +179,21 @@ def _next_state(
         m, count = patch.members, len(patch.members)
         x = given.point_m[:, : patch.dimensions]
         at = solution.mean(index, slope_rows(patch, x)).reshape(2, count).T
-        slope[m] = np.clip(at, -STEEPEST, STEEPEST)
+        slope[m] = np.clip(at, -_STEEPEST, _STEEPEST)
         step = 0.05 * solution.patches[index].prior.length_m
         for axis in range(patch.dimensions):
             beside = solution.mean(index, slope_rows(patch, x + step * np.eye(patch.dimensions)[axis]))
             changed = (beside.reshape(2, count).T - at) / step
-            bend[m, :, axis] = np.clip(changed, -1 / SHARPEST_M, 1 / SHARPEST_M)
+            bend[m, :, axis] = np.clip(changed, -1 / _SHARPEST_M, 1 / _SHARPEST_M)
         if patch.wide:
             bend[m] = (bend[m] + np.swapaxes(bend[m], 1, 2)) / 2
         start = solution.start[index]
         far[m] = residual[start : start + count]
         if not patch.wide:
             far[m] = np.maximum(far[m], residual[start + count : start + 2 * count])
-    wrong = (far > TOO_FAR) | state.outlier
+    wrong = (far > _TOO_FAR) | state.outlier
     widened = state.widened
-    if judged and wrong.any() and np.sum(wrong) <= MOST_LEFT_OUT * len(touches):
+    if judged and wrong.any() and np.sum(wrong) <= _MOST_LEFT_OUT * len(touches):
         widened = np.where(wrong, IGNORED, widened)
     return replace(
         state,

@@ -37,7 +37,7 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class _Pairs:
     """What does not change with the prior between N and M views, (N, M) each: products of their values and slopes."""
 
     distance_m: np.ndarray
@@ -65,7 +65,7 @@ def concatenate(*parts: Functionals) -> Functionals:
     return Functionals(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
 
 
-def pairs(a: Functionals, b: Functionals) -> Pairs:
+def pairs(a: Functionals, b: Functionals) -> _Pairs:
     """Every view of a with every view of b."""
     shape = (len(a), len(b))
     mixed, along = np.zeros(shape), np.zeros(shape)
@@ -75,7 +75,7 @@ def pairs(a: Functionals, b: Functionals) -> Pairs:
         along_b = a.x @ slope_b.T - np.sum(b.x * slope_b, axis=1)
         mixed += value_a[:, None] * along_b - value_b * along_a
         along += along_a * along_b
-    return Pairs(
+    return _Pairs(
         distance_m=cdist(a.x, b.x),
         values=a.value @ b.value.T,
         mixed=mixed,
@@ -90,7 +90,7 @@ def _spread(rows: Functionals) -> np.ndarray:
     return (rows.value[:, :, None] * rows.x[:, None, :] + rows.slope).reshape(len(rows), -1)
 
 
-def covariance(between: Pairs, prior: Prior) -> np.ndarray:
+def covariance(between: _Pairs, prior: Prior) -> np.ndarray:
     """(N, M) prior covariance of the views."""
     scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
     square = prior.amplitude_m**2
@@ -107,7 +107,7 @@ def trend(rows: Functionals, prior: Prior) -> np.ndarray:
     return np.hstack([prior.offset_m * rows.value, prior.incline * _spread(rows)])
 
 
-def covariance_by_log_length(between: Pairs, prior: Prior) -> np.ndarray:
+def covariance_by_log_length(between: _Pairs, prior: Prior) -> np.ndarray:
     """(N, M) derivative of `covariance` by the logarithm of the prior's length."""
     scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
     square = prior.amplitude_m**2

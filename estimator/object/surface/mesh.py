@@ -12,22 +12,22 @@ from .equations import IGNORED, UNSEEN_BEND_PER_M, Patch, slope_rows, value_rows
 from .fit import Fit
 from .patches import LINK_FACTOR, bridged_gap, tree_gaps
 
-CELLS = 44
+_CELLS = 44
 """Along the longer side of a patch; a curve has as many pieces."""
-CLOSING = 0.6
+_CLOSING = 0.6
 """What lies within this many bridged gaps of touches on all sides belongs to the footprint."""
-MARGIN = 0.03
+_MARGIN = 0.03
 """The footprint ends this part of the patch's extent, or half a usual gap, beyond the outermost touches; and no farther
 than the standard deviation of the patch's width."""
-LINE_GAP = 0.1
+_LINE_GAP = 0.1
 """A line runs on across gaps up to this part of its length, or a few times as wide as the usual ones."""
-NEARBY = 0.05
+_NEARBY = 0.05
 """Contacts this part of a line's length away still have a say in its normals."""
-VAGUE = 3.0
+_VAGUE = 3.0
 """Touches known along the surface this many times worse than most do not widen the footprint."""
-LONE_SHOWN_M = 2e-3
+_LONE_SHOWN_M = 2e-3
 """A patch of one place is drawn where it is known to this."""
-STD_FACTOR, STD_SHOWN_M = 2.5, 3e-4
+_STD_FACTOR, _STD_SHOWN_M = 2.5, 3e-4
 """No surface where its deviation is larger than both so many times that at nine tenths of the patch's touches, and so
 much."""
 
@@ -50,7 +50,7 @@ def piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> Piece:
     local = (fit.point_m[patch.members] - patch.center_m) @ patch.frame.T
     sound = _well_located(fit, patch)
     if patch.wide:
-        bound_m = max(STD_FACTOR * float(np.percentile(touched_std_m, 90)), STD_SHOWN_M)
+        bound_m = max(_STD_FACTOR * float(np.percentile(touched_std_m, 90)), _STD_SHOWN_M)
         return _mesh(fit, index, local[sound, :2], bound_m)
     return _line(fit, index, local[sound], patch.members[sound])
 
@@ -59,7 +59,7 @@ def _well_located(fit: Fit, patch: Patch) -> np.ndarray:
     """(N,) whether a touch may say how far the patch reaches: not left out, and as well known along it as most."""
     own = patch.frame[:2] @ fit.touches.own_m2[patch.members] @ patch.frame[:2].T
     std = np.sqrt(np.trace(own, axis1=1, axis2=2))
-    sound = (std <= VAGUE * np.median(std)) & (fit.state.widened[patch.members] < IGNORED)
+    sound = (std <= _VAGUE * np.median(std)) & (fit.state.widened[patch.members] < IGNORED)
     return sound if sound.any() else np.ones(len(std), bool)
 
 
@@ -93,10 +93,10 @@ def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     low, high = flat_m.min(axis=0), flat_m.max(axis=0)
     extent, gaps = float(np.linalg.norm(high - low)), tree_gaps(flat_m)
-    radius = CLOSING * bridged_gap(gaps, extent)
+    radius = _CLOSING * bridged_gap(gaps, extent)
     width = float(np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(flat_m.T))[0], 0.0)))
-    margin = min(max(MARGIN * extent, float(np.median(gaps)) / 2), radius / 2, width)
-    step = max(float((high - low).max()) / CELLS, margin / 2)
+    margin = min(max(_MARGIN * extent, float(np.median(gaps)) / 2), radius / 2, width)
+    step = max(float((high - low).max()) / _CELLS, margin / 2)
     axes = [np.arange(a - radius - 2 * step, b + radius + 3 * step, step) for a, b in zip(low, high, strict=True)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     away = KDTree(flat_m).query(place)[0]
@@ -127,12 +127,12 @@ def _line(fit: Fit, index: int, local_m: np.ndarray, members: np.ndarray) -> Pie
     if len(over) < 2 or extent <= 2 * spread:
         places, lines = np.array([float(np.mean(over))]), np.empty((0, 2), int)
     else:
-        places = np.linspace(over[0], over[-1], CELLS + 1)
-        gap = max(LINK_FACTOR * float(np.percentile(np.diff(over), 90)), LINE_GAP * extent)
+        places = np.linspace(over[0], over[-1], _CELLS + 1)
+        gap = max(LINK_FACTOR * float(np.percentile(np.diff(over), 90)), _LINE_GAP * extent)
         near = np.abs(places[:, None] - over[None]).min(axis=1) <= gap / 2
         places = places[near]
         steps = np.arange(len(places) - 1)
-        joined = np.diff(places) < 1.5 * extent / CELLS
+        joined = np.diff(places) < 1.5 * extent / _CELLS
         lines = np.stack([steps, steps + 1], axis=1)[joined]
     rows = value_rows(patch, places[:, None])
     across, joint = solution.mean(index, rows).reshape(2, -1), solution.joint([(index, rows)])
@@ -141,7 +141,7 @@ def _line(fit: Fit, index: int, local_m: np.ndarray, members: np.ndarray) -> Pie
     points = patch.center_m + np.column_stack([places, *across]) @ patch.frame
     # an edge has no one normal: the middle one of those that were felt nearby
     near = np.abs(places[:, None] - local_m[None, :, 0])
-    near = np.exp(-0.5 * ((near - near.min(axis=1, keepdims=True)) / max(NEARBY * extent, 1e-6)) ** 2)
+    near = np.exp(-0.5 * ((near - near.min(axis=1, keepdims=True)) / max(_NEARBY * extent, 1e-6)) ** 2)
     normals = near @ fit.normals.normal[members]
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     outward = (normals @ patch.frame.T)[:, 1:]
@@ -152,6 +152,6 @@ def _line(fit: Fit, index: int, local_m: np.ndarray, members: np.ndarray) -> Pie
     )
     # to second order: beside where it was touched, the object bends away from under the line
     std = np.hypot(std, np.sqrt(0.75) * UNSEEN_BEND_PER_M * std_across**2)
-    if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > LONE_SHOWN_M:
+    if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > _LONE_SHOWN_M:
         return Piece(points[:0], normals[:0], std[:0], std_across[:0], np.empty((0, 3), int), lines)
     return Piece(points, normals, std, std_across, np.empty((0, 3), int), lines)

@@ -11,13 +11,13 @@ from .equations import IGNORED, LocalTouches, Patch, slope_rows
 from .solution import Solution
 from .touches import Touches
 
-UNTOLD_RAD = 1.0
+_UNTOLD_RAD = 1.0
 """The deviation that stands for: not known."""
-FORCE_STD_RAD = 0.35
+_FORCE_STD_RAD = 0.35
 """How far the force leans from the normal for friction, where it has to help find the surface under the antenna."""
-TANGENT_STD_RAD = 1e-3
+_TANGENT_STD_RAD = 1e-3
 """Own error of a tangent: the antenna's slope is what its picture shows best."""
-MODES = 24
+_MODES = 24
 """Common errors of the normals that are kept apart; the rest counts as each touch's own."""
 
 
@@ -42,7 +42,7 @@ class Normals:
     def best(self, touches: Touches) -> np.ndarray:
         """(P, 3) with the force's direction where the shape says less than that."""
         force = touches.force_N / np.linalg.norm(touches.force_N, axis=1, keepdims=True)
-        trust = 1.0 / (1.0 + (self.worst_rad / FORCE_STD_RAD) ** 4)
+        trust = 1.0 / (1.0 + (self.worst_rad / _FORCE_STD_RAD) ** 4)
         mixed = trust[:, None] * self.normal + (1 - trust)[:, None] * force
         return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
 
@@ -82,7 +82,7 @@ def estimate_normals(
     pair = np.stack([first, second], axis=1)
     shape = by_slope @ joint[pair[:, :, None], pair[:, None, :]] @ np.swapaxes(by_slope, 1, 2)
     values, axes = np.linalg.eigh(shape + own)
-    believed = np.minimum(1.0, UNTOLD_RAD / np.sqrt(np.maximum(values, 1e-30)))
+    believed = np.minimum(1.0, _UNTOLD_RAD / np.sqrt(np.maximum(values, 1e-30)))
     # an untold direction must not take the others along
     held = (axes * believed[:, None]) @ np.swapaxes(axes, 1, 2)
     covariance = held @ (shape + own) @ held
@@ -95,7 +95,7 @@ def _principal_modes(joint: np.ndarray, pair: np.ndarray, by_slope: np.ndarray) 
     ordered = joint[np.ix_(pair.ravel(), pair.ravel())].reshape(len(pair), 2, len(pair), 2)
     turned = np.einsum("pia,paqb,qjb->piqj", by_slope, ordered, by_slope, optimize=True)
     size = 3 * len(pair)
-    kept = min(MODES, size)
+    kept = min(_MODES, size)
     variance, axes = eigh(turned.reshape(size, size), subset_by_index=(size - kept, size - 1))
     return (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(len(pair), 3, kept)
 
@@ -147,7 +147,7 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
     cosine = np.sum(along * tangent, axis=1)
     rise = -normal[:, 1:] / length[:, None]
     by_slope = np.where(held[:, None], beside / sine[:, None], along)[:, :, None] * rise[:, None, :]
-    open_turn = np.where(held[:, None], (cosine / sine)[:, None] * beside - tangent, UNTOLD_RAD * beside)
+    open_turn = np.where(held[:, None], (cosine / sine)[:, None] * beside - tangent, _UNTOLD_RAD * beside)
     variance = np.where(held, _tangent_variance(seen, normal), 1.0)
     own = variance[:, None, None] * open_turn[:, :, None] * open_turn[:, None, :]
     # a touch's own error along the curve takes it to where that has another direction
@@ -158,4 +158,4 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
 def _tangent_variance(seen: LocalTouches, normal: np.ndarray) -> np.ndarray:
     """(N,) rad², of the tangent's turn towards the normal."""
     common = np.einsum("ni,nis->ns", normal, seen.tangent_modes)
-    return TANGENT_STD_RAD**2 + np.sum(common**2, axis=1)
+    return _TANGENT_STD_RAD**2 + np.sum(common**2, axis=1)

@@ -8,21 +8,21 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-LINK_NORMALS_RAD = np.radians(50)
+_LINK_NORMALS_RAD = np.radians(50)
 """Neighbours whose normals differ by more than this lie on different sides of the object."""
-PATCH_NORMALS_RAD = np.radians(65)
+_PATCH_NORMALS_RAD = np.radians(65)
 """A patch is a height field over its tangent plane: no normal may lean farther than this from its mean."""
 LINK_FACTOR = 3.0
 """Gaps up to this many times as wide as the usual ones are bridged ..."""
-LINK_EXTENT = 0.25
+_LINK_EXTENT = 0.25
 """... and those up to this fraction of all that was touched: dense tracks lie far apart, measured by their steps."""
-NEIGHBOURS, ALIKE_RAD = 8, np.radians(75)
+_NEIGHBOURS, _ALIKE_RAD = 8, np.radians(75)
 """So many neighbours, when they face alike within this, tell a contact's side: friction cancels in them."""
-RESOLVED = 4.0
+_RESOLVED = 4.0
 """A patch counts as wide when its width stands out of the contacts' own spread this much; else it is a line ..."""
-NARROW = 0.02
+_NARROW = 0.02
 """... and when it is at least this fraction of its length."""
-LEAST_TOUCHES = 4
+_LEAST_TOUCHES = 4
 """Fewer contacts are no area."""
 
 
@@ -35,8 +35,8 @@ def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np
     across = force_N - np.sum(force_N * along, axis=1, keepdims=True) * along
     size, whole = np.linalg.norm(across, axis=1, keepdims=True), np.linalg.norm(force_N, axis=1, keepdims=True)
     single = np.where(size > 0.1 * whole, across / np.maximum(size, 1e-300), force_N / whole)
-    near = np.argsort(cdist(points_m, points_m), axis=1, kind="stable")[:, :NEIGHBOURS]
-    alike = np.einsum("ni,nki->nk", single, single[near]) > np.cos(ALIKE_RAD)
+    near = np.argsort(cdist(points_m, points_m), axis=1, kind="stable")[:, :_NEIGHBOURS]
+    alike = np.einsum("ni,nki->nk", single, single[near]) > np.cos(_ALIKE_RAD)
     mean = np.einsum("nk,nki->ni", alike.astype(float), single[near])
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
@@ -45,7 +45,7 @@ def group(points_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Labels (P,) from 0 on of points (P, 3) that hang together and whose normals (P, 3) face alike."""
     # 0 is no edge, and two contacts may coincide
     distance_m = np.maximum(cdist(points_m, points_m), 1e-12)
-    graph = np.where(normals @ normals.T > np.cos(LINK_NORMALS_RAD), distance_m, 0.0)
+    graph = np.where(normals @ normals.T > np.cos(_LINK_NORMALS_RAD), distance_m, 0.0)
     gaps = minimum_spanning_tree(graph).data
     gap_m = bridged_gap(gaps, float(np.linalg.norm(np.ptp(points_m, axis=0))))
     _, labels = connected_components(csr_array(graph * (graph <= gap_m)), directed=False)
@@ -61,7 +61,7 @@ def group(points_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
 def bridged_gap(gaps_m: np.ndarray, extent_m: float) -> float:
     """The widest gap that is bridged, from those of the points' minimum spanning tree and from their extent."""
     usual = float(np.percentile(gaps_m, 90)) if len(gaps_m) else 0.0
-    return max(LINK_FACTOR * usual, LINK_EXTENT * extent_m)
+    return max(LINK_FACTOR * usual, _LINK_EXTENT * extent_m)
 
 
 def tree_gaps(points: np.ndarray) -> np.ndarray:
@@ -73,7 +73,7 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
     """Split until no normal leans too far from the mean of its patch."""
     mean = normals[members].sum(axis=0)
     lean = normals[members] @ mean / max(np.linalg.norm(mean), 1e-12)
-    if len(members) < 2 or lean.min() > np.cos(PATCH_NORMALS_RAD):
+    if len(members) < 2 or lean.min() > np.cos(_PATCH_NORMALS_RAD):
         return [members]
     first = normals[members[np.argmin(lean)]]
     second = normals[members[np.argmin(normals[members] @ first)]]
@@ -103,6 +103,6 @@ def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray)
     spread, noise = np.einsum("n,ni,nj->ij", weight, flat, flat), np.einsum("n,nij->ij", weight, own)
     axes = np.linalg.eigh(spread - noise)[1].T[::-1]
     (length, width), scatter = np.einsum("ai,ij,aj->a", axes, spread, axes), float(axes[1] @ noise @ axes[1])
-    wide = width > max(RESOLVED**2 * scatter, NARROW**2 * length, 1e-18) and len(points_m) >= LEAST_TOUCHES
+    wide = width > max(_RESOLVED**2 * scatter, _NARROW**2 * length, 1e-18) and len(points_m) >= _LEAST_TOUCHES
     along = axes[0] @ plane
     return center, np.stack([along, np.cross(up, along), up]), bool(wide)

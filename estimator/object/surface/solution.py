@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from .equations import Equations
 from .kernel import Functionals, Prior, covariance, covariance_by_log_length, pairs, trend, variance
 
-JITTERS = (0.0, 1e-12, 1e-10, 1e-8)
+_JITTERS = (0.0, 1e-12, 1e-10, 1e-8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +85,10 @@ class Solution:
         return prior - half.T @ half + self.variance * np.outer(lifted, lifted)
 
 
-def factor(matrix: np.ndarray) -> np.ndarray:
+def _factor(matrix: np.ndarray) -> np.ndarray:
     """Lower Cholesky factor; what rounding takes away is given back, as little as will do."""
     diagonal = np.diag(np.diag(matrix))
-    for jitter in JITTERS:
+    for jitter in _JITTERS:
         try:
             return cho_factor(matrix + jitter * diagonal, lower=True, check_finite=False)[0]
         except LinAlgError:
@@ -102,7 +102,7 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
     modes = np.concatenate([fitted.equations.modes for fitted in patches])
     y = np.concatenate([fitted.equations.y for fitted in patches])
     force = np.concatenate([fitted.equations.force_N for fitted in patches])
-    lower = factor(block_diag(*(fitted.own for fitted in patches)) + modes @ modes.T)
+    lower = _factor(block_diag(*(fitted.own for fitted in patches)) + modes @ modes.T)
     weights, lift = cho_solve((lower, True), y), cho_solve((lower, True), force)
     compliance = spread = own = 0.0
     told = float(force @ lift)
@@ -120,19 +120,19 @@ def leave_one_out_residuals(solution: Solution) -> np.ndarray:
     return solution.weights / np.sqrt(np.sum(half**2, axis=0))
 
 
-MOST_EQUATIONS = 480
+_MOST_EQUATIONS = 480
 """More are thinned for this search: three numbers need no more."""
-INCLINE = 2.0
+_INCLINE = 2.0
 """Prior standard deviation of the trend's slope over the tangent plane: any that a patch may have, and more."""
-BEST = np.log([0.7, 0.2, 0.01])
+_BEST = np.log([0.7, 0.2, 0.01])
 """Before the data: the length and the amplitude over the patch's extent, the tangents' slack in rad ..."""
-WIDTH = np.array([1.2, 1.5, 1.5])
+_WIDTH = np.array([1.2, 1.5, 1.5])
 """... and the standard deviations of their logarithms."""
-ROUGHER = 1e-4
-POLISHING, STEP, NEAR = 2, 1e-3, 0.5
+_ROUGHER = 1e-4
+_POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
 """Newton's steps after the search, the step of their differences, and the longest that is believed: a prior that hangs
 on where a search stopped moves the surface by parts of its deviation."""
-LOWEST, HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
+_LOWEST, _HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
 
 
 def learn_prior(
@@ -146,7 +146,7 @@ def learn_prior(
     yield_per_N : the largest compliance to think of, m/N; zero where there is none.
     """
     extent_m = max(extent_m, 1e-3)
-    count = min(len(equations), MOST_EQUATIONS)
+    count = min(len(equations), _MOST_EQUATIONS)
     # at random: evenly spaced ones of strokes that repeat would all lie at the same places
     thin = np.sort(np.random.default_rng(0).choice(len(equations), count, replace=False))
     rows = type(equations.rows)(*(values[thin] for values in vars(equations.rows).values()))
@@ -156,8 +156,8 @@ def learn_prior(
     free = 3 if slack.any() else 2
 
     def prior_of(logs: np.ndarray) -> tuple[Prior, float]:
-        length, amplitude, turn = np.exp(np.clip(np.concatenate([logs, BEST[len(logs) :]]), LOWEST, HIGHEST))
-        return Prior(length * extent_m, amplitude * extent_m, 10 * extent_m, INCLINE), float(turn)
+        length, amplitude, turn = np.exp(np.clip(np.concatenate([logs, _BEST[len(logs) :]]), _LOWEST, _HIGHEST))
+        return Prior(length * extent_m, amplitude * extent_m, 10 * extent_m, _INCLINE), float(turn)
 
     def improbability(logs: np.ndarray) -> tuple[float, np.ndarray]:
         """What is to be least, and its slope (Rasmussen and Williams, Eqs. 2.43 and 5.9).
@@ -169,10 +169,10 @@ def learn_prior(
         doubt = (turn * slack) ** 2
         whole = shape + fixed + np.diag(doubt)
         try:
-            lower = factor(whole)
+            lower = _factor(whole)
         except LinAlgError:
             # a search that meets a wall stops there: somewhat rougher numbers lead on
-            lower = np.linalg.cholesky(whole + ROUGHER * np.diag(np.diag(whole)))
+            lower = np.linalg.cholesky(whole + _ROUGHER * np.diag(np.diag(whole)))
         columns = np.column_stack([np.eye(count), trend(rows, prior), y])
         white = solve_triangular(lower, columns, lower=True, check_finite=False)
         inverse, lines, seen = white[:, :count], white[:, count:-1], white[:, -1]
@@ -189,37 +189,37 @@ def learn_prior(
             2.0 * np.sum(left * shape),
             2.0 * np.diag(left) @ doubt,
         ]
-        away = (logs - BEST[:free]) / WIDTH[:free]
-        return unlikely + 0.5 * float(away @ away), 0.5 * np.array(slopes[:free]) + away / WIDTH[:free]
+        away = (logs - _BEST[:free]) / _WIDTH[:free]
+        return unlikely + 0.5 * float(away @ away), 0.5 * np.array(slopes[:free]) + away / _WIDTH[:free]
 
-    first = BEST[:free]
+    first = _BEST[:free]
     if start is not None:
         prior, turn = start
         first = np.log([prior.length_m / extent_m, prior.amplitude_m / extent_m, turn])[:free]
     found = minimize(
         improbability,
-        np.clip(first, LOWEST[:free], HIGHEST[:free]),
+        np.clip(first, _LOWEST[:free], _HIGHEST[:free]),
         jac=True,
         method="L-BFGS-B",
-        bounds=list(zip(LOWEST[:free], HIGHEST[:free], strict=True)),
+        bounds=list(zip(_LOWEST[:free], _HIGHEST[:free], strict=True)),
     )
     return prior_of(_newton(found.x, lambda logs: improbability(logs)[1]))
 
 
 def _newton(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Where the slope is zero, by Newton's steps: the search stops where the improbability is lost in its rounding."""
-    for _ in range(POLISHING):
-        inside = np.flatnonzero((logs > LOWEST[: len(logs)]) & (logs < HIGHEST[: len(logs)] - STEP))
+    for _ in range(_POLISHING):
+        inside = np.flatnonzero((logs > _LOWEST[: len(logs)]) & (logs < _HIGHEST[: len(logs)] - _STEP))
         if not len(inside):
             break
-        slope, moves = slope_at(logs), STEP * np.eye(len(logs))[inside]
-        bend = np.array([(slope_at(logs + move) - slope)[inside] / STEP for move in moves])
+        slope, moves = slope_at(logs), _STEP * np.eye(len(logs))[inside]
+        bend = np.array([(slope_at(logs + move) - slope)[inside] / _STEP for move in moves])
         bend = 0.5 * (bend + bend.T)
         if np.linalg.eigvalsh(bend)[0] <= 0.0:
             break
         step = np.linalg.solve(bend, -slope[inside])
-        if np.abs(step).max() > NEAR:
+        if np.abs(step).max() > _NEAR:
             break
         logs = logs.copy()
         logs[inside] += step
-    return np.clip(logs, LOWEST[: len(logs)], HIGHEST[: len(logs)])
+    return np.clip(logs, _LOWEST[: len(logs)], _HIGHEST[: len(logs)])

@@ -17,13 +17,13 @@ from .onset import Change, ContactStates, baseline_candidates
 from .result import FIRST_CONTACT, LOSS, RINGING, ROLLING, SLIDING, SLIP_END, SLIP_START, STICKING, Event
 from .slip import HALF_WINDOW_S, median_step
 
-JOINED_S = 0.15
+_JOINED_S = 0.15
 """Swinging frames that are no further apart belong together, the frames between them too: at its turning points an
 antenna swings, half way between them it looks at rest."""
-AROUND_S = 0.3
+_AROUND_S = 0.3
 """Frames before and after that tell the frequency as well."""
-LEAST_FRAMES, LEAST_PERIODS = 8, 1.5
-CHANCE = 1e-3
+_LEAST_FRAMES, _LEAST_PERIODS = 8, 1.5
+_CHANCE = 1e-3
 """Probability that noise alone shows a line as strong, at most."""
 _TRIALS = 400
 
@@ -34,7 +34,7 @@ def ringing_frames(table: ContactTable) -> np.ndarray:
     found = np.zeros(len(table), bool)
     found[swings] = True
     for first, second in pairwise(swings):
-        if table.time_s[second] - table.time_s[first] <= JOINED_S:
+        if table.time_s[second] - table.time_s[first] <= _JOINED_S:
             found[first : second + 1] = True
     return found
 
@@ -50,8 +50,8 @@ def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) 
 
 def _event(table: ContactTable, run: slice, beam: Beam | None, step: float, clock: np.ndarray) -> Event:
     time = table.time_s[run]
-    first = np.searchsorted(clock, time[0] - AROUND_S)
-    pace = _frequency_words(table, slice(first, np.searchsorted(clock, time[-1] + AROUND_S, side="right")), beam, step)
+    first = np.searchsorted(clock, time[0] - _AROUND_S)
+    pace = _frequency_words(table, slice(first, np.searchsorted(clock, time[-1] + _AROUND_S, side="right")), beam, step)
     words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {pace}"
     std = step / np.sqrt(12.0) if np.isfinite(step) else np.nan
     return Event(RINGING, int(table.frame[run][0]), float(time[0]), float(std), 0.0, words)
@@ -60,7 +60,7 @@ def _event(table: ContactTable, run: slice, beam: Beam | None, step: float, cloc
 def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: float) -> str:
     told = np.isfinite(table.evidence[near]) & np.isfinite(table.time_s[near])
     time, signal = table.time_s[near][told], np.sqrt(2.0 * np.clip(table.evidence[near][told], 0.0, None))
-    if len(time) < LEAST_FRAMES or not np.isfinite(step):
+    if len(time) < _LEAST_FRAMES or not np.isfinite(step):
         return "too few frames to tell how fast"
     fastest = 0.5 / step
     if beam is not None:
@@ -84,38 +84,38 @@ def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tupl
     time = time_s - time_s.mean()
     away = signal - np.polyval(np.polyfit(time, signal, 1), time)
     span, count = float(np.ptp(time)), len(time)
-    slowest = LEAST_PERIODS / span if span > 0.0 else np.inf
-    if not slowest < fastest_Hz or count < LEAST_FRAMES or not (away @ away) > 0.0:
+    slowest = _LEAST_PERIODS / span if span > 0.0 else np.inf
+    if not slowest < fastest_Hz or count < _LEAST_FRAMES or not (away @ away) > 0.0:
         return None
     trials = np.linspace(slowest, fastest_Hz, _TRIALS)
     share = lombscargle(time, away, 2.0 * np.pi * trials, normalize=True)
     best = int(np.argmax(share))
     independent = max(span * (fastest_Hz - slowest), 1.0)
-    if independent * (1.0 - min(share[best], 1.0)) ** (0.5 * (count - 3)) > CHANCE:
+    if independent * (1.0 - min(share[best], 1.0)) ** (0.5 * (count - 3)) > _CHANCE:
         return None
     left = max(1.0 - float(share[best]), 1e-6)
     std = np.sqrt(6.0 * left / (float(share[best]) * count)) / (np.pi * span)
     return float(trials[best]), float(np.hypot(std, (trials[1] - trials[0]) / np.sqrt(12.0)))
 
 
-TRUSTED = 60.0
+_TRUSTED = 60.0
 """Evidence up to which it grows with the square of the deflection."""
-RATES = np.geomspace(0.3, 30.0, 36)
+_RATES = np.geomspace(0.3, 30.0, 36)
 """Trial rates of growth over the one that the last frame alone would ask for."""
-COSINES = np.linspace(-0.8, 0.8, 5)
-BENDS, SHARES = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25])
-"""Trial changes of the rate over the frames looked at, in `UNEVEN`s, and their probabilities."""
-UNEVEN = 0.15
+_COSINES = np.linspace(-0.8, 0.8, 5)
+_BENDS, _SHARES = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25])
+"""Trial changes of the rate over the frames looked at, in `_UNEVEN`s, and their probabilities."""
+_UNEVEN = 0.15
 """How unevenly an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share."""
-HIDDEN = 0.6
+_HIDDEN = 0.6
 """Part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
 first, and only by and by to the contact."""
-STEPPED = 0.02
+_STEPPED = 0.02
 """Probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames."""
-INSTANTS = 64
-FORCES = 6
+_INSTANTS = 64
+_FORCES = 6
 """Located frames whose forces are looked at."""
-OWN_SHARE, RELATIVE = 0.5, 0.03
+_OWN_SHARE, _RELATIVE = 0.5, 0.03
 """How much of a force's deviation is thought to differ from frame to frame, and how much of its size besides."""
 
 
@@ -146,18 +146,18 @@ def instant(growth: Growth) -> tuple[float, float]:
     mean, std = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
     likeliest = None
     for _ in range(3):  # each time on a finer grid about what was found
-        step = (high - low) / INSTANTS
-        at = low + (np.arange(INSTANTS) + 0.5) * step
+        step = (high - low) / _INSTANTS
+        at = low + (np.arange(_INSTANTS) + 0.5) * step
         by_force = _by_force(growth, at)
         likeliest = by_force.max() if likeliest is None else likeliest
-        log = _by_evidence(growth, at) + np.logaddexp(np.log1p(-STEPPED) + by_force - likeliest, np.log(STEPPED))
+        log = _by_evidence(growth, at) + np.logaddexp(np.log1p(-_STEPPED) + by_force - likeliest, np.log(_STEPPED))
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         mean = float(weight @ at)
         std = float(np.sqrt(weight @ (at - mean) ** 2 + step**2 / 12.0))
         reach = 6.0 * np.hypot(std, step)
         low, high = max(low, mean - reach), min(high, mean + reach)
-    return mean, float(np.hypot(std, HIDDEN * _common(growth) / _rate(growth, mean)))
+    return mean, float(np.hypot(std, _HIDDEN * _common(growth) / _rate(growth, mean)))
 
 
 def _common(growth: Growth) -> float:
@@ -171,7 +171,7 @@ def _rate(growth: Growth, instant_s: float) -> float:
     after = np.flatnonzero((growth.time_s > instant_s) & np.isfinite(growth.evidence))
     if len(after) == 0:
         return np.inf
-    trusted = after[growth.evidence[after] <= TRUSTED]
+    trusted = after[growth.evidence[after] <= _TRUSTED]
     last = trusted[-1] if len(trusted) else after[0]
     more = max(float(growth.evidence[last]) - free_level(growth.free_evidence)[0], 1.0)
     return float(np.sqrt(2.0 * more) / (growth.time_s[last] - instant_s))
@@ -188,33 +188,33 @@ def free_level(evidence: np.ndarray) -> tuple[float, float]:
 
 def _by_evidence(growth: Growth, at: np.ndarray) -> np.ndarray:
     """(A,) log-likelihood of t₀ by the evidence, up to the first frame of which it is only known to be much."""
-    much = np.flatnonzero(growth.evidence > TRUSTED)
+    much = np.flatnonzero(growth.evidence > _TRUSTED)
     end = int(much[0]) + 1 if len(much) else len(growth.evidence)
     telling = np.isfinite(growth.evidence[:end]) & (growth.time_s[:end] > at[0])  # what is before all tells nothing
     used = np.flatnonzero(telling)
     if len(used) == 0:
         return np.zeros(len(at))
-    time, evidence = growth.time_s[used], np.minimum(growth.evidence[used], TRUSTED)
+    time, evidence = growth.time_s[used], np.minimum(growth.evidence[used], _TRUSTED)
     root = np.cbrt(np.clip(evidence, 0.0, None))
     level, noise = free_level(growth.free_evidence)
     common = _common(growth)
     late = np.clip(time - at[:, None], 0.0, None)  # (A, N)
     span = max(float(time[-1] - at[0]), 1e-9)
     reached = np.sqrt(2.0 * max(float(evidence[-1]) - level, 1.0))
-    rate = RATES * (reached / np.maximum(late[:, -1:], 1e-3 * span))  # (A, G)
-    bend = 1.0 + UNEVEN * BENDS[:, None] * (late / span)[:, None]  # (A, 3, N)
+    rate = _RATES * (reached / np.maximum(late[:, -1:], 1e-3 * span))  # (A, G)
+    bend = 1.0 + _UNEVEN * _BENDS[:, None] * (late / span)[:, None]  # (A, 3, N)
     x = rate[:, :, None, None] * (bend * late[:, None])[:, None]  # (A, G, 3, N)
-    log = np.empty((*x.shape[:3], len(COSINES)))
-    for index, cosine in enumerate(COSINES):
+    log = np.empty((*x.shape[:3], len(_COSINES)))
+    for index, cosine in enumerate(_COSINES):
         expected = level + cosine * common * x + 0.5 * x**2
         variance = np.maximum(2.0 * noise * (expected - 1.5 * noise), 0.0) + 1.5 * noise**2
         skew = variance / expected**2 / 9.0  # the cube root is nearly normal, also where there is hardly a deflection
         middle, spread = np.cbrt(expected) * (1.0 - skew), np.cbrt(expected) ** 2 * skew
         each = -0.5 * ((root - middle) ** 2 / spread + np.log(spread))
         if len(much):
-            each[..., -1] = log_ndtr((middle[..., -1] - np.cbrt(TRUSTED)) / np.sqrt(spread[..., -1]))
+            each[..., -1] = log_ndtr((middle[..., -1] - np.cbrt(_TRUSTED)) / np.sqrt(spread[..., -1]))
         log[..., index] = each.sum(axis=-1)
-    return logsumexp(log + np.log(SHARES)[:, None], axis=(1, 2, 3))
+    return logsumexp(log + np.log(_SHARES)[:, None], axis=(1, 2, 3))
 
 
 def _by_force(growth: Growth, at: np.ndarray) -> np.ndarray:
@@ -224,8 +224,8 @@ def _by_force(growth: Growth, at: np.ndarray) -> np.ndarray:
     late = growth.force_time_s - at[:, None]  # (A, F)
     span = late[:, -1:]
     rate = growth.force_N[-1] / span  # what the bend is a share of
-    bow = UNEVEN * rate * late * (late / span - 1.0)
-    own = (OWN_SHARE * growth.force_std_N) ** 2 + (RELATIVE * growth.force_N) ** 2
+    bow = _UNEVEN * rate * late * (late / span - 1.0)
+    own = (_OWN_SHARE * growth.force_std_N) ** 2 + (_RELATIVE * growth.force_N) ** 2
     common = float(growth.force_std_N[0]) ** 2
     covariance = np.eye(late.shape[1]) * own + common + bow[:, :, None] * bow[:, None]
     weight = np.linalg.inv(covariance)
@@ -238,9 +238,9 @@ def _by_force(growth: Growth, at: np.ndarray) -> np.ndarray:
     return -0.5 * (cost + np.linalg.slogdet(covariance)[1] + flat)
 
 
-BEFORE, AFTER = 45, 12
+_BEFORE, _AFTER = 45, 12
 """Frames around a change whose evidence is looked at."""
-FORCE_S = 0.5
+_FORCE_S = 0.5
 """Forces later than this after a change do not tell when it was."""
 
 
@@ -300,21 +300,21 @@ def _growth(table: ContactTable, contacting: ContactStates, change: Change, told
     place = int(np.searchsorted(told, change.row))
     if change.begins:
         free = np.array(baseline_candidates(change.known_before.tolist()), int)
-        early = told[max(place - BEFORE, 0) : place]
+        early = told[max(place - _BEFORE, 0) : place]
         early = early[state[early] == 0]
-        late = told[place : place + AFTER]
+        late = told[place : place + _AFTER]
         late = late[np.cumprod(state[late] == 1).astype(bool)]
     else:
-        late = told[max(place - AFTER, 0) : place][::-1]
+        late = told[max(place - _AFTER, 0) : place][::-1]
         late = late[np.cumprod(state[late] == 1).astype(bool)]
-        early = told[place : place + BEFORE]
+        early = told[place : place + _BEFORE]
         early = early[np.cumprod(state[early] == 0).astype(bool)][::-1]
         free = early
     if len(early) == 0 or len(late) == 0 or not _in_order(time[np.sort([*early, *late])]):
         return None
     sign = 1.0 if change.begins else -1.0
     rows = np.concatenate([early, late])
-    located = late[np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= FORCE_S)][:FORCES]
+    located = late[np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= _FORCE_S)][:_FORCES]
     size = np.hypot(table.force_y_N[located], table.force_z_N[located])
     std = np.hypot(
         table.force_y_N[located] * table.force_y_std_N[located], table.force_z_N[located] * table.force_z_std_N[located]

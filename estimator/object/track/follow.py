@@ -15,30 +15,30 @@ from .onset import ContactStates, contact_states
 from .result import FREE, ROLLING, SLIDING, STICKING, TOUCHING, UNKNOWN, Event, Track
 from .slip import Slip, Stroke, slip, strokes
 
-CLEAR, STILL_CLEAR = 4.5, 2.5
+_CLEAR, _STILL_CLEAR = 4.5, 2.5
 """Deviations by which a slip must stand out to be called one, and for it to go on."""
-NOTHING = 0.05
+_NOTHING = 0.05
 """Share of the joints' motion below which a slip is not called one: curved paths and rolling leave as much."""
-STUCK = 0.15
+_STUCK = 0.15
 """Share of the joints' motion that the slip must surely stay below where the contact is said to stick."""
-REST_M_S = 3e-4
+_REST_M_S = 3e-4
 """Nothing slower is told from rest."""
 
 
-def phases(slip: Slip, antenna_radius_m: float) -> np.ndarray:
+def _phases(slip: Slip, antenna_radius_m: float) -> np.ndarray:
     """(P,) what each frame of a stroke does; "touching" where it cannot be told."""
     speed = np.linalg.norm(slip.velocity_m_s, axis=1)
     std = _speed_std(slip, speed)
     carried = np.where(np.isfinite(slip.carried_m_s), slip.carried_m_s, slip.contact_m_s)
-    nothing = NOTHING * carried + antenna_radius_m * slip.turning_rad_s
+    nothing = _NOTHING * carried + antenna_radius_m * slip.turning_rad_s
     with np.errstate(invalid="ignore"):
-        surely, still = speed - CLEAR * std > nothing, speed - STILL_CLEAR * std > nothing
-        fast = speed > REST_M_S
+        surely, still = speed - _CLEAR * std > nothing, speed - _STILL_CLEAR * std > nothing
+        fast = speed > _REST_M_S
         sliding = _hysteresis(surely & fast, still & fast)
-        rest = np.maximum(antenna_radius_m * slip.turning_rad_s, REST_M_S)
-        small = speed + 2.0 * std <= np.maximum(STUCK * carried, rest)
-        stuck = ~sliding & small & (speed - STILL_CLEAR * std <= rest)
-        walks = slip.contact_m_s - CLEAR * slip.contact_std_m_s > 2.0 * np.maximum(speed + 2.0 * std, REST_M_S)
+        rest = np.maximum(antenna_radius_m * slip.turning_rad_s, _REST_M_S)
+        small = speed + 2.0 * std <= np.maximum(_STUCK * carried, rest)
+        stuck = ~sliding & small & (speed - _STILL_CLEAR * std <= rest)
+        walks = slip.contact_m_s - _CLEAR * slip.contact_std_m_s > 2.0 * np.maximum(speed + 2.0 * std, _REST_M_S)
     found = np.full(len(speed), TOUCHING, dtype=object)
     found[stuck] = STICKING
     found[stuck & walks] = ROLLING
@@ -52,7 +52,7 @@ def _speed_std(slip: Slip, speed: np.ndarray) -> np.ndarray:
     toward = slip.velocity_m_s / np.maximum(speed, 1e-12)[:, None]
     own = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, slip.covariance_m2_s2, toward), 0.0))
     with np.errstate(invalid="ignore"):
-        return np.where(speed > CLEAR * widest, own, widest)
+        return np.where(speed > _CLEAR * widest, own, widest)
 
 
 def _hysteresis(begin: np.ndarray, keep: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ def _hysteresis(begin: np.ndarray, keep: np.ndarray) -> np.ndarray:
     return keep & np.isin(runs, begun)
 
 
-RADIUS_M = 0.5e-3
+_RADIUS_M = 0.5e-3
 """The antenna's, where no rig tells it: of use only for how much a sticking antenna may roll."""
 
 
@@ -86,13 +86,13 @@ def follow(
     ringing = ringing_frames(table)
     contact = contact_states(table, ringing)
     runs = strokes(table, contact.state, shared)
-    kinematics, radius = (Kinematics(), RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
+    kinematics, radius = (Kinematics(), _RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
     phase, found = _phase(contact), _empty_slip(len(table))
     for stroke in runs:
         normal = None if normal_world is None else normal_world[stroke.rows]
         moving = slip(stroke, table, kinematics, normal)
         _write_slip(found, stroke, moving)
-        phase[stroke.rows] = phases(moving, radius)
+        phase[stroke.rows] = _phases(moving, radius)
     events = contact_events(table, contact)
     phase = _after_onset(table, phase, contact, events)
     events += slip_events(table, phase, [stroke.rows for stroke in runs])

@@ -21,26 +21,26 @@ from scipy.stats import t as student
 
 from estimator.table.contacts import ContactTable
 
-WINDOWS = (3, 6, 12)
+_WINDOWS = (3, 6, 12)
 """Last frames that are taken together."""
-ALARM = 1e-6
+_ALARM = 1e-6
 """Probability of a false alarm by each of the windows, in a frame of the free antenna."""
-BASELINE, LEAST_BASELINE = 60, 12
+_BASELINE, _LEAST_BASELINE = 60, 12
 """Free frames that tell what the free antenna looks like: at most, at least."""
-LAG = 30
+_LAG = 30
 """So many of the last free frames are left out where there are enough before them: a slow approach is in them."""
-SPAN_RAD = 0.05
+_SPAN_RAD = 0.05
 """The free antenna looks alike within so much joint travel: a weight that is known badly shows with the pose."""
-LEAST_SCATTER = 0.2
+_LEAST_SCATTER = 0.2
 """Scatter of the cube root below which no recording is believed: something else would drift."""
-FREE_AGAIN, FIRM, RECENT = 2.5, 40.0, 3
+_FREE_AGAIN, _FIRM, _RECENT = 2.5, 40.0, 3
 """A contact with that much evidence in one of its last frames is lost with the first frame that is within so many
 deviations of the baseline's mean,"""
-FREE_TOGETHER, LEAVING = 1.0, 6
+_FREE_TOGETHER, _LEAVING = 1.0, 6
 """a weaker one with the mean of so many: near the threshold noise alone would end it and begin it again."""
-GAP_S = 0.5
+_GAP_S = 0.5
 """Over a longer gap nothing is carried: what happened in it is not known."""
-TOUCHING = ("ok", "tip_contact", "low_signal")
+_TOUCHING = ("ok", "tip_contact", "low_signal")
 """Statuses that tell a contact; `no_contact` tells none, all others tell neither."""
 
 
@@ -78,15 +78,15 @@ class ContactStates:
     pooled_test: bool
 
 
-def frame_states(table: ContactTable, ringing: np.ndarray) -> np.ndarray:
+def _frame_states(table: ContactTable, ringing: np.ndarray) -> np.ndarray:
     """(B,) what each frame says by itself: 1 contact, 0 none, -1 neither; a ringing antenna says nothing."""
-    said = np.where(np.isin(table.status, TOUCHING), 1, np.where(table.status == "no_contact", 0, -1))
+    said = np.where(np.isin(table.status, _TOUCHING), 1, np.where(table.status == "no_contact", 0, -1))
     return np.where(ringing, -1, said)
 
 
 def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     """Go through a recording once, forward, as a live judge would."""
-    said = frame_states(table, ringing)
+    said = _frame_states(table, ringing)
     joints = np.column_stack([table.pan_rad, table.tilt_rad])
     root = np.cbrt(np.clip(table.evidence, 0.0, None))
     state = np.full(len(table), -1)
@@ -94,23 +94,23 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     run: list[int] = []
     now, tested, last = -1, False, -np.inf
     for row in np.flatnonzero(said >= 0).tolist():
-        if table.time_s[row] - last > GAP_S:
+        if table.time_s[row] - last > _GAP_S:
             now, run = -1, []
         last = float(table.time_s[row])
         alone = int(said[row])
         base = _baseline(run if now == 0 else _before_contact(changes), row, joints, root)
         if now == 1:
-            late = np.array([*run[1 - LEAVING :], row])
-            firm = not (table.evidence[run[-RECENT:]] <= FIRM).all()
+            late = np.array([*run[1 - _LEAVING :], row])
+            firm = not (table.evidence[run[-_RECENT:]] <= _FIRM).all()
             stays = (
-                _exceeds(root[[row]], root[base], FREE_AGAIN)
+                _exceeds(root[[row]], root[base], _FREE_AGAIN)
                 if firm
                 else _weak_contact_holds(said[late], root[late], root[base])
             )
             found = 1 if alone == 1 or stays else 0
         else:
-            several = alone == 0 and now == 0 and _rises(root, [*run[-WINDOWS[-1] :], row], base)
-            tested = tested or len(base) >= LEAST_BASELINE
+            several = alone == 0 and now == 0 and _rises(root, [*run[-_WINDOWS[-1] :], row], base)
+            tested = tested or len(base) >= _LEAST_BASELINE
             found = 1 if alone == 1 or several else 0
         if found != now and not (now == -1 and found == 0):
             changes.append(Change(row, found == 1, np.array(run, int), alone == 0 and found == 1))
@@ -124,14 +124,14 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
 
 def _before_contact(changes: Sequence[Change]) -> Sequence[int]:
     """The free frames before the contact that holds now."""
-    return changes[-1].known_before[-BASELINE - LAG :].tolist() if changes and changes[-1].begins else []
+    return changes[-1].known_before[-_BASELINE - _LAG :].tolist() if changes and changes[-1].begins else []
 
 
 def baseline_candidates(free: Sequence[int]) -> Sequence[int]:
     """Of the frames of a free run those that no slow approach is in yet."""
-    recent = free[-BASELINE - LAG :]
-    early = recent[:-LAG] if len(recent) >= LAG + LEAST_BASELINE else recent[: -WINDOWS[-1]]
-    return early[-BASELINE:]
+    recent = free[-_BASELINE - _LAG :]
+    early = recent[:-_LAG] if len(recent) >= _LAG + _LEAST_BASELINE else recent[: -_WINDOWS[-1]]
+    return early[-_BASELINE:]
 
 
 def _baseline(free: Sequence[int], row: int, joints: np.ndarray, root: np.ndarray) -> np.ndarray:
@@ -139,19 +139,19 @@ def _baseline(free: Sequence[int], row: int, joints: np.ndarray, root: np.ndarra
     near = np.array(baseline_candidates(free), int)
     if len(near) == 0:
         return near
-    close = (np.abs(joints[near] - joints[row]) <= SPAN_RAD).all(axis=1) & np.isfinite(root[near])
+    close = (np.abs(joints[near] - joints[row]) <= _SPAN_RAD).all(axis=1) & np.isfinite(root[near])
     return near[close]
 
 
 def _rises(root: np.ndarray, run: Sequence[int], base: np.ndarray) -> bool:
     """Whether the last frames of a run of free ones show more than the baseline's, and noise would hardly ever."""
-    if len(base) < LEAST_BASELINE:
+    if len(base) < _LEAST_BASELINE:
         return False
     mean, scatter = _normal(root[base])
     limit = scatter * _threshold(len(base) - 1)
     return any(
         root[list(run[-window:])].mean() - mean > limit * np.sqrt(1.0 / window + 1.0 / len(base))
-        for window in WINDOWS
+        for window in _WINDOWS
         if len(run) >= window
     )
 
@@ -162,22 +162,22 @@ def _normal(values: np.ndarray) -> tuple[float, float]:
     away = values - mean
     alike = float(away[1:] @ away[:-1]) / max(float(away @ away), 1e-30)
     alike = min(max(alike, 0.0), 0.8)
-    return mean, max(scatter, LEAST_SCATTER) * float(np.sqrt((1.0 + alike) / (1.0 - alike)))
+    return mean, max(scatter, _LEAST_SCATTER) * float(np.sqrt((1.0 + alike) / (1.0 - alike)))
 
 
 def _weak_contact_holds(said: np.ndarray, late: np.ndarray, base: np.ndarray) -> bool:
     """Whether a weak contact holds on by its last frames: too few of them, one that tells it, or all together."""
-    return len(late) < LEAVING or bool((said == 1).any()) or _exceeds(late, base, FREE_TOGETHER)
+    return len(late) < _LEAVING or bool((said == 1).any()) or _exceeds(late, base, _FREE_TOGETHER)
 
 
 def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
     """Whether the mean of some frames is more than the free antenna's by so many of its deviations."""
-    if len(base) < LEAST_BASELINE or not np.isfinite(late).all():
+    if len(base) < _LEAST_BASELINE or not np.isfinite(late).all():
         return False
     mean, scatter = _normal(base)
     return bool(late.mean() > mean + deviations * scatter / np.sqrt(len(late)))
 
 
-@lru_cache(maxsize=BASELINE)
+@lru_cache(maxsize=_BASELINE)
 def _threshold(freedom: int) -> float:
-    return float(student.isf(ALARM, freedom))
+    return float(student.isf(_ALARM, freedom))

@@ -22,10 +22,10 @@ from vbaa_calib.geometry import Kinematics
 
 GAP_FRAMES = 4.0
 """A run of located frames ends where so many frames' time passes without one."""
-LEAST_SECONDS = 6
+_LEAST_SECONDS = 6
 """Second differences that tell a scatter."""
 
-MOST_SCATTER = 3.0
+_MOST_SCATTER = 3.0
 """How many times as much as said the points of a path may scatter across the antenna, at most."""
 
 
@@ -83,12 +83,12 @@ def own_noise(table: ContactTable, rows: np.ndarray, shared: CommonErrors | None
     return whole if shared is None or shared.point_m.shape[-1] == 0 else shared.own_m2[rows]
 
 
-def path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+def _path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     """(D,) standard deviation by which a smooth path (P, D) scatters from frame to frame; NaN for a short one.
 
     By the median of the second differences: steps such as those of a slip do not count.
     """
-    if len(path) < LEAST_SECONDS + 2:
+    if len(path) < _LEAST_SECONDS + 2:
         return np.full(path.shape[1], np.nan)
     before, after = np.diff(time_s)[:-1, None], np.diff(time_s)[1:, None]
     share = after / (before + after)
@@ -130,13 +130,13 @@ def _material_noise(
     across = flat @ own @ flat
     predicted = np.sqrt(np.maximum(np.trace(across, axis1=1, axis2=2) / 2.0, 0.0))
     frame = _frames(tangent)
-    seen = path_scatter(np.einsum("pki,pi->pk", frame, material - material.mean(axis=0)), time)
+    seen = _path_scatter(np.einsum("pki,pi->pk", frame, material - material.mean(axis=0)), time)
     if np.isnan(seen).any():
         return across + along * (predicted**2)[:, None, None]
     sideways = float(np.hypot(seen[1], seen[2]) / np.sqrt(2.0))
     if known and np.isfinite(predicted).all():
         # what swings more than this is motion, not noise
-        factor = np.clip(sideways / max(float(np.median(predicted)), 1e-12), 1.0, MOST_SCATTER) ** 2
+        factor = np.clip(sideways / max(float(np.median(predicted)), 1e-12), 1.0, _MOST_SCATTER) ** 2
         return factor * across + along * seen[0] ** 2
     return along * seen[0] ** 2 + flat * sideways**2
 
@@ -149,13 +149,13 @@ def _frames(tangent: np.ndarray) -> np.ndarray:
     return np.stack([tangent, first, np.cross(tangent, first)], axis=1)
 
 
-HALF_WINDOW_S, LEAST_HALF = 0.1, 1
+HALF_WINDOW_S, _LEAST_HALF = 0.1, 1
 """Velocities are slopes over the frames within this time, and over one neighbour on each side at least."""
-SHARE = 0.01
+_SHARE = 0.01
 """Part of a slip that is left open: the object touches an antenna radius beside the centreline that is followed."""
-LEANING_RAD = 0.35
+_LEANING_RAD = 0.35
 """How far friction may lean the force from the object's normal across the antenna, as a standard deviation."""
-UPRIGHT_RAD = 0.8
+_UPRIGHT_RAD = 0.8
 """A slip that leans further from the plane across the force does not tell the normal: the object gives way there."""
 
 
@@ -189,11 +189,11 @@ def slip(stroke: Stroke, table: ContactTable, kinematics: Kinematics, normal: np
 
     `normal` (P, 3), where known, are the object's outward normals; otherwise the force tells them, and the slip itself.
     """
-    kernel = slopes(stroke.time_s)
+    kernel = _slopes(stroke.time_s)
     moved = kernel @ stroke.material_m
     modes = _sloped(kernel, stroke.modes_m)
     covariance = _sloped(kernel.power(2), stroke.material_m2) + modes @ np.swapaxes(modes, 1, 2)
-    covariance = covariance + np.eye(3) * (SHARE**2 * (moved**2).sum(axis=1))[:, None, None]
+    covariance = covariance + np.eye(3) * (_SHARE**2 * (moved**2).sum(axis=1))[:, None, None]
     across, upward = _tilted_axes(moved, covariance, *_axes(stroke.force_N, stroke.tangent))
     if normal is not None:
         told = np.isfinite(normal).all(axis=1)[:, None]
@@ -221,7 +221,7 @@ def slip(stroke: Stroke, table: ContactTable, kinematics: Kinematics, normal: np
     )
 
 
-def slopes(time_s: np.ndarray) -> csr_array:
+def _slopes(time_s: np.ndarray) -> csr_array:
     """(P, P) rows that make the slope at each time of the straight line through its neighbours; NaN rows for P < 3.
 
     As many neighbours on either side, so that a steady acceleration does not count; at the ends what there is.
@@ -232,7 +232,7 @@ def slopes(time_s: np.ndarray) -> csr_array:
     row = np.arange(count)
     before = row - np.searchsorted(time_s, time_s - HALF_WINDOW_S - 1e-9)
     after = np.searchsorted(time_s, time_s + HALF_WINDOW_S + 1e-9, side="right") - 1 - row
-    half = np.maximum(np.minimum(before, after), LEAST_HALF)
+    half = np.maximum(np.minimum(before, after), _LEAST_HALF)
     low, high = np.maximum(row - half, 0), np.minimum(row + half, count - 1)
     low, high = np.where(high - low < 2, np.clip(low, 0, count - 3), low), np.where(high - low < 2, low + 2, high)
     high = np.minimum(high, count - 1)
@@ -270,8 +270,8 @@ def _tilted_axes(
     with np.errstate(divide="ignore", invalid="ignore"):
         lean = np.arctan(away / sideways)
         variance = noise / (sideways**2 + away**2) + 0.05**2
-        turn = lean * LEANING_RAD**2 / (LEANING_RAD**2 + variance)
-    turn = np.where(np.abs(lean) < UPRIGHT_RAD, turn, 0.0)[:, None]
+        turn = lean * _LEANING_RAD**2 / (_LEANING_RAD**2 + variance)
+    turn = np.where(np.abs(lean) < _UPRIGHT_RAD, turn, 0.0)[:, None]
     return np.cos(turn) * across + np.sin(turn) * upward, np.cos(turn) * upward - np.sin(turn) * across
 
 

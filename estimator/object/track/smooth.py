@@ -119,9 +119,9 @@ def _log_likelihoods(time: np.ndarray, values: np.ndarray, variance: np.ndarray,
     return log
 
 
-LEAST = 5
+_LEAST = 5
 """Frames of a piece that is smoothed; shorter ones stay as they are."""
-LEAST_NOISE = 1e-6
+_LEAST_NOISE = 1e-6
 """Of a point's own variance, in every direction: the filter divides by it."""
 
 
@@ -159,7 +159,7 @@ def smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
     """Rows of the table that may be smoothed together: never across a loss, a gap, or a beginning or end of slip."""
     good = table.located & np.isfinite(table.time_s) & np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
     rows = np.flatnonzero(good & (track.phase != "free"))
-    if len(rows) < LEAST:
+    if len(rows) < _LEAST:
         return []
     time = table.time_s[rows]
     steps = np.diff(time)
@@ -169,7 +169,7 @@ def smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
     parting = [event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)]
     at = np.searchsorted(time, [each for each in parting if np.isfinite(each)], side="right") - 1
     ends[at[(at >= 0) & (at < len(ends))]] = True
-    return [part for part in np.split(rows, np.flatnonzero(ends) + 1) if len(part) >= LEAST]
+    return [part for part in np.split(rows, np.flatnonzero(ends) + 1) if len(part) >= _LEAST]
 
 
 def _smooth_piece(
@@ -182,7 +182,7 @@ def _smooth_piece(
 ) -> None:
     time, point = table.time_s[rows], table.point_world_m[rows]
     size = np.trace(own_m2, axis1=1, axis2=2)
-    own_m2 = own_m2 + np.eye(3) * (LEAST_NOISE * np.maximum(size, np.median(size)))[:, None, None]
+    own_m2 = own_m2 + np.eye(3) * (_LEAST_NOISE * np.maximum(size, np.median(size)))[:, None, None]
     axes = np.linalg.eigh(own_m2.mean(axis=0))[1]
     turned = axes.T @ own_m2 @ axes
     path = (point - point.mean(axis=0)) @ axes

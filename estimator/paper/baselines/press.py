@@ -14,7 +14,7 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
-QUARTIC = 4
+_QUARTIC = 4
 """Degree of the no-load shape: that of a beam under its own weight."""
 
 
@@ -139,9 +139,9 @@ def subtract_free_antenna(points_m: np.ndarray, free_m: np.ndarray) -> np.ndarra
     count. Raises InputError with fewer than five points.
     """
     free = free_m[np.isfinite(free_m).all(axis=1)]
-    if len(free) <= QUARTIC:
-        raise InputError(f"{len(free)} points of the free antenna", remedy=f"at least {QUARTIC + 1} are needed")
-    line = np.polynomial.Polynomial.fit(free[:, 0], free[:, 1], QUARTIC)
+    if len(free) <= _QUARTIC:
+        raise InputError(f"{len(free)} points of the free antenna", remedy=f"at least {_QUARTIC + 1} are needed")
+    line = np.polynomial.Polynomial.fit(free[:, 0], free[:, 1], _QUARTIC)
     return np.stack([points_m[..., 0], points_m[..., 1] - line(points_m[..., 0])], axis=-1)
 
 

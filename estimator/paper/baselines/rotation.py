@@ -18,9 +18,9 @@ from vbaa_calib.core.errors import InputError
 
 from .press import Answer, Press
 
-STANDS_OUT = 5.0
+_STANDS_OUT = 5.0
 """The moment's growth must be so many of its deviations."""
-ASIDE_RAD = 0.05
+_ASIDE_RAD = 0.05
 """Moment and turn that differ in direction by more, and by more than noise, tell of a slip sideways."""
 
 
@@ -62,7 +62,7 @@ def active_antenna_3d(press: Press) -> Answer:
     aside = fitted_slope(turn @ direction, -moment @ across, press.noise.turn_rad, press.noise.moment_Nm)
     angle = float(np.arctan2(abs(aside.value), along.value))
     angle_std = np.hypot(aside.std, angle * along.std) / max(abs(along.value), 1e-300)
-    if angle > max(ASIDE_RAD, 0.0 if np.isnan(angle_std) else STANDS_OUT * angle_std):
+    if angle > max(_ASIDE_RAD, 0.0 if np.isnan(angle_std) else _STANDS_OUT * angle_std):
         return Answer(reason=f"the antenna slips sideways: the moment leans {np.degrees(angle):.0f}° from the turn")
     return _distance(press, along, moment[-1], direction)
 
@@ -90,7 +90,7 @@ def _given(press: Press) -> tuple[np.ndarray, np.ndarray]:
 def _distance(press: Press, slope: Slope, moment_now_Nm: np.ndarray, direction: np.ndarray) -> Answer:
     """From dτ/dw = 3EI/l; the force is the moment over l, along the components that were turned."""
     wire = press.wire
-    if not slope.value > (0.0 if np.isnan(slope.std) else STANDS_OUT * slope.std):
+    if not slope.value > (0.0 if np.isnan(slope.std) else _STANDS_OUT * slope.std):
         return Answer(reason="the moment does not grow with the turn beyond its noise: nothing is pressed")
     distance = 3.0 * wire.stiffness_Nm2 / slope.value
     relative = np.hypot(slope.std / slope.value, wire.stiffness_std_Nm2 / wire.stiffness_Nm2)

@@ -20,9 +20,9 @@ from vbaa_calib.core.errors import InputError
 
 from .press import Answer, Press, Ring, Wire
 
-STANDS_OUT = 5.0
+_STANDS_OUT = 5.0
 """The ringing's amplitude must be so many deviations of its own."""
-FEWEST_PERIODS, FEWEST_SAMPLES = 2.0, 12
+_FEWEST_PERIODS, _FEWEST_SAMPLES = 2.0, 12
 _NODES, _FINER = 65, 8
 
 
@@ -71,8 +71,8 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
     time, signal = np.asarray(ring.time_s, float), np.asarray(ring.moment_Nm, float)
     given = np.isfinite(time) & np.isfinite(signal)
     time, signal = time[given] - (time[given].min() if given.any() else 0.0), signal[given]
-    if len(time) < FEWEST_SAMPLES:
-        return f"{len(time)} samples: at least {FEWEST_SAMPLES} are needed"
+    if len(time) < _FEWEST_SAMPLES:
+        return f"{len(time)} samples: at least {_FEWEST_SAMPLES} are needed"
     start = _start(time, signal, band_rad_s)
     if start is None:
         return "the times do not rise, or are too few for the first mode's frequencies"
@@ -104,10 +104,10 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
         amplitude_Nm=size * amplitude,
         amplitude_std_Nm=size * amplitude_std,
     )
-    if amplitude < STANDS_OUT * amplitude_std:
+    if amplitude < _STANDS_OUT * amplitude_std:
         return "no ringing stands out of the signal's noise"
-    if found.omega_rad_s * span < FEWEST_PERIODS * 2.0 * np.pi:
-        return f"fewer than {FEWEST_PERIODS:.0f} periods: the frequency cannot be told from a drift"
+    if found.omega_rad_s * span < _FEWEST_PERIODS * 2.0 * np.pi:
+        return f"fewer than {_FEWEST_PERIODS:.0f} periods: the frequency cannot be told from a drift"
     return found
 
 

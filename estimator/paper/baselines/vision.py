@@ -19,14 +19,14 @@ from vbaa_calib.core.errors import InputError
 
 from .press import Answer, Press
 
-SHARES = (0.6, 0.97)
+_SHARES = (0.6, 0.97)
 """Where the two points are taken, in antenna lengths."""
-UNCERTAIN = 0.1
+_UNCERTAIN = 0.1
 """Distances less certain than this share of the length are not given out."""
-STEEP = 0.5
+_STEEP = 0.5
 """Slopes of the straight part beyond this are not the small deflections of Assumption 1."""
 
-Formula = Callable[[np.ndarray], np.ndarray]
+_Formula = Callable[[np.ndarray], np.ndarray]
 """From M inputs (M, K) to results (M, Q)."""
 
 
@@ -70,7 +70,7 @@ def _contact_of_points(press: Press, points_m: np.ndarray) -> np.ndarray:
     return np.stack([found.contact_m, found.force_y_N], axis=-1)
 
 
-def _two_points(press: Press, frame: int, shares: tuple[float, float] = SHARES) -> np.ndarray | None:
+def _two_points(press: Press, frame: int, shares: tuple[float, float] = _SHARES) -> np.ndarray | None:
     """(2, 2) the points of a frame that are seen nearest to these shares of the length; None without two of them."""
     if press.points_m is None:
         raise InputError("no centrelines", where="press", remedy="give points_m")
@@ -83,7 +83,7 @@ def _two_points(press: Press, frame: int, shares: tuple[float, float] = SHARES) 
     return points[picked] if picked[0] != picked[1] else None
 
 
-def propagate(solve: Formula, given: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _propagate(solve: _Formula, given: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Results (Q,) of one input (K,), and what independent noise of these deviations (K,) moves them by, (Q, K).
 
     A column is half the difference over ± one deviation; NaN where the noise reaches out of what has a solution.
@@ -103,12 +103,12 @@ def _upright(press: Press, with_moment: bool) -> Answer:
     points = _two_points(press, -1)
     if points is None:
         return Answer(reason="fewer than two points of the antenna are seen apart from each other")
-    if abs(points[1, 1] - points[0, 1]) > STEEP * abs(points[1, 0] - points[0, 0]):
-        return Answer(reason=f"bent beyond small deflections: a slope of more than {STEEP:g}")
+    if abs(points[1, 1] - points[0, 1]) > _STEEP * abs(points[1, 0] - points[0, 0]):
+        return Answer(reason=f"bent beyond small deflections: a slope of more than {_STEEP:g}")
     return _answer(press, solve, points, moment)
 
 
-def _answer(press: Press, solve: Formula, points: np.ndarray | None, moment_Nm: float) -> Answer:
+def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm: float) -> Answer:
     """The reading of a formula over (x1, x2, y1, y2, τ_y, EI)."""
     if points is None:
         return Answer(reason="fewer than two points of the antenna are seen apart from each other")
@@ -118,11 +118,11 @@ def _answer(press: Press, solve: Formula, points: np.ndarray | None, moment_Nm: 
     if np.isnan(moment_Nm):
         given[4], std[4] = 0.0, 0.0
     unknown = bool(np.isnan(std).any())
-    values, moved = propagate(solve, given, np.nan_to_num(std))
+    values, moved = _propagate(solve, given, np.nan_to_num(std))
     if np.isnan(values[0]):
         return Answer(reason="no contact explains the two points, or more than one: too little bent for their noise")
     deviations = np.full(3, np.nan) if unknown else np.sqrt((moved**2).sum(axis=1))
-    if not unknown and not deviations[0] < UNCERTAIN * wire.length_m:
+    if not unknown and not deviations[0] < _UNCERTAIN * wire.length_m:
         return Answer(
             candidates_m=values[:1], reason="bent too little: the two points' noise leaves the contact's place open"
         )
@@ -138,8 +138,8 @@ def _moment_y(press: Press) -> float:
     return float(press.moment_Nm[-1, 1])
 
 
-FEWEST_FRAMES = 3
-KNOWN = 0.2
+_FEWEST_FRAMES = 3
+_KNOWN = 0.2
 """Frames whose force is less certain than this share of itself are left out: there the formulas are far from linear."""
 STANDS_OUT = 3.0
 """The compliance must be so many of its deviations."""
@@ -157,8 +157,8 @@ def vbaa_2d_pushing(press: Press) -> Answer:
         raise InputError("no turns", where="press", remedy="give turn_rad")
     frames = [_yield_at(press, frame) for frame in range(len(press.turn_rad))]
     kept = [frame for frame in frames if frame is not None and np.isfinite(frame[0]).all()]
-    if len(kept) < FEWEST_FRAMES:
-        words = f"object's stiffness: {len(kept)} frames with a contact, {FEWEST_FRAMES} are needed"
+    if len(kept) < _FEWEST_FRAMES:
+        words = f"object's stiffness: {len(kept)} frames with a contact, {_FEWEST_FRAMES} are needed"
         return replace(last, reason=_join(last.reason, words))
     compliance, std = compliance_of(np.array([each[0] for each in kept]), np.array([each[1] for each in kept]))
     if np.isfinite(std) and not compliance > STANDS_OUT * std:
@@ -183,7 +183,7 @@ def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, fl
     more than the noise; without a known noise it is the scatter's.
     """
     force, given = values.T
-    if len(values) < FEWEST_FRAMES or not np.ptp(force) > 0.0:
+    if len(values) < _FEWEST_FRAMES or not np.ptp(force) > 0.0:
         return np.nan, np.nan
     noisy = bool(np.isfinite(covariance).all() and (covariance[:, 1, 1] > 0.0).all())
     noise = covariance if noisy else np.broadcast_to(np.diag([0.0, 1.0]), (len(values), 2, 2))
@@ -218,10 +218,10 @@ def _yield_at(press: Press, frame: int) -> tuple[np.ndarray, np.ndarray] | None:
 
     noise = np.array([press.noise.point_m, press.noise.point_m, press.noise.turn_rad])
     noise[2] = np.nan_to_num(noise[2])
-    values, moved = propagate(solve, np.array([*points[:, 1], press.turn_rad[frame, 0]]), np.nan_to_num(noise))
+    values, moved = _propagate(solve, np.array([*points[:, 1], press.turn_rad[frame, 0]]), np.nan_to_num(noise))
     if np.isnan(noise).any():
         return values, np.full((2, 2), np.nan)
-    if not np.linalg.norm(moved[0]) < KNOWN * abs(values[0]):
+    if not np.linalg.norm(moved[0]) < _KNOWN * abs(values[0]):
         return None
     return values, moved @ moved.T
 
