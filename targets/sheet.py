@@ -1,4 +1,4 @@
-"""The board that is taken where none is described."""
+"""The printed board: its sizes, its description in words and YAML, and its layout on a page."""
 
 from __future__ import annotations
 

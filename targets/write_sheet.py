@@ -1,4 +1,4 @@
-"""A drawing as SVG, in millimetres."""
+"""The page with board, rulers, words and QR code, as PDF or SVG, in millimetres."""
 
 from __future__ import annotations
 
