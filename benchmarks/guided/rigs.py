@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.boards import BARREL, BOARD, HD, MILD, VGA, WIDE
 from benchmarks.calibration.judge import pose_by, rms_on_plane_mm
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.guide.poses import shown_corners
+from vbaa_calib.calibrate.guide.poses import visible_corners
 from vbaa_calib.calibrate.guide.suggestion import Suggestion
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.bundle import Observation
@@ -137,7 +137,7 @@ class Photographer:
         return view
 
     def _projected(self, pose: Pose, name: str) -> BoardView:
-        ids = shown_corners(self.camera, [pose], self.rig.board)[0]
+        ids = visible_corners(self.camera, [pose], self.rig.board)[0]
         pixels, _ = self.camera.project(pose @ corner_points(self.rig.board)[ids])
         noisy = pixels + self.rig.sigma_px * self.rng.normal(size=pixels.shape)
         return BoardView(name, ids, noisy, self.rig.image_size, np.arange(self.rig.board.corner_count // 2))

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.calibrate.guide.next_view import lens_progress
-from vbaa_calib.calibrate.guide.poses import candidates, coarse_set, observation
+from vbaa_calib.calibrate.guide.poses import coarse_poses, observation, view_candidates
 from vbaa_calib.calibrate.guide.suggestion import FURTHEST, NEAREST
-from vbaa_calib.calibrate.guide.view_uncertainty import view_blocks, with_a_lens
+from vbaa_calib.calibrate.guide.view_uncertainty import LensInformation, view_blocks
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
@@ -82,9 +82,9 @@ def _most_determinant(
     rig = photographer.rig
     if solution is None:
         return _suggested(photographer, views, None)
-    taken = with_a_lens(solution, views, rig.board)
+    taken = LensInformation.of(solution, views, rig.board)
     limits = NEAREST * rig.plane.distance_m, FURTHEST * rig.plane.distance_m
-    found = candidates(taken.design, rig.board, coarse_set(taken.design, rig.board, *limits))
+    found = view_candidates(taken.design, rig.board, coarse_poses(taken.design, rig.board, *limits))
     poses = np.array([candidate.T_camera_board.vector for candidate in found])
     blocks, _ = view_blocks(taken.design, poses, [observation(candidate, rig.board) for candidate in found])
     grown = np.linalg.slogdet(np.eye(len(taken.information)) + taken.information + blocks)[1]

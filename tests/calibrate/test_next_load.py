@@ -1,4 +1,4 @@
-"""Which load next: its worth is what a further solve shows, and readings of ruler and balance count."""
+"""Which load next: the predicted uncertainty is that of a further solve, ruler and balance included."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
-from vbaa_calib.calibrate.guide.load_uncertainty import Planner
-from vbaa_calib.calibrate.guide.next_load import LoadSuggestion, load_progress
+from vbaa_calib.calibrate.guide.load_uncertainty import StiffnessForecast
+from vbaa_calib.calibrate.guide.next_load import load_progress
 from vbaa_calib.session import Load, LoadReadings
 
 from ..rod_scenes import World
@@ -39,20 +39,7 @@ def loaded(free) -> tuple[list[Observation], BundleAdjustment]:
     return seen, solved(seen, known)
 
 
-def hung(suggestion: LoadSuggestion) -> Load:
-    """The suggested load."""
-    return Load(
-        None,
-        suggestion.pan_rad,
-        suggestion.tilt_rad,
-        0.0,
-        suggestion.distance_m,
-        suggestion.force_y_N,
-        suggestion.force_z_N,
-    )
-
-
-def test_the_first_load_is_suggested_and_worth_what_was_predicted(free) -> None:
+def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None:
     world, known, seen, joint = free
     progress = load_progress(joint, session(), MASSES_KG)
     assert progress.loads == 0
@@ -63,11 +50,11 @@ def test_the_first_load_is_suggested_and_worth_what_was_predicted(free) -> None:
     first = progress.suggestion
     assert first is not None
     assert first.mass_kg in MASSES_KG
-    assert first.force_y_N == pytest.approx(0.0, abs=1e-12)
-    assert first.force_z_N == pytest.approx(-9.80665 * first.mass_kg)
-    assert f"{1e3 * first.distance_m:.0f} mm" in first.words
+    assert first.load.force_y_N == pytest.approx(0.0, abs=1e-12)
+    assert first.load.force_z_N == pytest.approx(-9.80665 * first.mass_kg)
+    assert f"{1e3 * first.load.distance_m:.0f} mm" in first.words
     rng = np.random.default_rng(5)
-    after = solved([*seen, *observed(world, [hung(first)], rng, TRUE_READINGS)], known)
+    after = solved([*seen, *observed(world, [first.load], rng, TRUE_READINGS)], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
     assert std == pytest.approx(first.std_relative, rel=0.25)
     assert std < 0.5 * progress.std_relative
@@ -76,10 +63,10 @@ def test_the_first_load_is_suggested_and_worth_what_was_predicted(free) -> None:
 def test_a_reading_that_is_off_carries_the_solve_off_as_far_as_is_predicted(free, loaded) -> None:
     _, known, _, _ = free
     seen, joint = loaded
-    planner = Planner.of(joint, [], LoadReadings(1e-5, 1e-4))
-    unit = np.zeros(len(planner.scale))
+    forecast = StiffnessForecast.of(joint, [], LoadReadings(1e-5, 1e-4))
+    unit = np.zeros(len(forecast.scale))
     unit[LOG_STIFFNESS] = 1.0
-    predicted = np.linalg.solve(planner.information, unit) @ planner.pushes / planner.scale[LOG_STIFFNESS]
+    predicted = np.linalg.solve(forecast.information, unit) @ forecast.sensitivity / forecast.scale[LOG_STIFFNESS]
     for load in range(2):
         index = 3 + load
         still = seen[index].still
@@ -95,7 +82,7 @@ def test_a_reading_that_is_off_carries_the_solve_off_as_far_as_is_predicted(free
             assert abs(moved) == pytest.approx(abs(predicted[2 * load + reading]), rel=0.35, abs=3e-5)
 
 
-def test_readings_that_are_weighed_cost_less_than_readings_that_are_believed(free, loaded) -> None:
+def test_weighed_readings_cost_less_than_exact_ones(free, loaded) -> None:
     """And a ruler that is bad matters less far out."""
     _, known, _, _ = free
     seen, joint = loaded
@@ -105,7 +92,7 @@ def test_readings_that_are_weighed_cost_less_than_readings_that_are_believed(fre
     assert weighed.std_relative < weighed.std_relative_with_readings < believed.std_relative_with_readings
     chosen = weighed.suggestion
     assert chosen is not None
-    assert chosen.distance_m > 0.15
+    assert chosen.load.distance_m > 0.15
     assert chosen.std_relative_with_readings < weighed.std_relative_with_readings
 
 
@@ -116,7 +103,7 @@ def test_exact_readings_cost_nothing(loaded) -> None:
         assert exact.std_relative_with_readings == pytest.approx(exact.std_relative, rel=1e-6)
 
 
-def test_what_is_said_of_weighed_readings_is_what_the_solve_says(free, loaded) -> None:
+def test_the_forecast_with_weighed_readings_is_that_of_the_solve(free, loaded) -> None:
     """Of EI now, and after the suggested load."""
     world, known, _, _ = free
     seen, _ = loaded
@@ -128,7 +115,7 @@ def test_what_is_said_of_weighed_readings_is_what_the_solve_says(free, loaded) -
     assert progress.std_relative_with_readings == pytest.approx(std, rel=0.03)
     assert progress.std_relative < 0.8 * std
     assert progress.suggestion is not None
-    more = observed(world, [hung(progress.suggestion)], np.random.default_rng(7), TRUE_READINGS)
+    more = observed(world, [progress.suggestion.load], np.random.default_rng(7), TRUE_READINGS)
     after = solved([*seen, *more], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
     assert progress.suggestion.std_relative_with_readings == pytest.approx(std, rel=0.15)
@@ -183,7 +170,7 @@ def test_following_the_suggestions_is_no_worse_than_loads_at_random() -> None:
                 joint = solved(seen, known)
                 suggestion = load_progress(joint, session(), MASSES_KG, goal_relative=1e-4).suggestion
                 assert suggestion is not None
-                load = hung(suggestion) if guided else at_random(rng)
+                load = suggestion.load if guided else at_random(rng)
                 seen += observed(world, [load], rng)
             errors.append(solved(seen, known).parameters[LOG_STIFFNESS] - world.parameters[6])
     assert np.sqrt(np.mean(np.square(followed))) < 1.1 * np.sqrt(np.mean(np.square(random)))

@@ -1,4 +1,4 @@
-"""What pictures of the board are worth on plane C, and which to take next."""
+"""Uncertainty on plane C by pictures of the board, and which to take next."""
 
 from __future__ import annotations
 
@@ -10,23 +10,20 @@ import pytest
 
 from benchmarks.guided.rigs import Rig, true_error_mm
 from targets.board import corner_points
-from vbaa_calib.calibrate.guide import next_view
 from vbaa_calib.calibrate.guide.jig_views import plane_progress
 from vbaa_calib.calibrate.guide.next_view import LEAST_VIEWS, lens_progress
-from vbaa_calib.calibrate.guide.poses import candidates, coarse_set, shown_corners
-from vbaa_calib.calibrate.guide.suggestion import best_next, closeness, lean_words, place_words, seen_as
+from vbaa_calib.calibrate.guide.poses import coarse_poses, view_candidates, visible_corners
+from vbaa_calib.calibrate.guide.suggestion import best_next, pose_match, seen_as, tilt_words
 from vbaa_calib.calibrate.guide.view_uncertainty import (
-    Design,
+    LensDesign,
+    LensInformation,
     WorkPlane,
-    before_a_lens,
+    bias_square,
     design_about,
     mean_square,
-    plane_functional,
-    pulled_square,
+    plane_sensitivity,
     view_blocks,
-    with_a_lens,
 )
-from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane as Plane
 from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, Observation
 from vbaa_calib.calibrate.lens.information import information
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
@@ -52,13 +49,13 @@ def views(count: int, seed: int = 0, sigma_px: float = 0.1):
     return made, poses
 
 
-def design(sigma_px: float = 0.1) -> Design:
+def design(sigma_px: float = 0.1) -> LensDesign:
     return design_about("opencv4", INTRINSICS, SIZE, sigma_px, SPEC)
 
 
 def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
     made = design()
-    functional = plane_functional(made, PLANE, SPEC)
+    functional = plane_sensitivity(made, PLANE, SPEC)
     rig = Rig("", "opencv5", SIZE, INTRINSICS, SPEC, 0.0)
     for column in range(functional.shape[-1]):
         step = 1e-3 * made.scale[:-FLEX, column]
@@ -72,36 +69,39 @@ def test_blocks_are_the_information_of_the_solve():
     own = design()
     observations = [Observation(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
     bundle = Bundle.start(MODEL, INTRINSICS, np.array([pose.vector for pose in poses]))
-    known = information(bundle, observations)
+    solved = information(bundle, observations)
     blocks, _ = view_blocks(own, bundle.poses, observations)
     ours = own.scale @ np.linalg.inv(blocks.sum(axis=0)) @ own.scale.T
-    theirs = own.sigma_px**2 * known.half @ known.half.T
+    theirs = own.sigma_px**2 * solved.half @ solved.half.T
     assert np.allclose(np.sqrt(np.diag(ours)), np.sqrt(np.diag(theirs)), rtol=1e-4)
 
 
 def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     made, _ = views(5)
-    taken = with_a_lens(solve_intrinsics(made, SPEC, "opencv5"), made, SPEC)
-    functional = plane_functional(taken.design, PLANE, SPEC)
-    found = candidates(taken.design, SPEC, coarse_set(taken.design, SPEC, 0.24, 0.6))
+    known = LensInformation.of(solve_intrinsics(made, SPEC, "opencv5"), made, SPEC)
+    functional = plane_sensitivity(known.design, PLANE, SPEC)
+    found = view_candidates(known.design, SPEC, coarse_poses(known.design, SPEC, 0.24, 0.6))
     poses = np.array([candidate.T_camera_board.vector for candidate in found])
     observations = [
         Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), np.zeros((len(c.ids), 2))) for c in found
     ]
-    after = np.sqrt(mean_square(functional, taken.information + view_blocks(taken.design, poses, observations)[0]))
-    now = np.sqrt(mean_square(functional, taken.information))
-    suggestion = best_next(taken, PLANE, SPEC, functional)
+    after = np.sqrt(mean_square(functional, known.information + view_blocks(known.design, poses, observations)[0]))
+    now = np.sqrt(mean_square(functional, known.information))
+    suggestion = best_next(known, PLANE, SPEC, functional)
     assert after.max() <= now * (1.0 + 1e-9)
-    assert suggestion.std_m / taken.inflation <= after.min() * (1.0 + 1e-6)
+    assert suggestion.std_m / known.inflation <= after.min() * (1.0 + 1e-6)
 
 
 def test_a_suggested_pose_shows_the_board():
     made, _ = views(4)
-    for taken in (before_a_lens([], SPEC, SIZE), with_a_lens(solve_intrinsics(made, SPEC, "opencv4"), made, SPEC)):
-        suggestion = best_next(taken, PLANE, SPEC, plane_functional(taken.design, PLANE, SPEC))
-        ids = shown_corners(taken.design.camera, [suggestion.T_camera_board], SPEC)[0]
+    for known in (
+        LensInformation.nominal([], SPEC, SIZE),
+        LensInformation.of(solve_intrinsics(made, SPEC, "opencv4"), made, SPEC),
+    ):
+        suggestion = best_next(known, PLANE, SPEC, plane_sensitivity(known.design, PLANE, SPEC))
+        ids = visible_corners(known.design.camera, [suggestion.T_camera_board], SPEC)[0]
         assert len(ids) >= 0.35 * SPEC.corner_count
-        middle, _ = taken.design.camera.project((suggestion.T_camera_board @ (CENTRE + 0.0))[None])
+        middle, _ = known.design.camera.project((suggestion.T_camera_board @ (CENTRE + 0.0))[None])
         inside = cv2.pointPolygonTest(suggestion.outline_px.astype(np.float32), middle[0].tolist(), False)
         assert inside > 0
         assert 0.6 * 0.39 < np.linalg.norm(suggestion.T_camera_board @ CENTRE) < 1.7 * 0.41
@@ -134,17 +134,17 @@ def test_enough_once_the_goal_is_reached_and_not_before_the_least_number():
 
 
 def test_no_gain_is_promised_where_a_richer_lens_is_the_doubt(monkeypatch: pytest.MonkeyPatch):
-    """The next picture takes off noise; what a richer lens would move it only helps to settle."""
+    """The next picture takes off noise; what a richer lens would move it only helps to find out."""
     made, _ = views(9)
     solution = solve_intrinsics(made, SPEC, "opencv4")
-    sure = with_a_lens(solution, made, SPEC)
-    functional = plane_functional(sure.design, PLANE, SPEC)
+    sure = LensInformation.of(solution, made, SPEC)
+    functional = plane_sensitivity(sure.design, PLANE, SPEC)
     noise_m = sure.inflation * np.sqrt(mean_square(functional, sure.information))
-    moved_m = sure.inflation * np.sqrt(pulled_square(functional, sure.information, sure.pull))
+    moved_m = sure.inflation * np.sqrt(bias_square(functional, sure.information, sure.gradient))
 
     def progress(moved_by_noise: float):
-        doubted = replace(sure, pull=sure.pull * moved_by_noise * noise_m / moved_m)
-        monkeypatch.setattr(next_view, "with_a_lens", lambda *_: doubted)
+        doubted = replace(sure, gradient=sure.gradient * moved_by_noise * noise_m / moved_m)
+        monkeypatch.setattr(LensInformation, "of", lambda *_: doubted)
         return lens_progress(made, SPEC, PLANE, goal_m=1e-6, solution=solution)
 
     certain, doubtful = progress(0.5), progress(5.0)
@@ -159,7 +159,7 @@ def test_no_gain_is_promised_where_a_richer_lens_is_the_doubt(monkeypatch: pytes
 
 def test_a_plane_that_is_not_in_the_picture_has_no_number():
     made, _ = views(8)
-    behind = Plane(Pose(np.eye(3), np.array([2.0, 0.0, 0.4])), 0.24, 0.06)
+    behind = WorkPlane(Pose(np.eye(3), np.array([2.0, 0.0, 0.4])), 0.24, 0.06)
     progress = lens_progress(made, SPEC, behind, solution=solve_intrinsics(made, SPEC, "opencv4"))
     assert np.isnan(progress.std_m)
     assert not progress.enough
@@ -192,25 +192,18 @@ def test_the_edge_named_is_the_one_that_is_farther(direction, words):
             pose = tilted(axis, (0.0, 0.0, 0.3))
             seen = seen_as(CAMERA, pose, SPEC)
             far = pose.rotation @ (np.array([*direction, 0.0]) * 0.05)
-            assert (words in lean_words(seen.tilt_rad, seen.away_rad)) == (far[2] > 0.01)
+            assert (words in tilt_words(seen.tilt_rad, seen.away_rad)) == (far[2] > 0.01)
             assert seen.tilt_rad == pytest.approx(0.6)
 
 
-def test_places_have_names():
-    assert place_words((0.1, 0.1)) == "upper left"
-    assert place_words((0.5, 0.9)) == "lower middle"
-    assert place_words((0.9, 0.5)) == "right"
-    assert place_words((0.5, 0.5)) == "middle"
-
-
-def test_closeness_says_what_to_change_and_is_one_at_the_pose():
+def test_the_match_is_one_at_the_pose_and_names_what_to_change():
     suggestion = lens_progress([], SPEC, PLANE, image_size=SIZE).suggestion
     wanted = suggestion.T_camera_board
     rng = np.random.default_rng(0)
 
     def judged(pose: Pose) -> tuple[float, str]:
         view = board_view("live", project_board(MODEL, INTRINSICS, pose), SIZE, rng)
-        return closeness(suggestion, view, SPEC, CAMERA, SIZE)
+        return pose_match(suggestion, view, SPEC, CAMERA, SIZE)
 
     share, words = judged(wanted)
     assert share > 0.95
@@ -223,7 +216,7 @@ def test_closeness_says_what_to_change_and_is_one_at_the_pose():
     assert share < 0.6
     assert "further left" in words
     empty = board_view("live", np.full((SPEC.corner_count, 2), -9.0), SIZE, rng)
-    assert closeness(suggestion, empty, SPEC, None, SIZE) == (0.0, "the board is not seen")
+    assert pose_match(suggestion, empty, SPEC, None, SIZE) == (0.0, "the board is not seen")
 
 
 def test_jig_pictures_are_judged_with_the_lens():

@@ -1,4 +1,4 @@
-"""Whether the pictures of the board in the jig suffice: what points on plane C are worth with them and the lens."""
+"""Whether the pictures of the board in the jig suffice: uncertainty on plane C by them and the lens."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from vbaa_calib.detect.board.corners import BoardView
 
 from .view_uncertainty import WorkPlane
 
-LEAST_PICTURES = 3
+_LEAST_PICTURES = 3
 _LEAST_GAIN = 0.025
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneProgress:
-    """What the pictures of the jig are worth so far.
+    """Uncertainty on plane C by the pictures of the jig so far.
 
     Attributes
     ----------
     board : pose of the board; None while it is not found.
-    std_m : predicted deviation of points on plane C, rms over the part that is used; of it lens_std_m is the lens' and
-        board_std_m the board's in the jig. NaN while unknown. How well the jig itself is made is not in it.
+    std_m : predicted deviation of points on plane C, rms over the work area; lens_std_m and board_std_m are the parts
+        of the lens and of the board's pose. NaN while unknown. The jig's own accuracy is not in it.
     enough : whether to go on. words : why, or what is missing, and what to do.
     """
 
@@ -61,7 +61,7 @@ def plane_progress(
         remedy = f": {error.remedy}" if isinstance(error, InputError) and error.remedy else ""
         return PlaneProgress(None, np.nan, np.nan, np.nan, goal_m, False, f"{what}{remedy}.")
     if camera.covariance is None:
-        words = "The lens has no covariance, so nothing can be said of plane C: calibrate it with vbaa intrinsics."
+        words = "The lens has no covariance, and plane C no uncertainty: calibrate it with vbaa intrinsics."
         return PlaneProgress(board, np.nan, np.nan, np.nan, goal_m, False, words)
     lens_m, board_m = _shares_m(board, camera, plane)
     std_m = float(np.hypot(lens_m, board_m))
@@ -72,8 +72,8 @@ def plane_progress(
 
 def _shares_m(board: BoardPose, camera: Camera, plane: WorkPlane) -> tuple[float, float]:
     """Deviations of points on the plane from the lens and from the board's pose; NaN where too few are in view."""
-    told = plane.points
-    space = plane.T_camera_plane @ np.column_stack([told, np.zeros(len(told))])
+    points = plane.points
+    space = plane.T_camera_plane @ np.column_stack([points, np.zeros(len(points))])
     pixels, valid = camera.project(space)
     inside = valid & camera.in_picture(pixels)
     if inside.mean() < 0.5 or camera.covariance is None:
@@ -96,7 +96,7 @@ def _rms(jacobian: np.ndarray, covariance: np.ndarray) -> float:
 
 
 def _next_share(views: Sequence[BoardView], board: BoardPose) -> float:
-    """By how much of itself one more picture lowers the variance of the board's pose.
+    """Part by which one more picture lowers the variance of the board's pose.
 
     Only what differs from picture to picture averages out; what they share, as print and lens, does not.
     """
@@ -120,8 +120,8 @@ def _judged(
         return False, "Plane C is hardly in the picture: turn the camera to where the antenna moves."
     if board.is_ambiguous:
         return False, f"{now}, but two poses of the board explain the picture: tilt camera and board to each other."
-    if pictures < LEAST_PICTURES:
-        return False, f"{now}; {LEAST_PICTURES - pictures} more of the jig as it stands, and nothing is left to chance."
+    if pictures < _LEAST_PICTURES:
+        return False, f"{now}; {_LEAST_PICTURES - pictures} more of the jig as it stands, to average out noise."
     if std_m <= goal_m:
         return True, f"{now}: the goal of {1e3 * goal_m:.3f} mm is reached. Enough, more will not help."
     if gain < _LEAST_GAIN and lens_m > 0.7 * std_m:

@@ -1,4 +1,4 @@
-"""Known loads that could be hung next, and what each would add to the joint solve."""
+"""Known loads that could be hung next, and the rows that each would add to the bundle adjustment."""
 
 from __future__ import annotations
 
@@ -14,44 +14,29 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import RIG_STEPS
 from vbaa_calib.session import Load, Session, Still, gravity_antenna
 
-STANDARD_GRAVITY_M_S2 = 9.80665
-STEEPEST_RAD = np.deg2rad(35.0)
+_STANDARD_GRAVITY_M_S2 = 9.80665
+_STEEPEST_RAD = np.deg2rad(35.0)
 """Slope at the load up to which the model of the antenna is exact enough."""
-NEAREST, FARTHEST_M = 0.35, 5e-3
-"""Loads hang beyond this part of the length, and this far from the tip at least: a hook needs a place."""
-RULER_M, PLACES = 5e-3, 9
-"""Distances that are easily found on a ruler, and how many of them are looked at."""
-SIDEWAYS = 0.02
-"""Part of a hanging weight that may pull along the antenna: a load is known across it only."""
-STRAIGHT = np.cos(np.deg2rad(10.0))
-"""Loads that pull further off gravity than this are taken over a pulley."""
-LEAST_VISIBLE = 0.97
-"""Part of what is seen of the free antenna that must be seen of the loaded one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A load that could be hung, and its worth.
-
-    Attributes
-    ----------
-    direction : (2,) unit (y, z) of its pull, antenna frame. over_pulley : it does not hang straight down.
-    rows : (N, 17 + P) of the whitened Jacobian that it would add.
-    by_distance, by_log_force : (N,) how its residuals would move with its own readings, per m and per unit.
-    """
-
-    load: Load
-    mass_kg: float
-    direction: np.ndarray
-    over_pulley: bool
-    rows: np.ndarray
-    by_distance: np.ndarray
-    by_log_force: np.ndarray
+_NEAREST, _FARTHEST_M = 0.35, 5e-3
+"""Loads hang beyond this part of the length, and at least this far from the tip: a hook needs a place."""
+_RULER_M, _PLACES = 5e-3, 9
+"""Distances that are easily found on a ruler, and how many of them are tried."""
+_SIDEWAYS = 0.02
+"""Part of a hanging weight that may pull along the antenna: only the force across it is known."""
+_STRAIGHT = np.cos(np.deg2rad(10.0))
+"""Loads that pull further off gravity than this hang over a pulley."""
+_LEAST_VISIBLE = 0.97
+"""Part of the visible free antenna that must also be visible of the loaded one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """A direction in which a weight can pull, at a place of the joints."""
+    """A direction in which a weight can pull, at a place of the joints.
+
+    Attributes
+    ----------
+    direction : (2,) unit (y, z), antenna frame. over_pulley : it does not hang straight down.
+    """
 
     pan_rad: float
     tilt_rad: float
@@ -60,22 +45,39 @@ class Pull:
     over_pulley: bool
 
 
+@dataclass(frozen=True, eq=False)
+class LoadCandidate:
+    """A load that could be hung.
+
+    Attributes
+    ----------
+    jacobian : (N, 17 + P) whitened rows that it would add.
+    by_readings : (N, 2) derivatives of its residuals by its distance, per m, and by the logarithm of its force.
+    """
+
+    load: Load
+    mass_kg: float
+    pull: Pull
+    jacobian: np.ndarray
+    by_readings: np.ndarray
+
+
 def pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[Pull]:
-    """Straight down at the joints seen so far, where that is across the antenna; over a pulley to all four sides where
-    the session did so before, or is weightless."""
+    """Straight down at the joints so far, where that is across the antenna; over a pulley to all four sides where the
+    session did so before, or is weightless."""
     joints = {(0.0, 0.0), *((one.still.pan_rad, one.still.tilt_rad) for one in observations)}
     home = [Still(None, pan, tilt, 0.0) for pan, tilt in sorted(joints, key=lambda at: (abs(at[0]) + abs(at[1]), at))]
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, home)
     found: list[Pull] = []
     for still, pull in zip(home, gravity, strict=True):
         size, across = float(np.linalg.norm(pull)), float(np.hypot(pull[1], pull[2]))
-        if size > 0 and abs(pull[0]) <= SIDEWAYS * size:
+        if size > 0 and abs(pull[0]) <= _SIDEWAYS * size:
             down = pull[1:] / across
-            if all(down @ known.direction < STRAIGHT for known in found):
+            if all(down @ known.direction < _STRAIGHT for known in found):
                 found.append(Pull(still.pan_rad, still.tilt_rad, down, pull, False))
     if _uses_pulley(observations):
         for direction in np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]):
-            if all(direction @ known.direction < STRAIGHT for known in found):
+            if all(direction @ known.direction < _STRAIGHT for known in found):
                 found.append(Pull(home[0].pan_rad, home[0].tilt_rad, direction, gravity[0], True))
     return found
 
@@ -86,31 +88,31 @@ def _uses_pulley(observations: Sequence[Observation]) -> bool:
         return True
     for one in observations:
         size = float(np.linalg.norm(one.load_N) * np.linalg.norm(one.gravity_m_s2))
-        if size > 0 and float(one.load_N @ one.gravity_m_s2[1:]) < STRAIGHT * size:
+        if size > 0 and float(one.load_N @ one.gravity_m_s2[1:]) < _STRAIGHT * size:
             return True
     return False
 
 
-def candidates(
+def load_candidates(
     joint: BundleAdjustment, session: Session, kinematics: Kinematics, masses_kg: Sequence[float]
-) -> list[Candidate]:
+) -> list[LoadCandidate]:
     """Every weight at every place and pull that the elastica and the picture support."""
     length = session.antenna.length_m
-    grid = np.arange(RULER_M, length - FARTHEST_M + 1e-9, RULER_M)
-    grid = grid[grid >= NEAREST * length]
+    grid = np.arange(_RULER_M, length - _FARTHEST_M + 1e-9, _RULER_M)
+    grid = grid[grid >= _NEAREST * length]
     if not len(grid):
-        grid = np.array([length - FARTHEST_M])
-    places = np.unique(grid[np.linspace(0, len(grid) - 1, min(PLACES, len(grid))).round().astype(int)])
+        grid = np.array([length - _FARTHEST_M])
+    places = np.unique(grid[np.linspace(0, len(grid) - 1, min(_PLACES, len(grid))).round().astype(int)])
     stiffness = float(np.exp(joint.parameters[ANTENNA][6]))
     wanted = []
     for pull in pulls(session, kinematics, joint.problem.observations):
-        weight = float(np.linalg.norm(pull.gravity_m_s2)) or STANDARD_GRAVITY_M_S2
+        weight = float(np.linalg.norm(pull.gravity_m_s2)) or _STANDARD_GRAVITY_M_S2
         for mass in sorted(set(masses_kg)):
             force = mass * weight * pull.direction
             wanted += [
                 (mass, pull, Load(None, pull.pan_rad, pull.tilt_rad, 0.0, float(at), float(force[0]), float(force[1])))
                 for at in places
-                if mass * weight * at**2 / (2.0 * stiffness) <= STEEPEST_RAD
+                if mass * weight * at**2 / (2.0 * stiffness) <= _STEEPEST_RAD
             ]
     if not wanted:
         return []
@@ -120,16 +122,14 @@ def candidates(
     if not chosen:
         return []
     problem = joint.problem.over(placed).relinearised(joint.solution.parameters[: joint.problem.lens.stop])
-    rows = _rows(joint, problem)
-    readings = _by_readings(joint, problem)
-    return [
-        Candidate(load, mass, pull.direction, pull.over_pulley, jacobian, *own)
-        for (mass, pull, load), jacobian, own in zip(chosen, rows, readings, strict=True)
-    ]
+    found = []
+    for (mass, pull, load), rows in zip(chosen, _rows(joint, problem), strict=True):
+        found.append(LoadCandidate(load, mass, pull, *rows))
+    return found
 
 
 def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> tuple[list[Observation], list[bool]]:
-    """The wanted stills with the points that would be seen of them, those that stay in the picture; which those are."""
+    """The stills that stay in the picture, with the points that would be seen of them; and which these are."""
     problem, parameters = joint.problem, joint.solution.parameters
     free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
     curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
@@ -142,7 +142,7 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> tuple[
     usual = [one for one, kept in zip(problem.observations, problem.kept, strict=True) if kept]
     points = float(np.median([len(one.points_px) for one in usual])) / max(float(visible[0]), 1e-3)
     sigma = float(np.median(np.concatenate([one.sigma_px for one in usual])))
-    inside = [bool(own >= LEAST_VISIBLE * visible[0] > 0) for own in visible[1:]]
+    inside = [bool(own >= _LEAST_VISIBLE * visible[0] > 0) for own in visible[1:]]
     placed = []
     for index in (np.flatnonzero(inside) + 1).tolist():
         # a node stands for all the points of its piece of the antenna
@@ -152,28 +152,22 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> tuple[
     return placed, inside
 
 
-def _rows(joint: BundleAdjustment, problem: Problem) -> list[np.ndarray]:
-    """Per still (N + 1, 17 + P): whitened rows of points and moment."""
+def _rows(joint: BundleAdjustment, problem: Problem) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Per still the whitened rows (N + 1) of points and moment, by the parameters and by distance and log force."""
     parameters = joint.solution.parameters[: problem.lens.stop]
     blocks, moments = problem.evaluate(parameters)
     found = []
-    for block, moment in zip(blocks, moments, strict=True):
+    for block, moment, by_readings in zip(
+        blocks, moments, problem.slopes_by_load(parameters, problem.seen_at_lens), strict=True
+    ):
         rows = np.zeros((len(block) + 1, len(parameters)))
         rows[:-1, :GAIN] = block[:, 1 : 1 + GAIN] / problem.noise_scale
         rows[:-1, RIG:] = block[:, 1 + GAIN :] / problem.noise_scale
-        # as `Problem._moments` has them
+        # as in `Problem._moments`
         rows[-1, ANTENNA] = parameters[GAIN] * (moment[1:] - moment[0]) / RIG_STEPS[6:]
         rows[-1, GAIN], rows[-1, OFFSET] = moment[0], 1.0
         rows[-1] /= problem.moment_std_Nm
-        found.append(rows)
-    return found
-
-
-def _by_readings(joint: BundleAdjustment, problem: Problem) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Per still (N + 1,) twice: how its residuals move with its distance and with the logarithm of its force."""
-    parameters, found = joint.solution.parameters[: problem.lens.stop], []
-    for slopes in problem.slopes_by_load(parameters, problem.seen_at_lens):
-        slopes[:-1] /= problem.noise_scale
-        slopes[-1] *= parameters[GAIN] / problem.moment_std_Nm
-        found.append((slopes[:, 0], slopes[:, 1]))
+        by_readings[:-1] /= problem.noise_scale
+        by_readings[-1] *= parameters[GAIN] / problem.moment_std_Nm
+        found.append((rows, by_readings))
     return found

@@ -1,4 +1,4 @@
-"""Where a person can hold the board: a designed set of poses, with what of the board each shows."""
+"""Poses in which a person can hold the board, and the corners that are visible in each."""
 
 from __future__ import annotations
 
@@ -15,28 +15,30 @@ from vbaa_calib.calibrate.lens.bundle import Observation
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 
-from .view_uncertainty import Design
+from .view_uncertainty import LensDesign
 
-FILLS = (0.9, 0.6, 0.4)
+_FILLS = (0.9, 0.6, 0.4)
 """Shares of the picture's shorter relative side that the board takes up, near to far."""
 
-COLUMNS, LINES = (0.1, 0.3, 0.5, 0.7, 0.9), (0.1, 0.3, 0.5, 0.7, 0.9)
+_COLUMNS, _LINES = (0.1, 0.3, 0.5, 0.7, 0.9), (0.1, 0.3, 0.5, 0.7, 0.9)
 _TILT_RAD = np.radians(38.0)
 _TILTS = 8
-_LEAST_CORNERS, _LEAST_SHARE = 8, 0.35
+LEAST_SHARE = 0.35
+"""Part of the board's corners that a picture must show."""
+_LEAST_CORNERS = 8
 _LEAST_MARKER_PX = 18.0
 _EDGE_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """One way to hold the board.
+class HeldPose:
+    """How a board is held before the camera.
 
     Attributes
     ----------
-    place : (2,) where its middle is in the picture, 0 to 1 from the upper left. distance_m : of its middle.
-    tilt_rad : between its normal and the line of sight. away_rad : which way in the picture it leans back, from right
-        (0) to down (π/2). roll_rad : about the line of sight, 0 with the board's x to the right.
+    place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
+    tilt_rad : between its normal and the line of sight. away_rad : direction in the picture in which it is tilted
+        back, right 0, down π/2. roll_rad : about the line of sight, 0 with the board's x to the right.
     """
 
     place: tuple[float, float]
@@ -47,57 +49,57 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """A way to hold the board, its T_camera_board, and which corners (N,) the picture shows with all their markers."""
+class ViewCandidate:
+    """A pose of the board, and the ids (N,) of the corners that are visible with all their markers."""
 
-    held: Held
+    held: HeldPose
     T_camera_board: Pose
     ids: np.ndarray
 
 
-def coarse_set(design: Design, spec: BoardSpec, near_m: float, far_m: float) -> list[Held]:
-    """The designed set: distances, places, and leaning in every direction; distances within the limits given."""
-    distances = sorted({float(np.clip(d, near_m, far_m)) for d in _distances(design, spec)})
-    leans = [(0.0, 0.0)] + [(_TILT_RAD, 2 * np.pi * index / _TILTS) for index in range(_TILTS)]
+def coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: float) -> list[HeldPose]:
+    """A grid of distances within limits, of places, and of tilts in every direction."""
+    size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
+    filled_m = np.max(size * design.intrinsics[:2] / np.array(design.image_size))
+    distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in _FILLS})
+    tilts = [(0.0, 0.0)] + [(_TILT_RAD, 2 * np.pi * index / _TILTS) for index in range(_TILTS)]
     return [
-        Held((x, y), distance, tilt, away, 0.0)
+        HeldPose((x, y), distance, tilt, away, 0.0)
         for distance in distances
-        for x in COLUMNS
-        for y in LINES
-        for tilt, away in leans
+        for x in _COLUMNS
+        for y in _LINES
+        for tilt, away in tilts
     ]
 
 
-def finer_set(best: Held, near_m: float, far_m: float) -> list[Held]:
-    """Ways to hold the board near the best so far: place, distance, leaning, and a quarter turn."""
+def finer_poses(best: HeldPose, near_m: float, far_m: float) -> list[HeldPose]:
+    """Poses near the best so far: other places, distances and tilts, and a quarter turn."""
     places = [(best.place[0] + dx, best.place[1] + dy) for dx in (-0.08, 0.0, 0.08) for dy in (-0.08, 0.0, 0.08)]
-    ways = [Held(place, best.distance_m, best.tilt_rad, best.away_rad, best.roll_rad) for place in places]
+    held = [HeldPose(place, best.distance_m, best.tilt_rad, best.away_rad, best.roll_rad) for place in places]
     for ratio in (0.8, 1.0, 1.25):
         distance = float(np.clip(ratio * best.distance_m, near_m, far_m))
         for tilt in np.radians((0.0, 25.0, 38.0, 50.0)):
             for roll in (0.0, np.pi / 2):
-                ways.append(Held(best.place, distance, float(tilt), best.away_rad, roll))
-    return ways
+                held.append(HeldPose(best.place, distance, float(tilt), best.away_rad, roll))
+    return held
 
 
-def _distances(design: Design, spec: BoardSpec) -> list[float]:
-    size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
-    filled = np.max(size * design.intrinsics[:2] / np.array(design.image_size))
-    return [float(filled / fill) for fill in FILLS]
-
-
-def candidates(design: Design, spec: BoardSpec, ways: Sequence[Held], share: float = _LEAST_SHARE) -> list[Candidate]:
-    """Those ways that show at least a share of the board's corners, none too small or too steep to be read."""
-    places = np.array([way.place for way in ways]) * (np.array(design.image_size) - 1)
+def view_candidates(
+    design: LensDesign, spec: BoardSpec, held: Sequence[HeldPose], share: float = LEAST_SHARE
+) -> list[ViewCandidate]:
+    """Those poses that show at least a share of the board's corners, none too small or too steep to be read."""
+    places = np.array([one.place for one in held]) * (np.array(design.image_size) - 1)
     rays, seen = design.camera.unproject(places)
-    kept = [way for way, ok in zip(ways, seen.tolist(), strict=True) if ok]
+    kept = [one for one, ok in zip(held, seen.tolist(), strict=True) if ok]
     poses = _poses(kept, rays[seen], spec)
-    shown = shown_corners(design.camera, poses, spec)
+    shown = visible_corners(design.camera, poses, spec)
     least = max(_LEAST_CORNERS, round(share * spec.corner_count))
-    return [Candidate(way, pose, ids) for way, pose, ids in zip(kept, poses, shown, strict=True) if len(ids) >= least]
+    return [
+        ViewCandidate(one, pose, ids) for one, pose, ids in zip(kept, poses, shown, strict=True) if len(ids) >= least
+    ]
 
 
-def shown_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> list[np.ndarray]:
+def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> list[np.ndarray]:
     """Ids (N,) of the corners whose four squares are in the picture, for each T_camera_board.
 
     None where the board is seen so small or so steeply that its markers cannot be read.
@@ -117,21 +119,21 @@ def shown_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> lis
     return found
 
 
-def _poses(ways: Sequence[Held], rays: np.ndarray, spec: BoardSpec) -> list[Pose]:
-    """The board's middle on each ray (N, 3), turned to the camera, then leaned and rolled."""
-    if not ways:
+def _poses(held: Sequence[HeldPose], rays: np.ndarray, spec: BoardSpec) -> list[Pose]:
+    """The board's middle on each ray (N, 3), turned to the camera, then tilted and rolled."""
+    if not held:
         return []
     across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(rays))], axis=1)
     sine = np.linalg.norm(across, axis=1)
     facing = across * (np.arctan2(sine, rays[:, 2]) / np.maximum(sine, 1e-12))[:, None]
-    # leaning back towards `away`: the normal, which leads away from the viewer, turns the other way
-    lean = np.array([[np.sin(way.away_rad), -np.cos(way.away_rad), 0.0] for way in ways])
-    lean *= np.array([way.tilt_rad for way in ways])[:, None]
-    roll = np.array([[0.0, 0.0, way.roll_rad] for way in ways])
-    turned = Rotation.from_rotvec(facing) * Rotation.from_rotvec(lean) * Rotation.from_rotvec(roll)
+    # tilted back towards `away`: the normal, which points away from the viewer, turns the opposite direction
+    tilt = np.array([[np.sin(one.away_rad), -np.cos(one.away_rad), 0.0] for one in held])
+    tilt *= np.array([one.tilt_rad for one in held])[:, None]
+    roll = np.array([[0.0, 0.0, one.roll_rad] for one in held])
+    turned = Rotation.from_rotvec(facing) * Rotation.from_rotvec(tilt) * Rotation.from_rotvec(roll)
     half = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
     rotations = turned.as_matrix()
-    shifts = np.array([way.distance_m for way in ways])[:, None] * rays - rotations @ half
+    shifts = np.array([one.distance_m for one in held])[:, None] * rays - rotations @ half
     return [Pose(rotation, shift) for rotation, shift in zip(rotations, shifts, strict=True)]
 
 
@@ -154,6 +156,6 @@ def _smallest_px(around: np.ndarray) -> float:
     return float((area / sides.max(axis=1)).min() / 2)
 
 
-def observation(candidate: Candidate, spec: BoardSpec) -> Observation:
-    """Its corners; their pixels are left at nil, for only derivatives are asked of them."""
+def observation(candidate: ViewCandidate, spec: BoardSpec) -> Observation:
+    """Its corners, for derivatives alone: their pixels are 0."""
     return Observation(corner_points(spec)[candidate.ids], np.zeros((len(candidate.ids), 2)), bend(spec)[candidate.ids])

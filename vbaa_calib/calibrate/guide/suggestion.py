@@ -1,4 +1,4 @@
-"""How close a live picture is to the pose that was suggested, and what to change."""
+"""The pose of the board to show next; how well a live picture matches it, and what to change."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
-from .poses import Candidate, Held, candidates, coarse_set, finer_set, observation
-from .view_uncertainty import Taken, WorkPlane, mean_square, nominal_intrinsics, view_blocks
+from .poses import LEAST_SHARE, HeldPose, ViewCandidate, coarse_poses, finer_poses, observation, view_candidates
+from .view_uncertainty import LensInformation, WorkPlane, mean_square, nominal_intrinsics, view_blocks
 
 _DIRECTIONS = (
     "right edge",
@@ -34,14 +34,14 @@ _WHOLE = 0.95
 
 
 @dataclass(frozen=True)
-class Seen:
-    """How a board stands before the camera.
+class SeenPose:
+    """How a board is seen by the camera.
 
     Attributes
     ----------
     place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
-    tilt_rad : between its normal and the line of sight. away_rad : where in the picture it leans back, right 0,
-        down π/2. long_rad : its long side's angle in the picture, within ±π/2.
+    tilt_rad : between its normal and the line of sight. away_rad : direction in the picture in which it is tilted back,
+        right 0, down π/2. long_rad : its long side's angle in the picture, within ±π/2.
     """
 
     place: tuple[float, float]
@@ -51,8 +51,8 @@ class Seen:
     long_rad: float
 
 
-def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> Seen:
-    """What a pose looks like from the camera."""
+def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> SeenPose:
+    """A pose as seen by the camera."""
     half = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
     middle = T_camera_board @ half
     distance = float(np.linalg.norm(middle))
@@ -62,14 +62,14 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> Seen:
     place = (pixel[0] if valid[0] else flat) / (np.array(camera.image_size) - 1)
     normal = T_camera_board.rotation[:, 2]
     cosine = float(normal @ ray)
-    lean = -(normal - cosine * ray)
+    tilt = -(normal - cosine * ray)
     long_side = T_camera_board.rotation[:, 0 if spec.squares_x >= spec.squares_y else 1]
     angle = float(np.arctan2(long_side[1], long_side[0]))
-    return Seen(
+    return SeenPose(
         (float(place[0]), float(place[1])),
         distance,
         float(np.arccos(np.clip(abs(cosine), 0.0, 1.0))),
-        float(np.arctan2(lean[1], lean[0])),
+        float(np.arctan2(tilt[1], tilt[0])),
         float((angle + np.pi / 2) % np.pi - np.pi / 2),
     )
 
@@ -83,20 +83,19 @@ def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: 
     parts = [f"board in the {place_words(seen.place)} of the picture"]
     if corners < _WHOLE * spec.corner_count:
         parts[0] += f", partly outside it ({corners} of its {spec.corner_count} corners seen)"
-    parts.append(f"{seen.distance_m:.2f} m away" if metric else f"{_size_words(camera, seen, spec)}")
-    parts.append(lean_words(seen.tilt_rad, seen.away_rad))
+    if metric:
+        parts.append(f"{seen.distance_m:.2f} m away")
+    else:
+        size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
+        share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
+        parts.append(f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height")
+    parts.append(tilt_words(seen.tilt_rad, seen.away_rad))
     if abs(seen.long_rad) > _UPRIGHT_RAD:
         parts.append("its long side upright")
     return ", ".join(parts)
 
 
-def _size_words(camera: Camera, seen: Seen, spec: BoardSpec) -> str:
-    size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
-    share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
-    return f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height"
-
-
-def lean_words(tilt_rad: float, away_rad: float) -> str:
+def tilt_words(tilt_rad: float, away_rad: float) -> str:
     """Which edge is turned away from the camera, and by how much."""
     if tilt_rad < _FACING_RAD:
         return "facing the camera"
@@ -137,47 +136,49 @@ class Suggestion:
     std_m: float
 
 
-def best_next(taken: Taken, plane: WorkPlane, spec: BoardSpec, functional: np.ndarray | None) -> Suggestion | None:
+def best_next(
+    known: LensInformation, plane: WorkPlane, spec: BoardSpec, sensitivity: np.ndarray | None
+) -> Suggestion | None:
     """The best of a designed set of poses, then of those near it. None where none shows enough of the board.
 
-    functional : of `plane_functional`; without it the lens as a whole is what is to be known better.
+    sensitivity : of `plane_sensitivity`; without it the lens as a whole counts.
     """
-    aim = np.eye(taken.information.shape[0])[None] if functional is None else functional
+    aim = np.eye(known.information.shape[0])[None] if sensitivity is None else sensitivity
     # the first pictures find the board and start the lens: all of it has to be seen
-    share = _WHOLE_SHARE if taken.pictures < _WHOLE_PICTURES else None
+    share = _WHOLE_SHARE if known.pictures < _WHOLE_PICTURES else LEAST_SHARE
     limits = NEAREST * plane.distance_m, FURTHEST * plane.distance_m
-    best = _best(taken, coarse_set(taken.design, spec, *limits), spec, aim, share)
+    best = _best(known, coarse_poses(known.design, spec, *limits), spec, aim, share)
     if best is None:
         return None
     for _ in range(_ROUNDS):
-        best = _best(taken, [best[0].held, *finer_set(best[0].held, *limits)], spec, aim, share) or best
+        best = _best(known, [best[0].held, *finer_poses(best[0].held, *limits)], spec, aim, share) or best
     candidate, square = best
-    known = taken.solved and functional is not None
+    solved = known.solved and sensitivity is not None
     return Suggestion(
         candidate.T_camera_board,
-        _outline(taken, candidate, spec),
-        _pose_words(taken.design.camera, candidate.T_camera_board, spec, len(candidate.ids), taken.solved),
-        taken.inflation * float(np.sqrt(square)) if known else np.nan,
+        _outline(known, candidate, spec),
+        _pose_words(known.design.camera, candidate.T_camera_board, spec, len(candidate.ids), known.solved),
+        known.inflation * float(np.sqrt(square)) if solved else np.nan,
     )
 
 
 def _best(
-    taken: Taken, ways: Sequence[Held], spec: BoardSpec, aim: np.ndarray, share: float | None
-) -> tuple[Candidate, float] | None:
-    found = candidates(taken.design, spec, ways) if share is None else candidates(taken.design, spec, ways, share)
+    known: LensInformation, held: Sequence[HeldPose], spec: BoardSpec, aim: np.ndarray, share: float
+) -> tuple[ViewCandidate, float] | None:
+    found = view_candidates(known.design, spec, held, share)
     if not found:
         return None
     poses = np.array([candidate.T_camera_board.vector for candidate in found])
-    blocks, _ = view_blocks(taken.design, poses, [observation(candidate, spec) for candidate in found])
-    squares = mean_square(aim, taken.information + blocks)
+    blocks, _ = view_blocks(known.design, poses, [observation(candidate, spec) for candidate in found])
+    squares = mean_square(aim, known.information + blocks)
     index = int(np.argmin(squares))
     return found[index], float(squares[index])
 
 
-def _outline(taken: Taken, candidate: Candidate, spec: BoardSpec) -> np.ndarray:
+def _outline(known: LensInformation, candidate: ViewCandidate, spec: BoardSpec) -> np.ndarray:
     """Corners that lie outside the picture, where the lens may fold, by the homography of those inside."""
     points = corner_points(spec)[candidate.ids]
-    pixels, _ = taken.design.camera.project(candidate.T_camera_board @ points)
+    pixels, _ = known.design.camera.project(candidate.T_camera_board @ points)
     homography, _ = cv2.findHomography(points[:, :2], pixels)
     width, height = spec.square_m * spec.squares_x, spec.square_m * spec.squares_y
     corners = np.array([[[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]])
@@ -185,12 +186,12 @@ def _outline(taken: Taken, candidate: Candidate, spec: BoardSpec) -> np.ndarray:
 
 
 _LEAST_CORNERS = 6
-_PLACE, _DISTANCE, _LEAN_RAD = 0.12, 0.2, np.radians(15.0)
+_PLACE, _DISTANCE, _TILT_RAD = 0.12, 0.2, np.radians(15.0)
 _SAY = 0.6
 _LONG_RAD = np.radians(40.0)
 
 
-def closeness(
+def pose_match(
     suggestion: Suggestion,
     view: BoardView,
     spec: BoardSpec,
@@ -199,7 +200,7 @@ def closeness(
 ) -> tuple[float, str]:
     """0 to 1, and what to change in words ("further left, nearer"). Above about 0.6 is as good as the pose itself.
 
-    camera : the lens so far; without it a nominal one is taken. image_size : (width, height) px of the view.
+    camera : the lens so far; without it a nominal one is known. image_size : (width, height) px of the view.
     """
     if len(view.ids) == 0:
         return 0.0, "the board is not seen"
@@ -221,16 +222,16 @@ def _pose(points: np.ndarray, pixels: np.ndarray, camera: Camera) -> Pose | None
     return Pose.from_rotvec(rotvec.ravel(), shift.ravel()) if ok and shift[2, 0] > 0.0 else None
 
 
-def _compared(wanted: Seen, seen: Seen) -> tuple[float, str]:
+def _compared(wanted: SeenPose, seen: SeenPose) -> tuple[float, str]:
     across, down = np.subtract(wanted.place, seen.place)
     farther = np.log(wanted.distance_m / seen.distance_m)
-    lean = _lean(wanted) - _lean(seen)
+    tilt = _tilt(wanted) - _tilt(seen)
     turn = (wanted.long_rad - seen.long_rad + np.pi / 2) % np.pi - np.pi / 2
     parts = [
         (abs(across) / _PLACE, "further right" if across > 0 else "further left"),
         (abs(down) / _PLACE, "lower" if down > 0 else "higher"),
         (abs(farther) / _DISTANCE, "farther away" if farther > 0 else "nearer"),
-        (float(np.linalg.norm(lean)) / _LEAN_RAD, _lean_words(wanted)),
+        (float(np.linalg.norm(tilt)) / _TILT_RAD, tilt_words(wanted.tilt_rad, wanted.away_rad)),
         (0.6 * max(abs(turn) / _LONG_RAD - 0.5, 0.0) * 2, "turned by a quarter" if abs(turn) > 1.0 else "less askew"),
     ]
     share = float(1.0 / (1.0 + 0.4 * sum(size**2 for size, _ in parts)))
@@ -238,9 +239,5 @@ def _compared(wanted: Seen, seen: Seen) -> tuple[float, str]:
     return share, ", ".join(said) if said else "hold it there"
 
 
-def _lean(seen: Seen) -> np.ndarray:
+def _tilt(seen: SeenPose) -> np.ndarray:
     return seen.tilt_rad * np.array([np.cos(seen.away_rad), np.sin(seen.away_rad)])
-
-
-def _lean_words(wanted: Seen) -> str:
-    return lean_words(wanted.tilt_rad, wanted.away_rad)

@@ -1,4 +1,4 @@
-"""The pictures taken so far: what they tell of the lens, and what makes that doubtful."""
+"""Uncertainty on plane C by the pictures of the board so far: information about the lens, and doubts about it."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _HALF_WIDTH_PER_LENGTH = 0.25
 
 @dataclass(frozen=True, eq=False)
 class WorkPlane:
-    """Plane C as far as it is known, and the part of it that is used.
+    """Plane C as far as it is known, and the work area on it.
 
     Attributes
     ----------
     T_camera_plane : z = 0 is the plane, x runs along the antenna from the clamp.
-    length_m, half_width_m : used are x from 0 to the length and y from minus to plus the half width.
+    length_m, half_width_m : of the work area, x from 0 to the length and y from minus to plus the half width.
     """
 
     T_camera_plane: Pose
@@ -38,27 +38,27 @@ class WorkPlane:
 
     @staticmethod
     def about(distance_m: float, inclination_rad: float, length_m: float) -> WorkPlane:
-        """Before the jig was seen: its middle on the camera's axis, turned about the picture's upright."""
+        """Before the jig was seen: its middle on the camera's axis, turned about the picture's vertical."""
         turn = Pose.from_rotvec(np.array([0.0, inclination_rad, 0.0]), np.array([0.0, 0.0, distance_m]))
         to_clamp = Pose(np.eye(3), np.array([-length_m / 2, 0.0, 0.0]))
         return WorkPlane(turn @ to_clamp, length_m, _HALF_WIDTH_PER_LENGTH * length_m)
 
     @property
     def points(self) -> np.ndarray:
-        """(n, 2) x and y of points all over the part that is used, m."""
+        """(n, 2) x and y of points all over the work area, m."""
         x, y = np.linspace(0.0, self.length_m, _GRID[0]), np.linspace(-1.0, 1.0, _GRID[1]) * self.half_width_m
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     @property
     def distance_m(self) -> float:
-        """From the camera to the middle of the part that is used."""
+        """From the camera to the middle of the work area."""
         return float(np.linalg.norm(self.T_camera_plane @ np.array([self.length_m / 2, 0.0, 0.0])))
 
     def board_pose(self, spec: BoardSpec) -> Pose:
-        """T_camera_board of a board that lies on the plane in the middle of the part that is used, print up."""
+        """T_camera_board of a board on the plane in the middle of the work area, print up."""
         half = spec.square_m * np.array([spec.squares_x, spec.squares_y]) / 2
         away = self.T_camera_plane.rotation[:, 2] @ self.T_camera_plane.translation_m >= 0.0
-        # the board's z leads away from the camera, whichever way the plane's does
+        # the board's z points away from the camera, whatever the plane's does
         turn = np.eye(3) if away else np.diag([1.0, -1.0, -1.0])
         middle = np.array([self.length_m / 2, 0.0, 0.0])
         return self.T_camera_plane @ Pose(turn, middle - turn @ np.append(half, 0.0))
@@ -71,21 +71,23 @@ _SAGITTA_PER_EXTENT = 0.005
 _LEAST_JIG_CORNERS = 6
 _LEAST_RAYS = 0.5
 _RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
-NOMINAL_FOCAL_PER_WIDTH = 1.1
-"""Of a camera that no picture tells of: a field of view of 49°, as most webcams and machine lenses have."""
+_NOMINAL_FOCAL_PER_WIDTH = 1.1
+"""A field of view of 49°, as most webcams and machine lenses have."""
+_NOMINAL_SIGMA_PX, _LEAST_SIGMA_PX = 0.2, 0.02
+_NOMINAL_MODEL = "radial"
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
-    """The lens about which the worth of pictures is counted, with more freedom than the lens that was chosen.
+class LensDesign:
+    """The lens about which uncertainty is linearised, with more parameters than the lens model that was chosen.
 
-    A simple lens that a few pictures chose would be sure of itself for the wrong reason: what it cannot describe it
-    does not doubt. Here it may also be wrong in what the next richer model could describe, within reason.
+    A simple model from few pictures has too small a covariance: it has none for what it cannot describe. Here the lens
+    may also be wrong in what the next richer model could describe, within a prior.
 
     Attributes
     ----------
     model, intrinsics : the lens, (4 + k,). image_size : (width, height) px.
-    scale : (4 + k + 2, p) intrinsics and sagittas for a unit of each z (p,), of which each is 0 ± 1 before any picture.
+    scale : (4 + k + 2, p) intrinsics and sagittas for a unit of each z (p,), whose prior is 0 ± 1.
     sigma_px : deviation of a corner, per axis. sagittas_m : (2,) of the board.
     """
 
@@ -107,9 +109,9 @@ class Design:
         return camera_of(self.model, self.intrinsics, self.image_size)
 
 
-def nominal_intrinsics(image_size: tuple[int, int], focal_px: float | None = None) -> np.ndarray:
-    """(4,) fx, fy, cx, cy of a camera that no picture tells of."""
-    focal = focal_px or NOMINAL_FOCAL_PER_WIDTH * max(image_size)
+def nominal_intrinsics(image_size: tuple[int, int]) -> np.ndarray:
+    """(4,) fx, fy, cx, cy of a camera of which nothing is known."""
+    focal = _NOMINAL_FOCAL_PER_WIDTH * max(image_size)
     return np.array([focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
 
 
@@ -120,10 +122,10 @@ def design_about(
     sigma_px: float,
     spec: BoardSpec,
     sagittas_m: np.ndarray | None = None,
-) -> Design:
+) -> LensDesign:
     """A design one step richer than the lens model `name` at its solution (4 + k,).
 
-    sagittas_m : (2,) of a board that was found to be bent; they are doubted too.
+    sagittas_m : (2,) of a board that was found to be bent; they are uncertain, too.
     """
     chosen = LENS_MODELS[name]
     model = LENS_MODELS[_RICHER.get(name, name)]
@@ -134,11 +136,11 @@ def design_about(
         if not np.any(wide[4:]):
             model, wide = chosen, np.array(intrinsics, float)
     prior = _prior(model, wide, image_size, spec, sagittas_m is not None)
-    return Design(model, wide, image_size, prior, sigma_px, np.zeros(FLEX) if sagittas_m is None else sagittas_m)
+    return LensDesign(model, wide, image_size, prior, sigma_px, np.zeros(FLEX) if sagittas_m is None else sagittas_m)
 
 
-def has_rays(design: Design) -> bool:
-    """Whether most of the picture has a ray: a lens from too few pictures may have hardly any."""
+def has_rays(design: LensDesign) -> bool:
+    """Whether most of the picture has rays: a lens from too few pictures may have hardly any."""
     columns, lines = (np.linspace(0, length - 1, 9) for length in design.image_size)
     _, valid = design.camera.unproject(np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2))
     return bool(valid.mean() > _LEAST_RAYS)
@@ -147,7 +149,7 @@ def has_rays(design: Design) -> bool:
 def _prior(
     model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], spec: BoardSpec, flex: bool
 ) -> np.ndarray:
-    """`Design.scale`: how wrong each part of a lens may be, from what cameras are like."""
+    """`LensDesign.scale`: how wrong each part of a lens may be, from what cameras are like."""
     size, unit = len(intrinsics), np.eye(len(intrinsics) + FLEX)
     fx, fy = intrinsics[:2]
     both, apart = fx * unit[0] + fy * unit[1], fx * unit[0] - fy * unit[1]
@@ -180,9 +182,9 @@ def _largest_shift(model: LensModel, intrinsics: np.ndarray, image_size: tuple[i
 
 
 def view_blocks(
-    design: Design, poses: np.ndarray, observations: Sequence[Observation]
+    design: LensDesign, poses: np.ndarray, observations: Sequence[Observation]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of views at poses (V, 6): information (V, p, p) in `Design` coordinates and what it pulls with (V, p).
+    """Of views at poses (V, 6): information (V, p, p) in `LensDesign` coordinates, and gradient (V, p).
 
     The views' own poses are eliminated.
     """
@@ -199,14 +201,14 @@ def view_blocks(
     return blocks[:, :count, :count], blocks[:, :count, count]
 
 
-def plane_functional(design: Design, plane: WorkPlane, spec: BoardSpec) -> np.ndarray | None:
-    """(n, 2, p) how far points on the plane come out wrong, m, for a unit of each z, the board in the jig seen exactly.
+def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> np.ndarray | None:
+    """(n, 2, p) error of points on the plane, m, for a unit of each z, the board in the jig being seen exactly.
 
-    The camera's pose is found again with the wrong lens from the board in the jig, which takes up what a pose can.
-    None where plane or board are hardly in the picture.
+    The camera's pose is solved for again from the board in the jig, and compensates what a pose can. None where plane
+    or board are hardly in the picture.
     """
-    told = plane.points
-    space = np.column_stack([told, np.zeros(len(told))])
+    points = plane.points
+    space = np.column_stack([points, np.zeros(len(points))])
     inside = _in_picture(design, plane.T_camera_plane @ space)
     board, sagitta = corner_points(spec), bend(spec)
     T_camera_board = plane.board_pose(spec)
@@ -217,105 +219,104 @@ def plane_functional(design: Design, plane: WorkPlane, spec: BoardSpec) -> np.nd
     # the plane's points turn about the board's origin, as the board does
     on_board = T_camera_board.inverse() @ (plane.T_camera_plane @ space[inside])
     own_shared, own_pose, by_point = _slopes(design, T_camera_board, Observation(on_board, on_board[:, :2]))
-    taken_up = np.linalg.lstsq(jig_pose.reshape(-1, 6), jig_shared.reshape(len(jig_shared) * 2, -1), rcond=None)[0]
-    in_pixels = own_shared - own_pose @ taken_up
+    compensated = np.linalg.lstsq(jig_pose.reshape(-1, 6), jig_shared.reshape(len(jig_shared) * 2, -1), rcond=None)[0]
+    in_pixels = own_shared - own_pose @ compensated
     in_plane = by_point @ plane.T_camera_plane.rotation[:, :2]
     return -np.linalg.solve(in_plane, in_pixels)
 
 
-def _slopes(design: Design, pose: Pose, view: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _slopes(design: LensDesign, pose: Pose, view: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     vector = pose.vector[None]
     _, by_shared, by_pose = rows(design.model, State(design.shared, vector), Stack.of([view]))
     return by_shared @ design.scale, by_pose, by_pose[:, :, 3:]
 
 
-def _in_picture(design: Design, points: np.ndarray) -> np.ndarray:
+def _in_picture(design: LensDesign, points: np.ndarray) -> np.ndarray:
     pixels, valid = design.camera.project(points)
     return valid & design.camera.in_picture(pixels)
 
 
-def mean_square(functional: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """(...) mean over the points (n, 2, p) of their squared error, m², under information (..., p, p) with the prior."""
-    flat = functional.reshape(-1, functional.shape[-1])
-    form = flat.T @ flat / len(functional)
-    whole = information + np.eye(form.shape[0])
-    return np.trace(np.linalg.solve(whole, np.broadcast_to(form, whole.shape)), axis1=-2, axis2=-1)
+def mean_square(sensitivity: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """(...) mean over the points (n, 2, p) of their squared error, m², under information (..., p, p) and the prior."""
+    flat = sensitivity.reshape(-1, sensitivity.shape[-1])
+    form = flat.T @ flat / len(sensitivity)
+    posterior = information + np.eye(form.shape[0])
+    return np.trace(np.linalg.solve(posterior, np.broadcast_to(form, posterior.shape)), axis1=-2, axis2=-1)
 
 
-def pulled_square(functional: np.ndarray, information: np.ndarray, pull: np.ndarray) -> float:
-    """Mean square, m², by which points on the plane (n, 2, p) would move if the richer lens of the design were taken.
+def bias_square(sensitivity: np.ndarray, information: np.ndarray, gradient: np.ndarray) -> float:
+    """Mean square, m², by which points on the plane (n, 2, p) would move with the richer lens of the design.
 
-    pull : (p,) of all views. Where the lens that was chosen is right, it is no more than `mean_square` says.
+    gradient : (p,) of all views. Where the chosen lens is right, it is no more than `mean_square`.
     """
-    step = np.linalg.solve(information + np.eye(len(information)), pull)
-    return float(np.mean(np.sum((functional @ step) ** 2, axis=1)))
-
-
-_NOMINAL_SIGMA_PX = 0.2
-_LEAST_SIGMA_PX = 0.02
-_NOMINAL_MODEL = "radial"
+    step = np.linalg.solve(information + np.eye(len(information)), gradient)
+    return float(np.mean(np.sum((sensitivity @ step) ** 2, axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
-    """What the pictures so far are worth.
+class LensInformation:
+    """Information about the lens in the pictures so far.
 
     Attributes
     ----------
     design : the lens they are judged about. information : (p, p) of all of them, in its coordinates, without the prior.
-    pull : (p,) by how much they ask for another lens of the design, in units of information.
-    pictures : how many it rests on. solved : whether it is a solution or a nominal lens.
-    inflation : by how much the pictures contradict each other more than their noise explains, at least 1.
-    doubt : what forbids to call it enough, in words; empty where nothing does.
+    gradient : (p,) of the cost, towards another lens of the design.
+    pictures : their number. solved : whether it is a solution or a nominal lens.
+    inflation : factor on deviations, at least 1, by which two halves of the pictures contradict each other.
+    doubt : why it cannot be enough, in words; empty where nothing is in the way.
     """
 
-    design: Design
+    design: LensDesign
     information: np.ndarray
-    pull: np.ndarray
+    gradient: np.ndarray
     pictures: int
     solved: bool
     inflation: float
     doubt: str
 
+    @staticmethod
+    def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> LensInformation:
+        """Of the views that a lens was solved from, without their outliers."""
+        camera, by_name = solution.camera, {view.name: view for view in views}
+        points, rise, observations, poses = corner_points(spec), bend(spec), [], []
+        for used in solution.views:
+            view = by_name[used.name]
+            good = ~np.isin(view.ids, used.outlier_ids)
+            ids = view.ids[good]
+            observations.append(Observation(points[ids], view.corners_px[good], rise[ids]))
+            poses.append(used.T_camera_board.vector)
+        corners = sum(len(view.pixels) for view in observations)
+        freedom = 2 * corners - 6 * len(solution.views) - len(camera.parameter_names)
+        sigma_px = max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1))))
+        sagittas = solution.board_flex.sagittas_m if solution.board_flex.used else None
+        design = design_about(solution.model, camera.parameters, camera.image_size, sigma_px, spec, sagittas)
+        blocks, gradients = view_blocks(design, np.array(poses), observations)
+        halves = [
+            float(row.halves)
+            for row in solution.comparison
+            if row.model == solution.model and row.halves is not None and not row.halves_agree
+        ]
+        doubt = "the lens folds inside the picture: pictures with the board near the border are missing"
+        return LensInformation(
+            design,
+            blocks.sum(axis=0),
+            gradients.sum(axis=0),
+            len(poses),
+            True,
+            max(1.0, halves[0]) if halves else 1.0,
+            "" if solution.monotonic else doubt,
+        )
 
-def with_a_lens(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> Taken:
-    """Of the views that a lens rests on, without their outliers."""
-    camera, by_name = solution.camera, {view.name: view for view in views}
-    intrinsics = camera.parameters
-    points, rise, observations, poses = corner_points(spec), bend(spec), [], []
-    for used in solution.views:
-        view = by_name[used.name]
-        good = ~np.isin(view.ids, used.outlier_ids)
-        ids = view.ids[good]
-        observations.append(Observation(points[ids], view.corners_px[good], rise[ids]))
-        poses.append(used.T_camera_board.vector)
-    sigma = _sigma_px(solution, sum(len(view.pixels) for view in observations))
-    sagittas = solution.board_flex.sagittas_m if solution.board_flex.used else None
-    design = design_about(solution.model, intrinsics, camera.image_size, sigma, spec, sagittas)
-    blocks, pulls = view_blocks(design, np.array(poses), observations)
-    chosen = next((row for row in solution.comparison if row.model == solution.model), None)
-    disagree = chosen is not None and not chosen.halves_agree and chosen.halves is not None
-    inflation = max(1.0, float(chosen.halves)) if disagree and chosen is not None and chosen.halves else 1.0
-    doubt = "the lens folds inside the picture: pictures with the board near the border are missing"
-    whole = blocks.sum(axis=0), pulls.sum(axis=0)
-    return Taken(design, *whole, len(poses), True, inflation, "" if solution.monotonic else doubt)
-
-
-def _sigma_px(solution: LensSolution, corners: int) -> float:
-    """Per axis, from the residuals and what the solve could fit away."""
-    free = 2 * corners - 6 * len(solution.views) - len(solution.camera.parameter_names)
-    return max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(free, 1))))
-
-
-def before_a_lens(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> Taken:
-    """Of views that are too few for a lens, under a nominal one."""
-    intrinsics = nominal_intrinsics(image_size)
-    design = design_about(_NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, spec)
-    usable = usable_views(views, spec, MIN_CORNERS)[0] if views else []
-    points = corner_points(spec)
-    observations = [Observation(points[view.ids], view.corners_px) for view in usable]
-    count = design.scale.shape[1]
-    if not observations:
-        return Taken(design, np.zeros((count, count)), np.zeros(count), 0, False, 1.0, "")
-    blocks, pulls = view_blocks(design, start_poses(intrinsics, observations), observations)
-    return Taken(design, blocks.sum(axis=0), pulls.sum(axis=0), len(usable), False, 1.0, "")
+    @staticmethod
+    def nominal(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> LensInformation:
+        """Of views that are too few for a lens, under a nominal one."""
+        intrinsics = nominal_intrinsics(image_size)
+        design = design_about(_NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, spec)
+        usable = usable_views(views, spec, MIN_CORNERS)[0] if views else []
+        points, count = corner_points(spec), design.scale.shape[1]
+        observations = [Observation(points[view.ids], view.corners_px) for view in usable]
+        information, gradient = np.zeros((count, count)), np.zeros(count)
+        if observations:
+            blocks, gradients = view_blocks(design, start_poses(intrinsics, observations), observations)
+            information, gradient = blocks.sum(axis=0), gradients.sum(axis=0)
+        return LensInformation(design, information, gradient, len(usable), False, 1.0, "")

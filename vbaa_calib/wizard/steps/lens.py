@@ -9,7 +9,7 @@ import numpy as np
 from vbaa_calib.calibrate.faults.variety import same_pose
 from vbaa_calib.calibrate.faults.views import view_set_diagnoses
 from vbaa_calib.calibrate.guide.next_view import LensProgress, lens_progress
-from vbaa_calib.calibrate.guide.suggestion import closeness
+from vbaa_calib.calibrate.guide.suggestion import pose_match
 from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.wizard.sources.picture import Picture
 from vbaa_calib.wizard.state.session_state import SessionState
@@ -34,7 +34,7 @@ def _check(state: SessionState, picture: Picture, readings: Readings | None) -> 
         return check
     solution = guidance(state).solution
     camera = None if solution is None else solution.camera
-    close, closer = closeness(suggestion, view, state.board, camera, view.image_size)
+    close, closer = pose_match(suggestion, view, state.board, camera, view.image_size)
     return replace(check, closeness=close, closer=closer)
 
 
