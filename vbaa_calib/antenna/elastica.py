@@ -30,7 +30,7 @@ _DEAD_LOAD = 60.0
 
 
 @dataclass(frozen=True, eq=False)
-class PlanarShape:
+class _PlanarShape:
     """The antenna's centreline in the deformation plane 𝒟.
 
     Attributes
@@ -50,7 +50,7 @@ def planar_elastica(
     force_N: Array,
     stiffness_Nm2: Array,
     friction_angle_rad: Array = 0.0,
-) -> PlanarShape:
+) -> _PlanarShape:
     """Shape (B, N) under a contact force along the antenna's own normal there, or tilted from it by friction.
 
     Parameters
@@ -74,7 +74,7 @@ def planar_elastica_dead(
     force_N: ArrayLike,
     stiffness_Nm2: ArrayLike,
     lean_rad: ArrayLike = 0.0,
-) -> PlanarShape:
+) -> _PlanarShape:
     """As `planar_elastica`, under a force that keeps its direction: a hanging weight, for instance.
 
     `lean_rad`, () or (B,), is the force's angle from the normal of the *undeformed* antenna, positive where it pushes
@@ -84,7 +84,7 @@ def planar_elastica_dead(
     return _scaled(dead_load(s, load, lean_rad), contact, sign)
 
 
-def normal_load(s: Array, load: Array, lean_rad: Array = 0.0) -> PlanarShape:
+def normal_load(s: Array, load: Array, lean_rad: Array = 0.0) -> _PlanarShape:
     """Shape (B, N) in units of the contact distance: s (N,) or (B, N), contact at s = 1, load a = F·l²/EI ≥ 0 (B,).
 
     The lean, () or (B,), is measured from the antenna's normal at the contact. What is out of range gives NaN.
@@ -104,10 +104,10 @@ def normal_load(s: Array, load: Array, lean_rad: Array = 0.0) -> PlanarShape:
     onward = (cos_integral[:, :1] - cos_integral[:, 1:]) / root - xp.where(back < 0.0, back, 0.0)
     aside = (sin_integral[:, :1] - sin_integral[:, 1:]) / root
     cos, sin = xp.cos(psi[:, :1]), xp.sin(psi[:, :1])
-    return PlanarShape(cos * onward + sin * aside, sin * onward - cos * aside, theta)
+    return _PlanarShape(cos * onward + sin * aside, sin * onward - cos * aside, theta)
 
 
-def dead_load(s: ArrayLike, load: ArrayLike, lean_rad: ArrayLike = 0.0) -> PlanarShape:
+def dead_load(s: ArrayLike, load: ArrayLike, lean_rad: ArrayLike = 0.0) -> _PlanarShape:
     """As `normal_load`, under a force of fixed direction: the lean is measured from the undeformed antenna's normal."""
     amount = np.atleast_1d(np.asarray(load, float))
     lean = np.broadcast_to(np.asarray(lean_rad, float), amount.shape)
@@ -127,8 +127,8 @@ def _dimensionless(
     return xp.atleast_2d(arclength) / contact, load, contact, xp.copysign(xp.ones_like(force), force)[:, None]
 
 
-def _scaled(shape: PlanarShape, contact_m: Array, sign: Array) -> PlanarShape:
-    return PlanarShape(shape.x_m * contact_m, shape.w_m * (sign * contact_m), shape.theta_rad * sign)
+def _scaled(shape: _PlanarShape, contact_m: Array, sign: Array) -> _PlanarShape:
+    return _PlanarShape(shape.x_m * contact_m, shape.w_m * (sign * contact_m), shape.theta_rad * sign)
 
 
 def _lean_at_contact(load: np.ndarray, lean: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ from vbaa_calib.core.arrays import Array
 from .hinge import Hinge
 from .nodes import INNER_NODES, grid_like
 
-TORSION_RATIO = 1.3
+_TORSION_RATIO = 1.3
 """EI/GJ of a round wire, 1 + ν. Torsion turns the section, and with it the bow: hundredths of a millimetre."""
 
 Vector: TypeAlias = tuple[Array, Array, Array]
@@ -171,7 +171,7 @@ def _rolled(base: Hinge, field: Vector, given: tuple[Array, Array]) -> _Turns:
 def _rates(loads: Loads, g: Vector, local: Vector, m: Vector, delta_z: Array) -> Vector:
     """2 g′."""
     m_x, m_y, _ = m
-    b_x = (TORSION_RATIO - 1.0) * _dot(local, m)
+    b_x = (_TORSION_RATIO - 1.0) * _dot(local, m)
     b_y, b_z = loads.bow_per_m
     p_x, p_y, p_z = m_x + b_x, m_y + b_y, delta_z + b_z
     across = _cross(g, (m_x - b_x, m_y - b_y, delta_z - b_z))

@@ -20,13 +20,13 @@ from vbaa_calib.core.arrays import Array, like, namespace
 NODES_TO_CONTACT, NODES_BEYOND = 40, 17
 CONTACT = NODES_TO_CONTACT - 1
 """The contact's node."""
-INNER_NODES, OUTER_NODES = 12, 8
+INNER_NODES, _OUTER_NODES = 12, 8
 """Nodes at which the shape is computed, from the clamp to the contact and from there to the tip."""
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
-    """M = INNER_NODES + OUTER_NODES nodes and the N of `aligned_arclength`, as fractions, and what leads from f to g.
+class _Grid:
+    """M = INNER_NODES + _OUTER_NODES nodes and the N of `aligned_arclength`, as fractions, and what leads from f to g.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ def aligned_arclength(contact_m: Array, length_m: float) -> Array:
     return contact_m[:, None] * grid.curve_inner + (length_m - contact_m[:, None]) * grid.curve_outer
 
 
-def grid_like(values: Array) -> Grid:
+def grid_like(values: Array) -> _Grid:
     """The grid in the kind, dtype and device of these values."""
     if namespace(values) is torch:
         return _grid_of(values.dtype, values.device)
@@ -70,20 +70,20 @@ def grid_like(values: Array) -> Grid:
 
 
 @cache
-def _grid_of(dtype: Any, device: torch.device | None) -> Grid:
+def _grid_of(dtype: Any, device: torch.device | None) -> _Grid:
     reference = np.empty(0, dtype) if device is None else torch.empty(0, dtype=dtype, device=device)
-    return Grid(**{name: like(reference, table) for name, table in vars(_grid()).items()})
+    return _Grid(**{name: like(reference, table) for name, table in vars(_grid()).items()})
 
 
 @cache
-def _grid() -> Grid:
-    inner, outer = _chebyshev(INNER_NODES), _chebyshev(OUTER_NODES)
+def _grid() -> _Grid:
+    inner, outer = _chebyshev(INNER_NODES), _chebyshev(_OUTER_NODES)
     curve_inner, curve_outer = np.linspace(0.0, 1.0, NODES_TO_CONTACT), np.linspace(0.0, 1.0, NODES_BEYOND + 1)[1:]
     from_clamp = _cumulative(inner, outer, inner, outer)
-    return Grid(
-        inner=np.concatenate([inner, np.ones(OUTER_NODES)]),
+    return _Grid(
+        inner=np.concatenate([inner, np.ones(_OUTER_NODES)]),
         outer=np.concatenate([np.zeros(INNER_NODES), outer]),
-        before=np.concatenate([np.ones(INNER_NODES), np.zeros(OUTER_NODES)]),
+        before=np.concatenate([np.ones(INNER_NODES), np.zeros(_OUTER_NODES)]),
         from_contact=from_clamp - from_clamp[:, INNER_NODES - 1 : INNER_NODES],
         from_tip=from_clamp[:, -1:] - from_clamp,
         curve_inner=np.concatenate([curve_inner, np.ones(NODES_BEYOND)]),

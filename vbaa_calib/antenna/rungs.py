@@ -17,7 +17,7 @@ RUNGS = ("paper", "linear", "elastica", "rod")
 `rod` : the static rod, as far as `antenna.rod` can tell.
 """
 
-ELASTICA_SWEEPS, ROD_SWEEPS = 1, 4
+_ELASTICA_SWEEPS, _ROD_SWEEPS = 1, 4
 """Passes over the equilibrium of moments (`shape.bend`).
 
 Largest distance from `antenna.rod` in 60 antennas bowed by 0.2 /m, clamped 1° askew, gravity in all directions,
@@ -52,7 +52,7 @@ def curves(
         return _paper(parameters, length_m, contact_m, force_N)
     if rung == "linear":
         return _linear(parameters, length_m, gravity_m_s2, contact_m, force_N, friction_rad)
-    sweeps = {"elastica": ELASTICA_SWEEPS, "rod": ROD_SWEEPS}[rung]
+    sweeps = {"elastica": _ELASTICA_SWEEPS, "rod": _ROD_SWEEPS}[rung]
     return bend(parameters, length_m, gravity_m_s2, contact_m, force_N, sweeps=sweeps, friction_rad=friction_rad)
 
 

@@ -18,25 +18,25 @@ from .limits import Sectors, definite
 from .models import LensModel
 from .radial import RadialTable, invert_radial, tolerance
 
-PIECE = 16384
+_PIECE = 16384
 """Points in a piece. Smaller ones pay more for calls: with 4096, a fourth to a third more time."""
 
-PieceWork = Callable[[Array, Array, bool], Sequence[Array]]
+_PieceWork = Callable[[Array, Array, bool], Sequence[Array]]
 """(x, y, whether to spare no effort) → the results of these points, and last which of them deserve more effort."""
 
 
-def in_pieces(work: PieceWork, x: Array, y: Array, results: Sequence[Array]) -> None:
+def in_pieces(work: _PieceWork, x: Array, y: Array, results: Sequence[Array]) -> None:
     """Work on points (n,) and write into results, each (n,), possibly strided.
 
     In pieces, points that need more effort are put off and worked on together: an effort takes some hundred array
     operations however few its points. Tensors, of which a device has room for all, are one piece.
     """
-    if isinstance(x, torch.Tensor) or len(x) <= PIECE:
+    if isinstance(x, torch.Tensor) or len(x) <= _PIECE:
         _store(results, ..., work(x, y, True))
         return
     put_off = np.empty(len(x), bool)
-    for start in range(0, len(x), PIECE):
-        piece = slice(start, start + PIECE)
+    for start in range(0, len(x), _PIECE):
+        piece = slice(start, start + _PIECE)
         _store((*results, put_off), piece, work(x[piece], y[piece], False))
     (rest,) = put_off.nonzero()
     if rest.size:
@@ -57,7 +57,7 @@ _NO_RADIUS = 1e-15
 """Keeps a start on the axis from being 0/0, also in single precision."""
 
 
-class Inverted(NamedTuple):
+class _Inverted(NamedTuple):
     """Points undistorted, and the lens's Jacobian there.
 
     Attributes
@@ -95,20 +95,20 @@ def _solve_piece(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool)
     return xp.where(valid, found.x, 0.0), xp.where(valid, found.y, 0.0), valid, found.put_off
 
 
-def invert_distortion(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool) -> Inverted:
+def invert_distortion(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool) -> _Inverted:
     """Distorted points (...) undistorted; points that are no numbers are not valid.
 
     Not thorough: only what a few Newton steps solve, which is nearly all; the others are put off.
     """
     if lens.table is None:
         valid = xp.isfinite(x) & xp.isfinite(y) & (x * x + y * y < lens.ideal_limit**2)
-        return Inverted(x, y, valid, (1.0, 0.0, 0.0, 1.0), False)
+        return _Inverted(x, y, valid, (1.0, 0.0, 0.0, 1.0), False)
     if lens.sectors is None:
         return _along_radius(xp, lens, lens.table, x, y, thorough)
     return _newton(xp, lens, lens.sectors, x, y, thorough)
 
 
-def _along_radius(xp: ModuleType, lens: Lens, table: RadialTable, x: Array, y: Array, thorough: bool) -> Inverted:
+def _along_radius(xp: ModuleType, lens: Lens, table: RadialTable, x: Array, y: Array, thorough: bool) -> _Inverted:
     distorted = xp.sqrt(x * x + y * y)
     reachable = distorted < table.distorted_limit
     distorted = xp.where(reachable, distorted, 0.0)
@@ -118,10 +118,10 @@ def _along_radius(xp: ModuleType, lens: Lens, table: RadialTable, x: Array, y: A
     x, y = x * inverse, y * inverse
     bend_x, bend_y = (2.0 * d_gain) * x, (2.0 * d_gain) * y
     shear = bend_x * y
-    return Inverted(x, y, valid, (gain + bend_x * x, shear, shear, gain + bend_y * y), reachable & ~solved)
+    return _Inverted(x, y, valid, (gain + bend_x * x, shear, shear, gain + bend_y * y), reachable & ~solved)
 
 
-def _newton(xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, thorough: bool) -> Inverted:
+def _newton(xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, thorough: bool) -> _Inverted:
     """Newton in two unknowns from the radial start; what has not arrived after a few steps goes on damped."""
     reachable = region.reach.encloses(xp, x, y)
     if not bool(reachable.all()):
@@ -141,7 +141,7 @@ def _newton(xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, tho
     inside = definite(xx, xy, yx, yy) & region.ideal.encloses(xp, ideal_x, ideal_y)
     valid = solved & inside & reachable
     rest = reachable & ~valid
-    found = Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), rest)
+    found = _Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), rest)
     if not thorough or not bool(rest.any()):
         return found
     damped = _damped(xp, lens, region, x[rest], y[rest], ideal_x[rest], ideal_y[rest], inside[rest])
@@ -175,7 +175,7 @@ def _mended_start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Arr
 
 def _damped(
     xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, guess_x: Array, guess_y: Array, usable: Array
-) -> Inverted:
+) -> _Inverted:
     """Newton with each step shortened until it stays inside the region and the residual falls.
 
     It starts from the guess where that is usable, else from deep inside the region.
@@ -206,7 +206,7 @@ def _damped(
     steep = (xp.abs(xx) + xp.abs(xy) + xp.abs(yx) + xp.abs(yy)) * xp.maximum(xp.abs(ideal_x), xp.abs(ideal_y))
     solved = xp.maximum(xp.abs(x - xd), xp.abs(y - yd)) <= allowed + _ROUNDINGS * tolerance(xp, steep)
     valid = solved & definite(xx, xy, yx, yy) & region.ideal.encloses(xp, ideal_x, ideal_y)
-    return Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), False)
+    return _Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), False)
 
 
 Solution = tuple[Array, Array, Array]

@@ -25,7 +25,7 @@ _HALVINGS = 30
 
 
 @dataclass(frozen=True, eq=False)
-class Rim:
+class _Rim:
     """A closed curve around the axis, as a radius in each of evenly spaced directions from −π on.
 
     Attributes
@@ -39,10 +39,10 @@ class Rim:
     inner: float
 
     @staticmethod
-    def of(radii: np.ndarray) -> Rim:
+    def of(radii: np.ndarray) -> _Rim:
         """From one radius for each direction."""
         closed = np.append(radii, radii[0])
-        return Rim(closed, np.append(np.diff(closed), 0.0), float(radii.min()))
+        return _Rim(closed, np.append(np.diff(closed), 0.0), float(radii.min()))
 
     def encloses(self, xp: ModuleType, x: Array, y: Array) -> Array:
         """Whether points (...) lie inside."""
@@ -69,8 +69,8 @@ class Sectors:
     distorted_radius : smallest distorted radius on the region's rim.
     """
 
-    ideal: Rim
-    reach: Rim
+    ideal: _Rim
+    reach: _Rim
     distorted_radius: float
 
 
@@ -102,7 +102,7 @@ def sectors(model: LensModel, c: Sequence[float], farthest: float) -> Sectors:
     edge_x, edge_y = model.distort(low * cosine[:, 0], low * sine[:, 0], c)
     inside = np.arange(_RADII) < end[:, None]
     every_x, every_y = np.append(xd[inside], edge_x), np.append(yd[inside], edge_y)
-    return Sectors(Rim.of(low), _reach(every_x, every_y), float(np.hypot(edge_x, edge_y).min()))
+    return Sectors(_Rim.of(low), _reach(every_x, every_y), float(np.hypot(edge_x, edge_y).min()))
 
 
 def _is_convex(x: np.ndarray, y: np.ndarray) -> bool:
@@ -111,10 +111,10 @@ def _is_convex(x: np.ndarray, y: np.ndarray) -> bool:
     return bool((edge_x * np.roll(edge_y, -1) - edge_y * np.roll(edge_x, -1) > 0.0).all())
 
 
-def _reach(x: np.ndarray, y: np.ndarray) -> Rim:
+def _reach(x: np.ndarray, y: np.ndarray) -> _Rim:
     """A rim around points: their greatest radius in each direction's neighbourhood, and a little more."""
     place = np.rint((np.arctan2(y, x) + math.pi) * (_DIRECTIONS / (2.0 * math.pi))).astype(int) % _DIRECTIONS
     farthest = np.zeros(_DIRECTIONS)
     np.maximum.at(farthest, place, np.hypot(x, y))
     around = np.max([np.roll(farthest, shift) for shift in (-1, 0, 1)], axis=0)
-    return Rim.of(1.003 * around)
+    return _Rim.of(1.003 * around)

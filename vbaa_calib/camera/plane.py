@@ -17,7 +17,7 @@ from .camera import Camera
 from .models import MODELS
 from .projection import Intrinsics, pixel_to_ray, ray_derivatives
 
-GRAZING_RAD = 1e-3
+_GRAZING_RAD = 1e-3
 """Rays that meet a plane at a smaller angle are not intersected: an error of 0.001 rad would move them without end."""
 
 NEAREST_M = 1e-9
@@ -25,7 +25,7 @@ NEAREST_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class _Crossing:
     """Intersection of rays with a plane, every number finite.
 
     Attributes
@@ -42,7 +42,7 @@ class Crossing:
     valid: Array
 
 
-def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> Crossing:
+def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> _Crossing:
     """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast.
 
     Not valid: parallel or grazing, behind the origin, a plane through the origin, not finite.
@@ -50,10 +50,10 @@ def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -
     xp = namespace(directions)
     slant = (normals * directions).sum(-1)
     height = offsets_m - (normals * origins).sum(-1)
-    valid = (xp.abs(slant) > math.sin(GRAZING_RAD)) & (xp.abs(height) > NEAREST_M) & (height * slant > 0)
+    valid = (xp.abs(slant) > math.sin(_GRAZING_RAD)) & (xp.abs(height) > NEAREST_M) & (height * slant > 0)
     slant = xp.where(valid, slant, 1.0)
     range_m = xp.where(valid, height, 0.0) / slant
-    return Crossing(origins + range_m[..., None] * directions, range_m, slant, valid)
+    return _Crossing(origins + range_m[..., None] * directions, range_m, slant, valid)
 
 
 def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[ArrayT, ArrayT]:
@@ -96,7 +96,7 @@ def _finished(origins: Array, directions: Array, normals: Array, offset_m: float
     return masked(crossing.points, crossing.valid), crossing.valid
 
 
-POSE_NAMES = ("rotation_x", "rotation_y", "rotation_z", "translation_x", "translation_y", "translation_z")
+_POSE_NAMES = ("rotation_x", "rotation_y", "rotation_z", "translation_x", "translation_y", "translation_z")
 """Small motion of the camera, as `Pose.retract` takes it: rotation vector in rad, translation in m, antenna frame."""
 
 
@@ -147,7 +147,7 @@ class CameraOnPlane(torch.nn.Module):
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """What `calibration_jacobian` differentiates by: the camera's parameters, then the pose's."""
-        return self.camera.parameter_names + POSE_NAMES
+        return self.camera.parameter_names + _POSE_NAMES
 
     def forward(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
         """The same as `project`."""
@@ -204,11 +204,11 @@ class CameraOnPlane(torch.nn.Module):
                 self._buffers[name] = value.to(moved.device) if moved.dtype != value.dtype else moved
         return self
 
-    def _crossing(self, rays: torch.Tensor) -> tuple[torch.Tensor, Crossing]:
+    def _crossing(self, rays: torch.Tensor) -> tuple[torch.Tensor, _Crossing]:
         directions = rays @ self.rotation.to(rays).T
         return directions, cross(self.translation_m.to(rays), directions, self.normal.to(rays), self.offset_m.to(rays))
 
-    def _answer(self, pixels: ArrayT, wanted: Callable[[Crossing], torch.Tensor]) -> tuple[ArrayT, ArrayT]:
+    def _answer(self, pixels: ArrayT, wanted: Callable[[_Crossing], torch.Tensor]) -> tuple[ArrayT, ArrayT]:
         work = working(pixels, 2, "pixels")
         values = as_tensor(work.values)
         K, c = (value.to(values) for value in (self.matrix, self.distortion))

@@ -164,7 +164,7 @@ def point_to_pixel(intrinsics: Intrinsics, points: Array) -> tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class RayDerivatives:
+class _RayDerivatives:
     """Unit rays and how they move.
 
     Attributes
@@ -181,7 +181,7 @@ class RayDerivatives:
     valid: Array
 
 
-def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> RayDerivatives:
+def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:
     """Rays of pixels (..., 2) with their derivatives in closed form. The intrinsics must be floats."""
     xp, model, c = namespace(pixels), intrinsics.model, intrinsics.separate
     chart_by_sensor, chart_by_coefficient, x, y, valid, sensor = _chart_derivatives(xp, intrinsics, pixels)
@@ -190,7 +190,7 @@ def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> RayDerivatives:
     by_chart = model.chart.ray_jacobian(xp, x, y)
     chart_by_parameter = xp.concatenate([by_matrix, chart_by_coefficient], -1) if len(c) else by_matrix
     rays = xp.stack(model.chart.to_ray(xp, x, y), -1)
-    return RayDerivatives(rays, by_chart @ chart_by_pixel, by_chart @ chart_by_parameter, valid)
+    return _RayDerivatives(rays, by_chart @ chart_by_pixel, by_chart @ chart_by_parameter, valid)
 
 
 def _chart_derivatives(

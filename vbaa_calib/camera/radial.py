@@ -59,7 +59,7 @@ class RadialTable:
         return nodes[index], steps[index], place - index
 
 
-class RadialSolution(NamedTuple):
+class _RadialSolution(NamedTuple):
     """Radii (...) of distorted radii, whether each is on the branch and solved, and the gain and its slope by r²."""
 
     radius: Array
@@ -75,7 +75,7 @@ def tolerance(xp: ModuleType, distorted: Array) -> Array:
 
 def invert_radial(
     xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, distorted: Array, thorough: bool
-) -> RadialSolution:
+) -> _RadialSolution:
     """Ideal radii of distorted ones (...) in [0, distorted_limit).
 
     Not thorough: where a few Newton steps do not arrive the radius is not valid.
@@ -96,12 +96,12 @@ def invert_radial(
 
 def _checked(
     xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, radius: Array, distorted: Array
-) -> RadialSolution:
+) -> _RadialSolution:
     """Valid are radii at which the residual is at the rounding and ρ still grows."""
     s = radius * radius
     gain, d_gain = model.radial(s, c)
     solved = (xp.abs(radius * gain - distorted) <= tolerance(xp, distorted)) & (gain + 2.0 * s * d_gain > 0)
-    return RadialSolution(radius, solved & (radius >= 0) & (radius <= table.ideal_limit), gain, d_gain)
+    return _RadialSolution(radius, solved & (radius >= 0) & (radius <= table.ideal_limit), gain, d_gain)
 
 
 def _bracketed(
