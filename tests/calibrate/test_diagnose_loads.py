@@ -114,20 +114,21 @@ def test_typed_loads_that_are_right_raise_nothing() -> None:
         assert typed_load_diagnoses(hung_loads(rng, pulley=False), NOMINAL, down, hung=True) == []
 
 
-def test_typed_loads_that_cannot_be_are_named() -> None:
-    loads = hung_loads(np.random.default_rng(1))
-    grams = typed_load_diagnoses([scaled(1e3 / G)(load) for load in loads], NOMINAL)
-    assert [one.name for one in grams] == ["load_force_unit"]
-    assert "all 5 rows" in grams[0].words
-    assert "in grams" in grams[0].remedy
-    (centimetres,) = typed_load_diagnoses([replace(loads[0], distance_m=15.0), *loads[1:]], NOMINAL)
-    assert centimetres.name == "load_distance_unit"
-    assert "row 1" in centimetres.words
-    assert "in centimetres" in centimetres.remedy
-    (millimetres,) = typed_load_diagnoses([replace(loads[0], distance_m=150.0), *loads[1:]], NOMINAL)
-    assert "in millimetres" in millimetres.remedy
-    (small,) = typed_load_diagnoses([scaled(1e-3)(loads[0])], NOMINAL)
-    assert small.name == "load_too_small"
+@pytest.mark.parametrize(
+    ("change", "name", "words"),
+    [
+        (scaled(1e3 / G), "load_force_unit", "in grams"),
+        (lambda load: replace(load, distance_m=15.0), "load_distance_unit", "in centimetres"),
+        (lambda load: replace(load, distance_m=150.0), "load_distance_unit", "in millimetres"),
+        (scaled(1e-3), "load_too_small", "newtons"),
+    ],
+)
+def test_typed_loads_that_are_impossible_are_named(change: Callable[[Load], Load], name: str, words: str) -> None:
+    loads = [change(load) for load in hung_loads(np.random.default_rng(1))]
+    (found,) = typed_load_diagnoses(loads, NOMINAL)
+    assert found.name == name
+    assert "all 5 rows" in found.words
+    assert words in found.remedy
 
 
 def test_weights_hang_down() -> None:

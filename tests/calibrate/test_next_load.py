@@ -96,13 +96,6 @@ def test_weighed_readings_cost_less_than_exact_ones(free, loaded) -> None:
     assert chosen.std_relative_with_readings < weighed.std_relative_with_readings
 
 
-def test_exact_readings_cost_nothing(loaded) -> None:
-    _, joint = loaded
-    for readings in (None, EXACT):
-        exact = load_progress(joint, session(), MASSES_KG, readings=readings)
-        assert exact.std_relative_with_readings == pytest.approx(exact.std_relative, rel=1e-6)
-
-
 def test_the_forecast_with_weighed_readings_is_that_of_the_solve(free, loaded) -> None:
     """Of EI now, and after the suggested load."""
     world, known, _, _ = free

@@ -157,23 +157,16 @@ def test_no_gain_is_promised_where_a_richer_lens_is_the_doubt(monkeypatch: pytes
     assert not doubtful.enough
 
 
-def test_a_plane_that_is_not_in_the_picture_has_no_number():
+def test_a_plane_outside_the_picture_and_a_lens_without_rays_have_no_number():
     made, _ = views(8)
-    behind = WorkPlane(Pose(np.eye(3), np.array([2.0, 0.0, 0.4])), 0.24, 0.06)
-    progress = lens_progress(made, SPEC, behind, solution=solve_intrinsics(made, SPEC, "opencv4"))
-    assert np.isnan(progress.std_m)
-    assert not progress.enough
-    assert "hardly in the picture" in progress.words
-
-
-def test_a_lens_without_rays_has_no_number_and_still_a_next_picture():
-    made, _ = views(4)
     solution = solve_intrinsics(made, SPEC, "opencv4")
+    aside = WorkPlane(Pose(np.eye(3), np.array([2.0, 0.0, 0.4])), 0.24, 0.06)
     folded = camera_of(LENS_MODELS["opencv4"], np.array([150.0, 150.0, 640.0, 360.0, -2.0, 0.0, 0.0, 0.0]), SIZE)
-    progress = lens_progress(made, SPEC, PLANE, solution=replace(solution, camera=folded))
-    assert np.isnan(progress.std_m)
-    assert not progress.enough
-    assert progress.suggestion is not None
+    for plane, camera in ((aside, solution.camera), (PLANE, folded)):
+        progress = lens_progress(made, SPEC, plane, solution=replace(solution, camera=camera))
+        assert np.isnan(progress.std_m)
+        assert not progress.enough
+        assert progress.suggestion is not None
 
 
 def tilted(rotvec_rad: tuple[float, float, float], middle_m: tuple[float, float, float]) -> Pose:

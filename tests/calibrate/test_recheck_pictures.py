@@ -73,14 +73,6 @@ def test_a_session_only_says_what_board_and_jig_are(made: SimpleNamespace, tmp_p
     assert assess(made.old, tmp_path / "session", made.new).verdict == "holds"
 
 
-@pytest.mark.parametrize(("part", "open_"), [("board", {"free_antenna", "sensor_offset"}), ("free", {"camera_pose"})])
-def test_one_picture_leaves_the_other_questions_open(made: SimpleNamespace, part: str, open_: set[str]) -> None:
-    none: dict[str, Any] = {"free": None, "moment_Nm": None} if part == "board" else {"board": None}
-    levels = answers(assess(made.rig, None, replace(made.new, **none)))
-    assert all(levels[name] == "not given" for name in open_)
-    assert "holds" in levels.values()
-
-
 def test_without_a_reading_the_sensor_is_left_open(made: SimpleNamespace) -> None:
     found = assess(made.rig, None, replace(made.new, moment_Nm=None))
     assert "--moment" in answer(found, "sensor_offset").words
