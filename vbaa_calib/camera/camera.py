@@ -50,7 +50,7 @@ def _checked_matrix(matrix: Any) -> np.ndarray:
 
 
 def _checked_distortion(distortion: Any, model: LensModel) -> np.ndarray:
-    """(k,) read-only copy of the coefficients; OpenCV's (1, k) and (k, 1) are taken too."""
+    """(k,) read-only copy of the coefficients; OpenCV's (1, k) and (k, 1) are accepted too."""
     values = _numbers(distortion, "distortion")
     if values.size != max(values.shape, default=0) or values.size not in model.counts:
         allowed = ", ".join(map(str, model.counts))
@@ -158,7 +158,7 @@ class Camera:
         names = _MATRIX_NAMES + model.coefficient_names[: distortion.size]
         if self.parameter_names and tuple(self.parameter_names) != names:
             raise InputError(f"the parameters are {list(self.parameter_names)}", remedy=f"give them as {list(names)}")
-        settled = {
+        checked = {
             "image_size": _checked_image_size(self.image_size),
             "matrix": matrix,
             "distortion": distortion,
@@ -173,7 +173,7 @@ class Camera:
                 tuple(distortion.tolist()),
             ),
         }
-        for name, value in settled.items():
+        for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -228,7 +228,7 @@ class Camera:
 
     @property
     def path(self) -> str:
-        """The cheapest exact way through this lens: "none", "radial" (one unknown a point) or "full" (two)."""
+        """How this lens is inverted: "none", "radial" (one unknown a point) or "full" (two)."""
         model, c = self.intrinsics.model, self.intrinsics.separate
         return model.path(c) if model.tilt(c) is None else "full"
 
@@ -255,7 +255,7 @@ class Camera:
         return self.normalized_with_slopes(pixels)[1]
 
     def normalized_with_slopes(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT, ArrayT]:
-        """`unproject_normalized` and `jacobian` for the price of one: points (..., 2), slopes (..., 2, 2), valid (...).
+        """`unproject_normalized` and `jacobian` in one call: points (..., 2), slopes (..., 2, 2), valid (...).
 
         Both are NaN where not valid. Tensors come back without gradients.
         """

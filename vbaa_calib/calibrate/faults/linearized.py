@@ -31,7 +31,7 @@ class StillRows:
     moments : (F,) its moment's row; −1 for one that was left out.
     factor : (R,) on residuals and columns, that makes least squares of them.
     readings : (R, K) columns of the loads' places and forces, each times its standard deviation, so that their
-        uncertainty is not taken for something else. K is 0 where they count as exact.
+        uncertainty is not attributed to something else. K is 0 where they count as exact.
     """
 
     joint: BundleAdjustment
@@ -72,7 +72,7 @@ class StillRows:
         return replace(self, factor=factor, readings=np.array(columns).reshape(-1, len(factor)).T)
 
     def without_sensor(self) -> StillRows:
-        """The same without the moment readings, whose faults must not be taken for something else."""
+        """The same without the moment readings, whose faults must not be attributed to something else."""
         factor = self.factor.copy()
         factor[self.moments[self.moments >= 0]] = 0.0
         return replace(self, factor=factor)

@@ -16,58 +16,47 @@ from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 
 _SAME_SHAPE = 0.01
+_MOVED_SQUARES = 0.5
+"""A board that moved by less than so many of its squares is in the same place."""
+_RESHAPED = 0.006
+"""Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°."""
+_COLUMNS, _ROWS = 8, 6
+_FEWEST_VIEWS = 5
+_TILTED_RAD = np.radians(15.0)
+_LEAST_HULL, _REPEATED = 0.5, 0.5
 
 
 def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnosis | None:
-    """What to make of a picture of `size` (width, height) px when the first one had another; None where it had not."""
+    """Why a picture of `size` (width, height) px differs from the first one in size; None where it does not."""
     if tuple(size) == tuple(first):
         return None
+    wide, high = size[0] / first[0], size[1] / first[1]
+    remedy = "set the camera to the mode of the first picture, or begin anew in this one: the lens is another for it"
+    if (size[1], size[0]) == tuple(first):
+        name, cause = "picture_turned", "width and height are exchanged"
+        remedy = "hold the camera as before, and switch off that pictures are turned upright"
+    elif abs(wide - high) < _SAME_SHAPE * high:
+        name, cause = "picture_scaled", f"it is scaled by {wide:.3g}"
+        remedy = "set the camera to the resolution of the first picture, and copy originals, no previews"
+    elif wide <= 1.0 and high <= 1.0:
+        name, cause = "picture_cropped", "it is cropped, or the camera is in another mode"
+    else:
+        name = "picture_cropped"
+        cause = "the camera is in another mode, which may cut off a border or use other pixels"
     seen = f"the picture is {size[0]}x{size[1]} px, the first one {first[0]}x{first[1]} px"
-    name, cause, remedy = _cause(size, first)
     return Diagnosis(name, f"{seen}: {cause}", remedy, grave=True)
 
 
-def _cause(size: tuple[int, int], first: tuple[int, int]) -> tuple[str, str, str]:
-    if (size[1], size[0]) == tuple(first):
-        return (
-            "picture_turned",
-            "width and height are exchanged",
-            "hold the camera as before, and switch off that pictures are turned upright",
-        )
-    wide, high = size[0] / first[0], size[1] / first[1]
-    if abs(wide - high) < _SAME_SHAPE * high:
-        return (
-            "picture_scaled",
-            f"it is scaled by {wide:.3g}",
-            "set the camera to the resolution of the first picture, and copy originals, no previews",
-        )
-    if wide <= 1.0 and high <= 1.0:
-        cause = "it is cropped, or the camera is in another mode"
-    else:
-        cause = "the camera is in another mode, which may cut off a border or use other pixels"
-    return (
-        "picture_cropped",
-        cause,
-        "set the camera to the mode of the first picture, or begin anew in this one: the lens is another for it",
-    )
-
-
-MOVED_SQUARES = 0.5
-"""A board that moved by less than so many of its squares stands where it stood."""
-RESHAPED = 0.006
-"""Change of its outline's shape, rms per extent, below which it is turned as before: about 6° of tilt."""
-
-
 def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: BoardSpec) -> Diagnosis | None:
-    """Whether an earlier view shows the board in (nearly) the same pose: says which, the one that is nearest."""
+    """The nearest earlier view that shows the board in (nearly) the same pose, if one does."""
     near = [(distance, other) for other in earlier if (distance := _apart_px(view, other, spec)) is not None]
     if not near:
         return None
     distance, other = min(near, key=lambda one: one[0])
     return Diagnosis(
         "same_pose",
-        f"the board stands as in {other.name}, its corners {distance:.1f} px from there",
-        "turn it another way, or move it to another part of the picture",
+        f"the board is as in {other.name}, its corners {distance:.1f} px from there",
+        "tilt it differently, or move it to another part of the picture",
     )
 
 
@@ -84,22 +73,12 @@ def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | Non
     extent_px = float(np.sqrt(((here - here.mean(axis=0)) ** 2).sum(axis=1).mean()))
     extent_m = float(np.sqrt(((plane - plane.mean(axis=0)) ** 2).sum(axis=1).mean()))
     square_px = spec.square_m * extent_px / extent_m
-    same = moved_px < MOVED_SQUARES * square_px and _reshaped_px(here, there) < RESHAPED * 2.0 * extent_px
-    return moved_px if same else None
-
-
-def _reshaped_px(here: np.ndarray, there: np.ndarray) -> float:
-    """Rms of what a shift, a turn in the picture and a change of scale leave between corners (N, 2) and (N, 2)."""
+    # what a shift, a turn in the picture and a change of scale leave
     first, second = ((points - points.mean(axis=0)) @ np.array([1.0, 1.0j]) for points in (here, there))
     factor = np.vdot(first, second) / np.vdot(first, first)
-    return float(np.sqrt(np.mean(np.abs(second - factor * first) ** 2)))
-
-
-COLUMNS, ROWS = 8, 6
-FEWEST_VIEWS = 5
-_TILTED_RAD = np.radians(15.0)
-_LEAST_HULL = 0.5
-_REPEATED = 0.5
+    reshaped_px = float(np.sqrt(np.mean(np.abs(second - factor * first) ** 2)))
+    same = moved_px < _MOVED_SQUARES * square_px and reshaped_px < _RESHAPED * 2.0 * extent_px
+    return moved_px if same else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +87,7 @@ class Coverage:
 
     Attributes
     ----------
-    counts : (ROWS, COLUMNS) corners in each cell of a grid over the picture.
+    counts : (_ROWS, _COLUMNS) corners in each cell of a grid over the picture.
     hull_share : share of the picture's area within the hull of all corners.
     """
 
@@ -118,7 +97,7 @@ class Coverage:
     @property
     def empty_corners(self) -> tuple[str, ...]:
         """The picture's corners, a quarter of its width by a third of its height, with no corner of the board."""
-        wide, high = COLUMNS // 4, ROWS // 3
+        wide, high = _COLUMNS // 4, _ROWS // 3
         parts = {
             "upper left": self.counts[:high, :wide],
             "upper right": self.counts[:high, -wide:],
@@ -132,8 +111,8 @@ def coverage(views: Sequence[BoardView]) -> Coverage:
     """Of views of one picture size, at least one."""
     width, height = views[0].image_size
     pixels = np.concatenate([view.corners_px for view in views])
-    cells = np.clip((pixels + 0.5) / (width, height) * (COLUMNS, ROWS), 0, (COLUMNS - 1, ROWS - 1)).astype(int)
-    counts = np.bincount(cells[:, 1] * COLUMNS + cells[:, 0], minlength=ROWS * COLUMNS).reshape(ROWS, COLUMNS)
+    cells = np.clip((pixels + 0.5) / (width, height) * (_COLUMNS, _ROWS), 0, (_COLUMNS - 1, _ROWS - 1)).astype(int)
+    counts = np.bincount(cells[:, 1] * _COLUMNS + cells[:, 0], minlength=_ROWS * _COLUMNS).reshape(_ROWS, _COLUMNS)
     area = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) if len(pixels) > 2 else 0.0
     return Coverage(counts, area / (width * height))
 
@@ -153,9 +132,9 @@ def poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
 
 
 def little_variety(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
-    """Poses that repeat, boards that are never tilted, or always the same way."""
+    """Poses that repeat, boards that are never tilted, or about one axis only."""
     found = [one for one in (_repeated(views, spec), _parallel(solution)) if one is not None]
-    return found if len(solution.views) >= FEWEST_VIEWS else []
+    return found if len(solution.views) >= _FEWEST_VIEWS else []
 
 
 def _repeated(views: Sequence[BoardView], spec: BoardSpec) -> Diagnosis | None:
@@ -174,7 +153,7 @@ def _repeated(views: Sequence[BoardView], spec: BoardSpec) -> Diagnosis | None:
 
 
 def _parallel(solution: LensSolution) -> Diagnosis | None:
-    """How far the board's directions spread: none of them all, or along one line only."""
+    """Boards whose normals hardly spread, or along one line only."""
     normals = np.array([view.T_camera_board.rotation[:, 2] for view in solution.views])
     _, _, axes = np.linalg.svd(normals)
     around = np.arctan2(normals @ axes[1:].T, np.abs(normals @ axes[:1].T))
@@ -190,6 +169,6 @@ def _parallel(solution: LensSolution) -> Diagnosis | None:
         return Diagnosis(
             "tilted_one_way",
             f"the board is tilted about one axis only: by {wide:.0f}°, about the other by {narrow:.0f}°",
-            "tilt it also the other way: a neighbouring edge towards the camera",
+            "tilt it about the other axis, too: a neighbouring edge towards the camera",
         )
     return None

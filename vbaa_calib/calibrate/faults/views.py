@@ -153,7 +153,7 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
 
 @dataclass(frozen=True)
 class PrintAspect:
-    """How much longer the print is along its y than the spec says, relative to its x, with its standard deviation."""
+    """Relative excess of the print's length along y over that along x, with its standard deviation."""
 
     excess: float
     std: float
@@ -204,7 +204,7 @@ class Change:
     Attributes
     ----------
     index : of the pattern. size : of the change, in the parameter's unit, with its standard deviation `std`: from the
-        scatter between the views, or from the residuals' variance if that says more.
+        scatter between the views, or from the residuals' variance if that is larger.
     chance : of one so clear among all tested patterns, were there none.
     """
 

@@ -18,7 +18,7 @@ from .view_uncertainty import LensInformation, WorkPlane, bias_square, has_rays,
 LEAST_VIEWS = 8
 """Pictures that a lens rests on before it is enough: fewer show no outlier, and no halves to compare."""
 _LEAST_GAIN = 0.025
-"""A picture that lowers the deviation by less than this part is not worth its while."""
+"""A picture that lowers the deviation by less than this part is not needed."""
 
 
 @dataclass(frozen=True, eq=False)
