@@ -166,7 +166,7 @@ def test_a_plane_outside_the_picture_and_a_lens_without_rays_have_no_number():
         progress = lens_progress(made, SPEC, plane, solution=replace(solution, camera=camera))
         assert np.isnan(progress.std_m)
         assert not progress.enough
-        assert progress.suggestion is not None
+    assert progress.suggestion is not None
 
 
 def tilted(rotvec_rad: tuple[float, float, float], middle_m: tuple[float, float, float]) -> Pose:
