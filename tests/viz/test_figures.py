@@ -22,7 +22,7 @@ from viz.figures.contacts import (
     friction_cone,
     indentation,
 )
-from viz.figures.drawing import TEAL, band, bars, ellipses, limits, new_axes, svg, time_colours
+from viz.figures.drawing import TEAL, band, bars, ellipses, new_axes, svg, time_colours
 from viz.figures.time import TimeAxis, curve, lanes, signals
 from viz.scene.readable import thinned
 
@@ -89,12 +89,6 @@ def test_thinning_keeps_both_ends(number: int, most: int) -> None:
     assert found.tolist() == sorted(set(found.tolist()))
     if number:
         assert (found[0], found[-1]) == (0, number - 1)
-
-
-def test_limits_are_never_empty() -> None:
-    low, high = limits(np.array([np.nan, 2.0, 2.0]))
-    assert low < 2.0 < high
-    assert limits(np.array([])) == (-0.08, 1.08)
 
 
 def test_a_curve_puts_points_and_band_where_its_values_are() -> None:

@@ -130,11 +130,6 @@ def test_a_broken_object_file_is_refused(tmp_path: Path, name: str, capfd: pytes
     assert capfd.readouterr().err == ""
 
 
-def test_another_suffix_is_refused(surface: Surface, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"is not a \.vtp, \.ply or \.glb"):
-        write_object(surface, tmp_path / "object.stl")
-
-
 def test_a_glb_cut_short_or_twisted_is_refused(surface: Surface, tmp_path: Path) -> None:
     path = tmp_path / "object.glb"
     write_object(surface, path)

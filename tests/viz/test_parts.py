@@ -15,7 +15,7 @@ from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
 from viz.parts import LOOK, Part, all_parts
 from viz.parts.contacts import MOST_SPREADS, contact_parts
-from viz.parts.part import along, arrow, ball, cone, stamp
+from viz.parts.part import along, ball, stamp
 from viz.parts.true_object import truth_mesh
 from viz.scene.moments import moments_of
 from viz.scene.readable import enlargement, thinned
@@ -60,11 +60,6 @@ def test_rotations_along_any_axis_are_rotations() -> None:
     np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turns.shape), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(turns), 1.0)
     np.testing.assert_allclose(turns[:, :, 0] * np.linalg.norm(axes, axis=1, keepdims=True), axes, atol=1e-12)
-
-
-def test_shapes_lie_along_x() -> None:
-    for mesh in (arrow(), cone()):
-        np.testing.assert_allclose([mesh.points[:, 0].min(), mesh.points[:, 0].max()], [0, 1], atol=1e-6)
 
 
 def test_arrows_begin_at_the_contacts_and_run_along_the_force(scene: Scene) -> None:

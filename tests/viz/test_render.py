@@ -15,7 +15,7 @@ import pytest
 import pyvista as pv
 
 from estimator.table.contacts import ContactTable
-from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.rig import Rig
 from viz.parts import LOOK, all_parts
 from viz.parts.part import ANTENNA, CAMERA, CONE
@@ -137,11 +137,6 @@ def test_without_opengl_the_picture_says_what_to_install(scene: Scene, tmp_path:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_probe_that_cannot_start_is_no_opengl(monkeypatch: pytest.MonkeyPatch, no_opengl: None) -> None:
-    monkeypatch.setattr(render, "PROBE", ("/nonexistent/python",))
-    assert not render.can_render()
-
-
 def test_a_scene_of_contacts_alone_makes_a_page_and_glTF(table: ContactTable, tmp_path: Path) -> None:
     scene = bare_scene(table)
     render.write_page(scene, tmp_path / "scene.html", title="contacts")
@@ -188,12 +183,3 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
 
 def test_linear_light_is_that_of_the_standard() -> None:
     np.testing.assert_allclose(linear(np.array([0.0, 0.04045, 0.5, 1.0])), [0, 0.0031308, 0.2140411, 1], atol=1e-6)
-
-
-@pytest.mark.parametrize("name", ["scene.gif", "scene"])
-def test_a_file_by_another_name_is_refused(scene: Scene, tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=r"is not a \.png"):
-        render.screenshot(scene, tmp_path / name)
-    with pytest.raises(InputError, match=r"is not a \.glb or \.gltf"):
-        render.write_gltf(scene, tmp_path / name)
-    assert not list(tmp_path.iterdir())

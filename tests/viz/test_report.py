@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.contact.overlay import STATUS_COLOURS
 from estimator.table.contacts import STATUSES, ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
@@ -191,11 +190,6 @@ def test_frames_that_were_lost_are_accounted_for(table: ContactTable, rig: Rig) 
     assert "1 frames gave no contact point: <the fit> did not converge (1 ×)" in facts["Lost"].words
     off = replace(table, moment_residual_Nm=np.full(len(table), 10 * rig.moment_sensor.std_Nm))
     assert "disagree by 10.0 times" in {f.label: f for f in frame_facts(off, rig)}["To look at"].words
-
-
-def test_every_status_has_its_own_colour() -> None:
-    assert set(STATUS_COLOURS) == set(STATUSES)
-    assert len(set(STATUS_COLOURS.values())) == len(STATUSES)
 
 
 def test_pictures(tmp_path: Path) -> None:

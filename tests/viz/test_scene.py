@@ -39,14 +39,6 @@ def test_contacts_are_the_located_ones_with_their_deviations(table: ContactTable
     np.testing.assert_allclose(back, contacts.covariance_m2, atol=1e-18)
 
 
-def test_a_contact_without_covariance_has_no_deviation(table: ContactTable) -> None:
-    covariance = table.covariance_world_m2.copy()
-    covariance[3] = np.nan
-    contacts = bare_scene(replace(table, covariance_world_m2=covariance)).contacts
-    assert np.isnan(contacts.std_mm[3])
-    assert np.isfinite(np.delete(contacts.std_mm, 3)).all()
-
-
 def test_what_was_touched_lies_in_its_ball(table: ContactTable) -> None:
     scene = bare_scene(table)
     centre, radius = scene.bounding_ball_m
@@ -186,13 +178,6 @@ BUMP = {"direction_world": [0.0, 0.0, 1.0], "height_m": 0.002, "width_m": 0.008}
 def test_a_wrong_truth_is_refused(truth: dict[str, Any], change: dict[str, Any], complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         true_object({"object": truth["object"] | change})
-
-
-def test_a_shape_needs_only_what_it_has() -> None:
-    sphere = true_object({"object": {"shape": "sphere", "center_world_m": [0, 0, 1], "radius_m": 0.02}})
-    assert sphere.radius_m == 0.02
-    body = {"shape": "freeform", "center_world_m": [0, 0, 1], "radius_m": 0.02, "bumps": [BUMP]}
-    assert true_object({"object": body}).bumps[0].height_m == 0.002
 
 
 def test_nothing_located_is_an_input_error() -> None:
