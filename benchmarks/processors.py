@@ -222,7 +222,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         sessions = simulated(args.folder or Path(folder), args.scenes)
         here, kernel = on(Machine("this machine", {}), sessions, args.photographs)
-        rows = [["this machine", kernel, *_told(here), *["" for _ in STAGES]]]
+        rows = [["this machine", kernel, *_key_numbers(here), *["" for _ in STAGES]]]
         good = True
         for machine in _machines():
             there, kernel = on(machine, sessions, args.photographs)
@@ -234,7 +234,7 @@ def main() -> int:
                 if off.statuses or off.most > ALIKE:
                     good = False
                     print(f"{machine.name}, {stage}: {off.most:.1e} at {off.where}; {off.statuses}", file=sys.stderr)
-            rows.append([machine.name, kernel, *_told(there), *cells])
+            rows.append([machine.name, kernel, *_key_numbers(there), *cells])
             print(" | ".join(rows[-1]), file=sys.stderr)
     head = ["processor", "OpenBLAS", "EI of the first scene, N·m²", "focal length, px", *STAGES]
     table = markdown(head, rows)
@@ -245,7 +245,7 @@ def main() -> int:
     return 0 if good else 1
 
 
-def _told(reports: Mapping[str, Mapping[str, Report]]) -> list[str]:
+def _key_numbers(reports: Mapping[str, Mapping[str, Report]]) -> list[str]:
     """EI, N·m², and the focal length, px, of the first scene, to a ten-thousandth of their deviations."""
     rig = next(iter(reports.values()))["calibration"].numbers
     told = []

@@ -102,7 +102,7 @@ def _lens_row(one: PhotoSet, solution: LensSolution) -> list[str]:
     std = np.sqrt(np.diag(covariance)[:4])
     values = [f"{value:.2f} ± {own:.2f}" for value, own in zip(matrix[[0, 1, 0, 1], [0, 1, 2, 2]], std, strict=True)]
     chosen = next(candidate for candidate in solution.comparison if candidate.model == solution.model)
-    agree = "agree" if chosen.halves_agree else "**differ**"
+    agree = "agree" if chosen.split_half_agrees else "**differ**"
     rms = f"{solution.rms_inliers_px:.3f}"
     published = f"{one.reference_model}, rms {one.reference_rms_px:.3f}"
     return [one.title, solution.model, rms, f"{chosen.held_out_rms_px:.3f}", *values, agree, published]

@@ -120,7 +120,7 @@ def of_lens(lens: LensSolution) -> Report:
         "bent": flex.used,
         "monotonic": lens.monotonic,
         "verdict": lens.verdict,
-        "models that halves agree on": [row.model for row in lens.comparison if row.halves_agree],
+        "models that halves agree on": [row.model for row in lens.comparison if row.split_half_agrees],
     }
     return report
 

@@ -23,7 +23,7 @@ from vbaa_calib.calibrate.lens.uncertainty import (
     ray_covariance,
     turn_jacobian,
 )
-from vbaa_calib.calibrate.lens.validation import AGREE, Halves, compare_halves, held_out_squares, solved_squares
+from vbaa_calib.calibrate.lens.validation import AGREE, SplitHalf, compare_split_half, held_out_squares, solved_squares
 
 RIG = rigs()[0]
 GRID = (5, 4)
@@ -125,11 +125,11 @@ def test_pixels_without_a_ray_have_no_uncertainty() -> None:
     assert np.isfinite(std[6, 8])
 
 
-def halves_of(views: list[Observation], poses: np.ndarray) -> Halves | None:
+def halves_of(views: list[Observation], poses: np.ndarray) -> SplitHalf | None:
     bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, poses), views)
     known = information(bundle, views)
     assert known is not None
-    return compare_halves(RIG.model, bundle.intrinsics, known, RIG.image_size)
+    return compare_split_half(RIG.model, bundle.intrinsics, known, RIG.image_size)
 
 
 def test_halves_of_two_cameras_do_not_agree() -> None:

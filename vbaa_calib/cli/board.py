@@ -101,7 +101,7 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     written = _write_spec(args, spec, changed=False)
     drawing = draw(spec, layout)
     _write(args, as_pdf(drawing) if kind == ".pdf" else as_svg(drawing).encode())
-    result = _told(args, spec, written) | {
+    result = _result(args, spec, written) | {
         "paper": paper.name,
         "orientation": layout.orientation,
         "page_mm": [layout.width, layout.height],
@@ -132,7 +132,7 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
     written = _write_spec(args, board.spec, changed=board.spec != wanted)
     _write(args, cv2.imencode(".png", as_pixels(board))[1].tobytes())
     columns, rows = wanted.squares_x, wanted.squares_y
-    result = _told(args, board.spec, written) | {
+    result = _result(args, board.spec, written) | {
         "px_per_mm": px_per_mm,
         "image_size": list(board.size_px),
         "square_px": board.square_px,
@@ -210,7 +210,7 @@ def _write(args: argparse.Namespace, data: bytes) -> None:
         temporary.write_bytes(data)
 
 
-def _told(args: argparse.Namespace, spec: BoardSpec, written: Path | None) -> dict[str, Any]:
+def _result(args: argparse.Namespace, spec: BoardSpec, written: Path | None) -> dict[str, Any]:
     from targets.sheet import board_id, size_words
 
     say(f"board    {board_id(spec)}: {size_words(spec)}")

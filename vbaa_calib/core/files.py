@@ -172,7 +172,7 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
     os.close(handle)
     temporary = Path(name)
     try:
-        with _disk_told(path):
+        with _disk_errors_named(path):
             yield temporary
             with temporary.open("rb+") as stream:
                 os.fsync(stream.fileno())
@@ -189,7 +189,7 @@ _DISK = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno
 
 
 @contextmanager
-def _disk_told(path: Path) -> Iterator[None]:
+def _disk_errors_named(path: Path) -> Iterator[None]:
     """Raises InputError naming `path` in place of a disk's error: full, over a quota or a limit, read-only."""
     try:
         yield
@@ -237,7 +237,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"cannot be made ({error.strerror})", where=path, remedy="take another name") from None
     try:
-        with _disk_told(path):
+        with _disk_errors_named(path):
             yield temporary
         umask = os.umask(0)
         os.umask(umask)

@@ -294,7 +294,7 @@ class LensInformation:
         halves = [
             float(row.halves)
             for row in solution.comparison
-            if row.model == solution.model and row.halves is not None and not row.halves_agree
+            if row.model == solution.model and row.halves is not None and not row.split_half_agrees
         ]
         doubt = "the lens folds inside the picture: pictures with the board near the border are missing"
         return LensInformation(

@@ -31,7 +31,7 @@ def _verdict(
     """Two to five sentences: is the lens to be trusted, why this model, do halves agree, is the board flat."""
     sentences = ["Look at the warnings before you trust this lens." if warnings else "This lens can be trusted."]
     if chosen is not None:
-        sentences += [_why(chosen, comparison), _halves(chosen)]
+        sentences += [_why(chosen, comparison), _split_half_words(chosen)]
     bent = f"{1e3 * flex.sagittas_m[0]:+.2f} mm along x, {1e3 * flex.sagittas_m[1]:+.2f} mm along y"
     sentences.append(
         f"The board is bent ({bent}); the lens was solved with that." if flex.used else "The board counts as flat."
@@ -51,15 +51,15 @@ def _why(chosen: Candidate, comparison: Sequence[Candidate]) -> str:
     errors = f"{chosen.held_out_rms_px:.3f} px rms against {best.held_out_rms_px:.3f} px"
     if not best.monotonic:
         return f"{chosen.model} was taken ({errors}) since {best.model} folds inside the picture."
-    if not best.halves_agree:
+    if not best.split_half_agrees:
         return f"{chosen.model} was taken ({errors}) since {best.model} differs between halves of the views."
     return f"{chosen.model} is the simplest that predicts unseen views as well as {best.model} does ({errors})."
 
 
-def _halves(chosen: Candidate) -> str:
+def _split_half_words(chosen: Candidate) -> str:
     if chosen.halves is None:
         return "There are too few views to compare halves of them."
-    agree = "agree within their uncertainty" if chosen.halves_agree else "differ by more than their uncertainty"
+    agree = "agree within their uncertainty" if chosen.split_half_agrees else "differ by more than their uncertainty"
     return f"Two halves of the views {agree} ({chosen.halves:.1f} predicted deviations)."
 
 
@@ -70,7 +70,7 @@ def _warnings(
     warnings = []
     if not monotonic:
         warnings.append(f"the {name} lens folds inside the picture: directions near its border are not to be trusted")
-    if chosen is not None and not chosen.halves_agree:
+    if chosen is not None and not chosen.split_half_agrees:
         warnings.append(
             f"two halves of the views give lenses that differ by {chosen.halves:.1f} times what is predicted: "
             "the uncertainty is larger than stated by about as much"

@@ -13,7 +13,7 @@ from .information import Information, information
 from .initialization import LensOptions, fit_lens, rough_lens, unfolded
 from .models import LENS_MODELS, is_monotonic
 from .outliers import Inliers, fit_without_outliers, refined_robustly
-from .validation import AGREE, compare_halves, excess_in_errors, held_out_squares, rms_over
+from .validation import AGREE, compare_split_half, excess_in_errors, held_out_squares, rms_over
 
 _CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
 """What `auto` compares, from simple to rich. Thin-prism and tilted lenses are compared only when named."""
@@ -48,7 +48,7 @@ class Candidate:
     halves_p_value: float | None = None
 
     @property
-    def halves_agree(self) -> bool:
+    def split_half_agrees(self) -> bool:
         """Whether the halves differ no more than predicted, or cannot be compared."""
         return self.halves_p_value is None or self.halves_p_value >= AGREE
 
@@ -58,7 +58,7 @@ def _assess(
 ) -> tuple[Candidate, np.ndarray]:
     """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
     squares = held_out_squares(bundle, observations, known)
-    halves = compare_halves(bundle.model, bundle.intrinsics, known, image_size)
+    halves = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
     candidate = Candidate(
         model=bundle.model.name,
         free_parameters=int(np.any(bundle.directions[:-FLEX] != 0.0, axis=0).sum()),
@@ -100,7 +100,7 @@ def _choose_lens(
 
 def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:
     allowed = _unless_too_dear(candidates, [c for c in candidates if c.monotonic], _MONOTONIC_MAY_COST)
-    allowed = _unless_too_dear(allowed, [c for c in allowed if c.halves_agree], _AGREEMENT_MAY_COST)
+    allowed = _unless_too_dear(allowed, [c for c in allowed if c.split_half_agrees], _AGREEMENT_MAY_COST)
     rows = {candidate.model: candidate for candidate in allowed}
     best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
     for candidate in allowed:

@@ -84,7 +84,7 @@ _GRID = (9, 7)
 
 
 @dataclass(frozen=True)
-class Halves:
+class SplitHalf:
     """How far the lenses of two halves of the views differ.
 
     Attributes
@@ -98,9 +98,9 @@ class Halves:
     p_value: float
 
 
-def compare_halves(
+def compare_split_half(
     model: LensModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
-) -> Halves | None:
+) -> SplitHalf | None:
     """The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all views.
 
     intrinsics : (4 + k,) of all views. What a turn of the camera explains is left out, and so is what holds
@@ -132,4 +132,4 @@ def compare_halves(
     square = float(difference @ form @ difference)
     # a sum of squares of unequal share, by the chi-squared law with its mean, which is 1, and its variance
     freedom = 1.0 / float(np.sum((form @ covariance) * (form @ covariance).T))
-    return Halves(float(np.sqrt(square)), chi_square_p(square * freedom, freedom))
+    return SplitHalf(float(np.sqrt(square)), chi_square_p(square * freedom, freedom))

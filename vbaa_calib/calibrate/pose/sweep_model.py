@@ -195,7 +195,7 @@ def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics)
         X, B = _rotations(known, seen, weights)
         return (X, B), np.linalg.norm(X @ seen - known @ B, axis=(1, 2))
 
-    X, B = _settled(turns, len(which), _SHARP_RAD)
+    X, B = _least_absolute(turns, len(which), _SHARP_RAD)
     offset = kinematics.axis_offset_m * np.stack(
         [np.cos(corners.tilt_rad), np.zeros(corners.pictures), -np.sin(corners.tilt_rad)], axis=1
     )
@@ -207,7 +207,7 @@ def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics)
         both = np.linalg.lstsq((design * root[..., None]).reshape(-1, 6), (right * root).ravel(), rcond=None)[0]
         return both, np.linalg.norm(design @ both - right, axis=1)
 
-    both = _settled(places, len(which), _SHARP_M)
+    both = _least_absolute(places, len(which), _SHARP_M)
     return SweepState(Pose(X, both[:3]), Pose(B, both[3:]), kinematics.axis_skew_rad, kinematics.axis_offset_m)
 
 
@@ -218,7 +218,7 @@ def turned_over(state: SweepState, corners: SweepCorners) -> SweepState:
     return replace(state, T_foot_board=camera_foot.inverse() @ other)
 
 
-def _settled(solve: Callable[[np.ndarray], tuple[T, np.ndarray]], count: int, sharp: float) -> T:
+def _least_absolute(solve: Callable[[np.ndarray], tuple[T, np.ndarray]], count: int, sharp: float) -> T:
     """The solution whose misfits (P,), not their squares, are least: by weights that go with one over the misfit."""
     weights = np.ones(count)
     for _ in range(_ROUNDS):

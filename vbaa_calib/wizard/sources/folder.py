@@ -89,7 +89,7 @@ class FolderSource:
             if not self._ready:
                 if self._clock() - self._scanned_s >= self._pace.scan_s:
                     self._scan()
-                self._ready = self._settled()
+                self._ready = self._unchanging()
             while self._ready:
                 name = self._ready.pop(0)
                 offered = self._read(name) if name not in self._seen else None
@@ -103,18 +103,18 @@ class FolderSource:
     def close(self) -> None:
         """Nothing is held open."""
 
-    def _settled(self) -> list[str]:
+    def _unchanging(self) -> list[str]:
         """Names, in order, that stand still and were not tried in this state; or once more at the end of patience."""
         now_s = self._clock()
-        settled = []
+        unchanging = []
         for name, watched in sorted(self._watched.items()):
             wait_s = self._pace.patience_s if watched.failed else self._pace.settle_s
             if now_s - watched.since_s >= wait_s:
                 if not watched.reported:
-                    settled.append(name)
+                    unchanging.append(name)
             elif watched.since_s == self._start_s and not watched.failed:
                 break  # it was there at the start, and those are offered by name
-        return settled
+        return unchanging
 
     def _read(self, name: str) -> Picture | None:
         """The picture, from bytes that are read once; None where it is not whole, with a note once patience is over."""
