@@ -101,9 +101,9 @@ BROKEN = [
     (lambda quality: quality.pop("lens"), "quality.lens.board is not recorded"),
     (lambda quality: quality.update(lens=3), "quality.lens.board is not recorded"),
     (lambda quality: quality["lens"].update(board=[1]), "quality.lens.board"),
-    (lambda quality: quality["lens"]["board"].update(square_m=-1), "quality.lens.board: square_m is -1"),
-    (lambda quality: quality.update(jig=7), "quality.jig.T_antenna_board.translation_m is not 3 numbers"),
-    (lambda quality: quality["jig"]["T_antenna_board"].update(translation_m=[1, "a", 2]), "is not 3 numbers"),
+    (lambda quality: quality["lens"]["board"].update(square_m=-1), "quality.lens.board.square_m: -1"),
+    (lambda quality: quality.update(jig=7), "quality.jig.T_antenna_board: None"),
+    (lambda quality: quality["jig"]["T_antenna_board"].update(translation_m=[1, "a", 2]), "translation_m.1: 'a'"),
     (lambda quality: quality["jig"]["T_antenna_board"].update(rotation_xyzw=[0, 0, 0, 0]), "has length 0"),
 ]
 

@@ -65,7 +65,7 @@ def test_the_report_shows_all_there_is(demo: Path) -> None:
     assert ">truth<" in html
     assert ">met<" in html
     assert ">missed<" not in html
-    for heading in ("Over time", "Map of the contacts", "Force and friction", "Every frame", "What the words mean"):
+    for heading in ("Over time", "Map of the contacts", "Force and friction", "Every frame", "Glossary"):
         assert f"<h2>{heading}</h2>" in html
     for fact in ("In time", "Friction", "Stiffness", "Shape"):
         assert f"<dt>{fact}</dt>" in html

@@ -162,9 +162,9 @@ def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
     return where if line is None else f"{where} line {line}"
 
 
-def _importance(error: ErrorDetails) -> tuple[int, bool, str]:
-    # a key that nobody knows explains the one that is missing
-    return len(error["loc"]), error["type"] not in _UNKNOWN, str(error["loc"])
+def _importance(error: ErrorDetails) -> tuple[int, bool, bool]:
+    # a key that nobody knows explains the one that is missing, and so does another type of thing; else as declared
+    return len(error["loc"]), error["type"] not in _UNKNOWN, error["type"] != "literal_error"
 
 
 def _from_value_error(error: ValueError, where: object, remedy: str | None, name: str) -> InputError:
