@@ -94,7 +94,7 @@ def test_the_report_stands_alone_and_holds_everything(
         "α = 16.7°",
         "250 N/m (95 %: 238 to 263 N/m)",
         "One patch was withheld.",
-        "Contact at 0.100 ± 0.020 s; 1 × slip start. The frames come too seldom to tell a frequency.",
+        "Contact at 0.100 ± 0.020 s; 1 slip began. The frames come too seldom to tell a frequency.",
         "ringing (1)",
         "No picture: there is none.",
         "vbaa report &#39;a b.csv&#39;",

@@ -90,6 +90,12 @@ def findings_of(
     )
 
 
+def _counted(kind: str, count: int) -> str:
+    """How often an event happened: "3 slips began"."""
+    verb = {"slip_start": "began", "slip_end": "ended"}.get(kind)
+    return f"{count} slip{'s' * (count != 1)} {verb}" if verb else f"{kind} {count} time{'s' * (count != 1)}"
+
+
 def _event_fact(track: Track) -> Fact:
     """Times of contact, counts of other events, and what is undetermined."""
     names = {"first_contact": "contact", "loss": "contact lost"}
@@ -99,8 +105,8 @@ def _event_fact(track: Track) -> Fact:
     contacts = [event for event in track.events if event.kind in names]
     words = [f"{names[event.kind]} {_time(event.time_s, event.time_std_s)}" for event in contacts[:MOST_TIMES]]
     words += [f"{len(contacts) - MOST_TIMES} more"] if len(contacts) > MOST_TIMES else []
-    others = Counter(event.kind.replace("_", " ") for event in track.events if event.kind not in names)
-    words += [f"{count} × {kind}" for kind, count in sorted(others.items())]
+    others = Counter(event.kind for event in track.events if event.kind not in names)
+    words += [_counted(kind, others[kind]) for kind in sorted(others, reverse=True)]
     return Fact("In time", " ".join([sentence("; ".join(words)), *notes]))
 
 

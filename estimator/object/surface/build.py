@@ -149,8 +149,8 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
     curves = [patch for patch in found.patches if not patch.wide]
     if curves:
         notes.append(
-            f"{len(curves)} of {len(pieces)} patches ({sum(len(p.members) for p in curves)} of {count} contacts) span "
-            "no area that stands out of the contacts' uncertainty: lines without triangles"
+            f"{len(curves)} of {len(pieces)} patches ({sum(len(p.members) for p in curves)} of {count} contacts) are "
+            "too narrow for a surface; drawn as lines"
         )
     told = 1.0 if known else np.nan
     return Surface(
