@@ -122,7 +122,7 @@ def test_warns_of_what_prints_badly(tmp_path: Path) -> None:
         (["-o", "b.pdf", "--square-mm", "nan"], "--square-mm is nan"),
         (["-o", "b.pdf", "--square-mm", "inf"], "--square-mm is inf"),
         (["-o", "b.pdf", "--square-mm", "1e300"], "give millimetres"),
-        (["-o", "b.pdf", "--square-mm", "1e-300"], "marker_m: 0.0 is not between 0 and 10"),
+        (["-o", "b.pdf", "--square-mm", "1e-300"], "square_m: 0.0 is not between 0 and 10"),
         (["-o", "b.pdf", "--square-mm", "40"], "does not fit on A4: the largest square that fits is"),
         (["-o", "b.pdf", "--marker-mm", "30"], "exchanged"),
         (["-o", "b.pdf", "--marker-mm", "nan"], "--marker-mm is nan"),

@@ -41,7 +41,7 @@ BOARDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "not a board": ("colour: red\n", ("board",)),
     "marker larger": ("{square_m: 0.015, marker_m: 0.02}", ("marker",)),
     "no dictionary": ("{dictionary: DICT_9X9_10}", ("dictionary",)),
-    "in mm": ("{square_m: 15.0, marker_m: 11.0}", ("marker_m: 11.0",)),
+    "in mm": ("{square_m: 15.0, marker_m: 11.0}", ("square_m: 15.0",)),
     "text for a number": ("{squares_x: eleven}", ("squares_x",)),
 }
 
