@@ -79,7 +79,7 @@ def levenberg_marquardt(
         try:
             move, promise = step(at, damping)
         except np.linalg.LinAlgError:
-            damping = max(10.0 * damping, rules.after_failure)
+            damping = max(rules.growth * damping, rules.after_failure)
             continue
         # a damped step is short wherever it is taken
         last = promise <= rules.standstill + rules.tolerance * at.cost and damping < 1.0
