@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,14 @@ MOST_MODULES, MOST_LINES = 16, 400
 """In a folder; in a module."""
 
 
+def tree_of(path: Path) -> ast.Module:
+    """A module, parsed once however many rules look at it."""
+    return _parsed(path.read_text(encoding="utf-8"))
+
+
+_parsed = lru_cache(maxsize=None)(ast.parse)
+
+
 def modules() -> dict[str, Path]:
     """Dotted name → file, sub-packages included."""
     found = {}
@@ -38,7 +47,7 @@ def modules() -> dict[str, Path]:
 def imported(name: str, path: Path, known: set[str], *, typing: bool = False) -> set[str]:
     """Our modules that a module imports, anywhere in its text, relative imports resolved."""
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     skipped = {
         id(child)
         for node in ast.walk(tree)
@@ -149,7 +158,7 @@ def equation_tags() -> dict[int, set[str]]:
     """Equation number → files whose docstrings carry its tag."""
     found: dict[int, set[str]] = {}
     for path in ALL.values():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = tree_of(path)
         nodes = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
         docstrings = [ast.get_docstring(node) or "" for node in ast.walk(tree) if isinstance(node, nodes)]
         for text in docstrings:
@@ -201,9 +210,7 @@ def test_names_keep_to_the_glossary() -> None:
     forms = words | {f"{word}s" for word in words} | {f"{word}d" for word in words} | {f"{word}ed" for word in words}
     found = []
     for name, path in ALL.items():
-        defined = [
-            node.name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, NAMED)
-        ]
+        defined = [node.name for node in ast.walk(tree_of(path)) if isinstance(node, NAMED)]
         for one in (name.rpartition(".")[2], *defined):
             parts = re.sub(r"([a-z])([A-Z])", r"\1_\2", one).lower().replace("line_of_sight", "").split("_")
             found += [f"{name}: {one}"] if forms & set(parts) else []
@@ -240,7 +247,7 @@ def test_argument_lists_are_short() -> None:
     long = {
         f"{name}.{node.name}"
         for name, path in ALL.items()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(tree_of(path))
         if isinstance(node, ast.FunctionDef) and _parameters(node) > MOST_PARAMETERS
     }
     assert long - LONG_STILL == set()

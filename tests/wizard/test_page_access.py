@@ -1,0 +1,181 @@
+"""The page answers at its own address alone, and to who has the run's token; nothing in it comes from elsewhere."""
+
+from __future__ import annotations
+
+import re
+from urllib.parse import urlsplit
+
+import pytest
+
+from vbaa_calib.wizard.ui.server import FILES, STATIC, PageCommand, PageServer
+
+from .page_client import ask, command, cookie, jpeg, raw, state, token
+
+PATHS = ("/", "/page.js", "/picture.js", "/question.js", "/page.css", "/icon.svg", "/state", "/picture", "/report")
+
+
+def test_the_address_gives_a_cookie_and_leads_to_an_address_without_the_token(server: PageServer) -> None:
+    reply = ask(server, "/?" + urlsplit(server.url).query, {})
+    assert (reply.status, reply.headers["Location"]) == (303, "/")
+    name, _, rest = reply.headers["Set-Cookie"].partition("=")
+    assert name == f"vbaa_wizard_{server.port}"
+    assert rest.split("; ") == [token(server), "Path=/", "HttpOnly", "SameSite=Strict"]
+    assert ask(server, "/", {"Cookie": f"{name}={token(server)}"}).status == 200
+
+
+def test_each_run_has_its_own_long_token(server: PageServer, fresh: PageServer) -> None:
+    assert token(server) != token(fresh)
+    assert len(token(server)) >= 43
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_nothing_without_the_token(server: PageServer, path: str) -> None:
+    server.show(state(), jpeg())
+    wrong = token(server)[:-1] + "?"
+    for headers in (
+        {},
+        {"Cookie": f"vbaa_wizard_{server.port}={wrong}"},
+        {"Cookie": f"vbaa_wizard={token(server)}"},
+        {"Cookie": f"vbaa_wizard_{server.port}="},
+        {"Cookie": f"vbaa_wizard_{server.port}={token(server)}é".encode().decode("latin-1")},
+        {"Authorization": f"Bearer {wrong}"},
+        {"Authorization": f"Basic {token(server)}"},
+    ):
+        reply = ask(server, path, headers)
+        assert reply.status == 403
+        assert token(server).encode() not in reply.body
+    assert ask(server, f"{path}?token={wrong}", {}).status == 403
+    assert ask(server, f"{path}?token={token(server)}&token={wrong}", {}).status == 403
+    if path != "/":
+        assert ask(server, f"{path}?token={token(server)}", {}).status == 403, "in the first address only"
+
+
+def test_commands_need_the_token(server: PageServer) -> None:
+    assert command(server, b'{"kind": "quit"}', Cookie=None).status == 403
+    assert command(server, b'{"kind": "quit"}', Cookie=None, Authorization="Bearer x").status == 403
+    assert server.take_commands() == []
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "[::1]:{port}", ""]
+)
+def test_only_the_own_address(server: PageServer, host: str) -> None:
+    named = host.format(port=server.port)
+    assert ask(server, "/", {"Host": named, **cookie(server)}).status == 421
+    assert ask(server, "/?" + urlsplit(server.url).query, {"Host": named}).status == 421
+    assert command(server, b'{"kind": "quit"}', Host=named).status == 421
+    assert server.take_commands() == []
+
+
+def test_no_host_or_two_are_refused(server: PageServer) -> None:
+    line = f"Cookie: {cookie(server)['Cookie']}\r\n".encode()
+    own = f"Host: 127.0.0.1:{server.port}\r\n".encode()
+    assert raw(server, b"GET / HTTP/1.1\r\n" + line + b"\r\n") == 400
+    assert raw(server, b"GET / HTTP/1.1\r\n" + own + own + line + b"\r\n") == 400
+    assert raw(server, b"GET / HTTP/1.1\r\n" + own + line + b"\r\n") == 200
+
+
+def test_localhost_is_the_own_address_too(server: PageServer) -> None:
+    host = f"localhost:{server.port}"
+    assert ask(server, "/", {"Host": host, **cookie(server)}).status == 200
+    assert command(server, b'{"kind": "take"}', Host=host, Origin=f"http://{host}").status == 202
+    assert server.take_commands() == [PageCommand(kind="take")]
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1", "http://127.0.0.1", ""]
+)
+def test_commands_from_another_site_are_refused(server: PageServer, origin: str) -> None:
+    assert command(server, b'{"kind": "quit"}', Origin=origin.format(port=server.port)).status == 403
+    assert command(server, b'{"kind": "quit"}', Origin=None).status == 403
+    assert server.take_commands() == []
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_pages_of_others_cannot_use_ours(server: PageServer, site: str) -> None:
+    for path in PATHS:
+        assert ask(server, path, {"Sec-Fetch-Site": site, **cookie(server)}).status == 403
+    assert command(server, b'{"kind": "quit"}', Sec_Fetch_Site=site).status == 403
+
+
+def test_a_program_may_use_the_token_in_a_header(server: PageServer) -> None:
+    headers = {"Authorization": f"Bearer {token(server)}", "Content-Type": "application/json"}
+    assert ask(server, "/command", headers, "POST", b'{"kind": "take"}').status == 202
+    assert server.take_commands() == [PageCommand(kind="take")]
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/../server.py", "/%2e%2e/server.py", "/..%2fserver.py", "/page.js/../server.py", "/page.html", "//etc/passwd",
+     "/report/../../etc/passwd", "/report/", "/.", "/static/", "/page.js%00", "*", "//["],
+)  # fmt: skip
+def test_only_known_paths(server: PageServer, path: str) -> None:
+    reply = ask(server, path)
+    assert reply.status in (400, 404)
+    assert len(reply.body) < 60
+
+
+def test_the_form_for_proxies_is_refused(server: PageServer) -> None:
+    head = f" HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nCookie: {cookie(server)['Cookie']}\r\n\r\n".encode()
+    assert raw(server, b"GET http://evil.example/page.js" + head) == 404
+    assert raw(server, b"GET /page.js" + head) == 200
+
+
+def test_unknown_methods_and_known_paths_in_a_wrong_way(server: PageServer) -> None:
+    origin = {"Origin": f"http://127.0.0.1:{server.port}", "Content-Type": "application/json", **cookie(server)}
+    for method in ("PUT", "DELETE", "OPTIONS", "TRACE", "CONNECT", "SHOUT"):
+        for path in ("/", "/command", "/state"):
+            assert ask(server, path, method=method).status == 405
+    assert ask(server, "/command").status == 405
+    assert ask(server, "/state", origin, "POST", b"{}").status == 405
+    for query in ("after=x", "after=-1", "after=1&after=2", "after=" + "9" * 40, "after=", "after=%D9%A3"):
+        assert ask(server, f"/state?{query}").status == 400
+    assert ask(server, "/picture?n=1.5").status == 400
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\r\n\r\n",
+        b"nonsense\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET " + b"/" * 70000 + b" HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 20000 + b"\r\n",
+        b"GET / HTTP/1.1\r\nA: " + b"b" * 70000 + b"\r\n\r\n",
+        b"GET / HTTP/1.1\r\n\xff\xfe: \x00\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\r\n",
+    ],
+    ids=["TLS", "nonsense", "version", "long line", "many headers", "long header", "binary", "websocket"],
+)
+def test_what_is_no_request_is_refused_quietly(
+    server: PageServer, data: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert raw(server, data) in (0, 400, 421)
+    assert ask(server, "/").status == 200
+    assert capfd.readouterr() == ("", "")
+
+
+def test_every_answer_carries_the_policy(server: PageServer) -> None:
+    server.show(state(), jpeg())
+    replies = [ask(server, path) for path in ("/", "/page.js", "/state", "/picture?n=1", "/nowhere", "/report")]
+    replies += [ask(server, "/", {}), ask(server, "/", method="PUT"), command(server, b"x")]
+    for reply in replies:
+        policy = reply.headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert "unsafe" not in policy
+        assert reply.headers["X-Content-Type-Options"] == "nosniff"
+        assert reply.headers["Cache-Control"] == "no-store"
+        assert reply.headers["Referrer-Policy"] == "no-referrer"
+        assert "Server" not in reply.headers
+        assert "Access-Control-Allow-Origin" not in reply.headers
+
+
+def test_the_page_s_files_hold_nothing_inline_and_nothing_from_elsewhere() -> None:
+    html = (STATIC / "page.html").read_text(encoding="utf-8")
+    assert not re.search(r"\son\w+\s*=|<script(?![^>]* src=)|<style|style=", html)
+    for name in FILES.values():
+        text = (STATIC / name).read_text(encoding="utf-8")
+        assert set(re.findall(r"\w+://[^\s\"']+", text)) <= {"http://www.w3.org/2000/svg"}
+        for danger in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "Function("):
+            assert danger not in text
