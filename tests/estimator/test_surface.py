@@ -78,7 +78,7 @@ def test_an_edge_is_a_line_with_the_normal_of_each_contact() -> None:
     surface = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M)
     assert len(surface.triangles) == 0
     assert len(surface.lines) > 20
-    assert "lines without triangles" in surface.notes[0]
+    assert any("too narrow" in note for note in surface.notes)
     distance, _ = KNIFE.signed_distance(surface.points_m)
     assert np.abs(distance).max() < 6e-4
     felt = true.force_N / np.linalg.norm(true.force_N, axis=1, keepdims=True)
