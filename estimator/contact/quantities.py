@@ -22,7 +22,6 @@ from vbaa_calib.core.robust import huber_weights
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 
-from .hinge_plane import camera_angle
 from .motion import PIECES, Beam
 
 _LEAST_STD_M = 1e-6
@@ -185,12 +184,17 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
 
 
 def edge_on(rig: Rig, unknowns: np.ndarray) -> np.ndarray:
-    """(B,) angle between the deformation plane 𝒟 and the ray from the camera's centre to the contact, rad."""
+    """(B,) angle between the deformation plane 𝒟 and the ray from the camera's centre to the contact, rad.
+
+    At 0 the camera's centre lies in 𝒟 and the antenna looks straight however it bends.
+    """
     y_m, z_m, about_y, about_z = rig.antenna.parameters[:4]
     T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
     center_m = T_antenna_clamp.inverse() @ rig.T_antenna_camera.translation_m
     line = center_m - unknowns[:, :1] * np.array([rig.antenna.length_m, 0.0, 0.0])
-    return camera_angle(line, np.arctan2(unknowns[:, 2], unknowns[:, 1]))
+    roll = np.arctan2(unknowns[:, 2], unknowns[:, 1])
+    height = np.cos(roll) * line[:, 2] - np.sin(roll) * line[:, 1]
+    return np.arctan2(np.abs(height), np.sqrt(np.maximum((line**2).sum(axis=-1) - height**2, 0.0)))
 
 
 def _bows(rig_arrays: RigArrays, unknowns: Array, covariance: Array, at_tip: Array) -> Array:

@@ -19,37 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import Array, like, namespace
+from vbaa_calib.core.arrays import Array, namespace
 
-from .two_point import Part, bending, elasticity, floats, in_pieces, ordered, relative_contact
-
-
-def _real_roots(rising: Array) -> Array:
-    """Real roots (n, degree) of polynomials (n, degree + 1) in rising powers; NaN in place of the complex ones."""
-    xp = namespace(rising)
-    degree = rising.shape[1] - 1
-    with np.errstate(all="ignore"):
-        monic = rising / rising[:, -1:]
-        usable = (abs(monic) < np.inf).all(-1)[:, None]
-        shifted = xp.broadcast_to(like(rising, np.eye(degree, degree - 1, -1)), (len(rising), degree, degree - 1))
-        last = xp.where(usable, -monic[:, :-1], 0.0)[..., None]
-        roots = xp.linalg.eigvals(xp.concat([shifted, last], -1))
-        size, real = abs(roots), xp.real(roots)
-        real = xp.where(usable & (abs(xp.imag(roots)) <= 1e-6 * size), real, np.nan)
-        slope = monic[:, 1:] * like(rising, np.arange(1, degree + 1))
-        # the companion matrix's eigenvalues carry its norm's rounding; Newton's steps take that off simple roots
-        for _ in range(2):
-            step = _value(monic, real) / _value(slope, real)
-            real = xp.where(abs(step) < 1e-3 * abs(real), real - step, real)
-    return real
-
-
-def _value(rising: Array, at: Array) -> Array:
-    total = 0.0 * at
-    for power in reversed(range(rising.shape[1])):
-        total = total * at + rising[:, power, None]
-    return total
-
+from .two_point import Part, bending, elasticity, floats, in_pieces, relative_contact
 
 _CLOSE = 1e-9
 """A step of Newton's, relative, after which one more reaches rounding."""
@@ -186,25 +158,6 @@ def project(points_m: Any, camera_tilt_rad: Any = 0.0) -> Array:
     return xp.stack([shifted, xp.broadcast_to(points[..., 1], shifted.shape)], -1)
 
 
-def straight_depth(x_m: Any, contact_m: Any, moment_Nm: Any, stiffness_Nm2: Any) -> Array:
-    """z (...) of the straight part, Eq. (27), by the moment alone, Eq. (28)."""
-    x, contact, moment, stiffness = floats(x_m, contact_m, moment_Nm, stiffness_Nm2)
-    return moment * (3.0 * x - contact) * contact / (6.0 * stiffness)
-
-
-def straight_image(x_m: Any, contact_m: Any, moment_Nm: Any, stiffness_Nm2: Any, camera_tilt_rad: Any) -> Array:
-    """x_p (...) at which a point of the straight part appears, Eq. (25)."""
-    x, tilt = floats(x_m, camera_tilt_rad)
-    return x + straight_depth(x_m, contact_m, moment_Nm, stiffness_Nm2) * namespace(tilt).tan(tilt)
-
-
-def straight_position(xp_m: Any, contact_m: Any, moment_Nm: Any, stiffness_Nm2: Any, camera_tilt_rad: Any) -> Array:
-    """x (...) of a point of the straight part that appears at x_p: Eq. (26), mended to be the inverse of Eq. (25)."""
-    seen, contact, moment, stiffness, tilt = floats(xp_m, contact_m, moment_Nm, stiffness_Nm2, camera_tilt_rad)
-    torque = moment * namespace(tilt).tan(tilt)
-    return (6.0 * stiffness * seen + torque * contact**2) / (6.0 * stiffness + 3.0 * torque * contact)
-
-
 def inclined_two_point_contact(
     xp_m: Any, y_m: Any, moment_Nm: Any, stiffness_Nm2: Any, camera_tilt_rad: Any, length_m: Any = np.inf
 ) -> InclinedContact:
@@ -213,41 +166,45 @@ def inclined_two_point_contact(
     `camera_tilt_rad` is the paper's φ, `length_m` the antenna's length L; a contact beyond it is inadmissible.
     """
     position, y, *rest = floats(xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
-    batch = np.broadcast_shapes(position.shape[:-1], y.shape[:-1], *(value.shape for value in rest))
-    xp = namespace(y)
-    columns = [xp.broadcast_to(value, (*batch, 2))[..., point] for value in (position, y) for point in (0, 1)]
-    part, contact, fy, fz, x1, x2, solutions, *worth = in_pieces(_solved, batch, *columns, *rest)
-    return InclinedContact(part, contact, fy, fz, xp.stack([x1, x2], -1), solutions, *worth)
+    part, contact, fy, fz, x1, x2, solutions, *conditions = in_pieces(_solved, position, y, *rest)
+    return InclinedContact(part, contact, fy, fz, namespace(y).stack([x1, x2], -1), solutions, *conditions)
 
 
 def eq29_baseline(
     xp_m: Any, y_m: Any, moment_Nm: Any, stiffness_Nm2: Any, camera_tilt_rad: Any, length_m: Any = np.inf
-) -> Array:
+) -> np.ndarray:
     """Contact distance (...) for two curved points as the paper has it, Eq. (29): for comparison only, it is biased.
 
     With γ = τ_y·tanφ/6EI, as its coefficients demand (2EI is printed). It gives the *curved* points the depth of the
-    straight part. Smallest root in 0 < l ≤ L, NaN where there is none.
+    straight part. Smallest root in 0 < l ≤ L, NaN where there is none. NumPy alone.
     """
-    position, y, *rest = floats(xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
-    batch = np.broadcast_shapes(position.shape[:-1], y.shape[:-1], *(value.shape for value in rest))
-    xp = namespace(y)
-    columns = [xp.broadcast_to(value, (*batch, 2))[..., point] for value in (position, y) for point in (0, 1)]
-    return in_pieces(_eq29, batch, *columns, *rest)[0]
+    given = (xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
+    with np.errstate(all="ignore"):
+        return np.vectorize(_eq29, signature="(2),(2),(),(),(),()->()", otypes=[float])(*given)
+
+
+def _eq29(position: np.ndarray, y: np.ndarray, moment: float, stiffness: float, tilt: float, length: float) -> float:
+    unit = np.abs(position).max()
+    g = moment * np.tan(tilt) / (6.0 * stiffness) * unit
+    (p1, p2), e1 = position / unit, y[0] / y[1]
+    a0, a1, a2, a3 = (p1**k - p2**k * e1 for k in range(4))
+    # as a polynomial in 1/l: its leading coefficient does not vanish with γ
+    sextic = [-a3, 3.0 * a2, 6.0 * g * a2, 6.0 * g * a1, 15.0 * g**2 * a1, 3.0 * g**2 * a0, 8.0 * g**3 * a0]
+    if not np.isfinite(sextic).all():
+        return np.nan
+    roots = np.roots(sextic)
+    contact = unit / roots.real[(roots.real > 0.0) & (np.abs(roots.imag) <= 1e-6 * np.abs(roots))]
+    inside = contact[contact <= length]
+    return float(inside.min()) if len(inside) else np.nan
 
 
 def _solved(
-    xp_a: Array,
-    xp_b: Array,
-    y_a: Array,
-    y_b: Array,
-    moment: Array,
-    stiffness: Array,
-    tilt: Array,
-    length: Array,
+    position: Array, y: Array, moment: Array, stiffness: Array, tilt: Array, length: Array
 ) -> tuple[Array, ...]:
-    """`InclinedContact` of flat arrays (n,): part, l, f_y, f_z, x1, x2, solutions, conditions."""
-    xp = namespace(y_a)
-    xp1, xp2, y1, y2 = ordered(abs(y_a) > abs(y_b), (xp_a, xp_b), (y_a, y_b))
+    """`InclinedContact` of points (n, 2), the nearer to the clamp first: part, l, f_y, f_z, x1, x2, solutions,
+    conditions."""
+    xp = namespace(y)
+    (xp1, xp2), (y1, y2) = (points.T for points in (position, y))
     twist = moment * xp.tan(tilt)
     part, contact, x1, x2 = _candidates(xp1, xp2, y2 / y1, twist / (2.0 * stiffness))
     limit = (length + 0.0 * y1)[:, None]
@@ -261,8 +218,8 @@ def _solved(
     part = xp.where(contact == contact, _taken(part, best), int(Part.NONE))
     missing = 0.0 * contact
     seen = ((xp1, x1, y1), (xp2, x2, y2))
-    worth = _conditions(*((elasticity(x, contact), p / x, twist / (contact * force) * y / x) for p, x, y in seen))
-    return part, contact, force, moment / contact, x1 + missing, x2 + missing, found.sum(-1), *worth
+    conditions = _conditions(*((elasticity(x, contact), p / x, twist / (contact * force) * y / x) for p, x, y in seen))
+    return part, contact, force, moment / contact, x1 + missing, x2 + missing, found.sum(-1), *conditions
 
 
 def _taken(values: Array, column: Array) -> Array:
@@ -286,27 +243,3 @@ def _conditions(first: tuple[Array, Array, Array], second: tuple[Array, Array, A
     contact = sum(abs((1.0 + a1) * right - (1.0 + a2) * left) for left, right in errors)
     force = sum(abs((e2 + a2) * left - (e1 + a1) * right) for left, right in errors)
     return contact / gap, force / gap
-
-
-def _eq29(
-    xp_a: Array,
-    xp_b: Array,
-    y_a: Array,
-    y_b: Array,
-    moment: Array,
-    stiffness: Array,
-    tilt: Array,
-    length: Array,
-) -> tuple[Array]:
-    xp = namespace(y_a)
-    p1, p2, y1, y2 = ordered(abs(y_a) > abs(y_b), (xp_a, xp_b), (y_a, y_b))
-    unit = xp.maximum(abs(p1), abs(p2))
-    g = moment * xp.tan(tilt) / (6.0 * stiffness) * unit
-    p1, p2, e1 = p1 / unit, p2 / unit, y1 / y2
-    a0, a1, a2, a3 = (p1**k - p2**k * e1 for k in range(4))
-    sextic = [8.0 * g**3 * a0, 3.0 * g**2 * a0, 15.0 * g**2 * a1, 6.0 * g * a1, 6.0 * g * a2, 3.0 * a2, -a3]
-    # as a polynomial in 1/l: its leading coefficient does not vanish with γ
-    contact = unit[:, None] / _real_roots(xp.stack(sextic, -1))
-    inside = (contact > 0.0) & (contact <= (length + 0.0 * unit)[:, None])
-    smallest = xp.amin(xp.where(inside, contact, np.inf), -1)
-    return (xp.where(smallest < np.inf, smallest, np.nan),)

@@ -37,19 +37,23 @@ def floats(*values: Any) -> list[Array]:
     return [like(reference, value) for value in values]
 
 
-def in_pieces(work: Callable[..., tuple[Array, ...]], batch: tuple[int, ...], *values: Array) -> list[Array]:
-    """Results (batch) of a function of flat arrays (n,), worked out in pieces that stay in a processor's cache.
+def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *values: Array) -> list[Array]:
+    """Results (...) of a function of points (n, 2) and numbers (n,), worked out in pieces that stay in a cache.
 
-    `values` broadcast to the batch, and one of them has its shape; single numbers are handed on as they are. Warnings
-    about NaN are off.
+    Two points x, y (..., 2) and values (...) broadcast; single numbers are handed on as they are. The point of the
+    smaller `|y|` comes first: it is the nearer to the clamp. Warnings about NaN are off.
     """
-    xp = namespace(values[0])
+    xp = namespace(y_m)
+    batch = np.broadcast_shapes(x_m.shape[:-1], y_m.shape[:-1], *(value.shape for value in values))
+    points = [xp.broadcast_to(points, (*batch, 2)).reshape(-1, 2) for points in (x_m, y_m)]
+    swap = abs(points[1][:, :1]) > abs(points[1][:, 1:])
+    points = [xp.where(swap, xp.flip(pair, (1,)), pair) for pair in points]
     flat = [v if v.ndim == 0 and batch else xp.broadcast_to(v, batch).reshape(-1) for v in values]
     count = math.prod(batch)
-    step = _PIECE[xp] if xp is np or values[0].device.type == "cpu" else max(count, 1)
+    step = _PIECE[xp] if xp is np or y_m.device.type == "cpu" else max(count, 1)
     with np.errstate(all="ignore"):
         pieces = [
-            work(*(v if v.ndim == 0 else v[start : start + step] for v in flat))
+            work(*(v if v.ndim == 0 else v[start : start + step] for v in (*points, *flat)))
             for start in range(0, max(count, 1), step)
         ]
     return [xp.concat(list(column)).reshape(batch) for column in zip(*pieces, strict=True)]
@@ -74,9 +78,8 @@ class TwoPointContact:
     Attributes
     ----------
     part : (...) a `Part` each.
-    contact_m : (...) contact distance l.
-    force_y_N : (...) force component f_y.
-    x_m : (..., 2) where the two points are, in the order in which they were given.
+    contact_m, force_y_N : (...) contact distance l and force component f_y.
+    x_m : (..., 2) the two points, as they were given.
     """
 
     part: Array
@@ -106,48 +109,8 @@ def two_point_contact(x_m: Any, y_m: Any, stiffness_Nm2: Any, length_m: Any = np
     `length_m` (...) is the antenna's length L; a contact beyond it is inadmissible.
     """
     x, y, stiffness, length = floats(x_m, y_m, stiffness_Nm2, length_m)
-    xp = namespace(x)
-    batch = np.broadcast_shapes(x.shape[:-1], y.shape[:-1], stiffness.shape, length.shape)
-    x, y = xp.broadcast_to(x, (*batch, 2)), xp.broadcast_to(y, (*batch, 2))
-    part, contact, force = in_pieces(_solved, batch, x[..., 0], x[..., 1], y[..., 0], y[..., 1], stiffness, length)
-    return TwoPointContact(part, contact, force, x)
-
-
-def curved(x_m: Any, y_m: Any, stiffness_Nm2: Any) -> tuple[Array, Array]:
-    """Case (i): l (...) by Eq. (11) and f_y (...) by Eq. (10), which solve Eq. (8) and Eq. (9); NaN unless x2 ≤ l."""
-    x, y, stiffness = floats(x_m, y_m, stiffness_Nm2)
-    x1, x2, y1, y2 = ordered(x[..., 0] > x[..., 1], (x[..., 0], x[..., 1]), (y[..., 0], y[..., 1]))
-    with np.errstate(all="ignore"):
-        contact = (x1**3 * y2 - x2**3 * y1) / (3.0 * (x1**2 * y2 - x2**2 * y1))
-        force = 6.0 * stiffness * (x2**2 * y1 - x1**2 * y2) / (x1**2 * x2**2 * (x2 - x1))
-        return _if((x1 > 0.0) & (x1 < x2) & (x2 <= contact), contact, force)
-
-
-def straight(x_m: Any, y_m: Any, stiffness_Nm2: Any) -> tuple[Array, Array]:
-    """Case (ii): l (...) by Eq. (15) and f_y (...) by Eq. (14), which solve Eq. (12) and Eq. (13); NaN unless l ≤ x1.
-
-    In Eq. (14) the last factor of the denominator is squared: as printed, the force has not even the unit of a force.
-    """
-    x, y, stiffness = floats(x_m, y_m, stiffness_Nm2)
-    x1, x2, y1, y2 = ordered(x[..., 0] > x[..., 1], (x[..., 0], x[..., 1]), (y[..., 0], y[..., 1]))
-    with np.errstate(all="ignore"):
-        contact = 3.0 * (x1 * y2 - x2 * y1) / (y2 - y1)
-        force = 2.0 * stiffness * (y2 - y1) ** 3 / (9.0 * (x2 - x1) * (x1 * y2 - x2 * y1) ** 2)
-        return _if((contact > 0.0) & (contact <= x1) & (x1 < x2), contact, force)
-
-
-def mixed(x_m: Any, y_m: Any, stiffness_Nm2: Any) -> tuple[Array, Array]:
-    """Case (iii), which the paper omits: Eq. (8) at x1 and Eq. (13) at x2; NaN unless x1 ≤ l ≤ x2.
-
-    Without f_y they leave −y1·l³ + 3x2y1·l² − 3x1²y2·l + x1³y2 = 0, which has one root in [x1, x2].
-    """
-    x, y, stiffness = floats(x_m, y_m, stiffness_Nm2)
-    x1, x2, y1, y2 = ordered(x[..., 0] > x[..., 1], (x[..., 0], x[..., 1]), (y[..., 0], y[..., 1]))
-    with np.errstate(all="ignore"):
-        spread, ratio = x1 / x2, y2 / y1
-        contact = x2 * _mixed_root(spread, spread**2 * ratio)
-        force = 6.0 * stiffness * y2 / bending(x2, contact)
-        return _if(_part(spread, ratio) == Part.MIXED, contact, force)
+    part, contact, force = in_pieces(_solved, x, y, stiffness, length)
+    return TwoPointContact(part, contact, force, namespace(x).broadcast_to(x, (*part.shape, 2)))
 
 
 def force_z(moment_Nm: Any, contact_m: Any) -> Array:
@@ -188,14 +151,9 @@ def elasticity(x: Array, contact: Array) -> Array:
     return 3.0 * contact * near * (2.0 * x - near) / bending(x, contact)
 
 
-def ordered(swap: Array, *pairs: tuple[Array, Array]) -> list[Array]:
-    """Each pair (first, second) of (...), exchanged where asked for, one after the other."""
-    xp = namespace(swap)
-    return [value for a, b in pairs for value in (xp.where(swap, b, a), xp.where(swap, a, b))]
-
-
 def relative_contact(part: Array, spread: Array, ratio: Array) -> Array:
-    """λ = l/x2 (...) of points in the given part with q = x1/x2 and r = y2/y1: Eq. (11), Eq. (15), the mixed cubic."""
+    """λ = l/x2 (...) of points in the given part with q = x1/x2 and r = y2/y1: Eq. (11), Eq. (15), and for the
+    case that the paper omits Eq. (8) at x1 and Eq. (13) at x2, −y1·l³ + 3x2y1·l² − 3x1²y2·l + x1³y2 = 0."""
     xp = namespace(spread)
     known = spread * spread * ratio
     # rounding must not carry a contact beside one of the points out of its part
@@ -205,21 +163,15 @@ def relative_contact(part: Array, spread: Array, ratio: Array) -> Array:
     return xp.where(part == Part.CURVED, xp.where(curved_root > 1.0, curved_root, 1.0), root)
 
 
-def _solved(x_a: Array, x_b: Array, y_a: Array, y_b: Array, stiffness: Array, length: Array) -> tuple[Array, ...]:
-    """Part, l and f_y (n,) of the points (x_a, y_a) and (x_b, y_b), (n,) each."""
-    xp = namespace(x_a)
-    x1, x2, y1, y2 = ordered(x_a > x_b, (x_a, x_b), (y_a, y_b))
-    spread, ratio = x1 / x2, y2 / y1
+def _solved(x: Array, y: Array, stiffness: Array, length: Array) -> tuple[Array, ...]:
+    """Part, l and f_y (n,) of points (n, 2), the nearer to the clamp first."""
+    xp = namespace(x)
+    spread, ratio = x[:, 0] / x[:, 1], y[:, 1] / y[:, 0]
     part = _part(spread, ratio)
-    contact = x2 * relative_contact(part, spread, ratio)
-    fits = (contact > 0.0) & (contact <= length * (1.0 + _ROUNDING)) & (x1 > 0.0)
+    contact = x[:, 1] * relative_contact(part, spread, ratio)
+    fits = (contact > 0.0) & (contact <= length * (1.0 + _ROUNDING)) & (x[:, 0] > 0.0)
     contact = xp.where(fits, xp.minimum(contact, length), np.nan)
-    return xp.where(fits, part, int(Part.NONE)), contact, 6.0 * stiffness * y2 / bending(x2, contact)
-
-
-def _if(admissible: Array, contact: Array, force: Array) -> tuple[Array, Array]:
-    xp = namespace(contact)
-    return xp.where(admissible, contact, np.nan), xp.where(admissible, force, np.nan)
+    return xp.where(fits, part, int(Part.NONE)), contact, 6.0 * stiffness * y[:, 1] / bending(x[:, 1], contact)
 
 
 def _part(spread: Array, ratio: Array) -> Array:

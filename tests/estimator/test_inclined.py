@@ -54,7 +54,7 @@ def test_the_truth_is_always_found_or_flagged() -> None:
     assert (found.solutions > 1).mean() < 0.01
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 1e-10, 1e-5, 0.1])
+@pytest.mark.parametrize("tilt_deg", [0.0, 1e-10, 0.1])
 def test_a_vanishing_tilt_gives_the_upright_formulas(tilt_deg: float) -> None:
     tilt, contact, x, _, f_z, image = scenes(2000, 3, (tilt_deg, tilt_deg))
     found = seen(image, contact * f_z, tilt)
@@ -66,15 +66,6 @@ def test_a_vanishing_tilt_gives_the_upright_formulas(tilt_deg: float) -> None:
     growth = found.condition_contact[good] / upright.condition_contact[good]
     assert growth.min() > 1.9
     assert growth.max() < 3.2
-
-
-def test_no_moment_means_no_shift() -> None:
-    tilt, _, x, _, _, image = scenes(500, 4, (20.0, 60.0))
-    found = seen(np.stack([x, image[..., 1]], axis=-1), 0.0, tilt)
-    upright = two_point_contact(x, image[..., 1], EI, LENGTH)
-    good = upright.condition_contact < 1e4
-    np.testing.assert_allclose(found.contact_m[good], upright.contact_m[good], rtol=1e-9)
-    np.testing.assert_array_equal(found.force_z_N[good], 0.0)
 
 
 @pytest.mark.parametrize("tilt_deg", [10.0, 30.0, 45.0])
@@ -100,22 +91,6 @@ def test_the_baseline_is_right_where_there_is_nothing_to_mend() -> None:
     contact, x = 0.2, np.array([0.07, 0.15])
     y = linear.deflection(x, contact, -0.3, EI)
     assert inclined.eq29_baseline(x, y, 0.05, EI, 0.0, LENGTH) == pytest.approx(contact, rel=1e-12)
-    many = inclined.eq29_baseline(np.tile(x, (2, 3, 1)), y, [[0.05], [0.0]], EI, 0.0)
-    np.testing.assert_allclose(many, contact, rtol=1e-12)
-
-
-def test_straight_part_and_its_inverse() -> None:
-    """Eqs. (25)–(28): position to image and back, and the depth by force or by moment."""
-    rng = np.random.default_rng(5)
-    contact = rng.uniform(0.02, 0.2, 200)
-    x = rng.uniform(contact, LENGTH)
-    f_z, tilt = rng.normal(size=200), rng.uniform(-1.0, 1.0, 200)
-    z = linear.deflection(x, contact, f_z, EI)
-    np.testing.assert_allclose(inclined.straight_depth(x, contact, contact * f_z, EI), z, rtol=1e-13)
-    seen_at = inclined.straight_image(x, contact, contact * f_z, EI, tilt)
-    np.testing.assert_allclose(seen_at, inclined.project(np.stack([x, 0 * x, z], axis=-1), tilt)[:, 0], rtol=1e-13)
-    back = inclined.straight_position(seen_at, contact, contact * f_z, EI, tilt)
-    np.testing.assert_allclose(back, x, rtol=1e-10)
 
 
 def test_two_straight_points_need_no_moment_for_the_distance() -> None:
@@ -199,7 +174,7 @@ def test_near_the_singular_sets_the_error_is_what_conditioning_predicts(border: 
     assert (found.solutions == 0).mean() < 0.02
 
 
-def test_torch_agrees_with_numpy() -> None:
+def test_torch_agrees_with_numpy_and_the_order_of_the_points_does_not_matter() -> None:
     tilt, contact, _, _, f_z, image = scenes(3000, 8, (-80.0, 80.0))
     expected = seen(image, contact * f_z, tilt)
     found = seen(*(torch.from_numpy(value) for value in (image, contact * f_z, tilt)))
@@ -207,18 +182,9 @@ def test_torch_agrees_with_numpy() -> None:
         value = getattr(found, name)
         assert isinstance(value, torch.Tensor)
         np.testing.assert_allclose(value.numpy(), getattr(expected, name), rtol=1e-9)
-    baseline = inclined.eq29_baseline(image[..., 0], image[..., 1], contact * f_z, EI, tilt, LENGTH)
-    columns = (torch.from_numpy(value) for value in (image[..., 0], image[..., 1], contact * f_z))
-    tensor = inclined.eq29_baseline(*columns, EI, torch.from_numpy(tilt), LENGTH)
-    same = np.isclose(tensor.numpy(), baseline, rtol=1e-6, equal_nan=True)
-    assert same.mean() > 0.995  # a double root is a matter of rounding
-
-
-def test_order_of_the_points_does_not_matter() -> None:
-    tilt, contact, _, _, f_z, image = scenes(100, 7, (10.0, 60.0))
-    forward, backward = seen(image, contact * f_z, tilt), seen(image[:, ::-1], contact * f_z, tilt)
-    np.testing.assert_array_equal(forward.contact_m, backward.contact_m)
-    np.testing.assert_array_equal(forward.x_m, backward.x_m)
+    backward = seen(image[:, ::-1], contact * f_z, tilt)
+    np.testing.assert_array_equal(backward.contact_m, expected.contact_m)
+    np.testing.assert_array_equal(backward.x_m, expected.x_m)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import sympy as sp
 from scipy.optimize import least_squares
 
 from benchmarks.estimator.setup import TOWARDS_CLAMP, looking_pose
-from estimator.contact.hinge_plane import antenna_points
 from estimator.paper import inclined, two_point
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.elastica import normal_load
@@ -156,7 +155,7 @@ class TestHinge:
         aside, slope = (part(at, contact, force, EI) for part in (linear.deflection, linear.slope))
         seen = []
         for side in (roll, -roll):
-            spot = pose.inverse() @ antenna_points(at, aside, side)
+            spot = pose.inverse() @ np.stack([at, aside * np.cos(side), aside * np.sin(side)], axis=-1)
             flat = spot[:, :2] / spot[:, 2:] * away
             along = flat[:, 0] / np.cos(tilt) + LENGTH / 2
             seen.append(np.interp(at, along, -flat[:, 1]))

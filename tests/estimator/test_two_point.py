@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from estimator.paper import two_point
-from estimator.paper.two_point import Part, two_point_contact
+from estimator.paper.two_point import Part, straight_line_contact, two_point_contact
 from vbaa_calib.antenna import linear
 
 EI, LENGTH = 3.9e-3, 0.24
@@ -86,33 +86,6 @@ def test_torch_agrees_with_numpy_whatever_the_pieces() -> None:
     assert two_point_contact(x[:0], y[:0], EI).contact_m.shape == (0,)
 
 
-@pytest.mark.parametrize(
-    ("formula", "part"),
-    [(two_point.curved, Part.CURVED), (two_point.straight, Part.STRAIGHT), (two_point.mixed, Part.MIXED)],
-)
-def test_each_case_by_itself(formula, part: Part) -> None:
-    """A case answers where it applies and nowhere else."""
-    x, y, contact, force, _ = scenes(3000, 3, (part,))
-    found, found_force = formula(x, y, EI)
-    away = two_point_contact(x, y, EI).condition_contact < 1e5
-    np.testing.assert_allclose(found[away], contact[away], rtol=1e-9)
-    np.testing.assert_allclose(found_force[away], force[away], rtol=1e-9)
-    others = tuple(other for other in Part if other not in (part, Part.NONE))
-    x, y, *_ = scenes(3000, 4, others)
-    assert np.isnan(formula(x, y, EI)[0]).all()
-
-
-def test_contact_exactly_at_a_point() -> None:
-    """The cases meet without a gap where the contact is one of the points."""
-    rng = np.random.default_rng(5)
-    x = np.sort(rng.uniform(0.05, 1.0, (20_000, 2)), axis=1) * LENGTH
-    for side in (0, 1):
-        contact = x[:, side]
-        found = two_point_contact(x, linear.deflection(x, contact[:, None], 0.2, EI), EI)
-        good = found.condition_contact < 1e5
-        np.testing.assert_allclose(found.contact_m[good], contact[good], rtol=1e-9)
-
-
 @pytest.mark.parametrize("part", [Part.CURVED, Part.STRAIGHT, Part.MIXED])
 def test_condition_numbers_against_perturbation(part: Part) -> None:
     x, y, *_ = scenes(200, 6, (part,))
@@ -159,23 +132,15 @@ def test_order_of_the_points_and_broadcasting() -> None:
         ((0.0, 0.2), (0.0, 0.003)),
         ((0.1, 0.2), (np.nan, 0.003)),
         ((np.inf, 0.2), (0.001, 0.003)),
+        ((0.05, 0.1), tuple(linear.deflection(np.array([0.05, 0.1]), 0.3, 0.1, EI))),  # beyond the tip
     ],
 )
 def test_no_admissible_contact_is_nan(x: tuple[float, float], y: tuple[float, float]) -> None:
     with np.errstate(all="raise"):
         found = two_point_contact(x, y, EI, LENGTH)
-        formulas = [formula(x, y, EI) for formula in (two_point.curved, two_point.straight, two_point.mixed)]
     assert found.part == Part.NONE
     for value in (found.contact_m, found.force_y_N, found.condition_contact, found.condition_force):
         assert np.isnan(value)
-    assert np.isnan(formulas).all()
-
-
-def test_a_contact_beyond_the_tip_is_inadmissible() -> None:
-    x = np.array([0.05, 0.1])
-    y = linear.deflection(x, 0.3, 0.1, EI)
-    assert two_point_contact(x, y, EI, LENGTH).part == Part.NONE
-    assert two_point_contact(x, y, EI).contact_m == pytest.approx(0.3)
 
 
 def test_force_z_and_contact_position() -> None:
@@ -187,3 +152,23 @@ def test_force_z_and_contact_position() -> None:
     np.testing.assert_allclose(two_point.contact_position(contact, f_y, f_z, EI), expected, rtol=1e-14)
     assert np.isnan(two_point.force_z(moment, [0.0, -0.1, np.nan])).all()
     assert two_point.contact_position(np.full((4, 5), contact), f_y, np.full(5, f_z), EI).shape == (4, 5, 3)
+
+
+def test_the_straight_line_beyond_the_contact() -> None:
+    """Exact through straight points whatever holes they have, better with each round, NaN where too little is left."""
+    rng = np.random.default_rng(1)
+    contact, force = rng.uniform(0.05, 0.9, 500) * LENGTH, 0.1 * rng.normal(size=500)
+    x = np.broadcast_to(np.linspace(0.0, LENGTH, 200), (500, 200))
+    y = linear.deflection(x, contact[:, None], force[:, None], EI)
+    holes = np.where(rng.random(y.shape) < 0.4, np.nan, y)
+    for seen in (y, holes):
+        found = straight_line_contact(x, seen, 1.01 * contact, EI, rounds=1)
+        np.testing.assert_allclose(found.contact_m, contact, rtol=1e-10)
+        np.testing.assert_allclose(found.force_y_N, force, rtol=1e-10)
+    once, often = (straight_line_contact(x, y, 0.7 * contact, EI, rounds).contact_m for rounds in (1, 3))
+    assert np.abs(once / contact - 1.0).max() > 1e-3
+    np.testing.assert_allclose(often, contact, rtol=1e-9)
+    tensor = straight_line_contact(torch.from_numpy(x.copy()), torch.from_numpy(y), 0.7 * contact, EI)
+    np.testing.assert_allclose(tensor.contact_m.numpy(), often, rtol=1e-12)
+    for guess, seen in ((LENGTH, y), (np.nan, y), (0.1, np.full_like(y, np.nan)), (0.1, 0.0 * y)):
+        assert np.isnan(straight_line_contact(x, seen, np.full(500, guess), EI).contact_m).all()
