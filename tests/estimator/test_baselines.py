@@ -11,7 +11,6 @@ from benchmarks.estimator.scenes import scenes
 from benchmarks.estimator.setup import RIG_STD, Setup
 from benchmarks.estimator.shapes import rod_shapes
 from estimator.paper.baselines import (
-    METHODS,
     Noise,
     Press,
     Wire,
@@ -19,8 +18,6 @@ from estimator.paper.baselines import (
     run_method,
     subtract_free_antenna,
 )
-from estimator.paper.baselines.rotation import fitted_slope
-from estimator.paper.baselines.vision import compliance_of
 from estimator.paper.inclined import project
 from vbaa_calib.antenna.rod import sample_shape
 from vbaa_calib.core.errors import InputError
@@ -90,7 +87,7 @@ def test_camera_a_and_b_find_the_force_out_of_plane_c() -> None:
 )
 def test_deviations_are_what_sampling_shows(name: str) -> None:
     touched, rotations = pressed(knife(0.14), PANS)
-    drawn = [run_method(name, press_of(touched, rotations, NOISE, seed)) for seed in range(400)]
+    drawn = [run_method(name, press_of(touched, rotations, NOISE, seed)) for seed in range(250)]
     distance = np.array([each.distance_m for each in drawn])
     assert np.isfinite(distance).all()
     stated = np.sqrt(np.mean([each.distance_std_m**2 for each in drawn]))
@@ -113,10 +110,10 @@ def test_a_wire_of_uncertain_stiffness_makes_an_uncertain_distance() -> None:
 
 
 def test_the_objects_stiffness_and_its_deviation() -> None:
-    """200 pushes of 12 frames against 60 N/m: right on average, and as uncertain as stated."""
+    """150 pushes of 12 frames against 60 N/m: right on average, and as uncertain as stated."""
     touched, rotations = pressed(knife(0.12, stiffness_N_m=60.0), np.radians(np.linspace(0.5, 5.0, 12)))
     plain = run_method("2D-VBAA, pushing", press_of(touched, rotations))
-    found = [run_method("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(200)]
+    found = [run_method("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(150)]
     compliance = np.array([1.0 / each.object_stiffness_N_m for each in found])
     stated = np.array([each.object_stiffness_std_N_m / each.object_stiffness_N_m**2 for each in found])
     assert np.isfinite(compliance).all()
@@ -133,17 +130,6 @@ def test_a_rigid_object_gets_a_bound_in_place_of_a_stiffness() -> None:
     assert all(each.object_at_least_N_m > 80.0 and "stiffer than" in each.reason for each in silent)
 
 
-def test_slope_and_compliance_of_exact_lines() -> None:
-    x = np.array([0.0, 1.0, 3.0])
-    assert fitted_slope(x, 2.0 * x + 5.0, np.nan, 0.1).value == pytest.approx(2.0)
-    assert fitted_slope(x[1:2], 7.0 * x[1:2], np.nan, 0.1).value == pytest.approx(7.0)
-    assert fitted_slope(x, x, 0.0, 0.1).std == pytest.approx(0.1 / np.sqrt(14.0 / 3.0))
-    assert np.isnan(fitted_slope(np.ones(3), x, 0.0, 0.1).value)
-    line = np.stack([x, 0.5 * x + 1.0], axis=1)
-    assert compliance_of(line, np.full((3, 2, 2), np.nan)) == pytest.approx((0.5, 0.0), abs=1e-9)
-    assert np.isnan(compliance_of(line[[1, 1, 1]], np.full((3, 2, 2), np.nan))[0])
-
-
 def test_wrong_inputs_are_named() -> None:
     with pytest.raises(InputError, match="no method"):
         run_method("4D-VBAA", Press(WIRE))
@@ -155,18 +141,7 @@ def test_wrong_inputs_are_named() -> None:
         Wire(0.24, 0.0)
     with pytest.raises(InputError, match="free antenna"):
         subtract_free_antenna(np.zeros((1, 4, 2)), np.zeros((4, 2)))
-    with pytest.raises(InputError, match="no turns"):
-        METHODS["Active Antenna"].solve(Press(WIRE))
-
-
-def test_the_no_load_shape_is_taken_off() -> None:
-    x = np.linspace(0.0, LENGTH_M, 100)
-    sag = 0.02 * x**2 - 0.1 * x**4 + 1e-3
-    free, bent = np.stack([x, sag], axis=1), np.stack([x, sag + 0.3 * x**2], axis=1)
-    free[3] = np.nan
-    np.testing.assert_allclose(
-        subtract_free_antenna(bent[None], free)[0], np.stack([x, 0.3 * x**2], axis=1), atol=1e-12
-    )
+    assert "needs the base's turns" in run_method("Active Antenna", Press(WIRE)).reason
 
 
 def test_a_press_out_of_pixels_and_readings() -> None:

@@ -84,11 +84,10 @@ class Press:
     ring: Ring | None = None
 
     def __post_init__(self) -> None:
-        for name, values, dimensions in (("turn_rad", self.turn_rad, 2), ("moment_Nm", self.moment_Nm, 2)):
-            if values is not None and (np.ndim(values) != dimensions or np.shape(values)[1] != 2):
-                raise InputError(f"{name} has shape {np.shape(values)}", where="press", remedy="give (F, 2)")
-        if self.points_m is not None and (np.ndim(self.points_m) != 3 or np.shape(self.points_m)[2] != 2):
-            raise InputError(f"points_m has shape {np.shape(self.points_m)}", where="press", remedy="give (F, N, 2)")
+        for name, shape in (("turn_rad", "(F, 2)"), ("moment_Nm", "(F, 2)"), ("points_m", "(F, N, 2)")):
+            values = getattr(self, name)
+            if values is not None and (np.ndim(values) != shape.count(",") + 1 or np.shape(values)[-1] != 2):
+                raise InputError(f"{name} has shape {np.shape(values)}", where="press", remedy=f"give {shape}")
         given = [values for values in (self.turn_rad, self.moment_Nm, self.points_m) if values is not None]
         if len({len(values) for values in given}) > 1 or any(len(values) == 0 for values in given):
             raise InputError("turns, moments and centrelines differ in number", where="press", remedy="give F of each")

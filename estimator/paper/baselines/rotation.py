@@ -14,8 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
-
 from .press import Answer, Press
 
 _STANDS_OUT = 5.0
@@ -82,8 +80,8 @@ def fitted_slope(x: np.ndarray, y: np.ndarray, x_std: float, y_std: float) -> Sl
 
 
 def _given(press: Press) -> tuple[np.ndarray, np.ndarray]:
-    if press.turn_rad is None or press.moment_Nm is None:
-        raise InputError("no turns or no moments", where="press", remedy="give turn_rad and moment_Nm")
+    assert press.turn_rad is not None
+    assert press.moment_Nm is not None
     return np.asarray(press.turn_rad, float), np.asarray(press.moment_Nm, float)
 
 

@@ -9,14 +9,11 @@ Ueno, Kaneko, *Dynamic Active Antenna* (ICRA 1994, 1995): the paper's [15], [16]
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from estimator.contact.motion import Beam
-from vbaa_calib.core.errors import InputError
 
 from .press import Answer, Press, Ring, Wire
 
@@ -26,45 +23,22 @@ _FEWEST_PERIODS, _FEWEST_SAMPLES = 2.0, 12
 _NODES, _FINER = 65, 8
 
 
-@dataclass(frozen=True)
-class Ringing:
-    """A damped oscillation that was found in a signal; deviations from the misfit that is left, taken as white.
-
-    Attributes
-    ----------
-    omega_rad_s : of the damped oscillation. decay_per_s : of its envelope. amplitude_Nm : at the signal's begin.
-    """
-
-    omega_rad_s: float
-    omega_std_rad_s: float
-    decay_per_s: float
-    amplitude_Nm: float
-    amplitude_std_Nm: float
-
-    @property
-    def natural_rad_s(self) -> float:
-        """Without damping: √(ω² + decay²)."""
-        return float(np.hypot(self.omega_rad_s, self.decay_per_s))
-
-
 def dynamic_active_antenna(press: Press) -> Answer:
     """l from the natural frequency of the ring-down in the moment signal.
 
     Assumes: a contact that neither moves nor is left while the antenna rings, and that lets it turn; one mode that
     outlives the others. An object that gives way lowers the frequency: it feels like a contact nearer to the clamp.
     """
-    if press.ring is None:
-        raise InputError("no ring-down", where="press", remedy="give ring")
+    assert press.ring is not None
     curve = _frequencies(press.wire)
     band = 0.8 * float(curve(0.0)), 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _NODES)).max())
     found = fit_ringing(press.ring, band)
-    if isinstance(found, str):
-        return Answer(reason=found)
-    return _distance_by_frequency(press.wire, found.natural_rad_s, found.omega_std_rad_s)
+    return Answer(reason=found) if isinstance(found, str) else _distance_by_frequency(press.wire, *found)
 
 
-def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
-    """The strongest damped sinusoid over a constant, by least squares; in words why there is none.
+def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
+    """Natural frequency √(ω² + decay²) of the strongest damped sinusoid over a constant, and the deviation of ω from
+    the misfit that is left, rad/s; in words why there is none.
 
     It is looked for in the band, within which a first mode can be: higher modes may be louder.
     """
@@ -97,18 +71,12 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> Ringing | str:
     amplitude = float(np.hypot(*solved.x[2:4]))
     toward = solved.x[2:4] / max(amplitude, 1e-300)
     amplitude_std = float(np.sqrt(toward @ covariance[2:4, 2:4] @ toward))
-    found = Ringing(
-        omega_rad_s=float(abs(omega * solved.x[0])),
-        omega_std_rad_s=float(omega * np.sqrt(covariance[0, 0])),
-        decay_per_s=float(solved.x[1] / span),
-        amplitude_Nm=size * amplitude,
-        amplitude_std_Nm=size * amplitude_std,
-    )
     if amplitude < _STANDS_OUT * amplitude_std:
         return "no ringing stands out of the signal's noise"
-    if found.omega_rad_s * span < _FEWEST_PERIODS * 2.0 * np.pi:
+    damped = float(abs(omega * solved.x[0]))
+    if damped * span < _FEWEST_PERIODS * 2.0 * np.pi:
         return f"fewer than {_FEWEST_PERIODS:.0f} periods: the frequency cannot be told from a drift"
-    return found
+    return float(np.hypot(damped, solved.x[1] / span)), float(omega * np.sqrt(covariance[0, 0]))
 
 
 def _distance_by_frequency(wire: Wire, natural_rad_s: float, std_rad_s: float) -> Answer:

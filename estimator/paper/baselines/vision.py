@@ -15,7 +15,6 @@ from scipy.optimize import minimize_scalar
 
 from estimator.paper.inclined import inclined_two_point_contact
 from estimator.paper.two_point import force_z, two_point_contact
-from vbaa_calib.core.errors import InputError
 
 from .press import Answer, Press
 
@@ -64,19 +63,12 @@ def vbaa_3d_camera_b(press: Press) -> Answer:
     return _answer(press, solve, _two_points(press, -1), moment)
 
 
-def _contact_of_points(press: Press, points_m: np.ndarray) -> np.ndarray:
-    """(M, 2) l and f_y of two upright points each, (M, 2, 2); NaN where no contact explains them."""
-    found = two_point_contact(points_m[..., 0], points_m[..., 1], press.wire.stiffness_Nm2, press.wire.length_m)
-    return np.stack([found.contact_m, found.force_y_N], axis=-1)
-
-
-def _two_points(press: Press, frame: int, shares: tuple[float, float] = _SHARES) -> np.ndarray | None:
-    """(2, 2) the points of a frame that are seen nearest to these shares of the length; None without two of them."""
-    if press.points_m is None:
-        raise InputError("no centrelines", where="press", remedy="give points_m")
+def _two_points(press: Press, frame: int) -> np.ndarray | None:
+    """(2, 2) the points of a frame that are seen nearest to `_SHARES` of the length; None without two of them."""
+    assert press.points_m is not None
     points = press.points_m[frame]
     points = points[np.isfinite(points).all(axis=1)]
-    wanted = np.array(shares) * press.wire.length_m
+    wanted = np.array(_SHARES) * press.wire.length_m
     if len(points) < 2:
         return None
     picked = np.argmin(np.abs(points[:, 0] - wanted[:, None]), axis=1)
@@ -101,9 +93,7 @@ def _upright(press: Press, with_moment: bool) -> Answer:
 
     moment = _moment_y(press) if with_moment else np.nan
     points = _two_points(press, -1)
-    if points is None:
-        return Answer(reason="fewer than two points of the antenna are seen apart from each other")
-    if abs(points[1, 1] - points[0, 1]) > _STEEP * abs(points[1, 0] - points[0, 0]):
+    if points is not None and abs(np.diff(points[:, 1])) > _STEEP * abs(np.diff(points[:, 0])):
         return Answer(reason=f"bent beyond small deflections: a slope of more than {_STEEP:g}")
     return _answer(press, solve, points, moment)
 
@@ -133,8 +123,7 @@ def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm:
 
 
 def _moment_y(press: Press) -> float:
-    if press.moment_Nm is None:
-        raise InputError("no moments", where="press", remedy="give moment_Nm")
+    assert press.moment_Nm is not None
     return float(press.moment_Nm[-1, 1])
 
 
@@ -153,20 +142,19 @@ def vbaa_2d_pushing(press: Press) -> Answer:
     second order leaves, some 0.1 % of the antenna's own compliance l³/3EI at slopes of 3°, 0.3 % at 7°, is a bias.
     """
     last = vbaa_2d(press)
-    if press.turn_rad is None:
-        raise InputError("no turns", where="press", remedy="give turn_rad")
+    assert press.turn_rad is not None
     frames = [_yield_at(press, frame) for frame in range(len(press.turn_rad))]
     kept = [frame for frame in frames if frame is not None and np.isfinite(frame[0]).all()]
+    prefix = f"{last.reason}; object's stiffness:" if last.reason else "object's stiffness:"
     if len(kept) < _FEWEST_FRAMES:
-        words = f"object's stiffness: {len(kept)} frames with a contact, {_FEWEST_FRAMES} are needed"
-        return replace(last, reason=_join(last.reason, words))
-    compliance, std = compliance_of(np.array([each[0] for each in kept]), np.array([each[1] for each in kept]))
+        return replace(last, reason=f"{prefix} {len(kept)} frames with a contact, {_FEWEST_FRAMES} are needed")
+    compliance, std = compliance_of(*map(np.array, zip(*kept, strict=True)))
     if np.isfinite(std) and not compliance > STANDS_OUT * std:
         least = 1.0 / (max(compliance, 0.0) + 2.0 * std)
-        words = f"object's stiffness: gives way by no more than the noise; probably stiffer than {least:.3g} N/m"
-        return replace(last, object_at_least_N_m=least, reason=_join(last.reason, words))
+        words = f"{prefix} gives way by no more than the noise; probably stiffer than {least:.3g} N/m"
+        return replace(last, object_at_least_N_m=least, reason=words)
     if not compliance > 0.0:
-        return replace(last, reason=_join(last.reason, "object's stiffness: it does not give way under the force"))
+        return replace(last, reason=f"{prefix} it does not give way under the force")
     return replace(
         last,
         object_stiffness_N_m=1.0 / compliance,
@@ -206,13 +194,14 @@ def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, fl
 def _yield_at(press: Press, frame: int) -> tuple[np.ndarray, np.ndarray] | None:
     """−f_y and u of one frame, and their covariance (2, 2); None without two points."""
     points = _two_points(press, frame)
-    if points is None or press.turn_rad is None:
+    if points is None:
         return None
+    assert press.turn_rad is not None
     stiffness = press.wire.stiffness_Nm2
 
     def solve(given: np.ndarray) -> np.ndarray:
-        pairs = np.stack([np.broadcast_to(points[:, 0], (len(given), 2)), given[:, :2]], axis=-1)
-        contact, force = _contact_of_points(press, pairs).T
+        found = two_point_contact(points[:, 0], given[:, :2], stiffness, press.wire.length_m)
+        contact, force = found.contact_m, found.force_y_N
         bent = force * contact**3 / (3.0 * stiffness)
         return np.stack([-force, contact * np.sin(given[:, 2]) + bent * np.cos(given[:, 2])], axis=1)
 
@@ -224,7 +213,3 @@ def _yield_at(press: Press, frame: int) -> tuple[np.ndarray, np.ndarray] | None:
     if not np.linalg.norm(moved[0]) < _KNOWN * abs(values[0]):
         return None
     return values, moved @ moved.T
-
-
-def _join(first: str, second: str) -> str:
-    return f"{first}; {second}" if first else second
