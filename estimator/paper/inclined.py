@@ -33,6 +33,8 @@ _HALVINGS = 36
 def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
     """Part, l, x1 and x2 (n, 3) of every contact: the first and second not straight, and the straight one; or NaN.
 
+    The straight one is Eq. (30), its points lie at Eq. (26), mended to invert Eq. (25), whose depth is Eqs. (27), (28).
+
     The point nearer to the clamp is the first; `ratio` is y2/y1, `torque` τ_y·tanφ/2EI.
     """
     xp = namespace(ratio)

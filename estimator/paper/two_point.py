@@ -106,6 +106,9 @@ class TwoPointContact:
 def two_point_contact(x_m: Any, y_m: Any, stiffness_Nm2: Any, length_m: Any = np.inf) -> TwoPointContact:
     """Contact distance and f_y from two points (..., 2), by the one case that is consistent with its own solution.
 
+    Curved points solve Eqs. (8)–(11), straight ones Eqs. (12)–(15), of which Eq. (14) is mended: as printed the force
+    has not even the unit of a force.
+
     `length_m` (...) is the antenna's length L; a contact beyond it is inadmissible.
     """
     x, y, stiffness, length = floats(x_m, y_m, stiffness_Nm2, length_m)

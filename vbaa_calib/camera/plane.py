@@ -67,6 +67,8 @@ def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[
 def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT) -> tuple[ArrayT, ArrayT]:
     """Points (..., 3) where rays meet the deformation plane 𝒟 at each roll (...), and validity (...). Antenna frame.
 
+    Their x and y are the picture on plane C under the upright camera, Eqs. (3)–(5).
+
     Differentiable in the roll. Not valid where the camera's centre lies in 𝒟: then the picture says nothing of depth.
     """
     xp = namespace(directions)
