@@ -47,14 +47,15 @@ def alone() -> list[Contact]:
     ]
 
 
-@pytest.mark.parametrize("count", [SINGLE, 8, 24])
+@pytest.mark.parametrize("count", [SINGLE, 24])
 def test_numpy_and_torch_agree(count: int) -> None:
     """A batch of a few is worked on in NumPy wherever it was asked for, a larger one in torch."""
-    together = answered(scenes().picked(np.arange(count)), device=TORCH)
+    order = np.random.default_rng(2).permutation(24)[:count]
+    together = answered(scenes().picked(order), device=TORCH)
     assert len(together) == count
     assert {contact.model for contact in alone()} >= {"linear", "elastica"}
     assert sum(contact.status == "ok" for contact in alone()) >= 20
-    apart = [furthest(one, many) for one, many in zip(alone()[:count], together, strict=True)]
+    apart = [furthest(one, many) for one, many in zip([alone()[i] for i in order], together, strict=True)]
     assert max(apart) < STANDSTILL
     assert np.median(apart) < ROUNDING
 
@@ -68,12 +69,6 @@ def test_the_columns_of_a_batch_are_its_contacts() -> None:
     assert together[-1].distance_m == together[23].distance_m
     with pytest.raises(IndexError, match="frame 24 of 24"):
         together[24]
-
-
-def test_the_order_of_the_frames_does_not_matter() -> None:
-    order = np.random.default_rng(2).permutation(24)
-    shuffled = answered(scenes().picked(order))
-    assert max(furthest(alone()[i], found) for i, found in zip(order, shuffled, strict=True)) < STANDSTILL
 
 
 def test_ragged_lines_and_rows_of_nan() -> None:
@@ -115,9 +110,10 @@ def test_readings_may_be_missing_here_and_there() -> None:
         assert np.isnan(contact.moment_residual_Nm) == (moment is None)
 
 
-@pytest.mark.parametrize("model", ["paper", "linear", "elastica", "rod"])
-@pytest.mark.parametrize("friction", [0.0, 0.2])
-@pytest.mark.parametrize("device", ["cpu", TORCH])
+@pytest.mark.parametrize(
+    ("model", "friction", "device"),
+    [("linear", 0.0, TORCH), ("elastica", 0.2, TORCH), ("rod", 0.0, "cpu"), ("rod", 0.2, TORCH)],
+)
 def test_every_rung_agrees_with_itself(model: str, friction: float, device: str) -> None:
     several = [frame(contact, 0.4, 0.004, seed=seed) for seed, contact in enumerate((0.4, 0.5, 0.6, 0.7, 0.8, 0.9))]
     together = estimated_together(several, model=model, friction=friction, device=device)
@@ -141,10 +137,10 @@ def moving(count: int) -> tuple[World, list[Measured], list[float]]:
 @pytest.mark.parametrize("live", [False, True])
 def test_a_recording_is_a_loop(live: bool) -> None:
     """Warm or cold, in chunks or one by one: the same answers in the same order."""
-    world, recording, _ = moving(24)
+    world, recording, _ = moving(12)
     estimator = ContactEstimator(world.rig(0.25 * RIG_STD))
     warm, cold = list(estimator.run(iter(recording), live=live)), [estimator.measure(each) for each in recording]
-    assert len(warm) == 24
+    assert len(warm) == 12
     assert {contact.status for contact in warm} >= {"ok", "no_contact"}
     assert max(furthest(a, b) for a, b in zip(cold, warm, strict=True)) < STANDSTILL
 
@@ -166,7 +162,7 @@ def test_a_recording_is_read_when_it_is_asked_for() -> None:
     taken: list[int] = []
 
     def source() -> Iterator[Measured]:
-        for index, measured in enumerate(recording * 1000):
+        for index, measured in enumerate(recording * 8):
             taken.append(index)
             yield measured
 
@@ -175,17 +171,3 @@ def test_a_recording_is_read_when_it_is_asked_for() -> None:
     first = list(islice(found, 5))
     assert len(first) == 5
     assert len(taken) <= STREAM
-
-
-def test_frames_of_a_recording_may_differ_in_length() -> None:
-    world, recording, _ = moving(6)
-    cut = [
-        replace(each, points_px=each.points_px[: 100 - 7 * i], sigma_px=each.sigma_px[: 100 - 7 * i])
-        for i, each in enumerate(recording)
-    ]
-    empty = replace(recording[0], points_px=np.empty((0, 2)), sigma_px=np.empty(0))
-    estimator = ContactEstimator(world.rig())
-    found = list(estimator.run([*cut[:3], empty, *cut[3:]]))
-    assert found[3].status == "no_antenna"
-    for each, contact in zip(cut, found[:3] + found[4:], strict=True):
-        assert furthest(estimator.measure(each), contact) < STANDSTILL

@@ -13,7 +13,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, STIFFNESS_NM2, Frame, World, camera_pose, frames, pushing
-from .contact_scenes import RIG, STRAIGHT, WORLD, deviations, estimated, frame, point_nees
+from .contact_scenes import RIG, WORLD, deviations, estimated, frame, point_nees
 
 
 def mixed(rng: np.random.Generator, worlds: int, each: int) -> list[tuple[Rig, Frame]]:
@@ -71,24 +71,13 @@ def test_one_contact_in_all_its_numbers() -> None:
     assert (np.linalg.eigvalsh(contact.covariance_world_m2) > 0).all()
 
 
-@pytest.mark.parametrize("contact", [0.3, 0.6, 0.95])
-@pytest.mark.parametrize("roll", [-2.6, 0.1])
+@pytest.mark.parametrize(("contact", "roll"), [(0.3, -2.6), (0.6, 0.1), (0.95, -2.6)])
 def test_large_deflections(contact: float, roll: float) -> None:
     """The tip is pushed 60 mm aside, slopes beyond 20°."""
     seen = frame(contact, roll, 0.06)
     result = estimated(seen)
     assert result.status == "ok"
     assert np.abs(deviations(result, seen)).max() < 4.0
-
-
-def test_a_weightless_rig() -> None:
-    world = World(camera_pose(0.6, 1.0), STRAIGHT)
-    rig = world.rig(0.25 * RIG_STD, gravity_world=np.zeros(3))
-    seen = frame(world=world, gravity_world=np.zeros(3))
-    contact = estimated(seen, rig)
-    assert contact.status == "ok"
-    assert contact.model == "elastica"
-    assert np.abs(deviations(contact, seen)).max() < 3.5
 
 
 def test_a_rig_that_is_known_exactly() -> None:
@@ -114,20 +103,6 @@ def test_outliers_do_not_pull() -> None:
     assert np.mean(squares) < 2.5
 
 
-def test_the_order_of_the_points_does_not_matter() -> None:
-    seen = frame()
-    shuffled = replace(seen, points_px=seen.points_px[np.random.default_rng(1).permutation(len(seen.points_px))])
-    assert estimated(shuffled).distance_m == pytest.approx(estimated(seen).distance_m, abs=1e-6)
-
-
-def test_a_gap_in_the_middle_costs_little() -> None:
-    seen = frame()
-    open_points = np.concatenate([seen.points_px[:120], seen.points_px[200:]])
-    contact = estimated(replace(seen, points_px=open_points))
-    assert contact.status == "ok"
-    assert np.abs(deviations(contact, seen)).max() < 3.5
-
-
 @pytest.mark.parametrize("count", [0, 1, 2, FEWEST_POINTS - 1])
 def test_too_few_points_are_no_antenna(count: int) -> None:
     contact = estimated(replace(frame(), points_px=frame().points_px[:count]))
@@ -137,36 +112,20 @@ def test_too_few_points_are_no_antenna(count: int) -> None:
     assert str(count) in contact.reason
 
 
-def test_the_fewest_points_still_give_an_honest_answer() -> None:
-    seen = frame(points=FEWEST_POINTS)
-    contact = estimated(seen)
-    assert contact.status in ("ok", "low_signal")
-    if contact.status == "ok":
-        assert np.abs(deviations(contact, seen)).max() < 4.0
-
-
 def test_rows_with_nan_are_left_out() -> None:
     seen = frame()
     points, sigma = seen.points_px.copy(), np.full(len(seen.points_px), SIGMA_PX)
     points[::7, 0], points[3::7, 1] = np.nan, np.inf
     sigma[::7] = np.nan
     kept = np.isfinite(points).all(axis=1)
+    shuffled = np.random.default_rng(1).permutation(len(points))
+    points, sigma, kept = points[shuffled], sigma[shuffled], kept[shuffled]
     with_nan = estimated(replace(seen, points_px=points), sigma_px=np.where(kept, SIGMA_PX, sigma))
     without = estimated(replace(seen, points_px=points[kept]))
     # other points are the first to be looked at, so that the descent begins elsewhere
     assert with_nan.distance_m == pytest.approx(without.distance_m, abs=0.1 * without.distance_std_m)
     nothing = estimated(replace(seen, points_px=np.full((50, 2), np.nan)))
     assert nothing.status == "no_antenna"
-
-
-def test_larger_deviations_are_believed() -> None:
-    seen = frame()
-    exact = WORLD.rig(np.zeros(17))
-    small, large = (estimated(seen, exact, friction=0.0, sigma_px=sigma) for sigma in (SIGMA_PX, 5 * SIGMA_PX))
-    assert large.distance_std_m > 3.5 * small.distance_std_m
-    np.testing.assert_array_equal(
-        estimated(seen, sigma_px=np.full(len(seen.points_px), SIGMA_PX)).distance_m, estimated(seen).distance_m
-    )
 
 
 @pytest.mark.parametrize(
@@ -189,16 +148,19 @@ def test_wrong_input_is_named(changes: dict, what: str) -> None:
         ContactEstimator(RIG).estimate(call.pop("centreline_px"), **call)
 
 
-def test_a_batch_of_unequal_lengths_is_refused() -> None:
-    lines = [frame().points_px] * 2
-    with pytest.raises(InputError, match="moments number 1, centrelines 2"):
-        ContactEstimator(RIG).estimate_batch(lines, [0.0], [0.0] * 2, [0.0] * 2)
-    with pytest.raises(InputError, match="tilts number 3, centrelines 2"):
-        ContactEstimator(RIG).estimate_batch(lines, None, [0.0] * 2, [0.0] * 3)
-    with pytest.raises(InputError, match="sigma_px has shape"):
-        ContactEstimator(RIG).estimate_batch(lines, None, [0.0] * 2, [0.0] * 2, sigma_px=np.ones((2, 7)))
-    with pytest.raises(InputError, match="a centreline has shape"):
-        ContactEstimator(RIG).estimate_batch([*lines, np.zeros(4)], None, [0.0] * 3, [0.0] * 3)
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"moments": [0.0]}, "moments number 1, centrelines 2"),
+        ({"tilts": [0.0] * 3}, "tilts number 3, centrelines 2"),
+        ({"sigma_px": np.ones((2, 7))}, "sigma_px has shape"),
+        ({"centrelines_px": [np.zeros((9, 2)), np.zeros(4)]}, "a centreline has shape"),
+    ],
+)
+def test_a_batch_of_unequal_lengths_is_refused(changes: dict, what: str) -> None:
+    call = {"centrelines_px": np.zeros((2, 9, 2)), "moments": None, "pans": [0.0] * 2, "tilts": [0.0] * 2} | changes
+    with pytest.raises(InputError, match=what):
+        ContactEstimator(RIG).estimate_batch(**call)
 
 
 @pytest.mark.parametrize(

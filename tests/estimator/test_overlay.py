@@ -12,8 +12,6 @@ from scipy.stats import chi2
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.overlay import (
     CONTACT,
-    MEANINGS,
-    STATUS_COLOURS,
     ellipse,
     frame_picture,
     marks,
@@ -72,11 +70,6 @@ def test_every_status_is_drawn(status: str, estimator: ContactEstimator, curves:
     assert coloured(drawn[:rows], CONTACT).any() == (status in LOCATED)
 
 
-def test_statuses_have_words_and_colours_of_their_own() -> None:
-    assert set(STATUSES) == set(MEANINGS) == set(STATUS_COLOURS)
-    assert len(set(STATUS_COLOURS.values())) == len(set(MEANINGS.values())) == len(STATUSES)
-
-
 def test_seen_and_hidden_parts_are_marked_where_they_are(
     estimator: ContactEstimator, curves: Curves, item: FrameContact
 ) -> None:
@@ -120,15 +113,10 @@ def test_ellipse_holds_95_percent_of_contacts_drawn_by_lot(curves: Curves) -> No
     assert abs(inside.mean() - chi2.cdf(2.448**2, 2)) < 0.006
 
 
-@pytest.mark.parametrize("kind", ["16 bit", "colour", "16 bit colour"])
 def test_other_pictures_look_the_same(
-    kind: str, estimator: ContactEstimator, curves: Curves, item: FrameContact, tmp_path: Path
+    estimator: ContactEstimator, curves: Curves, item: FrameContact, tmp_path: Path
 ) -> None:
-    image = picture(estimator.rig, curves, HIDING)
-    if "16 bit" in kind:
-        image = image.astype(np.uint16) * 257
-    if "colour" in kind:
-        image = np.dstack([image] * 3)
+    image = np.dstack([picture(estimator.rig, curves, HIDING).astype(np.uint16) * 257] * 3)
     other = estimate_picture(estimator, frame_of(tmp_path, image, float(curves.moment_Nm[0])))
     assert other.contact.status == "ok"
     one, two = (frame_picture(estimator, each).astype(int) for each in (item, other))
@@ -148,22 +136,17 @@ def test_frame_without_antenna_and_frame_without_picture(
     assert (points[..., 0] - points[..., 2] > 150).sum() > 300
 
 
-@pytest.mark.parametrize("size", [(8, 6), (97, 31), (320, 240), (1920, 1080), (5000, 40)])
-def test_canvas_keeps_places_at_every_size(size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("size", [(8, 6), (320, 240), (5000, 40)])
+def test_canvas_keeps_places_and_draws_nothing_at_places_that_are_none(size: tuple[int, int]) -> None:
     canvas = Canvas.over(np.zeros(size[::-1], np.uint8))
     assert 640 <= canvas.image.shape[1] <= 1920
     point = np.array([[0.6 * size[0], 0.5 * size[1]]])
     canvas.ring(point[0], 2.0, (0, 255, 0))
     v, u = np.nonzero(canvas.image[..., 1] > 128)
     assert np.abs(canvas.at(point)[0] - [u.mean(), v.mean()]).max() < 0.6
-
-
-def test_marks_that_are_not_numbers_or_far_away_are_no_trouble() -> None:
-    canvas = Canvas.over(np.zeros((120, 160), np.uint8))
     wild = np.array([[np.nan, 3.0], [1e12, -1e12], [-np.inf, 0.0], [50.0, 60.0], [5e5, 60.0]])
     canvas.line(wild, (255, 255, 255))
     canvas.dashes(wild, (255, 255, 255))
     canvas.graded(wild, np.full((5, 3), 200))
     canvas.arrow(wild[3], wild[2], (255, 255, 255))
     canvas.words("µ ° ± ☃", wild[1], (255, 255, 255))
-    assert canvas.image.any()

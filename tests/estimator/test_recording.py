@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from estimator.cli import estimate as cli
-from estimator.contact.recording import estimate_centrelines, measured
-from estimator.table.contacts import FRICTION_RAD, Contact, Measured
+from estimator.contact.recording import estimate_centrelines
+from estimator.table.contacts import Contact, Measured
 from estimator.table.files import read_contacts
 from tests.estimator.drawn_frames import CONTACT_M, path_px, rig_of, shape
-from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.cli.main import main
-from vbaa_calib.detect.whisker.centreline import NOTHING
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 
@@ -67,19 +62,6 @@ def test_frames_are_made_when_they_are_asked_for() -> None:
     assert not estimator.taken
     assert [item.frame.frame for item in islice(found, 5)] == [10, 11, 12, 13, 14]
     assert len(estimator.taken) == 8
-
-
-def test_a_frame_without_moments_stays_so() -> None:
-    silent = replace(FRAMES[3], moment_Nm=math.nan, moment_z_Nm=math.nan)
-    seen = measured(rig_of((320, 240)), silent, NOTHING)
-    assert math.isnan(seen.moment_Nm)
-    assert math.isnan(seen.moment_z_Nm)
-    assert seen.time_s == silent.time_s
-
-
-def test_the_command_offers_what_the_estimator_takes() -> None:
-    assert ("auto", *RUNGS) == cli.MODELS
-    assert cli.FRICTION_RAD == FRICTION_RAD
 
 
 def written(folder: Path, moments: str) -> Path:

@@ -116,17 +116,13 @@ def test_own_and_shared_make_the_whole() -> None:
     np.testing.assert_array_equal(nobody.own_m2, table.covariance_world_m2)
 
 
-def test_another_rigs_contacts_are_refused_and_empty_ones_are_not() -> None:
+def test_joints_follow_from_the_points_and_another_rigs_contacts_are_refused() -> None:
     table = table_of(scenes_of(RIG, RIG))
     elsewhere = replace(RIG, kinematics=Kinematics(position_world_m=np.array([0.1, 0.0, 0.0])))
+    unknown = np.full(len(table), np.nan)
+    bare = replace(table, pan_rad=unknown, tilt_rad=unknown)
+    np.testing.assert_allclose(shared_errors(RIG, bare).point_m, shared_errors(RIG, table).point_m, atol=1e-9)
     with pytest.raises(InputError, match="do not fit the rig's kinematics"):
         shared_errors(elsewhere, table)
     nothing = ContactTable.from_rows([ContactRow(frame=0, time_s=0.0, status="no_contact")])
     assert np.isnan(shared_errors(RIG, nothing).point_m).all()
-
-
-def test_joints_are_found_where_a_table_leaves_them_out() -> None:
-    table = table_of(scenes_of(RIG, RIG))
-    unknown = np.full(len(table), np.nan)
-    bare = replace(table, pan_rad=unknown, tilt_rad=unknown)
-    np.testing.assert_allclose(shared_errors(RIG, bare).point_m, shared_errors(RIG, table).point_m, atol=1e-9)

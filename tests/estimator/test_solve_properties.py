@@ -102,23 +102,3 @@ def test_any_contact_gets_an_answer(
     moment = seen.moment_Nm if felt else None
     answer = ContactEstimator(rig, model).estimate(points, moment=moment, pan=0.0, tilt=seen.tilt_rad)
     well_formed(answer, felt)
-
-
-@settings(QUIETLY, max_examples=2)
-@given(rig=RIGS, seed=SEEDS, friction=st.sampled_from([0.0, 0.2]))
-def test_any_batch_gets_answers(rig: Rig, seed: int, friction: float) -> None:
-    """In torch: junk beside good frames, and the good ones are what they would be by themselves."""
-    rng = np.random.default_rng(seed)
-    world = World(rig.T_antenna_camera)
-    good = frame(0.6, 0.9, 0.02, world, seed=seed, points=80)
-    junk = [rng.uniform(0.0, 900.0, (int(rng.integers(0, 80)), 2)) for _ in range(6)]
-    lines = [*junk[:3], good.points_px, *junk[3:]]
-    moments = [*rng.normal(0.0, 1e-2, 3), good.moment_Nm, None, 0.0, 1e6]
-    estimator = ContactEstimator(rig, friction=friction)
-    found = estimator.estimate_batch(lines, moments, [0.0] * 7, [good.tilt_rad] * 7)
-    for contact, moment in zip(found, moments, strict=True):
-        well_formed(contact, moment is not None)
-    alone = estimator.estimate(good.points_px, moment=good.moment_Nm, pan=0.0, tilt=good.tilt_rad)
-    assert found[3].status == alone.status
-    if alone.status in LOCATED:
-        assert abs(found[3].distance_m - alone.distance_m) < 0.02 * alone.distance_std_m

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimator.table.contacts import REQUIRED, Contact, ContactRow, ContactTable, column_names, columns_as_markdown
-from estimator.table.files import check_format, read_contacts, write_contacts
+from estimator.table.files import read_contacts, write_contacts
 from tests.viz.touching import cylinder, touch
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame
@@ -140,12 +140,6 @@ def test_a_damaged_parquet_file_is_refused(rows: list[ContactRow], tmp_path: Pat
     write_contacts(path, [replace(rows[0], status="fine")], force=True)
     with pytest.raises(InputError, match="line 1: status is 'fine'"):
         read_contacts(path)
-
-
-@pytest.mark.parametrize("name", ["contacts.xlsx", "contacts", "contacts.CSV.gz"])
-def test_other_formats_are_refused(name: str) -> None:
-    with pytest.raises(InputError, match=r"is neither \.csv nor \.parquet"):
-        check_format(Path(name))
 
 
 def test_a_contact_becomes_a_row() -> None:

@@ -132,36 +132,18 @@ def test_the_rigs_table_is_its_derivative(friction: float) -> None:
         assert (np.abs(point_force - by_rig.point_force[..., column]) < limits).all()
 
 
-def test_what_is_known_exactly_has_no_axis() -> None:
-    std = RIG_STD.copy()
-    std[[0, 7, 15]] = 0.0
-    axes = RigArrays.from_rig(WORLD.rig(std), 0.2, np.empty(0)).axes
-    assert np.isfinite(axes).all()
-    assert axes.shape == (17, 14)
-    np.testing.assert_array_equal(axes[[0, 7, 15]], 0.0)
-    assert RigArrays.from_rig(WORLD.rig(np.zeros(17)), 0.2, np.empty(0)).axes.shape == (17, 0)
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.2])
-def test_evidence_without_contact_follows_its_law(friction: float) -> None:
+def test_evidence_without_contact_follows_its_law() -> None:
     """χ²₃/2: mean and variance 1.5, a little more since the distance means nothing without a force. 75 free frames."""
     rng, found = np.random.default_rng(3), []
     for _ in range(15):
         believed = World(camera_pose(rng.uniform(0.0, 1.0), rng.uniform(-np.pi, np.pi)))
         true = believed.moved(RIG_STD * rng.normal(size=17))
         seen = frames(true, [0.1] * 5, np.zeros((5, 2)), rng.uniform(0, 1, 5), rng, points=150)
-        found += solved(seen, believed.rig(), friction=friction).evidence.tolist()
+        found += solved(seen, believed.rig(), friction=0.2).evidence.tolist()
     assert 1.0 < np.mean(found) < 2.2
     assert 0.6 < np.var(found) < 3.5
     assert min(found) > -0.01
     assert max(found) < 0.7 * CONTACT_EVIDENCE
-
-
-def test_evidence_grows_with_the_square_of_the_deflection() -> None:
-    rig = WORLD.rig(RIG_STD)
-    small, large = (evidence_of(quiet(0.6, 0.6, tip), rig) for tip in (5e-4, 1e-3))
-    assert large == pytest.approx(4 * small, rel=0.25)
-    assert small > CONTACT_EVIDENCE
 
 
 def test_a_clamp_that_is_known_badly_weakens_the_evidence() -> None:

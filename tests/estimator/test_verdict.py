@@ -7,10 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.antenna import linear
-
-from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, STIFFNESS_NM2, Frame, World, blunt, camera_pose, frames, pushing
-from ..rod_scenes import seen as pictured
+from ..rod_scenes import LENGTH_M, RIG_STD, Frame, World, blunt, camera_pose, frames
 from . import contact_scenes
 from .contact_scenes import STRAIGHT as PLAIN
 from .contact_scenes import estimated as judged
@@ -57,7 +54,7 @@ def test_a_roll_of_a_sixth_of_a_turn_away_from_edge_on_is_fine() -> None:
 
 def test_tiny_deflections_never_give_a_confident_number() -> None:
     statuses = []
-    for seed, tip_m in enumerate(np.repeat([2e-5, 1e-4, 2e-4, 4e-4], 3)):
+    for seed, tip_m in enumerate(np.repeat([2e-5, 1e-4, 2e-4, 4e-4], 2)):
         seen = frame(0.6, 0.4 + seed, tip_m, seed=seed)
         contact = judged(seen, INCLINED.rig(STD))
         statuses.append(contact.status)
@@ -65,11 +62,11 @@ def test_tiny_deflections_never_give_a_confident_number() -> None:
             assert abs(contact.distance_m - seen.distance_m) < 4 * contact.distance_std_m
         else:
             assert withheld(contact)
-    assert set(statuses[:3]) <= {"no_contact", "low_signal"}
+    assert set(statuses[:2]) <= {"no_contact", "low_signal"}
     assert "low_signal" in statuses
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_tip(seed: int) -> None:
     seen = frame(1.0, 0.4 + seed, 0.025, seed=seed)
     contact = judged(seen, INCLINED.rig(STD))
@@ -81,19 +78,12 @@ def test_the_tip(seed: int) -> None:
     assert (np.abs(contact.force_N - seen.force_N)[1:] < 4 * contact.force_std_N[1:]).all()
 
 
-def test_shortly_before_the_tip_is_not_the_tip() -> None:
-    seen = frame(0.97, 0.4, 0.03)
-    contact = judged(seen, INCLINED.rig(STD))
-    assert contact.status == "ok"
-    assert abs(contact.distance_m - seen.distance_m) < 3.5 * contact.distance_std_m
-
-
 def test_a_moment_that_contradicts_the_picture_is_said() -> None:
     """Mentioned at four of its deviations, beyond six nothing is trusted."""
     seen = frame(0.6, 0.8, 0.03)
     rig = INCLINED.rig(0.2 * STD)
     assert "disagree" not in judged(seen, rig).reason
-    said = [judged(replace(seen, moment_Nm=seen.moment_Nm - off), rig) for off in np.linspace(0.0, 5e-3, 21)]
+    said = [judged(replace(seen, moment_Nm=seen.moment_Nm - off), rig) for off in np.linspace(0.0, 5e-3, 11)]
     assert {contact.status for contact in said} == {"ok", "failed"}
     words = ["contradict" if "contradict" in c.reason else "disagree" if "disagree" in c.reason else "" for c in said]
     assert words == sorted(words, key=["", "disagree", "contradict"].index)
@@ -107,10 +97,9 @@ def test_a_moment_that_contradicts_the_picture_is_said() -> None:
 @pytest.mark.parametrize(
     ("reading", "azimuth", "roll", "seed"),
     [
-        (reading, azimuth, roll, seed)
-        for reading in ("reversed", "disconnected")
-        for azimuth in (0.4, np.pi)
-        for seed, roll in enumerate((0.7, -0.9, 2.4))
+        ("reversed", 0.4, 0.7, 0),
+        ("reversed", np.pi, -0.9, 1),
+        ("disconnected", 0.4, 2.4, 2),
     ],
 )
 def test_a_wrong_sensor_under_an_inclined_camera_gives_no_numbers(
@@ -144,37 +133,6 @@ def test_an_upright_camera_cannot_contradict_the_moment() -> None:
     assert contact.distance_m == pytest.approx(seen.distance_m, abs=1e-3)
     # 5e-4 N·m at 144 mm are 3.3 mN, over the sensor's gain
     assert contact.force_N[2] - seen.force_N[2] == pytest.approx(5e-4 / 1.04 / seen.distance_m, rel=0.1)
-
-
-def twice_touched(first: float, second: float, share: float) -> Frame:
-    """Two contacts on a straight weightless antenna, deflected a little, by superposition."""
-    at = np.array([first, second]) * LENGTH_M
-    sizes = [np.hypot(*pushing(0.4, tip, contact)) for tip, contact in zip((0.01, 0.01 * share), at, strict=True)]
-    forces = np.array(sizes) * [1.0, np.sign(share)]
-    x = np.linspace(0.01, 1.0, 300) * LENGTH_M
-    aside = linear.superposed_deflection(x, at, forces, STIFFNESS_NM2)
-    points = np.stack([x, aside * np.cos(0.4), aside * np.sin(0.4)], axis=1)
-    pixels = pictured(STRAIGHT.T_antenna_camera, points)
-    pixels += np.random.default_rng(0).normal(0.0, SIGMA_PX, pixels.shape)
-    moment = float(linear.clamp_moment(at, forces).sum() * np.sin(0.4))
-    sensor = STRAIGHT.sensor
-    return Frame(pixels, sensor.gain * moment + sensor.offset_Nm, 0.3, np.nan, np.zeros(3), np.zeros(3))
-
-
-@pytest.mark.parametrize(("first", "second", "share"), [(0.33, 0.83, 0.5), (0.33, 0.83, -0.5), (0.25, 0.9, 1.0)])
-def test_two_contacts_are_no_contact_in_between(first: float, second: float, share: float) -> None:
-    contact = judged(twice_touched(first, second, share), STRAIGHT.rig(STD, np.zeros(3)))
-    assert contact.status == "failed"
-    assert contact.in_contact
-    assert withheld(contact)
-
-
-def test_two_contacts_close_together_are_told_of() -> None:
-    """They look almost like one in between; what is left is a hint in the reason."""
-    contact = judged(twice_touched(0.42, 0.62, 0.5), STRAIGHT.rig(STD, np.zeros(3)))
-    assert contact.status == "failed" or "scatter" in contact.reason
-    if contact.status == "ok":
-        assert 0.42 * LENGTH_M < contact.distance_m < 0.62 * LENGTH_M
 
 
 def test_a_camera_that_was_knocked_is_said() -> None:
