@@ -13,6 +13,7 @@ from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.ladder import COARSE_RUNG, find_starts, solve
 from estimator.solver.prediction import predict
 from estimator.solver.rig_arrays import RigArrays
+from estimator.solver.rows import select
 from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_index, like
@@ -156,7 +157,7 @@ class ContactEstimator:
         found: list[RoughFit | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
         if len(enough):
-            frames = frames.select(enough)
+            frames = select(frames, enough)
             unknowns = find_starts(frames, always=True).minima[:, 0]
             shapes = predict(frames, COARSE_RUNG, unknowns, derivatives=False).points_m
             for index, own, points_m in zip(enough, unknowns, shapes, strict=True):
@@ -188,7 +189,7 @@ class ContactEstimator:
             rows = np.flatnonzero(plain(enough))
             start = None if part.start is None else like(frames.points, part.start[rows])
             if not bool(enough.all()):
-                frames = frames.select(enough)
+                frames = select(frames, enough)
             with np.errstate(all="ignore"):  # what leaves the domain of the model is judged by its numbers
                 fitted = fit_numbers(solve(frames, self.model, start), beam)
                 self._without_reading(frames, fitted)
@@ -201,7 +202,7 @@ class ContactEstimator:
         rows = np.flatnonzero(touching & unexplained(fitted) & fitted.sensor_available.any(axis=1))
         if len(rows) == 0:
             return
-        alone = frames.select(as_index(like(frames.points, rows)))
+        alone = select(frames, as_index(like(frames.points, rows)))
         silent = replace(alone, sensor_available=0.0 * alone.sensor_available)
         fitted.explained_alone[rows] = ~unexplained(fit_numbers(solve(silent, self.model)))
 

@@ -28,6 +28,13 @@ _LEAST_STD_M = 1e-6
 """No place is known better: near the clamp the model's own errors are all there is."""
 
 
+_AS_THEY_ARE = {
+    *("unknowns", "converged", "at_tip", "scatter", "evidence", "condition", "ambiguous"),
+    *("alternative_cost", "alternative_unknowns", "second_gain", "second_place", "second_shift"),
+}
+"""Numbers that the solver's state, solution or uncertainty have by the same name."""
+
+
 def _each(*shape: int, dtype: type = float) -> np.ndarray:
     """An array whose entry for each frame has this shape and kind."""
     values: np.ndarray = field(metadata={"shape": shape, "dtype": dtype})
@@ -137,48 +144,35 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
     covariance = covariance + off[..., UNKNOWNS:].mT @ off[..., UNKNOWNS:]
     std = xp.sqrt(uncertainty.std**2 + (off[..., :UNKNOWNS] ** 2).sum(1))
     free = part.free.points_at(state.unknowns[:, 0] * rig_arrays.length_m)
-    unknowns = plain(state.unknowns)
-    nothing = FitNumbers.empty(len(unknowns))
+    unknowns, touch = plain(state.unknowns), plain(touch)
+    count = len(unknowns)
+    numbers = FitNumbers.empty(count)
+    for source in (state, part, uncertainty):
+        for name in _AS_THEY_ARE & vars(source).keys():
+            getattr(numbers, name)[:] = plain(getattr(source, name))
     for rung, values in part.bias.items():
-        nothing.bias[:, RUNGS.index(rung)] = plain(values)
-    finite = xp.isfinite(fits.equations.cost) & xp.isfinite(state.unknowns).all(-1)
-    touch = plain(touch)
+        numbers.bias[:, RUNGS.index(rung)] = plain(values)
     if beam is not None:
-        points_m, points_std_m = _pieces(fits, beam)
-        push = _by_inertia(fits, uncertainty, beam)
-        nothing = replace(nothing, pieces_m=plain(points_m), pieces_std_m=plain(points_std_m), push=plain(push))
+        pieces = (*_pieces(fits, beam), _by_inertia(fits, uncertainty, beam))
+        numbers = replace(numbers, **dict(zip(("pieces_m", "pieces_std_m", "push"), map(plain, pieces), strict=True)))
+    with_rig = uncertainty.covariance_with_rig(prediction.point_force_jacobian, by_rig.point_force)
     return replace(
-        nothing,
+        numbers,
         points=plain(fits.frames.usable.sum(-1)),
-        rung=np.full(len(unknowns), RUNGS.index(fits.rung)),
-        unknowns=unknowns,
+        rung=np.full(count, RUNGS.index(fits.rung)),
         std=plain(std),
         point_m=touch[:, :3],
         force_N=touch[:, 3:],
         tangent=plain(prediction.tangents[:, CONTACT]),
         deflection_m=touch[:, :3] - plain(free),
         covariance=plain(covariance),
-        with_pose=plain(
-            uncertainty.covariance_with_rig(prediction.point_force_jacobian, by_rig.point_force)
-            @ rig_arrays.axes[:POSES].T
-        ),
+        with_pose=plain(with_rig @ rig_arrays.axes[:POSES].T),
         residual=plain(fits.problem.moment_residual),
         residual_std=plain(uncertainty.moment_std),
         sensor_available=plain(fits.frames.sensor_available) > 0.0,
         rig_chi_square=plain((state.rig_steps**2).sum(-1)),
-        rig_axes=np.full(len(unknowns), state.rig_steps.shape[1]),
-        evidence=plain(part.evidence),
-        converged=plain(state.converged),
-        at_tip=plain(state.at_tip),
-        scatter=plain(state.scatter),
-        condition=plain(uncertainty.condition),
-        finite=plain(finite),
-        alternative_cost=plain(part.alternative_cost),
-        alternative_unknowns=plain(part.alternative_unknowns),
-        ambiguous=plain(part.ambiguous),
-        second_gain=plain(part.second_gain),
-        second_place=plain(part.second_place),
-        second_shift=plain(part.second_shift),
+        rig_axes=np.full(count, state.rig_steps.shape[1]),
+        finite=plain(xp.isfinite(fits.equations.cost) & xp.isfinite(state.unknowns).all(-1)),
         edge_on_rad=edge_on(rig_arrays.rig, unknowns),
     )
 

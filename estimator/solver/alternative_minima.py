@@ -9,7 +9,8 @@ from vbaa_calib.core.arrays import Array, arange_like, like, namespace, true_ind
 from .convergence import converge
 from .frames import Frames
 from .prediction import RigJacobian
-from .state import Fits, select
+from .rows import select
+from .state import Fits
 
 _SAME_DISTANCE, _SAME_FORCE = 1e-2, 0.05
 """Contacts closer than this, in antenna lengths and in parts of the force, are taken for the same."""
@@ -45,7 +46,7 @@ class BestFits:
             return self
         xp = namespace(which)
         rows = true_indices(which)
-        frames = self.fits.frames.select(xp.concat([rows] * len(starts)))
+        frames = select(self.fits.frames, xp.concat([rows] * len(starts)))
         others = converge(frames, self.fits.rung, xp.concat([start[rows] for start in starts]))
         best = self
         for number in range(len(starts)):

@@ -11,7 +11,8 @@ from .frames import Frames
 from .normal_equations import NormalEquations, Problem, solve_normal_equations
 from .prediction import LINEAR, TIP, predict, rig_jacobian
 from .rig_arrays import UNKNOWNS, RigArrays
-from .state import Fits, State, concatenate, evaluate, initial_state, select, where
+from .rows import concatenate, select, where
+from .state import Fits, State, evaluate, initial_state
 
 NEAREST = 0.03
 """Least contact distance that is searched, in antenna lengths."""
@@ -97,7 +98,7 @@ def coarse_minima(
         return starts, xp.full_like(costs, xp.inf)
     index = true_indices(useful)
     feet = None if feet_m is None else feet_m[index // width]
-    first = _initial_fits(frames.select(index // width), rung, starts.reshape(-1, UNKNOWNS)[useful], feet)
+    first = _initial_fits(select(frames, index // width), rung, starts.reshape(-1, UNKNOWNS)[useful], feet)
     state = _descend(first, _COARSE_TOLERANCE, iterations).state
     minima, total = starts.reshape(-1, UNKNOWNS) + 0.0, xp.full_like(costs.reshape(-1), xp.inf)
     minima[useful] = state.unknowns

@@ -52,18 +52,6 @@ class Frames:
         )
         return thin, index
 
-    def select(self, which: Array) -> Frames:
-        """Some of the frames, by index; they may repeat."""
-        return replace(
-            self,
-            points=self.points[which],
-            covariance=tuple(part[which] for part in self.covariance),
-            usable=self.usable[which],
-            moment_Nm=self.moment_Nm[which],
-            sensor_available=self.sensor_available[which],
-            gravity_m_s2=self.gravity_m_s2[which],
-        )
-
 
 def frames_from_pixels(
     rig_arrays: RigArrays, points_px: Array, sigma_px: Array, moment_Nm: Array, gravity_m_s2: Array

@@ -14,8 +14,9 @@ from .convergence import coarse_minima, converge, polish
 from .frames import Frames
 from .initialization import FreeAntenna, GridSearch, free_antenna, grid_search
 from .prediction import FRICTION_RUNGS, LINEAR, predict
+from .rows import select
 from .second_contact import second_force
-from .state import Fits, select
+from .state import Fits
 from .uncertainty import (
     REFERENCE,
     Uncertainty,
@@ -107,7 +108,7 @@ def find_starts(frames: Frames, warm: Array | None = None, always: bool = False)
         minima, costs = grid.warm_started(minima, costs, warm)
     several = true_indices(xp.isfinite(costs[:, -1]) | always)
     if len(several):
-        part = few.select(several), COARSE_RUNG, minima[several], costs[several], points.foot_m[several]
+        part = select(few, several), COARSE_RUNG, minima[several], costs[several], points.foot_m[several]
         minima[several], costs[several] = coarse_minima(*part)
     return Starts(free, grid, minima, costs)
 
@@ -161,7 +162,7 @@ def _solve_on_rung(
     """
     xp = namespace(rows)
     if len(rows) < len(frames):
-        frames, starts = frames.select(rows), select(starts, rows)
+        frames, starts = select(frames, rows), select(starts, rows)
     distinct = xp.amax(starts.grid.gains, -1) > _FAINT
     best = BestFits.only(converge(frames, rung, starts.minima[:, 0], starts.free.points.foot_m))
     for other in range(1, starts.minima.shape[1]):
@@ -210,7 +211,7 @@ def _search_lost(frames: Frames, rung: str, starts: Starts, best: BestFits, dist
     unknowns, costs = select(starts.grid, lost).every(_WIDE_STEP)
     coarse = rung if rung in FRICTION_RUNGS else FRICTION_RUNGS[0]
     minima = starts.minima[:, 0] + 0.0
-    minima[lost] = coarse_minima(frames.select(lost), coarse, unknowns, costs, iterations=_WIDE_ITERATIONS)[0][:, 0]
+    minima[lost] = coarse_minima(select(frames, lost), coarse, unknowns, costs, iterations=_WIDE_ITERATIONS)[0][:, 0]
     return again.try_starts(lost, minima)
 
 

@@ -9,6 +9,7 @@ from vbaa_calib.core.arrays import Array, arange_like, namespace, take_rows
 from .curves import LAST, dot, evaluate_cubics, flat_rows
 from .frames import Frames
 from .prediction import Prediction
+from .rows import select
 
 _EVERY, _FOOT_STEPS = 4, 2
 """A foot is searched from the nearest of every fourth node by Newton steps; later each iteration adds one."""
@@ -32,13 +33,9 @@ class PointResiduals:
     distance: Array
     precision: Array
 
-    def select(self, which: Array) -> PointResiduals:
-        """Some of the frames, by index or mask."""
-        return PointResiduals(*(values[which] for values in vars(self).values()))
-
     def subsample(self, index: Array) -> PointResiduals:
         """Some of each frame's points, by index (B, W)."""
-        return self.select((arange_like(index, len(index))[:, None], index))
+        return select(self, (arange_like(index, len(index))[:, None], index))
 
     def interpolate(self, nodes: Array) -> Array:
         """Values on the nodes (B, M) at the feet (B, N)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -52,6 +53,7 @@ class RigArrays:
     unit_steps: Array
     prior: Array
     identity: Array
+    same_for_all_rows: ClassVar[bool] = True
 
     @staticmethod
     def from_rig(rig: Rig, friction_rad: float, reference: Array) -> RigArrays:

@@ -9,7 +9,8 @@ from vbaa_calib.core.robust import MAD_SCALE, huber_weights
 
 from .normal_equations import Problem, solve_columns, solve_normal_equations
 from .prediction import point_jacobian
-from .state import Fits, evaluate, select
+from .rows import select
+from .state import Fits, evaluate
 from .uncertainty import REFERENCE, Uncertainty
 
 _GRID = 16

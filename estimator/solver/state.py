@@ -1,9 +1,8 @@
-"""States of many fits, the model linearised there, and operations on rows of such dataclasses."""
+"""States of many fits, and the model linearised there."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
 
 from vbaa_calib.core.arrays import Array, namespace
 
@@ -11,65 +10,7 @@ from .frames import Frames
 from .normal_equations import NormalEquations, Problem, cost, linear_problem, normal_equations
 from .prediction import Prediction, RigJacobian, predict
 from .residuals import nearest_feet, point_residuals
-
-_T = TypeVar("_T")
-
-
-def select(values: _T, which: Array) -> _T:
-    """Rows by index or mask, of the dataclasses inside as well; what is no array stays."""
-    made: dict[str, Any] = {}
-    for name, value in _fields(values):
-        if is_dataclass(value):
-            made[name] = value.select(which) if hasattr(value, "select") else select(value, which)
-        elif isinstance(value, dict):
-            made[name] = {key: entry[which] for key, entry in value.items()}
-        elif hasattr(value, "ndim"):
-            made[name] = value[which]
-    return _replaced(values, made)
-
-
-def where(mask: Array, first: _T, second: _T) -> _T:
-    """Row by row from the first where the mask is true, else from the second."""
-    made: dict[str, Any] = {}
-    for name, value in _fields(first):
-        condition = mask.reshape((-1,) + (1,) * (value.ndim - 1))
-        made[name] = namespace(mask).where(condition, value, getattr(second, name))
-    return _replaced(first, made)
-
-
-def with_rows(whole: _T, rows: Array, part: _T) -> _T:
-    """The whole with the rows of these indices, in rising order, replaced by a part."""
-    made: dict[str, Any] = {}
-    for name, values in _fields(whole):
-        new = getattr(part, name)
-        if is_dataclass(values):
-            made[name] = with_rows(values, rows, new)
-        elif hasattr(values, "ndim") and len(rows) == len(values):
-            made[name] = new
-        elif hasattr(values, "ndim"):
-            made[name] = values.clone() if hasattr(values, "clone") else values.copy()
-            made[name][rows] = new
-    return _replaced(whole, made)
-
-
-def concatenate(parts: list[_T], order: Array) -> _T:
-    """Parts one after the other, then reordered."""
-    made: dict[str, Any] = {}
-    for name, first in _fields(parts[0]):
-        values = [getattr(part, name) for part in parts]
-        if is_dataclass(first):
-            made[name] = concatenate(values, order)
-        elif hasattr(first, "ndim"):
-            made[name] = namespace(order).concat(values)[order]
-    return _replaced(parts[0], made)
-
-
-def _fields(values: Any) -> list[tuple[str, Any]]:
-    return [(f.name, getattr(values, f.name)) for f in fields(values)]
-
-
-def _replaced(values: Any, changed: dict[str, Any]) -> Any:
-    return replace(values, **changed)
+from .rows import with_rows
 
 
 @dataclass(frozen=True, eq=False)

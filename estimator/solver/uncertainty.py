@@ -14,7 +14,8 @@ from .normal_equations import Problem, cost, least_cost, solve_normal_equations
 from .prediction import FRICTION_RUNGS, Prediction, difference, predict
 from .residuals import point_residuals
 from .rig_arrays import UNKNOWNS
-from .state import Fits, linearise, select
+from .rows import select
+from .state import Fits, linearise
 
 REFERENCE = RUNGS[-1]
 """The rung that the others are compared with."""
@@ -129,7 +130,7 @@ def widened_by_profile(fits: Fits, found: Uncertainty, which: Array) -> Uncertai
     out = xp.concat([far + 0.0 * std[:, :1] for far in _PROFILE_STEPS])
     several = xp.concat([arange_like(std, len(rows))] * len(_PROFILE_STEPS))
     frames, by_rig, state = (
-        fits.frames.select(rows[several]),
+        select(fits.frames, rows[several]),
         select(fits.by_rig, rows[several]),
         select(state, several),
     )
