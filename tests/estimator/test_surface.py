@@ -186,7 +186,6 @@ def test_only_located_contacts_with_a_force_count() -> None:
     found = touches_of(ContactTable.from_rows([*rows, lost, limp, again]))
     assert found.frame.tolist() == [*range(16), 18]
     assert found.row.tolist() == [*range(16), 18]
-    assert found.stroke.tolist() == [0] * 16 + [1]
     assert np.isnan(found.tangent[-1]).all()  # the tip is not tangent to what it touches
 
 

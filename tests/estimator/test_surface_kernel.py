@@ -16,7 +16,7 @@ from estimator.object.surface.kernel import (
     values_at,
     variance,
 )
-from estimator.object.surface.solution import PatchModel, leave_one_out_residuals, solve
+from estimator.object.surface.solution import PatchModel, solve
 
 PRIOR = Prior(length_m=0.02, amplitude_m=0.004, offset_m=0.1, incline=1.5)
 
@@ -84,7 +84,7 @@ def test_left_out_residuals_are_those_of_leaving_out() -> None:
     rows = values_at(0.02 * rng.standard_normal((12, 2)), np.ones(1))
     noise = np.diag(rng.uniform(1e-8, 1e-6, 12))
     equations = Equations(rows, 0.003 * rng.standard_normal(12), noise, np.zeros((12, 0)), np.zeros(12), np.zeros(12))
-    residual = leave_one_out_residuals(solve((PatchModel(equations, PRIOR, 0.0),), False))
+    residual = solve((PatchModel(equations, PRIOR, 0.0),), False).leave_one_out_residuals
     whole = covariance(pairs(rows, rows), PRIOR) + noise
     for index in (0, 5, 11):
         others = np.arange(12) != index

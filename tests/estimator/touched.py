@@ -104,9 +104,7 @@ def touches_at(
         force_modes_N=forces,
         tangent_modes=tangents,
         frame=index,
-        time_s=index / 30.0,
         row=index,
-        stroke=np.zeros(len(index), int),
     )
 
 

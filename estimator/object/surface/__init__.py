@@ -1,7 +1,6 @@
 """Contacts joined to the object's surface, with its uncertainty and its stiffness (Fig. 5)."""
 
-from .build import reconstruct
-from .result import Compliance, Surface
+from .build import Compliance, Surface, reconstruct
 from .touches import Touches, touches_of
 
 __all__ = ["Compliance", "Surface", "Touches", "reconstruct", "touches_of"]

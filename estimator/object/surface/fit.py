@@ -6,28 +6,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .equations import IGNORED, LocalTouches, Patch, equations, slope_rows
+from .equations import IGNORED, LocalTouches, Patch, curve, height_field
 from .kernel import Prior
 from .normals import Normals, estimate_normals
 from .patches import facing, group, tangent_frame
-from .solution import PatchModel, Solution, learn_prior, leave_one_out_residuals, solve
+from .prior import learn_prior
+from .solution import PatchModel, Solution, solve
 from .touches import Touches
 
-_ROUNDS, _LEARNING, _MOST_ROUNDS = 3, 2, 15
-"""Turns of a fit at least, those in which smoothness is learned anew, and turns at most."""
-SETTLED, _STILL = 0.1, 1e-3
-"""In standard deviations: a compliance that moves by less than the second is done, one that still moves by more than
-the first after all turns has not settled."""
-_TOO_FAR = 5.0
-"""A touch this many standard deviations off what the others predict is left out ..."""
-_MOST_LEFT_OUT = 0.1
-"""... as long as they are no more than this part of all: otherwise the covariances are at fault."""
+_ROUNDS, _LEARNING, _MOST_ROUNDS = 3, 2, 15  # turns at least, those in which smoothness is learned anew, turns at most
+# in deviations: a compliance that moves by less than the second is done; one that still moves by more than the first
+# after all turns has not converged
+CONVERGED, _STILL = 0.1, 1e-3
+# a touch this many deviations off what the others predict is left out, as long as all of them are no more than this
+# part: otherwise the covariances are at fault
+_TOO_FAR, _MOST_LEFT_OUT = 5.0, 0.1
+# a touch that is known along the surface worse than both this, and so many times worse than most, is not used
 _VAGUE_M, _VAGUE_FACTOR = 1e-3, 3.0
-"""A touch that is known along the surface worse than both this, and so many times worse than most, is not used."""
-_STEEPEST = 3.0
-"""A slope that is larger is not believed on the way."""
-_SHARPEST_M = 3e-4
-"""A surface does not bend more sharply than with this radius, on the way."""
+_STEEPEST, _SHARPEST_M = 3.0, 3e-4  # on the way no larger slope is believed, nor a bend with a smaller radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +33,7 @@ class FitState:
     Attributes
     ----------
     normal : (P, 3) best guess of the object's outward normals. compliance_m_N : taken into the surface points.
-    slope : (P, 2). bend_per_m : (P, 2, 2). priors : of each patch, with the tangents' slack; None before the first.
+    slope, bend_per_m : (P, 2), (P, 2, 2) as `LocalTouches`. priors : of each patch, with the tangents' slack.
     widened : (P,) factor on each touch's own covariance. vague : (P,) not used: hardly known along the surface.
     """
 
@@ -66,19 +62,45 @@ class Fit:
     point_m: np.ndarray
     normals: Normals
 
+    def local(self, patch: Patch) -> np.ndarray:
+        """(N, 3) a patch's points in its frame."""
+        return (self.point_m[patch.members] - patch.center_m) @ patch.frame.T
 
-def make_patches(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], np.ndarray]:
-    """The patches, and a first guess (P, 3) of the normals."""
-    normal = facing(touches.force_N, touches.tangent, touches.point_m)
+    def heights(self, index: int, flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points and normals (V, 3) of a wide patch over places (V, 2), world, and deviations (V,) along these."""
+        patch, solution = self.patches[index], self.solution
+        height, std = (ask(index, patch.value_rows(flat_m)) for ask in (solution.mean, solution.spread))
+        slope = solution.mean(index, patch.slope_rows(flat_m)).reshape(2, len(flat_m)).T
+        raw = np.column_stack([-slope, np.ones(len(slope))])
+        length = np.linalg.norm(raw, axis=1)
+        points = patch.center_m + np.column_stack([flat_m, height]) @ patch.frame
+        return points, (raw / length[:, None]) @ patch.frame, std / length
+
+    def along_curve(self, index: int, over_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (V, 3) of a curve over places (V,), world, and covariances (V, 2, 2) across it in its frame."""
+        patch = self.patches[index]
+        rows = patch.value_rows(over_m[:, None])
+        across, joint = self.solution.mean(index, rows).reshape(2, -1), self.solution.joint([(index, rows)])
+        pair = np.arange(len(over_m))[:, None] + [0, len(over_m)]
+        points = patch.center_m + np.column_stack([over_m, *across]) @ patch.frame
+        return points, joint[pair[:, :, None], pair[:, None, :]]
+
+
+def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], FitState]:
+    """The patches, and where to begin: slopes from the forces' directions, a rigid object, nothing left out."""
+    count, normal = len(touches), facing(touches.force_N, touches.tangent, touches.point_m)
     points = touches.point_m - antenna_radius_m * normal
-    label, vague = group(points, normal), _poorly_located(touches, normal)
-    patches = []
-    for index in range(label.max() + 1):
-        members = np.flatnonzero(label == index)
+    vague, slope, patches = _poorly_located(touches, normal), np.zeros((count, 2)), []
+    for members in group(points, normal):
         clear = members[~vague[members]] if not vague[members].all() else members
-        center, frame, wide = tangent_frame(points[clear], normal[clear], touches.own_m2[clear])
-        patches.append(Patch(members, center, frame, wide))
-    return tuple(patches), normal
+        patch = Patch(members, *tangent_frame(points[clear], normal[clear], touches.own_m2[clear]))
+        patches.append(patch)
+        if patch.wide:
+            along, across, up = (normal[members] @ patch.frame.T).T
+            slope[members] = np.clip(-np.stack([along, across], axis=1) / np.maximum(up, 0.3)[:, None], -2, 2)
+    nothing = (None,) * len(patches)
+    widened = np.where(vague, IGNORED, 1.0)
+    return tuple(patches), FitState(normal, 0.0, slope, np.zeros((count, 2, 2)), nothing, widened, vague)
 
 
 def _poorly_located(touches: Touches, normal: np.ndarray) -> np.ndarray:
@@ -89,28 +111,15 @@ def _poorly_located(touches: Touches, normal: np.ndarray) -> np.ndarray:
     return along > max(_VAGUE_FACTOR * float(np.median(along)), _VAGUE_M)
 
 
-def first_state(touches: Touches, patches: tuple[Patch, ...], normal: np.ndarray) -> FitState:
-    """Slopes from the forces' directions, a rigid object, nothing left out."""
-    count = len(touches)
-    slope = np.zeros((count, 2))
-    for patch in patches:
-        if patch.wide:
-            along, across, up = (normal[patch.members] @ patch.frame.T).T
-            slope[patch.members] = np.clip(-np.stack([along, across], axis=1) / np.maximum(up, 0.3)[:, None], -2, 2)
-    vague = _poorly_located(touches, normal)
-    widened = np.where(vague, IGNORED, 1.0)
-    return FitState(normal, 0.0, slope, np.zeros((count, 2, 2)), (None,) * len(patches), widened, vague)
-
-
 def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: FitState, yielding: bool) -> Fit:
-    """`_ROUNDS` turns from a state on; `yielding`: with a compliance."""
+    """Turns from a state on; `yielding`: with a compliance."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
     for turn in range(_MOST_ROUNDS):
         points, seen = _surface_points(touches, antenna_radius_m, patches, state)
         fitted, priors = [], []
         for patch, given, prior in zip(patches, seen, state.priors, strict=True):
-            stated = equations(given, patch.wide)
+            stated = height_field(given) if patch.wide else curve(given)
             if prior is None or turn < _LEARNING:
                 extent = float(np.linalg.norm(np.ptp(given.point_m[:, : patch.dimensions], axis=0)))
                 largest = extent / max(float(np.abs(stated.force_N).max()), 1e-12)
@@ -119,9 +128,14 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
             fitted.append(PatchModel(stated, *prior))
         solution = solve(tuple(fitted), yielding)
         normals = estimate_normals(touches, patches, solution, seen)
-        widened, state = state.widened, replace(state, priors=tuple(priors))
-        state = _next_state(patches, seen, solution, normals, state, touches, 0 < turn < _MOST_ROUNDS - 1)
-        same = (widened == state.widened).all()  # what is left out now was left out of the solution
+        before = state.widened
+        state = replace(
+            _next_shape(patches, seen, solution, state),
+            normal=normals.best(touches),
+            priors=tuple(priors),
+            widened=_widened(patches, solution, state) if 0 < turn < _MOST_ROUNDS - 1 else before,
+        )
+        same = (before == state.widened).all()  # what is left out now was left out of the solution
         if turn >= _ROUNDS - 1 and same and abs(solution.compliance_m_N) <= _STILL * np.sqrt(solution.variance):
             break
     normals = estimate_normals(touches, patches, solution, seen, common=True)
@@ -146,60 +160,46 @@ def _surface_points(
     seen = []
     for patch in patches:
         m, frame = patch.members, patch.frame
-        seen.append(
-            LocalTouches(
-                point_m=(points[m] - patch.center_m) @ frame.T,
-                tangent=touches.tangent[m] @ frame.T,
-                own_m2=frame @ own[m] @ frame.T,
-                modes_m=frame @ modes[m],
-                tangent_modes=frame @ touches.tangent_modes[m],
-                yield_N=-press[m, None] * normal[m] @ frame.T,
-                slope=state.slope[m],
-                bend_per_m=state.bend_per_m[m],
-                normal=normal[m] @ frame.T,
-                ignored=state.widened[m] >= IGNORED,
-            )
+        local = LocalTouches(
+            point_m=(points[m] - patch.center_m) @ frame.T,
+            tangent=touches.tangent[m] @ frame.T,
+            own_m2=frame @ own[m] @ frame.T,
+            modes_m=frame @ modes[m],
+            tangent_modes=frame @ touches.tangent_modes[m],
+            yield_N=-press[m, None] * normal[m] @ frame.T,
+            slope=state.slope[m],
+            bend_per_m=state.bend_per_m[m],
+            normal=normal[m] @ frame.T,
+            ignored=state.widened[m] >= IGNORED,
         )
+        seen.append(local)
     return points, seen
 
 
-def _next_state(
-    patches: tuple[Patch, ...],
-    seen: list[LocalTouches],
-    solution: Solution,
-    normals: Normals,
-    state: FitState,
-    touches: Touches,
-    judged: bool,
-) -> FitState:
-    """What a solve says of slopes, bends, normals and compliance; `judged`: and of touches that do not belong."""
-    slope, bend, far = state.slope.copy(), state.bend_per_m.copy(), np.zeros(len(touches))
-    residual = np.abs(leave_one_out_residuals(solution))
+def _next_shape(patches: tuple[Patch, ...], seen: list[LocalTouches], solution: Solution, state: FitState) -> FitState:
+    """What a solve says of slopes, bends and compliance."""
+    slope, bend = state.slope.copy(), state.bend_per_m.copy()
     for index, (patch, given) in enumerate(zip(patches, seen, strict=True)):
-        m, count = patch.members, len(patch.members)
-        x = given.point_m[:, : patch.dimensions]
-        at = solution.mean(index, slope_rows(patch, x)).reshape(2, count).T
+        m, x = patch.members, given.point_m[:, : patch.dimensions]
+        at = solution.mean(index, patch.slope_rows(x)).reshape(2, len(m)).T
         slope[m] = np.clip(at, -_STEEPEST, _STEEPEST)
         step = 0.05 * solution.patches[index].prior.length_m
         for axis in range(patch.dimensions):
-            beside = solution.mean(index, slope_rows(patch, x + step * np.eye(patch.dimensions)[axis]))
-            changed = (beside.reshape(2, count).T - at) / step
-            bend[m, :, axis] = np.clip(changed, -1 / _SHARPEST_M, 1 / _SHARPEST_M)
+            beside = solution.mean(index, patch.slope_rows(x + step * np.eye(patch.dimensions)[axis]))
+            bend[m, :, axis] = np.clip((beside.reshape(2, len(m)).T - at) / step, -1 / _SHARPEST_M, 1 / _SHARPEST_M)
         if patch.wide:
             bend[m] = (bend[m] + np.swapaxes(bend[m], 1, 2)) / 2
-        start = solution.start[index]
-        far[m] = residual[start : start + count]
-        if not patch.wide:
-            far[m] = np.maximum(far[m], residual[start + count : start + 2 * count])
+    compliance = state.compliance_m_N + solution.compliance_m_N
+    return replace(state, slope=slope, bend_per_m=bend, compliance_m_N=compliance)
+
+
+def _widened(patches: tuple[Patch, ...], solution: Solution, state: FitState) -> np.ndarray:
+    """(P,) the factors on the touches' covariances, after those that do not belong were found."""
+    far, residual = np.zeros(len(state.widened)), np.abs(solution.leave_one_out_residuals)
+    for patch, start in zip(patches, solution.start, strict=True):
+        sides = 1 if patch.wide else 2  # of a curve both its coordinates count
+        count = len(patch.members)
+        far[patch.members] = residual[start : start + sides * count].reshape(sides, count).max(axis=0)
     wrong = (far > _TOO_FAR) | state.outlier
-    widened = state.widened
-    if judged and wrong.any() and np.sum(wrong) <= _MOST_LEFT_OUT * len(touches):
-        widened = np.where(wrong, IGNORED, widened)
-    return replace(
-        state,
-        normal=normals.best(touches),
-        compliance_m_N=state.compliance_m_N + solution.compliance_m_N,
-        slope=slope,
-        bend_per_m=bend,
-        widened=widened,
-    )
+    few = wrong.any() and np.sum(wrong) <= _MOST_LEFT_OUT * len(far)
+    return np.where(wrong, IGNORED, state.widened) if few else state.widened

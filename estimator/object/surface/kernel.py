@@ -11,11 +11,9 @@ from scipy.spatial.distance import cdist
 
 @dataclass(frozen=True, eq=False)
 class Functionals:
-    """N linear views of C independent functions h_c: each is Σ value_c · h_c(x) + slope_c · ∇h_c(x).
+    """N linear views of C independent functions h_c at places x (N, D), m: Σ value_c · h_c(x) + slope_c · ∇h_c(x).
 
-    Attributes
-    ----------
-    x : (N, D) places, m. value : (N, C). slope : (N, C, D) directions.
+    `value` is (N, C), `slope` (N, C, D).
     """
 
     x: np.ndarray
@@ -24,6 +22,15 @@ class Functionals:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    def select(self, which: np.ndarray) -> Functionals:
+        """Some of the views."""
+        return Functionals(self.x[which], self.value[which], self.slope[which])
+
+    @property
+    def of_lines(self) -> np.ndarray:
+        """(N, C·D) what each view sees of lines through the origin."""
+        return (self.value[:, :, None] * self.x[:, None, :] + self.slope).reshape(len(self), -1)
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,11 @@ class Prior:
     amplitude_m: float
     offset_m: float
     incline: float
+
+    @property
+    def steepness(self) -> float:
+        """Prior variance of a slope, without the trend."""
+        return 5.0 * self.amplitude_m**2 / (3.0 * self.length_m**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,62 +79,43 @@ def concatenate(*parts: Functionals) -> Functionals:
 
 def pairs(a: Functionals, b: Functionals) -> _Pairs:
     """Every view of a with every view of b."""
-    shape = (len(a), len(b))
-    mixed, along = np.zeros(shape), np.zeros(shape)
+    mixed, along = np.zeros((2, len(a), len(b)))
     for index in range(a.value.shape[1]):
         value_a, slope_a, value_b, slope_b = a.value[:, index], a.slope[:, index], b.value[:, index], b.slope[:, index]
         along_a = np.sum(a.x * slope_a, axis=1)[:, None] - slope_a @ b.x.T
         along_b = a.x @ slope_b.T - np.sum(b.x * slope_b, axis=1)
         mixed += value_a[:, None] * along_b - value_b * along_a
         along += along_a * along_b
-    return _Pairs(
-        distance_m=cdist(a.x, b.x),
-        values=a.value @ b.value.T,
-        mixed=mixed,
-        slopes=a.slope.reshape(len(a), -1) @ b.slope.reshape(len(b), -1).T,
-        along=along,
-        linear=_spread(a) @ _spread(b).T,
-    )
-
-
-def _spread(rows: Functionals) -> np.ndarray:
-    """(N, C·D) what each view sees of lines through the origin."""
-    return (rows.value[:, :, None] * rows.x[:, None, :] + rows.slope).reshape(len(rows), -1)
+    values, slopes = a.value @ b.value.T, a.slope.reshape(len(a), -1) @ b.slope.reshape(len(b), -1).T
+    return _Pairs(cdist(a.x, b.x), values, mixed, slopes, along, a.of_lines @ b.of_lines.T)
 
 
 def covariance(between: _Pairs, prior: Prior) -> np.ndarray:
     """(N, M) prior covariance of the views."""
     scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
-    square = prior.amplitude_m**2
-    steep = 5.0 * square / (3.0 * prior.length_m**2)
-    result = between.values * (square * (1.0 + scaled + scaled**2 / 3.0))
-    result += (steep * (1.0 + scaled)) * (between.mixed + between.slopes)
-    result -= (steep * 5.0 / prior.length_m**2) * between.along
+    result = between.values * (prior.amplitude_m**2 * (1.0 + scaled + scaled**2 / 3.0))
+    result += (prior.steepness * (1.0 + scaled)) * (between.mixed + between.slopes)
+    result -= (prior.steepness * 5.0 / prior.length_m**2) * between.along
     result *= np.exp(-scaled)
     return result + prior.offset_m**2 * between.values + prior.incline**2 * between.linear
-
-
-def trend(rows: Functionals, prior: Prior) -> np.ndarray:
-    """(N, C + C·D) H with H·Hᵀ the covariance of the prior's linear trend."""
-    return np.hstack([prior.offset_m * rows.value, prior.incline * _spread(rows)])
 
 
 def covariance_by_log_length(between: _Pairs, prior: Prior) -> np.ndarray:
     """(N, M) derivative of `covariance` by the logarithm of the prior's length."""
     scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
-    square = prior.amplitude_m**2
-    steep = 5.0 * square / (3.0 * prior.length_m**2)
-    result = between.values * (square * scaled**2 * (1.0 + scaled) / 3.0)
-    result += (steep * (scaled**2 - 2.0 * scaled - 2.0)) * (between.mixed + between.slopes)
-    result -= (steep * 5.0 / prior.length_m**2 * (scaled - 4.0)) * between.along
+    result = between.values * (prior.amplitude_m**2 * scaled**2 * (1.0 + scaled) / 3.0)
+    result += (prior.steepness * (scaled**2 - 2.0 * scaled - 2.0)) * (between.mixed + between.slopes)
+    result -= (prior.steepness * 5.0 / prior.length_m**2 * (scaled - 4.0)) * between.along
     return np.asarray(result * np.exp(-scaled))
+
+
+def trend(rows: Functionals, prior: Prior) -> np.ndarray:
+    """(N, C + C·D) H with H·Hᵀ the covariance of the prior's linear trend."""
+    return np.hstack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
 
 
 def variance(rows: Functionals, prior: Prior) -> np.ndarray:
     """(N,) prior variance of each view, the diagonal of `covariance(pairs(rows, rows), prior)`."""
-    steep = 5.0 * prior.amplitude_m**2 / (3.0 * prior.length_m**2)
-    return (
-        (rows.value**2).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
-        + steep * (rows.slope**2).sum(axis=(1, 2))
-        + prior.incline**2 * (_spread(rows) ** 2).sum(axis=1)
-    )
+    result = (rows.value**2).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
+    result = result + prior.steepness * (rows.slope**2).sum(axis=(1, 2))
+    return np.asarray(result + prior.incline**2 * (rows.of_lines**2).sum(axis=1))

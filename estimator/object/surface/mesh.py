@@ -8,33 +8,26 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
-from .equations import IGNORED, UNSEEN_BEND_PER_M, Patch, slope_rows, value_rows
+from .equations import IGNORED, UNSEEN_BEND_PER_M, across_curve
 from .fit import Fit
 from .patches import LINK_FACTOR, bridged_gap, tree_gaps
 
-_CELLS = 44
-"""Along the longer side of a patch; a curve has as many pieces."""
-_CLOSING = 0.6
-"""What lies within this many bridged gaps of touches on all sides belongs to the footprint."""
+_CELLS = 44  # along the longer side of a patch; a curve has as many pieces
+_CLOSING = 0.6  # what lies within this many bridged gaps of touches on all sides belongs to the footprint
+# the footprint ends this part of the patch's extent, or half a usual gap, beyond the outermost touches; and no farther
+# than the standard deviation of the patch's width
 _MARGIN = 0.03
-"""The footprint ends this part of the patch's extent, or half a usual gap, beyond the outermost touches; and no farther
-than the standard deviation of the patch's width."""
-_LINE_GAP = 0.1
-"""A line runs on across gaps up to this part of its length, or a few times as wide as the usual ones."""
-_NEARBY = 0.05
-"""Contacts this part of a line's length away still have a say in its normals."""
-_VAGUE = 3.0
-"""Touches known along the surface this many times worse than most do not widen the footprint."""
-_LONE_SHOWN_M = 2e-3
-"""A patch of one place is drawn where it is known to this."""
+_LINE_GAP = 0.1  # a line runs on across gaps up to this part of its length, or a few times as wide as the usual ones
+_NEARBY = 0.05  # contacts this part of a line's length away still have a say in its normals
+_VAGUE = 3.0  # touches known along the surface this many times worse than most do not widen the footprint
+_LONE_SHOWN_M = 2e-3  # a patch of one place is drawn where it is known to this
+# no surface where its deviation is larger than both so many times that at nine tenths of the patch's touches, and this
 _STD_FACTOR, _STD_SHOWN_M = 2.5, 3e-4
-"""No surface where its deviation is larger than both so many times that at nine tenths of the patch's touches, and so
-much."""
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Of one patch, world frame: points, normals (V, 3), std_m, std_across_m (V,), triangles (T, 3), lines (E, 2)."""
+    """Of one patch, world frame: points_m, normals (V, 3), std_m, std_across_m (V,), triangles (T, 3), lines (E, 2)."""
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -47,39 +40,21 @@ class Piece:
 def piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> Piece:
     """The mesh of a wide patch, or the line of a curve; touched_std_m (N,) are the deviations at its touches."""
     patch = fit.patches[index]
-    local = (fit.point_m[patch.members] - patch.center_m) @ patch.frame.T
-    sound = _well_located(fit, patch)
-    if patch.wide:
-        bound_m = max(_STD_FACTOR * float(np.percentile(touched_std_m, 90)), _STD_SHOWN_M)
-        return _mesh(fit, index, local[sound, :2], bound_m)
-    return _line(fit, index, local[sound], patch.members[sound])
-
-
-def _well_located(fit: Fit, patch: Patch) -> np.ndarray:
-    """(N,) whether a touch may say how far the patch reaches: not left out, and as well known along it as most."""
+    # who may say how far the patch reaches: not left out, and as well known along it as most
     own = patch.frame[:2] @ fit.touches.own_m2[patch.members] @ patch.frame[:2].T
     std = np.sqrt(np.trace(own, axis1=1, axis2=2))
     sound = (std <= _VAGUE * np.median(std)) & (fit.state.widened[patch.members] < IGNORED)
-    return sound if sound.any() else np.ones(len(std), bool)
-
-
-def heights(fit: Fit, index: int, flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (V, 3) and normals (V, 3) of a wide patch over places (V, 2), world, and their deviations (V,)."""
-    patch, solution = fit.patches[index], fit.solution
-    height, deviation = (
-        solution.mean(index, value_rows(patch, flat_m)),
-        solution.spread(index, value_rows(patch, flat_m)),
-    )
-    slope = solution.mean(index, slope_rows(patch, flat_m)).reshape(2, len(flat_m)).T
-    raw = np.column_stack([-slope, np.ones(len(slope))])
-    length = np.linalg.norm(raw, axis=1)
-    points = patch.center_m + np.column_stack([flat_m, height]) @ patch.frame
-    return points, (raw / length[:, None]) @ patch.frame, deviation / length
+    sound = sound if sound.any() else np.ones(len(std), bool)
+    local = fit.local(patch)[sound]
+    if patch.wide:
+        bound_m = max(_STD_FACTOR * float(np.percentile(touched_std_m, 90)), _STD_SHOWN_M)
+        return _mesh(fit, index, local[:, :2], bound_m)
+    return _line(fit, index, local[:, 0], patch.members[sound])
 
 
 def _mesh(fit: Fit, index: int, flat_m: np.ndarray, bound_m: float) -> Piece:
     places, grid = _footprint(flat_m)
-    points, normals, std = heights(fit, index, places)
+    points, normals, std = fit.heights(index, places)
     shown = std <= max(bound_m, std.min())
     number = np.where(grid >= 0, np.append(np.where(shown, np.cumsum(shown) - 1, -1), -1)[grid], -1)
     nowhere = np.full(int(shown.sum()), np.nan)
@@ -117,41 +92,29 @@ def _triangles(number: np.ndarray) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _line(fit: Fit, index: int, local_m: np.ndarray, members: np.ndarray) -> Piece:
-    """A curve on an even grid, not across gaps; touches (N, 3) that do not spread along it are one point."""
-    patch, solution = fit.patches[index], fit.solution
-    over = np.sort(local_m[:, 0])
+def _line(fit: Fit, index: int, touched_m: np.ndarray, members: np.ndarray) -> Piece:
+    """A curve on an even grid, not across gaps; touches (N,) that do not spread along it are one point."""
+    patch, over = fit.patches[index], np.sort(touched_m)
     extent = float(over[-1] - over[0])
     own = patch.frame[0] @ fit.touches.own_m2[members] @ patch.frame[0]
-    spread = 2 * float(np.sqrt(np.nanmedian(own))) if len(over) > 1 else 0.0
-    if len(over) < 2 or extent <= 2 * spread:
-        places, lines = np.array([float(np.mean(over))]), np.empty((0, 2), int)
-    else:
+    places, lines = np.array([float(np.mean(over))]), np.empty((0, 2), int)
+    if len(over) > 1 and extent > 4 * float(np.sqrt(np.nanmedian(own))):
         places = np.linspace(over[0], over[-1], _CELLS + 1)
         gap = max(LINK_FACTOR * float(np.percentile(np.diff(over), 90)), _LINE_GAP * extent)
-        near = np.abs(places[:, None] - over[None]).min(axis=1) <= gap / 2
-        places = places[near]
+        places = places[np.abs(places[:, None] - over[None]).min(axis=1) <= gap / 2]
         steps = np.arange(len(places) - 1)
-        joined = np.diff(places) < 1.5 * extent / _CELLS
-        lines = np.stack([steps, steps + 1], axis=1)[joined]
-    rows = value_rows(patch, places[:, None])
-    across, joint = solution.mean(index, rows).reshape(2, -1), solution.joint([(index, rows)])
-    pair = np.arange(len(places))[:, None] + [0, len(places)]
-    covariance = joint[pair[:, :, None], pair[:, None, :]]
-    points = patch.center_m + np.column_stack([places, *across]) @ patch.frame
+        lines = np.stack([steps, steps + 1], axis=1)[np.diff(places) < 1.5 * extent / _CELLS]
+    points, covariance = fit.along_curve(index, places)
     # an edge has no one normal: the middle one of those that were felt nearby
-    near = np.abs(places[:, None] - local_m[None, :, 0])
+    near = np.abs(places[:, None] - touched_m[None])
     near = np.exp(-0.5 * ((near - near.min(axis=1, keepdims=True)) / max(_NEARBY * extent, 1e-6)) ** 2)
     normals = near @ fit.normals.normal[members]
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    outward = (normals @ patch.frame.T)[:, 1:]
-    size = np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
-    beside = np.column_stack([-outward[:, 1], outward[:, 0]]) / size
-    std, std_across = (
-        np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0)) for side in (outward, beside)
-    )
+    local = normals @ patch.frame.T
+    sides = local[:, 1:], across_curve(local, 1e-9)[1]
+    std, std_across = (np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0)) for side in sides)
     # to second order: beside where it was touched, the object bends away from under the line
     std = np.hypot(std, np.sqrt(0.75) * UNSEEN_BEND_PER_M * std_across**2)
     if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > _LONE_SHOWN_M:
-        return Piece(points[:0], normals[:0], std[:0], std_across[:0], np.empty((0, 3), int), lines)
+        points, normals, std, std_across = points[:0], normals[:0], std[:0], std_across[:0]
     return Piece(points, normals, std, std_across, np.empty((0, 3), int), lines)

@@ -7,53 +7,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh
 
-from .equations import IGNORED, LocalTouches, Patch, slope_rows
+from .equations import IGNORED, LocalTouches, Patch
 from .solution import Solution
 from .touches import Touches
 
-_UNTOLD_RAD = 1.0
-"""The deviation that stands for: not known."""
-_FORCE_STD_RAD = 0.35
-"""How far the force leans from the normal for friction, where it has to help find the surface under the antenna."""
-_TANGENT_STD_RAD = 1e-3
-"""Own error of a tangent: the antenna's slope is what its picture shows best."""
-_MODES = 24
-"""Common errors of the normals that are kept apart; the rest counts as each touch's own."""
+_UNKNOWN_RAD = 1.0  # the deviation that stands for: not known
+_FORCE_STD_RAD = 0.35  # how far the force leans from the normal, where it has to help find the surface
+_TANGENT_STD_RAD = 1e-3  # own error of a tangent: the antenna's slope is what its picture shows best
+_MODES = 24  # common errors of the normals that are kept apart; the rest counts as each touch's own
 
 
 @dataclass(frozen=True, eq=False)
 class Normals:
-    """At P touches.
-
-    Attributes
-    ----------
-    normal : (P, 3) unit, outward. covariance : (P, 3, 3) rad². modes : (P, 3, K) the common part of it.
-    """
+    """At P touches: unit, outward (P, 3); covariance (P, 3, 3), rad²; modes (P, 3, K), the common part of that."""
 
     normal: np.ndarray
     covariance: np.ndarray
     modes: np.ndarray
 
-    @property
-    def worst_rad(self) -> np.ndarray:
-        """(P,) largest standard deviation in any direction."""
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
-
     def best(self, touches: Touches) -> np.ndarray:
         """(P, 3) with the force's direction where the shape says less than that."""
         force = touches.force_N / np.linalg.norm(touches.force_N, axis=1, keepdims=True)
-        trust = 1.0 / (1.0 + (self.worst_rad / _FORCE_STD_RAD) ** 4)
+        worst_rad = np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
+        trust = 1.0 / (1.0 + (worst_rad / _FORCE_STD_RAD) ** 4)
         mixed = trust[:, None] * self.normal + (1 - trust)[:, None] * force
         return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
-
-
-@dataclass(frozen=True, eq=False)
-class _Turns:
-    """Normals (N, 3) of a patch's touches in its frame, by (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""
-
-    normal: np.ndarray
-    by_slope: np.ndarray
-    own: np.ndarray
 
 
 def estimate_normals(
@@ -62,28 +40,27 @@ def estimate_normals(
     """The normals; `common`: with the part of their errors that the touches have in common."""
     count = len(touches)
     normal, own, by_slope = np.empty((count, 3)), np.empty((count, 3, 3)), np.zeros((count, 3, 2))
-    views, first, second, begin = [], np.empty(count, int), np.empty(count, int), 0
+    views, pair, begin = [], np.empty((count, 2), int), 0
     for index, (patch, shown) in enumerate(zip(patches, seen, strict=True)):
-        m, size = patch.members, len(patch.members)
+        m, size, frame = patch.members, len(patch.members), patch.frame
         # what is left out of the shape is known as well as it was: to where its normal belongs
         own_m2 = np.where(shown.ignored[:, None, None], shown.own_m2 / IGNORED, shown.own_m2)
         given = replace(shown, own_m2=own_m2)
-        rows = slope_rows(patch, given.point_m[:, : patch.dimensions])
+        rows = patch.slope_rows(given.point_m[:, : patch.dimensions])
         views.append((index, rows))
         slope = solution.mean(index, rows).reshape(2, size).T
-        force = touches.force_N[m] @ patch.frame.T
-        slack = solution.patches[index].slack_rad
-        turns = _of_field(given, slope, slack) if patch.wide else _of_curve(given, slope, force)
-        normal[m], by_slope[m] = turns.normal @ patch.frame, np.swapaxes(patch.frame[None], 1, 2) @ turns.by_slope
-        own[m] = patch.frame.T @ turns.own @ patch.frame
-        first[m], second[m] = begin + np.arange(size), begin + size + np.arange(size)
+        if patch.wide:
+            found, turns, left = _of_field(given, slope, solution.patches[index].slack_rad)
+        else:
+            found, turns, left = _of_curve(given, slope, touches.force_N[m] @ frame.T)
+        normal[m], by_slope[m], own[m] = found @ frame, frame.T[None] @ turns, frame.T @ left @ frame
+        pair[m] = begin + np.arange(size)[:, None] + [0, size]
         begin += 2 * size
     joint = solution.joint(views)
-    pair = np.stack([first, second], axis=1)
     shape = by_slope @ joint[pair[:, :, None], pair[:, None, :]] @ np.swapaxes(by_slope, 1, 2)
     values, axes = np.linalg.eigh(shape + own)
-    believed = np.minimum(1.0, _UNTOLD_RAD / np.sqrt(np.maximum(values, 1e-30)))
-    # an untold direction must not take the others along
+    believed = np.minimum(1.0, _UNKNOWN_RAD / np.sqrt(np.maximum(values, 1e-30)))
+    # an unknown direction must not take the others along
     held = (axes * believed[:, None]) @ np.swapaxes(axes, 1, 2)
     covariance = held @ (shape + own) @ held
     modes = _principal_modes(joint, pair, held @ by_slope) if common else np.zeros((count, 3, 0))
@@ -100,7 +77,11 @@ def _principal_modes(joint: np.ndarray, pair: np.ndarray, by_slope: np.ndarray) 
     return (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(len(pair), 3, kept)
 
 
-def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turns:
+_Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Normals (N, 3) of a patch's touches in its frame, (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""
+
+
+def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:
     """The field's normal; where the antenna's tangent is known, less its part along that.
 
     What the shape leaves open then is the turn about the tangent, by slopes, and by the touch's own error that takes it
@@ -123,10 +104,10 @@ def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turns
     own = moved @ seen.own_m2[:, :2, :2] @ np.swapaxes(moved, 1, 2)
     own = own + slack_rad**2 * by_slope @ np.swapaxes(by_slope, 1, 2)
     known = _tangent_variance(seen, normal)
-    return _Turns(normal, by_slope, own + known[:, None, None] * tangent[:, :, None] * tangent[:, None, :])
+    return normal, by_slope, own + known[:, None, None] * tangent[:, :, None] * tangent[:, None, :]
 
 
-def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turns:
+def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turned:
     """Across the curve and the antenna's tangent; without the latter across the curve, towards the force."""
     along = np.column_stack([np.ones(len(slope)), slope])
     length = np.linalg.norm(along, axis=1)
@@ -147,12 +128,12 @@ def _of_curve(seen: LocalTouches, slope: np.ndarray, force: np.ndarray) -> _Turn
     cosine = np.sum(along * tangent, axis=1)
     rise = -normal[:, 1:] / length[:, None]
     by_slope = np.where(held[:, None], beside / sine[:, None], along)[:, :, None] * rise[:, None, :]
-    open_turn = np.where(held[:, None], (cosine / sine)[:, None] * beside - tangent, _UNTOLD_RAD * beside)
+    open_turn = np.where(held[:, None], (cosine / sine)[:, None] * beside - tangent, _UNKNOWN_RAD * beside)
     variance = np.where(held, _tangent_variance(seen, normal), 1.0)
     own = variance[:, None, None] * open_turn[:, :, None] * open_turn[:, None, :]
     # a touch's own error along the curve takes it to where that has another direction
     moved = np.sqrt(seen.own_m2[:, :1, 0]) * np.einsum("nij,nj->ni", by_slope, seen.bend_per_m[:, :, 0])
-    return _Turns(normal, by_slope, own + moved[:, :, None] * moved[:, None, :])
+    return normal, by_slope, own + moved[:, :, None] * moved[:, None, :]
 
 
 def _tangent_variance(seen: LocalTouches, normal: np.ndarray) -> np.ndarray:

@@ -8,22 +8,16 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-_LINK_NORMALS_RAD = np.radians(50)
-"""Neighbours whose normals differ by more than this lie on different sides of the object."""
-_PATCH_NORMALS_RAD = np.radians(65)
-"""A patch is a height field over its tangent plane: no normal may lean farther than this from its mean."""
-LINK_FACTOR = 3.0
-"""Gaps up to this many times as wide as the usual ones are bridged ..."""
-_LINK_EXTENT = 0.25
-"""... and those up to this fraction of all that was touched: dense tracks lie far apart, measured by their steps."""
+_LINK_NORMALS_RAD = np.radians(50)  # neighbours whose normals differ by more lie on different sides of the object
+_PATCH_NORMALS_RAD = np.radians(65)  # a patch is a height field: no normal may lean farther than this from its mean
+# gaps up to so many times as wide as the usual ones are bridged, and those up to this fraction of all that was touched:
+# dense tracks lie far apart, measured by their steps
+LINK_FACTOR, _LINK_EXTENT = 3.0, 0.25
+# so many neighbours, when they face alike within this, tell a contact's side: friction cancels in them
 _NEIGHBOURS, _ALIKE_RAD = 8, np.radians(75)
-"""So many neighbours, when they face alike within this, tell a contact's side: friction cancels in them."""
-_RESOLVED = 4.0
-"""A patch counts as wide when its width stands out of the contacts' own spread this much; else it is a line ..."""
-_NARROW = 0.02
-"""... and when it is at least this fraction of its length."""
-_LEAST_TOUCHES = 4
-"""Fewer contacts are no area."""
+# a patch is wide when its width stands out of the contacts' own spread this much, is at least this fraction of its
+# length, and has at least so many contacts
+_RESOLVED, _NARROW, _LEAST_TOUCHES = 4.0, 0.02, 4
 
 
 def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np.ndarray:
@@ -41,21 +35,15 @@ def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
 
 
-def group(points_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Labels (P,) from 0 on of points (P, 3) that hang together and whose normals (P, 3) face alike."""
+def group(points_m: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
+    """Indices of points (P, 3) that hang together and whose normals (P, 3) face alike, for each group."""
     # 0 is no edge, and two contacts may coincide
     distance_m = np.maximum(cdist(points_m, points_m), 1e-12)
     graph = np.where(normals @ normals.T > np.cos(_LINK_NORMALS_RAD), distance_m, 0.0)
-    gaps = minimum_spanning_tree(graph).data
-    gap_m = bridged_gap(gaps, float(np.linalg.norm(np.ptp(points_m, axis=0))))
+    gap_m = bridged_gap(minimum_spanning_tree(graph).data, float(np.linalg.norm(np.ptp(points_m, axis=0))))
     _, labels = connected_components(csr_array(graph * (graph <= gap_m)), directed=False)
-    parts: list[np.ndarray] = []
-    for label in range(labels.max() + 1):
-        parts += _facing_alike(np.flatnonzero(labels == label), normals)
-    result = np.empty(len(points_m), int)
-    for label, part in enumerate(parts):
-        result[part] = label
-    return result
+    joined = (np.flatnonzero(labels == label) for label in range(labels.max() + 1))
+    return [part for members in joined for part in _facing_alike(members, normals)]
 
 
 def bridged_gap(gaps_m: np.ndarray, extent_m: float) -> float:

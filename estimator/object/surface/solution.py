@@ -5,17 +5,13 @@ y = K-shapes + modes · s + noise + compliance · force,   s ~ N(0, 1), the comp
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve, solve_triangular
-from scipy.optimize import minimize
 
 from .equations import Equations
-from .kernel import Functionals, Prior, covariance, covariance_by_log_length, pairs, trend, variance
-
-_JITTERS = (0.0, 1e-12, 1e-10, 1e-8)
+from .kernel import Functionals, Prior, covariance, pairs, variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +31,11 @@ class PatchModel:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Of all patches.
+    """Of all patches; their equations begin at `start` (patches,).
 
-    Attributes
-    ----------
-    patches : as given. start : (patches,) where the equations of each begin.
-    lower : (M, M) Cholesky factor of the covariance of y. weights : (M,) covariance⁻¹ (y − compliance · force).
-    lift : (M,) covariance⁻¹ force. compliance_m_N, variance, own_variance : beyond what was taken into the points;
-        zero where it is left out. The own variance leaves out the common errors.
+    `lower` (M, M) is the Cholesky factor of the covariance of y, weights (M,) is covariance⁻¹ (y − compliance · force),
+    lift (M,) is covariance⁻¹ force. Compliance and its variances are beyond what was taken into the points, zero where
+    it is left out; the own variance leaves out the common errors.
     """
 
     patches: tuple[PatchModel, ...]
@@ -54,11 +47,10 @@ class Solution:
     variance: float
     own_variance: float
 
-    def seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
+    def _seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of views of a patch with all equations."""
-        fitted = self.patches[patch]
+        fitted, begin = self.patches[patch], self.start[patch]
         result = np.zeros((len(rows), len(self.weights)))
-        begin = self.start[patch]
         result[:, begin : begin + len(fitted.equations)] = covariance(pairs(rows, fitted.equations.rows), fitted.prior)
         return result
 
@@ -70,7 +62,7 @@ class Solution:
 
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) standard deviations of the same."""
-        seen = self.seen_by(patch, rows)
+        seen = self._seen_by(patch, rows)
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         left = variance(rows, self.patches[patch].prior) - np.sum(half**2, axis=0)
         left += (seen @ self.lift) ** 2 * self.variance
@@ -78,19 +70,24 @@ class Solution:
 
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) covariance of views of several patches, one after the other."""
-        seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
+        seen = np.concatenate([self._seen_by(patch, rows) for patch, rows in views])
         prior = block_diag(*(covariance(pairs(rows, rows), self.patches[patch].prior) for patch, rows in views))
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         lifted = seen @ self.lift
         return prior - half.T @ half + self.variance * np.outer(lifted, lifted)
 
+    @property
+    def leave_one_out_residuals(self) -> np.ndarray:
+        """(M,) each equation less what all the others predict, in deviations (Rasmussen and Williams, Eq. 5.12)."""
+        half = solve_triangular(self.lower, np.eye(len(self.weights)), lower=True, check_finite=False)
+        return self.weights / np.sqrt(np.sum(half**2, axis=0))
 
-def _factor(matrix: np.ndarray) -> np.ndarray:
+
+def factor(matrix: np.ndarray) -> np.ndarray:
     """Lower Cholesky factor; what rounding takes away is given back, as little as will do."""
-    diagonal = np.diag(np.diag(matrix))
-    for jitter in _JITTERS:
+    for jitter in (0.0, 1e-12, 1e-10, 1e-8):
         try:
-            return cho_factor(matrix + jitter * diagonal, lower=True, check_finite=False)[0]
+            return cho_factor(matrix + jitter * np.diag(np.diag(matrix)), lower=True, check_finite=False)[0]
         except LinAlgError:
             continue
     raise LinAlgError("the covariance of the touches is not positive definite")
@@ -98,128 +95,17 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
 
 def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
     """The solve; `yielding`: with a compliance, otherwise the object is taken as rigid."""
-    sizes = [len(fitted.equations) for fitted in patches]
-    modes = np.concatenate([fitted.equations.modes for fitted in patches])
-    y = np.concatenate([fitted.equations.y for fitted in patches])
-    force = np.concatenate([fitted.equations.force_N for fitted in patches])
-    lower = _factor(block_diag(*(fitted.own for fitted in patches)) + modes @ modes.T)
+    every = [fitted.equations for fitted in patches]
+    modes = np.concatenate([each.modes for each in every])
+    y, force = np.concatenate([each.y for each in every]), np.concatenate([each.force_N for each in every])
+    lower = factor(block_diag(*(fitted.own for fitted in patches)) + modes @ modes.T)
     weights, lift = cho_solve((lower, True), y), cho_solve((lower, True), force)
     compliance = spread = own = 0.0
-    told = float(force @ lift)
-    if yielding and told > 0.0:
-        spread = 1.0 / told
+    information = float(force @ lift)
+    if yielding and information > 0.0:
+        spread = 1.0 / information
         compliance = spread * float(lift @ y)
         own = max(spread - float(np.sum((spread * lift @ modes) ** 2)), 0.0)
         weights = weights - compliance * lift
-    return Solution(patches, np.cumsum([0, *sizes[:-1]]), lower, weights, lift, compliance, spread, own)
-
-
-def leave_one_out_residuals(solution: Solution) -> np.ndarray:
-    """(M,) each equation less what all the others predict, in deviations (Rasmussen and Williams, Eq. 5.12)."""
-    half = solve_triangular(solution.lower, np.eye(len(solution.weights)), lower=True, check_finite=False)
-    return solution.weights / np.sqrt(np.sum(half**2, axis=0))
-
-
-_MOST_EQUATIONS = 480
-"""More are thinned for this search: three numbers need no more."""
-_INCLINE = 2.0
-"""Prior standard deviation of the trend's slope over the tangent plane: any that a patch may have, and more."""
-_BEST = np.log([0.7, 0.2, 0.01])
-"""Before the data: the length and the amplitude over the patch's extent, the tangents' slack in rad ..."""
-_WIDTH = np.array([1.2, 1.5, 1.5])
-"""... and the standard deviations of their logarithms."""
-_ROUGHER = 1e-4
-_POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
-"""Newton's steps after the search, the step of their differences, and the longest that is believed: a prior that hangs
-on where a search stopped moves the surface by parts of its deviation."""
-_LOWEST, _HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
-
-
-def learn_prior(
-    equations: Equations, extent_m: float, start: tuple[Prior, float] | None, yield_per_N: float
-) -> tuple[Prior, float]:
-    """The most probable prior of the shape and slack of the tangents, rad.
-
-    Parameters
-    ----------
-    extent_m : of the patch. start : where to begin, from an earlier search.
-    yield_per_N : the largest compliance to think of, m/N; zero where there is none.
-    """
-    extent_m = max(extent_m, 1e-3)
-    count = min(len(equations), _MOST_EQUATIONS)
-    # at random: evenly spaced ones of strokes that repeat would all lie at the same places
-    thin = np.sort(np.random.default_rng(0).choice(len(equations), count, replace=False))
-    rows = type(equations.rows)(*(values[thin] for values in vars(equations.rows).values()))
-    between, y, slack = pairs(rows, rows), equations.y[thin], equations.slack[thin]
-    modes = np.column_stack([equations.modes[thin], yield_per_N * equations.force_N[thin]])
-    fixed = equations.noise[np.ix_(thin, thin)] + modes @ modes.T
-    free = 3 if slack.any() else 2
-
-    def prior_of(logs: np.ndarray) -> tuple[Prior, float]:
-        length, amplitude, turn = np.exp(np.clip(np.concatenate([logs, _BEST[len(logs) :]]), _LOWEST, _HIGHEST))
-        return Prior(length * extent_m, amplitude * extent_m, 10 * extent_m, _INCLINE), float(turn)
-
-    def improbability(logs: np.ndarray) -> tuple[float, np.ndarray]:
-        """What is to be least, and its slope (Rasmussen and Williams, Eqs. 2.43 and 5.9).
-
-        The trend's variance is so large that in one sum with the rest it would take half of the digits.
-        """
-        prior, turn = prior_of(logs)
-        shape = covariance(between, replace(prior, offset_m=0.0, incline=0.0))
-        doubt = (turn * slack) ** 2
-        whole = shape + fixed + np.diag(doubt)
-        try:
-            lower = _factor(whole)
-        except LinAlgError:
-            # a search that meets a wall stops there: somewhat rougher numbers lead on
-            lower = np.linalg.cholesky(whole + _ROUGHER * np.diag(np.diag(whole)))
-        columns = np.column_stack([np.eye(count), trend(rows, prior), y])
-        white = solve_triangular(lower, columns, lower=True, check_finite=False)
-        inverse, lines, seen = white[:, :count], white[:, count:-1], white[:, -1]
-        inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)
-        course = cho_solve((inner, True), lines.T @ seen)
-        rest = seen - lines @ course
-        weights = inverse.T @ rest
-        unlikely = 0.5 * float(rest @ rest + course @ course)
-        unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
-        along = solve_triangular(inner, lines.T @ inverse, lower=True)
-        left = inverse.T @ inverse - along.T @ along - np.outer(weights, weights)
-        slopes = [
-            np.sum(left * covariance_by_log_length(between, prior)),
-            2.0 * np.sum(left * shape),
-            2.0 * np.diag(left) @ doubt,
-        ]
-        away = (logs - _BEST[:free]) / _WIDTH[:free]
-        return unlikely + 0.5 * float(away @ away), 0.5 * np.array(slopes[:free]) + away / _WIDTH[:free]
-
-    first = _BEST[:free]
-    if start is not None:
-        prior, turn = start
-        first = np.log([prior.length_m / extent_m, prior.amplitude_m / extent_m, turn])[:free]
-    found = minimize(
-        improbability,
-        np.clip(first, _LOWEST[:free], _HIGHEST[:free]),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=list(zip(_LOWEST[:free], _HIGHEST[:free], strict=True)),
-    )
-    return prior_of(_newton(found.x, lambda logs: improbability(logs)[1]))
-
-
-def _newton(logs: np.ndarray, slope_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Where the slope is zero, by Newton's steps: the search stops where the improbability is lost in its rounding."""
-    for _ in range(_POLISHING):
-        inside = np.flatnonzero((logs > _LOWEST[: len(logs)]) & (logs < _HIGHEST[: len(logs)] - _STEP))
-        if not len(inside):
-            break
-        slope, moves = slope_at(logs), _STEP * np.eye(len(logs))[inside]
-        bend = np.array([(slope_at(logs + move) - slope)[inside] / _STEP for move in moves])
-        bend = 0.5 * (bend + bend.T)
-        if np.linalg.eigvalsh(bend)[0] <= 0.0:
-            break
-        step = np.linalg.solve(bend, -slope[inside])
-        if np.abs(step).max() > _NEAR:
-            break
-        logs = logs.copy()
-        logs[inside] += step
-    return np.clip(logs, _LOWEST[: len(logs)], _HIGHEST[: len(logs)])
+    start = np.cumsum([0, *map(len, every[:-1])])
+    return Solution(patches, start, lower, weights, lift, compliance, spread, own)

@@ -13,10 +13,8 @@ from vbaa_calib.core.errors import InputError
 if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
 
-MAX_TOUCHES = 500
-"""More contacts are thinned evenly: the solve costs their number cubed."""
-BIASED_STD = 1.0
-"""Contacts found with a model whose predicted bias exceeds so many of their deviations are not believed."""
+MAX_TOUCHES = 500  # more contacts are thinned evenly: the solve costs their number cubed
+BIASED_STD = 1.0  # contacts whose model's predicted bias exceeds so many of their deviations are not believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,17 +23,13 @@ class Touches:
 
     Attributes
     ----------
-    point_m : (P, 3) on the antenna's centreline.
+    point_m : (P, 3) on the antenna's centreline. distance_m : (P,) arc length from the clamp.
     force_N : (P, 3) the object's force on the antenna, of some size.
     tangent : (P, 3) unit tangent of the antenna, towards the tip; NaN where unknown and at the antenna's tip, whose
         end is not tangent to the object.
-    distance_m : (P,) arc length from the clamp.
     own_m2 : (P, 3, 3) covariance of a point's own error, independent of the others'; NaN where unknown.
     modes_m, force_modes_N, tangent_modes : (P, 3, S) what S independent common errors of unit deviation do.
-    frame, time_s : (P,).
-    row : (P,) index into the table.
-    stroke : (P,) number of the unbroken run of contact that it belongs to.
-    notes : what was left out, in words.
+    frame : (P,). row : (P,) index into the table. notes : what was left out, in words.
     """
 
     point_m: np.ndarray
@@ -47,9 +41,7 @@ class Touches:
     force_modes_N: np.ndarray
     tangent_modes: np.ndarray
     frame: np.ndarray
-    time_s: np.ndarray
     row: np.ndarray
-    stroke: np.ndarray
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -70,60 +62,51 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
     """
     size = np.linalg.norm(table.force_world_N, axis=1)
     usable = table.located & np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(size) & (size > 0)
-    if not usable.any():
-        unforced = bool(table.located.any()) and not np.isfinite(size).any()
-        raise InputError(
-            "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)"
-            if unforced
-            else "no frame has a located contact with a force (status ok or tip_contact)",
-            remedy="estimate them again" if unforced else "record contacts, or see the reason column of contacts.csv",
-        )
     biased = usable & (table.bias_std > BIASED_STD)
-    usable &= ~biased
-    row = np.flatnonzero(usable)
+    row = np.flatnonzero(usable & ~biased)
     if not len(row):
-        raise InputError(
-            f"all {np.sum(biased)} contacts were found with a model that is off by more than one standard deviation",
-            remedy="estimate them with --model auto",
-        )
+        raise _nothing_usable(table, int(np.sum(biased)))
     notes: tuple[str, ...] = ()
     if biased.any():
         notes = (f"{np.sum(biased)} contacts were not used: their model is off by more than one standard deviation",)
     if len(row) > MAX_TOUCHES:
         notes += (f"{len(row)} contacts were thinned evenly to {MAX_TOUCHES}",)
         row = row[np.round(np.linspace(0, len(row) - 1, MAX_TOUCHES)).astype(int)]
-    untold = 0 if shared is None else int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2))))
-    if untold:
-        notes += (
-            f"of {untold} contacts the calibration's errors are not told (distance_std_m): they count as their own",
-        )
+    unknown = 0 if shared is None else int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2))))
+    if unknown:
+        why = "the calibration's errors are not told (distance_std_m): they count as their own"
+        notes += (f"of {unknown} contacts {why}",)
     tangent = table.tangent_world[row]
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
     known = (np.abs(length - 1) < 0.1) & (table.status[row] != "tip_contact")[:, None]
-    tangent = np.where(known, tangent / np.where(known, length, 1.0), np.nan)
-    none = np.zeros((len(row), 3, 0))
+    common = [] if shared is None else [shared.point_m[row], shared.force_N[row], shared.tangent[row]]
+    modes = [np.where(np.isfinite(each), each, 0.0) for each in common] or [np.zeros((len(row), 3, 0))] * 3
     return Touches(
         point_m=table.point_world_m[row],
         force_N=table.force_world_N[row],
-        tangent=tangent,
+        tangent=np.where(known, tangent / np.where(known, length, 1.0), np.nan),
         distance_m=table.distance_m[row],
         own_m2=table.covariance_world_m2[row] if shared is None else shared.own_m2[row],
-        modes_m=none if shared is None else _known(shared.point_m[row]),
-        force_modes_N=none if shared is None else _known(shared.force_N[row]),
-        tangent_modes=none if shared is None else _known(shared.tangent[row]),
+        modes_m=modes[0],
+        force_modes_N=modes[1],
+        tangent_modes=modes[2],
         frame=table.frame[row],
-        time_s=table.time_s[row],
         row=row,
-        stroke=_strokes(usable)[row],
         notes=notes,
     )
 
 
-def _known(modes: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(modes), modes, 0.0)
-
-
-def _strokes(usable: np.ndarray) -> np.ndarray:
-    """(B,) how many runs of usable frames have begun before this one."""
-    begins = usable & ~np.concatenate([[False], usable[:-1]])
-    return np.maximum(np.cumsum(begins) - 1, 0)
+def _nothing_usable(table: ContactTable, biased: int) -> InputError:
+    """Why no contact of a table can be used."""
+    if biased:
+        return InputError(
+            f"all {biased} contacts were found with a model that is off by more than one standard deviation",
+            remedy="estimate them with --model auto",
+        )
+    if table.located.any() and not np.isfinite(table.force_world_N).all(axis=1).any():
+        missing = "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)"
+        return InputError(missing, remedy="estimate them again")
+    return InputError(
+        "no frame has a located contact with a force (status ok or tip_contact)",
+        remedy="record contacts, or see the reason column of contacts.csv",
+    )
