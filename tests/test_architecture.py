@@ -219,7 +219,6 @@ def test_names_keep_to_the_glossary() -> None:
 
 MOST_PARAMETERS = 6
 LONG_STILL = {
-    "estimator.object.friction.friction._update_normals",
     "estimator.paper.baselines.press.press_from_recording",
     "estimator.paper.inclined._eq29",
     "estimator.paper.inclined._solved",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.object.friction.coefficient import coefficient
-from estimator.object.friction.evidence import Evidence, FrictionTouches
+from estimator.object.friction.evidence import Angles, Evidence, FrictionTouches
 
 
 def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = False) -> FrictionTouches:
@@ -25,14 +25,14 @@ def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = 
         used_as=np.full(count, "sliding"),
         slides=np.ones(count, bool),
         spread_across=np.ones(count, bool),
-        lateral_rad=expected + modes @ rng.normal(size=modes.shape[1]) + own * rng.normal(size=count),
-        lateral_std_rad=np.full(count, own),
-        lateral_modes_rad=modes,
+        lateral=Angles(
+            expected + modes @ rng.normal(size=modes.shape[1]) + own * rng.normal(size=count),
+            np.full(count, own),
+            modes,
+        ),
         normal_std_rad=np.zeros(count),
         normal_modes_rad=np.hstack([np.zeros((count, 1)), normal]),
-        longitudinal_rad=nothing,
-        longitudinal_std_rad=nothing,
-        longitudinal_modes_rad=0.0 * modes,
+        longitudinal=Angles(nothing, nothing, 0.0 * modes),
         slip=np.stack([way * np.cos(seen), np.sin(seen)], axis=1),
         slip_std_rad=np.full(count, slip_std),
     )

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from estimator.contact.common_errors import CommonErrors
 from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.geometry import Kinematics
 
-from .evidence import SLIDING, STICKING, UNUSED, FrictionTouches
+from .evidence import SLIDING, STICKING, UNUSED, Angles, FrictionTouches
 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
@@ -21,10 +20,26 @@ if TYPE_CHECKING:
     from estimator.object.track.result import Track
 
 
-_LEAST_STD_RAD = 1e-4
-"""No direction is known better than that: rigs that are said to be exact would else be believed without limit."""
-_LEAST_OWN = 0.2
-"""So much of a deviation at least is taken for the frame's own."""
+_LEAST_STD_RAD = 1e-4  # no direction is known better: rigs said to be exact would else be believed without limit
+_LEAST_OWN = 0.2  # so much of a deviation at least is taken for the frame's own
+# Touches within so much of the patch's extent of each are looked at: where it stuck there may be many in one place.
+# They must spread across the antenna by so much of what they spread along it, and by so many of the deviations that
+# they usually have: a shape that was only felt along the antenna has no slope across it, and small errors of the points
+# along it pass for one.
+_NEAR, _SHARE, _NOISE = 0.3, 0.2, 4.0
+NORMAL_KNOWN_RAD = 0.12  # a touch whose normal the shape does not tell to this tells nothing of friction across it
+_FORCE_KNOWN_RAD = 0.25  # nor does one whose force is not known to this
+_SLIPS = 2.0  # a slip speed of so many deviations has a direction
+# so much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
+# whole and the common one, would be anything
+_LEAST_OWN_TOUCHES = 0.7
+# A touch slides for certain if so many frames before and after it, as far as they lie within this time, and the next
+# ones in any case, slide the same way (cosine between their slips): the slip is taken from several frames at a time, so
+# that it begins early and ends late, and turns slowly where it turned at once.
+_NEIGHBOURS, _NEAR_S, _SAME_WAY = 2, 0.07, 0.5
+# A friction angle is seen where its deviation falls to so much of the one before the frame was seen. Above that the
+# prior, which is taken out again, would be most of what is left.
+_SEEN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,24 +67,6 @@ class Axes:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Directions:
-    """Directions of P forces. Angles in rad; NaN where unknown.
-
-    Attributes
-    ----------
-    lateral_rad : (P,) of the force from the normal about the antenna, positive along `Axes.lateral`.
-    lateral_std_rad, lateral_modes_rad : (P,), (P, S) the force's own and common errors in it.
-    longitudinal_rad, longitudinal_std_rad : (P,) the friction angle as estimated, see `ContactTable`; in all.
-    """
-
-    lateral_rad: np.ndarray
-    lateral_std_rad: np.ndarray
-    lateral_modes_rad: np.ndarray
-    longitudinal_rad: np.ndarray
-    longitudinal_std_rad: np.ndarray
-
-
 def unit(vectors: np.ndarray) -> np.ndarray:
     """(..., 3) of length 1; NaN in place of nothing."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -81,8 +78,11 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(a * b, axis=1)
 
 
-def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes) -> Directions:
-    """Of the forces in these rows (P,) of the table: what is not common in their deviations is each one's own."""
+def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes) -> Angles:
+    """Of the forces in these rows (P,) of the table, from the normal about the antenna, positive along `Axes.lateral`.
+
+    What is not common in their deviations is each one's own.
+    """
     force = table.force_world_N[rows]
     across = np.hypot(dot(force, axes.normal), dot(force, axes.lateral))
     across, whole = np.where(across > 0.0, across, np.nan), roll_std_rad(table)[rows]
@@ -93,13 +93,7 @@ def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarra
     else:  # how much is common is not known: it counts as both, as a turn of all forces and as a stretch
         stretch = np.hypot(table.force_y_std_N, table.force_z_std_N)[rows] / across
         own, modes = whole, np.stack([whole, 0.5 * np.sin(2.0 * angle) * stretch], axis=1)
-    return Directions(
-        angle,
-        np.maximum(own, _LEAST_STD_RAD),
-        modes,
-        table.friction_angle_rad[rows],
-        table.friction_angle_std_rad[rows],
-    )
+    return Angles(angle, np.maximum(own, _LEAST_STD_RAD), modes)
 
 
 def roll_rad(table: ContactTable) -> np.ndarray:
@@ -122,16 +116,7 @@ def roll_of(kinematics: Kinematics, table: ContactTable, rows: np.ndarray, vecto
     return np.arctan2(local[:, 2], local[:, 1])
 
 
-_NEAR = 0.3
-"""Touches within so much of the patch's extent of each are looked at: where it stuck there may be many in one place."""
-_SHARE = 0.2
-"""They must spread across the antenna by so much of what they spread along it: a shape that was only felt along the
-antenna has no slope across it, and small errors of the points along it pass for one."""
-_NOISE = 4.0
-"""And by so many of the deviations that they usually have."""
-
-
-def spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: np.ndarray) -> np.ndarray:
+def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: np.ndarray) -> np.ndarray:
     """(P,) bool, of points (P, 3) with own covariances (P, 3, 3) on patches (P,); False where these are not known."""
     same = patch[:, None] == patch
     apart = np.where(same, cdist(point_m, point_m), 0.0)
@@ -151,34 +136,12 @@ def _spread(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
     return np.sqrt(np.where(counted, (values - mean[:, None]) ** 2, 0.0).sum(axis=1) / number)
 
 
-NORMAL_KNOWN_RAD = 0.12
-"""A touch whose normal the shape does not tell to this tells nothing of friction across the antenna."""
-_FORCE_KNOWN_RAD = 0.25
-"""Nor does one whose force is not known to this."""
-_SLIPS = 2.0
-"""A slip speed of so many deviations has a direction."""
-_LEAST_OWN_TOUCHES = 0.7
-"""So much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
-whole and the common one, would be anything."""
-_NEIGHBOURS, _NEAR_S = 2, 0.07
-"""A touch slides for certain if so many frames before and after it, as far as they lie within this time, and the next
-ones in any case, slide the same way: the slip is taken from several frames at a time, so that it begins early and ends
-late, and turns slowly where it turned at once."""
-_SAME_WAY = 0.5
-"""Cosine between the slips of such neighbours."""
-_SEEN = 0.5
-"""A friction angle is seen where its deviation falls to so much of the one before the frame was seen. Above that the
-prior, which is taken out again, would be most of what is left."""
-
-
 def friction_touches(
     table: ContactTable, surface: Surface, track: Track, shared: CommonErrors, friction_rad: float
-) -> tuple[FrictionTouches, Axes, Directions]:
-    """The touches of a surface, with the axes and the forces' directions behind them.
+) -> tuple[FrictionTouches, Axes, Angles]:
+    """The touches of a surface, with the axes and the forces' lateral directions behind them.
 
-    Parameters
-    ----------
-    friction_rad : standard deviation of the friction angle that the contacts were estimated with.
+    `friction_rad` is the standard deviation of the friction angle that the contacts were estimated with.
     """
     rows = surface.touched_row
     axes = Axes.of(surface.touched_normal, table.tangent_world[rows], table.status[rows] == "tip_contact")
@@ -186,36 +149,39 @@ def friction_touches(
     turned = np.einsum("pi,pij,pj->p", axes.lateral, surface.touched_normal_covariance, axes.lateral)
     common = np.einsum("pi,pik->pk", axes.lateral, surface.touched_normal_modes)
     normal_std = np.sqrt(np.maximum(turned - np.sum(common**2, axis=1), 0.0))
-    seen, seen_std, seen_modes = _friction_angles(table, shared, rows, axes, found, friction_rad)
-    none = np.zeros_like(common)
-    lateral_modes = np.hstack([found.lateral_modes_rad, np.zeros((len(rows), 1)), common])
+    seen = _friction_angles(table, shared, rows, axes, friction_rad)
     slip, slip_std = _slip(track, rows, axes)
-    force_std = np.hypot(found.lateral_std_rad, np.linalg.norm(found.lateral_modes_rad, axis=1))
-    sound = ~surface.outlier & ~track.ringing[rows] & np.isfinite(found.lateral_rad)
-    side_by_side = spread_across(table.point_world_m[rows], shared.own_m2[rows], axes, surface.touched_patch)
-    told = np.sqrt(np.maximum(turned, 0.0)) < NORMAL_KNOWN_RAD
-    across = sound & side_by_side & told & (force_std < _FORCE_KNOWN_RAD)
-    along = sound & np.isfinite(seen) & np.isfinite(seen_std)
-    slides = sliding_steadily(track, table.time_s)[rows] & np.isfinite(slip_std)
+    sound = ~surface.outlier & ~track.ringing[rows] & np.isfinite(found.angle_rad)
+    side_by_side = _spread_across(table.point_world_m[rows], shared.own_m2[rows], axes, surface.touched_patch)
+    known = np.sqrt(np.maximum(turned, 0.0)) < NORMAL_KNOWN_RAD
+    across = sound & side_by_side & known & (found.whole_std_rad < _FORCE_KNOWN_RAD)
+    along = sound & np.isfinite(seen.angle_rad) & np.isfinite(seen.std_rad)
+    slides = _sliding_steadily(track, table.time_s)[rows] & np.isfinite(slip_std)
+    # common errors of the forces, of the friction angle's prior, of the normals
+    lateral_modes = np.hstack([found.modes_rad, np.zeros((len(rows), 1)), common])
+    longitudinal_modes = np.hstack([seen.modes_rad, np.zeros_like(common)])
+    normal_modes = np.hstack([0.0 * seen.modes_rad, common])
     rubs = FrictionTouches(
         used_as=np.where(across | along, np.where(slides, SLIDING, STICKING), UNUSED),
         slides=slides,
         spread_across=side_by_side,
-        lateral_rad=np.where(across, found.lateral_rad, np.nan),
-        lateral_std_rad=np.hypot(found.lateral_std_rad, normal_std),
-        lateral_modes_rad=np.where(across[:, None], lateral_modes, 0.0),
+        lateral=Angles(
+            np.where(across, found.angle_rad, np.nan),
+            np.hypot(found.std_rad, normal_std),
+            np.where(across[:, None], lateral_modes, 0.0),
+        ),
         normal_std_rad=normal_std,
-        normal_modes_rad=np.where(across[:, None], np.hstack([0.0 * seen_modes, common]), 0.0),
-        longitudinal_rad=np.where(along, seen, np.nan),
-        longitudinal_std_rad=seen_std,
-        longitudinal_modes_rad=np.where(along[:, None], np.hstack([seen_modes, none]), 0.0),
+        normal_modes_rad=np.where(across[:, None], normal_modes, 0.0),
+        longitudinal=Angles(
+            np.where(along, seen.angle_rad, np.nan), seen.std_rad, np.where(along[:, None], longitudinal_modes, 0.0)
+        ),
         slip=slip,
         slip_std_rad=slip_std,
     )
     return rubs, axes, found
 
 
-def sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
+def _sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
     """(B,) bool: frames, at times (B,), in the midst of sliding one way."""
     sliding, way = track.phase == "sliding", np.nan_to_num(unit(track.slip_velocity_m_s))
     result = sliding.copy()
@@ -228,32 +194,28 @@ def sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
 
 
 def _friction_angles(
-    table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes, found: Directions, friction_rad: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Friction angles (P,) as the data alone say them, own deviations (P,) and common errors (P, S + 1).
+    table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes, friction_rad: float
+) -> Angles:
+    """The friction angles as the data alone say them, with S + 1 common errors.
 
     The estimate's prior is taken out again. NaN where it is all there was, and at the tip, where friction along the
     antenna leans the force from the antenna's normal, not from the object's.
     """
-    std, size = found.longitudinal_std_rad, shared.point_m.shape[2]
+    estimated, std = table.friction_angle_rad[rows], table.friction_angle_std_rad[rows]
     before = max(friction_rad, float(np.nanmax(std, initial=1e-12)))
-    told = (std > 0.0) & (std < _SEEN * before) & (table.status[rows] != "tip_contact")
-    widened = 1.0 / (1.0 - np.where(told, std / before, 0.0) ** 2)
-    angle, whole = found.longitudinal_rad * widened, std * np.sqrt(widened)
-    if not size:
-        return (
-            np.where(told, angle, np.nan),
-            whole,
-            np.hstack([0.0 * found.lateral_modes_rad, np.nan_to_num(whole)[:, None]]),
-        )
+    seen = (std > 0.0) & (std < _SEEN * before) & (table.status[rows] != "tip_contact")
+    widened = 1.0 / (1.0 - np.where(seen, std / before, 0.0) ** 2)
+    angle, whole = estimated * widened, std * np.sqrt(widened)
+    if not shared.point_m.shape[2]:
+        return Angles(np.where(seen, angle, np.nan), whole, np.nan_to_num(whole)[:, None] * [0.0, 0.0, 1.0])
     force = table.force_world_N[rows]
     across = np.hypot(dot(force, axes.normal), dot(force, axes.lateral))[:, None]
     turned = -np.einsum("pi,pis->ps", axes.along, shared.force_N[rows]) / np.where(across > 0, across, np.nan)
     # the last common error is the prior's, which was taken out: to first order, so that half of that is in doubt
-    doubt = np.stack([np.zeros(len(rows)), 0.5 * (angle - found.longitudinal_rad)], axis=1)
+    doubt = np.stack([np.zeros(len(rows)), 0.5 * (angle - estimated)], axis=1)
     modes = np.hstack([turned[:, :-1] * widened[:, None], doubt])
     own = np.sqrt(np.maximum(whole**2 - np.sum(modes[:, :-1] ** 2, axis=1), (_LEAST_OWN_TOUCHES * whole) ** 2))
-    return np.where(told, angle, np.nan), own, np.where(told[:, None], modes, 0.0)
+    return Angles(np.where(seen, angle, np.nan), own, np.where(seen[:, None], modes, 0.0))
 
 
 def _slip(track: Track, rows: np.ndarray, axes: Axes) -> tuple[np.ndarray, np.ndarray]:

@@ -20,12 +20,25 @@ SLIDING, STICKING, UNUSED = "sliding", "sticking", "unused"
 
 
 @dataclass(frozen=True, eq=False)
+class Angles:
+    """P angles (P,), rad, NaN where not known or to be used; own deviations (P,); effects of K common errors (P, K).
+
+    Common errors, of unit deviation, move all at once (rig, neighbouring normals), own ones each by itself.
+    """
+
+    angle_rad: np.ndarray
+    std_rad: np.ndarray
+    modes_rad: np.ndarray
+
+    @property
+    def whole_std_rad(self) -> np.ndarray:
+        """(P,) own and common together."""
+        return np.hypot(self.std_rad, np.linalg.norm(self.modes_rad, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
 class FrictionTouches:
     """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t.
-
-    Angles that are not known, or not well enough to be used, are NaN.
-    All errors are of unit standard deviation times what stands here: the K common
-    ones move all touches at once (rig, neighbouring normals), the own ones each touch by itself.
 
     Attributes
     ----------
@@ -33,11 +46,9 @@ class FrictionTouches:
         holds for touches whose motion is undecided, too; "unused".
     slides : (P,) bool, whether a touch is in the midst of sliding, used or not.
     spread_across : (P,) bool, whether neighbours across the antenna let the shape determine the normal.
-    lateral_rad : (P,) of the force from the shape's normal, about the antenna, positive along n × t.
-    lateral_std_rad, lateral_modes_rad : (P,), (P, K) its own and common errors, those of the normal included.
+    lateral : of the force from the shape's normal, about the antenna, positive along n × t; with the normal's errors.
     normal_std_rad, normal_modes_rad : (P,), (P, K) of these the normal's: how far it may be turned along n × t.
-    longitudinal_rad : (P,) the friction angle as the data alone say it, positive for a force towards the clamp.
-    longitudinal_std_rad, longitudinal_modes_rad : (P,), (P, K).
+    longitudinal : the friction angle as the data alone say it, positive for a force towards the clamp.
     slip : (P, 2) unit direction of the antenna's slip, lateral and longitudinal; NaN where it does not slide.
     slip_std_rad : (P,) of that direction.
     """
@@ -45,28 +56,20 @@ class FrictionTouches:
     used_as: np.ndarray
     slides: np.ndarray
     spread_across: np.ndarray
-    lateral_rad: np.ndarray
-    lateral_std_rad: np.ndarray
-    lateral_modes_rad: np.ndarray
+    lateral: Angles
     normal_std_rad: np.ndarray
     normal_modes_rad: np.ndarray
-    longitudinal_rad: np.ndarray
-    longitudinal_std_rad: np.ndarray
-    longitudinal_modes_rad: np.ndarray
+    longitudinal: Angles
     slip: np.ndarray
     slip_std_rad: np.ndarray
-
-    @property
-    def across(self) -> np.ndarray:
-        """(P,) bool: the lateral angle is used."""
-        return (self.used_as != UNUSED) & np.isfinite(self.lateral_rad)
 
     def __len__(self) -> int:
         return len(self.used_as)
 
-    def select(self, which: np.ndarray) -> FrictionTouches:
-        """Those with the indices or the mask (P,), as for the friction of one patch."""
-        return FrictionTouches(**{each.name: getattr(self, each.name)[which] for each in fields(FrictionTouches)})
+    @property
+    def across(self) -> np.ndarray:
+        """(P,) bool: the lateral angle is used."""
+        return (self.used_as != UNUSED) & np.isfinite(self.lateral.angle_rad)
 
     def at_rest(self) -> FrictionTouches:
         """The same, taken as if nothing were known to slide: friction is at most μ times the normal force."""
@@ -74,34 +77,27 @@ class FrictionTouches:
         return replace(self, used_as=resting, slides=np.zeros(len(self), bool))
 
 
-_FREEDOM = 5.0
-"""Own errors follow Student's t of so many degrees of freedom: a few frames may be wrong, by any amount."""
-_DIRECTED = 4.0
-"""A part of the slip that is not so many times its deviation says nothing of μ, which could be of any size then."""
-WRONG = 4.0
-"""In own deviations: farther off, a touch is not believed."""
+_FREEDOM = 5.0  # own errors follow Student's t of so many degrees of freedom: a few frames may be wrong, by any amount
+_DIRECTED = 4.0  # a part of the slip not so many times its deviation says nothing of μ, which could be of any size then
+WRONG = 4.0  # in own deviations: farther off, a touch is not believed
+# what need not slide speaks of μ only where it lies so many of its own deviations outside the cone: noise alone would
+# else ask for a wider one, the more the more such touches there are
 _NOISE = 3.0
-"""What need not slide speaks of μ only where it lies so many of its own deviations outside the cone: noise alone would
-else ask for a wider one, the more the more such touches there are."""
 _STEPS, _ENOUGH, _LEAST_SHARE = 40, 1e-5, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """R angles, lateral and longitudinal ones of all touches that are used, and K errors that they have in common.
+    """R angles (R,), lateral and longitudinal ones of all touches that are used, and K errors that they have in common.
 
     Attributes
     ----------
-    angle_rad, std_rad : (R,) measured angle and its own standard deviation. modes_rad : (R, K) the common errors'.
-    slides : (R,) bool; the others only bound μ.
-    lateral : (R,) bool; the others are longitudinal.
+    angles : measured, with their own and common errors. touch : (R,) which touch an angle is of.
+    slides : (R,) bool; the others only bound μ. lateral : (R,) bool; the others are longitudinal.
     slip : (R, 2) lateral and longitudinal unit slip; slip_std_rad : (R,).
-    touch : (R,) which touch an angle is of.
     """
 
-    angle_rad: np.ndarray
-    std_rad: np.ndarray
-    modes_rad: np.ndarray
+    angles: Angles
     slides: np.ndarray
     lateral: np.ndarray
     slip: np.ndarray
@@ -114,25 +110,18 @@ class Evidence:
         used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
         unsure = rubs.slip_std_rad[:, None] * np.abs(rubs.slip[:, ::-1])
         directed = ~slides[:, None] | (np.abs(rubs.slip) > _DIRECTED * unsure)
-        sides = (
-            (rubs.lateral_rad, rubs.lateral_std_rad, rubs.lateral_modes_rad),
-            (rubs.longitudinal_rad, rubs.longitudinal_std_rad, rubs.longitudinal_modes_rad),
-        )
-        rows = [
-            np.flatnonzero(
-                used & sure & np.isfinite(angle) & np.isfinite(std) & (std > 0) & np.isfinite(modes).all(axis=1)
-            )
-            for (angle, std, modes), sure in zip(sides, directed.T, strict=True)
+        sides, rows = (rubs.lateral, rubs.longitudinal), []
+        for side, sure in zip(sides, directed.T, strict=True):
+            known = np.isfinite(side.angle_rad) & np.isfinite(side.std_rad) & (side.std_rad > 0)
+            rows.append(np.flatnonzero(used & sure & known & np.isfinite(side.modes_rad).all(axis=1)))
+        joined = [
+            np.concatenate([vars(side)[name][which] for side, which in zip(sides, rows, strict=True)])
+            for name in ("angle_rad", "std_rad", "modes_rad")
         ]
         touch = np.concatenate(rows)
         slides = slides[touch]
-        angle, std, modes = (
-            np.concatenate([side[k][found] for side, found in zip(sides, rows, strict=True)]) for k in range(3)
-        )
         return Evidence(
-            angle,
-            std,
-            modes,
+            Angles(*joined),
             slides=slides,
             lateral=np.arange(len(touch)) < len(rows[0]),
             slip=np.where(slides[:, None], rubs.slip[touch], 0.0),
@@ -153,20 +142,16 @@ class Evidence:
         the errors of the slip would draw μ towards 0.
         """
         other = np.where(self.lateral, self.slip[:, 1], self.slip[:, 0])
-        return np.hypot(self.std_rad, mu[:, None] * other * self.slip_std_rad)
+        return np.hypot(self.angles.std_rad, mu[:, None] * other * self.slip_std_rad)
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
     """The common errors that explain the angles best, for each of G values of μ.
 
-    Attributes
-    ----------
-    mu : (G,).
-    cost : (G,) negative logarithm of the likelihood, the common errors profiled out.
-    evidence : (G,) the same, integrated out.
-    modes : (G, K) the common errors in standard deviations. covariance : (G, K, K) of them.
-    off : (G, R) residuals in own standard deviations; 0 within the bound of touches that need not slide.
+    `cost` (G,) is the negative logarithm of the likelihood, the common errors profiled out, `evidence` (G,) the same
+    with them integrated out; modes (G, K) are the common errors in standard deviations, with covariance (G, K, K), off
+    (G, R) the residuals in own standard deviations: 0 within the bound of touches that need not slide.
     """
 
     mu: np.ndarray
@@ -192,24 +177,22 @@ def student_t_losses(off: np.ndarray) -> np.ndarray:
 
 
 def _student_t_weights(off: np.ndarray) -> np.ndarray:
-    """What the residuals count for: slope of `losses` over the residual."""
+    """What the residuals count for: slope of the losses over the residual."""
     return (_FREEDOM + 1.0) / (_FREEDOM + off**2)
 
 
 def profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> Profile:
-    """Iterated weighted least squares, with a dead zone for touches that need not slide.
+    """At values of μ (G,): iterated weighted least squares, with a dead zone for touches that need not slide.
 
-    Parameters
-    ----------
-    mu : (G,). start : (K,) the common errors to begin with, none of them without.
+    The common errors begin at `start` (K,), or at none.
     """
-    modes = evidence.modes_rad
+    modes = evidence.angles.modes_rad
     z = np.tile(np.zeros(modes.shape[1]) if start is None else start, (len(mu), 1))
     expected, spread = evidence.expected(mu), evidence.spread(mu)
     slack = np.where(evidence.slides, 0.0, np.arctan(mu)[:, None] + _NOISE * spread)
 
     def residual(at: np.ndarray) -> np.ndarray:
-        bare = evidence.angle_rad - expected - at @ modes.T
+        bare = evidence.angles.angle_rad - expected - at @ modes.T
         return np.sign(bare) * np.maximum(np.abs(bare) - slack, 0.0) / spread
 
     def cost_of(at: np.ndarray, off: np.ndarray) -> np.ndarray:
