@@ -13,16 +13,14 @@ from vbaa_calib.rig import Rig
 from .events import contact_events, ringing_events, ringing_frames, slip_events
 from .onset import ContactStates, contact_states
 from .result import FREE, ROLLING, SLIDING, STICKING, TOUCHING, UNKNOWN, Event, Track
-from .slip import Slip, Stroke, slip, strokes
+from .slip import Slip, slip, strokes, tells_calibration
 
-_CLEAR, _STILL_CLEAR = 4.5, 2.5
-"""Deviations by which a slip must stand out to be called one, and for it to go on."""
-_NOTHING = 0.05
-"""Share of the joints' motion below which a slip is not called one: curved paths and rolling leave as much."""
-_STUCK = 0.15
-"""Share of the joints' motion that the slip must surely stay below where the contact is said to stick."""
-_REST_M_S = 3e-4
-"""Nothing slower is told from rest."""
+_CLEAR, _STILL_CLEAR = 4.5, 2.5  # deviations by which a slip must stand out to be called one, and for it to go on
+# share of the joints' motion below which a slip is not called one: curved paths and rolling leave as much; and that it
+# must surely stay below where the contact is said to stick
+_NOTHING, _STUCK = 0.05, 0.15
+_REST_M_S = 3e-4  # nothing slower is told from rest
+_RADIUS_M = 0.5e-3  # the antenna's, where no rig tells it: of use only for how much a sticking antenna may roll
 
 
 def _phases(slip: Slip, antenna_radius_m: float) -> np.ndarray:
@@ -57,13 +55,8 @@ def _speed_std(slip: Slip, speed: np.ndarray) -> np.ndarray:
 
 def _hysteresis(begin: np.ndarray, keep: np.ndarray) -> np.ndarray:
     """(P,) bool: on from a frame that begins it, forward and backward, as long as it is kept."""
-    runs = np.cumsum(~keep)
-    begun = np.unique(runs[begin & keep])
-    return keep & np.isin(runs, begun)
-
-
-_RADIUS_M = 0.5e-3
-"""The antenna's, where no rig tells it: of use only for how much a sticking antenna may roll."""
+    held = np.cumsum(~keep)
+    return keep & np.isin(held, np.unique(held[begin & keep]))
 
 
 def follow(
@@ -85,51 +78,34 @@ def follow(
         shared = shared_errors(rig, table)
     ringing = ringing_frames(table)
     contact = contact_states(table, ringing)
-    runs = strokes(table, contact.state, shared)
     kinematics, radius = (Kinematics(), _RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
-    phase, found = _phase(contact), _empty_slip(len(table))
-    for stroke in runs:
-        normal = None if normal_world is None else normal_world[stroke.rows]
-        moving = slip(stroke, table, kinematics, normal)
-        _write_slip(found, stroke, moving)
-        phase[stroke.rows] = _phases(moving, radius)
+    phase = np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
+    count, every = len(table), strokes(table, contact.state)
+    velocity, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    std, parts = np.full(count, np.nan), np.full((count, 2), np.nan)
+    for rows in every:
+        moving = slip(table, rows, shared, kinematics, None if normal_world is None else normal_world[rows])
+        velocity[rows], covariance[rows], parts[rows] = moving.velocity_m_s, moving.covariance_m2_s2, moving.parts_m_s
+        sound = np.isfinite(moving.parts_m2_s2).all(axis=(1, 2))
+        widest = np.linalg.eigvalsh(moving.parts_m2_s2[sound]).max(axis=-1)
+        std[rows[sound]] = np.sqrt(np.maximum(widest, 0.0))
+        phase[rows] = _phases(moving, radius)
     events = contact_events(table, contact)
     phase = _after_onset(table, phase, contact, events)
-    events += slip_events(table, phase, [stroke.rows for stroke in runs])
+    events += slip_events(table, phase, every)
     events += ringing_events(table, ringing, None if rig is None else Beam.of(rig))
     time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))
     return Track(
         phase=phase,
+        slip_velocity_m_s=velocity,
+        slip_std_m_s=std,
+        longitudinal_m_s=parts[:, 0],
+        lateral_m_s=parts[:, 1],
+        slip_covariance_m2_s2=covariance,
         ringing=ringing,
         events=tuple(sorted(events, key=lambda each: each.time_s if np.isfinite(each.time_s) else time_of[each.frame])),
         notes=tuple(_notes(table, contact, shared)),
-        **found,
     )
-
-
-def _phase(contact: ContactStates) -> np.ndarray:
-    return np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
-
-
-def _empty_slip(count: int) -> dict[str, np.ndarray]:
-    return {
-        "slip_velocity_m_s": np.full((count, 3), np.nan),
-        "slip_std_m_s": np.full(count, np.nan),
-        "longitudinal_m_s": np.full(count, np.nan),
-        "lateral_m_s": np.full(count, np.nan),
-        "slip_covariance_m2_s2": np.full((count, 3, 3), np.nan),
-    }
-
-
-def _write_slip(found: dict[str, np.ndarray], stroke: Stroke, moving: Slip) -> None:
-    rows = stroke.rows
-    found["slip_velocity_m_s"][rows] = moving.velocity_m_s
-    found["slip_covariance_m2_s2"][rows] = moving.covariance_m2_s2
-    found["longitudinal_m_s"][rows] = moving.longitudinal_m_s
-    found["lateral_m_s"][rows] = moving.lateral_m_s
-    sound = np.isfinite(moving.parts_m2_s2).all(axis=(1, 2))
-    widest = np.linalg.eigvalsh(moving.parts_m2_s2[sound]).max(axis=-1)
-    found["slip_std_m_s"][rows[sound]] = np.sqrt(np.maximum(widest, 0.0))
 
 
 def _after_onset(
@@ -158,6 +134,6 @@ def _notes(table: ContactTable, contact: ContactStates, shared: CommonErrors | N
         )
     if located.any() and not np.isfinite(table.tangent_world[located]).any():
         notes.append("no tangents: slip cannot be told")
-    if located.any() and (shared is None or shared.point_m.shape[-1] == 0):
+    if located.any() and not tells_calibration(shared):
         notes.append("no rig: what noise does to the slip is taken from its scatter")
     return notes

@@ -21,39 +21,28 @@ from scipy.stats import t as student
 
 from estimator.table.contacts import ContactTable
 
-_WINDOWS = (3, 6, 12)
-"""Last frames that are taken together."""
-_ALARM = 1e-6
-"""Probability of a false alarm by each of the windows, in a frame of the free antenna."""
-_BASELINE, _LEAST_BASELINE = 60, 12
-"""Free frames that tell what the free antenna looks like: at most, at least."""
-_LAG = 30
-"""So many of the last free frames are left out where there are enough before them: a slow approach is in them."""
-_SPAN_RAD = 0.05
-"""The free antenna looks alike within so much joint travel: a weight that is known badly shows with the pose."""
-_LEAST_SCATTER = 0.2
-"""Scatter of the cube root below which no recording is believed: something else would drift."""
+_WINDOWS = (3, 6, 12)  # last frames that are taken together
+_ALARM = 1e-6  # probability of a false alarm by each of the windows, in a frame of the free antenna
+# free frames that tell what the free antenna looks like, at most and at least; so many of the last are left out where
+# there are enough before them: a slow approach is in them
+_BASELINE, _LEAST_BASELINE, _LAG = 60, 12, 30
+_SPAN_RAD = 0.05  # it looks alike within so much joint travel: a weight that is known badly shows with the pose
+_LEAST_SCATTER = 0.2  # of the cube root, below which no recording is believed: something else would drift
+# a contact with that much evidence in one of its last frames is lost with the first frame that is within so many
+# deviations of the baseline's mean; a weaker one with the mean of so many: near the threshold noise alone would end it
 _FREE_AGAIN, _FIRM, _RECENT = 2.5, 40.0, 3
-"""A contact with that much evidence in one of its last frames is lost with the first frame that is within so many
-deviations of the baseline's mean,"""
 _FREE_TOGETHER, _LEAVING = 1.0, 6
-"""a weaker one with the mean of so many: near the threshold noise alone would end it and begin it again."""
-_GAP_S = 0.5
-"""Over a longer gap nothing is carried: what happened in it is not known."""
-_TOUCHING = ("ok", "tip_contact", "low_signal")
-"""Statuses that tell a contact; `no_contact` tells none, all others tell neither."""
+_GAP_S = 0.5  # over a longer gap nothing is carried: what happened in it is not known
+_TOUCHING = ("ok", "tip_contact", "low_signal")  # tell a contact; `no_contact` tells none, all others tell neither
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
     """A change between the free antenna and contact.
 
-    Attributes
-    ----------
-    row : index of the frame with which it was decided.
-    begins : a contact that begins, or one that is lost.
-    known_before : (K,) indices of frames in the state before, in order; empty where that state was never seen.
-    pooled : several frames together told it, none alone.
+    `row` is the frame with which it was decided, `begins` says whether a contact begins or is lost, `known_before` (K,)
+    are the frames in the state before, empty where that was never seen; `pooled`: several frames together told it, none
+    alone.
     """
 
     row: int
@@ -66,11 +55,8 @@ class Change:
 class ContactStates:
     """The state of B frames as it was decided in time.
 
-    Attributes
-    ----------
-    state : (B,) 1 in contact, 0 free, -1 not known.
-    changes : in order of time.
-    pooled_test : whether a baseline could ever be learnt, so that slow approaches show early.
+    `state` (B,) is 1 in contact, 0 free, -1 not known; `changes` are in order of time; `pooled_test`: a baseline could
+    be learnt, so that slow approaches show early.
     """
 
     state: np.ndarray
@@ -78,15 +64,10 @@ class ContactStates:
     pooled_test: bool
 
 
-def _frame_states(table: ContactTable, ringing: np.ndarray) -> np.ndarray:
-    """(B,) what each frame says by itself: 1 contact, 0 none, -1 neither; a ringing antenna says nothing."""
-    said = np.where(np.isin(table.status, _TOUCHING), 1, np.where(table.status == "no_contact", 0, -1))
-    return np.where(ringing, -1, said)
-
-
 def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
-    """Go through a recording once, forward, as a live judge would."""
-    said = _frame_states(table, ringing)
+    """Go through a recording once, forward, as a live judge would; a ringing antenna says nothing."""
+    said = np.where(np.isin(table.status, _TOUCHING), 1, np.where(table.status == "no_contact", 0, -1))
+    said = np.where(ringing, -1, said)
     joints = np.column_stack([table.pan_rad, table.tilt_rad])
     root = np.cbrt(np.clip(table.evidence, 0.0, None))
     state = np.full(len(table), -1)
@@ -96,27 +77,24 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
     for row in np.flatnonzero(said >= 0).tolist():
         if table.time_s[row] - last > _GAP_S:
             now, run = -1, []
-        last = float(table.time_s[row])
-        alone = int(said[row])
+        last, alone = float(table.time_s[row]), int(said[row])
         base = _baseline(run if now == 0 else _before_contact(changes), row, joints, root)
         if now == 1:
             late = np.array([*run[1 - _LEAVING :], row])
-            firm = not (table.evidence[run[-_RECENT:]] <= _FIRM).all()
-            stays = (
-                _exceeds(root[[row]], root[base], _FREE_AGAIN)
-                if firm
-                else _weak_contact_holds(said[late], root[late], root[base])
-            )
+            if not (table.evidence[run[-_RECENT:]] <= _FIRM).all():
+                stays = _exceeds(root[[row]], root[base], _FREE_AGAIN)
+            else:  # a weak contact holds on by too few frames, by one that tells it, or by all together
+                some = len(late) < _LEAVING or bool((said[late] == 1).any())
+                stays = some or _exceeds(root[late], root[base], _FREE_TOGETHER)
             found = 1 if alone == 1 or stays else 0
         else:
             several = alone == 0 and now == 0 and _rises(root, [*run[-_WINDOWS[-1] :], row], base)
             tested = tested or len(base) >= _LEAST_BASELINE
             found = 1 if alone == 1 or several else 0
-        if found != now and not (now == -1 and found == 0):
-            changes.append(Change(row, found == 1, np.array(run, int), alone == 0 and found == 1))
         if found != now:
-            run = []
-        now = found
+            if now != -1 or found == 1:
+                changes.append(Change(row, found == 1, np.array(run, int), alone == 0 and found == 1))
+            now, run = found, []
         run.append(row)
         state[row] = now
     return ContactStates(state, tuple(changes), tested)
@@ -137,10 +115,7 @@ def baseline_candidates(free: Sequence[int]) -> Sequence[int]:
 def _baseline(free: Sequence[int], row: int, joints: np.ndarray, root: np.ndarray) -> np.ndarray:
     """(K,) the last free frames in poses like this frame's; none where the joints are not known."""
     near = np.array(baseline_candidates(free), int)
-    if len(near) == 0:
-        return near
-    close = (np.abs(joints[near] - joints[row]) <= _SPAN_RAD).all(axis=1) & np.isfinite(root[near])
-    return near[close]
+    return near[(np.abs(joints[near] - joints[row]) <= _SPAN_RAD).all(axis=1) & np.isfinite(root[near])]
 
 
 def _rises(root: np.ndarray, run: Sequence[int], base: np.ndarray) -> bool:
@@ -163,11 +138,6 @@ def _normal(values: np.ndarray) -> tuple[float, float]:
     alike = float(away[1:] @ away[:-1]) / max(float(away @ away), 1e-30)
     alike = min(max(alike, 0.0), 0.8)
     return mean, max(scatter, _LEAST_SCATTER) * float(np.sqrt((1.0 + alike) / (1.0 - alike)))
-
-
-def _weak_contact_holds(said: np.ndarray, late: np.ndarray, base: np.ndarray) -> bool:
-    """Whether a weak contact holds on by its last frames: too few of them, one that tells it, or all together."""
-    return len(late) < _LEAVING or bool((said == 1).any()) or _exceeds(late, base, _FREE_TOGETHER)
 
 
 def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:

@@ -14,15 +14,10 @@ KINDS = (FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING)
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """Something that happened: its kind, of `KINDS`, and the number of the frame with which it was known.
 
-    Attributes
-    ----------
-    kind : one of `KINDS`.
-    frame : number of the frame with which it was known.
-    time_s, time_std_s : when it happened, NaN where that cannot be told.
-    delay_s : how much later it was known.
-    words : the same for a reader.
+    `time_s`, `time_std_s` say when it happened, NaN where that cannot be told, `delay_s` how much later it was known,
+    `words` the same for a reader.
     """
 
     kind: str

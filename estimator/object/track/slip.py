@@ -20,54 +20,34 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
 
-GAP_FRAMES = 4.0
-"""A run of located frames ends where so many frames' time passes without one."""
-_LEAST_SECONDS = 6
-"""Second differences that tell a scatter."""
-
-_MOST_SCATTER = 3.0
-"""How many times as much as said the points of a path may scatter across the antenna, at most."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stroke:
-    """P located frames of one contact, in order of time.
-
-    Attributes
-    ----------
-    rows : (P,) in the table. time_s : (P,)
-    material_m : (P, 3) path of the antenna's material point at the contact: that of the contact point less its walk
-        along the antenna.
-    point_m, tangent, force_N : (P, 3) world. distance_m : (P,)
-    own_m2 : (P, 3, 3) noise of the contact point that differs from frame to frame.
-    material_m2 : (P, 3, 3) that of the material path.
-    modes_m : (P, 3, S) how far each of S common errors moves the material path.
-    """
-
-    rows: np.ndarray
-    time_s: np.ndarray
-    material_m: np.ndarray
-    point_m: np.ndarray
-    tangent: np.ndarray
-    force_N: np.ndarray
-    distance_m: np.ndarray
-    own_m2: np.ndarray
-    material_m2: np.ndarray
-    modes_m: np.ndarray
+_GAP_FRAMES = 4.0  # a run of located frames ends where so many frames' time passes without one
+_LEAST_SECONDS = 6  # second differences that tell a scatter
+_MOST_SCATTER = 3.0  # how many times as much as said the points of a path may scatter across the antenna, at most
+# velocities are slopes over the frames within this time, and over one neighbour on each side at least
+HALF_WINDOW_S, _LEAST_HALF = 0.1, 1
+_SHARE = 0.01  # part of a slip that is left open: the object touches an antenna radius beside the centreline
+_LEANING_RAD = 0.35  # how far friction may lean the force from the normal across the antenna: standard deviation
+_UPRIGHT_RAD = 0.8  # a slip farther from the plane across the force does not tell the normal: the object gives way
 
 
-def strokes(table: ContactTable, state: np.ndarray, shared: CommonErrors | None) -> tuple[Stroke, ...]:
-    """The runs of located frames with a tangent; `state` (B,) as `onset.Contacting`'s."""
+def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.ndarray) -> list[np.ndarray]:
+    """Rows of a table, split at gaps in time, at clocks that stand still, where a frame between is free (B,), and at
+    times (K,)."""
+    if len(rows) == 0:
+        return []
+    time = table.time_s[rows]
+    steps = np.diff(time)
+    ends = (steps > _GAP_FRAMES * median_step(table.time_s)) | (np.diff(np.cumsum(free)[rows]) > 0) | ~(steps > 0.0)
+    at = np.searchsorted(time, breaks_s[np.isfinite(breaks_s)], side="right") - 1
+    ends[at[(at >= 0) & (at < len(ends))]] = True
+    return np.split(rows, np.flatnonzero(ends) + 1)
+
+
+def strokes(table: ContactTable, state: np.ndarray) -> list[np.ndarray]:
+    """Rows of the runs of located frames with a tangent; `state` (B,) as `ContactStates`'s."""
     good = table.located & (state == 1) & np.isfinite(table.time_s)
     good &= np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(table.tangent_world).all(axis=1)
-    rows = np.flatnonzero(good)
-    if len(rows) == 0:
-        return ()
-    time = table.time_s[rows]
-    step = median_step(table.time_s)
-    free = np.cumsum(state == 0)
-    ends = (np.diff(time) > GAP_FRAMES * step) | (np.diff(free[rows]) > 0) | ~(np.diff(time) > 0.0)
-    return tuple(_stroke(table, part, shared) for part in np.split(rows, np.flatnonzero(ends) + 1))
+    return runs(table, np.flatnonzero(good), state == 0, np.empty(0))
 
 
 def median_step(time_s: np.ndarray) -> float:
@@ -77,10 +57,14 @@ def median_step(time_s: np.ndarray) -> float:
     return float(np.median(steps)) if len(steps) else np.inf
 
 
+def tells_calibration(shared: CommonErrors | None) -> bool:
+    """Whether there are common errors to tell from noise."""
+    return shared is not None and shared.point_m.shape[-1] > 0
+
+
 def own_noise(table: ContactTable, rows: np.ndarray, shared: CommonErrors | None) -> np.ndarray:
     """(P, 3, 3) what differs from frame to frame; the whole covariance where calibration is not told apart from it."""
-    whole = table.covariance_world_m2[rows]
-    return whole if shared is None or shared.point_m.shape[-1] == 0 else shared.own_m2[rows]
+    return shared.own_m2[rows] if tells_calibration(shared) else table.covariance_world_m2[rows]
 
 
 def _path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
@@ -95,19 +79,6 @@ def _path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     off = path[1:-1] - share * path[:-2] - (1.0 - share) * path[2:]
     off = off / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
     return np.median(np.abs(off), axis=0) / NORMAL_QUARTILE
-
-
-def _stroke(table: ContactTable, rows: np.ndarray, shared: CommonErrors | None) -> Stroke:
-    time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
-    distance, force = table.distance_m[rows], table.force_world_N[rows]
-    material = _without_walk(point[..., None], tangent, distance[:, None])[..., 0]
-    modes = np.zeros((len(rows), 3, 0)) if shared is None else np.nan_to_num(shared.point_m[rows])
-    # what moves a contact along the antenna moves its distance too
-    modes = _without_walk(modes, tangent, np.einsum("pi,pis->ps", tangent, modes))
-    own = own_noise(table, rows, shared)
-    known = shared is not None and shared.point_m.shape[-1] > 0
-    noise = _material_noise(material, time, tangent, own, known)
-    return Stroke(rows, time, material, point, tangent, force, distance, own, noise, modes)
 
 
 def _without_walk(point: np.ndarray, tangent: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -149,16 +120,6 @@ def _frames(tangent: np.ndarray) -> np.ndarray:
     return np.stack([tangent, first, np.cross(tangent, first)], axis=1)
 
 
-HALF_WINDOW_S, _LEAST_HALF = 0.1, 1
-"""Velocities are slopes over the frames within this time, and over one neighbour on each side at least."""
-_SHARE = 0.01
-"""Part of a slip that is left open: the object touches an antenna radius beside the centreline that is followed."""
-_LEANING_RAD = 0.35
-"""How far friction may lean the force from the object's normal across the antenna, as a standard deviation."""
-_UPRIGHT_RAD = 0.8
-"""A slip that leans further from the plane across the force does not tell the normal: the object gives way there."""
-
-
 @dataclass(frozen=True, eq=False)
 class Slip:
     """Velocities in a stroke of P frames, world frame.
@@ -166,8 +127,7 @@ class Slip:
     Attributes
     ----------
     velocity_m_s, covariance_m2_s2 : (P, 3), (P, 3, 3) slip in the plane of contact.
-    longitudinal_m_s, lateral_m_s : (P,) its parts along the tangent and along normal × tangent.
-    parts_m2_s2 : (P, 2, 2) their covariance.
+    parts_m_s, parts_m2_s2 : (P, 2), (P, 2, 2) its parts along the tangent and along normal × tangent.
     contact_m_s, contact_std_m_s : (P,) how fast the contact itself moves over the object.
     carried_m_s : (P,) how fast the contact would move if the joints carried it along; NaN without joint angles.
     turning_rad_s : (P,) how fast the antenna turns at the contact.
@@ -175,8 +135,7 @@ class Slip:
 
     velocity_m_s: np.ndarray
     covariance_m2_s2: np.ndarray
-    longitudinal_m_s: np.ndarray
-    lateral_m_s: np.ndarray
+    parts_m_s: np.ndarray
     parts_m2_s2: np.ndarray
     contact_m_s: np.ndarray
     contact_std_m_s: np.ndarray
@@ -184,40 +143,49 @@ class Slip:
     turning_rad_s: np.ndarray
 
 
-def slip(stroke: Stroke, table: ContactTable, kinematics: Kinematics, normal: np.ndarray | None = None) -> Slip:
-    """The slip in each frame of a stroke; NaN in strokes of fewer than three frames.
+def slip(
+    table: ContactTable,
+    rows: np.ndarray,
+    shared: CommonErrors | None,
+    kinematics: Kinematics,
+    normal: np.ndarray | None = None,
+) -> Slip:
+    """The slip in each frame of a stroke, rows (P,) of the table; NaN in strokes of fewer than three frames.
 
     `normal` (P, 3), where known, are the object's outward normals; otherwise the force tells them, and the slip itself.
     """
-    kernel = _slopes(stroke.time_s)
-    moved = kernel @ stroke.material_m
-    modes = _sloped(kernel, stroke.modes_m)
-    covariance = _sloped(kernel.power(2), stroke.material_m2) + modes @ np.swapaxes(modes, 1, 2)
+    time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
+    material = _without_walk(point[..., None], tangent, table.distance_m[rows, None])[..., 0]
+    modes = np.zeros((len(rows), 3, 0)) if shared is None else np.nan_to_num(shared.point_m[rows])
+    # what moves a contact along the antenna moves its distance too
+    modes = _without_walk(modes, tangent, np.einsum("pi,pis->ps", tangent, modes))
+    own = own_noise(table, rows, shared)
+    noise = _material_noise(material, time, tangent, own, tells_calibration(shared))
+    kernel = _slopes(time)
+    moved, modes = kernel @ material, _sloped(kernel, modes)
+    covariance = _sloped(kernel.power(2), noise) + modes @ np.swapaxes(modes, 1, 2)
     covariance = covariance + np.eye(3) * (_SHARE**2 * (moved**2).sum(axis=1))[:, None, None]
-    across, upward = _tilted_axes(moved, covariance, *_axes(stroke.force_N, stroke.tangent))
+    across, upward = _tilted_axes(moved, covariance, *_axes(table.force_world_N[rows], tangent))
     if normal is not None:
-        told = np.isfinite(normal).all(axis=1)[:, None]
-        exact = _axes(normal, stroke.tangent)
-        across, upward = np.where(told, exact[0], across), np.where(told, exact[1], upward)
-    axes = np.stack([stroke.tangent, across], axis=1)  # (P, 2, 3)
-    parts = np.einsum("pki,pi->pk", axes, moved)
-    parts_m2_s2 = axes @ covariance @ np.swapaxes(axes, 1, 2)
+        known = np.isfinite(normal).all(axis=1)[:, None]
+        exact = _axes(normal, tangent)
+        across, upward = np.where(known, exact[0], across), np.where(known, exact[1], upward)
+    axes = np.stack([tangent, across], axis=1)  # (P, 2, 3)
     plane = np.swapaxes(axes, 1, 2) @ axes
-    contact = kernel @ stroke.point_m
+    contact = kernel @ point
     contact -= upward * np.einsum("pi,pi->p", contact, upward)[:, None]
     speed = np.linalg.norm(contact, axis=1)
     toward = contact / np.maximum(speed, 1e-12)[:, None]
-    noise = _sloped(kernel.power(2), stroke.own_m2)
+    contact_variance = np.einsum("pi,pij,pj->p", toward, _sloped(kernel.power(2), own), toward)
     return Slip(
         velocity_m_s=np.einsum("pij,pj->pi", plane, moved),
         covariance_m2_s2=plane @ covariance @ plane,
-        longitudinal_m_s=parts[:, 0],
-        lateral_m_s=parts[:, 1],
-        parts_m2_s2=parts_m2_s2,
+        parts_m_s=np.einsum("pki,pi->pk", axes, moved),
+        parts_m2_s2=axes @ covariance @ np.swapaxes(axes, 1, 2),
         contact_m_s=speed,
-        contact_std_m_s=np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, noise, toward), 0.0)),
-        carried_m_s=_carried_by_joints(stroke, table, kinematics, kernel),
-        turning_rad_s=np.linalg.norm(kernel @ stroke.tangent, axis=1),
+        contact_std_m_s=np.sqrt(np.maximum(contact_variance, 0.0)),
+        carried_m_s=_carried_by_joints(table, rows, kinematics, kernel),
+        turning_rad_s=np.linalg.norm(kernel @ tangent, axis=1),
     )
 
 
@@ -275,10 +243,9 @@ def _tilted_axes(
     return np.cos(turn) * across + np.sin(turn) * upward, np.cos(turn) * upward - np.sin(turn) * across
 
 
-def _carried_by_joints(stroke: Stroke, table: ContactTable, kinematics: Kinematics, kernel: csr_array) -> np.ndarray:
+def _carried_by_joints(table: ContactTable, rows: np.ndarray, kinematics: Kinematics, kernel: csr_array) -> np.ndarray:
     """(P,) speed of the antenna frame at the contact, by the joints."""
-    pan, tilt = table.pan_rad[stroke.rows], table.tilt_rad[stroke.rows]
-    point = table.point_antenna_m[stroke.rows]
+    pan, tilt, point = table.pan_rad[rows], table.tilt_rad[rows], table.point_antenna_m[rows]
     if not (np.isfinite(pan).all() and np.isfinite(tilt).all() and np.isfinite(point).all()):
         return np.full(len(pan), np.nan)
     rotation, translation = kinematics.world_antenna(pan, tilt)

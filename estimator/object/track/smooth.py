@@ -20,13 +20,16 @@ from vbaa_calib.rig import Rig
 
 from .follow import follow
 from .result import LOSS, SLIP_END, SLIP_START, Track
-from .slip import GAP_FRAMES, median_step, own_noise
+from .slip import own_noise, runs
 
-_DECADES = (-8.0, 4.0)
-_TRIALS = 37
-"""Trial intensities of the walk, about the one that would move the path by its own noise in its mean step."""
-_WIDE = 1e6
-"""The first velocity may be so many times what the path's whole way asks for."""
+# trial intensities of the walk, about the one that would move the path by its own noise in its mean step
+_DECADES, _TRIALS = (-8.0, 4.0), 37
+_LEAST = 5  # frames of a piece that is smoothed; shorter ones stay as they are
+_LEAST_NOISE = 1e-6  # of a point's own variance, in every direction: the filter divides by it
+_CHANGED = (
+    *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
+    *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
+)
 
 
 def kalman_smooth(
@@ -40,46 +43,30 @@ def kalman_smooth(
     walk : (D,) intensity of the velocity's random walk, unit²/s³.
     """
     count, size = values.shape
-    means, covariances, ahead, ahead_covariances, moves = _kalman_filter(time_s, values, covariance, walk)
-    mean, spread = means[-1], covariances[-1]
-    found, left = np.empty((count, size)), np.empty((count, size, size))
-    found[-1], left[-1] = mean[:size], spread[:size, :size]
-    for i in range(count - 2, -1, -1):
-        gain = np.linalg.solve(ahead_covariances[i + 1], moves[i + 1] @ covariances[i]).T
-        mean = means[i] + gain @ (mean - ahead[i + 1])
-        spread = covariances[i] + gain @ (spread - ahead_covariances[i + 1]) @ gain.T
-        found[i], left[i] = mean[:size], spread[:size, :size]
-    return found, 0.5 * (left + np.swapaxes(left, 1, 2))
-
-
-def _kalman_filter(
-    time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
-) -> tuple[list, ...]:
-    """Means and covariances of place and velocity, after and before each value, and the moves between."""
-    size = values.shape[1]
-    unit, nothing = np.eye(size), np.zeros((size, size))
+    unit, nothing, noise = np.eye(size), np.zeros((size, size)), np.diag(walk)
     span = max(float(time_s[-1] - time_s[0]), 1e-9)
     wide = ((np.ptp(values, axis=0) ** 2).sum() + np.trace(covariance, axis1=1, axis2=2).mean()) * 100.0
+    # place and velocity: before and after each value, and the moves between
+    ahead, means = np.empty((2, count, 2 * size))
+    ahead_spreads, spreads, moves = np.empty((3, count, 2 * size, 2 * size))
     mean = np.concatenate([values[0], np.zeros(size)])
     spread = np.block([[unit * wide, nothing], [nothing, unit * (wide * 100.0 / span**2)]])
-    means, covariances, ahead, ahead_covariances, moves = [], [], [], [], []
     for i, value in enumerate(values):
         step = float(time_s[i] - time_s[i - 1]) if i else 0.0
-        move = np.block([[unit, step * unit], [nothing, unit]])
-        noise = np.diag(walk)
+        moves[i] = np.block([[unit, step * unit], [nothing, unit]])
         added = np.block([[noise * step**3 / 3.0, noise * step**2 / 2.0], [noise * step**2 / 2.0, noise * step]])
-        mean, spread = move @ mean, move @ spread @ move.T + added
-        ahead.append(mean)
-        ahead_covariances.append(spread)
-        moves.append(move)
+        ahead[i], ahead_spreads[i] = mean, spread = moves[i] @ mean, moves[i] @ spread @ moves[i].T + added
         gain = np.linalg.solve(spread[:size, :size] + covariance[i], spread[:size]).T
         kept = np.eye(2 * size)
         kept[:, :size] -= gain
         mean = mean + gain @ (value - mean[:size])
-        spread = kept @ spread @ kept.T + gain @ covariance[i] @ gain.T
-        means.append(mean)
-        covariances.append(spread)
-    return means, covariances, ahead, ahead_covariances, moves
+        means[i], spreads[i] = mean, spread = mean, kept @ spread @ kept.T + gain @ covariance[i] @ gain.T
+    for i in range(count - 2, -1, -1):
+        gain = np.linalg.solve(ahead_spreads[i + 1], moves[i + 1] @ spreads[i]).T
+        means[i] += gain @ (means[i + 1] - ahead[i + 1])
+        spreads[i] += gain @ (spreads[i + 1] - ahead_spreads[i + 1]) @ gain.T
+    left = spreads[:, :size, :size]
+    return means[:, :size], 0.5 * (left + np.swapaxes(left, 1, 2))
 
 
 def walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
@@ -119,12 +106,6 @@ def _log_likelihoods(time: np.ndarray, values: np.ndarray, variance: np.ndarray,
     return log
 
 
-_LEAST = 5
-"""Frames of a piece that is smoothed; shorter ones stay as they are."""
-_LEAST_NOISE = 1e-6
-"""Of a point's own variance, in every direction: the filter divides by it."""
-
-
 def smooth(
     table: ContactTable, rig: Rig, shared: CommonErrors | None = None, track: Track | None = None
 ) -> ContactTable:
@@ -149,27 +130,12 @@ def smooth(
     return replace(table, **changed)
 
 
-_CHANGED = (
-    *("point_world_m", "covariance_world_m2", "point_antenna_m", "distance_m", "distance_std_m"),
-    *("force_world_N", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N"),
-)
-
-
 def smoothable_pieces(table: ContactTable, track: Track) -> list[np.ndarray]:
     """Rows of the table that may be smoothed together: never across a loss, a gap, or a beginning or end of slip."""
     good = table.located & np.isfinite(table.time_s) & np.isfinite(table.covariance_world_m2).all(axis=(1, 2))
-    rows = np.flatnonzero(good & (track.phase != "free"))
-    if len(rows) < _LEAST:
-        return []
-    time = table.time_s[rows]
-    steps = np.diff(time)
-    ends = (steps > GAP_FRAMES * median_step(table.time_s)) | ~(steps > 0.0)
-    free = np.cumsum(track.phase == "free")
-    ends |= np.diff(free[rows]) > 0
-    parting = [event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)]
-    at = np.searchsorted(time, [each for each in parting if np.isfinite(each)], side="right") - 1
-    ends[at[(at >= 0) & (at < len(ends))]] = True
-    return [part for part in np.split(rows, np.flatnonzero(ends) + 1) if len(part) >= _LEAST]
+    breaks = np.array([event.time_s for event in track.events if event.kind in (LOSS, SLIP_START, SLIP_END)])
+    free = track.phase == "free"
+    return [part for part in runs(table, np.flatnonzero(good & ~free), free, breaks) if len(part) >= _LEAST]
 
 
 def _smooth_piece(
