@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
-from estimator.object.friction import friction
-from estimator.object.track import follow
 from estimator.table.contacts import ContactTable
 
-from .friction import NORMAL_KNOWN_RAD, Friction, Normals
+from .friction import NORMAL_KNOWN_RAD, Friction, Normals, friction
 from .surface import Compliance, Surface, reconstruct, touches_of
-from .track import Track
+from .track import Track, follow
 
 if TYPE_CHECKING:
     from vbaa_calib.rig import Rig
@@ -24,12 +22,9 @@ if TYPE_CHECKING:
 class ObjectEstimate:
     """An object felt with the antenna.
 
-    Attributes
-    ----------
-    track : when the antenna touched, stuck and slid, for every frame of the table.
-    surface : the object's shape, with its compliance.
-    friction : between antenna and object, per touch of the surface.
-    shared : what the frames' errors have in common.
+    `track` says when the antenna touched, stuck and slid, for every frame of the table; `surface` is the object's shape,
+    with its compliance; `friction` between antenna and object, per touch of the surface; `shared` what the frames'
+    errors have in common.
     """
 
     track: Track
@@ -102,17 +97,13 @@ def estimate_object(table: ContactTable, rig: Rig | None = None, friction_rad: f
     shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table, friction_rad)
     radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
     surface = reconstruct(touches_of(table, shared), radius_m)
-    track = follow(table, rig, None if rig is None else shared, _normals(table, surface))
-    return ObjectEstimate(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
-
-
-def _normals(table: ContactTable, surface: Surface) -> np.ndarray:
-    """(B, 3) the shape's normals where it tells them, NaN elsewhere."""
+    # the shape's normals where it tells them, NaN elsewhere
     std = np.sqrt(np.maximum(np.linalg.eigvalsh(surface.touched_normal_covariance)[:, -1], 0.0))
-    told = std < NORMAL_KNOWN_RAD
+    known = std < NORMAL_KNOWN_RAD
     normals = np.full((len(table), 3), np.nan)
-    normals[surface.touched_row[told]] = surface.touched_normal[told]
-    return normals
+    normals[surface.touched_row[known]] = surface.touched_normal[known]
+    track = follow(table, rig, None if rig is None else shared, normals)
+    return ObjectEstimate(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
 
 
 def _plain(value: float) -> float | None:

@@ -17,15 +17,14 @@ from .onset import Change, ContactStates, baseline_candidates
 from .result import FIRST_CONTACT, LOSS, RINGING, ROLLING, SLIDING, SLIP_END, SLIP_START, STICKING, Event
 from .slip import HALF_WINDOW_S, median_step
 
+# swinging frames no further apart belong together, the frames between them too: at its turning points an antenna
+# swings, half way between them it looks at rest
 _JOINED_S = 0.15
-"""Swinging frames that are no further apart belong together, the frames between them too: at its turning points an
-antenna swings, half way between them it looks at rest."""
-_AROUND_S = 0.3
-"""Frames before and after that tell the frequency as well."""
-_LEAST_FRAMES, _LEAST_PERIODS = 8, 1.5
-_CHANCE = 1e-3
-"""Probability that noise alone shows a line as strong, at most."""
-_TRIALS = 400
+_AROUND_S = 0.3  # frames before and after that tell the frequency as well
+_LEAST_FRAMES, _LEAST_PERIODS, _TRIALS = 8, 1.5, 400
+_CHANCE = 1e-3  # probability that noise alone shows a line as strong, at most
+_BEFORE, _AFTER = 45, 12  # frames around a change whose evidence is looked at
+_FORCES, _FORCE_S = 6, 0.5  # forces after a change that are looked at: at most so many, and none later than this
 
 
 def ringing_frames(table: ContactTable) -> np.ndarray:
@@ -43,36 +42,33 @@ def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) 
     """One for each run of swinging frames."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], ringing, [False]]).astype(int)))
     step = median_step(table.time_s)
+    std = float(step / np.sqrt(12.0)) if np.isfinite(step) else np.nan
     # a frame without a time stands where the one before it does
     clock = np.nan_to_num(np.fmax.accumulate(table.time_s), nan=-np.inf)
-    return tuple(_event(table, slice(*run), beam, step, clock) for run in ends.reshape(-1, 2))
-
-
-def _event(table: ContactTable, run: slice, beam: Beam | None, step: float, clock: np.ndarray) -> Event:
-    time = table.time_s[run]
-    first = np.searchsorted(clock, time[0] - _AROUND_S)
-    pace = _frequency_words(table, slice(first, np.searchsorted(clock, time[-1] + _AROUND_S, side="right")), beam, step)
-    words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {pace}"
-    std = step / np.sqrt(12.0) if np.isfinite(step) else np.nan
-    return Event(RINGING, int(table.frame[run][0]), float(time[0]), float(std), 0.0, words)
+    events = []
+    for begin, end in ends.reshape(-1, 2):
+        time = table.time_s[begin:end]
+        first, last = np.searchsorted(clock, time[0] - _AROUND_S), np.searchsorted(clock, time[-1] + _AROUND_S, "right")
+        pace = _frequency_words(table, slice(first, last), beam, step)
+        words = f"the antenna swings from {time[0]:.3f} s to {time[-1]:.3f} s; {pace}"
+        events.append(Event(RINGING, int(table.frame[begin]), float(time[0]), std, 0.0, words))
+    return tuple(events)
 
 
 def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: float) -> str:
-    told = np.isfinite(table.evidence[near]) & np.isfinite(table.time_s[near])
-    time, signal = table.time_s[near][told], np.sqrt(2.0 * np.clip(table.evidence[near][told], 0.0, None))
+    known = np.isfinite(table.evidence[near]) & np.isfinite(table.time_s[near])
+    time, signal = table.time_s[near][known], np.sqrt(2.0 * np.clip(table.evidence[near][known], 0.0, None))
     if len(time) < _LEAST_FRAMES or not np.isfinite(step):
         return "too few frames to tell how fast"
     fastest = 0.5 / step
-    if beam is not None:
-        free_Hz = float(beam.first_mode_rad_s(np.zeros(()))) / (2.0 * np.pi)
-        if free_Hz > 0.9 * fastest:
-            return f"its first mode, {free_Hz:.1f} Hz or more, is too fast for {1.0 / step:.0f} frames a second to tell"
+    free_Hz = 0.0 if beam is None else float(beam.first_mode_rad_s(np.zeros(()))) / (2.0 * np.pi)
+    if free_Hz > 0.9 * fastest:
+        return f"its first mode, {free_Hz:.1f} Hz or more, is too fast for {1.0 / step:.0f} frames a second to tell"
     found = frequency(time, signal, fastest)
     if found is None:
         return "no one frequency stands out"
-    pace, std = found
-    doubt = " (or, of a free antenna that swings about rest, half of it)"
-    return f"its bend comes and goes at {pace:.1f} ± {std:.1f} Hz{doubt}, told up to {fastest:.0f} Hz"
+    doubt = "(or, of a free antenna that swings about rest, half of it)"
+    return f"its bend comes and goes at {found[0]:.1f} ± {found[1]:.1f} Hz {doubt}, told up to {fastest:.0f} Hz"
 
 
 def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
@@ -98,36 +94,31 @@ def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tupl
     return float(trials[best]), float(np.hypot(std, (trials[1] - trials[0]) / np.sqrt(12.0)))
 
 
-_TRUSTED = 60.0
-"""Evidence up to which it grows with the square of the deflection."""
-_RATES = np.geomspace(0.3, 30.0, 36)
-"""Trial rates of growth over the one that the last frame alone would ask for."""
+_TRUSTED = 60.0  # evidence up to which it grows with the square of the deflection
+_RATES = np.geomspace(0.3, 30.0, 36)  # trial rates of growth over the one that the last frame alone would ask for
 _COSINES = np.linspace(-0.8, 0.8, 5)
-_BENDS, _SHARES = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25])
-"""Trial changes of the rate over the frames looked at, in `_UNEVEN`s, and their probabilities."""
-_UNEVEN = 0.15
-"""How unevenly an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share."""
+# trial changes of the rate over the frames looked at, in `_UNEVEN`s, and their probabilities; `_UNEVEN` is how unevenly
+# an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share
+_BENDS, _SHARES, _UNEVEN = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25]), 0.15
+# part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
+# first, and only by and by to the contact
 _HIDDEN = 0.6
-"""Part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
-first, and only by and by to the contact."""
+# probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames
 _STEPPED = 0.02
-"""Probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames."""
 _INSTANTS = 64
-_FORCES = 6
-"""Located frames whose forces are looked at."""
-_OWN_SHARE, _RELATIVE = 0.5, 0.03
-"""How much of a force's deviation is thought to differ from frame to frame, and how much of its size besides."""
+_OWN_SHARE, _RELATIVE = (
+    0.5,
+    0.03,
+)  # how much of a force's deviation differs between frames, and of its size besides
 
 
 @dataclass(frozen=True, eq=False)
 class Growth:
     """What surrounds a change, in order of time; a loss is looked at backwards.
 
-    Attributes
-    ----------
-    time_s, evidence : (N,) frames before and after. free_evidence : (K,) of frames that are free for certain.
-    force_time_s, force_N, force_std_N : (F,) size of the force in the first located frames.
-    earliest_s, latest_s : between which the instant lies for certain.
+    `time_s`, `evidence` (N,) are of frames before and after, `free_evidence` (K,) of frames that are free for certain,
+    force_N and force_std_N (F,), at force_time_s, of the first located frames. The instant lies for certain between
+    `earliest_s` and `latest_s`.
     """
 
     time_s: np.ndarray
@@ -161,23 +152,23 @@ def instant(growth: Growth) -> tuple[float, float]:
 
 
 def _common(growth: Growth) -> float:
-    """M, the common error in deviations."""
-    level, noise = free_level(growth.free_evidence)
+    """The common error in deviations."""
+    level, noise = _free_level(growth.free_evidence)
     return float(np.sqrt(max(2.0 * level - 3.0 * noise, 0.0)))
 
 
 def _rate(growth: Growth, instant_s: float) -> float:
-    """g, deviations per second, by the last frame whose evidence can be trusted or, beyond, is known to be more."""
+    """Deviations per second, by the last frame whose evidence can be trusted or, beyond, is known to be more."""
     after = np.flatnonzero((growth.time_s > instant_s) & np.isfinite(growth.evidence))
     if len(after) == 0:
         return np.inf
     trusted = after[growth.evidence[after] <= _TRUSTED]
     last = trusted[-1] if len(trusted) else after[0]
-    more = max(float(growth.evidence[last]) - free_level(growth.free_evidence)[0], 1.0)
+    more = max(float(growth.evidence[last]) - _free_level(growth.free_evidence)[0], 1.0)
     return float(np.sqrt(2.0 * more) / (growth.time_s[last] - instant_s))
 
 
-def free_level(evidence: np.ndarray) -> tuple[float, float]:
+def _free_level(evidence: np.ndarray) -> tuple[float, float]:
     """Mean evidence E₀ of free frames (K,) and ε², their noise alone; what theory says where there are too few."""
     if len(evidence) < 5:
         return 1.5, 1.0
@@ -196,7 +187,7 @@ def _by_evidence(growth: Growth, at: np.ndarray) -> np.ndarray:
         return np.zeros(len(at))
     time, evidence = growth.time_s[used], np.minimum(growth.evidence[used], _TRUSTED)
     root = np.cbrt(np.clip(evidence, 0.0, None))
-    level, noise = free_level(growth.free_evidence)
+    level, noise = _free_level(growth.free_evidence)
     common = _common(growth)
     late = np.clip(time - at[:, None], 0.0, None)  # (A, N)
     span = max(float(time[-1] - at[0]), 1e-9)
@@ -238,12 +229,6 @@ def _by_force(growth: Growth, at: np.ndarray) -> np.ndarray:
     return -0.5 * (cost + np.linalg.slogdet(covariance)[1] + flat)
 
 
-_BEFORE, _AFTER = 45, 12
-"""Frames around a change whose evidence is looked at."""
-_FORCE_S = 0.5
-"""Forces later than this after a change do not tell when it was."""
-
-
 def contact_events(table: ContactTable, contacting: ContactStates) -> tuple[Event, ...]:
     """First contacts and losses, with the times that the growth of the deflection tells."""
     told = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
@@ -254,40 +239,35 @@ def slip_events(table: ContactTable, phase: np.ndarray, strokes: Sequence[np.nda
     """Where sticking turns into sliding and back; `strokes` are rows of the table."""
     found = []
     for rows in strokes:
-        told = rows[np.isin(phase[rows], (STICKING, ROLLING, SLIDING))]
-        slides = phase[told] == SLIDING
+        decided = rows[np.isin(phase[rows], (STICKING, ROLLING, SLIDING))]
+        slides = phase[decided] == SLIDING
         for at in np.flatnonzero(slides[1:] != slides[:-1]):
-            found.append(_slips(table, int(told[at]), int(told[at + 1]), bool(slides[at + 1])))
+            after = decided[at + 1]
+            low, high = table.time_s[decided[at]], table.time_s[after]
+            time, std = float(0.5 * (low + high)), float(np.hypot((high - low) / np.sqrt(12.0), 0.3 * HALF_WINDOW_S))
+            kind, what = (SLIP_START, "the contact begins to slip") if slides[at + 1] else (SLIP_END, "the slip ends")
+            words = f"{what} at {time:.3f} s ± {1e3 * std:.0f} ms"
+            found.append(Event(kind, int(table.frame[after]), time, std, float(high - time + HALF_WINDOW_S), words))
     return tuple(found)
-
-
-def _slips(table: ContactTable, before: int, after: int, starts: bool) -> Event:
-    low, high = table.time_s[before], table.time_s[after]
-    time, std = float(0.5 * (low + high)), float(np.hypot((high - low) / np.sqrt(12.0), 0.3 * HALF_WINDOW_S))
-    what = "the contact begins to slip" if starts else "the slip ends"
-    kind = SLIP_START if starts else SLIP_END
-    delay = float(high - time + HALF_WINDOW_S)
-    words = f"{what} at {time:.3f} s ± {1e3 * std:.0f} ms"
-    return Event(kind, int(table.frame[after]), time, std, delay, words)
 
 
 def _change(table: ContactTable, contacting: ContactStates, change: Change, told: np.ndarray) -> Event:
     kind, what = (FIRST_CONTACT, "first contact") if change.begins else (LOSS, "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
-    if len(change.known_before) == 0:
-        words = f"in contact from frame {frame} on, the first that tells: when it began cannot be told"
-        return Event(kind, frame, np.nan, np.nan, np.nan, words)
-    growth = _growth(table, contacting, change, told)
-    if growth is None:
-        low = float(table.time_s[change.known_before[-1]])
-        time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
-        how = "between two frames, no evidence tells it closer"
-    else:
-        time, std = instant(growth)
-        time = time if change.begins else -time
-        how = "seen in several frames together" if change.pooled else "seen in one frame"
-    if not std > 0.0:
+    time = std = np.nan
+    words = f"in contact from frame {frame} on, the first that tells: when it began cannot be told"
+    if len(change.known_before):
         words = f"{what} with frame {frame}: its times do not tell when"
+        growth = _growth(table, contacting, change, told)
+        if growth is None:
+            low = float(table.time_s[change.known_before[-1]])
+            time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
+            how = "between two frames, no evidence tells it closer"
+        else:
+            time, std = instant(growth)
+            time = time if change.begins else -time
+            how = "seen in several frames together" if change.pooled else "seen in one frame"
+    if not std > 0.0:
         return Event(kind, frame, np.nan, np.nan, np.nan, words)
     delay = max(decided - time, 0.0)  # noise may end a fading contact a frame too early
     words = f"{what} at {time:.3f} s ± {1e3 * std:.1f} ms, known with frame {frame}, {1e3 * delay:.0f} ms later, {how}"
@@ -310,11 +290,15 @@ def _growth(table: ContactTable, contacting: ContactStates, change: Change, told
         early = told[place : place + _BEFORE]
         early = early[np.cumprod(state[early] == 0).astype(bool)][::-1]
         free = early
-    if len(early) == 0 or len(late) == 0 or not _in_order(time[np.sort([*early, *late])]):
+    if len(early) == 0 or len(late) == 0:
+        return None
+    rows = np.concatenate([early, late])
+    if not (np.isfinite(time[rows]).all() and (np.diff(time[np.sort(rows)]) > 0.0).all()):
         return None
     sign = 1.0 if change.begins else -1.0
-    rows = np.concatenate([early, late])
     located = late[np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= _FORCE_S)][:_FORCES]
+    # the first frame after the instant that is in contact by itself, else the last that is looked at
+    certain = late[table.in_contact[late]]
     size = np.hypot(table.force_y_N[located], table.force_z_N[located])
     std = np.hypot(
         table.force_y_N[located] * table.force_y_std_N[located], table.force_z_N[located] * table.force_z_std_N[located]
@@ -329,15 +313,5 @@ def _growth(table: ContactTable, contacting: ContactStates, change: Change, told
         force_N=size[sound],
         force_std_N=std[sound] / size[sound],
         earliest_s=float(sign * time[early[0]]),
-        latest_s=float(sign * time[_first_certain(table, contacting, late)]),
+        latest_s=float(sign * time[certain[0] if len(certain) else late[-1]]),
     )
-
-
-def _first_certain(table: ContactTable, contacting: ContactStates, late: np.ndarray) -> int:
-    """The first frame after the instant that is in contact by itself, else the last that is looked at."""
-    alone = late[table.in_contact[late]]
-    return int(alone[0] if len(alone) else late[-1])
-
-
-def _in_order(time_s: np.ndarray) -> bool:
-    return bool(np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all())

@@ -55,12 +55,14 @@ def kalman_smooth(
         step = float(time_s[i] - time_s[i - 1]) if i else 0.0
         moves[i] = np.block([[unit, step * unit], [nothing, unit]])
         added = np.block([[noise * step**3 / 3.0, noise * step**2 / 2.0], [noise * step**2 / 2.0, noise * step]])
-        ahead[i], ahead_spreads[i] = mean, spread = moves[i] @ mean, moves[i] @ spread @ moves[i].T + added
+        mean, spread = moves[i] @ mean, moves[i] @ spread @ moves[i].T + added
+        ahead[i], ahead_spreads[i] = mean, spread
         gain = np.linalg.solve(spread[:size, :size] + covariance[i], spread[:size]).T
         kept = np.eye(2 * size)
         kept[:, :size] -= gain
         mean = mean + gain @ (value - mean[:size])
-        means[i], spreads[i] = mean, spread = mean, kept @ spread @ kept.T + gain @ covariance[i] @ gain.T
+        spread = kept @ spread @ kept.T + gain @ covariance[i] @ gain.T
+        means[i], spreads[i] = mean, spread
     for i in range(count - 2, -1, -1):
         gain = np.linalg.solve(ahead_spreads[i + 1], moves[i + 1] @ spreads[i]).T
         means[i] += gain @ (means[i + 1] - ahead[i + 1])
