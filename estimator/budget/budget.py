@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,55 +32,44 @@ from .parts import (
 from .space import JOINT_AXES, LENS, ErrorSpace
 from .touches import Touches, ordinary_touches, unknowns_of
 
-NAMES = {
-    PIXELS: "pixel noise",
-    MOMENT_NOISE: "moment noise",
-    FRICTION: "friction angle",
-    LENS: "lens",
-    "camera_rotation": "camera rotation",
-    "camera_position": "camera position",
-    "clamp_angle": "clamp angle",
-    "clamp_offset": "clamp offset",
-    "clamp_give": "clamp give",
-    "bow": "bow",
-    "stiffness": "stiffness EI",
-    "mass": "mass",
-    "moment_gain": "moment gain",
-    "moment_offset": "moment offset",
-    JOINT_AXES: "joint axes",
-    FORCE_PRIOR: "likely force",
-}
-"""Every cause, in the order in which figures stack them."""
+
+class Cause(NamedTuple):
+    """Of errors: its name and colour in tables and figures, and what to do about it."""
+
+    name: str
+    colour: str
+    remedy: str
+
+
 _JIG = "take more pictures of the board in the jig, with a better jig, or a sweep of the joints"
 _NO_LOAD = "take more pictures of the free antenna, at several tilts, and calibrate again"
 _LOADS = "hang more loads, heavier and at several distances, weighed and measured with a caliper"
-REMEDIES = {
-    PIXELS: "bring the camera nearer, take one with more pixels or a longer lens, or light the antenna better",
-    MOMENT_NOISE: "take a quieter moment sensor, or average more readings per picture",
-    FRICTION: "polish or grease the antenna, and say with --friction how slippery it is",
-    LENS: "take more pictures of the board for the lens, up to the borders of the picture",
-    "camera_rotation": _JIG,
-    "camera_position": _JIG,
-    "clamp_angle": _NO_LOAD,
-    "clamp_offset": _NO_LOAD,
-    "clamp_give": _LOADS + "; or stiffen the clamp",
-    "bow": _NO_LOAD,
-    "stiffness": _LOADS,
-    "mass": "weigh the antenna, or take more pictures of it free at several tilts",
-    "moment_gain": _LOADS,
-    "moment_offset": "take more readings without a load",
-    JOINT_AXES: "repeat the sweep of the joints with more poses, or measure the axes",
-    FORCE_PRIOR: "give the moment reading: the picture alone hardly holds the force here",
+_LENS = "take more pictures of the board for the lens, up to the borders of the picture"
+_CAMERA = "bring the camera nearer, take one with more pixels or a longer lens, or light the antenna better"
+_SENSOR = "take a quieter moment sensor, or average more readings per picture"
+_AXES = "repeat the sweep of the joints with more poses, or measure the axes"
+_FORCE = "give the moment reading: the picture alone hardly holds the force here"
+_POLISH = "polish or grease the antenna, and say with --friction how slippery it is"
+_WEIGH = "weigh the antenna, or take more pictures of it free at several tilts"
+CAUSES = {
+    PIXELS: Cause("pixel noise", "#0f766e", _CAMERA),
+    MOMENT_NOISE: Cause("moment noise", "#b45309", _SENSOR),
+    FRICTION: Cause("friction angle", "#6d28d9", _POLISH),
+    LENS: Cause("lens", "#1d4ed8", _LENS),
+    "camera_rotation": Cause("camera rotation", "#0ea5e9", _JIG),
+    "camera_position": Cause("camera position", "#7dd3fc", _JIG),
+    "clamp_angle": Cause("clamp angle", "#15803d", _NO_LOAD),
+    "clamp_offset": Cause("clamp offset", "#4ade80", _NO_LOAD),
+    "clamp_give": Cause("clamp give", "#a3e635", _LOADS + "; or stiffen the clamp"),
+    "bow": Cause("bow", "#facc15", _NO_LOAD),
+    "stiffness": Cause("stiffness EI", "#dc2626", _LOADS),
+    "mass": Cause("mass", "#fda4af", _WEIGH),
+    "moment_gain": Cause("moment gain", "#f97316", _LOADS),
+    "moment_offset": Cause("moment offset", "#fdba74", "take more readings without a load"),
+    JOINT_AXES: Cause("joint axes", "#78716c", _AXES),
+    FORCE_PRIOR: Cause("likely force", "#cbd5e1", _FORCE),
 }
-RESULT_NAMES = {
-    "distance_m": "distance l",
-    "force_y_N": "force f_y",
-    "force_z_N": "force f_z",
-    "force_N": "lateral force",
-    "point_m": "world point",
-}
-
-
+"""Every cause, in the order in which figures stack them."""
 ADVISED = ("distance_m", "force_N", "point_m")
 """Results that the advice is about."""
 OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)
@@ -90,10 +80,8 @@ OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)
 class Part:
     """One cause's part of one result, rms over the contacts, in the result's unit.
 
-    Attributes
-    ----------
-    std : the deviation that it contributes; squares add up. share : of the variance.
-    if_halved, if_exact : the result's whole deviation if the cause's were half of what it is, or none.
+    `std` is the deviation that it contributes, squares add up; `share` its part of the variance; `if_halved` and
+    `if_exact` the result's whole deviation if the cause's were half of what it is, or none.
     """
 
     std: float
@@ -132,12 +120,9 @@ class ResultBudget:
 class Budget:
     """The error budget of a rig.
 
-    Attributes
-    ----------
-    touches : the B contacts that it is for. asked : how many there were, with those that would come without numbers.
-    results : by `RESULTS`.
-    variances : cause → (B, 6) of the rows that `RESULTS` names.
-    exact : causes of which rig.json says that they are exact, or nothing.
+    `touches` are the B contacts that it is for, `asked` how many there were, with those that would have no numbers;
+    `results` by `RESULTS`; `variances` cause → (B, 6) of the rows that `RESULTS` names; `exact` the causes of which
+    rig.json says that they are exact, or nothing.
     """
 
     touches: Touches
@@ -198,14 +183,16 @@ def error_budget(
             where="budget",
             remedy="give a contact that is pressed harder and in the picture, or calibrate the rig better",
         )
-    here = every.picked(determined)
-    now = propagate(here)
+    now = propagate(every.picked(determined))
     by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
-    results = _results(space, now, by_cause)
     aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
-    missing = tuple(cause for cause in NAMES if cause not in (*by_cause, *aside))
     return Budget(
-        touches.picked(determined), len(determined), results, by_cause, missing, tuple(_notes(rig, with_moment))
+        touches.picked(determined),
+        len(determined),
+        _results(space, now, by_cause),
+        by_cause,
+        exact=tuple(cause for cause in CAUSES if cause not in (*by_cause, *aside)),
+        notes=tuple(_notes(rig, with_moment)),
     )
 
 
@@ -226,23 +213,17 @@ def _determined(rig_arrays: RigArrays, touches: Touches, linear: Linearization, 
 
 def _results(space: ErrorSpace, now: Propagation, by_cause: dict[str, np.ndarray]) -> dict[str, ResultBudget]:
     whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
-    own = {cause: _mean(part) for cause, part in by_cause.items()}
-    changed = {
-        cause: [_mean(propagate(now.linear, improved(space, cause, factor)).variance) for factor in (0.5, 0.0)]
-        if cause != FORCE_PRIOR
-        else [whole, whole]
-        for cause in by_cause
-    }
-
-    def part(cause: str, name: str) -> Part:
-        halved, exact = (float(np.sqrt(values[name])) for values in changed[cause])
-        return Part(float(np.sqrt(own[cause][name])), own[cause][name] / whole[name], halved, exact)
-
+    parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
+    for cause, rows in by_cause.items():
+        own, changed = _mean(rows), [whole, whole]
+        if cause != FORCE_PRIOR:
+            less = (propagate(now.linear, improved(space, cause, factor)) for factor in (0.5, 0.0))
+            changed = [_mean(each.variance) for each in less]
+        for name in RESULTS:
+            halved, exact = (float(np.sqrt(values[name])) for values in changed)
+            parts[name][cause] = Part(float(np.sqrt(own[name])), own[name] / whole[name], halved, exact)
     return {
-        name: ResultBudget(
-            float(np.sqrt(whole[name])), shared[name] / whole[name], {cause: part(cause, name) for cause in by_cause}
-        )
-        for name in RESULTS
+        name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
     }
 
 

@@ -4,40 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vbaa_calib.core.files import replacing
 
-from .budget import NAMES, OWN, Budget
-from .parts import FORCE_PRIOR, FRICTION, MOMENT_NOISE, PIXELS, per_result
+from .budget import CAUSES, OWN, Budget
+from .parts import FORCE_PRIOR, per_result
 from .report import TABLES, sum_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = {
-    PIXELS: "#0f766e",
-    MOMENT_NOISE: "#b45309",
-    FRICTION: "#6d28d9",
-    FORCE_PRIOR: "#cbd5e1",
-    "lens": "#1d4ed8",
-    "camera_rotation": "#0ea5e9",
-    "camera_position": "#7dd3fc",
-    "clamp_angle": "#15803d",
-    "clamp_offset": "#4ade80",
-    "clamp_give": "#a3e635",
-    "bow": "#facc15",
-    "stiffness": "#dc2626",
-    "mass": "#fda4af",
-    "moment_gain": "#f97316",
-    "moment_offset": "#fdba74",
-    "joint_axes": "#78716c",
+_CALIBRATION = "calibration"
+_SHORT = {"distance_m": "l", "force_y_N": "f_y", "force_z_N": "f_z", "point_m": "world\npoint"}
+_LEAST_SHARE = 0.001
+_STYLES: dict[str, dict[str, Any]] = {
+    name: {"color": cause.colour, "label": cause.name} for name, cause in CAUSES.items()
 }
-CALIBRATION, CALIBRATION_COLOUR = "calibration", "#334155"
-SHORT = {"distance_m": "l", "force_y_N": "f_y", "force_z_N": "f_z", "point_m": "world\npoint"}
-LEAST_SHARE = 0.001
+_STYLES[_CALIBRATION] = {"color": "#334155", "label": _CALIBRATION}
+_LEGEND: dict[str, Any] = {
+    "fontsize": 7,
+    "loc": "upper center",
+    "bbox_to_anchor": (0.5, -0.12),
+    "ncols": 3,
+    "frameon": False,
+}
 
 
 def write_figure(path: Path, budget: Budget, force: bool) -> None:
@@ -63,7 +56,7 @@ def _grouped(budget: Budget) -> dict[str, np.ndarray]:
     """Noise and friction by cause, and the calibration as one."""
     own = {cause: rows for cause, rows in budget.variances.items() if cause in OWN}
     rest = [rows for cause, rows in budget.variances.items() if cause not in OWN]
-    return own | ({CALIBRATION: np.sum(rest, axis=0)} if rest else {})
+    return own | ({_CALIBRATION: np.sum(rest, axis=0)} if rest else {})
 
 
 def _bars(axes: Axes, budget: Budget, variances: Mapping[str, np.ndarray], title: str, whole: bool) -> None:
@@ -71,20 +64,20 @@ def _bars(axes: Axes, budget: Budget, variances: Mapping[str, np.ndarray], title
     total: np.ndarray = np.sum(list(means.values()), axis=0)
     shares = {cause: values / np.where(total > 0.0, total, 1.0) for cause, values in means.items()}
     bottom = np.zeros(len(TABLES))
-    for cause in (*NAMES, CALIBRATION):
-        if cause not in shares or shares[cause].max() < LEAST_SHARE:
+    for cause in _STYLES:
+        if cause not in shares or shares[cause].max() < _LEAST_SHARE:
             continue
         height = 100.0 * shares[cause]
-        axes.bar(range(len(TABLES)), height, 0.62, bottom, color=_colour(cause), label=_label(cause))
+        axes.bar(range(len(TABLES)), height, 0.62, bottom, **_STYLES[cause])
         bottom = bottom + height
     for place, name in enumerate(TABLES):
         std = 1e3 * (budget.results[name].std if whole else budget.results[name].common_std)
         axes.text(place, 101.5, f"{std:.3g} {'mm' if name.endswith('_m') else 'mN'}", ha="center", fontsize=8)
-    axes.set_xticks(range(len(TABLES)), [SHORT[name] for name in TABLES])
+    axes.set_xticks(range(len(TABLES)), [_SHORT[name] for name in TABLES])
     axes.set_ylim(0, 108)
     axes.set_ylabel("share of the variance, %")
     axes.set_title(title, fontsize=10)
-    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
+    axes.legend(fontsize=7, **_LEGEND)
 
 
 def _along(axes: Axes, budget: Budget) -> None:
@@ -99,18 +92,10 @@ def _along(axes: Axes, budget: Budget) -> None:
     axes.plot(1e3 * distances, rms_mm(sum_of(budget)), color="black", lw=2, marker="o", ms=4, label="all")
     for cause, rows in _grouped(budget).items():
         if cause != FORCE_PRIOR:
-            axes.plot(1e3 * distances, rms_mm(rows), color=_colour(cause), marker="o", ms=3, label=_label(cause))
+            axes.plot(1e3 * distances, rms_mm(rows), marker="o", ms=3, **_STYLES[cause])
     axes.set_yscale("log")
     axes.set_xlabel("contact's distance l, mm")
     axes.set_ylabel("deviation of l, mm (rms over forces)")
     axes.set_title("along the antenna", fontsize=10)
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
-
-
-def _colour(cause: str) -> str:
-    return COLOURS.get(cause, CALIBRATION_COLOUR)
-
-
-def _label(cause: str) -> str:
-    return NAMES.get(cause, CALIBRATION)
+    axes.legend(fontsize=7, **_LEGEND)

@@ -20,15 +20,9 @@ from .space import ErrorSpace
 from .touches import RUNG, Touches, noise_free_touches, unknowns_of, world_rotation
 
 PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
-RESULTS = {
-    "distance_m": (0,),
-    "force_y_N": (1,),
-    "force_z_N": (2,),
-    "force_N": (1, 2),
-    "point_m": (3, 4, 5),
-}
+RESULTS = {"distance_m": (0,), "force_y_N": (1,), "force_z_N": (2,), "force_N": (1, 2), "point_m": (3, 4, 5)}
 """Results and the rows that they are made of: of several, the variance is the sum."""
-EXACT_NOISE = 0.01
+_EXACT_NOISE = 0.01
 """Noise counts as gone at this part of itself: without any, a picture would tell the whole rig."""
 
 
@@ -36,13 +30,9 @@ EXACT_NOISE = 0.01
 class Linearization:
     """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes.
 
-    Attributes
-    ----------
-    points, readings : (B, K, K) information in the picture and in the readings.
-    prior : (B, K) weight of the squares.
-    results : (B, 6, K) how distance, f_y, f_z and the world point follow the unknowns (T).
-    beyond : (B, 6, S) their errors that no frame determines (D).
-    usable : (B,) how many points the picture shows.
+    `points` and `readings` (B, K, K) are the information in the picture and in the readings, `prior` (B, K) the weight
+    of the squares, `results` (B, 6, K) how distance, f_y, f_z and the world point follow the unknowns (T), `beyond`
+    (B, 6, S) their errors that no frame determines (D), `usable` (B,) how many points the picture shows.
     """
 
     points: np.ndarray
@@ -76,9 +66,9 @@ class Improvement:
 def improved(space: ErrorSpace, cause: str, factor: float) -> Improvement:
     """A cause's deviation times a factor; a rig's cause as if it were measured again, which narrows others, too."""
     if cause == PIXELS:
-        return Improvement(pixels=max(factor, EXACT_NOISE))
+        return Improvement(pixels=max(factor, _EXACT_NOISE))
     if cause == MOMENT_NOISE:
-        return Improvement(moment_noise=max(factor, EXACT_NOISE))
+        return Improvement(moment_noise=max(factor, _EXACT_NOISE))
     if cause == FRICTION:
         return Improvement(friction=factor)
     determined = space.determined[space.causes.index(cause)]
@@ -104,12 +94,12 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
     turned, shifted = rig_arrays.rig.kinematics.by_axes(pan, tilt)
     moved_by_axes = np.einsum("kbij,bj->bik", turned, prediction.point_force[:, :3]) + np.moveaxis(shifted, 0, -1)
     beyond = np.concatenate([np.zeros((len(touches), 3, space.size)), moved_by_axes @ space.axes], axis=1)
-    more = space.size - space.rig
+    more = (0, space.size - space.rig)
     return Linearization(
-        np.pad(points, ((0, 0), (0, more), (0, more))),
-        np.pad(readings, ((0, 0), (0, more), (0, more))),
-        np.pad(prior, ((0, 0), (0, more)), constant_values=1.0),
-        np.pad(results, ((0, 0), (0, 0), (0, more))),
+        np.pad(points, ((0, 0), more, more)),
+        np.pad(readings, ((0, 0), more, more)),
+        np.pad(prior, ((0, 0), more), constant_values=1.0),
+        np.pad(results, ((0, 0), (0, 0), more)),
         beyond,
         frames.usable.sum(axis=1),
     )
@@ -119,10 +109,7 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
 class Propagation:
     """The errors of B results, with what is known or an improvement of it.
 
-    Attributes
-    ----------
-    covariance : (B, K, K) of the unknowns.
-    results, beyond : as in `Linearization`, for what is left of the errors.
+    `covariance` (B, K, K) is of the unknowns, `results` and `beyond` are as in `Linearization`, for what is left.
     """
 
     linear: Linearization
@@ -134,17 +121,10 @@ class Propagation:
     @property
     def by_noise(self) -> dict[str, np.ndarray]:
         """(B, 6) variance by each kind of noise, by friction, and by the prior of the force."""
-        gain = self.results @ self.covariance
-        left = _scaling(self.linear, self.improvement)
-        weights = self.linear.prior
-        noise = {
-            PIXELS: (self.linear.points / self.improvement.pixels**2, gain @ left),
-            MOMENT_NOISE: (self.linear.readings / self.improvement.moment_noise**2, gain @ left),
-        }
-        found = {
-            cause: np.einsum("bqk,bkl,bql->bq", slopes, information, slopes)
-            for cause, (information, slopes) in noise.items()
-        }
+        gain, weights = self.results @ self.covariance, self.linear.prior
+        slopes, found = gain @ _scaling(self.linear, self.improvement), {}
+        for cause, information in _noise_information(self.linear, self.improvement).items():
+            found[cause] = np.einsum("bqk,bkl,bql->bq", slopes, information, slopes)
         friction = gain[..., UNKNOWNS - 1] ** 2 * weights[:, None, UNKNOWNS - 1]
         force = (gain[..., 1 : UNKNOWNS - 1] ** 2 * weights[:, None, 1 : UNKNOWNS - 1]).sum(axis=-1)
         return found | {FRICTION: friction, FORCE_PRIOR: force}
@@ -165,7 +145,7 @@ class Propagation:
 def propagate(linear: Linearization, improvement: Improvement = Improvement()) -> Propagation:
     """The errors of contacts that are estimated with what is known, or with an improvement of it."""
     left = _scaling(linear, improvement)
-    information = linear.points / improvement.pixels**2 + linear.readings / improvement.moment_noise**2
+    information = sum(_noise_information(linear, improvement).values(), np.zeros(()))
     information = left @ information @ left + np.eye(left.shape[-1]) * linear.prior[:, None]
     scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -198,6 +178,12 @@ def variance_by_cause(space: ErrorSpace, propagation: Propagation) -> dict[str, 
 def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
     """(B,) variance of each of `RESULTS` from that of their rows (B, 6)."""
     return {name: rows[:, list(which)].sum(axis=1) for name, which in RESULTS.items()}
+
+
+def _noise_information(linear: Linearization, improvement: Improvement) -> dict[str, np.ndarray]:
+    """(B, K, K) by each kind of noise."""
+    readings = linear.readings / improvement.moment_noise**2
+    return {PIXELS: linear.points / improvement.pixels**2, MOMENT_NOISE: readings}
 
 
 def _scaling(linear: Linearization, improvement: Improvement) -> np.ndarray:

@@ -6,15 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from .budget import ADVISED, NAMES, OWN, REMEDIES, RESULT_NAMES, Budget, ResultBudget
+from .budget import ADVISED, CAUSES, OWN, Budget, ResultBudget
 from .parts import RESULTS, per_result
 
-WORTHWHILE = 0.05
-"""Half a deviation that takes less than this part off the results is hardly worth the work."""
-SMALL = 0.005
-"""Causes whose share, and the good of knowing them, stay below this part are shown together."""
-CORRELATED = 0.1
-"""Share of a result's variance that no cause has alone, from which on it is said."""
+_WORTHWHILE = 0.05  # half a deviation that takes less than this part off the results is hardly worth the work
+_SMALL = 0.005  # causes whose share, and the good of knowing them, stay below this part are shown together
+_CORRELATED = 0.1  # share of a result's variance that no cause has alone, from which on it is said
+_RESULT_NAMES = {
+    "distance_m": "distance l",
+    "force_y_N": "force f_y",
+    "force_z_N": "force f_z",
+    "force_N": "lateral force",
+    "point_m": "world point",
+}
 TABLES = ("distance_m", "force_y_N", "force_z_N", "point_m")
 SCHEMA = "vbaa.budget/1"
 
@@ -26,36 +30,34 @@ def table(budget: Budget) -> str:
     for name in TABLES:
         lines += ["", *_table(budget, name)]
     if budget.exact:
-        lines += ["", "counted as exact: " + ", ".join(NAMES[cause] for cause in budget.exact)]
+        lines += ["", "counted as exact: " + ", ".join(CAUSES[cause].name for cause in budget.exact)]
     return "\n".join(lines)
 
 
 def advice(budget: Budget) -> list[str]:
     """What to improve first, with the number: for distance, force and point, overall, and of the calibration."""
-    lines = [f"{RESULT_NAMES[name]}: {_first(budget.results[name], name)}" for name in ADVISED]
+    lines = [f"{_RESULT_NAMES[name]}: {_first(budget.results[name], name)}" for name in ADVISED]
     first, of_rig = budget.first, budget.first_of_rig
-    if budget.gain(first) < WORTHWHILE:
-        words = f"No cause stands out: half of {NAMES[first]} would take {100 * budget.gain(first):.1f} % off."
+    gain, cause = 100 * budget.gain(first), CAUSES[first]
+    if gain < 100 * _WORTHWHILE:
+        lines.append(f"No cause stands out: half of {cause.name} would take {gain:.1f} % off.")
     else:
-        words = (
-            f"Improve first: {NAMES[first]}. Half of it takes {100 * budget.gain(first):.0f} % off, on average. "
-            f"To do so, {REMEDIES[first]}."
+        lines.append(
+            f"Improve first: {cause.name}. Half of it takes {gain:.0f} % off, on average. To do so, {cause.remedy}."
         )
-    lines.append(words)
     leads = budget.leads("distance_m")
     if len(leads) > 1:
-        listed = ", ".join(f"{NAMES[cause]} in {count}" for cause, count in leads.items())
+        listed = ", ".join(f"{CAUSES[cause].name} in {count}" for cause, count in leads.items())
         lines.append(f"The largest part of the distance's error is {listed} of {len(budget.touches)} contacts.")
     if of_rig is not None and of_rig != first:
         lines.append(
-            f"Of the calibration, {NAMES[of_rig]} first: half of it takes {100 * budget.gain(of_rig):.1f} % off, on "
-            f"average. To do so, {REMEDIES[of_rig]}."
+            f"Of the calibration, {CAUSES[of_rig].name} first: half of it takes {100 * budget.gain(of_rig):.1f} % off, "
+            f"on average. To do so, {CAUSES[of_rig].remedy}."
         )
-    shared = [name for name in ADVISED if abs(budget.results[name].in_common) > CORRELATED]
+    shares = {name: budget.results[name].in_common for name in ADVISED}
+    shared = [name for name in ADVISED if abs(shares[name]) > _CORRELATED]
     if shared:
-        listed = ", ".join(
-            f"{100 * budget.results[name].in_common:.0f} % of the {RESULT_NAMES[name]}" for name in shared
-        )
+        listed = ", ".join(f"{100 * shares[name]:.0f} % of the {_RESULT_NAMES[name]}" for name in shared)
         lines.append(f"Errors of the calibration are correlated: {listed}'s variance has no one cause, and is divided.")
     return lines
 
@@ -68,10 +70,22 @@ def as_data(budget: Budget) -> dict[str, Any]:
         "improve_first": {
             "cause": budget.first,
             "gain": budget.gain(budget.first),
-            "remedy": REMEDIES[budget.first],
+            "remedy": CAUSES[budget.first].remedy,
             "of_calibration": budget.first_of_rig,
         },
-        "results": {name: _as_data(result) for name, result in budget.results.items()},
+        "results": {
+            name: {
+                "std": result.std,
+                "common_std": result.common_std,
+                "correlated_share": result.in_common,
+                "improve_first": result.first,
+                "causes": {
+                    cause: {**vars(part), "of": "frame" if cause in OWN else "calibration"}
+                    for cause, part in result.parts.items()
+                },
+            }
+            for name, result in budget.results.items()
+        },
         "exact": list(budget.exact),
         "advice": advice(budget),
         "notes": list(budget.notes),
@@ -104,17 +118,17 @@ def sum_of(budget: Budget) -> np.ndarray:
 def _table(budget: Budget, name: str) -> list[str]:
     result, unit = budget.results[name], _unit(name)
     head = (
-        f"{RESULT_NAMES[name]}: {1e3 * result.std:.3g} {unit}; of that the calibration's, common to all frames, "
+        f"{_RESULT_NAMES[name]}: {1e3 * result.std:.3g} {unit}; of that the calibration's, common to all frames, "
         f"{1e3 * result.common_std:.3g} {unit}"
     )
     lines = [head, f"  {'cause':<18}{'part ' + unit:>10}{'share %':>10}{'if halved':>11}{'if exact':>11}"]
     small = []
     for cause, part in sorted(result.parts.items(), key=lambda item: -item[1].share):
-        if part.share < SMALL and 1.0 - part.if_exact / result.std < SMALL:
+        if part.share < _SMALL and 1.0 - part.if_exact / result.std < _SMALL:
             small.append(part)
             continue
         numbers = (1e3 * part.std, 100 * part.share, 1e3 * part.if_halved, 1e3 * part.if_exact)
-        lines.append(f"  {NAMES[cause]:<18}" + "{:>10.3g}{:>10.1f}{:>11.3g}{:>11.3g}".format(*numbers))
+        lines.append(f"  {CAUSES[cause].name:<18}" + "{:>10.3g}{:>10.1f}{:>11.3g}{:>11.3g}".format(*numbers))
     if small:
         std, share = 1e3 * np.sqrt(sum(part.std**2 for part in small)), 100 * sum(part.share for part in small)
         lines.append(f"  {'another' if len(small) == 1 else f'{len(small)} others':<18}{std:>10.3g}{share:>10.1f}")
@@ -123,24 +137,9 @@ def _table(budget: Budget, name: str) -> list[str]:
 
 def _first(result: ResultBudget, name: str) -> str:
     cause, unit = result.first, _unit(name)
-    part = result.parts[cause]
-    return (
-        f"{NAMES[cause]} first. Half of it would make {1e3 * part.if_halved:.3g} {unit} of {1e3 * result.std:.3g} "
-        f"({100 * result.gain(cause):.0f} % less); without it, {1e3 * part.if_exact:.3g} {unit} would be left."
-    )
-
-
-def _as_data(result: ResultBudget) -> dict[str, Any]:
-    return {
-        "std": result.std,
-        "common_std": result.common_std,
-        "correlated_share": result.in_common,
-        "improve_first": result.first,
-        "causes": {
-            cause: {**vars(part), "of": "frame" if cause in OWN else "calibration"}
-            for cause, part in result.parts.items()
-        },
-    }
+    part, less = result.parts[cause], 100 * result.gain(cause)
+    halved = f"Half of it would make {1e3 * part.if_halved:.3g} {unit} of {1e3 * result.std:.3g} ({less:.0f} % less)"
+    return f"{CAUSES[cause].name} first. {halved}; without it, {1e3 * part.if_exact:.3g} {unit} would be left."
 
 
 def _unit(name: str) -> str:

@@ -24,7 +24,7 @@ RIG_CAUSES = {
     "moment_offset": ("moment_offset_Nm",),
 }
 """Causes and their rows of the joint covariance; the lens' rows follow them."""
-DEPENDENT = 1e-7
+_DEPENDENT = 1e-7
 """A row of unit deviation that adds less than this to others is determined by them."""
 
 
@@ -83,7 +83,7 @@ def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
         unit = part / np.where(scale > 0.0, scale, 1.0)
         # what the cause adds to each of the sets without it
         _, lengths, new = np.linalg.svd(unit - unit @ determined, full_matrices=False)
-        new = new * (lengths > DEPENDENT)[..., None]
+        new = new * (lengths > _DEPENDENT)[..., None]
         determined = np.concatenate([determined, determined + np.swapaxes(new, 1, 2) @ new])
     return determined
 

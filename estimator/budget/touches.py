@@ -15,28 +15,21 @@ from vbaa_calib.rig import Rig
 
 RUNG = "rod"
 """What a fit on a lower rung would say is as good as the same where that rung would be taken."""
-DISTANCES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
-"""Parts of the length."""
-SLOPES_DEG = (5.0, 15.0, 30.0)
-"""Of the antenna at the contact: a light touch, a firm one, and nearly as much as is ordinary."""
-STRONGEST_AT = 0.5
-"""Nearer to the clamp than this part of the length the force stays what gives that slope here: who presses there with
-a force that bends the antenna as much presses several times as hard."""
-DIRECTIONS = 8
-STEEPEST_RAD = np.radians(45.0)
-"""Slopes beyond it are not compared with the rod."""
-FORCE_TOLERANCE = 1e-6
-_FORCE_STEPS = 6
+# Ordinary contacts: parts of the length; slopes of the antenna at the contact, of a light touch, a firm one, and nearly
+# as much as is ordinary; and directions around the antenna. Nearer to the clamp than `_STRONGEST_AT` of the length the
+# force stays what gives that slope there: who presses there with a force that bends the antenna as much presses several
+# times as hard.
+_DISTANCES, _SLOPES_DEG, _DIRECTIONS, _STRONGEST_AT = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95), (5.0, 15.0, 30.0), 8, 0.5
+_STEEPEST_RAD = np.radians(45.0)  # slopes beyond it are not compared with the rod
+_FORCE_TOLERANCE, _FORCE_STEPS = 1e-6, 6
 
 
 @dataclass(frozen=True, eq=False)
 class Touches:
     """B contacts, antenna frame.
 
-    Attributes
-    ----------
-    distance_m : (B,). push_N : (B, 2) lateral force across the clamp's x axis, before friction.
-    pan_rad, tilt_rad : the joints, for all of them.
+    `distance_m` (B,); `push_N` (B, 2), lateral force across the clamp's x axis, before friction; the joints' `pan_rad`
+    and `tilt_rad` for all of them.
     """
 
     distance_m: np.ndarray
@@ -54,10 +47,10 @@ class Touches:
 
 def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> Touches:
     """A grid over distance, force by the slope that it makes, and direction of the force around the antenna."""
-    around = 2.0 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
-    grid = np.meshgrid(np.array(DISTANCES) * rig.antenna.length_m, np.radians(SLOPES_DEG), around, indexing="ij")
+    around = 2.0 * np.pi * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+    grid = np.meshgrid(np.array(_DISTANCES) * rig.antenna.length_m, np.radians(_SLOPES_DEG), around, indexing="ij")
     distance, slope, angle = (part.reshape(-1) for part in grid)
-    lever = np.maximum(distance, STRONGEST_AT * rig.antenna.length_m)
+    lever = np.maximum(distance, _STRONGEST_AT * rig.antenna.length_m)
     size = 2.0 * rig.antenna.stiffness_Nm2 * slope / lever**2
     return Touches(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
 
@@ -85,8 +78,8 @@ def touch_of_force(
                 break
             unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - prediction.point_force[:, 4:6])[..., None])[..., 0]
         prediction = predict(empty, RUNG, unknowns)
-        found = np.abs(prediction.point_force[0, 4:6] - force_N).max() <= FORCE_TOLERANCE * np.hypot(*force_N)
-        ordinary = prediction.tangents[0, CONTACT] @ prediction.tangents[0, 0] >= np.cos(STEEPEST_RAD)
+        found = np.abs(prediction.point_force[0, 4:6] - force_N).max() <= _FORCE_TOLERANCE * np.hypot(*force_N)
+        ordinary = prediction.tangents[0, CONTACT] @ prediction.tangents[0, 0] >= np.cos(_STEEPEST_RAD)
     return replace(
         touch, push_N=unknowns[:, 1:3] * rig_arrays.force_unit_N if found and ordinary else np.full((1, 2), np.nan)
     )

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 class ObjectEstimate:
     """An object felt with the antenna.
 
-    `track` says when the antenna touched, stuck and slid, for every frame of the table; `surface` is the object's shape,
-    with its compliance; `friction` between antenna and object, per touch of the surface; `shared` what the frames'
-    errors have in common.
+    `track` says when the antenna touched, stuck and slid, for every frame of the table; `surface` is the object's
+    shape, with its compliance; `friction` between antenna and object, per touch of the surface; `shared` what the
+    frames' errors have in common.
     """
 
     track: Track

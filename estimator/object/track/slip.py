@@ -11,6 +11,7 @@ differences but for how the joints turn them; what differs from frame to frame c
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -57,7 +58,7 @@ def median_step(time_s: np.ndarray) -> float:
     return float(np.median(steps)) if len(steps) else np.inf
 
 
-def tells_calibration(shared: CommonErrors | None) -> bool:
+def tells_calibration(shared: CommonErrors | None) -> TypeGuard[CommonErrors]:
     """Whether there are common errors to tell from noise."""
     return shared is not None and shared.point_m.shape[-1] > 0
 
