@@ -235,7 +235,6 @@ LONG_STILL = {
     "vbaa_calib.simulate.contact.approach._line",
     "vbaa_calib.simulate.contact.at_once._against_slip",
     "vbaa_calib.simulate.contact.stick_slip.gripped",
-    "viz.parts.contacts._stamped",
 }
 """Those that have more and are still to be mended; none may be added."""
 

@@ -187,7 +187,7 @@ LOOK: dict[str, tuple[tuple[str, ...], str]] = {
     "no angle": (("picture.png", "--tilt", "much"), "invalid float value"),
     "another suffix": (("picture.png", "-o", "look.svg"), "look.svg: is not a .png"),
     "a file in the way": (("picture.png", "-o", "small.png"), "small.png: exists already"),
-    "itself": (("picture.png", "-o", "picture.png", "--force"), "is a picture that is looked at"),
+    "itself": (("picture.png", "-o", "picture.png", "--force"), "is an input of this command"),
     "no folder": (("picture.png", "-o", "there/look.png"), "its folder does not exist"),
     "another rig": (("picture.png", "--rig", "notes.txt"), "notes.txt"),
 }

@@ -144,7 +144,7 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("a session that is none", f"{CHECK.replace('session', 'none')}", ("none: no such folder",)),
     ("a pan of NaN", "look free.png --rig rig.json --pan nan", ("--pan is nan",)),
     ("a tilt in degrees", "look free.png --rig rig.json --tilt 30", ("--tilt is 30", "radians")),
-    ("onto what is looked at", "look free.png --rig rig.json --force -o free.png", ("is a picture that is looked at",)),
+    ("onto what is looked at", "look free.png --rig rig.json --force -o free.png", ("is an input of this command",)),
     ("no picture", "look none.png --rig rig.json", ("none.png: no such picture",)),
     ("a folder", "look session --rig rig.json", ("session: is a folder, not a picture",)),
     ("onto itself", "convert camera.json --force -o camera.json", ("camera.json: is an input",)),

@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
-from viz.scene.moments import moments_of
-from viz.scene.rig_items import rig_items
-from viz.scene.scene import Contacts, DrawnEstimate, ObjectMesh, Scene
+from viz.scene.build import build_scene
+from viz.scene.scene import DrawnEstimate, ObjectMesh, Scene
 from viz.scene.truth import true_object
 
 RED, GREEN = (250, 20, 10), (10, 240, 20)
 
 
 def full_scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
-    """All parts; the pictures are red, then green, and the last moment has none."""
-    moments = moments_of(table)
+    """All parts; the pictures are red, then green, and the last instant has none."""
     points, force = table.point_world_m[:90], table.force_world_N[:90]
     normals = force / np.linalg.norm(force, axis=1, keepdims=True)
     triangles = np.array([[i, i + 1, i + 9] for i in range(80)] + [[i + 1, i + 10, i + 9] for i in range(80)])
     red, green = (np.full((6, 8, 3), colour, np.uint8) for colour in (RED, GREEN))
-    return Scene(
-        Contacts.of(table),
-        moments,
-        rig=rig_items(rig, table, moments),
-        object=ObjectMesh(points, normals, triangles, np.empty((0, 2), int), np.linspace(1e-4, 5e-4, 90)),
-        truth=true_object(truth),
+    mesh = ObjectMesh(points, normals, triangles, np.empty((0, 2), int), np.linspace(1e-4, 5e-4, 90))
+    return replace(
+        build_scene(table, rig, truth=true_object(truth), mesh=mesh),
         estimate=DrawnEstimate(np.arange(90), normals, 0.3, ("Friction <is> told.",)),
         pictures=(*[red] * 60, *[green] * 31, None),
     )
@@ -36,4 +32,4 @@ def full_scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
 
 def bare_scene(table: ContactTable, estimate: DrawnEstimate | None = None) -> Scene:
     """The contacts alone."""
-    return Scene(Contacts.of(table), moments_of(table), estimate=estimate)
+    return replace(build_scene(table), estimate=estimate)

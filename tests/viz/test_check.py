@@ -104,45 +104,21 @@ def test_a_rig_that_does_not_hold_is_no_error(made: SimpleNamespace, tmp_path: P
     assert assess(tmp_path / "rig.json").verdict == "does not hold"
 
 
-WRONG = [
-    (["{folder}/nowhere.json"], "no such file"),
-    (["{folder}"], "is a folder"),
-    (["{folder}/broken.json"], "is not valid JSON"),
-    (["{folder}/empty.json"], "schema is None"),
-    (["{folder}/list.json"], "must be a JSON object"),
-    (["{folder}/short.json"], "antenna is missing"),
-    (["{rig}", "{folder}/nowhere"], "no such folder"),
-    (["{rig}", "{folder}/session/session.yaml"], "is not a folder"),
-    (["{rig}", "{folder}/bare"], "no such file"),
-    (["{rig}", "{folder}/noparts"], "has none of intrinsics, plane, noload, loads"),
-    (["{rig}", "{folder}/nopictures"], "holds no pictures"),
-    (["{rig}", "{folder}/notable"], "noload.csv: no such file"),
-    (["{rig}", "--html", "{folder}/report.txt"], "is not a .html"),
-    (["{rig}", "-o", "{folder}/check.yaml"], "is not a .json"),
-    (["{rig}", "-o", "{folder}/nowhere/check.json"], "its folder does not exist"),
-    ([], "required: rig"),
-]
-
-
-@pytest.mark.parametrize(("argv", "line"), WRONG, ids=[line for _, line in WRONG])
-def test_what_is_wrong_ends_in_one_line(
-    made: SimpleNamespace, capsys: pytest.CaptureFixture[str], argv: list[str], line: str
+@pytest.mark.parametrize(
+    ("part", "line"),
+    [
+        ("", "has none of intrinsics, plane, noload, loads"),
+        ("plane", "holds no pictures"),
+        ("noload", "noload.csv: no such file"),
+    ],
+)
+def test_an_incomplete_session_is_refused(
+    made: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str], part: str, line: str
 ) -> None:
-    folder, good = made.folder, json.loads(made.rig.read_text())
-    (folder / "broken.json").write_text("{")
-    (folder / "empty.json").write_text("{}")
-    (folder / "list.json").write_text("[]")
-    (folder / "short.json").write_text(json.dumps({key: good[key] for key in good if key != "antenna"}))
-    for name in ("bare", "noparts", "nopictures/plane", "notable/noload"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-        if name != "bare":
-            settings = (made.session / "session.yaml").read_text()
-            (folder / name.partition("/")[0] / "session.yaml").write_text(settings)
-    assert main(["check", *(part.format(folder=folder, rig=made.rig) for part in argv)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert line in said.err.splitlines()[-1]
-    assert "Traceback" not in said.err
+    (tmp_path / part).mkdir(exist_ok=True)
+    (tmp_path / "session.yaml").write_text((made.session / "session.yaml").read_text())
+    assert main(["check", str(made.rig), str(tmp_path)]) == 2
+    assert line in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.parametrize(("distance", "at"), [(0.0, 0.0), (3.75, 100.0), (1e6, 200.0)])

@@ -1,10 +1,12 @@
-"""`vbaa reconstruct` and `vbaa view` as a user calls them."""
+"""`vbaa reconstruct`, `view`, `report`, and the report that `vbaa estimate` ends with, as a user calls them."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,8 +16,11 @@ import pytest
 import pyvista as pv
 
 from vbaa_calib.cli import main
+from viz.cli import estimate as estimate_cli
 from viz.files.object_file import read_object
 from viz.render import render
+from viz.report import pictures as report_pictures
+from viz.report.pictures import Picture
 
 
 def outcome(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:
@@ -28,9 +33,7 @@ def outcome(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any
 def test_reconstruct_writes_the_object(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
     out = files.folder / "object.vtp"
     code, result, said = outcome(capsys, "reconstruct", files.contacts, "--rig", files.rig, "-o", out, "--json")
-    assert code == 0
-    assert result["contacts"] == 90
-    assert result["patches"] == 1
+    assert (code, result["contacts"], result["patches"]) == (0, 90, 1)
     mesh = pv.read(out)
     assert mesh.n_cells == result["triangles"] > 100
     assert mesh.n_points == result["points"]
@@ -41,112 +44,77 @@ def test_reconstruct_writes_the_object(files: SimpleNamespace, capsys: pytest.Ca
     assert result["stiffness_told"] == (result["stiffness_N_m"] is not None)
 
 
-@pytest.mark.parametrize("suffix", ["ply", "glb"])
 def test_without_rig_it_says_that_the_radius_is_missing(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], suffix: str
+    files: SimpleNamespace, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, _, said = outcome(capsys, "reconstruct", files.contacts, "-o", files.folder / f"object.{suffix}")
+    code, _, said = outcome(capsys, "reconstruct", files.contacts, "-o", files.folder / "object.ply")
     assert code == 0
     assert "radius is not known" in said
-    assert len(read_object(files.folder / f"object.{suffix}").triangles) > 100
-
-
-RIGGED = ("view", "{contacts}", "--rig", "{rig}", "--plain", "--html", "{folder}/a.html")
+    assert len(read_object(files.folder / "object.ply").triangles) > 100
 
 
 @pytest.mark.parametrize(
-    ("argv", "complaint"),
+    "argv",
     [
-        (["reconstruct", "{contacts}", "-o", "{folder}/object.stl"], "is not a .vtp, .ply or .glb"),
-        (["reconstruct", "{folder}/none.csv", "-o", "{folder}/object.vtp"], "no such file"),
-        (["reconstruct", "{truth}", "-o", "{folder}/object.vtp"], "truth.json"),
-        (["reconstruct", "{contacts}", "--rig", "{truth}", "-o", "{folder}/object.vtp"], "truth.json"),
-        (["reconstruct", "{contacts}", "-o", "{folder}/none/object.vtp"], "its folder does not exist"),
-        (["reconstruct", "{contacts}", "-o", "{contacts}"], "is not a .vtp, .ply or .glb"),
-        (["view", "{contacts}", "--html", "{rig}"], "is not a .html or .htm"),
-        (["view", "{contacts}", "--gltf", "{folder}/scene.obj"], "is not a .glb or .gltf"),
-        (["view", "{contacts}", "--gltf", "{folder}/none/scene.glb", "--plain"], "its folder does not exist"),
-        (["view", "{contacts}", "--session", "{folder}", "--html", "{folder}/a.html"], "give --rig, too"),
-        (["view", "{contacts}", "--picture", "{rig}", "--html", "{folder}/a.html"], "give --rig, too"),
-        ([*RIGGED, "--picture", "{rig}"], "rig.json: is not a picture"),
-        ([*RIGGED, "--session", "{folder}"], "session.yaml"),
-        (["view", "{contacts}", "--screenshot", "{folder}/scene.jpg"], "is not a .png"),
-        (["view", "{contacts}", "--object", "{contacts}", "--html", "{folder}/a.html"], "is not a .vtp, .ply or .glb"),
-        (["view", "{contacts}", "--object", "{folder}/a.vtp", "--html", "{folder}/a.html"], "no such file"),
-        (["view", "{contacts}", "--truth", "{rig}", "--html", "{folder}/a.html"], "rig.json: has no object"),
-        (["view", "{free}", "--html", "{folder}/a.html"], "free.csv: no frame has a located contact"),
-        (["reconstruct", "{free}", "-o", "{folder}/object.vtp"], "free.csv: no frame has a located contact"),
-        (["view", "{rig}", "--html", "{folder}/a.html"], "rig.json"),
+        ["view", "{free}", "--html", "{folder}/a.html"],
+        ["reconstruct", "{free}", "-o", "{folder}/object.vtp"],
+        ["view", "{contacts}", "--truth", "{rig}", "--html", "{folder}/a.html"],
+        ["view", "{contacts}", "--rig", "{rig}", "--plain", "--session", "{folder}", "--html", "{folder}/a.html"],
     ],
 )
 def test_wrong_calls_end_in_one_line_and_leave_nothing(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], argv: list[str], complaint: str
+    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], argv: list[str]
 ) -> None:
     before = sorted(files.folder.iterdir())
     code, _, said = outcome(capsys, *(part.format(**vars(files)) for part in argv))
     assert code == 2
-    assert complaint in said
     assert len(said.strip().splitlines()) <= 2
     assert sorted(files.folder.iterdir()) == before
 
 
 def test_view_writes_page_and_gltf(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
-    page, gltf = files.folder / "scene.html", files.folder / "scene.glb"
-    argv = ["view", files.contacts, "--rig", files.rig, "--truth", files.truth, "--plain", "--html", page]
-    code, result, said = outcome(capsys, *argv, "--gltf", gltf, "--color", "time", "--json")
+    page, gltf, picture = (files.folder / name for name in ("scene.html", "scene.glb", "seen.png"))
+    cv2.imwrite(str(picture), np.full((720, 960), 90, np.uint8))
+    argv = ["view", files.contacts, "--rig", files.rig, "--truth", files.truth, "--plain", "--picture", picture]
+    code, result, said = outcome(capsys, *argv, "--html", page, "--gltf", gltf, "--color", "time", "--json")
     assert (code, result["contacts"], result["frames"], result["moments"]) == (0, 90, 92, 92)
     assert result["facts"] == []
     assert "opens offline" in said
     assert gltf.read_bytes()[:4] == b"glTF"
-    assert '"mode": "time"' in page.read_text()
-    code, _, said = outcome(capsys, *argv)
-    assert code == 2
-    assert "exists already" in said
-    assert outcome(capsys, *argv, "--force")[0] == 0
+    text = page.read_text()
+    assert '"mode": "time"' in text
+    assert f'"pictures": {[0] * 92}' in text
+    code, _, said = outcome(capsys, *argv, "--html", page)
+    assert (code, "exists already" in said) == (2, True)
+    cv2.imwrite(str(picture), np.full((72, 96), 90, np.uint8))
+    code, _, said = outcome(capsys, *argv, "--html", page, "--force")
+    assert (code, "96 x 72 pixels, the rig's camera 960 x 720" in said) == (2, True)
+    assert page.read_text() == text
 
 
 def test_view_finds_the_object_itself(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
     page = files.folder / "scene.html"
     code, result, said = outcome(capsys, "view", files.contacts, "--rig", files.rig, "--html", page, "--json")
     assert code == 0
-    assert any("riction" in fact for fact in result["facts"])
-    assert any("stiff" in fact for fact in result["facts"])
+    assert [fact.partition(":")[0] for fact in result["facts"][:2]] == ["Friction", "Stiffness"]
     assert all(fact in said for fact in result["facts"])
     assert "reconstructed surface" in page.read_text()
 
 
-def test_a_picture_hangs_before_the_camera(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
-    picture, page = files.folder / "seen.png", files.folder / "scene.html"
-    cv2.imwrite(str(picture), np.full((720, 960), 90, np.uint8))
-    argv = ["view", files.contacts, "--rig", files.rig, "--plain", "--picture", picture, "--html", page]
-    assert outcome(capsys, *argv)[0] == 0
-    assert f'"pictures": {[0] * 92}' in page.read_text()
-    cv2.imwrite(str(picture), np.full((72, 96), 90, np.uint8))
-    code, _, said = outcome(capsys, *argv, "--force")
-    assert code == 2
-    assert "96 x 72 pixels, the rig's camera 960 x 720" in said
-
-
+@pytest.mark.parametrize("display", [None, ":7777"], ids=["none", "not there"])
 def test_view_without_a_display_says_what_to_do(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(sys, "platform", "linux")
-    code, _, said = outcome(capsys, "view", files.contacts)
-    assert code == 2
-    assert "--screenshot" in said
-
-
-def test_view_on_a_display_that_is_not_there_says_what_to_do(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, display: str | None
 ) -> None:
     if not sys.platform.startswith("linux") or not render.can_render():
         pytest.skip("no X11, or no OpenGL here")
-    monkeypatch.setenv("DISPLAY", ":7777")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    if display is not None:
+        monkeypatch.setenv("DISPLAY", display)
     code, _, said = outcome(capsys, "view", files.contacts, "--plain")
     assert code == 2
     assert "no display" in said
+    assert "--screenshot" in said
 
 
 def test_view_without_opengl_writes_the_page_and_says_what_to_install(
@@ -164,12 +132,71 @@ def test_view_without_opengl_writes_the_page_and_says_what_to_install(
     assert not picture.exists()
 
 
-@pytest.mark.parametrize("verb", ["reconstruct", "view"])
-def test_help_needs_no_heavy_library(verb: str) -> None:
+def test_help_needs_no_heavy_library() -> None:
     code = (
-        f"import sys; from vbaa_calib.cli import main; main(['{verb}', '--help']); "
-        "sys.exit(bool({'pyvista', 'torch', 'cv2', 'scipy'} & set(sys.modules)))"
+        "import sys; from vbaa_calib.cli import main; [main([verb, '--help']) for verb in sys.argv[1:]]; "
+        "sys.exit(bool({'pyvista', 'torch', 'cv2', 'scipy', 'matplotlib'} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    verbs = ("reconstruct", "view", "report", "check", "look")
+    done = subprocess.run([sys.executable, "-c", code, *verbs], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "contacts.csv" in done.stdout
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scene has its own tests; drawing it takes seconds."""
+    monkeypatch.setattr(report_pictures, "scene_picture", lambda *_: Picture(b"", "No picture: not drawn here."))
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_report_of_files(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
+    argv = ["report", files.contacts, "--rig", files.rig, "--truth", files.truth, "--title", "<mine>", "--json"]
+    code, said, _ = outcome(capsys, *argv)
+    assert (code, said) == (0, {"report": str(files.folder / "report.html")})
+    html = (files.folder / "report.html").read_text()
+    for words in ("&lt;mine&gt;", "Contact located in 90 of 92 frames", "not drawn here.", "sha256", ">truth<"):
+        assert words in html
+    assert outcome(capsys, *argv)[0] == 2
+    outcome(capsys, "report", files.free, "-o", files.folder / "free.html")
+    html = (files.folder / "free.html").read_text()
+    assert "Nothing was touched" in html
+    assert "Nothing can be said of it: no frame has a located contact" in html
+    elsewhere = json.loads(files.rig.read_text())
+    elsewhere["kinematics"]["position_world_m"] = [0.3, 0.0, 0.0]
+    files.rig.write_text(json.dumps(elsewhere))
+    code, _, words = outcome(capsys, *argv, "-o", files.folder / "foreign.html")
+    assert (code, "do not fit the rig's kinematics" in words) == (2, True)
+    assert not (files.folder / "foreign.html").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_estimate_ends_with_a_report(
+    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[Path] = []
+
+    def run(args: argparse.Namespace) -> dict[str, Any]:
+        """Stands for the estimator, whose work is tested elsewhere: writes what was found before."""
+        args.output.write_bytes(files.free.read_bytes())
+        done.append(args.output)
+        return {"contacts": str(args.output)}
+
+    monkeypatch.setattr(estimate_cli.cli, "run", run)
+    out = files.folder / "out"
+    out.mkdir()
+    call = ("estimate", files.folder, "--rig", files.rig, "-o", out / "contacts.csv", "--json")
+    expected = {"contacts": str(out / "contacts.csv"), "report": str(out / "report.html")}
+    assert outcome(capsys, *call)[:2] == (0, expected)
+    html = (out / "report.html").read_text()
+    assert "Nothing was touched" in html
+    assert f"vbaa estimate {files.folder}" in html
+    assert "contacts.csv: exists already" in outcome(capsys, *call)[2]
+    (out / "contacts.csv").unlink()
+    assert "report.html: exists already" in outcome(capsys, *call)[2]
+    assert len(done) == 1, "refused before any work"
+    bare = ("estimate", files.folder, "--rig", files.rig, "-o", out / "a.csv")
+    assert outcome(capsys, *bare, "--no-report")[0] == 0
+    assert not (out / "a_report.html").exists()
+    assert outcome(capsys, *bare, "--no-report", "--report", out / "x.html", "--force")[0] == 2
+    assert outcome(capsys, *bare, "--force")[0] == 0
+    assert (out / "a_report.html").is_file()

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
-from viz.figures.check import contour_levels, coverage, heat_map, residual_arrows
-from viz.figures.contacts import (
-    SLIDING,
-    VIEWS,
-    ConeData,
-    IndentationData,
-    MapData,
-    contact_map,
-    forces_across,
-    friction_cone,
-    indentation,
-)
-from viz.figures.drawing import TEAL, band, bars, ellipses, new_axes, svg, time_colours
+from estimator.table.contacts import ContactTable
+from viz.figures.check import coverage, heat_map, residual_arrows
+from viz.figures.contacts import SLIDING, contact_maps, forces_across, friction_cone, indentation
+from viz.figures.drawing import TEAL, ellipses, new_axes, svg, time_colours
 from viz.figures.time import TimeAxis, curve, lanes, signals
+from viz.scene.colours import UNKNOWN, scale
 from viz.scene.readable import thinned
+
+from .estimates import STIFFNESS_N_M, object_estimate
 
 STATUS = {"ok": "#00ff00", "failed": "#ff0000"}
 
@@ -73,15 +71,6 @@ def test_an_ellipse_has_two_standard_deviations() -> None:
     np.testing.assert_allclose(np.einsum("ki,ij,kj->k", off, np.linalg.inv(covariance), off), 4.0)
 
 
-def test_bars_and_bands_are_cut_at_the_edge() -> None:
-    axes = new_axes("b", y=(-1.0, 2.0))
-    far = np.full(2, 1e9)
-    bars(axes, np.arange(2.0), -far, far, "#000000")
-    band(axes, np.arange(2.0), -far, far, "#000000")
-    for found in (*marks(axes, "bars"), *marks(axes, "band")):
-        assert (found[:, 1].min(), found[:, 1].max()) == (-1.0, 2.0)
-
-
 @pytest.mark.parametrize(("number", "most"), [(0, 5), (1, 5), (5, 5), (50_000, 300)])
 def test_thinning_keeps_both_ends(number: int, most: int) -> None:
     found = thinned(np.arange(number), most)
@@ -111,12 +100,6 @@ def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray
     assert len(points(axes, TEAL)) == np.isfinite(value).sum()
     sound(axes)
     sound(signals(clock(4), "slip, mm/s", [("a", "#000000", value)], np.full(4, np.nan), "noise"))
-
-
-def test_one_frame_is_enough() -> None:
-    sound(curve(clock(1), "force, mN", np.array([1.0]), np.array([0.1])))
-    sound(lanes(clock(1), "status", ["ok"], STATUS))
-    assert TimeAxis.of(np.array([3.0, 3.0])).step_s == 1.0
 
 
 def test_times_since_1970_count_from_the_first_frame() -> None:
@@ -159,68 +142,88 @@ def test_one_bad_frame_of_very_many_is_still_seen() -> None:
     assert len(marks(axes, "ok")[0]) < 50 * 5
 
 
-def test_the_cone_has_the_slope_that_it_says() -> None:
-    data = ConeData(
-        normal_N=np.array([0.01, 0.02, 0.03, np.nan]),
-        tangential_N=np.array([0.003, -0.006, 0.001, 0.01]),
-        tangential_std_N=np.full(4, 1e-4),
-        used_as=np.array(["sliding", "sliding", "sticking", "unused"]),
+@pytest.mark.parametrize("values", [[20.2, 92.1], [0.0081, 0.0213], [5.0, 5.0], [0.0, np.nan], [np.nan]])
+def test_colours_run_along_scales_that_end_in_round_numbers(values: list[float]) -> None:
+    found = scale(np.array(values), "size", "mm", "plasma", (0.0, 1.0))
+    steps = np.diff(found.ticks)
+    assert 2 <= len(found.ticks) <= 11
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
+    assert f"{steps[0]:e}"[0] in "12345"
+    for value, rgb in zip(values, found.rgb, strict=True):
+        if np.isfinite(value):
+            assert found.ticks[0] <= value <= found.ticks[-1]
+            share = (value - found.ticks[0]) / (found.ticks[-1] - found.ticks[0])
+            np.testing.assert_allclose(rgb, 255 * np.array(colormaps["plasma"](share)[:3]), atol=5)
+        else:
+            assert tuple(rgb) == UNKNOWN
+
+
+def rubbed(number: int, *, determined: bool = True) -> SimpleNamespace:
+    """Friction of contacts that slide on the rim of a cone of μ = 0.3, the last of which sticks inside it."""
+    inside = np.where(np.arange(number) == number - 1, 0.1, 1.0) * np.resize([1.0, -1.0], number)
+    return SimpleNamespace(
+        determined=determined,
         mu=0.3,
-        interval=(0.25, 0.35),
-        true_mu=0.3,
+        interval=np.array([0.25, 0.35] if determined else [0.0, np.inf]),
+        lateral_rad=inside * np.arctan(0.3),
+        lateral_std_rad=np.full(number, 0.01),
+        used_as=np.where(np.arange(number) == number - 1, "sticking", "sliding"),
     )
-    axes = friction_cone(data)
+
+
+def test_the_cone_has_the_slope_that_it_says() -> None:
+    force = np.outer([0.01, 0.02, 0.03], [0.0, 1.0, 0.0])
+    axes = friction_cone(rubbed(3), force, 0.3)
     assert "α = 16.7°, μ = 0.3" in sound(axes)
-    np.testing.assert_allclose(points(axes, SLIDING), [[10, 3], [20, -6]])
+    slides = points(axes, SLIDING)
+    np.testing.assert_allclose(slides[:, 1] / slides[:, 0], [0.3, -0.3])
+    np.testing.assert_allclose(np.linalg.norm(slides, axis=1), [10, 20])
     slopes = [line.get_ydata()[1] / line.get_xdata()[1] for line in axes.lines if line.get_color() == TEAL]
     np.testing.assert_allclose(sorted(slopes), [-0.3, 0.3])
     rim = np.concatenate(marks(axes, "band"))
-    np.testing.assert_allclose(
-        np.unique(np.round(rim[rim[:, 0] > 0] @ np.diag([0, 1 / rim[:, 0].max()]), 9)[:, 1]), [-0.35, -0.25, 0.25, 0.35]
-    )
+    rim = rim[rim[:, 0] > 0]
+    np.testing.assert_allclose(np.unique(np.round(rim[:, 1] / rim[:, 0], 9)), [-0.35, -0.25, 0.25, 0.35])
 
 
 @pytest.mark.parametrize("number", [0, 3])
 def test_no_cone_is_drawn_where_friction_is_undetermined(number: int) -> None:
-    nothing = np.zeros(number)
-    axes = friction_cone(ConeData(nothing, nothing, nothing, np.full(number, "unused"), np.nan, (0.0, np.inf)))
+    axes = friction_cone(rubbed(number, determined=False), np.zeros((number, 3)))
     assert "μ" not in sound(axes)
     assert not marks(axes, "band")
 
 
-def test_indentations_have_the_slope_of_the_compliance() -> None:
-    force = np.linspace(0.01, 0.1, 8)
-    axes = indentation(IndentationData(force, force / 250, np.full(8, 1e-5), 1 / 250, 1e-4, 1 / 250))
+@pytest.mark.parametrize("determined", [True, False])
+def test_indentations_have_the_slope_of_the_compliance(table: ContactTable, determined: bool) -> None:
+    surface = object_estimate(table, determined=determined).surface
+    axes = indentation(surface, table.picked(surface.touched_row), 0.0, 1 / STIFFNESS_N_M)
     x, y = points(axes, SLIDING).T
-    np.testing.assert_allclose(x, 1e3 * force)
-    fit = next(line for line in axes.lines if line.get_label() == "fit")
-    np.testing.assert_allclose(np.interp(x, fit.get_xdata(), fit.get_ydata()), y)
-    bare = sound(indentation(IndentationData(force, force / 250, np.full(8, np.nan), np.nan, np.nan)))
-    assert "fit" not in bare
+    np.testing.assert_allclose(x, 1e3 * np.linalg.norm(table.force_world_N[surface.touched_row], axis=1))
+    np.testing.assert_allclose(y, x / STIFFNESS_N_M)
+    fit = [line for line in axes.lines if line.get_label() == "fit"]
+    assert len(fit) == determined
+    if fit:
+        np.testing.assert_allclose(np.interp(x, fit[0].get_xdata(), fit[0].get_ydata()), y)
 
 
-def map_of(points_m: np.ndarray, covariance: np.ndarray) -> MapData:
-    return MapData(
-        points_m,
-        np.tile(covariance, (len(points_m), 1, 1)),
-        np.arange(float(len(points_m))),
-        points_m,
-        np.array([[0, 1]]),
-        np.array([[0, 1, 2], [0, 2, 1]]),
-        points_m[:1],
+def contacts_at(points_m: np.ndarray, covariance: np.ndarray, table: ContactTable) -> ContactTable:
+    part = table.picked(slice(len(points_m)))
+    return replace(part, point_world_m=points_m, covariance_world_m2=np.tile(covariance, (len(points_m), 1, 1)))
+
+
+def test_a_map_of_equal_scales(table: ContactTable) -> None:
+    points_m = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.05, 0.1]])
+    contacts = contacts_at(points_m, np.diag([4e-6, 1e-6, 1e-6]), table)
+    surface: Any = SimpleNamespace(
+        points_m=points_m, triangles=np.array([[0, 1, 2], [0, 2, 1]]), lines=np.array([[0, 1]])
     )
-
-
-def test_a_map_of_equal_scales() -> None:
-    data = map_of(np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.05, 0.1]]), np.diag([4e-6, 1e-6, 1e-6]))
-    above = contact_map(data, VIEWS[0])
+    (above, *_), factor = contact_maps(contacts, surface, points_m[:1])
     sound(above)
     assert np.ptp(above.get_xlim()) == pytest.approx(np.ptp(above.get_ylim()))
     box = above.get_window_extent()
     assert box.width == pytest.approx(box.height)
     dots = np.concatenate([found[::2] for found in marks(above, "dots")])
-    np.testing.assert_allclose(dots, 1e3 * data.points_m[:, :2])
-    assert data.enlargement == 1
+    np.testing.assert_allclose(dots, 1e3 * points_m[:, :2])
+    assert factor == 1
     outline = marks(above, "ellipses")[0]
     np.testing.assert_allclose(np.ptp(outline[:25], axis=0), [8.0, 4.0], rtol=0.01)
     # opposite triangles turn the same way: none cuts a hole into the other
@@ -229,31 +232,25 @@ def test_a_map_of_equal_scales() -> None:
         assert a[0] * b[1] - a[1] * b[0] >= 0
 
 
-def test_small_ellipses_are_enlarged_by_what_the_key_says() -> None:
-    data = map_of(np.array([[0.1, 0, 0], [0.2, 0, 0], [0.1, 0.01, 0]]), 1e-8 * np.eye(3))
-    assert data.enlargement > 1
-    outline = marks(contact_map(data, VIEWS[0]), "ellipses")[0]
-    np.testing.assert_allclose(np.ptp(outline[:25], axis=0), 0.4 * data.enlargement, rtol=0.01)
-    unknown = map_of(data.points_m, np.full((3, 3), np.nan))
-    assert not marks(contact_map(unknown, VIEWS[0]), "ellipses")
+@pytest.mark.parametrize("variance", [1e-8, np.nan])
+def test_small_ellipses_are_enlarged_by_what_the_key_says(table: ContactTable, variance: float) -> None:
+    points_m = np.array([[0.1, 0, 0], [0.2, 0, 0], [0.1, 0.01, 0]])
+    (above, *_), factor = contact_maps(contacts_at(points_m, variance * np.eye(3), table), None, np.zeros((0, 3)))
+    if np.isnan(variance):
+        assert not marks(above, "ellipses")
+        return
+    assert factor > 1
+    np.testing.assert_allclose(np.ptp(marks(above, "ellipses")[0][:25], axis=0), 0.4 * factor, rtol=0.01)
 
 
-def test_forces_across_the_antenna_lie_in_their_quadrant() -> None:
-    force = np.array([[50.0, -10.0], [-40.0, 20.0]])
-    axes = forces_across(force, np.full((2, 2), np.nan), np.arange(2.0))
+def test_forces_across_the_antenna_lie_in_their_quadrant(table: ContactTable) -> None:
+    contacts = replace(table.picked(slice(2)), force_y_N=np.array([0.05, -0.04]), force_z_N=np.array([-0.01, 0.02]))
+    axes = forces_across(contacts)
     sound(axes)
     dots = np.concatenate([found[::2] for found in marks(axes, "dots")])
-    np.testing.assert_allclose(dots, [*force, [0, 0]])
+    np.testing.assert_allclose(dots, [[50, -10], [-40, 20], [0, 0]])
     box = axes.get_window_extent()
     assert box.width == pytest.approx(box.height)
-
-
-@pytest.mark.parametrize(("low", "high"), [(0.065, 0.091), (0.005, 0.07), (1e-3, 40.0), (0.5, 0.5), (0.0, 1.0)])
-def test_contour_levels_are_few_and_inside(low: float, high: float) -> None:
-    found = contour_levels(low, high)
-    assert all(low < level < high for level in found)
-    assert len(found) <= 7
-    assert bool(found) == (0 < low < high)
 
 
 def test_a_map_of_nothing_is_still_a_picture() -> None:

@@ -58,7 +58,7 @@ def story_of(path: Path) -> dict[str, Any]:
 
 def test_the_page_s_story_fits_the_scene(scene: Scene, written: Path) -> None:
     story = story_of(written)
-    assert len(story["times"]) == len(story["words"]) == len(story["pictures"]) == len(scene.moments)
+    assert len(story["times"]) == len(story["words"]) == len(story["pictures"]) == len(scene.instants)
     assert len({part["id"] for part in story["parts"]}) == len(story["parts"]) == len(all_parts(scene))
     assert story["pictures"] == [0] * 60 + [1] * 31 + [None]
     assert [mode["name"] for mode in story["modes"]] == list(MODES)
@@ -76,7 +76,7 @@ def test_the_page_runs_in_a_browser(scene: Scene, written: Path, moment: int, co
     address = f"{written.as_uri()}#moment={moment}&colour={colour}&all=0"
     command = [str(BROWSER), *options, "--virtual-time-budget=15000", "--dump-dom", address]
     shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-    assert scene.moments.words[moment] in shown.partition('id="words"')[2][:200]
-    assert f"frame {scene.moments.frame[moment]}" in shown
+    assert scene.instants.words[moment] in shown.partition('id="words"')[2][:200]
+    assert f"frame {scene.instants.frame[moment]}" in shown
     assert 'id="silent" hidden' in shown
     assert 'id="seen" hidden' not in shown

@@ -37,15 +37,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken rig or session, or a file in the way.
     """
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_json, write_text
+    from vbaa_calib.core.files import write_json, write_text
+    from viz.files.outputs import PAGES, refuse_output
 
-    for path, suffixes in ((args.html, (".html", ".htm")), (args.output, (".json",))):
+    for path, suffixes in ((args.html, PAGES), (args.output, (".json",))):
         if path is not None:
-            if path.suffix.lower() not in suffixes:
-                raise InputError(f"is not a {suffixes[0]}", where=path, remedy=f"name it something{suffixes[0]}")
-            refuse_overwrite(path, args.force)
-
+            refuse_output(path, suffixes, args.force)
     new = _new_pictures(args)
     from vbaa_calib.calibrate.check.assessment import assess
     from vbaa_calib.core.console import say

@@ -7,6 +7,7 @@ import os
 import shlex
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from vbaa_calib.core.files import write_json
 
 SCENES = ("demo", "upright_knife", "steep_sphere")
 
-GOALS = (
+_GOALS = (
     ("contact point", "contact_point_rmse_m", 1e3, "mm", 1.5),
     ("contact distance", "distance_rmse_m", 1e3, "mm", None),
     ("force", "force_rmse_relative", 100.0, "%", 8.0),
@@ -29,7 +30,7 @@ GOALS = (
     ("camera rotation", "camera_rotation_error_rad", 180 / np.pi, "°", None),
 )
 """Name, key of the score, factor, unit, and the error it may have at most. Distance: 2 % of the antenna's length."""
-DISTANCE_GOAL = 0.02
+_DISTANCE_GOAL = 0.02
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -48,8 +49,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     drawable = can_render()
     if not drawable:
         say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")
-    for command in commands(out, args.scene, screenshot=drawable):
-        step(command)
+    for command in _commands(out, args.scene, screenshot=drawable):
+        _step(command)
     result = _finish(out, time.perf_counter() - started, args.argv)
     say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")
     return result
@@ -71,7 +72,7 @@ def _prepare(out: Path, force: bool) -> None:
         raise InputError(f"cannot be made ({why})", where=out, remedy="name another folder with --out") from None
 
 
-def commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
+def _commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
     """The command lines, in order. Where nothing can be rendered, scene.png is left out; scene.html needs no OpenGL."""
     names = ("session", "rig.json", "contacts.csv", "object.vtp", "scene.png", "scene.html")
     session, rig, contacts, surface, picture, page = (str(out / name) for name in names)
@@ -85,7 +86,7 @@ def commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
     ]
 
 
-def step(command: list[str]) -> None:
+def _step(command: list[str]) -> None:
     """Print one command line and run it."""
     from vbaa_calib.cli.main import run_verb
 
@@ -95,10 +96,10 @@ def step(command: list[str]) -> None:
     say(f"  ({time.perf_counter() - begun:.1f} s)")
 
 
-def table(errors: dict[str, Any], length_m: float) -> list[tuple[str, float, str, float | None]]:
+def _table(errors: dict[str, Any], length_m: float) -> list[tuple[str, float, str, float | None]]:
     """Rows (name, error, unit, goal) in units that people use."""
-    goals = {"distance_rmse_m": 1e3 * DISTANCE_GOAL * length_m}
-    return [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in GOALS]
+    goals = {"distance_rmse_m": 1e3 * _DISTANCE_GOAL * length_m}
+    return [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in _GOALS]
 
 
 def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
@@ -112,8 +113,8 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
 
     rig, contacts = Rig.load(out / "rig.json"), read_contacts(out / "contacts.csv")
     truth = read_json(out / "session" / "truth.json")
-    errors = score(rig, contacts, truth).to_dict()
-    rows = table(errors, rig.antenna.length_m)
+    errors = asdict(score(rig, contacts, truth))
+    rows = _table(errors, rig.antenna.length_m)
     say(f"\n{'error against truth':<20}{'':>10}     goal")
     for name, value, unit, goal in rows:
         say(f"{name:<20}{value:>10.3f} {unit:<3} {'' if goal is None else f'≤ {goal:g}'}")

@@ -20,7 +20,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording, write contacts.csv, then report.html. Refuses before any work."""
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
-    from viz.report.make import Sources, beside, make_report, refuse_report
+    from viz.files.outputs import PAGES, refuse_output
+    from viz.report.make import Sources, beside, make_report
 
     if args.no_report:
         if args.report is not None:
@@ -28,7 +29,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         return {**cli.run(args), "report": None}
     cli.check_outputs(args)
     output = beside(args.output) if args.report is None else args.report
-    refuse_report(output, args.force)
+    refuse_output(output, PAGES, args.force)
     result = cli.run(args)
     sources = Sources(args.output, args.rig, args.session, background=args.background)
     title = f"Contacts of the antenna: {args.session.resolve().name}"

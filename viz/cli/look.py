@@ -4,16 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from vbaa_calib.detect.whisker.centreline import Centreline
-    from vbaa_calib.rig import Rig
-    from vbaa_calib.session import Frame
-
-SUFFIXES = (".png", ".jpg", ".jpeg")
+_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -33,99 +26,48 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     _check(args)
 
+    from dataclasses import replace
+
+    import cv2
+    import numpy as np
+
+    from estimator.contact.overlay import corridor_of
     from estimator.contact.recording import detect, paint
     from vbaa_calib.core.console import say
+    from vbaa_calib.core.files import replacing
     from vbaa_calib.core.images import read_gray, read_picture
-    from vbaa_calib.detect.drawing.overlay import described
+    from vbaa_calib.detect.drawing.overlay import centreline_picture, described
+    from vbaa_calib.detect.whisker.background import Background
+    from vbaa_calib.detect.whisker.centreline import Visibility
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame, check_pictures
 
     rig = Rig.load(args.rig)
-    given = [args.image] + ([] if args.background is None else [args.background])
+    given = [path for path in (args.image, args.background) if path is not None]
     check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=args.pan, tilt_rad=args.tilt, moment_Nm=0.0, frame=0, time_s=0.0)
     plane = paint(rig).plane
     picture = plane(read_picture(args.image))
-    image = picture if args.background is None else _taken_off(picture, plane(read_picture(args.background)))
-    line = detect(rig, frame, image)
-    other_way = not line.found and detect(_other_way(rig), frame, image).found
-    taken, other = ("brighter", "darker") if rig.image.bright else ("darker", "brighter")
+    if args.background is not None:
+        empty = Background(plane(read_picture(args.background)).astype(np.float32))
+        picture = empty.subtracted_from(picture)
+    line = detect(rig, frame, picture)
+    # an antenna that is dark instead of bright, or the other way round
+    other = replace(rig, image=replace(rig.image, bright=not rig.image.bright))
+    other_way = not line.found and detect(other, frame, picture).found
+    taken, opposite = ("brighter", "darker") if rig.image.bright else ("darker", "brighter")
     taken += "" if rig.image.weights is None else " in its colour"
-    hint = f"; taken for {other} it is found: is this the rig's picture?" if other_way else ""
+    hint = f"; taken for {opposite} it is found: is this the rig's picture?" if other_way else ""
     words = f"looked for as {taken} than its surroundings, as the rig says{hint}"
     say(f"verdict  {line.verdict}" + (f": {line.reason}" if line.reason else ""))
     say(f"antenna  {described(line)}")
     say(f"paint    {words}")
     if args.output is not None:
-        _write(_drawn(rig, frame, read_gray(args.image), line, words), args.output, args.force)
+        joints = f"{args.image.name}, pan {args.pan:.3f}, tilt {args.tilt:.3f} rad"
+        drawn = centreline_picture(read_gray(args.image), line, corridor_of(rig, frame), joints, words)
+        with replacing(args.output, args.force) as temporary:
+            temporary.write_bytes(cv2.imencode(args.output.suffix.lower(), drawn)[1].tobytes())
         say(f"wrote {args.output}")
-    return _numbers(line, rig.image.bright, other_way) | {
-        "image": str(args.image),
-        "picture": None if args.output is None else str(args.output),
-    }
-
-
-def _check(args: argparse.Namespace) -> None:
-    import math
-    import os
-
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite
-
-    for name in ("pan", "tilt"):
-        value = getattr(args, name)
-        if not abs(value) <= 2 * math.pi:
-            raise InputError(f"--{name} is {value:g}", where="vbaa look", remedy="give radians, less than a turn")
-    if args.output is None:
-        return
-    if args.output.suffix.lower() not in SUFFIXES:
-        raise InputError("is not a .png or .jpg", where=args.output, remedy="the suffix chooses the format")
-    if os.path.realpath(args.output) in [os.path.realpath(path) for path in (args.image, args.background) if path]:
-        raise InputError("is a picture that is looked at", where=args.output, remedy="take another name")
-    refuse_overwrite(args.output, args.force)
-
-
-def _taken_off(picture: np.ndarray, empty: np.ndarray) -> np.ndarray:
-    """(H, W) float32: what is in the picture and not in the empty scene."""
-    import numpy as np
-
-    from vbaa_calib.detect.whisker.background import Background
-
-    return Background(empty.astype(np.float32)).subtracted_from(picture)
-
-
-def _other_way(rig: Rig) -> Rig:
-    """The rig with an antenna that is dark instead of bright, or the other way round."""
-    from dataclasses import replace
-
-    return replace(rig, image=replace(rig.image, bright=not rig.image.bright))
-
-
-def _drawn(rig: Rig, frame: Frame, picture: np.ndarray, line: Centreline, paint: str) -> np.ndarray:
-    """(H, W, 3) uint8, blue, green, red: the picture with what was seen, over a legend."""
-    from estimator.contact.overlay import corridor_of
-    from vbaa_calib.detect.drawing.overlay import centreline_picture
-
-    assert frame.image is not None
-    joints = f"pan {frame.pan_rad:.3f}, tilt {frame.tilt_rad:.3f} rad"
-    return centreline_picture(picture, line, corridor_of(rig, frame), f"{frame.image.name}, {joints}", paint)
-
-
-def _write(image: np.ndarray, path: Path, force: bool) -> None:
-    import cv2
-
-    from vbaa_calib.core.files import replacing
-
-    with replacing(path, force) as temporary:
-        temporary.write_bytes(cv2.imencode(path.suffix.lower(), image)[1].tobytes())
-
-
-def _numbers(line: Centreline, bright: bool, other_way: bool) -> dict[str, Any]:
-    """For --json: null where a number does not exist."""
-    import numpy as np
-
-    from vbaa_calib.detect.whisker.centreline import Visibility
-
     measured = len(line.points_px) > 0
     return {
         "verdict": line.verdict,
@@ -139,6 +81,22 @@ def _numbers(line: Centreline, bright: bool, other_way: bool) -> dict[str, Any]:
         "amplitude": line.amplitude if measured else None,
         "noise": line.noise if measured else None,
         "breadth": line.breadth if measured else None,
-        "bright": bright,
+        "bright": rig.image.bright,
         "found_the_other_way": other_way,
+        "image": str(args.image),
+        "picture": None if args.output is None else str(args.output),
     }
+
+
+def _check(args: argparse.Namespace) -> None:
+    import math
+
+    from vbaa_calib.core.errors import InputError
+    from viz.files.outputs import refuse_output
+
+    for name in ("pan", "tilt"):
+        value = getattr(args, name)
+        if not abs(value) <= 2 * math.pi:
+            raise InputError(f"--{name} is {value:g}", where="vbaa look", remedy="give radians, less than a turn")
+    if args.output is not None:
+        refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
-    from estimator.object.surface import Compliance
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa reconstruct`."""
@@ -27,15 +25,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
+    import math
+
     from estimator.object.surface import reconstruct, touches_of
     from estimator.table.files import read_contacts
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite
-    from viz.files.object_file import check_suffix, write_object
+    from viz.files.object_file import SUFFIXES, write_object
+    from viz.files.outputs import refuse_output
 
-    check_suffix(args.output)
-    refuse_overwrite(args.output, args.force, (args.contacts, args.rig))
+    refuse_output(args.output, SUFFIXES, args.force, (args.contacts, args.rig))
     table = read_contacts(args.contacts)
     if not table.located.any():
         raise InputError("no frame has a located contact", where=args.contacts, remedy="see its reason column")
@@ -53,13 +52,22 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         radius, shared = rig.antenna.diameter_m / 2, shared_errors(rig, table)
     surface = reconstruct(touches_of(table, shared), radius)
     write_object(surface, args.output, force=args.force)
-    patches = int(surface.patch.max()) + 1
+    patches, soft = int(surface.patch.max()) + 1, surface.compliance
     say(
         f"{args.output}: {len(surface.touched_m)} contacts in {patches} patches, {len(surface.triangles)} triangles, "
         f"{len(surface.lines)} line segments"
     )
-    for note in (*surface.notes, surface.compliance.reason):
+    for note in (*surface.notes, soft.reason):
         say(f"  {note}")
+    numbers = {
+        "median_std_m": _median(surface.std_m),
+        "median_contact_std_m": _median(surface.touched_std_m),
+        "stiffness_N_m": soft.stiffness_N_m,
+        "stiffness_low_N_m": soft.interval_N_m[0],
+        "stiffness_high_N_m": soft.interval_N_m[1],
+        "compliance_m_N": soft.compliance_m_N,
+        "compliance_std_m_N": soft.std_m_N,
+    }
     return {
         "object": str(args.output),
         "contacts": len(surface.touched_m),
@@ -68,35 +76,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "triangles": len(surface.triangles),
         "lines": len(surface.lines),
         "left_out": int(surface.outlier.sum()),
-        "median_std_m": _median(surface.std_m),
-        "median_contact_std_m": _median(surface.touched_std_m),
-        **_stiffness(surface.compliance),
+        **{name: float(value) if math.isfinite(value) else None for name, value in numbers.items()},
+        "stiffness_told": soft.determined,
+        "stiffness_in_words": soft.reason,
         "notes": list(surface.notes),
     }
 
 
-def _median(values: np.ndarray) -> float | None:
+def _median(values: np.ndarray) -> float:
+    """Of the finite ones; NaN for none."""
     import numpy as np
 
     known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else None
-
-
-def _stiffness(soft: Compliance) -> dict[str, Any]:
-    """The object's yielding in plain numbers; None where there is no number, or an endless one."""
-    low, high = soft.interval_N_m
-    return {
-        "stiffness_told": soft.determined,
-        "stiffness_N_m": _finite(soft.stiffness_N_m),
-        "stiffness_low_N_m": _finite(low),
-        "stiffness_high_N_m": _finite(high),
-        "compliance_m_N": _finite(soft.compliance_m_N),
-        "compliance_std_m_N": _finite(soft.std_m_N),
-        "stiffness_in_words": soft.reason,
-    }
-
-
-def _finite(value: float) -> float | None:
-    import math
-
-    return float(value) if math.isfinite(value) else None
+    return float(np.median(known)) if len(known) else np.nan

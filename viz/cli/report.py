@@ -23,10 +23,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the page. Returns where it is. Raises InputError for wrong input or a file in the way."""
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
-    from viz.report.make import Sources, beside, make_report, refuse_report
+    from viz.files.outputs import PAGES, refuse_output
+    from viz.report.make import Sources, beside, make_report
 
     output = beside(args.contacts) if args.output is None else args.output
-    refuse_report(output, args.force)
+    refuse_output(output, PAGES, args.force)
     if args.session is not None and args.rig is None:
         raise InputError("--session needs --rig", where="vbaa report", remedy="give the rig.json it was recorded with")
     sources = Sources(args.contacts, args.rig, args.session, args.truth)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from estimator.table.contacts import ContactTable
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
+from viz.scene.truth import true_contacts
 
 
 @dataclass(frozen=True)
@@ -38,25 +39,18 @@ class Score:
     camera_rotation_error_rad: float
     nees: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-able."""
-        return asdict(self)
-
 
 def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> Score:
     """Compare with truth.json's mapping."""
-    true = {entry["frame"]: entry for entry in truth["frames"]}
-    entries = [true[int(frame)] for frame in contacts.frame]
-    touching = np.array([entry["in_contact"] for entry in entries])
+    true = true_contacts(contacts, truth)
+    touching = np.isfinite(true.distance_m)
     right = np.where(touching, contacts.located, contacts.status == "no_contact")
-    both = np.flatnonzero(touching & contacts.located)
-    distance = np.array([entries[i]["distance_m"] for i in both])
-    point = np.array([entries[i]["contact_world_m"] for i in both])
-    force = np.array([entries[i]["force_N"] for i in both])[:, 1:]
+    both = touching & contacts.located
+    force = np.stack([true.force_y_N[both], true.force_z_N[both]], axis=1)
     found = np.stack([contacts.force_y_N[both], contacts.force_z_N[both]], axis=1)
-    off = contacts.point_world_m[both] - point
+    off = (contacts.point_world_m - true.point_world_m)[both]
     weighted = np.linalg.solve(contacts.covariance_world_m2[both], off[..., None])[..., 0]
-    turn = np.arctan2(_cross(force, found), (force * found).sum(axis=1))
+    across = force[:, 0] * found[:, 1] - force[:, 1] * found[:, 0]
     matrix, true_matrix = rig.camera.matrix, np.array(truth["camera"]["matrix"])
     T_true = Pose.from_dict(truth["T_antenna_camera"])
     rotation = Rotation.from_matrix(rig.T_antenna_camera.rotation @ T_true.rotation.T).magnitude()
@@ -64,9 +58,9 @@ def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> Score:
         frames=len(contacts),
         frames_ok=int(right.sum()),
         contact_point_rmse_m=_rms(np.linalg.norm(off, axis=1)),
-        distance_rmse_m=_rms(contacts.distance_m[both] - distance),
+        distance_rmse_m=_rms((contacts.distance_m - true.distance_m)[both]),
         force_rmse_relative=_rms(np.linalg.norm(found - force, axis=1) / np.linalg.norm(force, axis=1)),
-        direction_rmse_rad=_rms(turn),
+        direction_rmse_rad=_rms(np.arctan2(across, (force * found).sum(axis=1))),
         stiffness_relative_error=abs(rig.antenna.stiffness_Nm2 / truth["stiffness_Nm2"] - 1),
         focal_relative_error=float(np.abs(np.diag(matrix)[:2] / np.diag(true_matrix)[:2] - 1).max()),
         camera_position_error_m=float(np.linalg.norm(rig.T_antenna_camera.translation_m - T_true.translation_m)),
@@ -76,8 +70,4 @@ def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> Score:
 
 
 def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt((np.asarray(values) ** 2).mean()))
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return float(np.sqrt((values**2).mean()))

@@ -3,13 +3,14 @@ by its uncertainty."""
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyvista as pv
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkObject
-from vtkmodules.vtkIOPLY import vtkPLYReader
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
 from estimator.object.surface import Surface
@@ -18,16 +19,11 @@ from vbaa_calib.core.files import read_bytes, replacing
 from viz.scene.scene import ObjectMesh
 
 from .glb import glb_bytes, read_glb
-from .ply import is_whole, ply_bytes, read_ply
+from .outputs import refuse_output
+from .ply import ply_bytes, read_ply
 
 SUFFIXES = (".vtp", ".ply", ".glb")
-REMEDY = "write it again with vbaa reconstruct"
-
-
-def check_suffix(path: Path) -> None:
-    """Raises InputError for a name that is neither .vtp, .ply nor .glb."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError("is not a .vtp, .ply or .glb", where=path, remedy="the suffix chooses the format")
+_UNREADABLE = (struct.error, ValueError, KeyError, IndexError, TypeError, StopIteration, AttributeError)
 
 
 def to_mesh(surface: Surface) -> pv.PolyData:
@@ -46,7 +42,8 @@ def to_mesh(surface: Surface) -> pv.PolyData:
     mesh.point_data["Normals"] = surface.normals.astype(np.float32)
     for name in ("std_m", "std_across_m", "patch"):
         mesh.point_data[name] = getattr(surface, name)
-    of_contacts = {
+    soft = surface.compliance
+    fields = {
         "contact_point_m": surface.touched_m,
         "contact_normal": surface.touched_normal,
         "contact_normal_covariance_rad2": surface.touched_normal_covariance.reshape(-1, 9),
@@ -55,17 +52,13 @@ def to_mesh(surface: Surface) -> pv.PolyData:
         "contact_frame": surface.touched_frame,
         "contact_patch": surface.touched_patch,
         "contact_left_out": surface.outlier.astype(np.uint8),
-    }
-    soft = surface.compliance
-    of_object = {
         "compliance_m_N": np.array([soft.compliance_m_N, soft.std_m_N]),
         "stiffness_interval_N_m": soft.interval_N_m,
         "stiffness_in_words": np.array([soft.reason]),
     }
-    for name, values in {**of_contacts, **of_object}.items():
+    fields |= {"notes": np.array(surface.notes)} if surface.notes else {}
+    for name, values in fields.items():
         mesh.field_data[name] = values
-    if surface.notes:
-        mesh.field_data["notes"] = np.array(surface.notes)
     return mesh
 
 
@@ -80,7 +73,7 @@ def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
 
     Raises InputError for another suffix, or when the file exists and `force` is off.
     """
-    check_suffix(path)
+    refuse_output(path, SUFFIXES, force)
     suffix, mesh = path.suffix.lower(), ObjectMesh.of(surface)
     with replacing(path, force) as temporary:
         if suffix == ".vtp":
@@ -104,53 +97,44 @@ def read_object(path: Path) -> ObjectMesh:
 
     Raises InputError when there is nothing in it.
     """
-    check_suffix(path)
-    data = read_bytes(path)
     suffix = path.suffix.lower()
-    ours = {".glb": read_glb, ".ply": read_ply}.get(suffix, lambda _: None)(data)
-    if ours is not None and len(ours.points_m):
-        return ours
-    if suffix == ".glb":
-        raise InputError("holds no mesh of ours", where=path, remedy=REMEDY)
-    if suffix == ".vtp":
-        mesh = _read(vtkXMLPolyDataReader(), path)
-    else:
-        mesh = _read(vtkPLYReader(), path) if is_whole(data) else pv.PolyData()
-    if not mesh.n_points or not np.isfinite(mesh.points).all() or not _cells_have_points(mesh):
-        raise InputError("holds no mesh", where=path, remedy=REMEDY)
-    faces = mesh.triangulate().regular_faces if mesh.faces.size else np.empty((0, 3), int)
-    if "Normals" not in mesh.point_data and len(faces):
+    if suffix not in SUFFIXES:
+        raise InputError("is not a .vtp, .ply or .glb", where=path, remedy="the suffix chooses the format")
+    data = read_bytes(path)
+    try:
+        return _checked(**(_read_vtp(path) if suffix == ".vtp" else (read_ply if suffix == ".ply" else read_glb)(data)))
+    except _UNREADABLE:
+        what = f"holds no mesh{' of ours' if suffix == '.glb' else ''}"
+        raise InputError(what, where=path, remedy="write it again with vbaa reconstruct") from None
+
+
+def _checked(
+    points_m: np.ndarray,
+    triangles: np.ndarray,
+    lines: np.ndarray,
+    normals: np.ndarray | None,
+    std_m: np.ndarray | None,
+) -> ObjectMesh:
+    """The mesh; normals of its triangles where it has none. Raises ValueError for points that are not there."""
+    indices = np.concatenate([triangles.ravel(), lines.ravel()])
+    if not len(points_m) or not np.isfinite(points_m).all() or not ((indices >= 0) & (indices < len(points_m))).all():
+        raise ValueError
+    triangles, lines = triangles.astype(int), lines.astype(int)
+    if normals is None:
+        mesh = pv.PolyData.from_regular_faces(points_m, triangles)
         mesh = mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False)
-    normals = mesh.point_data["Normals"] if "Normals" in mesh.point_data else np.zeros((mesh.n_points, 3))
-    segments = [np.stack([line[:-1], line[1:]], axis=1) for line in _split(np.asarray(mesh.lines))]
-    std = np.asarray(mesh.point_data["std_m"], float) if "std_m" in mesh.point_data else None
-    return ObjectMesh(
-        np.asarray(mesh.points, float),
-        np.asarray(normals, float),
-        np.asarray(faces, int).reshape(-1, 3),
-        np.concatenate([np.empty((0, 2), int), *segments]),
-        std if std is not None and std.shape == (mesh.n_points,) else None,
-    )
+        normals = mesh.point_data["Normals"] if len(triangles) else np.zeros_like(points_m)
+    normals = np.asarray(normals, float)
+    if normals.shape != points_m.shape or not np.isfinite(normals).all():
+        raise ValueError
+    if std_m is not None and (np.shape(std_m) != (len(points_m),) or np.isnan(std_m).all()):
+        std_m = None
+    return ObjectMesh(points_m, normals, triangles, lines, None if std_m is None else np.asarray(std_m, float))
 
 
-def _cells_have_points(mesh: pv.PolyData) -> bool:
-    """Whether every cell's indices are of points that there are; VTK would follow them anywhere."""
-    kinds = (mesh.GetVerts(), mesh.GetLines(), mesh.GetPolys(), mesh.GetStrips())
-    indices = np.concatenate([vtk_to_numpy(cells.GetConnectivityArray()) for cells in kinds])
-    return bool(((indices >= 0) & (indices < mesh.n_points)).all())
-
-
-def _split(cells: np.ndarray) -> list[np.ndarray]:
-    """The point indices of each cell in VTK's flat cell array."""
-    parts, start = [], 0
-    while start < len(cells):
-        parts.append(cells[start + 1 : start + 1 + cells[start]])
-        start += cells[start] + 1
-    return parts
-
-
-def _read(reader: vtkXMLPolyDataReader | vtkPLYReader, path: Path) -> pv.PolyData:
-    """VTK's mesh, without the pages that it prints about a file it cannot read: an empty mesh says the same."""
+def _read_vtp(path: Path) -> dict[str, Any]:
+    """What VTK reads, without the pages that it prints about a file that it cannot read: that is an empty mesh."""
+    reader = vtkXMLPolyDataReader()
     reader.SetFileName(str(path))
     before = vtkObject.GetGlobalWarningDisplay()
     vtkObject.SetGlobalWarningDisplay(0)
@@ -158,4 +142,19 @@ def _read(reader: vtkXMLPolyDataReader | vtkPLYReader, path: Path) -> pv.PolyDat
         reader.Update()
     finally:
         vtkObject.SetGlobalWarningDisplay(before)
-    return pv.wrap(reader.GetOutput())
+    mesh = pv.wrap(reader.GetOutput())
+    # VTK would follow indices of points that there are not anywhere
+    kinds = (mesh.GetVerts(), mesh.GetLines(), mesh.GetPolys(), mesh.GetStrips())
+    indices = np.concatenate([vtk_to_numpy(cells.GetConnectivityArray()) for cells in kinds])
+    if not ((indices >= 0) & (indices < mesh.n_points)).all():
+        raise ValueError
+    lines = mesh.GetLines()
+    starts, ends = vtk_to_numpy(lines.GetOffsetsArray()), vtk_to_numpy(lines.GetConnectivityArray())
+    segments = np.delete(np.stack([ends[:-1], ends[1:]], axis=1), starts[1:-1] - 1, axis=0)
+    return {
+        "points_m": np.asarray(mesh.points, float),
+        "triangles": mesh.triangulate().regular_faces if mesh.faces.size else np.empty((0, 3), int),
+        "lines": segments,
+        "normals": mesh.point_data.get("Normals"),
+        "std_m": np.asarray(mesh.point_data["std_m"], float) if "std_m" in mesh.point_data else None,
+    }

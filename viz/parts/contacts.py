@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pyvista as pv
 
 from viz.scene.readable import enlargement, thinned
 from viz.scene.scene import Scene
@@ -13,28 +16,23 @@ MOST_BALLS, MOST_ARROWS, MOST_SPREADS, MOST_CONES = 2500, 100, 60, 16
 
 
 def contact_parts(scene: Scene) -> list[Part]:
-    """Contacts and what belongs to each, in the order of time: a moment shows those up to then."""
+    """Contacts and what belongs to each, in the order of time: an instant shows those up to then."""
     contacts, (_, reach) = scene.contacts, scene.bounding_ball_m
     count = len(contacts.points_m)
     chosen = thinned(np.arange(count), MOST_BALLS)
     note = f"{len(chosen)} of {count}" if len(chosen) < count else ""
-    size = 0.02 * reach
+    size = 0.02 * reach * np.eye(3)
     sphere = ball(2 if len(chosen) <= 400 else 1)
-    parts = [_stamped(scene, "contacts", chosen, sphere, size * _eyes(chosen), note=note)]
-    shown = np.flatnonzero(np.isin(contacts.row, scene.moments.row))
+    parts = [_stamped(scene, "contacts", chosen, sphere, size, note=note)]
+    shown = np.flatnonzero(np.isin(contacts.row, scene.instants.row))
     if len(shown):
-        parts.append(_stamped(scene, "now", shown, sphere, 1.9 * size * _eyes(shown), until=False, opacity=0.35))
-    force = np.nan_to_num(contacts.force_N)
+        parts.append(_stamped(scene, "now", shown, sphere, 1.9 * size, opacity=0.35))
     pushed = thinned(np.flatnonzero(contacts.size_mN > 0), MOST_ARROWS)
     if len(pushed):
         lengths = 0.45 * reach * contacts.size_mN[pushed] / contacts.size_mN[pushed].max()
-        parts.append(_stamped(scene, "forces", pushed, arrow(), lengths[:, None, None] * along(force[pushed])))
-    parts += _spreads(scene, reach)
-    return parts + _cones(scene, reach)
-
-
-def _eyes(like: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(np.eye(3), (len(like), 3, 3))
+        turns = along(contacts.force_N[pushed])
+        parts.append(_stamped(scene, "forces", pushed, arrow(), lengths[:, None, None] * turns))
+    return [*parts, *_spreads(scene, reach), *_cones(scene, reach)]
 
 
 def _spreads(scene: Scene, reach: float) -> list[Part]:
@@ -53,11 +51,9 @@ def _spreads(scene: Scene, reach: float) -> list[Part]:
 
 
 def _cones(scene: Scene, reach: float) -> list[Part]:
-    if scene.estimate is None or scene.estimate.cone_rad is None:
-        return []
     normals = scene.normals
     chosen = thinned(np.flatnonzero(np.isfinite(normals).all(axis=1)), MOST_CONES)
-    if not len(chosen):
+    if scene.estimate is None or scene.estimate.cone_rad is None or not len(chosen):
         return []
     # steep cones are drawn shorter, for the rim to stay as near
     half = min(scene.estimate.cone_rad, 1.5)
@@ -67,22 +63,18 @@ def _cones(scene: Scene, reach: float) -> list[Part]:
     return [_stamped(scene, "cones", chosen, cone(), along(normals[chosen]) @ stretch, opacity=0.28, note=note)]
 
 
-def _stamped(
-    scene: Scene, name: str, chosen: np.ndarray, mesh, linear: np.ndarray, *, until: bool = True, opacity=1.0, note=""
-) -> Part:
-    """`mesh` at the chosen contacts; a moment shows those up to then, or without `until` the one of its own frame."""
-    contacts, moments = scene.contacts, scene.moments
-    each = mesh.n_cells
-    last = np.searchsorted(contacts.row[chosen], moments.row, side="right")
-    first = np.zeros_like(last) if until else np.searchsorted(contacts.row[chosen], moments.row, side="left")
+def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, linear: np.ndarray, **look: Any) -> Part:
+    """`mesh` at the chosen contacts; an instant shows those up to then, or of "now" only its own frame's."""
+    rows, instants = scene.contacts.row[chosen], scene.instants.row
+    last = np.searchsorted(rows, instants, side="right")
+    first = np.searchsorted(rows, instants, side="left") if name == "now" else np.zeros_like(last)
     coloured = name in ("contacts", "forces")
     return Part(
         name,
-        stamp(mesh, linear, contacts.points_m[chosen]),
-        opacity=opacity,
-        span=each * np.column_stack([first, last]),
-        history=until,
+        stamp(mesh, np.broadcast_to(linear, (len(chosen), 3, 3)), scene.contacts.points_m[chosen]),
+        span=mesh.n_cells * np.column_stack([first, last]),
+        history=name != "now",
         contact=chosen if coloured else None,
         painted=coloured,
-        note=note,
+        **look,
     )

@@ -36,9 +36,9 @@ class Part:
     ----------
     name : a key of `LOOK`; several parts may share it.
     mesh : triangles with `Normals`; with uint8 RGB `colour` where `painted`, with texture coordinates where `textured`.
-    span : (M, 2) the first and one past the last triangle that each of M moments shows; None for all, always.
-    history : the span is what there was up to each moment, so that all of it shows the whole recording.
-    poses : (M, 4, 4) where the mesh stands at each moment, NaN for nowhere; None for a mesh in the world frame.
+    span : (M, 2) the first and one past the last triangle that each of M instants shows; None for all, always.
+    history : the span is what there was up to each instant, so that all of it shows the whole recording.
+    poses : (M, 4, 4) where the mesh stands at each instant, NaN for nowhere; None for a mesh in the world frame.
     contact : (K,) the contacts that the mesh repeats one shape for, each with equally many points; their colour follows
         the chosen scale. None for any other mesh.
     note : said in the legend after the name.
@@ -65,6 +65,12 @@ class Part:
     def label(self) -> str:
         """What legends say."""
         return LOOK[self.name][1] + (f", {self.note}" if self.note else "")
+
+
+def layers_of(parts: list[Part]) -> list[Part]:
+    """One part of each name, that with the longest label, for legends."""
+    longest = {part.name: part for part in sorted(parts, key=lambda part: len(part.label))}
+    return [longest[name] for name in dict.fromkeys(part.name for part in parts)]
 
 
 def triangles(points: np.ndarray, faces: np.ndarray, normals: np.ndarray | None = None) -> pv.PolyData:

@@ -9,17 +9,17 @@ from viz.scene.scene import RigItems, Scene
 
 from .part import Part, joined, triangles, wire, wires
 
-THICKER = 1.8
+_THICKER = 1.8
 """Wires are drawn thicker than life: 0.8 mm would be less than a pixel."""
-NODES = 29
+_NODES = 29
 
 
 def rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
-    """All parts of the rig; at each moment as it stood then."""
-    width = THICKER * rig.antenna_radius_m
+    """All parts of the rig; at each instant as it stood then."""
+    width = _THICKER * rig.antenna_radius_m
     edge = float(np.linalg.norm(rig.plane_m[1] - rig.plane_m[0]))
     known = np.isfinite(rig.poses[:, 0, 0])
-    keep = np.linspace(0, rig.bent_m.shape[1] - 1, NODES).round().astype(int)
+    keep = np.linspace(0, rig.bent_m.shape[1] - 1, _NODES).round().astype(int)
     antenna, span = _over_time(rig.bent_m[:, keep], known, width)
     free, free_span = _over_time(rig.free_m[:, keep[::4]], known, 0.45 * width, sides=6)
     parts = [Part("antenna", antenna, span=span), Part("free", free, span=free_span, opacity=0.6)]
@@ -36,7 +36,7 @@ def rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
 def _over_time(
     paths_m: np.ndarray, known: np.ndarray, radius_m: float, sides: int = 8
 ) -> tuple[pv.PolyData, np.ndarray]:
-    """The wire of every known moment in one mesh, and which triangles are whose."""
+    """The wire of every known instant in one mesh, and which triangles are whose."""
     mesh, starts = joined([wire(path, radius_m, sides) for path in paths_m[known]])
     span = np.zeros((len(known), 2), int)
     span[known] = np.column_stack([starts[:-1], starts[1:]])

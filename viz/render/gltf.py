@@ -13,7 +13,6 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkIOExport import vtkGLTFExporter
 
-SUFFIXES = (".gltf", ".glb")
 Y_UP = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
 """glTF's y is up, the world's z: a turn about x by −90°, by columns."""
 

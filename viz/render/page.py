@@ -11,8 +11,8 @@ import numpy as np
 from trame_vtk.modules.vtk.serializers import reference_id
 
 from viz.pages.page import render
-from viz.parts import Part
-from viz.scene.colours import MODES, Scale, contact_scale, object_scale
+from viz.parts import Part, layers_of
+from viz.scene.colours import MODES, contact_scale, object_scale
 from viz.scene.scene import Scene
 
 from .stage import Stage
@@ -25,16 +25,24 @@ clear weighs less, and would lose its colour."""
 
 def page_data(stage: Stage, mode: str, views: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
     """Data of the page's script: parts by the viewer's ids, moments, colours, points of view (position, focus)."""
-    scene, moments = stage.scene, stage.scene.moments
+    scene, instants = stage.scene, stage.scene.instants
     seen, pictures = _pictures(scene)
     return {
-        "main": moments.main,
+        "main": instants.main,
         "mode": mode,
-        "times": np.round(moments.time_s, 4).tolist(),
-        "frames": moments.frame.tolist(),
-        "words": list(moments.words),
+        "times": np.round(instants.time_s, 4).tolist(),
+        "frames": instants.frame.tolist(),
+        "words": list(instants.words),
         "parts": [_part(part, reference_id(actor)) for part, actor in zip(stage.parts, stage.actors, strict=True)],
-        "modes": [_mode(name, contact_scale(scene, name)) for name in MODES],
+        "modes": [
+            {
+                "name": name,
+                "rgb": base64.b64encode(scale.rgb.tobytes()).decode(),
+                "gradient": scale.gradient,
+                "ends": scale.ends,
+            }
+            for name, scale in ((name, contact_scale(scene, name)) for name in MODES)
+        ],
         "views": [{"position": list(map(float, at)), "focus": list(map(float, to))} for at, to in views],
         "seen": seen,
         "pictures": pictures,
@@ -42,7 +50,7 @@ def page_data(stage: Stage, mode: str, views: list[tuple[np.ndarray, np.ndarray]
 
 
 def _part(part: Part, identity: str) -> dict[str, Any]:
-    data: dict[str, Any] = {"id": identity, "name": part.name}
+    data: dict[str, Any] = {"id": identity, "name": part.name, "textured": part.textured}
     if part.span is not None:
         data |= {"span": part.span.tolist(), "history": part.history}
     if part.poses is not None:
@@ -52,40 +60,22 @@ def _part(part: Part, identity: str) -> dict[str, Any]:
         ]
     if part.contact is not None:
         data["contacts"] = part.contact.tolist()
-    if part.textured:
-        data["textured"] = True
     return data
 
 
-def _mode(name: str, scale: Scale) -> dict[str, Any]:
-    return {
-        "name": name,
-        "rgb": base64.b64encode(scale.rgb.tobytes()).decode(),
-        "gradient": f"linear-gradient(to right, {', '.join(scale.stops)})",
-        "ends": [f"{scale.low:.4g}", f"{scale.title}, {scale.unit}", f"{scale.high:.4g}"],
-    }
-
-
 def _pictures(scene: Scene) -> tuple[list[str], list[int | None]]:
-    """The different pictures as data URIs, and which of them each moment has."""
-    seen: list[str] = []
-    known: dict[int, int] = {}
-    which: list[int | None] = []
-    for picture in scene.pictures:
-        if picture is not None and id(picture) not in known:
-            known[id(picture)] = len(seen)
-            _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-            seen.append("data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode())
-        which.append(None if picture is None else known[id(picture)])
-    return seen, which or [None] * len(scene.moments)
+    """The different pictures as data URIs, and which of them each instant has."""
+    different = {id(picture): picture for picture in scene.pictures if picture is not None}
+    order = {identity: index for index, identity in enumerate(different)}
+    seen = []
+    for picture in different.values():
+        _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        seen.append("data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode())
+    return seen, [order.get(id(picture)) for picture in scene.pictures] or [None] * len(scene.instants)
 
 
 def scene_page(viewer_html: str, scene: Scene, parts: list[Part], title: str, data: dict[str, Any]) -> str:
     """The viewer's page with our title, cards and script in it."""
-    layers: dict[str, Part] = {}
-    for part in parts:
-        if part.name not in layers or len(part.label) > len(layers[part.name].label):
-            layers[part.name] = part
     cards = render(
         "scene.html.j2",
         title=title,
@@ -93,9 +83,9 @@ def scene_page(viewer_html: str, scene: Scene, parts: list[Part], title: str, da
         modes=MODES,
         object_scale=object_scale(scene),
         rig=scene.rig is not None,
-        layers=list(layers.values()),
+        layers=layers_of(parts),
         facts=() if scene.estimate is None else scene.estimate.facts,
-        last=len(scene.moments) - 1,
+        last=len(scene.instants) - 1,
         data=data,
     )
     viewer_html = viewer_html.replace(DARKENED, CLEAR)

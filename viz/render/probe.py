@@ -1,4 +1,4 @@
-"""`python -m viz.probe`: exit code 0 where 3-D pictures can be drawn, 1 where not. For the Makefile."""
+"""`python -m viz.render.probe`: exit code 0 where 3-D pictures can be drawn, 1 where not. For the Makefile."""
 
 import sys
 

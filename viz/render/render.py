@@ -27,7 +27,7 @@ from trame_vtk.modules.vtk.serializers import (
 from trame_vtk.tools.vtksz2html import write_html
 from vtkmodules.vtkCommonCore import vtkLogger
 
-from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.core.files import replacing, write_text
 from viz.parts import Part, all_parts
 from viz.parts.part import INK
@@ -75,17 +75,9 @@ def require_opengl() -> None:
 def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
     """Write a PNG: the whole rig on the left, what was touched on the right, and what the colours mean.
 
-    Parameters
-    ----------
-    mode : what contacts are coloured by, one of `colours.MODES`.
-
-    Raises
-    ------
-    InputError : the file exists and `force` is off, or its name does not end in .png.
-    OpenGLError : pictures cannot be drawn here.
+    `mode` is what contacts are coloured by, one of `colours.MODES`. Raises InputError when the file exists and `force`
+    is off, OpenGLError where pictures cannot be drawn.
     """
-    if Path(path).suffix.lower() != ".png":
-        raise InputError("is not a .png", where=path, remedy="name it something.png")
     with replacing(path, force) as temporary:
         require_opengl()
         with _quiet():
@@ -126,16 +118,13 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
 def write_gltf(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
     """Write a .gltf or .glb with all contacts, and the rig at the greatest force; y is up. OpenGL is not needed.
 
-    Raises InputError for another suffix, or when the file exists and `force` is off.
+    Raises InputError when the file exists and `force` is off.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in gltf.SUFFIXES:
-        raise InputError("is not a .glb or .gltf", where=path, remedy="the suffix chooses the format")
     with _quiet():
         plotter, stage = _staged(scene, _without(all_parts(scene), "now"), mode, (1200, 800))
         look_at_all(plotter, scene)
         shown = [part.name for part, actor in zip(stage.parts, stage.actors, strict=True) if actor.visibility]
-        made = gltf.packed(*gltf.document(plotter, shown), suffix)
+        made = gltf.packed(*gltf.document(plotter, shown), path.suffix.lower())
         plotter.close()
     with replacing(path, force) as temporary:
         temporary.write_bytes(made)

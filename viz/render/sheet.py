@@ -12,7 +12,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from viz.parts import Part
+from viz.parts import Part, layers_of
 from viz.parts.part import INK
 from viz.scene.colours import Scale, contact_scale, object_scale
 from viz.scene.readable import round_down
@@ -71,16 +71,15 @@ def _scale_bar(sheet: Axes, m_per_pixel: float) -> None:
 
 def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
     scaled = ("contacts", "forces", "now", *(["object"] if object_scale(scene) is not None else []))
-    rows = list({part.name: part for part in parts if part.name not in scaled}.values())
-    labels = {part.name: max((p.label for p in parts if p.name == part.name), key=len) for part in rows}
-    labels["antenna"] = "antenna at the greatest force"
+    rows = [part for part in layers_of(parts) if part.name not in scaled]
     y, half = top - 30, (len(rows) + 1) // 2
-    title = f"{len(scene.contacts.points_m)} contacts in {scene.moments.time_s[-1]:.3g} s"
+    title = f"{len(scene.contacts.points_m)} contacts in {scene.instants.time_s[-1]:.3g} s"
     sheet.text(36, y, title, size=17, weight="bold", color=INK, va="center")
     for index, part in enumerate(rows):
         x, height = 36 + 345 * (index // half), y - 42 - 29 * (index % half)
         sheet.add_patch(Rectangle((x, height - 7), 15, 15, color=part.colour))
-        sheet.text(x + 24, height, labels[part.name], size=11.5, color=INK, va="center")
+        label = "antenna at the greatest force" if part.name == "antenna" else part.label
+        sheet.text(x + 24, height, label, size=11.5, color=INK, va="center")
     below = y - 42 - 29 * half - 8
     facts = scene.estimate.facts if scene.estimate is not None else ()
     lines = [line for fact in facts for line in textwrap.wrap(fact, 82)][: max((below - 16) // 23, 0)]
@@ -91,9 +90,11 @@ def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
 def _colour_bar(axes: Axes, scale: Scale) -> None:
     axes.axis("on")
     colours = LinearSegmentedColormap.from_list("scale", scale.stops)
-    axes.imshow(np.linspace(0, 1, 256)[None], aspect="auto", cmap=colours, extent=(scale.low, scale.high, 0, 1))
+    axes.imshow(
+        np.linspace(0, 1, 256)[None], aspect="auto", cmap=colours, extent=(scale.ticks[0], scale.ticks[-1], 0, 1)
+    )
     axes.set_yticks([])
     axes.set_xticks(scale.ticks, [f"{tick:.4g}" for tick in scale.ticks])
     axes.tick_params(labelsize=12, color=INK, labelcolor=INK, length=3)
-    axes.set_title(f"{scale.title}, {scale.unit}", size=13.5, color=INK, pad=7)
+    axes.set_title(scale.ends[1], size=13.5, color=INK, pad=7)
     axes.spines[:].set_visible(False)

@@ -1,4 +1,4 @@
-"""A scene's parts in a pyvista plotter, at any moment and by any colour scale."""
+"""A scene's parts in a pyvista plotter, at any instant and by any colour scale."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Stage:
         self._faces = [part.mesh.regular_faces for part in parts]
         self.paint(mode)
         self.actors = [self._add(plotter, part, mesh) for part, mesh in zip(parts, self._meshes, strict=True)]
-        self.show(scene.moments.main)
+        self.show(scene.instants.main)
 
     def _add(self, plotter: pv.Plotter, part: Part, mesh: pv.PolyData) -> pv.Actor:
         colour = {"scalars": "colour", "rgb": True} if part.painted else {"color": part.colour}
@@ -50,26 +50,26 @@ class Stage:
             if part.contact is not None:
                 mesh.point_data["colour"] = np.repeat(rgb[part.contact], mesh.n_points // len(part.contact), axis=0)
 
-    def show(self, moment: int, *, everything: bool = True) -> None:
-        """Show one moment; with `everything`, the contacts of all moments."""
+    def show(self, instant: int, *, everything: bool = True) -> None:
+        """Show one instant; with `everything`, the contacts of all instants."""
         for part, actor, mesh, faces in zip(self.parts, self.actors, self._meshes, self._faces, strict=True):
             if part.span is not None:
-                first, last = (0, len(faces)) if part.history and everything else part.span[moment]
+                first, last = (0, len(faces)) if part.history and everything else part.span[instant]
                 mesh.regular_faces = faces[first:last]
                 actor.visibility = bool(last > first)
             if part.poses is not None:
-                known = bool(np.isfinite(part.poses[moment]).all())
+                known = bool(np.isfinite(part.poses[instant]).all())
                 actor.visibility = known
                 if known:
-                    actor.user_matrix = part.poses[moment]
+                    actor.user_matrix = part.poses[instant]
             if part.textured:
-                picture = self.scene.pictures[moment]
+                picture = self.scene.pictures[instant]
                 actor.visibility = actor.visibility and picture is not None
                 if picture is not None:
                     actor.texture = texture(picture)
 
     def unfold(self) -> None:
-        """Put all moments' triangles into every mesh, for a viewer that chooses among them itself."""
+        """Put all instants' triangles into every mesh, for a viewer that chooses among them itself."""
         for actor, mesh, faces in zip(self.actors, self._meshes, self._faces, strict=True):
             mesh.regular_faces = faces
             actor.visibility = True

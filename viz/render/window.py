@@ -10,7 +10,7 @@ from viz.scene.colours import MODES, Scale, contact_scale
 
 from .stage import Stage
 
-HELP = "c: colour by force, time, uncertainty    a: contacts of all moments, or up to this one    q: close"
+HELP = "c: colour by force, time, uncertainty    a: contacts of all instants, or up to this one    q: close"
 
 
 class Controls:
@@ -18,12 +18,12 @@ class Controls:
 
     def __init__(self, plotter: pv.Plotter, stage: Stage, mode: str) -> None:
         self.plotter, self.stage = plotter, stage
-        self.mode, self.moment, self.everything = mode, stage.scene.moments.main, True
+        self.mode, self.instant, self.everything = mode, stage.scene.instants.main, True
         self._bar: str | None = None
 
-    def go(self, moment: float) -> None:
-        """Show the moment nearest to the slider's value."""
-        self.moment = round(moment)
+    def go(self, instant: float) -> None:
+        """Show the instant nearest to the slider's value."""
+        self.instant = round(instant)
         self.refresh()
 
     def next_mode(self) -> None:
@@ -33,17 +33,17 @@ class Controls:
         self.refresh()
 
     def toggle_everything(self) -> None:
-        """All contacts, or those up to the moment."""
+        """All contacts, or those up to the instant."""
         self.everything = not self.everything
         self.refresh()
 
     def refresh(self) -> None:
         """Draw what is chosen and say it in words."""
-        moments = self.stage.scene.moments
-        self.stage.show(self.moment, everything=self.everything)
+        instants, now = self.stage.scene.instants, self.instant
+        self.stage.show(now, everything=self.everything)
         scale = contact_scale(self.stage.scene, self.mode)
         words = (
-            f"{moments.time_s[self.moment]:.2f} s, frame {moments.frame[self.moment]}: {moments.words[self.moment]}\n"
+            f"{instants.time_s[now]:.2f} s, frame {instants.frame[now]}: {instants.words[now]}\n"
             f"contacts and forces coloured by {self.mode}\n{HELP}"
         )
         self.plotter.add_text(words, position="upper_left", font_size=10, color=INK, name="words")
@@ -52,10 +52,12 @@ class Controls:
     def _colour_bar(self, scale: Scale) -> None:
         if self._bar is not None:
             self.plotter.remove_scalar_bar(self._bar)
-        self._bar = f"{scale.title}, {scale.unit}\n"
+        self._bar = f"{scale.ends[1]}\n"
         # the contacts bring their own colours: the bar has a mapper of its own
         mapper = pv.DataSetMapper()
-        mapper.lookup_table = pv.LookupTable(values=_between(scale.stops), scalar_range=(scale.low, scale.high))
+        mapper.lookup_table = pv.LookupTable(
+            values=_between(scale.stops), scalar_range=(scale.ticks[0], scale.ticks[-1])
+        )
         self.plotter.add_scalar_bar(
             self._bar,
             mapper=mapper,
@@ -82,13 +84,13 @@ def _between(stops: tuple[str, ...], count: int = 128) -> np.ndarray:
 def add_controls(plotter: pv.Plotter, stage: Stage, mode: str) -> Controls:
     """Put slider, keys and legend into the window."""
     controls = Controls(plotter, stage, mode)
-    moments = stage.scene.moments
-    if len(moments) > 1:
+    instants = stage.scene.instants
+    if len(instants) > 1:
         plotter.add_slider_widget(
             controls.go,
-            (0, len(moments) - 1),
-            value=moments.main,
-            title="moment",
+            (0, len(instants) - 1),
+            value=instants.main,
+            title="instant",
             pointa=(0.30, 0.07),
             pointb=(0.95, 0.07),
             color=INK,

@@ -17,12 +17,10 @@ from vbaa_calib.core.errors import InputError, VbaaError
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import Frame
-    from viz.scene.scene import Scene
 
 WIDEST_PX = 1600
 QUALITY = 88
-SCENE_CAPTION = (
+_CAPTION = (
     "The scene, what was touched close up. Arrows are the object's forces on the antenna; `vbaa view` shows the scene "
     "to turn, zoom and follow in time."
 )
@@ -36,8 +34,8 @@ class Picture:
     words: str
 
 
-def from_file(path: Path, words: str) -> Picture:
-    """A picture from a file. Raises InputError when it cannot be read or is none."""
+def scene_from_file(path: Path) -> Picture:
+    """The scene as it was drawn already. Raises InputError when the file cannot be read or is no picture."""
     try:
         data = np.frombuffer(Path(path).read_bytes(), np.uint8)
     except OSError as error:
@@ -45,12 +43,12 @@ def from_file(path: Path, words: str) -> Picture:
     image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     if image is None:
         raise InputError("is not a picture", where=path, remedy="give the PNG that vbaa view --screenshot wrote")
-    return Picture(_packed(image), words)
+    return Picture(_packed(image), _CAPTION)
 
 
 def _packed(image: np.ndarray) -> bytes:
     """(H, W, 3) uint8, blue, green, red, as a JPEG that is not wider than a page needs."""
-    scale = min(1.0, WIDEST_PX / image.shape[1])
+    scale = WIDEST_PX / image.shape[1]
     if scale < 1.0:
         size = (WIDEST_PX, max(1, round(image.shape[0] * scale)))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -66,48 +64,26 @@ def scene_picture(
 ) -> Picture:
     """The scene as `vbaa view --screenshot` draws it, or why there is none. `truth` is truth.json's contents."""
     from viz.render.render import can_render, screenshot
+    from viz.scene.build import build_scene
+    from viz.scene.rig_items import session_pictures
+    from viz.scene.truth import true_object
 
     if not table.located.any():
         return Picture(b"", "No picture of the scene: no frame has a located contact.")
     if not can_render():
         return Picture(b"", "No picture of the scene: OpenGL does not work here (libegl1 and libgl1-mesa-dri give it).")
     try:
+        scene = build_scene(table, rig, estimate, None if truth is None else true_object(truth))
+        if rig is not None and session is not None:
+            main, frames = scene.instants.main, scene.instants.frame
+            seen = session_pictures(session, frames[main : main + 1], rig.camera.image_size)[0]
+            scene = replace(scene, pictures=tuple(seen if index == main else None for index in range(len(frames))))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "scene.png"
-            screenshot(_scene(table, rig, estimate, truth, session), path)
-            return from_file(path, SCENE_CAPTION)
+            screenshot(scene, path)
+            return scene_from_file(path)
     except VbaaError as error:
         return Picture(b"", f"No picture of the scene: {error}")
-
-
-def _scene(
-    table: ContactTable,
-    rig: Rig | None,
-    estimate: ObjectEstimate | None,
-    truth: Mapping[str, Any] | None,
-    session: Path | None,
-) -> Scene:
-    from viz.scene.facts import drawn_estimate
-    from viz.scene.moments import moments_of
-    from viz.scene.rig_items import rig_items, session_pictures
-    from viz.scene.scene import Contacts, ObjectMesh, Scene
-    from viz.scene.truth import true_object
-
-    moments = moments_of(table, None if estimate is None else estimate.track.phase)
-    pictures: tuple[np.ndarray | None, ...] = ()
-    if rig is not None and session is not None:
-        main = moments.main
-        seen = session_pictures(session, moments.frame[main : main + 1], rig.camera.image_size)
-        pictures = tuple(seen[0] if index == main else None for index in range(len(moments)))
-    return Scene(
-        Contacts.of(table),
-        moments,
-        rig=None if rig is None else rig_items(rig, table, moments),
-        object=None if estimate is None else ObjectMesh.of(estimate.surface),
-        truth=None if truth is None else true_object(truth),
-        estimate=None if estimate is None else drawn_estimate(estimate),
-        pictures=pictures,
-    )
 
 
 def seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path | None = None) -> Picture:
@@ -117,8 +93,12 @@ def seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path 
     from estimator.contact.recording import estimate_picture, read_ground
     from vbaa_calib.session import load_session, read_recording
 
+    whole = np.linalg.norm(table.force_world_N, axis=1)
+    force = np.where(np.isfinite(whole), whole, np.hypot(table.force_y_N, table.force_z_N))
+    row = int(np.argmax(np.where(table.located, force, -1.0)))
     try:
-        frame, row = _strongest(table, read_recording(load_session(session)))
+        frames = {frame.frame: frame for frame in read_recording(load_session(session))}
+        frame = frames.get(int(table.frame[row])) if table.located[row] else None
         if frame is None or frame.image is None:
             return Picture(b"", "No picture of the recording: it has none, or none with a located contact.")
         # estimated anew, as the table's row was
@@ -134,14 +114,3 @@ def seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path 
         f"Frame {frame.frame}, the one of the greatest force, with what was seen of the antenna, the fitted shape, the "
         "contact and the force; `vbaa estimate --overlay` draws every frame so.",
     )
-
-
-def _strongest(table: ContactTable, frames: list[Frame]) -> tuple[Frame | None, int]:
-    """The frame with the greatest force among those that were located, and its row in the table."""
-    located = np.flatnonzero(table.located)
-    if not len(located):
-        return None, 0
-    across = np.hypot(table.force_y_N[located], table.force_z_N[located])
-    whole = np.linalg.norm(table.force_world_N[located], axis=1)
-    row = int(located[int(np.argmax(np.where(np.isfinite(whole), whole, across)))])
-    return next((frame for frame in frames if frame.frame == int(table.frame[row])), None), row

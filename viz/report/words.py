@@ -1,12 +1,15 @@
-"""The report in words: its verdict, the meaning of its names, and its sources."""
+"""The report in words: its verdict, facts of frames and object, the meaning of its names, its sources."""
 
 from __future__ import annotations
 
 import platform
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -14,54 +17,132 @@ from markupsafe import Markup
 import vbaa_calib
 from estimator.contact.overlay import MEANINGS, STATUS_COLOURS
 from estimator.object.surface.touches import BIASED_STD
-from estimator.table.contacts import LOCATED, ContactTable
+from estimator.table.contacts import COLUMNS, LOCATED, ContactTable
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from viz.figures.drawing import AMBER, SLATE, TEAL
 from viz.pages.tables import Table, number
-from viz.scene.facts import Fact
+from viz.scene.facts import Fact, object_facts, sentence
+
+if TYPE_CHECKING:
+    from estimator.object.estimate import ObjectEstimate
+    from estimator.object.surface import Surface
+    from estimator.object.track import Track
 
 MANY = 0.2
 """A larger part of the frames lost is said in the verdict's colour, too."""
 LARGE_RESIDUAL = 3.0
 """A moment residual of more than so many of the sensor's deviations (rms) is worth a look."""
+MOST_TIMES = 8
 LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic")
-MODEL_COLOURS = {"linear": "#56b4e9", "elastica": "#0072b2", "rod": "#7c3aed", "paper": "#e69f00"}
-PHASE_COLOURS = {
-    "free": "#cbd5e1",
-    "touching": "#56b4e9",
-    "sticking": "#c2410c",
-    "sliding": "#0072b2",
-    "rolling": "#009e73",
-    "unknown": "#64748b",
+MODELS = {
+    "linear": ("#56b4e9", "small deflections, with weight, natural curvature and clamp"),
+    "elastica": ("#0072b2", "large deflections; weight, curvature, clamp and torsion in one pass"),
+    "rod": ("#7c3aed", "the static rod with weight, curvature, clamp and torsion, solved without approximations"),
+    "paper": ("#e69f00", "straight, weightless, rigidly clamped; small deflections"),
 }
-PHASE_MEANINGS = {
-    "free": "nothing touches the antenna",
-    "touching": "in contact; whether it sticks or slides is undecided",
-    "sticking": "the antenna's material at the contact stands still against the object",
-    "sliding": "it moves along the object",
-    "rolling": "the contact moves along the antenna, its material does not slip",
-    "unknown": "undetermined by the data",
+PHASES = {
+    "free": ("#cbd5e1", "nothing touches the antenna"),
+    "touching": ("#56b4e9", "in contact; whether it sticks or slides is undecided"),
+    "sticking": ("#c2410c", "the antenna's material at the contact stands still against the object"),
+    "sliding": ("#0072b2", "it moves along the object"),
+    "rolling": ("#009e73", "the contact moves along the antenna, its material does not slip"),
+    "unknown": ("#64748b", "undetermined by the data"),
 }
-MODEL_MEANINGS = {
-    "linear": "small deflections, with weight, natural curvature and clamp",
-    "elastica": "large deflections; weight, curvature, clamp and torsion in one pass",
-    "rod": "the static rod with weight, curvature, clamp and torsion, solved without approximations",
-    "paper": "straight, weightless, rigidly clamped; small deflections",
+SYMBOLS = {
+    "distance_m": ("l",),
+    "force_y_N": ("f_y",),
+    "force_z_N": ("f_z",),
+    "point_world_m": ("X", "Y", "Z"),
+    "moment_residual_Nm": ("residual",),
 }
-_QUANTITIES = (
-    ("distance l", "mm", "arc length along the antenna from its clamp to the contact"),
-    (
-        "f_y, f_z",
-        "mN",
-        "the object's force on the antenna across it: x along the undeformed antenna, xy the calibration plane C",
-    ),
-    ("X, Y, Z", "mm", "contact point on the antenna's centreline, world frame; the object begins one radius away"),
-    ("moment residual", "µN·m", "the sensor's reading less what the fitted contact predicts"),
+"""Column of contacts.csv that the report shows → its symbols there."""
+_UNITS = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}
+_OTHER_QUANTITIES = (
+    ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
     ("slip", "mm/s", "velocity of the antenna's material at the contact against the object, which stands still"),
     ("μ, α", "1, °", "coefficient of friction; half angle of the friction cone, tan α = μ"),
     ("±", "", "one standard deviation, calibration errors included; bands and ellipses are two of them"),
 )
+
+
+def shown_unit(column: str) -> tuple[str, float]:
+    """The unit in which the report shows a column of contacts.csv, and the factor to it."""
+    return _UNITS[COLUMNS[column].unit]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectFindings:
+    """What the contacts say together. What is None is undetermined; `facts` say why.
+
+    `track` holds phases, slip and events of the table's frames, also without any contact.
+    """
+
+    estimate: ObjectEstimate | None = None
+    track: Track | None = None
+    facts: tuple[Fact, ...] = ()
+
+
+def object_findings(table: ContactTable, rig: Rig | None) -> ObjectFindings:
+    """Estimate the object. Where that is impossible, the facts say why; events in time may still be known."""
+    from estimator.object.estimate import estimate_object
+    from estimator.object.track import follow
+
+    try:
+        return findings_of(estimate_object(table, rig))
+    except InputError as error:
+        why = Fact("The object", f"Nothing can be said of it: {str(error).rstrip('.')}.", "undetermined")
+    try:
+        track = follow(table, rig)
+    except InputError:
+        return ObjectFindings(facts=(why,))
+    return ObjectFindings(track=track, facts=(_event_fact(track), why))
+
+
+def findings_of(estimate: ObjectEstimate) -> ObjectFindings:
+    """An object estimate in words."""
+    facts = (_event_fact(estimate.track), *object_facts(estimate), _shape_fact(estimate.surface))
+    return ObjectFindings(estimate, estimate.track, facts)
+
+
+def _event_fact(track: Track) -> Fact:
+    """Times of contact, counts of other events, and what is undetermined."""
+    names = {"first_contact": "contact", "loss": "contact lost"}
+    notes = [sentence(note) for note in track.notes]
+    if not track.events:
+        return Fact("In time", " ".join(["No first contact, loss or slip was found.", *notes]), "undetermined")
+    contacts = [event for event in track.events if event.kind in names]
+    words = [f"{names[event.kind]} {_time(event.time_s, event.time_std_s)}" for event in contacts[:MOST_TIMES]]
+    words += [f"{len(contacts) - MOST_TIMES} more"] if len(contacts) > MOST_TIMES else []
+    others = Counter(event.kind for event in track.events if event.kind not in names)
+    words += [_counted(kind, others[kind]) for kind in sorted(others, reverse=True)]
+    return Fact("In time", " ".join([sentence("; ".join(words)), *notes]))
+
+
+def _counted(kind: str, count: int) -> str:
+    """How often an event happened: "3 slips began"."""
+    verb = {"slip_start": "began", "slip_end": "ended"}.get(kind)
+    return f"{count} slip{'s' * (count != 1)} {verb}" if verb else f"{kind} {count} time{'s' * (count != 1)}"
+
+
+def _time(time_s: float, std_s: float) -> str:
+    if not np.isfinite(time_s):
+        return "at an unknown time"
+    if not (np.isfinite(std_s) and std_s > 0):
+        return f"at {time_s:.3f} s"
+    digits = int(np.clip(1 - np.floor(np.log10(std_s)), 0, 6))
+    return f"at {time_s:.{digits}f} ± {std_s:.{digits}f} s"
+
+
+def _shape_fact(surface: Surface) -> Fact:
+    """How much of the object is known, and how well."""
+    patches = len(np.unique(surface.touched_patch))
+    known = surface.std_m[np.isfinite(surface.std_m)]
+    well = f", known to {1e3 * float(np.median(known)):.2f} mm (median standard deviation)" if len(known) else ""
+    kind = "a surface" if len(surface.triangles) else "lines: too narrow for a surface"
+    words = f"{len(surface.touched_m)} contacts on {patches} patch{'es' * (patches != 1)}, joined to {kind}{well}."
+    return Fact("Shape", " ".join([words, *(sentence(note) for note in surface.notes)]))
 
 
 def headline(table: ContactTable) -> tuple[str, str]:
@@ -73,15 +154,16 @@ def headline(table: ContactTable) -> tuple[str, str]:
     std = table.distance_std_m[table.located]
     known = std[np.isfinite(std)]
     well = f", to {1e3 * float(np.median(known)):.2f} mm along the antenna" if len(known) else ""
-    lost = float(np.isin(table.status, LOST).mean())
-    lost += float(np.mean(table.located & (table.bias_std > BIASED_STD)))
+    lost = float(np.mean(np.isin(table.status, LOST) | table.located & (table.bias_std > BIASED_STD)))
     return f"Contact located in {located} of {frames} frames{well}", AMBER if lost > MANY else TEAL
 
 
 def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
     """What the frames say by themselves."""
+    counts = [(name, int(np.sum(table.status == name))) for name in STATUS_COLOURS]
+    listed = ", ".join(f"{count} {name} ({MEANINGS[name]})" for name, count in counts if count)
     duration = float(table.time_s[-1] - table.time_s[0])
-    facts = [Fact("Recording", f"{len(table)} frame{'s' * (len(table) > 1)} in {duration:.4g} s: {_counts(table)}.")]
+    facts = [Fact("Recording", f"{len(table)} frame{'s' * (len(table) > 1)} in {duration:.4g} s: {listed}.")]
     here = table.located
     if here.any():
         force = 1e3 * np.hypot(table.force_y_N, table.force_z_N)[here]
@@ -97,45 +179,33 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         facts.append(Fact("Model", f"{words}: estimate them with --model auto.", "look"))
     lost = np.isin(table.status, LOST)
     if lost.any():
-        facts.append(Fact("Lost", f"{int(lost.sum())} frames gave no contact point: {_reasons(table, lost)}.", "look"))
-    facts += _residual(table, rig)
-    return facts
-
-
-def _counts(table: ContactTable) -> str:
-    counts = [(name, int(np.sum(table.status == name))) for name in STATUS_COLOURS]
-    return ", ".join(f"{count} {name} ({MEANINGS[name]})" for name, count in counts if count)
-
-
-def _reasons(table: ContactTable, lost: np.ndarray, most: int = 3) -> str:
-    names, counts = np.unique(table.reason[lost].astype(str), return_counts=True)
-    order = np.argsort(-counts)
-    shown = [f"{names[index]} ({counts[index]} ×)" for index in order[:most]]
-    return "; ".join(shown) + (f"; and {len(names) - most} other reasons" if len(names) > most else "")
-
-
-def _residual(table: ContactTable, rig: Rig | None) -> list[Fact]:
+        reasons = Counter(map(str, table.reason[lost]))
+        shown = [f"{name} ({count} ×)" for name, count in reasons.most_common(3)]
+        shown += [f"and {len(reasons) - 3} other reasons"] if len(reasons) > 3 else []
+        facts.append(Fact("Lost", f"{int(lost.sum())} frames gave no contact point: {'; '.join(shown)}.", "look"))
     residual = table.moment_residual_Nm[np.isfinite(table.moment_residual_Nm)]
-    if rig is None or not len(residual):
-        return []
-    rms = float(np.sqrt(np.mean((residual / rig.moment_sensor.std_Nm) ** 2)))
-    if rms <= LARGE_RESIDUAL:
-        return []
-    words = f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms): `vbaa check` asks why"
-    return [Fact("To look at", words + ".", "look")]
+    if rig is not None and len(residual):
+        rms = float(np.sqrt(np.mean((residual / rig.moment_sensor.std_Nm) ** 2)))
+        words = (
+            f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms): `vbaa check` asks why."
+        )
+        facts += [Fact("To look at", words, "look")] if rms > LARGE_RESIDUAL else []
+    return facts
 
 
 def glossary() -> list[tuple[str, Table]]:
     """Statuses, phases, models and quantities."""
     use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
     statuses = [(dotted(colour, name), MEANINGS[name], use[name]) for name, colour in STATUS_COLOURS.items()]
-    phases = [(dotted(colour, name), PHASE_MEANINGS[name]) for name, colour in PHASE_COLOURS.items()]
-    models = [(dotted(colour, name), MODEL_MEANINGS[name]) for name, colour in MODEL_COLOURS.items()]
+    phases, models = (
+        [(dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (PHASES, MODELS)
+    )
+    quantities = [(", ".join(symbols), shown_unit(name)[0], COLUMNS[name].meaning) for name, symbols in SYMBOLS.items()]
     return [
         ("Status of a frame", Table(("status", "meaning", "its numbers"), statuses)),
         ("Phase of a frame", Table(("phase", "meaning"), phases)),
         ("Mechanical model, the lowest that suffices", Table(("model", "meaning"), models)),
-        ("Quantities", Table(("name", "unit", "meaning"), _QUANTITIES)),
+        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *_OTHER_QUANTITIES))),
     ]
 
 
@@ -154,15 +224,12 @@ def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str
             digest = Markup("<br><small>sha256 {}</small>").format(sha256(path)) if path.is_file() else ""
             rows.append((name, Markup("{}{}").format(path, digest)))
     if rig is not None:
-        rows.append(("antenna and camera", _rig_words(rig)))
+        length, diameter = number(1e3 * rig.antenna.length_m), number(1e3 * rig.antenna.diameter_m)
+        width, height = rig.camera.image_size
+        words = (
+            f"antenna of {length} mm × {diameter} mm, EI = {1e3 * rig.antenna.stiffness_Nm2:.4g} mN·m²; camera of "
+            f"{width} × {height} px; moment sensor's noise {1e6 * rig.moment_sensor.std_Nm:.3g} µN·m"
+        )
+        rows.append(("antenna and camera", words))
     versions = f"vbaa-calib {vbaa_calib.__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
     return [*rows, ("versions", versions), ("written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]
-
-
-def _rig_words(rig: Rig) -> str:
-    length, diameter = 1e3 * rig.antenna.length_m, 1e3 * rig.antenna.diameter_m
-    width, height = rig.camera.image_size
-    return (
-        f"antenna of {number(length)} mm × {number(diameter)} mm, EI = {1e3 * rig.antenna.stiffness_Nm2:.4g} mN·m²; "
-        f"camera of {width} × {height} px; moment sensor's noise {1e6 * rig.moment_sensor.std_Nm:.3g} µN·m"
-    )

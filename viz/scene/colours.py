@@ -20,19 +20,26 @@ class Scale:
 
     Attributes
     ----------
-    title, unit : what it shows; low, high : its ends in that unit.
-    ticks : round values from low to high.
+    title, unit : what it shows. ticks : round values in that unit, from its low to its high end.
     rgb : (N, 3) uint8, `UNKNOWN` for a value that is NaN.
     stops : hex colours from low to high.
     """
 
     title: str
     unit: str
-    low: float
-    high: float
     ticks: tuple[float, ...]
     rgb: np.ndarray
     stops: tuple[str, ...]
+
+    @property
+    def gradient(self) -> str:
+        """The scale in CSS."""
+        return f"linear-gradient(to right, {', '.join(self.stops)})"
+
+    @property
+    def ends(self) -> tuple[str, str, str]:
+        """Its low end, its title, its high end."""
+        return f"{self.ticks[0]:.4g}", f"{self.title}, {self.unit}", f"{self.ticks[-1]:.4g}"
 
 
 def contact_scale(scene: Scene, mode: str) -> Scale:
@@ -51,25 +58,23 @@ def surface_scale(std_m: np.ndarray) -> Scale:
 
 
 def object_scale(scene: Scene) -> Scale | None:
-    """The scale of the scene's reconstructed surface; None where its uncertainty is not told."""
+    """The scale of the scene's reconstructed surface; None where its uncertainty is unknown."""
     std_m = None if scene.object is None else scene.object.std_m
     return surface_scale(std_m) if std_m is not None and np.isfinite(std_m).any() else None
 
 
 def scale(values: np.ndarray, title: str, unit: str, name: str, part: tuple[float, float] = (0.0, 0.96)) -> Scale:
     """`part` of matplotlib's colour map `name` over the values (N,), between round ends."""
-    ticks = round_ticks(values)
-    low, high = ticks[0], ticks[-1]
-    colours = colormaps[name](np.linspace(*part, 256))[:, :3]
-    rgb8 = (255 * colours).round().astype(np.uint8)
+    ticks = _round_ticks(values)
+    rgb8 = colormaps[name](np.linspace(*part, 256), bytes=True)[:, :3]
     known = np.isfinite(values)
-    step = np.clip(255 * (np.where(known, values, low) - low) / (high - low), 0, 255).round().astype(int)
+    step = np.interp(np.where(known, values, ticks[0]), (ticks[0], ticks[-1]), (0, 255)).round().astype(int)
     rgb = np.where(known[:, None], rgb8[step], np.array(UNKNOWN, np.uint8))
     stops = tuple("#{:02x}{:02x}{:02x}".format(*row) for row in rgb8[np.linspace(0, 255, 9).round().astype(int)])
-    return Scale(title, unit, low, high, ticks, rgb, stops)
+    return Scale(title, unit, ticks, rgb, stops)
 
 
-def round_ticks(values: np.ndarray) -> tuple[float, ...]:
+def _round_ticks(values: np.ndarray) -> tuple[float, ...]:
     """A handful of evenly spaced round numbers, the first and last of which hold all values (N,). Without any: 0, 1."""
     if not np.isfinite(values).any():
         return 0.0, 1.0

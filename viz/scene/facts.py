@@ -11,8 +11,6 @@ from .scene import DrawnEstimate
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
-    from estimator.object.friction import Friction
-    from estimator.object.surface import Compliance
 
 VAGUE_RAD = np.radians(20)
 """A normal less well known than this is not drawn: it would show the force's direction, not the object's."""
@@ -33,36 +31,34 @@ def sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def friction_fact(friction: Friction) -> Fact:
-    """μ with its interval, or why it is undetermined."""
-    if not friction.determined:
-        return Fact("Friction", sentence(f"Undetermined: {friction.reason}"), "undetermined")
-    low, high = friction.interval
-    alpha = np.degrees(friction.cone_half_angle_rad)
-    words = (
-        f"μ = {friction.mu:.3f} ± {friction.std:.3f} (95 %: {low:.3f} to {high:.3f}), cone half angle α = {alpha:.1f}°"
-    )
-    return Fact("Friction", f"{words}; {friction.reason.rstrip('.')}." if friction.reason else f"{words}.")
-
-
-def stiffness_fact(compliance: Compliance) -> Fact:
-    """The object's stiffness with its interval, or its bound, or why it is undetermined."""
+def object_facts(estimate: ObjectEstimate) -> tuple[Fact, Fact]:
+    """μ and the object's stiffness with their intervals, or why they are undetermined."""
+    friction, compliance = estimate.friction, estimate.surface.compliance
+    slides = Fact("Friction", sentence(f"Undetermined: {friction.reason}"), "undetermined")
+    if friction.determined:
+        low, high = friction.interval
+        alpha = np.degrees(friction.cone_half_angle_rad)
+        words = f"μ = {friction.mu:.3f} ± {friction.std:.3f} (95 %: {low:.3f} to {high:.3f}), cone half angle α = "
+        slides = Fact("Friction", "; ".join(filter(None, [f"{words}{alpha:.1f}°", friction.reason.rstrip(".")])) + ".")
     low, high = compliance.interval_N_m
-    if not compliance.determined:
-        bound = np.isfinite(low) and low > 0
-        words = compliance.reason if bound else f"Undetermined: {compliance.reason}"
-        return Fact("Stiffness", sentence(words), "undetermined")
-    most = f"to {high:.4g} N/m" if np.isfinite(high) else "upwards"
-    return Fact("Stiffness", f"{compliance.stiffness_N_m:.4g} N/m (95 %: {low:.4g} {most}).")
+    bound = np.isfinite(low) and low > 0
+    words = compliance.reason if bound else f"Undetermined: {compliance.reason}"
+    yields = Fact("Stiffness", sentence(words), "undetermined")
+    if compliance.determined:
+        most = f"to {high:.4g} N/m" if np.isfinite(high) else "upwards"
+        yields = Fact("Stiffness", f"{compliance.stiffness_N_m:.4g} N/m (95 %: {low:.4g} {most}).")
+    return slides, yields
 
 
 def drawn_estimate(estimate: ObjectEstimate) -> DrawnEstimate:
     """Normals that are well known, the friction cone if it is determined, and sentences."""
     normals, friction = estimate.normals, estimate.friction
-    facts = (friction_fact(friction), stiffness_fact(estimate.compliance))
     return DrawnEstimate(
         row=friction.row,
         normals=np.where((normals.std_rad < VAGUE_RAD)[:, None], normals.normal, np.nan),
         cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
-        facts=(*(f"{fact.label}: {fact.words}" for fact in facts), *map(sentence, estimate.surface.notes)),
+        facts=(
+            *(f"{fact.label}: {fact.words}" for fact in object_facts(estimate)),
+            *map(sentence, estimate.surface.notes),
+        ),
     )

@@ -17,39 +17,39 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 
-from .moments import Moments
+from .instants import Instants
 from .readable import thinned
 from .scene import RigItems
 
-GHOSTS = 6
-PICTURE_GRID = (10, 13)
+_GHOSTS = 6
+_PICTURE_GRID = (10, 13)
 """Nodes down and across of the drawn picture: between them the lens counts as straight."""
 
 
-def rig_items(rig: Rig, table: ContactTable, moments: Moments) -> RigItems:
-    """The rig at these moments, and which of them become ghosts: some spread over the located contacts.
+def rig_items(rig: Rig, table: ContactTable, instants: Instants) -> RigItems:
+    """The rig at these instants, and which of them become ghosts: some spread over the located contacts.
 
     Raises InputError when the contacts are not of this rig.
     """
-    poses = poses_at(rig.kinematics, table, moments.row)
-    located = np.flatnonzero(table.located[moments.row])
-    spread = thinned(located, GHOSTS)
+    poses = _poses_at(rig.kinematics, table, instants.row)
+    located = np.flatnonzero(table.located[instants.row])
+    spread = thinned(located, _GHOSTS)
     length = rig.antenna.length_m
-    bent, free = (_shapes(rig, table, moments.row, poses, share) for share in (1.0, 0.0))
+    bent, free = (_shapes(rig, table, instants.row, poses, share) for share in (1.0, 0.0))
     centre = rig.T_antenna_camera.translation_m
     return RigItems(
         poses=poses,
         bent_m=bent,
         free_m=free,
-        ghosts=spread[spread != moments.main],
+        ghosts=spread[spread != instants.main],
         antenna_radius_m=rig.antenna.diameter_m / 2,
         plane_m=length * np.array([[0, -0.3, 0], [1.05, -0.3, 0], [1.05, 0.3, 0], [0, 0.3, 0]]),
         camera_m=centre,
-        picture_m=rig.T_antenna_camera @ picture_grid(rig.camera, 0.4 * length),
+        picture_m=rig.T_antenna_camera @ _picture_grid(rig.camera, 0.4 * length),
     )
 
 
-def poses_at(kinematics: Kinematics, table: ContactTable, rows: np.ndarray) -> np.ndarray:
+def _poses_at(kinematics: Kinematics, table: ContactTable, rows: np.ndarray) -> np.ndarray:
     """(M, 4, 4) T_world_antenna in these rows of the table; NaN where neither joints nor contact are known.
 
     Raises InputError when the contacts are not of this rig.
@@ -82,12 +82,12 @@ def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, 
     return np.einsum("mij,mnj->mni", poses[:, :3, :3], curves.points_m) + poses[:, None, :3, 3]
 
 
-def picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
+def _picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
     """(H, W, 3) camera frame: a grid over the whole picture at a depth, as the lens sees it.
 
     Where the lens has no ray, that of a lens without distortion is drawn.
     """
-    rows, columns = PICTURE_GRID
+    rows, columns = _PICTURE_GRID
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, columns), np.linspace(-0.5, height - 0.5, rows))
     pixels = np.column_stack([u.ravel(), v.ravel()])
@@ -97,11 +97,11 @@ def picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
     return (depth_m * rays / rays[:, 2:]).reshape(rows, columns, 3)
 
 
-WIDEST_PX = 360
+_WIDEST_PX = 360
 
 
 def one_picture(path: Path, image_size: tuple[int, int], count: int) -> tuple[np.ndarray, ...]:
-    """The same picture (H, W, 3) RGB for `count` moments.
+    """The same picture (H, W, 3) RGB for `count` instants.
 
     Raises InputError when it cannot be read or is not of the camera's `image_size` (width, height).
     """
@@ -126,7 +126,7 @@ def _small(path: Path, image_size: tuple[int, int]) -> np.ndarray:
     if (width, height) != tuple(image_size):
         what = f"is {width} x {height} pixels, the rig's camera {image_size[0]} x {image_size[1]}"
         raise InputError(what, where=path, remedy="give a picture of this rig's camera")
-    factor = min(WIDEST_PX / width, 1.0)
+    factor = min(_WIDEST_PX / width, 1.0)
     size = (max(round(factor * width), 1), max(round(factor * height), 1))
     small = cv2.resize(np.clip(pixels, 0, 255).astype(np.uint8), size, interpolation=cv2.INTER_AREA)
     return cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.table.contacts import ContactTable
+from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .moments import Moments
-from .truth import TrueObject
+from .instants import Instants
 
 if TYPE_CHECKING:
     from estimator.object.surface import Surface
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RigItems:
-    """The rig at each of M moments; NaN where its joints are not known.
+    """The rig at each of M instants; NaN where its joints are not known.
 
     Attributes
     ----------
     poses : (M, 4, 4) T_world_antenna.
     bent_m : (M, N, 3) the antenna; free_m (M, N, 3): where it would be without the object.
-    ghosts : (G,) the moments whose antennas are drawn faintly.
+    ghosts : (G,) the instants whose antennas are drawn faintly.
     antenna_radius_m : of the wire.
     plane_m : (4, 3) antenna frame: corners of the drawn patch of plane C.
     camera_m : (3,) antenna frame: the camera's centre.
@@ -130,14 +130,14 @@ class DrawnEstimate:
 class Scene:
     """Everything that is drawn; what is None or empty is left out.
 
-    `pictures` holds what the camera saw at each moment, (H, W, 3) uint8 RGB all of one size, None where there is none.
+    `pictures` holds what the camera saw at each instant, (H, W, 3) uint8 RGB all of one size, None where there is none.
     """
 
     contacts: Contacts
-    moments: Moments
+    instants: Instants
     rig: RigItems | None = None
     object: ObjectMesh | None = None
-    truth: TrueObject | None = None
+    truth: TouchObject | None = None
     estimate: DrawnEstimate | None = None
     pictures: tuple[np.ndarray | None, ...] = field(default=())
 

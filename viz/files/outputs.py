@@ -1,0 +1,19 @@
+"""Which names the outputs may have. Light: the verbs ask before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite
+
+PAGES = (".html", ".htm")
+
+
+def refuse_output(path: Path, suffixes: tuple[str, ...], force: bool, inputs: Iterable[Path | None] = ()) -> None:
+    """Raises InputError for another suffix, a file in the way without `force`, or one of the command's own inputs."""
+    if path.suffix.lower() not in suffixes:
+        names = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+        raise InputError(f"is not a {names}", where=path, remedy=f"name it something{suffixes[0]}")
+    refuse_overwrite(path, force, inputs)
