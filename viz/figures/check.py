@@ -54,7 +54,7 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
     ends = axes.get_xlim(), axes.get_ylim()
     drawn = axes.imshow(values, _MAP, vmin=low, vmax=high, extent=extent, aspect="auto", interpolation="bilinear")
     axes.set(xlim=ends[0], ylim=ends[1])
-    levels = contour_levels(low, high)
+    levels = _contour_levels(low, high)
     if levels:
         lines = axes.contour(x, y, values, levels, colors="#111827", linewidths=1.0)
         for label in axes.clabel(lines, fontsize=12, fmt="%g", inline=False):
@@ -77,7 +77,7 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
     return axes
 
 
-def contour_levels(low: float, high: float, most: int = 6) -> list[float]:
+def _contour_levels(low: float, high: float, most: int = 6) -> list[float]:
     """Round values inside (low, high), at most so many: evenly spaced, by factors where high is many times low."""
     if not 0 < low < high:
         return []

@@ -40,7 +40,7 @@ SIDE_PX, SEEN_PX = 276.0, 5.0
 """Ellipses whose usual radius is smaller than `SEEN_PX` are drawn larger, and the key says how much."""
 OBJECT = SLATE
 SLIDING, STICKING, UNUSED = "#0072b2", "#c2410c", "#94a3b8"
-STEEP = 1.5
+_STEEP = 1.5
 """A bound on μ beyond this is not worth the room to draw it."""
 _SIZE = (480.0, 440.0)
 
@@ -128,7 +128,7 @@ def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.n
     mu = friction.mu if friction.determined else np.nan
     known = np.isfinite(normal) & np.isfinite(tangential)
     furthest = 1.08 * max(float(normal[known].max(initial=0.0)), 1e-6)
-    slope = max((m for m in (mu, *friction.interval, true_mu) if m < STEEP), default=0.0)
+    slope = max((m for m in (mu, *friction.interval, true_mu) if m < _STEEP), default=0.0)
     reach = 1.15 * max(float(np.abs(tangential[known]).max(initial=0.0)), 1.02 * slope * furthest, 0.05 * furthest)
     labels = ("force along the object's normal, mN", "force across it and the antenna, mN")
     axes = new_axes("friction cone", _SIZE, (70, 14, 52, 48), (0.0, furthest), (-reach, reach), labels)
@@ -156,7 +156,7 @@ def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.n
 def _cone_lines(axes: Axes, mu: float, interval: np.ndarray, true_mu: float) -> list[tuple[str, str, str]]:
     """The cone or its bounds, and the true one; the legend's entries."""
     x = np.array([0.0, axes.get_xlim()[1]])
-    bounds = [bound for bound in interval if 0 < bound < STEEP]
+    bounds = [bound for bound in interval if 0 < bound < _STEEP]
     for sign in (-1.0, 1.0):
         if np.isfinite(mu):
             low, high = np.sort(sign * np.outer(interval, x), axis=0)

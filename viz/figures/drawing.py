@@ -23,7 +23,7 @@ TEAL, AMBER, RED, SLATE = "#0f766e", "#b45309", "#dc2626", "#64748b"
 ESTIMATE, TRUTH = TEAL, AMBER
 RAMP = ("#352a87", "#2f6fb5", "#2a9d8f", "#8ab17d", "#e9c46a", "#f4a261", "#e76f51")
 """From early to late, dark to light: told apart without seeing colours, too."""
-ELLIPSE_STD = 2.0
+_ELLIPSE_STD = 2.0
 _TIME = LinearSegmentedColormap.from_list("time", RAMP)
 _METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 style = matplotlib.rc_context(
@@ -140,7 +140,7 @@ def band(axes: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, colour: s
 def ellipses(axes: Axes, centre: np.ndarray, covariance: np.ndarray, colours: np.ndarray) -> None:
     """Ellipses of two standard deviations around centre (N, 2) by covariance (N, 2, 2); colours (N, 4)."""
     variance, turn = np.linalg.eigh(covariance)
-    half_axes = turn * ELLIPSE_STD * np.sqrt(np.clip(variance, 0.0, None))[:, None, :]
+    half_axes = turn * _ELLIPSE_STD * np.sqrt(np.clip(variance, 0.0, None))[:, None, :]
     angle = np.linspace(0, 2 * np.pi, 25)
     outline = centre[:, None] + np.einsum("nij,kj->nki", half_axes, np.column_stack([np.cos(angle), np.sin(angle)]))
     for group in _groups(len(centre)):

@@ -15,7 +15,7 @@ LEFT, RIGHT, TOP, WIDTH = 148.0, 14.0, 34.0, 960.0
 MOST_DOTS = 1500
 """More frames than this are drawn as the range of each column of pixels."""
 MOST_EVENTS = 40
-GAP = 3.0
+_GAP = 3.0
 """Frames farther apart than so many usual steps are not joined."""
 
 
@@ -175,7 +175,7 @@ def _stretches(clock: TimeAxis, here: np.ndarray) -> tuple[np.ndarray, np.ndarra
         kept = np.flatnonzero(share[edges[:-1]] > 0)
         return first + pixel * edges[kept], first + pixel * edges[kept + 1], share[edges[kept]]
     # a frame stands for half the way to its neighbours, at most half a usual gap
-    half, own_s = np.minimum(0.5 * np.diff(clock.time_s), 0.5 * GAP * clock.step_s), 0.5 * clock.step_s
+    half, own_s = np.minimum(0.5 * np.diff(clock.time_s), 0.5 * _GAP * clock.step_s), 0.5 * clock.step_s
     start = (clock.time_s - np.concatenate([[own_s], half]))[here]
     end = (clock.time_s + np.concatenate([half, [own_s]]))[here]
     apart = np.flatnonzero(start[1:] - end[:-1] > pixel)
@@ -190,7 +190,7 @@ def _bands(axes: Axes, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colou
     if len(x) > MOST_DOTS:
         x, low, _, high = clock.gathered(x, low, high)
         step = max(step, (clock.ends_s[1] - clock.ends_s[0]) / (WIDTH - LEFT - RIGHT))
-    for run in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > GAP * step) + 1):
+    for run in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > _GAP * step) + 1):
         if len(run):
             wide = np.concatenate([[x[run[0]] - 0.4 * step], x[run], [x[run[-1]] + 0.4 * step]])
             inner = np.concatenate([run[:1], run, run[-1:]])
@@ -213,7 +213,7 @@ def _lines(axes: Axes, clock: TimeAxis, value: np.ndarray, colour: str, width: f
     index = np.flatnonzero(np.isfinite(value))
     if len(index) > MOST_DOTS:
         return
-    apart = (np.diff(index) > 1) | (np.diff(clock.time_s[index]) > GAP * clock.step_s)
+    apart = (np.diff(index) > 1) | (np.diff(clock.time_s[index]) > _GAP * clock.step_s)
     for run in np.split(index, np.flatnonzero(apart) + 1):
         if len(run) > 1:
             line = np.column_stack([clock.time_s[run], value[run]])

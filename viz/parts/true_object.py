@@ -10,7 +10,7 @@ from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
 
 from .part import Part, triangles
 
-ARC = 12
+_ARC = 12
 """Steps along the rounding of the box's edge."""
 
 
@@ -34,7 +34,7 @@ def truth_mesh(truth: TouchObject) -> pv.PolyData:
     side = np.cross(truth.axis_world, wedge)
     if truth.shape == "box_edge":
         # across the edge, from the centre of the rounding: face, rounding, face
-        turn = np.linspace(-np.pi / 4, np.pi / 4, ARC + 1)[:, None]
+        turn = np.linspace(-np.pi / 4, np.pi / 4, _ARC + 1)[:, None]
         rounding = radius * (np.sin(turn) * side - np.cos(turn) * wedge)
         faces = BOX_FACE_M * truth.into_faces
         return _extruded(truth, np.vstack([rounding[:1] + faces[0], rounding, rounding[-1:] + faces[1]]))

@@ -17,7 +17,7 @@ from viz.scene.scene import Scene
 
 from .stage import Stage
 
-JPEG_QUALITY = 80
+_JPEG_QUALITY = 80
 DARKENED, CLEAR = "max(t2Color,0.01)", "max(t2Color,0.00001)"
 """In the viewer's shader: the weight below which it draws what is seen through as black. What is far off or nearly
 clear weighs less, and would lose its colour."""
@@ -69,7 +69,7 @@ def _pictures(scene: Scene) -> tuple[list[str], list[int | None]]:
     order = {identity: index for index, identity in enumerate(different)}
     seen = []
     for picture in different.values():
-        _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         seen.append("data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode())
     return seen, [order.get(id(picture)) for picture in scene.pictures] or [None] * len(scene.instants)
 

@@ -45,8 +45,8 @@ PROBE = (
     "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(32, 32)); p.add_mesh(pv.Sphere()); "
     "p.screenshot(return_img=True)",
 )
-PROBE_SECONDS = 60
-BACKGROUND = "#ffffff"
+_PROBE_SECONDS = 60
+_BACKGROUND = "#ffffff"
 
 
 class OpenGLError(VbaaError):
@@ -57,7 +57,7 @@ class OpenGLError(VbaaError):
 def can_render() -> bool:
     """Whether OpenGL works here. Tried in a process of its own: without a driver VTK ends the one that asks."""
     try:
-        tried = subprocess.run(PROBE, capture_output=True, timeout=PROBE_SECONDS, check=False)
+        tried = subprocess.run(PROBE, capture_output=True, timeout=_PROBE_SECONDS, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return False
     return tried.returncode == 0
@@ -151,7 +151,7 @@ def _staged(
     scene: Scene, parts: list[Part], mode: str, size: tuple[int, int], *, off_screen: bool = True
 ) -> tuple[pv.Plotter, Stage]:
     plotter = pv.Plotter(off_screen=off_screen, window_size=list(size), title="vbaa")
-    plotter.set_background(BACKGROUND)
+    plotter.set_background(_BACKGROUND)
     return plotter, Stage(plotter, scene, parts, mode)
 
 

@@ -10,7 +10,7 @@ from viz.scene.colours import MODES, Scale, contact_scale
 
 from .stage import Stage
 
-HELP = "c: colour by force, time, uncertainty    a: contacts of all instants, or up to this one    q: close"
+_HELP = "c: colour by force, time, uncertainty    a: contacts of all instants, or up to this one    q: close"
 
 
 class Controls:
@@ -44,7 +44,7 @@ class Controls:
         scale = contact_scale(self.stage.scene, self.mode)
         words = (
             f"{instants.time_s[now]:.2f} s, frame {instants.frame[now]}: {instants.words[now]}\n"
-            f"contacts and forces coloured by {self.mode}\n{HELP}"
+            f"contacts and forces coloured by {self.mode}\n{_HELP}"
         )
         self.plotter.add_text(words, position="upper_left", font_size=10, color=INK, name="words")
         self._colour_bar(scale)

@@ -50,6 +50,40 @@ def _maps(maps: Mapping[str, Any], size: list[int]) -> list[Axes]:
     return drawn
 
 
+_LOADS = (
+    ("image", "picture", None),
+    ("number", "load", 0),
+    ("distance_mm", "at, mm", 0),
+    ("force_y_mN", "f_y, mN", 1),
+    ("force_z_mN", "f_z, mN", 1),
+    ("predicted_deflection_mm", "deflection, mm: predicted", 2),
+    ("seen_deflection_mm", "seen", 2),
+    ("stiffness_percent", "EI off, %", 2),
+    ("stiffness_std_percent", "±", 2),
+    ("rms_std", "points, std", 2),
+    ("moment_predicted_mNm", "moment, mN·m: predicted", 3),
+    ("moment_read_mNm", "read", 3),
+    ("look_at", "look at", None),
+)
+_LENSES = (
+    ("model", "lens", None),
+    ("free_parameters", "free numbers", 0),
+    ("rms_px", "rms, px", 4),
+    ("held_out_rms_px", "unseen views, px", 4),
+    ("halves", "halves differ, std", 2),
+    ("monotonic", "one to one", None),
+)
+_STILLS = (
+    ("image", "picture", None),
+    ("distance_m", "load at, m", 3),
+    ("point_rms", "points, std", 2),
+    ("moment_residual_uNm", "moment residual, µN·m", 1),
+    ("kept", "used", None),
+)
+_DROPPED = (("name", "picture", None), ("reason", "why it was not used", None))
+"""Keys of rows of check.json and rig.json, their headings and decimals."""
+
+
 def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Figures and tables of the new pictures."""
     lens, boards, free, loads = numbers["lens"], session["boards"], session["noload"], session["loads"]
@@ -71,29 +105,10 @@ def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str
         antenna.append(figures.moment_residuals(read, numbers["moment_sensor"]["std_Nm"]))
     return {
         "boards": [svg(drawn) for drawn in over_boards],
-        "dropped_boards": records(
-            session["boards_dropped"], (("name", "picture", None), ("reason", "why it was not used", None)), 2
-        ),
+        "dropped_boards": records(session["boards_dropped"], _DROPPED, 2),
         "motion": _motion(session["camera_pose"]),
         "antenna": [svg(drawn) for drawn in antenna],
-        "loads": records(
-            [row | {"number": index + 1} for index, row in enumerate(loads)],
-            (
-                ("image", "picture", None),
-                ("number", "load", 0),
-                ("distance_mm", "at, mm", 0),
-                ("force_y_mN", "f_y, mN", 1),
-                ("force_z_mN", "f_z, mN", 1),
-                ("predicted_deflection_mm", "deflection, mm: predicted", 2),
-                ("seen_deflection_mm", "seen", 2),
-                ("stiffness_percent", "EI off, %", 2),
-                ("stiffness_std_percent", "±", 2),
-                ("rms_std", "points, std", 2),
-                ("moment_predicted_mNm", "moment, mN·m: predicted", 3),
-                ("moment_read_mNm", "read", 3),
-                ("look_at", "look at", None),
-            ),
-        ),
+        "loads": records([row | {"number": index + 1} for index, row in enumerate(loads)], _LOADS),
     }
 
 
@@ -116,85 +131,65 @@ def _motion(pose: Mapping[str, Any] | None) -> Table | None:
 def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
     """Every number of the rig with its deviation."""
     lens, pose, antenna, sensor = (numbers[key] for key in ("lens", "camera_pose", "antenna", "moment_sensor"))
-    std = lens["std"] or [None] * len(lens["values"])
-    lens_rows = [
-        [name, with_std(value, own), "px" if name in ("fx", "fy", "cx", "cy") else ""]
-        for name, value, own in zip(lens["parameters"], lens["values"], std, strict=True)
-    ]
-    pose_rows = [
-        [f"position {axis}", with_std(value, own, 1e3), "mm"]
-        for axis, value, own in zip("xyz", pose["translation_m"], pose["translation_std_m"], strict=True)
-    ]
-    pose_rows += [
-        [f"turn about {axis}", f"± {number(1e3 * own, 2)}", "mrad"]
-        for axis, own in zip("xyz", pose["rotation_std_rad"], strict=True)
-    ]
+    lens_std = lens["std"] or [None] * len(lens["values"])
     nominal = antenna["nominal_stiffness_Nm2"]
-    antenna_rows = [
-        ["EI", with_std(antenna["stiffness_Nm2"], antenna["stiffness_std_Nm2"], 1e3), "mN·m²"],
-        ["EI nominal, E·πd⁴/64", "not recorded" if nominal is None else number(1e3 * nominal, 5), "mN·m²"],
-        ["mass per length", with_std(antenna["mass_per_length_kg_m"], antenna["mass_per_length_std_kg_m"], 1e3), "g/m"],
-        ["length", number(1e3 * antenna["length_m"]), "mm"],
-        ["diameter", number(1e3 * antenna["diameter_m"]), "mm"],
-        *map(_shape_row, antenna["free_shape"]),
-    ]
-    sensor_rows = [
-        ["gain", with_std(sensor["gain"], sensor["gain_std"]), ""],
-        ["offset", with_std(sensor["offset_Nm"], sensor["offset_std_Nm"], 1e6), "µN·m"],
-        ["noise of a reading", number(1e6 * sensor["std_Nm"]), "µN·m"],
-    ]
     tables = {
-        "Camera in the antenna's frame": pose_rows,
-        f"Lens ({lens['model']}, {lens['image_size'][0]} × {lens['image_size'][1]} px)": lens_rows,
-        "Antenna": antenna_rows,
-        "Moment sensor": sensor_rows,
+        "Camera in the antenna's frame": [
+            *(
+                [f"position {axis}", with_std(value, own, 1e3), "mm"]
+                for axis, value, own in zip("xyz", pose["translation_m"], pose["translation_std_m"], strict=True)
+            ),
+            *(
+                [f"turn about {axis}", f"± {number(1e3 * own, 2)}", "mrad"]
+                for axis, own in zip("xyz", pose["rotation_std_rad"], strict=True)
+            ),
+        ],
+        f"Lens ({lens['model']}, {lens['image_size'][0]} × {lens['image_size'][1]} px)": [
+            [name, with_std(value, own), "px" if name in ("fx", "fy", "cx", "cy") else ""]
+            for name, value, own in zip(lens["parameters"], lens["values"], lens_std, strict=True)
+        ],
+        "Antenna": [
+            _row("EI", antenna, "stiffness", "_Nm2", 1e3, "mN·m²"),
+            ["EI nominal, E·πd⁴/64", "not recorded" if nominal is None else number(1e3 * nominal, 5), "mN·m²"],
+            _row("mass per length", antenna, "mass_per_length", "_kg_m", 1e3, "g/m"),
+            ["length", number(1e3 * antenna["length_m"]), "mm"],
+            ["diameter", number(1e3 * antenna["diameter_m"]), "mm"],
+            *map(_shape_row, antenna["free_shape"]),
+        ],
+        "Moment sensor": [
+            _row("gain", sensor, "gain", "", 1.0, ""),
+            _row("offset", sensor, "offset", "_Nm", 1e6, "µN·m"),
+            ["noise of a reading", number(1e6 * sensor["std_Nm"]), "µN·m"],
+        ],
     }
     return [(name, Table(("what", "value", "unit"), rows, ("what",))) for name, rows in tables.items()]
 
 
+def _row(words: str, data: Mapping[str, Any], name: str, suffix: str, scale: float, unit: str) -> list[str]:
+    return [words, with_std(data[name + suffix], data[f"{name}_std{suffix}"], scale), unit]
+
+
 def _shape_row(row: Mapping[str, Any]) -> list[str]:
     name = str(row["name"])
-    scale, unit = (1.0, "1/m") if name.endswith("_per_m") else (1e3, "mrad" if name.endswith("_rad") else "mm")
-    for end in ("_per_m", "_rad", "_m"):
-        name = name.removesuffix(end)
-    return [name.replace("_", " "), with_std(row["value"], row["std"], scale), unit]
+    kinds = (("_per_m", 1.0, "1/m"), ("_rad", 1e3, "mrad"), ("_m", 1e3, "mm"), ("", 1e3, "mm"))
+    end, scale, unit = next(kind for kind in kinds if name.endswith(kind[0]))
+    return [name.removesuffix(end).replace("_", " "), with_std(row["value"], row["std"], scale), unit]
 
 
 def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:
     """What the calibration wrote down of itself; any part may be missing or of another shape."""
-    verdict, stills = at(quality, "lens", "verdict"), at(quality, "stills")
+    verdict, stills, dropped = at(quality, "lens", "verdict"), at(quality, "stills"), at(quality, "lens", "dropped")
     if isinstance(stills, list):
         stills = [
-            row | {"moment_residual_Nm": 1e6 * row["moment_residual_Nm"]}
-            if isinstance(row, dict) and isinstance(row.get("moment_residual_Nm"), int | float)
-            else row
-            for row in stills
+            row | {"moment_residual_uNm": 1e6 * residual} if isinstance(residual, int | float) else row
+            for row, residual in ((row, at(row, "moment_residual_Nm")) for row in stills)
         ]
     return {
         "lens_verdict": verdict if isinstance(verdict, str) else "",
-        "lens_models": records(
-            at(quality, "lens", "model_comparison"),
-            (
-                ("model", "lens", None),
-                ("free_parameters", "free numbers", 0),
-                ("rms_px", "rms, px", 4),
-                ("held_out_rms_px", "unseen views, px", 4),
-                ("halves", "halves differ, std", 2),
-                ("monotonic", "one to one", None),
-            ),
-        ),
-        "nothing_dropped": at(quality, "lens", "dropped") == [],
-        "dropped": records(at(quality, "lens", "dropped"), (("name", "picture", None), ("reason", "why", None)), 2),
+        "lens_models": records(at(quality, "lens", "model_comparison"), _LENSES),
+        "nothing_dropped": dropped == [],
+        "dropped": records(dropped, _DROPPED, 2),
         "plane": listing(at(quality, "plane")),
-        "stills": records(
-            stills,
-            (
-                ("image", "picture", None),
-                ("distance_m", "load at, m", 3),
-                ("point_rms", "points, std", 2),
-                ("moment_residual_Nm", "moment residual, µN·m", 1),
-                ("kept", "used", None),
-            ),
-        ),
+        "stills": records(stills, _STILLS),
         "checks": listing(at(quality, "checks")),
     }

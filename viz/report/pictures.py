@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from vbaa_calib.rig import Rig
 
-WIDEST_PX = 1600
-QUALITY = 88
+_WIDEST_PX = 1600
+_QUALITY = 88
 _CAPTION = (
     "The scene, what was touched close up. Arrows are the object's forces on the antenna; `vbaa view` shows the scene "
     "to turn, zoom and follow in time."
@@ -48,11 +48,11 @@ def scene_from_file(path: Path) -> Picture:
 
 def _packed(image: np.ndarray) -> bytes:
     """(H, W, 3) uint8, blue, green, red, as a JPEG that is not wider than a page needs."""
-    scale = WIDEST_PX / image.shape[1]
+    scale = _WIDEST_PX / image.shape[1]
     if scale < 1.0:
-        size = (WIDEST_PX, max(1, round(image.shape[0] * scale)))
+        size = (_WIDEST_PX, max(1, round(image.shape[0] * scale)))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
 
 def scene_picture(

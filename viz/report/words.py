@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from estimator.object.surface import Surface
     from estimator.object.track import Track
 
-MANY = 0.2
+_MANY = 0.2
 """A larger part of the frames lost is said in the verdict's colour, too."""
-LARGE_RESIDUAL = 3.0
+_LARGE_RESIDUAL = 3.0
 """A moment residual of more than so many of the sensor's deviations (rms) is worth a look."""
-MOST_TIMES = 8
-LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic")
+_MOST_TIMES = 8
+_LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic")
 MODELS = {
     "linear": ("#56b4e9", "small deflections, with weight, natural curvature and clamp"),
     "elastica": ("#0072b2", "large deflections; weight, curvature, clamp and torsion in one pass"),
@@ -113,8 +113,8 @@ def _event_fact(track: Track) -> Fact:
     if not track.events:
         return Fact("In time", " ".join(["No first contact, loss or slip was found.", *notes]), "undetermined")
     contacts = [event for event in track.events if event.kind in names]
-    words = [f"{names[event.kind]} {_time(event.time_s, event.time_std_s)}" for event in contacts[:MOST_TIMES]]
-    words += [f"{len(contacts) - MOST_TIMES} more"] if len(contacts) > MOST_TIMES else []
+    words = [f"{names[event.kind]} {_time(event.time_s, event.time_std_s)}" for event in contacts[:_MOST_TIMES]]
+    words += [f"{len(contacts) - _MOST_TIMES} more"] if len(contacts) > _MOST_TIMES else []
     others = Counter(event.kind for event in track.events if event.kind not in names)
     words += [_counted(kind, others[kind]) for kind in sorted(others, reverse=True)]
     return Fact("In time", " ".join([sentence("; ".join(words)), *notes]))
@@ -154,8 +154,8 @@ def headline(table: ContactTable) -> tuple[str, str]:
     std = table.distance_std_m[table.located]
     known = std[np.isfinite(std)]
     well = f", to {1e3 * float(np.median(known)):.2f} mm along the antenna" if len(known) else ""
-    lost = float(np.mean(np.isin(table.status, LOST) | table.located & (table.bias_std > BIASED_STD)))
-    return f"Contact located in {located} of {frames} frames{well}", AMBER if lost > MANY else TEAL
+    lost = float(np.mean(np.isin(table.status, _LOST) | table.located & (table.bias_std > BIASED_STD)))
+    return f"Contact located in {located} of {frames} frames{well}", AMBER if lost > _MANY else TEAL
 
 
 def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
@@ -177,7 +177,7 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
     if biased:
         words = f"{biased} contacts were found with a model that is off by more than one of their standard deviations"
         facts.append(Fact("Model", f"{words}: estimate them with --model auto.", "look"))
-    lost = np.isin(table.status, LOST)
+    lost = np.isin(table.status, _LOST)
     if lost.any():
         reasons = Counter(map(str, table.reason[lost]))
         shown = [f"{name} ({count} ×)" for name, count in reasons.most_common(3)]
@@ -189,7 +189,7 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         words = (
             f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms): `vbaa check` asks why."
         )
-        facts += [Fact("To look at", words, "look")] if rms > LARGE_RESIDUAL else []
+        facts += [Fact("To look at", words, "look")] if rms > _LARGE_RESIDUAL else []
     return facts
 
 

@@ -12,7 +12,7 @@ from .scene import DrawnEstimate
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
 
-VAGUE_RAD = np.radians(20)
+_VAGUE_RAD = np.radians(20)
 """A normal less well known than this is not drawn: it would show the force's direction, not the object's."""
 
 
@@ -55,7 +55,7 @@ def drawn_estimate(estimate: ObjectEstimate) -> DrawnEstimate:
     normals, friction = estimate.normals, estimate.friction
     return DrawnEstimate(
         row=friction.row,
-        normals=np.where((normals.std_rad < VAGUE_RAD)[:, None], normals.normal, np.nan),
+        normals=np.where((normals.std_rad < _VAGUE_RAD)[:, None], normals.normal, np.nan),
         cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
         facts=(
             *(f"{fact.label}: {fact.words}" for fact in object_facts(estimate)),

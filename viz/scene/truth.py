@@ -13,7 +13,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import LINES, SHAPES, WEDGES, TouchObject
 
-REMEDY = "give the truth.json that vbaa simulate wrote"
+_REMEDY = "give the truth.json that vbaa simulate wrote"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def true_contacts(table: ContactTable, contents: Mapping[str, Any], where: objec
         stiffness = touched.get("stiffness_N_m", np.nan)
         stiffness = np.inf if stiffness is None else float(stiffness)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"frames are not as expected ({error!r})", where=where, remedy=REMEDY) from None
+        raise InputError(f"frames are not as expected ({error!r})", where=where, remedy=_REMEDY) from None
     return TrueContacts(**values, point_world_m=points, friction=friction, stiffness_N_m=stiffness)
 
 
@@ -61,10 +61,10 @@ def true_object(truth: Mapping[str, Any], where: object = "truth.json") -> Touch
     """The touched object out of truth.json's contents. Raises InputError when it is not there or wrong."""
     data = truth.get("object")
     if not isinstance(data, Mapping):
-        raise InputError("has no object", where=where, remedy=REMEDY)
+        raise InputError("has no object", where=where, remedy=_REMEDY)
     shape = data.get("shape")
     if shape not in SHAPES:
-        raise InputError(f"object.shape is {shape!r}", where=where, remedy=REMEDY)
+        raise InputError(f"object.shape is {shape!r}", where=where, remedy=_REMEDY)
     sizes = {"center_world_m": 3, "radius_m": 1}
     sizes |= {"axis_world": 3, "half_length_m": 1} if shape in LINES else {}
     sizes |= {"wedge_world": 3} if shape in WEDGES else {}
@@ -75,12 +75,12 @@ def true_object(truth: Mapping[str, Any], where: object = "truth.json") -> Touch
     try:
         return TouchObject(shape=shape, bumps=bumps, **found)
     except InputError as error:
-        raise InputError(f"object.{error.what}", where=where, remedy=REMEDY) from None
+        raise InputError(f"object.{error.what}", where=where, remedy=_REMEDY) from None
 
 
 def _bumps(value: Any, where: object) -> tuple[Bump, ...]:
     if not isinstance(value, list) or not all(isinstance(bump, Mapping) for bump in value):
-        raise InputError(f"object.bumps is {value!r}", where=where, remedy=REMEDY)
+        raise InputError(f"object.bumps is {value!r}", where=where, remedy=_REMEDY)
     made = []
     for index, bump in enumerate(value):
         name = f"object.bumps[{index}]"
@@ -89,7 +89,7 @@ def _bumps(value: Any, where: object) -> tuple[Bump, ...]:
         try:
             made.append(Bump(*numbers))
         except InputError as error:
-            raise InputError(f"{name}: {error.what}", where=where, remedy=REMEDY) from None
+            raise InputError(f"{name}: {error.what}", where=where, remedy=_REMEDY) from None
     return tuple(made)
 
 
@@ -100,5 +100,5 @@ def _numbers(value: Any, size: int, name: str, where: object) -> Any:
     except (TypeError, ValueError, OverflowError):
         array = np.full(1, np.nan)
     if array.shape != (size,) or not np.isfinite(array).all():
-        raise InputError(f"{name} is {value!r}", where=where, remedy=REMEDY)
+        raise InputError(f"{name} is {value!r}", where=where, remedy=_REMEDY)
     return float(array[0]) if size == 1 else array
