@@ -77,7 +77,7 @@ def _bars(axes: Axes, budget: Budget, variances: Mapping[str, np.ndarray], title
     axes.set_ylim(0, 108)
     axes.set_ylabel("share of the variance, %")
     axes.set_title(title, fontsize=10)
-    axes.legend(fontsize=7, **_LEGEND)
+    axes.legend(**_LEGEND)
 
 
 def _along(axes: Axes, budget: Budget) -> None:
@@ -98,4 +98,4 @@ def _along(axes: Axes, budget: Budget) -> None:
     axes.set_ylabel("deviation of l, mm (rms over forces)")
     axes.set_title("along the antenna", fontsize=10)
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=7, **_LEGEND)
+    axes.legend(**_LEGEND)

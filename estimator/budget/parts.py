@@ -109,31 +109,16 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
 class Propagation:
     """The errors of B results, with what is known or an improvement of it.
 
-    `covariance` (B, K, K) is of the unknowns, `results` and `beyond` are as in `Linearization`, for what is left.
+    `covariance` (B, K, K) is of the unknowns, `results` (B, 6, K) as in `Linearization`, for what is left; `by_noise`
+    the variance (B, 6) by each kind of noise, by friction, and by the prior of the force; `by_errors` (B, 6, S) how far
+    the results are off by each independent error of rig and joint axes.
     """
 
     linear: Linearization
-    improvement: Improvement
     covariance: np.ndarray
     results: np.ndarray
-    beyond: np.ndarray
-
-    @property
-    def by_noise(self) -> dict[str, np.ndarray]:
-        """(B, 6) variance by each kind of noise, by friction, and by the prior of the force."""
-        gain, weights = self.results @ self.covariance, self.linear.prior
-        slopes, found = gain @ _scaling(self.linear, self.improvement), {}
-        for cause, information in _noise_information(self.linear, self.improvement).items():
-            found[cause] = np.einsum("bqk,bkl,bql->bq", slopes, information, slopes)
-        friction = gain[..., UNKNOWNS - 1] ** 2 * weights[:, None, UNKNOWNS - 1]
-        force = (gain[..., 1 : UNKNOWNS - 1] ** 2 * weights[:, None, 1 : UNKNOWNS - 1]).sum(axis=-1)
-        return found | {FRICTION: friction, FORCE_PRIOR: force}
-
-    @property
-    def by_errors(self) -> np.ndarray:
-        """(B, 6, S) how far the results are off by each independent error of rig and joint axes."""
-        weights = self.linear.prior[:, None, UNKNOWNS:]
-        return -(self.results @ self.covariance)[..., UNKNOWNS:] * weights - self.beyond
+    by_noise: dict[str, np.ndarray]
+    by_errors: np.ndarray
 
     @property
     def variance(self) -> np.ndarray:
@@ -144,21 +129,34 @@ class Propagation:
 
 def propagate(linear: Linearization, improvement: Improvement = Improvement()) -> Propagation:
     """The errors of contacts that are estimated with what is known, or with an improvement of it."""
-    left = _scaling(linear, improvement)
-    information = sum(_noise_information(linear, improvement).values(), np.zeros(()))
-    information = left @ information @ left + np.eye(left.shape[-1]) * linear.prior[:, None]
+    left = np.eye(linear.prior.shape[1])
+    left[UNKNOWNS - 1, UNKNOWNS - 1] = improvement.friction
+    if improvement.errors is not None:
+        left[UNKNOWNS:, UNKNOWNS:] = improvement.errors
+    noise = {
+        PIXELS: linear.points / improvement.pixels**2,
+        MOMENT_NOISE: linear.readings / improvement.moment_noise**2,
+    }
+    information = left @ (noise[PIXELS] + noise[MOMENT_NOISE]) @ left
+    information = information + np.eye(left.shape[-1]) * linear.prior[:, None]
     scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
     scale = np.where(scale > 0.0, scale, 1.0)
     with np.errstate(all="ignore"):
         covariance = _inverse(information / (scale[:, :, None] * scale[:, None])) / (scale[:, :, None] * scale[:, None])
-    errors = left[UNKNOWNS:, UNKNOWNS:]
-    return Propagation(linear, improvement, covariance, linear.results @ left, linear.beyond @ errors)
+    results, weights = linear.results @ left, linear.prior[:, None]
+    gain = results @ covariance
+    slopes = gain @ left
+    by_noise = {cause: np.einsum("bqk,bkl,bql->bq", slopes, each, slopes) for cause, each in noise.items()}
+    by_noise[FRICTION] = gain[..., UNKNOWNS - 1] ** 2 * weights[..., UNKNOWNS - 1]
+    by_noise[FORCE_PRIOR] = (gain[..., 1 : UNKNOWNS - 1] ** 2 * weights[..., 1 : UNKNOWNS - 1]).sum(axis=-1)
+    by_errors = -gain[..., UNKNOWNS:] * weights[..., UNKNOWNS:] - linear.beyond @ left[UNKNOWNS:, UNKNOWNS:]
+    return Propagation(linear, covariance, results, by_noise, by_errors)
 
 
 def correlated_variance(space: ErrorSpace, propagation: Propagation) -> np.ndarray:
     """(B, 6) variance by errors of rig and joint axes that belongs to no cause alone, by their correlations.
 
-    It is what all of them make less what each makes beyond what the others determine; negative where correlated errors
+    What all of them make less what each makes beyond what the others determine; negative where correlated errors
     cancel. `variance_by_cause` divides it.
     """
     errors = propagation.by_errors
@@ -178,20 +176,6 @@ def variance_by_cause(space: ErrorSpace, propagation: Propagation) -> dict[str, 
 def per_result(rows: np.ndarray) -> dict[str, np.ndarray]:
     """(B,) variance of each of `RESULTS` from that of their rows (B, 6)."""
     return {name: rows[:, list(which)].sum(axis=1) for name, which in RESULTS.items()}
-
-
-def _noise_information(linear: Linearization, improvement: Improvement) -> dict[str, np.ndarray]:
-    """(B, K, K) by each kind of noise."""
-    readings = linear.readings / improvement.moment_noise**2
-    return {PIXELS: linear.points / improvement.pixels**2, MOMENT_NOISE: readings}
-
-
-def _scaling(linear: Linearization, improvement: Improvement) -> np.ndarray:
-    left = np.eye(linear.prior.shape[1])
-    left[UNKNOWNS - 1, UNKNOWNS - 1] = improvement.friction
-    if improvement.errors is not None:
-        left[UNKNOWNS:, UNKNOWNS:] = improvement.errors
-    return left
 
 
 def _inverse(matrices: np.ndarray) -> np.ndarray:

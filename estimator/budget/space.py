@@ -35,9 +35,8 @@ class ErrorSpace:
     Attributes
     ----------
     causes : names of the G causes that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`.
-    determined : (G, S, S) projector onto the errors that are determined once a cause is known, by correlation, too.
-    determined_by_others : (G, S, S) the same of all the other causes together.
-    shares : (G, S, S) each cause's part of the unit matrix, see `split`.
+    determined : (G, S, S) projector onto the errors that are determined once a cause is known, by correlation, too;
+        determined_by_others : the same of all the other causes together. shares : each cause's part, see `split`.
     rig : how many of the S are the estimator's own rig steps; they stand first.
     axes : (3, S) errors of the joint axes' skew, offset and tilt zero.
     """

@@ -105,21 +105,3 @@ def test_what_makes_no_sense_is_refused(words: tuple[str, ...], what: str, tmp_p
     with pytest.raises(InputError, match=what):
         run(arguments(rig, *words))
     assert [path.name for path in tmp_path.iterdir()] == ["rig.json"]
-
-
-def test_files_that_are_no_rig_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
-        run(arguments(tmp_path / "rig.json"))
-    (tmp_path / "rig.json").write_text("{}")
-    with pytest.raises(InputError):
-        run(arguments(tmp_path / "rig.json"))
-    rig = written(tmp_path / "rig.json")
-    with pytest.raises(InputError):
-        run(arguments(rig, "-o", rig, "--force"))
-
-
-def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
-    rig = written(tmp_path / "rig.json")
-    with pytest.raises(InputError, match="nowhere"):
-        run(arguments(rig, *ONE, "-o", tmp_path / "nowhere" / "budget.json"))
-    assert not (tmp_path / "nowhere").exists()

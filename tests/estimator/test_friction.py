@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.contact.common_errors import CommonErrors
 from estimator.object.friction import Friction, friction
 from estimator.object.friction.angles import friction_touches
 from estimator.object.surface import Surface, reconstruct, touches_of
@@ -134,14 +133,6 @@ def test_forces_that_push_the_slip_are_no_friction(both_ways: bool) -> None:
     assert np.isnan(found.mu)
 
 
-def test_an_unknown_rig_costs_certainty(there_and_back: tuple[Rubbed, Surface]) -> None:
-    given, surface = there_and_back
-    known, unknown = judged(given, surface), judged(replace(given, shared=CommonErrors.none(given.table)), surface)
-    assert unknown.determined
-    assert abs(unknown.mu - 0.3) < 3 * unknown.std
-    assert unknown.std > known.std
-
-
 def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:
     """What the estimator drew towards 0 has, without its prior, the true mean and scatters as it says."""
     found = []
@@ -154,20 +145,6 @@ def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:
     truth = np.arctan(0.4 * np.sin(0.9) * np.cos(np.arctan(0.4 * np.cos(0.9))))
     assert (angle - truth).mean() == pytest.approx(0.0, abs=4 * 0.1 / np.sqrt(len(angle)))
     assert (((angle - truth) / std) ** 2).mean() == pytest.approx(1.0, abs=0.35)
-
-
-def test_friction_along_the_antenna_needs_no_normal() -> None:
-    """Where the friction angle is seen and the antenna slides along itself."""
-    given = rubbed(0.3, np.random.default_rng(8), slip_rad=np.pi / 2, errors=Errors(lean_rad=0.05))
-    count = len(given.table)
-    vague = replace(
-        shaped(given),
-        touched_normal_covariance=np.tile(np.eye(3), (count, 1, 1)),
-        touched_normal_modes=np.zeros((count, 3, 0)),
-    )
-    found = judged(given, vague)
-    assert found.determined
-    assert abs(found.mu - 0.3) < 3 * found.std
 
 
 def test_a_press_along_the_antenna_sets_no_bound_however_sure_its_normals_are() -> None:

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.angles import Axes, roll_of, roll_rad, roll_std_rad
+from estimator.object.friction.angles import Axes, roll_rad, roll_std_rad
 from estimator.object.surface import Surface, reconstruct, touches_of
-from vbaa_calib.geometry import Kinematics
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, rubbed
 
@@ -56,7 +55,7 @@ def test_the_force_sets_tilted_normals_upright(mu: float) -> None:
 def test_deviations_of_the_normals_hold() -> None:
     """Over draws of the common tilt and of the force's errors."""
     squares = []
-    for seed in range(12):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         given = rubbed(0.3, rng, count=40)
         found = judged(given, tilted(given, shaped(given), 0.05 * rng.normal(), 0.05))
@@ -87,18 +86,6 @@ def test_unknown_normals_lie_in_the_cone_about_the_force() -> None:
     error = error_rad(given, found.normals.normal)[vague]
     assert error.max() < np.arctan(0.2) + 0.05
     assert (error / found.normals.std_rad[vague]).max() < 2.5
-
-
-def test_slippery_objects_push_along_their_normals() -> None:
-    """Fig. 7(b): within two degrees."""
-    given = rubbed(0.0, np.random.default_rng(4))
-    surface = shaped(given)
-    found = judged(given, surface)
-    nu = roll_of(Kinematics(), given.table, surface.touched_row, given.normal)
-    assert np.degrees(np.abs(found.psi_rad - nu)).max() < 2.0
-    assert np.degrees(np.abs(found.lateral_rad)).max() < 3.0
-    assert found.interval[0] == 0.0
-    assert found.interval[1] < 0.02
 
 
 def test_psi_and_its_deviation() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from estimator.contact.motion import MOST, PIECES, Beam, Inertia, Motion, Shapes, inertia
+from estimator.contact.motion import PIECES, Beam, Inertia, Motion, Shapes, inertia
 from vbaa_calib.antenna.linear import deflection
 
 from .vibrations import DENSITY, EI, LENGTH, frequency_rad_s, mode_shape, modes, shaken
@@ -82,7 +82,7 @@ def by_contact(contact_m: float, force_N: float) -> np.ndarray:
     return np.stack([by_distance / (2 * step), deflection(S, contact_m, 1.0, EI)], axis=1)
 
 
-@pytest.mark.parametrize("contact", [0.3, 0.5, 0.7, 0.85])
+@pytest.mark.parametrize("contact", [0.3, 0.7])
 @pytest.mark.parametrize("rate_hz", [240.0, 1000.0])
 def test_ringing_on_a_contact_moves_it_as_predicted(contact: float, rate_hz: float) -> None:
     force = 0.01 * 3 * EI / (contact * LENGTH) ** 3
@@ -126,10 +126,10 @@ def test_a_turning_base_throws_the_antenna_outwards() -> None:
     assert verdict.significant[1:-1].all()
 
 
-@pytest.mark.parametrize("rate_hz", [30.0, 60.0, 240.0, 1000.0])
+@pytest.mark.parametrize("rate_hz", [30.0, 240.0])
 def test_rest_is_not_taken_for_motion(rate_hz: float) -> None:
     """Noise in distance, force and direction bends the whole shape; it hardly ever looks like inertia."""
-    rng, count = np.random.default_rng(3), 40_000
+    rng, count = np.random.default_rng(3), 20_000
     slopes = by_contact_at(BEAM.pieces_m)
     slopes /= np.linalg.norm(slopes, axis=1).max()
     time = times(rate_hz, count, rng, 0.2)
@@ -203,18 +203,6 @@ def test_in_parts_as_at_once(part: int) -> None:
     together = Inertia(*(np.concatenate([vars(v)[name] for v in [*parts, last]]) for name in vars(last)))
     same(inertia(shapes, BEAM), together)
     assert len(judge.push(shapes.picked(slice(0, 1))).response) <= 1
-
-
-def test_verdicts_come_soon_and_little_is_kept() -> None:
-    def told(time: np.ndarray) -> list[int]:
-        judge, shapes = Motion(BEAM), swinging(time, np.zeros((len(time), PIECES)))
-        return [len(judge.push(shapes.picked(slice(at, at + 1))).response) for at in range(len(time))]
-
-    assert told(np.arange(100) / 30.0) == [0] + [1] * 99
-    assert told(np.arange(100) / 240.0)[7:] == [1] * 93
-    # a clock that stands still makes nobody wait for ever
-    assert sum(told(np.zeros(600))) == 600 - MOST
-    assert Motion(BEAM).finish() is None
 
 
 def test_live_looks_back_only() -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from estimator.object.surface import Surface, reconstruct, touches_of
 from estimator.object.surface import touches as touches_module
 from estimator.table.contacts import ContactRow, ContactTable
-from tests.viz.touching import ANTENNA_RADIUS_M, cylinder, sphere, touch
+from tests.viz.touching import ANTENNA_RADIUS_M, cylinder, touch
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import TouchObject
 
@@ -124,13 +124,6 @@ def test_objects_apart_are_not_joined() -> None:
     assert np.ptp(surface.points_m[surface.triangles][:, :, 2], axis=1).max() < 0.02
 
 
-def test_dense_tracks_far_apart_are_one_surface() -> None:
-    angle, height = np.tile(np.linspace(1.2, 1.9, 12), 7), np.repeat(np.linspace(-0.03, 0.03, 7), 12)
-    surface = rebuilt(*cylinder(angle, height), std_along_m=1e-5, std_across_m=1e-5)
-    assert surface.patch.max() == 0
-    assert face_normals(surface)[1].sum() > 0.9 * CYLINDER_RADIUS_M * 0.7 * 0.06
-
-
 def test_a_bay_that_was_not_touched_stays_open() -> None:
     """A ring of contacts is not filled."""
     rng = np.random.default_rng(0)
@@ -194,20 +187,6 @@ def test_many_contacts_are_thinned_and_it_says_so(monkeypatch: pytest.MonkeyPatc
     surface = rebuilt(*cylinder(np.full(70, 1.6), np.linspace(-0.03, 0.03, 70)))
     assert len(surface.touched_m) == 30
     assert "70 contacts were thinned evenly to 30" in surface.notes[0]
-
-
-def test_nothing_touched_is_an_input_error() -> None:
-    row = ContactRow(frame=0, time_s=0.0, status="no_contact")
-    with pytest.raises(InputError, match="no frame has a located contact"):
-        touches_of(ContactTable.from_rows([row]))
-
-
-def test_a_ball_touched_here_and_there_is_whole() -> None:
-    surface = rebuilt(*sphere(np.random.default_rng(5), 100, 0.9), std_along_m=1e-4)
-    normal, area = face_normals(surface)
-    cap = 2 * np.pi * 0.02**2 * (1 - np.cos(0.9))
-    assert 0.85 * cap < area.sum() < 1.4 * cap
-    assert (np.sum(normal * surface.normals[surface.triangles[:, 0]], axis=1) > 0.9).all()
 
 
 def test_contacts_of_a_model_that_is_off_are_not_believed() -> None:

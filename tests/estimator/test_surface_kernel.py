@@ -9,7 +9,6 @@ from estimator.object.surface.equations import Equations
 from estimator.object.surface.kernel import (
     Functionals,
     Prior,
-    concatenate,
     covariance,
     pairs,
     slopes_at,
@@ -47,13 +46,6 @@ def test_a_covariance_is_symmetric_positive_and_has_its_variances_on_the_diagona
     np.testing.assert_allclose(matrix, matrix.T, atol=1e-12)
     assert np.linalg.eigvalsh(matrix).min() > -1e-9
     np.testing.assert_allclose(np.diag(matrix), variance(rows, PRIOR), rtol=1e-9)
-
-
-def test_different_functions_are_independent() -> None:
-    x = 0.01 * np.random.default_rng(2).standard_normal((4, 1))
-    first, second = values_at(x, np.array([1.0, 0.0])), slopes_at(x, np.array([[0.0], [1.0]]))
-    np.testing.assert_array_equal(covariance(pairs(first, second), PRIOR), 0.0)
-    assert len(concatenate(first, second)) == 8
 
 
 def test_the_solve_is_the_textbook_s_with_compliance_as_a_vague_number() -> None:

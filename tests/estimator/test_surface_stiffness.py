@@ -10,7 +10,7 @@ import pytest
 from estimator.object.surface import reconstruct
 from estimator.object.surface.build import MODEL_SHARE
 
-from .touched import CYLINDER, KNIFE, RADIUS_M, SPHERE, drawn, edge_touches, spread_touches
+from .touched import CYLINDER, RADIUS_M, SPHERE, drawn, spread_touches
 
 
 @pytest.mark.parametrize("stiffness_N_m", [20.0, 100.0])
@@ -25,13 +25,6 @@ def test_a_soft_ball_s_stiffness_and_its_unpressed_shape(stiffness_N_m: float) -
     assert np.hypot(soft.own_std_m_N, MODEL_SHARE / stiffness_N_m) < soft.std_m_N < 1e-3
     # pressed in by up to 3 mm, drawn where it is when nobody touches it
     assert np.sqrt(np.mean(SPHERE.signed_distance(surface.touched_m)[0] ** 2)) < 1e-4
-
-
-def test_a_soft_edge_s_stiffness() -> None:
-    true = edge_touches(60, np.random.default_rng(0), compliance_m_N=0.02)
-    surface = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M)
-    assert surface.compliance.interval_N_m[0] < 50 < surface.compliance.interval_N_m[1]
-    assert np.abs(KNIFE.signed_distance(surface.points_m)[0]).max() < 6e-4
 
 
 def test_common_errors_widen_the_interval() -> None:

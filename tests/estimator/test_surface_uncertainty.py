@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,17 +13,6 @@ from vbaa_calib.simulate.scene.objects import TouchObject
 from .touched import CYLINDER, FREEFORM, KNIFE, RADIUS_M, SPHERE, drawn, edge_touches, spread_touches
 
 SOFT_M_N = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """Errors over their predicted deviations: of vertices, touches, the normals' turn about the tangent, compliance."""
-
-    mesh: np.ndarray
-    touched: np.ndarray
-    normal: np.ndarray
-    compliance: np.ndarray
-    told: np.ndarray
 
 
 def scaled(surface: Surface, true: Touches, obj: TouchObject, compliance_m_N: float) -> list[np.ndarray]:
@@ -41,7 +30,9 @@ def scaled(surface: Surface, true: Touches, obj: TouchObject, compliance_m_N: fl
     ]
 
 
-def sampled(obj: TouchObject, draws: int, compliance_m_N: float, count: int = 50) -> Sampled:
+def sampled(obj: TouchObject, draws: int, compliance_m_N: float, count: int = 50) -> list[np.ndarray]:
+    """Errors of vertices, touches, the normals' turn about the tangent and compliance over their predicted deviations;
+    and whether the object was called soft."""
     parts = []
     for seed in range(draws):
         rng = np.random.default_rng(seed)
@@ -51,33 +42,24 @@ def sampled(obj: TouchObject, draws: int, compliance_m_N: float, count: int = 50
             true = spread_touches(obj, count, rng, compliance_m_N=compliance_m_N)
         surface = reconstruct(drawn(true, np.random.default_rng(1000 + seed)), RADIUS_M)
         parts.append(scaled(surface, true, obj, compliance_m_N))
-    return Sampled(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
 def inside(errors: np.ndarray) -> float:
     return float(np.mean(np.abs(errors) < 1.96))
 
 
-@pytest.mark.parametrize("obj", [SPHERE, FREEFORM], ids=lambda obj: obj.shape)
-def test_the_deviations_hold_in_a_few_draws(obj: TouchObject) -> None:
-    """Common errors hit a whole surface: a handful of draws is a handful of samples, so the limits are wide."""
-    found = sampled(obj, 5, SOFT_M_N, 40)
-    assert inside(found.touched) > 0.6
-    assert inside(found.normal) > 0.9
-    assert np.abs(found.compliance).max() < 3.5
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("compliance_m_N", [0.0, SOFT_M_N])
 @pytest.mark.parametrize("obj", [CYLINDER, SPHERE, FREEFORM, KNIFE], ids=lambda obj: obj.shape)
 def test_intervals_cover(obj: TouchObject, compliance_m_N: float) -> None:
-    found = sampled(obj, 60, compliance_m_N)
-    assert 0.88 < inside(found.mesh) < 0.99
-    assert 0.88 < inside(found.touched) < 0.99
-    assert inside(found.normal) > 0.9
-    assert inside(found.compliance) > 0.88
+    mesh, touched, normal, compliance, soft = sampled(obj, 60, compliance_m_N)
+    assert 0.88 < inside(mesh) < 0.99
+    assert 0.88 < inside(touched) < 0.99
+    assert inside(normal) > 0.9
+    assert inside(compliance) > 0.88
     # one in twenty rigid objects may pass for soft, and hardly any soft one for rigid
-    assert np.mean(found.told) > 0.95 if compliance_m_N else np.mean(found.told) < 0.12
+    assert np.mean(soft) > 0.95 if compliance_m_N else np.mean(soft) < 0.12
 
 
 def test_own_errors_alone_cover_in_each_surface() -> None:
@@ -109,16 +91,6 @@ def test_the_common_part_of_the_normals_is_part_of_their_covariance() -> None:
     rest = surface.touched_normal_covariance - modes @ np.swapaxes(modes, 1, 2)
     assert np.linalg.eigvalsh(rest).min() > -1e-9
     assert np.trace(modes @ np.swapaxes(modes, 1, 2), axis1=1, axis2=2).max() > 0
-
-
-def test_more_contacts_make_a_surer_surface_and_stiffness() -> None:
-    deviations = []
-    for count in (30, 120):
-        true = spread_touches(SPHERE, count, np.random.default_rng(0), compliance_m_N=SOFT_M_N, common=False)
-        surface = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M)
-        deviations.append((np.median(surface.touched_std_m), surface.compliance.std_m_N))
-    assert deviations[1][0] < 0.75 * deviations[0][0]
-    assert deviations[1][1] < 0.75 * deviations[0][1]
 
 
 def test_too_small_covariances_are_noticed() -> None:

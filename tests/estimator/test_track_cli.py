@@ -16,7 +16,7 @@ from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import read_contacts, write_contacts
 from vbaa_calib.core.errors import InputError
 
-from .track_tables import evidence_table, rubbed, rubbed_table
+from .track_tables import rubbed, rubbed_table
 
 COUNT = 40
 
@@ -58,14 +58,6 @@ def test_events_and_frames_are_written(tmp_path: Path, capsys: pytest.CaptureFix
     assert rows[30]["ringing"] == "false"
 
 
-def test_numbers_that_do_not_exist_are_empty_cells(tmp_path: Path) -> None:
-    contacts = written(tmp_path / "contacts.csv", evidence_table(np.ones(30)))
-    run(arguments(contacts, "-o", tmp_path / "track.csv"))
-    text = (tmp_path / "track.csv").read_text()
-    assert "nan" not in text.lower()
-    assert text.splitlines()[5].endswith("free,,,,,,,,false")
-
-
 def test_contacts_are_smoothed_on_request(tmp_path: Path) -> None:
     rig = Setup(real=True, exact=False).rig()
     (tmp_path / "rig.json").write_text(json.dumps(rig.to_dict()))
@@ -79,34 +71,26 @@ def test_contacts_are_smoothed_on_request(tmp_path: Path) -> None:
     assert (np.trace(back.covariance_world_m2, axis1=1, axis2=2) > 0.0).all()
 
 
-def test_smoothing_asks_for_the_rig(tmp_path: Path) -> None:
-    contacts = written(tmp_path / "contacts.csv", stroked())
-    with pytest.raises(InputError, match="needs --rig"):
-        run(arguments(contacts, "-o", tmp_path / "track.csv", "--smooth", tmp_path / "smoothed.csv"))
-    assert not (tmp_path / "track.csv").exists()
-
-
-def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
-    contacts = written(tmp_path / "contacts.csv", stroked())
-    (tmp_path / "track.csv").write_text("mine")
-    with pytest.raises(InputError, match="exists already"):
-        run(arguments(contacts, "-o", tmp_path / "track.csv"))
-    run(arguments(contacts, "-o", tmp_path / "track.csv", "--force"))
-    assert (tmp_path / "track.csv").read_text().startswith("frame,")
-
-
-def test_no_output_takes_the_place_of_another_file_of_the_call(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("-o", "contacts.csv"), "is an input of this command"),
+        (("-o", "rig.json"), "is an input of this command"),
+        (("-o", "track.parquet"), r"is not a \.csv"),
+        (("-o", "both.csv", "--smooth", "both.csv"), "is the track's own file"),
+    ],
+)
+def test_outputs_that_are_refused(words: tuple[str, ...], what: str, tmp_path: Path) -> None:
+    """Whatever --force says; and --smooth without the rig, and an output that is there already."""
     contacts = written(tmp_path / "contacts.csv", stroked())
     before = contacts.read_bytes()
     (tmp_path / "rig.json").write_text("{}")
-    for output, words in (
-        (contacts, "is an input of this command"),
-        (tmp_path / "rig.json", "is an input of this command"),
-        (tmp_path / "track.parquet", r"is not a \.csv"),
-    ):
-        with pytest.raises(InputError, match=words):
-            run(arguments(contacts, "--rig", tmp_path / "rig.json", "-o", output, "--force"))
-    both = tmp_path / "both.csv"
-    with pytest.raises(InputError, match="is the track's own file"):
-        run(arguments(contacts, "--rig", tmp_path / "rig.json", "-o", both, "--smooth", both, "--force"))
+    named = [word if word.startswith("-") else tmp_path / word for word in words]
+    with pytest.raises(InputError, match=what):
+        run(arguments(contacts, "--rig", tmp_path / "rig.json", *named, "--force"))
+    with pytest.raises(InputError, match="needs --rig"):
+        run(arguments(contacts, "-o", tmp_path / "track.csv", "--smooth", tmp_path / "smoothed.csv"))
+    (tmp_path / "track.csv").write_text("mine")
+    with pytest.raises(InputError, match="exists already"):
+        run(arguments(contacts, "-o", tmp_path / "track.csv"))
     assert contacts.read_bytes() == before

@@ -27,15 +27,6 @@ def ringing_table(rate_hz: float, pace_hz: float = 7.0, seconds: float = 2.0) ->
     return replace(table, status=np.where(np.abs(phase) > 0.6, "not_quasistatic", "low_signal"))
 
 
-def test_frames_between_swinging_ones_swing_too() -> None:
-    table = ringing_table(60.0)
-    ringing = ringing_frames(table)
-    flagged = np.flatnonzero(table.status == "not_quasistatic")
-    assert ringing[flagged[0] : flagged[-1] + 1].all()
-    assert not ringing[: flagged[0]].any()
-    assert not ringing[flagged[-1] + 1 :].any()
-
-
 def test_the_frequency_is_told_where_frames_are_many() -> None:
     table = ringing_table(60.0)
     (event,) = ringing_events(table, ringing_frames(table), STEEL)

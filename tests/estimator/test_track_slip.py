@@ -109,13 +109,6 @@ def test_slip_begins_and_ends_where_it_does() -> None:
     assert "slip" in start.words
 
 
-def test_a_given_normal_is_used() -> None:
-    table = rubbed_table(steady(0.0, 10e-3, 0.0), np.random.default_rng(1), friction=0.6)
-    upright = np.tile([0.0, 0.0, 1.0], (COUNT, 1))
-    track = follow(table, shared=known(table), normal_world=upright)
-    np.testing.assert_allclose(track.slip_velocity_m_s[:, 2], 0.0, atol=1e-12)
-
-
 def test_without_tangents_slip_is_not_made_up() -> None:
     table, _ = track_of(steady(0.0, 10e-3, 0.0))
     track = follow(replace(table, tangent_world=np.full((COUNT, 3), np.nan)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -101,17 +101,6 @@ def test_a_break_is_not_smoothed_over() -> None:
 def _in_antenna(table: ContactTable, points_m: np.ndarray) -> np.ndarray:
     rotation, origin = RIG.kinematics.world_antenna(table.pan_rad, table.tilt_rad)
     return np.einsum("bji,bj->bi", rotation, points_m - origin)
-
-
-def test_frames_without_a_contact_stay_as_they_are() -> None:
-    table, shared = seen(swaying(), 4)
-    status = np.where(np.arange(COUNT) % 10 == 3, "failed", table.status)
-    holed = replace(table, status=status)
-    found = smooth(holed, RIG, shared)
-    gone = status == "failed"
-    for each in fields(ContactTable):
-        np.testing.assert_array_equal(getattr(found, each.name)[gone], getattr(holed, each.name)[gone])
-    assert (found.point_world_m[~gone] != holed.point_world_m[~gone]).any(axis=1).all()
 
 
 def test_without_a_walk_the_smoother_is_the_straight_line() -> None:
