@@ -183,13 +183,12 @@ def _straight_line(free: _Free, look: Look, photographs: Sequence[Photograph]) -
     rows = []
     for one, moment in zip(photographs, moments, strict=True):
         x, y = free.deflection(look(one)).T
-        found = straight_line_contact(x, y, guess, antenna.stiffness_Nm2)
-        contact = float(found.contact_m)
-        rows.append((contact, float(found.force_y_N), float(force_z(moment, contact))))
-    contact, force_y, along_z = np.array(rows).T
+        contact, force_y = map(float, straight_line_contact(x, y, guess, antenna.stiffness_Nm2))
+        rows.append((contact, force_y, float(force_z(moment, contact))))
+    contact, along_y, along_z = np.array(rows).T
     # a line that crosses the antenna beyond its tip tells of no contact
     there = contact <= antenna.length_m
-    return _answers(*(np.where(there, values, np.nan) for values in (contact, force_y, along_z)))
+    return _answers(*(np.where(there, values, np.nan) for values in (contact, along_y, along_z)))
 
 
 def _scipy(rig: Rig, look: Look, sigma_px: float, photographs: Sequence[Photograph]) -> Answers:

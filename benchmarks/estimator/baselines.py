@@ -50,7 +50,7 @@ def baselines(scenes: Scenes, rng: np.random.Generator) -> dict[str, Solve]:
     def line(which: np.ndarray) -> np.ndarray:
         x, y = np.moveaxis(layer.project(scenes.points_px[which])[0], -1, 0)
         guess = np.full(len(which), FIRST_GUESS * length)
-        return np.asarray(straight_line_contact(x, y, guess, stiffness).contact_m)
+        return np.asarray(straight_line_contact(x, y, guess, stiffness)[0])
 
     ready = {name: two_points(ends) for name, ends in PARTS.items()}
     return ready | {"one of each, camera B at 30°": inclined, "straight line": line}
@@ -120,8 +120,7 @@ def _start(scenes: Scenes, index: int, reading_Nm: float) -> np.ndarray:
     """The straight line's contact and f_y, and the moment's f_z, in the unknowns' scales."""
     antenna = scenes.rig.antenna
     x, y = np.moveaxis(scenes.rig.camera_on_plane().project(scenes.points_px[index])[0], -1, 0)
-    line = straight_line_contact(x, y, _START * antenna.length_m, antenna.stiffness_Nm2)
-    contact, force = float(line.contact_m), float(line.force_y_N)
+    contact, force = map(float, straight_line_contact(x, y, _START * antenna.length_m, antenna.stiffness_Nm2))
     if not 0.0 < contact < antenna.length_m:
         contact = _START * antenna.length_m
         force = 3.0 * antenna.stiffness_Nm2 * float(np.nanmax(np.abs(y))) / contact**3

@@ -253,11 +253,11 @@ class Motion:
     """The judge of a recording that comes in parts, of one frame or more, with bounded memory.
 
     A frame's verdict comes with the first one that is more than a quarter of the first mode's period later: at 30
-    frames per second with the next.
+    frames per second with the next. With `live` it comes at once, from earlier frames alone.
     """
 
-    def __init__(self, beam: Beam) -> None:
-        self._beam = beam
+    def __init__(self, beam: Beam, live: bool = False) -> None:
+        self._beam, self._live = beam, live
         self._held: Shapes | None = None
         self._judged = 0
 
@@ -265,15 +265,16 @@ class Motion:
         """The verdicts (K,) that these frames make possible: in order, the first on the first that still waited."""
         held = shapes if self._held is None else self._held.followed_by(shapes)
         waiting = held.picked(slice(self._judged, None))
-        return self._judge(held, max(_complete(waiting, self._beam), len(waiting) - MOST))
+        complete = len(waiting) if self._live else _complete(waiting, self._beam)
+        return self._judge(held, max(complete, len(waiting) - MOST))
 
     def finish(self) -> Inertia | None:
-        """The verdicts on the frames that still wait; None if none was ever pushed."""
-        return None if self._held is None else self._judge(self._held, len(self._held) - self._judged)
+        """The verdicts on the frames that still wait; None if none was ever pushed, or none waits."""
+        return None if self._held is None or self._live else self._judge(self._held, len(self._held) - self._judged)
 
     def _judge(self, held: Shapes, count: int) -> Inertia:
         end = self._judged + count
-        verdicts = inertia(held, self._beam, slice(self._judged, end))
+        verdicts = inertia(held, self._beam, slice(self._judged, end), live=self._live)
         start = max(0, end - MOST)
         self._held, self._judged = held.picked(slice(start, None)), end - start
         return verdicts

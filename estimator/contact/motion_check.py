@@ -11,11 +11,9 @@ from estimator.table.contacts import Contact, Measured
 from vbaa_calib.rig import Rig
 
 from .contacts import Contacts
-from .motion import Beam, Inertia, Motion, Shapes, inertia
+from .motion import Beam, Inertia, Motion, Shapes
 from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP
 
-MEMORY = 64
-"""Earlier frames that are kept when nothing may wait."""
 LARGEST_SHIFT = 1 / 3
 """Inertia that would move the distance by more than this part of its deviation is too much."""
 
@@ -29,10 +27,8 @@ class MotionCheck:
     """
 
     def __init__(self, rig: Rig, live: bool) -> None:
-        self._rig, self._live, self._beam = rig, live, Beam.of(rig)
-        self._motion = Motion(self._beam)
+        self._rig, self._motion = rig, Motion(Beam.of(rig), live)
         self._waiting: deque[tuple[Contact, np.ndarray]] = deque()
-        self._past: Shapes | None = None
 
     def push(self, several: Sequence[Measured], found: Contacts) -> Iterator[Contact]:
         """The contacts that are ready once these frames are known."""
@@ -50,18 +46,12 @@ class MotionCheck:
         push = numbers.push @ np.swapaxes(rotation[:, :, 1:], 1, 2)
         self._waiting.extend(zip(found, push, strict=True))
         shapes = Shapes(times, points, numbers.pieces_std_m, distance)
-        return self._ready(self._tested_live(shapes) if self._live else self._motion.push(shapes))
+        return self._ready(self._motion.push(shapes))
 
     def finish(self) -> Iterator[Contact]:
         """The contacts that still wait."""
-        loads = None if self._live else self._motion.finish()
+        loads = self._motion.finish()
         return iter(()) if loads is None else self._ready(loads)
-
-    def _tested_live(self, shapes: Shapes) -> Inertia:
-        past = 0 if self._past is None else len(self._past)
-        known = shapes if self._past is None else self._past.followed_by(shapes)
-        self._past = known.picked(slice(-MEMORY, None))
-        return inertia(known, self._beam, slice(past, None), live=True)
 
     def _ready(self, loads: Inertia) -> Iterator[Contact]:
         for load, significant in zip(np.asarray(loads.load_N_m), np.asarray(loads.significant), strict=True):

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from estimator.solver.curves import cubics, evaluate_cubics, flat_rows
 from estimator.solver.ladder import Solution
 from estimator.solver.normal_equations import solve_columns
 from estimator.solver.prediction import point_jacobian
@@ -143,7 +142,7 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
     off = part.model_errors
     covariance = covariance + off[..., UNKNOWNS:].mT @ off[..., UNKNOWNS:]
     std = xp.sqrt(uncertainty.std**2 + (off[..., :UNKNOWNS] ** 2).sum(1))
-    free = part.free.points_at(state.unknowns[:, 0] * rig_arrays.length_m)
+    free = part.free.prediction.points_at(state.unknowns[:, :1] * rig_arrays.length_m)[:, 0]
     unknowns, touch = plain(state.unknowns), plain(touch)
     count = len(unknowns)
     numbers = FitNumbers.empty(count)
@@ -222,10 +221,7 @@ def _pieces(fits: Fits, beam: Beam) -> tuple[Array, Array]:
     prediction, state = fits.prediction, fits.state
     xp = namespace(state.scatter)
     at = like(state.scatter, beam.pieces_m) + 0.0 * prediction.contact_m[:, None]
-    table = cubics(prediction.points_m, prediction.tangents, prediction.contact_m, prediction.length_m)
-    left, share, _ = prediction.locate(at)
-    points = xp.stack([value for value, _, _ in evaluate_cubics(table, flat_rows(left, table.shape[1]), share)], -1)
-    return points, xp.sqrt(_scatter(fits, at))
+    return prediction.points_at(at), xp.sqrt(_scatter(fits, at))
 
 
 def _scatter(fits: Fits, at_m: Array) -> Array:

@@ -208,27 +208,13 @@ def _mixed_root(spread: Array, known: Array) -> Array:
 _ROUNDS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class StraightLineContact:
-    """What the line tells; NaN where fewer than two points or no 0 < l were left.
-
-    Attributes
-    ----------
-    contact_m, force_y_N : (...) contact distance l, force component f_y.
-    points : (...) number of points that the last line went through.
-    """
-
-    contact_m: Array
-    force_y_N: Array
-    points: Array
-
-
 def straight_line_contact(
     x_m: Any, y_m: Any, guess_m: Any, stiffness_Nm2: Any, rounds: int = _ROUNDS
-) -> StraightLineContact:
-    """Contact distance and f_y from points (..., N) on plane C, upright camera; NumPy or torch, NaN points left out.
+) -> tuple[Array, Array]:
+    """Contact distance and f_y (...) of points (..., N) on plane C, upright camera; NumPy or torch. NaN is left out.
 
-    The first line goes through the points beyond `guess_m` (...), each further one through those beyond the l before.
+    The first line goes through the points beyond `guess_m` (...), each further one through those beyond the l before;
+    NaN where fewer than two points or no 0 < l are left.
     """
     x, y, contact, stiffness = floats(x_m, y_m, guess_m, stiffness_Nm2)
     xp = namespace(x)
@@ -243,4 +229,4 @@ def straight_line_contact(
             slope = (aside * y).sum(-1) / (aside * x).sum(-1)
             contact = 3.0 * (mean_x - mean_y / slope)
             contact = xp.where((count >= 2.0) & (contact > 0.0) & (contact < np.inf), contact, np.nan)
-        return StraightLineContact(contact, 2.0 * stiffness * slope / contact**2, count)
+        return contact, 2.0 * stiffness * slope / contact**2

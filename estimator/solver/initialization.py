@@ -9,7 +9,6 @@ from vbaa_calib.antenna.nodes import aligned_arclength
 from vbaa_calib.core.arrays import Array, arange_like, like, namespace
 from vbaa_calib.core.robust import huber_weights
 
-from .curves import cubics, evaluate_cubics, flat_rows
 from .frames import Frames
 from .prediction import LINEAR, Prediction, RigJacobian, point_jacobian, predict, rig_jacobian
 from .residuals import NodeSums, PointResiduals, node_sums, residuals_along_chord
@@ -34,14 +33,6 @@ class FreeAntenna:
     prediction: Prediction
     by_rig: RigJacobian
     points: PointResiduals
-
-    def points_at(self, arclength_m: Array) -> Array:
-        """(B, 3) points at arc lengths (B,), antenna frame."""
-        prediction = self.prediction
-        table = cubics(prediction.points_m, prediction.tangents, prediction.contact_m, prediction.length_m)
-        node, share, _ = prediction.locate(arclength_m[:, None])
-        points = evaluate_cubics(table, flat_rows(node, table.shape[1]), share)
-        return namespace(share).concat([value for value, _, _ in points], -1)
 
 
 def free_antenna(frames: Frames, rung: str) -> FreeAntenna:

@@ -14,7 +14,7 @@ from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.core.arrays import Array, as_index, namespace
 from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
 
-from .curves import INNER, LAST, cubics, dot, image_slopes, project, spacing
+from .curves import INNER, LAST, cubics, dot, evaluate_cubics, flat_rows, image_slopes, project, spacing
 from .frames import Frames
 from .rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
 
@@ -67,6 +67,13 @@ class Prediction:
         node = xp.floor(xp.clip(xp.nan_to_num(along, nan=0.0), 0.0, LAST - 1e-6))
         width = inner + (outer - inner) * xp.clip(node - (INNER - 1.0), 0.0, 1.0)
         return as_index(node), along - node, width
+
+    def points_at(self, arclength_m: Array) -> Array:
+        """(B, N, 3) points of the antenna at arc lengths (B, N), antenna frame."""
+        table = cubics(self.points_m, self.tangents, self.contact_m, self.length_m)
+        node, share, _ = self.locate(arclength_m)
+        values = evaluate_cubics(table, flat_rows(node, table.shape[1]), share)
+        return namespace(share).stack([value for value, _, _ in values], -1)
 
     def arclength(self, node: Array) -> Array:
         """Arc lengths (B, N) in m of places given in nodes."""
