@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 
+from estimator.cli import estimate as cli
 from estimator.contact.recording import estimate_centrelines
-from estimator.table.contacts import Contact, Measured
-from estimator.table.files import read_contacts
-from tests.estimator.drawn_frames import CONTACT_M, path_px, rig_of, shape
-from vbaa_calib.cli.main import main
+from estimator.table.contacts import FRICTION_RAD, Contact, Measured
+from tests.estimator.drawn_frames import rig_of
+from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 
@@ -64,37 +62,7 @@ def test_frames_are_made_when_they_are_asked_for() -> None:
     assert len(estimator.taken) == 8
 
 
-def written(folder: Path, moments: str) -> Path:
-    """A session of three touched frames, as centrelines with noise, with these moments (comma-separated cells)."""
-    rig = rig_of((640, 480))
-    path = path_px(rig, shape(rig))[::8]
-    (folder / "recording").mkdir(parents=True)
-    (folder / "rig.json").write_text(json.dumps(rig.to_dict()))
-    (folder / "session.yaml").write_text(
-        "schema: vbaa.session/1\nboard: {squares_x: 9, squares_y: 6, square_m: 0.012, marker_m: 0.009}\n"
-        "antenna: {length_m: 0.24, diameter_m: 0.001, youngs_modulus_Pa: 193.0e9, density_kg_m3: 7900.0}\n"
-        "gravity_world: [0, 0, -9.80665]\nmoment_sensor: {std_Nm: 2.0e-5}\n"
-    )
-    cells = [f"{n},{0.1 * n},0,0,{moment}" for n, moment in enumerate(moments.split(","))]
-    (folder / "recording" / "recording.csv").write_text("\n".join(["frame,time_s,pan_rad,tilt_rad,moment_Nm", *cells]))
-    rng, lines = np.random.default_rng(3), ["frame,u_px,v_px,sigma_px"]
-    for n in range(3):
-        seen = path + rig.image.noise_px * rng.normal(size=path.shape)
-        lines += [f"{n},{u:.6f},{v:.6f},{rig.image.noise_px}" for u, v in seen]
-    (folder / "recording" / "centrelines.csv").write_text("\n".join(lines))
-    return folder
-
-
-def test_centrelines_from_a_folder_to_a_table(tmp_path: Path) -> None:
-    rig = rig_of((640, 480))
-    moment = float(shape(rig).moment_Nm[0])
-    folder = written(tmp_path, f"{moment},{moment},")
-    argv = ["estimate", str(folder), "--rig", str(folder / "rig.json"), "-o", str(folder / "contacts.csv")]
-    assert main(argv) == 0
-    table = read_contacts(folder / "contacts.csv")
-    assert table.frame.tolist() == [0, 1, 2]
-    assert table.status[:2].tolist() == ["ok", "ok"]
-    assert (np.abs(table.distance_m[:2] - CONTACT_M) < 4 * table.distance_std_m[:2]).all()
-    assert np.isfinite(table.moment_residual_Nm).tolist() == [True, True, False]
-    assert np.isfinite(table.friction_angle_std_rad[:2]).all()
-    assert np.isfinite(table.condition[:2]).all()
+def test_the_command_offers_what_the_estimator_takes() -> None:
+    """It names them without importing the estimator, for the sake of a quick --help."""
+    assert ("auto", *RUNGS) == cli.MODELS
+    assert cli.FRICTION_RAD == FRICTION_RAD

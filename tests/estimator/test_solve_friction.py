@@ -65,15 +65,6 @@ def test_the_angle_is_seen_at_large_slopes(friction: float, slope: float) -> Non
     assert np.median(found.force_std_N[:, 0] / np.linalg.norm(given.force_N, axis=1)) < 0.1
 
 
-def test_thinking_of_friction_costs_certainty_but_no_truth() -> None:
-    given = rubbing(USUAL, 0.0, 20.0)
-    rough, slippery = answered(given), answered(given, friction=0.0)
-    both = (rough.status == "ok") & (slippery.status == "ok")
-    assert both.sum() >= 10
-    assert (rough.distance_std_m[both] >= slippery.distance_std_m[both] * (1 - 1e-6)).all()
-    assert squares(rough, given).mean() < 1.7
-
-
 @pytest.mark.slow
 def test_friction_as_thought_possible_is_covered_by_all_numbers() -> None:
     """400 frames, upright and inclined cameras, slopes to 30°, friction from its prior: squares near 1."""

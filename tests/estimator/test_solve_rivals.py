@@ -13,7 +13,7 @@ from estimator.contact.contacts import Contacts
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import MomentSensor
 
-from ..rod_scenes import RIG_STD, World, camera_pose
+from ..rod_scenes import World, camera_pose
 from .contact_scenes import answered, rubbed, scene_deviations, withheld
 
 UPRIGHT = World(camera_pose(0.0)).rig(np.zeros(17))
@@ -116,20 +116,3 @@ def test_a_second_sensor_does_what_the_first_one_would() -> None:
         off = scene_deviations(found, given)
         assert np.abs(off).max() < 4.0
         assert (np.abs(found.force_N[:, 1]) > 20.0 * found.force_std_N[:, 1]).all()
-
-
-@pytest.mark.slow
-def test_vision_alone_over_many_frames() -> None:
-    """2000 frames, three cameras, rig as usually known: what is given out lies within six deviations."""
-    rng = np.random.default_rng(12)
-    for rig in (UPRIGHT, TOWARDS_CLAMP, ACROSS):
-        unsure = replace(rig, covariance=np.diag((0.25 * RIG_STD) ** 2))
-        for _ in range(4):
-            count = 170
-            contact, slope = rng.uniform(0.2, 0.95, count), rng.uniform(2.0, 26.0, count)
-            given = rubbed(unsure, contact, slope, rng.normal(0.0, 0.2, count), rng.uniform(-3.1, 3.1, count)).noisy(
-                rng
-            )
-            found = answered(given, blind=True)
-            off = np.abs(scene_deviations(found, given))[np.isfinite(found.distance_m)]
-            assert off.max() < 6.0

@@ -9,7 +9,6 @@ import pytest
 
 from estimator import Contact, ContactEstimator
 from estimator.contact.contacts import Contacts
-from estimator.contact.status import SECOND_CONTACT
 from vbaa_calib.antenna import linear
 
 from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, World, camera_pose
@@ -92,21 +91,6 @@ def test_one_contact_is_never_two(incline: float, azimuth: float, std: float) ->
     found = once_touched(150, 0, incline, azimuth, std)
     assert not [one.reason for one in found if "two contacts" in one.reason]
     assert (found.status == "ok").mean() > 0.9
-
-
-@pytest.mark.slow
-def test_one_contact_is_hardly_ever_two() -> None:
-    """4000 frames near the clamp and in the middle, known exactly, where the score was once too sharp."""
-    rng, wrong = np.random.default_rng(1), []
-    for _ in range(8):
-        count = 500
-        contact, slope = rng.uniform(0.2, 0.5, count), rng.uniform(2.0, 28.0, count)
-        friction = np.clip(rng.normal(0.0, 0.2, count), -0.7, 0.7)
-        scenes = rubbed(World(camera_pose()).rig(np.zeros(17)), contact, slope, friction, rng.uniform(-3, 3, count))
-        found = answered(scenes.noisy(rng))
-        wrong += [one.reason for one in found if "two contacts" in one.reason]
-        assert np.mean(found.numbers.second_gain > SECOND_CONTACT / 2) < 0.01
-    assert not wrong
 
 
 def test_a_knocked_rig_is_not_called_two_contacts() -> None:

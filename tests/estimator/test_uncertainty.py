@@ -18,7 +18,6 @@ from estimator.solver.uncertainty import uncertainty
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, Frame, World, camera_pose, frames, gravity_antenna, pushing
-from .contact_scenes import answered, rubbed
 
 WORLD = World(camera_pose(0.7, 0.8))
 
@@ -35,10 +34,6 @@ def framed(several: Sequence[Frame], rig: Rig, friction: float = 0.0) -> Frames:
 def solved(several: Sequence[Frame], rig: Rig, model: str = "rod", friction: float = 0.0) -> Solution:
     """The fits behind contacts."""
     return solve(framed(several, rig, friction), model)[0]
-
-
-def evidence_of(seen: Frame, rig: Rig) -> float:
-    return float(solved([seen], rig).evidence[0])
 
 
 def redrawn(exact: Frame, rng: np.random.Generator) -> Frame:
@@ -75,20 +70,6 @@ def test_covariance_is_what_sampling_shows() -> None:
     true = solved([exact], rig).fits.state.unknowns[0, :3]
     off = drawn.mean(axis=0) - true
     assert off @ np.linalg.solve(said / 120, off) / 3 < 4.0
-
-
-def test_friction_within_its_prior_scatters_as_said() -> None:
-    """150 draws of noise and friction angle on one contact: all four unknowns, in every direction."""
-    rng, count = np.random.default_rng(4), 150
-    angles = np.clip(rng.normal(0.0, 0.2, count), -0.6, 0.6)
-    scenes = rubbed(WORLD.rig(np.zeros(17)), [0.6] * count, [22.0] * count, angles).noisy(rng)
-    found = answered(scenes)
-    assert (found.status == "ok").all()
-    off = [found.distance_m - scenes.distance_m, *(found.force_N - scenes.force_N)[:, 1:].T]
-    off = np.stack([*off, found.friction_angle_rad - angles], axis=1)
-    stds = [found.distance_std_m, *found.force_std_N[:, 1:].T, found.friction_angle_std_rad]
-    squares = ((off / np.stack(stds, axis=1)) ** 2).mean(axis=0)
-    assert ((squares > 0.65) & (squares < 1.4)).all(), squares
 
 
 def test_the_rigs_part_is_what_other_rigs_show() -> None:
@@ -144,12 +125,6 @@ def test_evidence_without_contact_follows_its_law() -> None:
     assert 0.6 < np.var(found) < 3.5
     assert min(found) > -0.01
     assert max(found) < 0.7 * CONTACT_EVIDENCE
-
-
-def test_a_clamp_that_is_known_badly_weakens_the_evidence() -> None:
-    seen = quiet(0.6, 0.6, 5e-4)
-    loose = RIG_STD * np.where(np.arange(17) < 14, 20.0, 1.0)
-    assert evidence_of(seen, WORLD.rig(loose)) < 0.5 * evidence_of(seen, WORLD.rig())
 
 
 def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
