@@ -38,8 +38,10 @@ class Problem:
     prior: Array
     scatter: Array
 
-    def residuals_after(self, step: Array) -> tuple[Array, Array]:
-        """Points' distances (B, N) and moment residuals (B, 2) after a small step (B, K)."""
+    def residuals_after(self, step: Array | None) -> tuple[Array, Array]:
+        """Points' distances (B, N) and moment residuals (B, 2), after a small step (B, K) if one is given."""
+        if step is None:
+            return self.points.distance, self.moment_residual
         shift = self.points.interpolate((self.jacobian @ step[..., None])[..., 0])
         moment = self.moment_residual - (self.moment_jacobian @ step[..., None])[..., 0]
         return self.points.distance - shift, moment
@@ -91,18 +93,18 @@ def linear_problem(
 
 def cost(problem: Problem, at: Array, step: Array | None = None) -> Array:
     """(B,) robust cost with the priors of values `at` (B, K), after a small step (B, K) towards them."""
-    distance, moment = (
-        (problem.points.distance, problem.moment_residual) if step is None else problem.residuals_after(step)
-    )
-    points = huber_losses(problem.whitened(distance)).sum(-1)
+    distance, moment = problem.residuals_after(step)
+    return _total_cost(problem, at, problem.whitened(distance), moment)
+
+
+def _total_cost(problem: Problem, at: Array, whitened: Array, moment: Array) -> Array:
+    points = huber_losses(whitened).sum(-1)
     return points + huber_losses(moment).sum(-1) + 0.5 * (problem.prior * at * at).sum(-1)
 
 
 def normal_equations(problem: Problem, at: Array, step: Array | None = None) -> NormalEquations:
     """Reweighted at the residuals after a small step (B, K), for a further step from values `at` (B, K)."""
-    distance, moment = (
-        (problem.points.distance, problem.moment_residual) if step is None else problem.residuals_after(step)
-    )
+    distance, moment = problem.residuals_after(step)
     whitened = problem.whitened(distance)
     sums = problem.weighted_sums(distance, whitened)
     weighted = huber_weights(moment)[..., None] * problem.moment_jacobian
@@ -110,7 +112,7 @@ def normal_equations(problem: Problem, at: Array, step: Array | None = None) -> 
     right_side = (problem.jacobian.mT @ sums.load[..., None] + weighted.mT @ moment[..., None])[..., 0]
     diagonal = arange_like(at, problem.jacobian.shape[-1])
     information[:, diagonal, diagonal] += problem.prior
-    total = huber_losses(whitened).sum(-1) + huber_losses(moment).sum(-1) + 0.5 * (problem.prior * at * at).sum(-1)
+    total = _total_cost(problem, at, whitened, moment)
     return NormalEquations(information, right_side - problem.prior * at, total)
 
 

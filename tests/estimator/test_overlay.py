@@ -113,17 +113,6 @@ def test_ellipse_holds_95_percent_of_contacts_drawn_by_lot(curves: Curves) -> No
     assert abs(inside.mean() - chi2.cdf(2.448**2, 2)) < 0.006
 
 
-def test_other_pictures_look_the_same(
-    estimator: ContactEstimator, curves: Curves, item: FrameContact, tmp_path: Path
-) -> None:
-    image = np.dstack([picture(estimator.rig, curves, HIDING).astype(np.uint16) * 257] * 3)
-    other = estimate_picture(estimator, frame_of(tmp_path, image, float(curves.moment_Nm[0])))
-    assert other.contact.status == "ok"
-    one, two = (frame_picture(estimator, each).astype(int) for each in (item, other))
-    assert one.shape == two.shape
-    assert (np.abs(one - two).max(axis=-1) > 60).mean() < 0.002
-
-
 def test_frame_without_antenna_and_frame_without_picture(
     estimator: ContactEstimator, item: FrameContact, tmp_path: Path
 ) -> None:
