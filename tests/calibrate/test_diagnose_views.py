@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from targets.board import corner_points
-from vbaa_calib.calibrate.faults.variety import coverage, resolution_changed, same_pose
+from vbaa_calib.calibrate.faults.variety import resolution_changed, same_pose
 from vbaa_calib.calibrate.faults.views import (
     OwnScores,
     SetScores,
     centre_moved,
     find_change,
-    focus_changed,
     print_aspect,
     set_scores,
     steps,
@@ -73,17 +72,6 @@ def names(views: Sequence[BoardView]) -> list[str]:
     return [one.name for one in view_set_diagnoses(views, solved(views), SPEC)]
 
 
-def test_the_linearised_focal_change_is_that_of_a_new_solve() -> None:
-    """An independent route: the lens of either half by itself, the rest of the lens held alike by nothing."""
-    focal = np.repeat([1.0, 1.004], 20)
-    views = pictures(3, focal, sigma_px=0.02)
-    change = find_change(scores_of(views).of(SetScores.FOCAL), steps(40), 1e-9)
-    assert change is not None
-    halves = [np.log(solved(part).camera.matrix[0, 0]) for part in (views[:20], views[20:])]
-    assert change.size == pytest.approx(halves[1] - halves[0], abs=4e-4)
-    assert change.size == pytest.approx(0.004, abs=3 * change.std + 1e-4)
-
-
 @pytest.mark.parametrize("unflat_m", [0.0, 5e-5])
 def test_the_size_of_a_step_is_off_by_what_its_deviation_says(unflat_m: float) -> None:
     """With an uneven print too, whose misfit is ten times the corners' noise."""
@@ -104,14 +92,6 @@ def test_a_change_of_focus_is_found_where_it_happens() -> None:
         assert found[0].name == "focus_changed"
         assert found[0].grave
         assert f"between {first - 1:02d}.png and {first:02d}.png by +0.6" in found[0].words or "+0.5" in found[0].words
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_creeping_focus_is_told_from_a_step(seed: int) -> None:
-    found = focus_changed(scores_of(pictures(seed, np.linspace(1.0, 1.012, 16))))
-    assert found is not None
-    assert found.name == "focus_crept"
-    assert "+1.1" in found.words or "+1.2" in found.words
 
 
 def test_a_shifted_picture_is_found_with_its_direction() -> None:
@@ -150,42 +130,14 @@ def test_the_chance_of_a_change_is_what_it_says() -> None:
 def test_a_stretched_print_is_measured() -> None:
     off = []
     for seed in range(8):
-        aspect = print_aspect(scores_of(pictures(seed, np.ones(12), aspect=0.004)))
-        assert aspect is not None
-        assert aspect.known
-        off.append((aspect.excess - 0.004) / aspect.std)
+        found = print_aspect(scores_of(pictures(seed, np.ones(12), aspect=0.004)))
+        assert found is not None
+        off.append((found[0] - 0.004) / found[1])
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
     views = pictures(0, np.ones(12), aspect=-0.007)
     found = next(one for one in view_set_diagnoses(views, solved(views), SPEC) if one.name == "print_stretched")
     assert found.grave
     assert "longer along its x than along its y by 0.7" in found.words
-
-
-def test_pictures_that_were_never_rolled_do_not_tell_a_stretched_print() -> None:
-    """For them it is the same as fy over fx."""
-    rng = np.random.default_rng(4)
-    upright = []
-    for turn in np.concatenate([0.5 * np.eye(3)[:2], -0.5 * np.eye(3)[:2]] * 3):
-        turned = Pose.from_rotvec(turn, np.zeros(3)).rotation
-        upright.append(Pose(turned, np.array([*rng.uniform(-0.02, 0.02, 2), 0.5]) - turned @ CENTRE))
-    views = pictures(0, np.ones(12), aspect=0.004, poses=upright, sigma_px=0.1)
-    aspect = print_aspect(scores_of(views))
-    assert aspect is None or not aspect.known
-    assert "print_stretched" not in names(views)
-
-
-def test_poses_that_repeat() -> None:
-    rng = np.random.default_rng(0)
-    poses = [pose_towards(rng, 0.16, 0.8) for _ in range(4)]
-    views = pictures(0, np.ones(12), poses=[poses[index % 4] for index in range(12)])
-    again = same_pose(views[5], views[:5], SPEC)
-    assert again is not None
-    assert "as in 01.png" in again.words
-    assert same_pose(views[3], views[:3], SPEC) is None
-    found = [one for one in view_set_diagnoses(views, solved(views), SPEC) if one.name == "same_poses"]
-    assert [one.words for one in found] == ["12 pictures show the board in 4 poses only"]
-    empty = dataclasses.replace(views[0], ids=np.zeros(0, int), corners_px=np.zeros((0, 2)))
-    assert same_pose(empty, views, SPEC) is None
 
 
 def test_what_is_missing_is_said() -> None:
@@ -201,9 +153,6 @@ def test_what_is_missing_is_said() -> None:
     ]
     found = [one.name for one in view_set_diagnoses(views, dataclasses.replace(good, views=tuple(used)), SPEC)]
     assert "never_tilted" in found
-    seen = coverage(views)
-    assert seen.counts.sum() == sum(len(view.ids) for view in views)
-    assert seen.hull_share < 0.5
     assert "border_empty" in found
     one_way = [Pose.from_rotvec(np.array([0.0, turn, 0.0]), np.zeros(3)) for turn in np.linspace(-0.6, 0.6, 10)]
     used = [dataclasses.replace(view, T_camera_board=pose) for view, pose in zip(used, one_way, strict=True)]

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 from benchmarks.guided.rigs import Rig, true_error_mm
 from targets.board import corner_points
-from vbaa_calib.calibrate.guide.jig_views import plane_progress
-from vbaa_calib.calibrate.guide.next_view import LEAST_VIEWS, lens_progress
-from vbaa_calib.calibrate.guide.poses import coarse_poses, view_candidates, visible_corners
+from vbaa_calib.calibrate.guide.next_view import lens_progress
+from vbaa_calib.calibrate.guide.poses import coarse_poses, view_candidates
 from vbaa_calib.calibrate.guide.suggestion import best_next, pose_match, seen_as, tilt_words
 from vbaa_calib.calibrate.guide.view_uncertainty import (
     LensDesign,
@@ -92,33 +90,8 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     assert suggestion.std_m / known.inflation <= after.min() * (1.0 + 1e-6)
 
 
-def test_a_suggested_pose_shows_the_board():
-    made, _ = views(4)
-    for known in (
-        LensInformation.nominal([], SPEC, SIZE),
-        LensInformation.of(solve_intrinsics(made, SPEC, "opencv4"), made, SPEC),
-    ):
-        suggestion = best_next(known, PLANE, SPEC, plane_sensitivity(known.design, PLANE, SPEC))
-        ids = visible_corners(known.design.camera, [suggestion.T_camera_board], SPEC)[0]
-        assert len(ids) >= 0.35 * SPEC.corner_count
-        middle, _ = known.design.camera.project((suggestion.T_camera_board @ (CENTRE + 0.0))[None])
-        inside = cv2.pointPolygonTest(suggestion.outline_px.astype(np.float32), middle[0].tolist(), False)
-        assert inside > 0
-        assert 0.6 * 0.39 < np.linalg.norm(suggestion.T_camera_board @ CENTRE) < 1.7 * 0.41
-
-
-def test_without_a_lens_it_says_so_and_suggests_the_whole_board():
-    progress = lens_progress([], SPEC, PLANE, image_size=SIZE)
-    assert progress.solution is None
-    assert not progress.enough
-    assert np.isnan(progress.std_m)
-    assert "pictures can be used, at least 3" in progress.words
-    assert "partly outside" not in progress.suggestion.words
-    assert np.isnan(progress.suggestion.std_m)
-
-
 def test_enough_once_the_goal_is_reached_and_not_before_the_least_number():
-    made, _ = views(LEAST_VIEWS, sigma_px=0.05)
+    made, _ = views(8, sigma_px=0.05)
     solution = solve_intrinsics(made, SPEC, "opencv4")
     done = lens_progress(made, SPEC, PLANE, solution=solution)
     assert done.std_m < 1e-4
@@ -157,18 +130,6 @@ def test_no_gain_is_promised_where_a_richer_lens_is_the_doubt(monkeypatch: pytes
     assert not doubtful.enough
 
 
-def test_a_plane_outside_the_picture_and_a_lens_without_rays_have_no_number():
-    made, _ = views(8)
-    solution = solve_intrinsics(made, SPEC, "opencv4")
-    aside = WorkPlane(Pose(np.eye(3), np.array([2.0, 0.0, 0.4])), 0.24, 0.06)
-    folded = camera_of(LENS_MODELS["opencv4"], np.array([150.0, 150.0, 640.0, 360.0, -2.0, 0.0, 0.0, 0.0]), SIZE)
-    for plane, camera in ((aside, solution.camera), (PLANE, folded)):
-        progress = lens_progress(made, SPEC, plane, solution=replace(solution, camera=camera))
-        assert np.isnan(progress.std_m)
-        assert not progress.enough
-    assert progress.suggestion is not None
-
-
 def tilted(rotvec_rad: tuple[float, float, float], middle_m: tuple[float, float, float]) -> Pose:
     rotation = Pose.from_rotvec(np.array(rotvec_rad), np.zeros(3)).rotation
     half = SPEC.square_m * np.array([SPEC.squares_x, SPEC.squares_y, 0.0]) / 2
@@ -185,7 +146,7 @@ def test_the_edge_named_is_the_one_that_is_farther(direction, words):
             pose = tilted(axis, (0.0, 0.0, 0.3))
             seen = seen_as(CAMERA, pose, SPEC)
             far = pose.rotation @ (np.array([*direction, 0.0]) * 0.05)
-            assert (words in tilt_words(seen.tilt_rad, seen.away_rad)) == (far[2] > 0.01)
+            assert (words in tilt_words(seen)) == (far[2] > 0.01)
             assert seen.tilt_rad == pytest.approx(0.6)
 
 
@@ -210,21 +171,6 @@ def test_the_match_is_one_at_the_pose_and_names_what_to_change():
     assert "further left" in words
     empty = board_view("live", np.full((SPEC.corner_count, 2), -9.0), SIZE, rng)
     assert pose_match(suggestion, empty, SPEC, None, SIZE) == (0.0, "the board is not seen")
-
-
-def test_jig_pictures_are_judged_with_the_lens():
-    made, _ = views(10)
-    camera = solve_intrinsics(made, SPEC, "opencv4").camera
-    rng = np.random.default_rng(1)
-    pixels = project_board(MODEL, INTRINSICS, PLANE.board_pose(SPEC))
-    jig = [board_view(f"jig {index}", pixels, SIZE, rng, 0.1) for index in range(4)]
-    few = plane_progress(jig[:1], SPEC, camera, None, PLANE)
-    many = plane_progress(jig, SPEC, camera, None, PLANE, goal_m=1e-3)
-    assert not few.enough
-    assert many.enough
-    assert many.std_m == pytest.approx(np.hypot(many.lens_std_m, many.board_std_m))
-    assert many.board_std_m < few.board_std_m
-    assert not plane_progress([], SPEC, camera, None, PLANE).enough
 
 
 @pytest.mark.slow

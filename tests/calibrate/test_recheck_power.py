@@ -104,19 +104,6 @@ def table_line(what: str, name: str, draws: int, found: tuple[Counter[str], Coun
     return f"| {name} | {what} | {draws} | {' | '.join(map(str, levels))} | {where} |"
 
 
-@pytest.mark.parametrize(
-    ("what", "name", "expected"),
-    [
-        ("nothing", "leaning 30°", set()),
-        ("board of another dictionary", "upright", {"refused"}),
-    ],
-)
-def test_what_one_picture_each_finds(what: str, name: str, expected: set[str], tmp_path: Path) -> None:
-    found = outcome(CHANGES[what], name, 0, tmp_path)
-    del found["verdict"]
-    assert {key for key, level in found.items() if level not in ("holds", "not given")} == expected
-
-
 def test_what_a_picture_along_the_line_of_sight_cannot_show_is_not_claimed(tmp_path: Path) -> None:
     # an upright camera looks along the bow: rows of the table of docs/check.md that stay empty
     found = outcome(CHANGES["wire bent, 1 mm at the tip, out of plane C"], "upright", 0, tmp_path)

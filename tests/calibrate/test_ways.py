@@ -40,14 +40,6 @@ def test_honest_ways_differ_as_predicted() -> None:
     assert np.mean(found) == pytest.approx(6.0, abs=0.6)
 
 
-def test_what_the_lens_does_to_both_cancels() -> None:
-    rng = np.random.default_rng(1)
-    one = drawn("jig", rng, np.zeros(4))
-    shared = replace(drawn("sweep", rng, np.zeros(4)), lens_sensitivity=one.lens_sensitivity)
-    with_lens, without = (differences([one, shared], lens)[0] for lens in (LENS, np.zeros((0, 0))))
-    np.testing.assert_allclose(with_lens.covariance, without.covariance)
-
-
 def test_the_way_that_stands_alone_is_named() -> None:
     rng = np.random.default_rng(2)
     ways = [drawn(way, rng, np.zeros(4)) for way in ("jig", "sweep", "over board")]

@@ -55,8 +55,8 @@ class PlaneC:
     @property
     def boards(self) -> dict[str, BoardPose]:
         """The boards whose single pose an estimate rests on: each may have a second one that fits nearly as well."""
-        found = {} if self.jig is None else {"jig": self.jig}
-        return found if self.over is None else found | {"over board": self.over.board}
+        boards = {"jig": self.jig, "over board": None if self.over is None else self.over.board}
+        return {way: board for way, board in boards.items() if board is not None}
 
     def to_dict(self) -> dict[str, Any]:
         """For rig.json."""
@@ -79,18 +79,10 @@ class PlaneC:
 
 
 def _sweep_document(sweep: SweepSolution) -> dict[str, Any]:
-    return {
-        "rms_px": sweep.rms_px,
-        "pictures": sweep.pictures,
-        "left_out": [{"name": view.name, "reason": view.reason} for view in sweep.left_out],
-        "angle_std_rad": sweep.angle_std_rad,
-        "axes_free": sweep.axes_free,
-        "axis_skew_rad": sweep.axis_skew_rad,
-        "axis_skew_std_rad": sweep.axis_skew_std_rad,
-        "axis_offset_m": sweep.axis_offset_m,
-        "axis_offset_std_m": sweep.axis_offset_std_m,
-        "T_world_board": sweep.T_world_board.to_dict(),
-    }
+    names = ("rms_px", "pictures", "left_out", "angle_std_rad", "axes_free", "axis_skew_rad", "axis_skew_std_rad")
+    numbers = {name: getattr(sweep, name) for name in (*names, "axis_offset_m", "axis_offset_std_m")}
+    left_out = [{"name": view.name, "reason": view.reason} for view in sweep.left_out]
+    return numbers | {"left_out": left_out, "T_world_board": sweep.T_world_board.to_dict()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,9 +169,7 @@ def _clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) ->
     across = np.hstack([np.zeros((2, 4)), np.eye(2)])
     half_m = 0.5 * board.square_m * min(board.squares_x, board.squares_y)
     tilt = over.height_std_m / half_m
-    return np.vstack([turns, across]), np.array(
-        [tilt, tilt, CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M, CLAMP_OFFSET_STD_M]
-    )
+    return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, *[CLAMP_OFFSET_STD_M] * 2])
 
 
 def corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

@@ -29,11 +29,11 @@ from vbaa_calib.session import Load, NominalAntenna, Session, Still
 from .pipeline import Calibration
 from .plane_c import PlaneC, picture_folders
 
-PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")
+_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")
 """Whose versions rig.json names."""
 _STIFFNESS_DOUBT = 0.15
 """Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
-SIGNIFICANT = 3.0
+_SIGNIFICANT = 3.0
 """Standard deviations beyond which an assumption counts as broken."""
 _SCATTERED = 5.0
 """Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
@@ -66,7 +66,7 @@ def prior_doubts(joint: BundleAdjustment, said: Collection[str] = ()) -> list[st
     problem, found = joint.problem, []
     first = len(joint.solution.residuals) - problem.certain
     for index, estimate in enumerate(problem.prior.poses):
-        own = joint.solution.residuals[first + 6 * index : first + 6 * index + 6]
+        own = joint.solution.residuals[first + 6 * index :][:6]
         if chi_square_p(float(own @ own), 6) < CONTRADICTION:
             found.append(
                 f"the antenna's pictures contradict the {estimate.way} by {np.sqrt(own @ own / 6):.0f} std: is the "
@@ -75,7 +75,7 @@ def prior_doubts(joint: BundleAdjustment, said: Collection[str] = ()) -> list[st
     known = problem.prior.mean[:6], problem.prior.std[:6]
     for name, value, mean, std in zip(PARAMETERS[:6], joint.parameters[6:12], *known, strict=True):
         explained = "antenna_bent" in said and name.startswith("bow")
-        if abs(value - mean) > SIGNIFICANT * std and not explained:
+        if abs(value - mean) > _SIGNIFICANT * std and not explained:
             found.append(
                 f"{name} is {value:.3g}, {abs(value - mean) / std:.1f} times what a careful builder misses it by: is "
                 "plane C right, and the antenna straight in its clamp?"
@@ -92,19 +92,19 @@ def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[st
     """EI against E·πd⁴/64, equal compliance (assumption 4), and the density that the sag requires."""
     found = []
     difference = rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2 - 1
-    if abs(difference) > max(_STIFFNESS_DOUBT, SIGNIFICANT * rig.std("log_stiffness_Nm2")):
+    if abs(difference) > max(_STIFFNESS_DOUBT, _SIGNIFICANT * rig.std("log_stiffness_Nm2")):
         found.append(
             f"EI is {100 * difference:+.0f} % off E·πd⁴/64 = {nominal.stiffness_Nm2:.4g} N·m²: check diameter, loads "
             "and their unit"
         )
     uneven = checks.anisotropy
-    if uneven is not None and abs(uneven.value) > max(_ANISOTROPY_MATTERS, SIGNIFICANT * uneven.std):
+    if uneven is not None and abs(uneven.value) > max(_ANISOTROPY_MATTERS, _SIGNIFICANT * uneven.std):
         found.append(
             f"the antenna is {100 * abs(uneven.value):.1f} ± {100 * uneven.std:.1f} % stiffer against bending to "
             f"{'y' if uneven.value > 0 else 'z'}: it is not equally compliant (assumption 4), is it round?"
         )
     mass, known = checks.mass_per_length_kg_m, nominal.mass_per_length_kg_m
-    doubt = 0.0 if mass is None else SIGNIFICANT * float(np.hypot(mass.std, LOG_MASS_STD * known))
+    doubt = 0.0 if mass is None else _SIGNIFICANT * float(np.hypot(mass.std, LOG_MASS_STD * known))
     if mass is not None and abs(mass.value - known) > doubt:
         area = nominal.mass_per_length_kg_m / nominal.density_kg_m3
         found.append(
@@ -125,7 +125,7 @@ def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
             f"{1e3 * session.moment_std_Nm:.3g}: the former is used"
         )
     drift, per = checks.drift_Nm_per_s or checks.drift_Nm_per_row, "s" if checks.drift_Nm_per_s else "row"
-    if drift is not None and abs(drift.in_std) > SIGNIFICANT:
+    if drift is not None and abs(drift.in_std) > _SIGNIFICANT:
         found.append(
             f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}: let it warm "
             "up, and zero it again before a recording"
@@ -170,13 +170,13 @@ def doubts(calibration: Calibration) -> list[str]:
 def report(calibration: Calibration, warnings: Sequence[str]) -> None:
     """The result in a few lines of prose."""
     rig, antenna = calibration.rig, calibration.rig.antenna
-    position = 1e3 * rig.T_antenna_camera.translation_m
+    x, y, z = 1e3 * rig.T_antenna_camera.translation_m
     off = 1e3 * np.sqrt(np.diag(rig.covariance)[:6])
     std = [rig.std(name) for name in ("log_stiffness_Nm2", "moment_gain", "moment_offset_Nm")]
     say(f"lens       {calibration.lens.model}: rms {calibration.lens.rms_px:.3f} px")
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
     say(
-        f"plane C    camera at ({position[0]:.1f}, {position[1]:.1f}, {position[2]:.1f}) mm in the antenna frame, "
+        f"plane C    camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, "
         f"± {off[3:].max():.2g} mm, ± {off[:3].max():.2g} mrad (by {ways})"
     )
     for difference in calibration.plane.differences:
@@ -242,7 +242,7 @@ def rig_document(calibration: Calibration, warnings: Sequence[str], command: Seq
         "quality": _evidence(calibration, warnings),
         "inputs_sha256": {str(path.relative_to(session.root)): sha256(path) for path in files},
         "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
-        | {name: version(name) for name in PACKAGES},
+        | {name: version(name) for name in _PACKAGES},
         "command": list(command),
     }
 
@@ -262,10 +262,7 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "rms_inliers_px": solution.rms_inliers_px,
         "projection_uncertainty": _uncertainty_document(solution.camera),
         "board_flex": {
-            **vars(flex),
-            "sagittas_m": flex.sagittas_m.tolist(),
-            "std_m": None if flex.std_m is None else flex.std_m.tolist(),
-            "covariance_m2": None if flex.covariance_m2 is None else flex.covariance_m2.tolist(),
+            **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(flex).items()},
             "sagitta_mm": flex.sagitta_mm,
         },
         "views": [
@@ -284,10 +281,12 @@ def _uncertainty_document(camera: Camera) -> dict[str, Any]:
 
     `std_px` has what a turn of the camera explains taken out, `std_fixed_camera_px` has not.
     """
-    turning, fixed = (projection_uncertainty(camera, compensated) for compensated in (True, False))
+    maps = [projection_uncertainty(camera, compensated) for compensated in (True, False)]
+    columns, rows = maps[0].pixels[0, :, 0], maps[0].pixels[:, 0, 1]
+    std = [[[value if isfinite(value) else None for value in row] for row in one.std_px.tolist()] for one in maps]
     return {
-        "columns_px": turning.pixels[0, :, 0].tolist(),
-        "rows_px": turning.pixels[:, 0, 1].tolist(),
-        "std_px": [[value if isfinite(value) else None for value in row] for row in turning.std_px.tolist()],
-        "std_fixed_camera_px": [[value if isfinite(value) else None for value in row] for row in fixed.std_px.tolist()],
+        "columns_px": columns.tolist(),
+        "rows_px": rows.tolist(),
+        "std_px": std[0],
+        "std_fixed_camera_px": std[1],
     }

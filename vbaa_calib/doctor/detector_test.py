@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import cv2
@@ -19,7 +19,7 @@ from vbaa_calib.simulate.render.picture import Studio, digitise, expose
 from vbaa_calib.simulate.scene.lens import Lens, project, ray_map
 from vbaa_calib.simulate.scene.scene import PictureSpec
 
-TILT_RAD = np.radians(45.0)
+_TILT_RAD = np.radians(45.0)
 _BEHIND = 0.35
 _ROOM = 1.12
 _FOCAL_PER_SIDE = 1.6
@@ -30,8 +30,6 @@ _FAR = 1e12
 class Conditions:
     """How a picture is taken.
 
-    Attributes
-    ----------
     square_px : side of a square at the board's middle, seen face on.
     blur_px : standard deviation of the lens's Gaussian blur; the pixel's own area comes on top.
     noise : standard deviation of the grey levels (of 255).
@@ -58,7 +56,7 @@ class DrawnBoard:
 
 
 def draw_board(
-    sheet: Sheet, conditions: Conditions, rng: np.random.Generator, tilt_rad: float = TILT_RAD
+    sheet: Sheet, conditions: Conditions, rng: np.random.Generator, tilt_rad: float = _TILT_RAD
 ) -> DrawnBoard:
     """The whole board at a random tilt up to `tilt_rad`, any roll, any place on the pixel grid; the lens is ideal."""
     spec = sheet.spec
@@ -69,7 +67,8 @@ def draw_board(
     pose = _pose(spec, focal, conditions.square_px, rng, tilt_rad)
     ones = np.ones((side, side), np.float32)
     place = Studio(_picture_spec(conditions), ray_map(lens), np.float32(conditions.exposure) * ones, ones[:2, :2])
-    patch = board_patch(place, sheet, pose, _facing_the_lamp())
+    # a camera that looks straight down: the board is lit about alike in every picture
+    patch = board_patch(place, sheet, pose, np.diag([1.0, -1.0, -1.0]))
     grey = expose(place, np.float32(_BEHIND) * ones, [] if patch is None else [patch])
     return DrawnBoard(grey, project(lens, pose @ corner_points(spec)), conditions)
 
@@ -84,17 +83,12 @@ def _pose(spec: BoardSpec, focal: float, square_px: float, rng: np.random.Genera
     return Pose(rotation, shift - rotation @ middle)
 
 
-def _facing_the_lamp() -> np.ndarray:
-    """A camera that looks straight down, so that the board is lit about alike in every picture."""
-    return np.diag([1.0, -1.0, -1.0])
-
-
 def _picture_spec(conditions: Conditions) -> PictureSpec:
     return PictureSpec(conditions.blur_px, conditions.noise, _FAR, 0.0, 0.0, _BEHIND, 0.0, 0.0, 0.0, 0.0)
 
 
 _SQUARE_PX = (24.0, 40.0, 64.0)
-BLUR_PX = (0.5, 1.0, 2.0)
+_BLUR_PX = (0.5, 1.0, 2.0)
 OPENCV, OURS = "OpenCV", "vbaa-calib"
 _LEAST_CORNERS = 12
 
@@ -105,8 +99,6 @@ _Detector = Callable[[np.ndarray, BoardSpec], BoardView]
 class Row:
     """One detector under one condition.
 
-    Attributes
-    ----------
     found : share of all corners.
     bias_px : mean error along u and v. rms_px : of the distances; worst_px : the largest. NaN where too few are found.
     median_px : of the distances, by which one wild corner does not show.
@@ -130,16 +122,8 @@ class Row:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: what was not measured is null."""
-        numbers = {"rms_px": self.rms_px, "median_px": self.median_px, "worst_px": self.worst_px}
-        return {
-            "detector": self.detector,
-            "square_px": self.square_px,
-            "blur_px": self.blur_px,
-            "found": self.found,
-            "bias_px": list(self.bias_px) if self.measured else None,
-            **{name: value if self.measured else None for name, value in numbers.items()},
-            "error_per_std": self.error_per_std if self.measured else None,
-        }
+        errors = ("bias_px", "rms_px", "median_px", "worst_px", "error_per_std")
+        return asdict(self) | ({} if self.measured else dict.fromkeys(errors))
 
 
 def opencv_corners(image: np.ndarray, spec: BoardSpec) -> BoardView:
@@ -159,7 +143,7 @@ def try_detectors(
     seed: int,
     detectors: Mapping[str, _Detector] = DETECTORS,
     square_px: Sequence[float] = _SQUARE_PX,
-    blur_px: Sequence[float] = BLUR_PX,
+    blur_px: Sequence[float] = _BLUR_PX,
 ) -> list[Row]:
     """Every detector on the same pictures: `pictures` random poses for each size of the squares and each blur.
 
@@ -180,37 +164,23 @@ def try_detectors(
                 error = view.corners_px - board.corners_px[view.ids]
                 errors[name].append(error)
                 if view.covariance_px2 is not None and len(error):
-                    pulls[name].append(_squared_pulls(error, view.covariance_px2))
+                    pulls[name].append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(view.covariance_px2), error))
         for name in detectors:
             rows.append(_row(name, condition, errors[name], pulls[name], pictures * spec.corner_count))
     return rows
-
-
-def _squared_pulls(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    return np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
 
 
 def _row(
     name: str, condition: Conditions, errors: Sequence[np.ndarray], pulls: Sequence[np.ndarray], corners: int
 ) -> Row:
     every = np.concatenate([np.zeros((0, 2)), *errors])
-    nan = float("nan")
-    found = len(every) / corners
+    head = name, condition.square_px, condition.blur_px, len(every) / corners
     if len(every) < _LEAST_CORNERS:
-        return Row(name, condition.square_px, condition.blur_px, found, (nan, nan), nan, nan, nan, None)
-    distance = np.linalg.norm(every, axis=1)
-    bias = every.mean(axis=0)
-    return Row(
-        detector=name,
-        square_px=condition.square_px,
-        blur_px=condition.blur_px,
-        found=found,
-        bias_px=(float(bias[0]), float(bias[1])),
-        rms_px=float(np.sqrt((distance**2).mean())),
-        median_px=float(np.median(distance)),
-        worst_px=float(distance.max()),
-        error_per_std=float(np.sqrt(np.concatenate(pulls).mean() / 2)) if pulls else None,
-    )
+        return Row(*head, (np.nan, np.nan), np.nan, np.nan, np.nan, None)
+    distance, bias = np.linalg.norm(every, axis=1), every.mean(axis=0)
+    rms = float(np.sqrt((distance**2).mean()))
+    pull = float(np.sqrt(np.concatenate(pulls).mean() / 2)) if pulls else None
+    return Row(*head, (float(bias[0]), float(bias[1])), rms, float(np.median(distance)), float(distance.max()), pull)
 
 
 _BIASED_PX = 0.08
@@ -220,66 +190,56 @@ _GOOD_PX = 0.1
 _FOUND = 0.5
 
 
+def _measured(rows: Sequence[Row], detector: str) -> list[Row]:
+    """Of a detector, under the conditions in which half the corners or more are found."""
+    return [row for row in rows if row.detector == detector and row.measured and row.found >= _FOUND]
+
+
 def mean_bias_px(rows: Sequence[Row], detector: str) -> np.ndarray:
     """(2,) mean error along u and v, over the conditions under which half the corners or more are found; else NaN."""
-    measured = [row.bias_px for row in rows if row.detector == detector and row.measured and row.found >= _FOUND]
-    return np.median(measured, axis=0) if measured else np.full(2, np.nan)
+    biases = [row.bias_px for row in _measured(rows, detector)]
+    return np.median(biases, axis=0) if biases else np.full(2, np.nan)
 
 
 def is_sound(rows: Sequence[Row]) -> bool:
     """Whether neither detector is off as a whole, nor silent under every condition."""
-    biases = np.array([mean_bias_px(rows, detector) for detector in (OPENCV, OURS)])
-    return bool((np.abs(biases) < _BIASED_PX).all())
+    return bool((np.abs([mean_bias_px(rows, detector) for detector in (OPENCV, OURS)]) < _BIASED_PX).all())
 
 
 def verdict(rows: Sequence[Row]) -> list[str]:
     """Sentences: whether OpenCV, and what we make of its corners, can be trusted, and down to which size of squares."""
-    return [*_of_opencv(mean_bias_px(rows, OPENCV)), *_of_ours(rows)]
-
-
-def _of_opencv(bias: np.ndarray) -> list[str]:
-    name = f"OpenCV {cv2.__version__}"
-    if not np.isfinite(bias).all():
-        return [
-            f"{name} finds this board under none of the conditions: are its squares too many, or its markers too thin?"
-        ]
+    bias, name = mean_bias_px(rows, OPENCV), f"OpenCV {cv2.__version__}"
     shift = f"({bias[0]:+.2f}, {bias[1]:+.2f}) px"
-    if np.abs(bias).max() < _BIASED_PX:
-        return [f"{name} finds this board's corners without bias: {shift} in the mean."]
-    if ((np.abs(bias) > _HALF_PX[0]) & (np.abs(bias) < _HALF_PX[1])).any():
-        return [
-            f"{name} is half a pixel off, {shift}: it counts pixels from a corner of the first one, as versions before "
-            "4.14 did. Update it."
-        ]
-    return [f"{name} is off by {shift} in the mean. Update it, or report it."]
+    if not np.isfinite(bias).all():
+        words = "finds this board under none of the conditions: are its squares too many, or its markers too thin?"
+    elif np.abs(bias).max() < _BIASED_PX:
+        words = f"finds this board's corners without bias: {shift} in the mean."
+    elif ((np.abs(bias) > _HALF_PX[0]) & (np.abs(bias) < _HALF_PX[1])).any():
+        words = f"is half a pixel off, {shift}: it counts pixels from a corner of the first one, as versions before "
+        words += "4.14 did. Update it."
+    else:
+        words = f"is off by {shift} in the mean. Update it, or report it."
+    return [f"{name} {words}", *_of_ours(rows)]
 
 
 def _of_ours(rows: Sequence[Row]) -> list[str]:
-    bias = mean_bias_px(rows, OURS)
+    bias, said = mean_bias_px(rows, OURS), []
     if not np.isfinite(bias).all():
         return []
-    sentences = []
     if np.abs(bias).max() >= _BIASED_PX:
-        sentences.append(
-            f"The corners used here are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px: do not calibrate with them."
-        )
-    good = [
-        row for row in rows if row.detector == OURS and row.measured and row.found >= _FOUND and row.rms_px <= _GOOD_PX
-    ]
+        said = [f"The corners used here are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px: do not calibrate with them."]
+    good = [row for row in _measured(rows, OURS) if row.rms_px <= _GOOD_PX]
     if not good:
-        return [
-            *sentences,
-            f"Under no condition tried are corners within {_GOOD_PX} px rms: the markers leave no room.",
-        ]
+        return [*said, f"Under no condition tried are corners within {_GOOD_PX} px rms: the markers leave no room."]
     smallest = min(row.square_px for row in good)
-    sentences.append(f"Our corners are within {_GOOD_PX} px rms from squares of {smallest:g} px on.")
-    pulls = [row.error_per_std for row in good if row.error_per_std is not None]
-    if pulls and max(pulls) > 1.5:
-        sentences.append(
-            f"Errors are up to {max(pulls):.1f} times what noise alone makes: in sharp pictures with little noise "
-            "the detector's own bias from corner to corner rules."
+    said.append(f"Our corners are within {_GOOD_PX} px rms from squares of {smallest:g} px on.")
+    pull = max((row.error_per_std for row in good if row.error_per_std is not None), default=0.0)
+    if pull > 1.5:
+        said.append(
+            f"Errors are up to {pull:.1f} times what noise alone makes: in sharp pictures with little noise the "
+            "detector's own bias from corner to corner rules."
         )
-    return sentences
+    return said
 
 
 def as_text(rows: Sequence[Row]) -> str:

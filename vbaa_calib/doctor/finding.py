@@ -15,12 +15,8 @@ OK, LOOK, FAILS = "ok", "look", "fails"
 class Finding:
     """One thing that was looked at.
 
-    Attributes
-    ----------
-    name : what was looked at, in a word or two.
-    words : what was seen.
+    name : what was looked at. words : what was seen. numbers : for JSON.
     problems : what is wrong with it; none where it is well. A grave one means that something will not work.
-    numbers : for JSON.
     """
 
     name: str
@@ -31,19 +27,13 @@ class Finding:
     @property
     def status(self) -> str:
         """ok, look or fails."""
-        if not self.problems:
-            return OK
-        return FAILS if any(problem.grave for problem in self.problems) else LOOK
+        return FAILS if any(problem.grave for problem in self.problems) else LOOK if self.problems else OK
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         problems = [problem.to_dict() for problem in self.problems]
-        return {
-            "name": self.name,
-            "status": self.status,
-            "words": self.words,
-            "problems": problems,
-            "numbers": self.numbers,
+        return {"name": self.name, "status": self.status, "words": self.words, "problems": problems} | {
+            "numbers": self.numbers
         }
 
 

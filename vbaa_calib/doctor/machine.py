@@ -20,7 +20,7 @@ from vbaa_calib.core.errors import Diagnosis
 
 from .finding import Finding, by_system, pip
 
-DRAWING_SECONDS, CAMERA_SECONDS, TORCH_SECONDS = 90.0, 30.0, 120.0
+_DRAWING_SECONDS, _CAMERA_SECONDS, _TORCH_SECONDS = 90.0, 30.0, 120.0
 _SLOW_TORCH_SECONDS = 20.0
 _OPEN = (
     "import json, sys, cv2\n"
@@ -44,11 +44,10 @@ class Tried:
     out: str = ""
     err: str = ""
 
-    @property
-    def last_line(self) -> str:
-        """The last thing that it complained of."""
+    def how(self, late: str, failed: str) -> str:
+        """In words, with the last thing that it complained of."""
         lines = self.err.strip().splitlines()
-        return lines[-1].strip() if lines else "it said nothing"
+        return late if self.code is None else f"{failed} ({lines[-1].strip() if lines else 'it said nothing'})"
 
 
 _Try = Callable[[Sequence[str], float], Tried]
@@ -76,15 +75,12 @@ def try_python(arguments: Sequence[str], seconds: float) -> Tried:
 
 def drawing(attempt: _Try = try_python) -> Finding:
     """Whether 3-D pictures can be drawn. Pages and glTF need no OpenGL, so this alone stops nothing."""
-    tried = attempt(["-m", "viz.render.probe"], DRAWING_SECONDS)
+    tried = attempt(["-m", "viz.render.probe"], _DRAWING_SECONDS)
     if tried.code == 0:
         return Finding("drawing", "3-D pictures can be drawn")
-    if tried.code is None:
-        how = f"took longer than {DRAWING_SECONDS:.0f} s"
-    elif tried.code < 0:
-        how = f"was ended by signal {-tried.code}"
-    else:
-        how = f"failed ({tried.last_line})" if tried.err.strip() else "found no OpenGL that works"
+    how = tried.how(f"took longer than {_DRAWING_SECONDS:.0f} s", "failed")
+    if tried.code is not None and (tried.code < 0 or not tried.err.strip()):
+        how = f"was ended by signal {-tried.code}" if tried.code < 0 else "found no OpenGL that works"
     remedy = by_system(
         "apt-get install libegl1 libgl1-mesa-dri",
         "log in at the screen: macOS draws for a logged-in user only",
@@ -94,25 +90,17 @@ def drawing(attempt: _Try = try_python) -> Finding:
     return Finding("drawing", "3-D pictures cannot be drawn", (problem,), {"exit_code": tried.code})
 
 
-def _video_devices() -> list[str]:
-    """Linux' camera devices, in order."""
-    return sorted(glob.glob("/dev/video*"), key=lambda path: (len(path), path))
-
-
-def _readable(path: str) -> bool:
-    return os.access(path, os.R_OK | os.W_OK)
-
-
 def cameras(
     devices: Sequence[str] | None = None,
-    readable: Callable[[str], bool] = _readable,
+    readable: Callable[[str], bool] = lambda path: os.access(path, os.R_OK | os.W_OK),
     attempt: _Try = try_python,
     system: str = sys.platform,
 ) -> Finding:
     """Cameras, and whether they give a picture. None is no fault: pictures come from files and streams too."""
     problems: list[Diagnosis] = []
     if system == "linux":
-        devices = _video_devices() if devices is None else devices
+        there = glob.glob("/dev/video*") if devices is None else devices
+        devices = sorted(there, key=lambda path: (len(path), path))
         shut = [path for path in devices if not readable(path)]
         if shut:
             words = f"{', '.join(shut)} may not be opened by you"
@@ -124,10 +112,10 @@ def cameras(
         devices, indices = [], ["0", "1"]  # there is nothing to list: the first two are tried
     opened = {}
     if indices:
-        tried = attempt(["-c", _OPEN, *indices], CAMERA_SECONDS)
+        tried = attempt(["-c", _OPEN, *indices], _CAMERA_SECONDS)
         opened = dict(json.loads(line) for line in tried.out.splitlines() if line.startswith("["))
         if tried.code != 0:
-            how = "does not answer" if tried.code is None else f"ends the program that opens it ({tried.last_line})"
+            how = tried.how("does not answer", "ends the program that opens it")
             at = next((index for index in indices if int(index) not in opened), indices[-1])
             remedy = "unplug it and plug it in again; close programs that use it"
             problems.append(Diagnosis("camera_stuck", f"camera {at} {how}", remedy))
@@ -146,18 +134,12 @@ def cameras(
 
 def torch(attempt: _Try = try_python) -> Finding:
     """Whether torch loads, and how long that takes; every calibration waits for it."""
-    tried = attempt(["-c", _TORCH], TORCH_SECONDS)
+    tried = attempt(["-c", _TORCH], _TORCH_SECONDS)
     fields = tried.out.split()
     if tried.code != 0 or len(fields) != 4:
-        how = f"takes longer than {TORCH_SECONDS:.0f} s to load"
-        if tried.code is not None:
-            how = f"cannot be loaded ({tried.last_line})"
-        remedy = by_system(
-            pip("install", "--force-reinstall", '"torch>=2.4,<3"'),
-            pip("install", "--force-reinstall", '"torch>=2.4,<3"'),
-            "winget install Microsoft.VCRedist.2015+.x64, then "
-            + pip("install", "--force-reinstall", '"torch>=2.4,<3"'),
-        )
+        how = tried.how(f"takes longer than {_TORCH_SECONDS:.0f} s to load", "cannot be loaded")
+        again = pip("install", "--force-reinstall", '"torch>=2.4,<3"')
+        remedy = by_system(again, again, f"winget install Microsoft.VCRedist.2015+.x64, then {again}")
         return Finding("torch", "does not load", (Diagnosis("torch_broken", f"torch {how}", remedy, grave=True),))
     seconds = float(fields[0])
     words = f"{fields[1]} loads in {seconds:.1f} s, {fields[2]} threads, {'with' if fields[3] == 'True' else 'no'} CUDA"
@@ -169,13 +151,12 @@ def torch(attempt: _Try = try_python) -> Finding:
     return Finding("torch", words, problems, {"seconds": round(seconds, 3), "version": fields[1]})
 
 
-MB, GB = 1_000_000, 1_000_000_000
-DISK_FULL, DISK_LOW = 200 * MB, 2 * GB
-_MEMORY_LOW = 2 * GB
+_MB, _GB = 1_000_000, 1_000_000_000
+_DISK_FULL, _DISK_LOW, _MEMORY_LOW = 200 * _MB, 2 * _GB, 2 * _GB
 
 
 def the_folders() -> dict[str, Path | None]:
-    """What is written to: where one stands, for what passes, and for what is kept. None: there is none."""
+    """What is written to: the current, the temporary and the cache folder. None: there is none."""
     cache = Path(os.environ.get("MPLCONFIGDIR") or os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
     while not cache.exists() and cache != cache.parent:
         cache = cache.parent  # it would be made there
@@ -219,12 +200,10 @@ def disk(folder: Path | None = None, free_bytes: int | None = None) -> Finding:
     """Free space where one stands."""
     if free_bytes is None:
         free_bytes = shutil.disk_usage(Path.cwd() if folder is None else folder).free
-    words = f"{free_bytes / GB:.1f} GB free"
-    problems: tuple[Diagnosis, ...] = ()
-    if free_bytes < DISK_LOW:
-        said = f"only {free_bytes / MB:.0f} MB are free on this disk, and a session with its pictures may need some GB"
-        problems = (Diagnosis("disk_low", said, "make room, or work on another disk", grave=free_bytes < DISK_FULL),)
-    return Finding("disk", words, problems, {"free_bytes": free_bytes})
+    said = f"only {free_bytes / _MB:.0f} MB are free on this disk, and a session with its pictures may need some GB"
+    low = Diagnosis("disk_low", said, "make room, or work on another disk", grave=free_bytes < _DISK_FULL)
+    problems = (low,) if free_bytes < _DISK_LOW else ()
+    return Finding("disk", f"{free_bytes / _GB:.1f} GB free", problems, {"free_bytes": free_bytes})
 
 
 def available_memory(meminfo: Path = Path("/proc/meminfo")) -> int | None:
@@ -241,21 +220,15 @@ def available_memory(meminfo: Path = Path("/proc/meminfo")) -> int | None:
         return None
 
 
-def cores() -> int:
-    """Processor cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def computing(memory: Callable[[], int | None] = available_memory, environ: Mapping[str, str] = os.environ) -> Finding:
     """Cores, threads and memory."""
-    free, threads, count = memory(), environ.get("OMP_NUM_THREADS"), cores()
-    said = f"{free / GB:.1f} GB of memory" if free is not None else "memory unknown"
+    free, threads = memory(), environ.get("OMP_NUM_THREADS")
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    said = f"{free / _GB:.1f} GB of memory" if free is not None else "memory unknown"
     words = f"{count} cores, {said}, OMP_NUM_THREADS {threads or 'not set'}"
     problems = []
     if free is not None and free < _MEMORY_LOW:
-        low = f"only {free / GB:.1f} GB of memory are free"
+        low = f"only {free / _GB:.1f} GB of memory are free"
         problems.append(Diagnosis("memory_low", low, "close other programs; large pictures and torch need about 2 GB"))
     if threads is not None and (not threads.isdigit() or int(threads) < 1):
         wrong = f"OMP_NUM_THREADS is {threads!r}, which is no number of threads"

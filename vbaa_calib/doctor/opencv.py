@@ -5,22 +5,21 @@ from __future__ import annotations
 import importlib
 import importlib.metadata as metadata
 import re
-from collections.abc import Mapping
-from types import ModuleType
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
 
 from .finding import Finding, by_system, pip
 
-RIGHT = "opencv-contrib-python-headless"
+_RIGHT = "opencv-contrib-python-headless"
 _RIGHT_RANGE = ">=4.14,<5"
 _NAMES = frozenset(
     f"opencv{contrib}-python{headless}" for contrib in ("", "-contrib") for headless in ("", "-headless")
 )
 
 
-def wheels() -> dict[str, str]:
+def _wheels() -> dict[str, str]:
     """Name → version of every wheel that brings a cv2."""
     found = {}
     for each in metadata.distributions():
@@ -30,15 +29,13 @@ def wheels() -> dict[str, str]:
     return found
 
 
-def _load() -> ModuleType:
-    return importlib.import_module("cv2")
-
-
-def opencv(installed: Mapping[str, str] | None = None, load: Any = _load) -> Finding:
+def opencv(
+    installed: Mapping[str, str] | None = None, load: Callable[[], Any] = lambda: importlib.import_module("cv2")
+) -> Finding:
     """Several wheels at once overwrite each other's files; OpenCV 5 lacks what is needed; some wheels need libGL."""
-    installed = wheels() if installed is None else installed
+    installed = _wheels() if installed is None else installed
     named = ", ".join(f"{name} {version}" for name, version in sorted(installed.items())) or "no wheel of OpenCV"
-    again = f'{pip("install", "--force-reinstall", "--no-deps")} "{RIGHT}{_RIGHT_RANGE}"'
+    again = f'{pip("install", "--force-reinstall", "--no-deps")} "{_RIGHT}{_RIGHT_RANGE}"'
     problems = []
     if len(installed) > 1:
         remedy = f"{pip('uninstall', '--yes', *sorted(installed))}, then {again}"
@@ -50,16 +47,16 @@ def opencv(installed: Mapping[str, str] | None = None, load: Any = _load) -> Fin
     except Exception as error:  # a broken binary raises what it likes
         problems.append(_not_loaded(error, again))
         return Finding("opencv", named, tuple(problems), {"wheels": dict(installed)})
-    if version.split(".")[0] != "4":
-        words = f"OpenCV {version} is loaded, which lacks functions that are needed"
-        problems.append(Diagnosis("opencv_major", words, again, grave=True))
-    elif not objects:
-        words = f"OpenCV {version} has no ChArUco detector: not a contrib wheel, or one that was overwritten"
-        problems.append(Diagnosis("opencv_without_charuco", words, again, grave=True))
-    elif len(installed) == 1 and not next(iter(installed.values())).startswith(version):
-        words = f"OpenCV {version} is loaded, but {named} is installed"
-        problems.append(Diagnosis("opencv_other", words, again, grave=True))
-    window = _window(cv2)
+    other = len(installed) == 1 and not next(iter(installed.values())).startswith(version)
+    rules = (
+        (version.split(".")[0] != "4", "opencv_major", "is loaded, which lacks functions that are needed"),
+        (not objects, "opencv_without_charuco", "has no ChArUco detector: not a contrib wheel, or one overwritten"),
+        (other, "opencv_other", f"is loaded, but {named} is installed"),
+    )
+    wrong = [Diagnosis(name, f"OpenCV {version} {words}", again, grave=True) for holds, name, words in rules if holds]
+    problems += wrong[:1]
+    gui = re.search(r"^\s*GUI:\s*(\S+)", cv2.getBuildInformation(), re.MULTILINE)
+    window = gui[1] if gui and gui[1] != "NONE" else None
     words = f"{version} of {named}, {f'windows by {window}' if window else 'headless'}"
     return Finding("opencv", words, tuple(problems), {"version": version, "wheels": dict(installed), "window": window})
 
@@ -73,11 +70,6 @@ def _not_loaded(error: Exception, again: str) -> Diagnosis:
     elif "DLL" in text:
         remedy = f"winget install Microsoft.VCRedist.2015+.x64, then {again}"
     return Diagnosis("opencv_broken", f"cv2 cannot be loaded ({text})", remedy, grave=True)
-
-
-def _window(cv2: Any) -> str | None:
-    found = re.search(r"^\s*GUI:\s*(\S+)", cv2.getBuildInformation(), re.MULTILINE)
-    return found[1] if found and found[1] != "NONE" else None
 
 
 def detector() -> Finding:
@@ -94,5 +86,5 @@ def detector() -> Finding:
         return Finding("detector", words, numbers=numbers)
     bias = mean_bias_px(rows, OPENCV)
     wrong = f"OpenCV's corners are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px in the mean, or not found"
-    remedy = f'{pip("install")} "{RIGHT}{_RIGHT_RANGE}", then vbaa selftest with your board'
+    remedy = f'{pip("install")} "{_RIGHT}{_RIGHT_RANGE}", then vbaa selftest with your board'
     return Finding("detector", words, (Diagnosis("detector_biased", wrong, remedy, grave=True),), numbers)

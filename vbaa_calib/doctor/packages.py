@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata as metadata
 import importlib.util
 import re
@@ -24,17 +25,12 @@ _Version = Callable[[str], str]
 
 def python_version(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Finding:
     """Whether this Python is new enough, and where it lives."""
-    words = f"{'.'.join(map(str, version))}, {sys.executable}"
-    if version[:2] >= _LEAST_PYTHON:
-        return Finding("python", words, numbers={"version": list(version)})
-    wanted = ".".join(map(str, _LEAST_PYTHON))
-    remedy = by_system(
-        f"apt-get install python{wanted} python{wanted}-venv, then make a new environment with it",
-        f"brew install python@{wanted}, then make a new environment with it",
-        f"winget install Python.Python.{wanted}, then make a new environment with it",
-    )
+    words, wanted = f"{'.'.join(map(str, version))}, {sys.executable}", ".".join(map(str, _LEAST_PYTHON))
+    packages = f"apt-get install python{wanted} python{wanted}-venv", f"brew install python@{wanted}"
+    remedy = by_system(*packages, f"winget install Python.Python.{wanted}") + ", then make a new environment with it"
     problem = Diagnosis("python_too_old", f"this is Python {words}, and {wanted} is needed", remedy, grave=True)
-    return Finding("python", words, (problem,), {"version": list(version)})
+    found = () if version[:2] >= _LEAST_PYTHON else (problem,)
+    return Finding("python", words, found, {"version": list(version)})
 
 
 def declared(root: Path = ROOT) -> tuple[list[str], bool]:
@@ -42,7 +38,10 @@ def declared(root: Path = ROOT) -> tuple[list[str], bool]:
 
     Raises PackageNotFoundError where there is neither a source tree nor an installation.
     """
-    asked = _of_source(root)
+    asked: list[str] | None = None
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        asked = list(project["dependencies"]) if project["name"] == _DISTRIBUTION else None
     try:
         installed = [line for line in metadata.requires(_DISTRIBUTION) or [] if "extra ==" not in line]
     except metadata.PackageNotFoundError:
@@ -52,14 +51,6 @@ def declared(root: Path = ROOT) -> tuple[list[str], bool]:
     if asked is None:
         return installed, False
     return asked, {_plain(line) for line in asked} != {_plain(line) for line in installed}
-
-
-def _of_source(root: Path) -> list[str] | None:
-    try:
-        project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-        return list(project["dependencies"]) if project["name"] == _DISTRIBUTION else None
-    except (OSError, ValueError, KeyError):
-        return None
 
 
 def _plain(requirement: str) -> tuple[str, frozenset[str]]:
@@ -80,23 +71,22 @@ def packages(requirements: Iterable[str] | None = None, version_of: _Version = m
         try:
             requirements, stale = declared()
         except metadata.PackageNotFoundError:
-            problem = Diagnosis(
-                "not_installed", f"{_DISTRIBUTION} is not installed", pip("install", _DISTRIBUTION), grave=True
-            )
+            words = f"{_DISTRIBUTION} is not installed"
+            problem = Diagnosis("not_installed", words, pip("install", _DISTRIBUTION), grave=True)
             return Finding("packages", "unknown", (problem,))
     requirements = list(requirements)
     problems, versions = [], {}
     for requirement in requirements:
         name, ranges = _split(requirement)
+        remedy = pip("install", f'"{name}{ranges}"')
         try:
             versions[name] = version_of(name)
         except metadata.PackageNotFoundError:
-            words = f"{name} is not installed"
-            problems.append(Diagnosis("package_missing", words, pip("install", f'"{name}{ranges}"'), grave=True))
+            problems.append(Diagnosis("package_missing", f"{name} is not installed", remedy, grave=True))
             continue
         if ranges and _fits(ranges, versions[name]) is False:
             words = f"{name} is {versions[name]}, and {ranges} is needed"
-            problems.append(Diagnosis("package_version", words, pip("install", f'"{name}{ranges}"'), grave=True))
+            problems.append(Diagnosis("package_version", words, remedy, grave=True))
     if importlib.util.find_spec("packaging") is None:
         words = "the packages' versions cannot be compared without the package packaging"
         problems.append(Diagnosis("versions_unknown", words, pip("install", "packaging")))
@@ -120,19 +110,10 @@ def _fits(ranges: str, version: str) -> bool | None:
         return None
 
 
-OURS = ("vbaa_calib", "targets", "estimator", "viz")
-LIBRARIES = {
-    "numpy": "numpy",
-    "scipy": "scipy",
-    "cv2": "opencv-contrib-python-headless",
-    "torch": "torch",
-    "kornia": "kornia",
-    "yaml": "PyYAML",
-    "pyvista": "pyvista",
-    "matplotlib": "matplotlib",
-    "reportlab": "reportlab",
-    "pydantic": "pydantic",
-    "rich": "rich",
+_OURS = ("vbaa_calib", "targets", "estimator", "viz")
+LIBRARIES = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
+    name: name
+    for name in ("numpy", "scipy", "torch", "kornia", "pyvista", "matplotlib", "reportlab", "pydantic", "rich")
 }
 """Name that is imported → distribution that it comes from."""
 
@@ -149,7 +130,7 @@ def origin(name: str) -> Path | None:
     return path.parent if path.stem == "__init__" else path
 
 
-def home(distribution: str) -> Path | None:
+def _home(distribution: str) -> Path | None:
     """The folder that a distribution was installed into."""
     try:
         return Path(str(metadata.distribution(distribution).locate_file("")))
@@ -157,21 +138,15 @@ def home(distribution: str) -> Path | None:
         return None
 
 
-def shadows(
-    folder: Path | None = None,
-    ours: Iterable[str] = OURS,
-    libraries: Mapping[str, str] = LIBRARIES,
-    root: Path = ROOT,
-    origin_of: Callable[[str], Path | None] = origin,
-) -> Finding:
+def shadows(folder: Path | None = None, root: Path = ROOT, origin_of: Callable[[str], Path | None] = origin) -> Finding:
     """Where packages are taken from now, and what the current folder would put in their place."""
-    homes = dict.fromkeys(ours, root) | {name: home(distribution) for name, distribution in libraries.items()}
+    homes = dict.fromkeys(_OURS, root) | {name: _home(distribution) for name, distribution in LIBRARIES.items()}
     problems, places = [], {}
     for name, expected in homes.items():
         place = origin_of(name)
         if place is None:
             # a library that is not there is told of with the packages
-            if name in ours:
+            if name in _OURS:
                 words = f"the package {name} is not found beside vbaa_calib, in {root}"
                 problems.append(Diagnosis("package_hidden", words, "install vbaa-calib again", grave=True))
             continue

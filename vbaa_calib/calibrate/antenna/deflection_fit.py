@@ -29,8 +29,6 @@ more of it understates that of correlated errors."""
 class ErrorModels:
     """K models of the readings' errors and what each says about P least-squares parameters.
 
-    Attributes
-    ----------
     weights : (K,) probabilities, adding up to 1.
     lengths_m : (K,) correlation length λ; 0 for plain scatter.
     covariances : (K, P, P) of the least-squares estimate.
@@ -81,37 +79,26 @@ def error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, l
     """
     count, parameters = design.shape
     inverse = np.linalg.pinv(design)
-    pairs = [(0.0, 1.0)]
-    priors = np.full(1 + _LENGTHS * len(_PLAIN_SHARES), (1.0 - _PLAIN_ONLY) / (_LENGTHS * len(_PLAIN_SHARES)))
+    lengths = np.geomspace(0.5 * np.median(np.diff(x_m)), np.ptp(x_m), _LENGTHS).repeat(len(_PLAIN_SHARES))
+    priors = np.full(1 + len(lengths), (1.0 - _PLAIN_ONLY) / len(lengths))
     priors[0] = _PLAIN_ONLY
-    span, spacing = np.ptp(x_m), np.median(np.diff(x_m))
-    for length in np.geomspace(0.5 * spacing, span, _LENGTHS):
-        pairs += [(float(length), share) for share in _PLAIN_SHARES]
-    weighed = [
-        _weigh(_correlation(x_m, length, share), design, residuals_m, inverse, least_std_m) for length, share in pairs
+    apart = np.abs(x_m[:, None] - x_m)
+    # 1e-9: places that all but coincide must not make it singular
+    correlations = [np.eye(count)] + [
+        (1.0 - share) * np.exp(-apart / length) + (share + 1e-9) * np.eye(count)
+        for length, share in zip(lengths, _PLAIN_SHARES * _LENGTHS, strict=True)
     ]
+    weighed = [_weigh(correlation, design, residuals_m, inverse, least_std_m) for correlation in correlations]
     log_weights = np.log(priors) + [log_weight for log_weight, _ in weighed]
     weights = np.exp(log_weights - log_weights.max())
-    return ErrorModels(
-        weights / weights.sum(),
-        np.array([length for length, _ in pairs]),
-        np.array([covariance for _, covariance in weighed]),
-        count - parameters,
-    )
+    covariances = np.array([covariance for _, covariance in weighed])
+    return ErrorModels(weights / weights.sum(), np.append(0.0, lengths), covariances, count - parameters)
 
 
 def neighbour_correlation(residuals: np.ndarray) -> float:
     """Correlation of each residual (N,) with the next; 0 where there are none."""
     square = float(residuals @ residuals)
     return float(residuals[1:] @ residuals[:-1]) / square if square > 0.0 else 0.0
-
-
-def _correlation(x_m: np.ndarray, length_m: float, plain_share: float) -> np.ndarray:
-    if length_m == 0.0:
-        return np.eye(len(x_m))
-    apart = np.abs(x_m[:, None] - x_m)
-    # 1e-9: places that all but coincide must not make it singular
-    return (1.0 - plain_share) * np.exp(-apart / length_m) + (plain_share + 1e-9) * np.eye(len(x_m))
 
 
 def _weigh(
@@ -129,7 +116,7 @@ def _weigh(
     return float(log_weight), variance * inverse @ correlation @ inverse.T
 
 
-LEAST_READINGS = 8
+_LEAST_READINGS = 8
 """Fewer readings have no neighbours to be compared with."""
 _THRESHOLD = 5.0
 _ANCHORS = 40
@@ -160,16 +147,14 @@ def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
 
     `least_std` bounds the scatter from below: readings that are rounded may agree too well.
     """
-    if len(residuals) < LEAST_READINGS:
+    if len(residuals) < _LEAST_READINGS:
         return np.zeros(len(residuals), bool)
-    around = residuals - np.array([np.median(_neighbours(residuals, index)) for index in range(len(residuals))])
+    index = np.arange(len(residuals))
+    first = np.clip(index - 2, 0, len(residuals) - 5)
+    # the four nearest in order, two on either side where there are two
+    near = first[:, None] + np.arange(4)
+    around = residuals - np.median(residuals[near + (near >= index[:, None])], axis=1)
     return _far(residuals, least_std) & _far(around, least_std)
-
-
-def _neighbours(values: np.ndarray, index: int) -> np.ndarray:
-    """The four nearest in order, two on either side where there are two."""
-    first = min(max(index - 2, 0), len(values) - 5)
-    return np.delete(values[first : first + 5], index - first)
 
 
 def _far(values: np.ndarray, least_std: float) -> np.ndarray:
@@ -180,7 +165,7 @@ def _far(values: np.ndarray, least_std: float) -> np.ndarray:
 Forward = Callable[[float], np.ndarray]
 """EI in N·m² → deflections (N,) in m at the readings."""
 
-_STEPS = 60
+_STEPS, _SHARE = 60, 1e-4
 _NODES = np.linspace(0.0, 1.0, 201)
 
 
@@ -238,27 +223,20 @@ def gauss_newton(
     extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
     for _ in range(_STEPS):
         shape = forward(stiffness)
-        design = np.stack([_by_compliance(forward, stiffness), *extra], axis=1)
+        softer, stiffer = forward(stiffness / (1.0 + _SHARE)), forward(stiffness / (1.0 - _SHARE))
+        design = np.stack([(softer - stiffer) / (2.0 * _SHARE), *extra], axis=1)
         if not np.isfinite(design).all() or not np.isfinite(shape).all():
             break
         solution = np.linalg.lstsq(design, deflection_m - shape, rcond=None)[0]
         step = float(np.clip(solution[0], -0.5, 1.0))
         stiffness /= 1.0 + step
         if abs(step) < 1e-10:
-            rest = iter(solution[1:])
-            return Parameters(
-                stiffness, float(next(rest)) if offset else 0.0, float(next(rest)) if turning else 0.0, design
-            )
+            shift = float(solution[1]) if offset else 0.0
+            return Parameters(stiffness, shift, float(solution[-1]) if turning else 0.0, design)
     raise SolveError(
         "the fit of EI does not converge: the readings are not those of one rod in a clamp; check force, distance "
         "and the table's columns"
     )
-
-
-def _by_compliance(forward: Forward, stiffness_Nm2: float) -> np.ndarray:
-    """(N,) dy/d ln(1/EI) in m."""
-    share = 1e-4
-    return (forward(stiffness_Nm2 / (1.0 + share)) - forward(stiffness_Nm2 / (1.0 - share))) / (2.0 * share)
 
 
 def slope_at_load(model: str, force_N: float, distance_m: float, stiffness_Nm2: float) -> float:

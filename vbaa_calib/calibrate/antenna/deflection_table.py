@@ -22,8 +22,6 @@ _LONGEST_ROD_m = 10.0
 class DeflectionTable:
     """N readings of a gauge along a clamped rod, without and with the load.
 
-    Attributes
-    ----------
     x_m : (N,) strictly increasing, measured from the clamp along the undeflected rod.
     unloaded_y_m, loaded_y_m : (N,) the gauge's readings, positive in the force's direction.
     resolution_m : the last decimal that is written down; 0 where that means nothing.

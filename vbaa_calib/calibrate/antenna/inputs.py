@@ -40,8 +40,6 @@ def _readings_altered(load: Load) -> tuple[Load, Load]:
 class ReadingGroups:
     """The unknown errors of the readings of F stills, K in all, each in its standard deviations.
 
-    Attributes
-    ----------
     std : (K,) of each: m of a place, relative of a weight.
     distance, force : (F,) which of the K a still's place and weight are; −1 for none.
     """
@@ -108,8 +106,6 @@ class ReadingGroups:
 class Observation:
     """One still of the antenna: what was seen, what was read, and the load on it, if any.
 
-    Attributes
-    ----------
     points_px : (N, 2) on the centreline. sigma_px : (N,) their standard deviations across it.
     gravity_m_s2 : (3,) antenna frame.
     paint : what sets the antenna off from its background. height : of its line above that, grey levels.
@@ -139,8 +135,6 @@ class Observation:
 class Prior:
     """What is known before the stills.
 
-    Attributes
-    ----------
     poses : the camera's pose by one or several methods.
     start : camera pose from which the solution's steps are counted.
     camera : the lens; one without a covariance counts as exact.

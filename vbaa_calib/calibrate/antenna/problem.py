@@ -40,7 +40,7 @@ def still_curves(
 ) -> Curves:
     """Shapes of A antennas (A, 9) in each of F stills, still by still: (F·A) curves.
 
-    compliance : (A, 2) factors on what bends each antenna to y and to z; 1 where not given.
+    compliance : (A, 2) factors on what bends each antenna to y and to z.
     loaded : False takes the loads off; node `CONTACT` stays where they hang.
     """
     count, each = len(observations), len(antennas)
@@ -78,8 +78,6 @@ class Problem:
 
     These are `RIG_PARAMETERS`, then steps along `lens_axes`, then what the loads' readings are off by, in deviations.
 
-    Attributes
-    ----------
     observations : with the loads as the parameters had them at the last `relinearised`.
     groups : what the readings have in common. readings_at : (K,) parameters that are in `observations` already.
     seen_at_lens : every observation's points, through the lens that is `lens_at` (P,) steps away.
@@ -171,10 +169,7 @@ class Problem:
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
     def curves(self, antennas: np.ndarray, compliance: np.ndarray | None = None) -> Curves:
-        """Shapes of A antennas (A, 9) in each of F stills, still by still.
-
-        compliance : (A, 2) factors on what bends each antenna to y and to z; 1 where not given.
-        """
+        """`still_curves` of A antennas (A, 9) in its observations."""
         return still_curves(self.observations, antennas, self.length_m, compliance=compliance)
 
     def evaluate(self, parameters: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
@@ -228,6 +223,23 @@ class Problem:
             found.append((whole[:, 1:] - whole[:, :1]) / steps)
         return found
 
+    def whitened_by_load(self, parameters: np.ndarray) -> list[np.ndarray]:
+        """`slopes_by_load` in the units of the residuals."""
+        by_moment = parameters[GAIN] / self.moment_std_Nm
+        return [
+            np.vstack([rows[:-1] / self.noise_scale, by_moment * rows[-1:]])
+            for rows in self.slopes_by_load(parameters, self.seen(parameters))
+        ]
+
+    def by_still(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Per observation the residuals (N + 1,) of points and moment, and their slopes (N + 1, 17 + P + K)."""
+        distances, moments = self.evaluate(parameters)
+        read = -self.moment_residuals_Nm(parameters, moments) / self.moment_std_Nm
+        rows = self._moment_slopes(parameters, moments) / self.moment_std_Nm
+        points = [(block[:, 0] / self.noise_scale, self._point_slopes(block)) for block in distances]
+        together = zip(points, read, rows, strict=True)
+        return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
+
     def _with_slopes(self, points: SeenPoints, images: ImageCurves) -> np.ndarray:
         distances, by_lens = whitened_with_lens(points, images)
         slopes = (distances[:, 1:] - distances[:, :1]) / RIG_STEPS
@@ -250,14 +262,22 @@ class Problem:
         return np.concatenate([part for part, _ in parts]), np.vstack([rows for _, rows in parts])
 
     def _points(self, distances: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        whole = np.vstack([block for block, kept in zip(distances, self.kept, strict=True) if kept]) / self.noise_scale
-        return whole[:, 0], np.hstack([whole[:, 1 : 1 + GAIN], np.zeros((len(whole), 2)), whole[:, 1 + GAIN :]])
+        whole = np.vstack([block for block, kept in zip(distances, self.kept, strict=True) if kept])
+        return whole[:, 0] / self.noise_scale, self._point_slopes(whole)
 
-    def _moments(self, parameters: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _point_slopes(self, block: np.ndarray) -> np.ndarray:
+        """By all parameters; those of the sensor move no point."""
+        return np.hstack([block[:, 1 : 1 + GAIN], np.zeros((len(block), 2)), block[:, 1 + GAIN :]]) / self.noise_scale
+
+    def _moment_slopes(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
         rows = np.zeros((len(moments), len(parameters)))
         rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:_BENT] - moments[:, :1]) / RIG_STEPS[6:]
         rows[:, self.lens.stop :] = parameters[GAIN] * moments[:, _BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
+        return rows
+
+    def _moments(self, parameters: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rows = self._moment_slopes(parameters, moments)
         misfit = -self.moment_residuals_Nm(parameters, moments)
         return misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm
 

@@ -22,7 +22,7 @@ _ANISOTROPY_STEP = 1e-2
 MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")
 FALSE_READING = 5.0
 """Standard deviations beyond which a moment reading is taken for a wrong one."""
-LEAST_GAIN = 1e-3
+_LEAST_GAIN = 1e-3
 """The weight counts as determined when the pictures narrow its variance by more than this part."""
 
 
@@ -37,10 +37,6 @@ class Estimate:
     def in_std(self) -> float:
         """The number in standard deviations."""
         return self.value / self.std
-
-    def to_dict(self) -> dict[str, float]:
-        """{"value", "std"}."""
-        return {"value": self.value, "std": self.std}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,33 +60,18 @@ class Checks:
 
     def to_dict(self) -> dict[str, Any]:
         """For rig.json."""
-        named = {
-            "anisotropy": self.anisotropy,
-            "mass_per_length_kg_m": self.mass_per_length_kg_m,
-            "drift_Nm_per_s": self.drift_Nm_per_s,
-            "drift_Nm_per_row": self.drift_Nm_per_row,
-        }
-        return {name: one and one.to_dict() for name, one in named.items()} | {
-            "noise_Nm": self.noise_Nm,
-            "noise_interval_95_Nm": list(self.noise_interval_95_Nm),
-        }
+        names = ("anisotropy", "mass_per_length_kg_m", "drift_Nm_per_s", "drift_Nm_per_row")
+        estimates = {name: vars(one) if (one := getattr(self, name)) else None for name in names}
+        return estimates | {"noise_Nm": self.noise_Nm, "noise_interval_95_Nm": list(self.noise_interval_95_Nm)}
 
 
 def check(joint: BundleAdjustment) -> Checks:
     """All checks of a bundle adjustment."""
-    problem = joint.problem
-    times = [observation.still.time_s for observation in problem.observations]
+    times = [observation.still.time_s for observation in joint.problem.observations]
     timed = all(time is not None for time in times)
     drift = _drift(joint, np.array(times, float) if timed else np.arange(len(times), dtype=float))
-    noise, interval = _moment_noise(joint)
-    return Checks(
-        anisotropy=_anisotropy(joint),
-        mass_per_length_kg_m=_mass(joint),
-        drift_Nm_per_s=drift if timed else None,
-        drift_Nm_per_row=None if timed else drift,
-        noise_Nm=noise,
-        noise_interval_95_Nm=interval,
-    )
+    by_time, by_row = (drift, None) if timed else (None, drift)
+    return Checks(_anisotropy(joint), _mass(joint), by_time, by_row, *_moment_noise(joint))
 
 
 def _one_more(joint: BundleAdjustment, column: np.ndarray) -> Estimate | None:
@@ -135,7 +116,7 @@ def _mass(joint: BundleAdjustment) -> Estimate | None:
     mean, variance = float(prior.mean[MASS - 6]), float(prior.std[MASS - 6]) ** 2
     value, posterior = float(joint.parameters[MASS]), float(joint.covariance[MASS, MASS])
     information = 1.0 / posterior - 1.0 / variance
-    if information * variance < LEAST_GAIN:
+    if information * variance < _LEAST_GAIN:
         return None
     alone = (value / posterior - mean / variance) / information
     return Estimate(float(np.exp(alone)), float(np.exp(alone) * information**-0.5))

@@ -41,8 +41,6 @@ _LEAST_SEEN_FREE = 0.6
 class ExpectedAntenna:
     """Where the antenna is expected in a picture.
 
-    Attributes
-    ----------
     parameters : (9,) of the antenna, as far as they are known.
     paint : what sets it off from its background; None: learnt from the first picture.
     """
@@ -178,13 +176,7 @@ def make_rig(
         moment_sensor=MomentSensor(gain, offset, joint.problem.moment_std_Nm),
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,
-        image=AntennaImage(
-            sigma_px * joint.noise_scale,
-            joint.noise_scale,
-            paint.bright,
-            paint.weights,
-            height,
-        ),
+        image=AntennaImage(sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, height),
         covariance=joint.covariance,
         second_moment_sensor=session.second_moment_sensor,
     )

@@ -13,6 +13,7 @@ What EI would be with a clamp free to turn, and with the offset held, is reporte
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,8 +52,6 @@ class Fit:
 class StiffnessSolution:
     """EI of a rod and the evidence for it.
 
-    Attributes
-    ----------
     fit : the estimate; its std holds the correlated scatter and the clamp's prior.
     interval_Nm2 : the 95 % interval of EI.
     model, model_reason : "linear" or "elastica", and why.
@@ -116,20 +115,29 @@ def solve_stiffness(
     """
     check_load(force_N, distance_m)
     bench = _Bench(table, force_N, distance_m)
-    chosen = small = _fit_beam(bench, offset)
+    compliance, _ = robust_line(bench.forward("linear")(1.0), table.deflection_m, offset)
+    if compliance <= 0.0:
+        raise _no_bending()
+    chosen = bench.screened("linear", 1.0 / compliance, offset)
     clamp = chosen.clamp_effect(clamp_share_std)
     fit, errors, half = chosen.judged(clamp)
     slope, bias = chosen.linear_error()
     steep, biased = slope > _STEEP_RAD, abs(bias) > max(_BIAS_SHARE * fit.std_Nm2 / fit.stiffness_Nm2, _LEAST_BIAS)
     reason = _why(slope, bias, fit.std_Nm2 / fit.stiffness_Nm2, steep, biased)
     if steep or biased:
-        chosen = _fit_elastica(bench, small)
+        # the beam's outliers may be the elastica's shape, so they are looked for anew at its own EI
+        start = bench.fitted("elastica", chosen.kept, chosen.parameters.stiffness_Nm2, offset)
+        chosen = bench.screened("elastica", start.parameters.stiffness_Nm2, offset)
         slope, bias = chosen.linear_error()
         clamp = chosen.clamp_effect(clamp_share_std)
         fit, errors, half = chosen.judged(clamp)
     if half >= 1.0:
         raise _no_bending()
-    residuals = table.deflection_m - chosen.forward(fit.stiffness_Nm2) - fit.offset_m
+    residuals = table.deflection_m - bench.forward(chosen.model)(fit.stiffness_Nm2) - fit.offset_m
+    free_clamp = None
+    if chosen.kept.sum() > chosen.parameters.design.shape[1] + 1:
+        with contextlib.suppress(SolveError):
+            free_clamp = chosen.refitted(offset, turning=True).judged(0.0)[0]
     return StiffnessSolution(
         fit=fit,
         interval_Nm2=(fit.stiffness_Nm2 / (1.0 + half), fit.stiffness_Nm2 / (1.0 - half)),
@@ -138,7 +146,7 @@ def solve_stiffness(
         slope_at_load=slope,
         linear_bias=bias,
         residuals_m=residuals,
-        outliers=tuple(int(index) for index in np.flatnonzero(~chosen.kept)),
+        outliers=tuple(np.flatnonzero(~chosen.kept).tolist()),
         correlation=neighbour_correlation(residuals[chosen.kept]),
         correlation_length_m=errors.length_m,
         effective_readings=_effective_readings(chosen, errors, residuals[chosen.kept]),
@@ -146,7 +154,7 @@ def solve_stiffness(
         clamp_std_Nm2=clamp * fit.stiffness_Nm2,
         offset_free=offset,
         other_offset=chosen.refitted(not offset).judged(clamp)[0],
-        free_clamp=_free_clamp(chosen),
+        free_clamp=free_clamp,
     )
 
 
@@ -158,8 +166,8 @@ class _Bench:
     force_N: float
     distance_m: float
 
-    def forward(self, model: str, x_m: np.ndarray) -> Forward:
-        return (beam if model == "linear" else elastica)(x_m, self.force_N, self.distance_m)
+    def forward(self, model: str, kept: np.ndarray | slice = slice(None)) -> Forward:
+        return (beam if model == "linear" else elastica)(self.table.x_m[kept], self.force_N, self.distance_m)
 
     @property
     def least_std_m(self) -> float:
@@ -169,17 +177,15 @@ class _Bench:
 
     def screened(self, model: str, start_Nm2: float, offset: bool) -> _RodFit:
         """Fitted to the readings that are not outliers."""
-        forward = self.forward(model, self.table.x_m)
-        shape = forward(start_Nm2)
+        shape = self.forward(model)(start_Nm2)
         factor, intercept = robust_line(shape, self.table.deflection_m, offset)
         kept = ~outlying(self.table.deflection_m - factor * shape - intercept, self.least_std_m)
         return self.fitted(model, kept, start_Nm2, offset)
 
     def fitted(self, model: str, kept: np.ndarray, start_Nm2: float, offset: bool, turning: bool = False) -> _RodFit:
         x, y = self.table.x_m[kept], self.table.deflection_m[kept]
-        whole = self.forward(model, self.table.x_m)
-        found = gauss_newton(lambda stiffness: whole(stiffness)[kept], x, y, start_Nm2, offset=offset, turning=turning)
-        return _RodFit(self, model, whole, found, kept, offset)
+        found = gauss_newton(self.forward(model, kept), x, y, start_Nm2, offset=offset, turning=turning)
+        return _RodFit(self, model, found, kept, offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +194,6 @@ class _RodFit:
 
     bench: _Bench
     model: str
-    forward: Forward
     parameters: Parameters
     kept: np.ndarray
     offset: bool
@@ -201,8 +206,8 @@ class _RodFit:
         """Standard deviations, the error models behind them, and half the relative interval of 1/EI."""
         found, table = self.parameters, self.bench.table
         x = table.x_m[self.kept]
-        model = self.forward(found.stiffness_Nm2)[self.kept] + found.offset_m + found.clamp_rotation_rad * x
-        residuals = table.deflection_m[self.kept] - model
+        model = self.bench.forward(self.model, self.kept)(found.stiffness_Nm2)
+        residuals = table.deflection_m[self.kept] - (model + found.offset_m + found.clamp_rotation_rad * x)
         errors = error_models(x, found.design, residuals, self.bench.least_std_m)
         covariance = errors.covariance
         fit = Fit(
@@ -215,47 +220,23 @@ class _RodFit:
         )
         return fit, errors, errors.half_width(np.eye(len(covariance))[0], clamp)
 
-    def slope_at_load(self) -> float:
-        bench = self.bench
-        return slope_at_load(self.model, bench.force_N, bench.distance_m, self.parameters.stiffness_Nm2)
+    def _slope_at_load(self) -> float:
+        return slope_at_load(self.model, self.bench.force_N, self.bench.distance_m, self.parameters.stiffness_Nm2)
 
     def clamp_effect(self, share_std: float) -> float:
         """Relative std of EI from the clamp's prior: how a turned clamp leaks into the estimated compliance."""
         leak = np.linalg.lstsq(self.parameters.design, self.bench.table.x_m[self.kept], rcond=None)[0][0]
-        return abs(float(leak)) * share_std * self.slope_at_load()
+        return abs(float(leak)) * share_std * self._slope_at_load()
 
     def linear_error(self) -> tuple[float, float]:
         """Slope at the load, and by which share the small-angle formula misses EI if the rod is an elastica."""
-        stiffness, x = self.parameters.stiffness_Nm2, self.bench.table.x_m[self.kept]
-        bent = self.bench.forward("elastica", x)(stiffness)
-        if not np.isfinite(bent).all():
-            return self.slope_at_load(), 1.0
-        straight = self.bench.forward("linear", x)(stiffness)
-        design = np.stack([straight, np.ones_like(x)], axis=1)[:, : 1 + self.offset]
-        compliance = np.linalg.lstsq(design, bent, rcond=None)[0][0]
-        return self.slope_at_load(), 1.0 / float(compliance) - 1.0 if compliance > 0.0 else 1.0
-
-
-def _fit_beam(bench: _Bench, offset: bool) -> _RodFit:
-    compliance, _ = robust_line(bench.forward("linear", bench.table.x_m)(1.0), bench.table.deflection_m, offset)
-    if compliance <= 0.0:
-        raise _no_bending()
-    return bench.screened("linear", 1.0 / compliance, offset)
-
-
-def _fit_elastica(bench: _Bench, small: _RodFit) -> _RodFit:
-    # the beam's outliers may be the elastica's shape, so they are looked for anew at its own EI
-    start = bench.fitted("elastica", small.kept, small.parameters.stiffness_Nm2, small.offset)
-    return bench.screened("elastica", start.parameters.stiffness_Nm2, small.offset)
-
-
-def _free_clamp(found: _RodFit) -> Fit | None:
-    if found.kept.sum() <= found.parameters.design.shape[1] + 1:
-        return None
-    try:
-        return found.refitted(found.offset, turning=True).judged(0.0)[0]
-    except SolveError:
-        return None
+        forwards = (self.bench.forward(model, self.kept) for model in ("linear", "elastica"))
+        straight, bent = (forward(self.parameters.stiffness_Nm2) for forward in forwards)
+        compliance = 0.0
+        if np.isfinite(bent).all():
+            design = np.stack([straight, np.ones_like(straight)], axis=1)[:, : 1 + self.offset]
+            compliance = float(np.linalg.lstsq(design, bent, rcond=None)[0][0])
+        return self._slope_at_load(), 1.0 / compliance - 1.0 if compliance > 0.0 else 1.0
 
 
 def _effective_readings(found: _RodFit, errors: ErrorModels, residuals_m: np.ndarray) -> float:

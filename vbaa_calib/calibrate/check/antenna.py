@@ -15,7 +15,7 @@ from vbaa_calib.session import Load
 
 from .change import Change, Information, estimate_change, joint_covariance
 from .finding import HOLDS, Evidence, Finding, judged, not_given, plus_minus
-from .stills import CheckedStill, free_shape_moved_mm, loads_information, tip_std_mm
+from .stills import BOTH, MOMENT, POINTS, CheckedStill, free_shape_moved_mm, information, tip_std_mm
 
 _CLAMP, _BOW, _STIFFNESS = (ANTENNA.start + np.arange(4), ANTENNA.start + np.arange(4, 6), ANTENNA.start + 6)
 _FREE_SHAPE = np.concatenate([_CLAMP, _BOW])
@@ -32,8 +32,6 @@ _UNSEEN_MM = 2.0
 class AntennaCheck:
     """Changes of antenna and sensor; None where no still could show them.
 
-    Attributes
-    ----------
     free, loaded : the stills. stiffness : change of log EI. offset, gain : of the moment sensor.
     stiffness_by_load : change of log EI by each load alone, and its standard deviation.
     findings : on free shape, stiffness, offset and gain.
@@ -62,24 +60,23 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     def change(data: Information, wanted: Sequence[int] | np.ndarray) -> Change:
         return estimate_change(data, covariance, np.asarray(wanted), scale, changed)
 
-    nothing = Information.none(len(covariance))
-    data = sum((one.point_information() for one in free), nothing)
+    data = information(free, POINTS, len(covariance))
     shape = not_given("free_antenna", "no picture of the free antenna (noload/)")
     if free:
         shape = _shape_finding(rig, free, [change(data, which) for which in (_FREE_SHAPE, _CLAMP, _BOW)], camera_known)
     changed += _FREE_SHAPE.tolist() if shape.is_bad else []
-    by_load = [change(data + one.point_information(), [_STIFFNESS]) for one in loaded]
+    by_load = [change(data + information([one], POINTS, len(covariance)), [_STIFFNESS]) for one in loaded]
     # the points of the loads come in again with their readings, of which they share the errors
-    bent = data + loads_information(rig, loaded, moments=False) if loaded else data
+    bent = data + information(loaded, POINTS, len(covariance))
     stiffness = change(bent, [_STIFFNESS]) if loaded else None
     stiffness_found = _stiffness_finding(stiffness, len(loaded))
     changed += [_STIFFNESS] if stiffness_found.is_bad else []
     read = [one for one in free if one.has_moment]
-    zero = sum((one.moment_information(rig) for one in read), nothing)
+    zero = information(read, MOMENT, len(covariance))
     offset = change(bent + zero, [OFFSET]) if read else None
     offset_found = _offset_finding(rig, free, offset)
     changed += [OFFSET] if offset is None or offset_found.is_bad else []
-    whole = data + zero + loads_information(rig, loaded, moments=True) if loaded else data
+    whole = data + zero + information(loaded, BOTH, len(covariance))
     gain = change(whole, [GAIN]) if loaded else None
     findings = (shape, stiffness_found, offset_found, _gain_finding(gain))
     alone = [(float(one.step[0]), float(one.std[0])) for one in by_load]
@@ -133,7 +130,7 @@ def _offset_finding(rig: Rig, free: Sequence[CheckedStill], change: Change | Non
         "reads like this, too"
     )
     read = np.array([one.still.moment_Nm for one in free if one.has_moment])
-    expected = np.array([sensor.gain * one.moment_Nm + sensor.offset_Nm for one in free if one.has_moment])
+    expected = read - [one.moment_residual_Nm for one in free if one.has_moment]
     noise = 10.0 * sensor.std_Nm + 0.1 * np.abs(expected)
     if (np.abs(1e-3 * read - expected) < noise).all() and (np.abs(read - expected) > 100.0 * noise).all():
         remedy = "the reading would fit in mN·m: give it in N·m (1 mN·m is 0.001), and check again"
@@ -155,12 +152,12 @@ def _one_number(change: Change, factor: float, floor: float, unit: str) -> Evide
     return Evidence(change.distance_std, 1, factor * abs(float(change.step[0])), floor, unit)
 
 
-def loads_table(rig: Rig, check: AntennaCheck) -> list[dict[str, Any]]:
+def loads_table(check: AntennaCheck) -> list[dict[str, Any]]:
     """A row of check.json per load: prediction against observation."""
     rows = []
     for one, (step, std) in zip(check.loaded, check.stiffness_by_load, strict=True):
-        load, residual = cast(Load, one.still), one.moment_residual_Nm(rig)
-        wrong = abs(step) > max(_WRONG_ROW_STD * std, 0.02) or abs(residual) > _WRONG_ROW_STD * one.moment_std_Nm(rig)
+        load, residual = cast(Load, one.still), one.moment_residual_Nm
+        wrong = abs(step) > max(_WRONG_ROW_STD * std, 0.02) or abs(residual) > _WRONG_ROW_STD * one.moment_std_Nm
         rows.append(
             {
                 "image": one.name,
@@ -196,7 +193,7 @@ def free_table(rig: Rig, check: AntennaCheck) -> list[dict[str, Any]]:
                 "arclength_mm": [1e3 * float(np.median(one.arclength_m[inside])) for inside in bins],
                 "residual_mm": [float(np.median(one.residual_mm[inside])) for inside in bins],
                 "moment_read_mNm": 1e3 * one.still.moment_Nm if one.has_moment else None,
-                "moment_residual_mNm": 1e3 * one.moment_residual_Nm(rig) if one.has_moment else None,
+                "moment_residual_mNm": 1e3 * one.moment_residual_Nm if one.has_moment else None,
             }
         )
     return rows

@@ -48,8 +48,6 @@ _VERDICTS = {
 class SessionCheck:
     """A rig against new pictures.
 
-    Attributes
-    ----------
     parts : those of `inputs.PARTS` that there are pictures of. current_rig : what the antenna was checked with: where
         the camera has moved, it is where the board in the jig puts it.
     """
@@ -73,7 +71,7 @@ class SessionCheck:
             "boards_expected_rms_px": None if lens is None else lens.expected_px,
             "camera_pose": None if pose is None else pose.to_dict(),
             "noload": free_table(self.current_rig, self.antenna),
-            "loads": loads_table(self.current_rig, self.antenna),
+            "loads": loads_table(self.antenna),
         }
 
 
@@ -81,8 +79,6 @@ class SessionCheck:
 class Assessment:
     """The result of `assess`.
 
-    Attributes
-    ----------
     findings : on the rig by itself; those on new pictures are in `session`.
     quality : of rig.json, as it is there. nominal_Nm2 : E·πd⁴/64, from there or from the session.
     """
@@ -127,7 +123,7 @@ class Assessment:
                 "projection": None if projection is None else projection.to_dict(),
                 "plane": plane.to_dict(),
                 "has_ray": np.asarray(self.rig.camera.unproject(plane.pixels)[1]).tolist(),
-                "along_antenna": along_antenna(self.rig).to_dict(),
+                "along_antenna": along_antenna(self.rig),
             },
             "quality": dict(self.quality),
             "session_findings": [finding.to_dict() for finding in self.session.findings] if self.session else [],

@@ -34,16 +34,11 @@ class Information:
 
         nuisance : (N, K) derivatives by K unknowns of these data alone, each 0 ± 1; they are marginalised.
         """
-        if nuisance is None:
+        if nuisance is None or not nuisance.any():
             return Information(jacobian.T @ jacobian, jacobian.T @ residuals)
         both = nuisance.T @ np.column_stack([jacobian, residuals])
         lost = both[:, :-1].T @ np.linalg.solve(np.eye(nuisance.shape[1]) + nuisance.T @ nuisance, both)
         return Information(jacobian.T @ jacobian - lost[:, :-1], jacobian.T @ residuals - lost[:, -1])
-
-    @staticmethod
-    def none(count: int) -> Information:
-        """No data."""
-        return Information(np.zeros((count, count)), np.zeros(count))
 
     def __add__(self, other: Information) -> Information:
         return Information(self.matrix + other.matrix, self.score + other.score)
@@ -53,8 +48,6 @@ class Information:
 class Change:
     """An estimated change of Q parameters.
 
-    Attributes
-    ----------
     step : (Q,), zero along directions that the data do not show.
     covariance : (Q, Q) of the predicted difference, rig and new data together; large along those directions.
     significant : (Q,) the step along the directions in which it exceeds three standard deviations.

@@ -37,8 +37,6 @@ _QUESTIONS = {
 class Evidence:
     """A difference between prediction and observation.
 
-    Attributes
-    ----------
     distance_std : its Mahalanobis length, in standard deviations of the predicted difference.
     freedom : its degrees of freedom.
     size, floor, unit : what it amounts to, and up to which size it does not matter.
@@ -74,8 +72,6 @@ class Evidence:
 class Finding:
     """The answer to one question.
 
-    Attributes
-    ----------
     name : its key in check.json. words : the answer, with numbers. remedy : what to do, if anything.
     level : `HOLDS`, `LOOK`, `FAILS` or `NOT_GIVEN`. evidence : the difference behind it, if there is one.
     """

@@ -16,11 +16,10 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.images import list_images
 from vbaa_calib.core.models import checked
-from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import NominalAntenna, Session, Still, read_loads, read_noload, read_pose
 
-from .rig import number_at
+from .rig import at, number_at
 
 PARTS = ("intrinsics", "plane", "noload", "loads")
 _NO_JIG = "session.yaml does not say where the jig is"
@@ -31,8 +30,6 @@ _NAME_SESSION = "name the session that the rig was calibrated from"
 class NewPictures:
     """One new picture of each, with the joints at rest.
 
-    Attributes
-    ----------
     board : the board in its jig. free : the free antenna. Either may be None, not both.
     pan_rad, tilt_rad : the joints' readings with `free`.
     moment_Nm : the moment sensor's reading with it; None where nobody noted it.
@@ -59,8 +56,6 @@ class NewPictures:
 class CheckInputs:
     """Pictures to check a rig against, and what must be known to read them.
 
-    Attributes
-    ----------
     session : board, jig, antenna and gravity; nothing more is read from its folder.
     parts : those of `PARTS` that there are pictures of.
     boards : part → its pictures. stills : of the free and the loaded antenna; `moment_Nm` NaN where not read.
@@ -105,8 +100,7 @@ def recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sessi
 
     The antenna's material is not known here. Raises InputError where the board is not recorded or not one.
     """
-    quality = _mapping(document.get("quality"))
-    board = _mapping(quality.get("lens")).get("board")
+    board, jig = at(document, "quality", "lens", "board"), at(document, "quality", "jig")
     remedy = f"{_NAME_SESSION}: `vbaa check rig.json SESSION --board …`"
     if board is None:
         raise InputError("quality.lens.board is not recorded", where=path, remedy=remedy)
@@ -115,24 +109,17 @@ def recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sessi
         root=path,
         board=spec,
         antenna=NominalAntenna(rig.antenna.length_m, rig.antenna.diameter_m, math.nan, math.nan),
-        T_antenna_board=_recorded_jig(quality.get("jig"), path),
+        T_antenna_board=jig and read_pose(at(jig, "T_antenna_board"), path, "quality.jig.T_antenna_board"),
         kinematics=rig.kinematics,
         gravity_world_m_s2=rig.gravity_world_m_s2,
         moment_std_Nm=rig.moment_sensor.std_Nm,
     )
 
 
-def _recorded_jig(jig: Any, path: Path) -> Pose | None:
-    """Pose of the board's printed face in the antenna frame; None where rig.json has none."""
-    if jig is None:
-        return None
-    pose = _mapping(jig).get("T_antenna_board")
-    return read_pose(pose, path, "quality.jig.T_antenna_board")
-
-
 def refuse_calibration_pictures(document: Mapping[str, Any], new: NewPictures, path: Path) -> None:
     """Raises InputError for a picture that the rig was calibrated from: it fits whatever has happened since."""
-    used = {digest for digest in _mapping(document.get("inputs_sha256")).values() if isinstance(digest, str)}
+    recorded = at(document, "inputs_sha256")
+    used = list(recorded.values()) if isinstance(recorded, Mapping) else []
     for picture in (new.board, new.free):
         if picture is not None and used and picture.is_file() and sha256(picture) in used:
             what = f"is one of the pictures that {path} was calibrated from"
@@ -141,12 +128,7 @@ def refuse_calibration_pictures(document: Mapping[str, Any], new: NewPictures, p
 
 def recorded_bend(quality: Mapping[str, Any]) -> Bend | None:
     """The board's shape as the calibration found it; None where it was solved with a flat one."""
-    flex = _mapping(_mapping(quality.get("lens")).get("board_flex"))
-    if flex.get("used") is not True:
+    if at(quality, "lens", "board_flex", "used") is not True:
         return None
-    sagittas = np.array([number_at(value) or 0.0 for value in flex.get("sagittas_m") or ()])
+    sagittas = np.array([number_at(value) or 0.0 for value in at(quality, "lens", "board_flex", "sagittas_m") or ()])
     return Bend(sagittas, np.zeros((2, 2))) if sagittas.shape == (2,) else None
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}

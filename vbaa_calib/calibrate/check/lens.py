@@ -38,8 +38,6 @@ _CORRELATED = 4.0
 class CheckedView:
     """One picture of the board under the rig's lens.
 
-    Attributes
-    ----------
     corners_px, residuals_px : (N, 2) observed, and observed less predicted at the picture's own best pose.
     good : (N,) corners that are no outliers. ids : of the good ones.
     """
@@ -69,8 +67,6 @@ class CheckedView:
 class LensCheck:
     """All pictures of the board together, under the rig's lens.
 
-    Attributes
-    ----------
     views : those that could be used. dropped : the others, each with its reason.
     rms_px : of the good corners, per degree of freedom. expected_px : from the calibration's rms and the lens'
         covariance; None where the calibration's is not recorded.
@@ -128,7 +124,7 @@ def lens_findings(check: LensCheck | None, camera: Camera, why_not: str) -> list
     """Whether the pictures fit, and whether focal length or centre have changed."""
     if check is None:
         return [not_given("lens_fit", why_not), not_given("lens_focus", why_not)]
-    pictures = f"{len(check.views)} picture{'s' if len(check.views) > 1 else ''}"
+    pictures = f"{len(check.views)} picture{'s' * (len(check.views) > 1)}"
     words = f"rms {check.rms_px:.3f} px in {pictures}"
     if check.expected_px is None:
         fit = not_given("lens_fit", f"{words}; the calibration's is not recorded in rig.json")

@@ -30,8 +30,6 @@ _POSE, _LENS = slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)
 class PoseCheck:
     """The camera's present pose against the rig's.
 
-    Attributes
-    ----------
     jig : T_antenna_camera from the board in the jig, with its covariance, the lens apart.
     step : (6,) from the rig's pose, `Pose.retract`'s tangent. covariance : (6, 6) of the predicted difference.
     on_plane_mm : largest apparent displacement of the antenna's axis on plane C.

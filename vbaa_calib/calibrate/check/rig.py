@@ -46,27 +46,6 @@ class PictureMap:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class AlongAntenna:
-    """Standard deviation on plane C, in the worst direction, where the antenna's axis is at arc lengths s."""
-
-    arclength_m: np.ndarray
-    pixels: np.ndarray
-    std_m: np.ndarray
-
-    def to_dict(self) -> list[dict[str, Any]]:
-        """Rows for check.json; None where the camera does not see that point."""
-        return [
-            {
-                "arclength_m": float(s),
-                "u_px": _rounded(float(u)),
-                "v_px": _rounded(float(v)),
-                "std_mm": _rounded(1e3 * float(std)),
-            }
-            for s, (u, v), std in zip(self.arclength_m, self.pixels, self.std_m, strict=True)
-        ]
-
-
 def projection_map(rig: Rig) -> PictureMap | None:
     """Of the projection, a turn of the camera compensated; None where the lens has no covariance."""
     if rig.camera.covariance is None:
@@ -83,15 +62,22 @@ def plane_map(rig: Rig) -> PictureMap:
     return PictureMap(pixels, np.where(near, 1e3 * _plane_std_m(rig, pixels), np.nan), "mm")
 
 
-def along_antenna(rig: Rig) -> AlongAntenna:
-    """At some places of the antenna's axis, where the picture shows them."""
+def _along(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Arc lengths (S,) m, pixels (S, 2) of the antenna's axis there, NaN outside the picture, and deviation (S,) m."""
     s = rig.antenna.length_m * np.array(_ALONG)
     pixels, seen = rig.camera.project(rig.T_antenna_camera.inverse() @ (s[:, None] * np.array([1.0, 0.0, 0.0])))
     inside = seen & rig.camera.in_picture(pixels)
-    pixels = np.where(inside[:, None], pixels, np.nan)
     std = np.full(len(s), np.nan)
     std[inside] = _plane_std_m(rig, pixels[inside])
-    return AlongAntenna(s, pixels, std)
+    return s, np.where(inside[:, None], pixels, np.nan), std
+
+
+def along_antenna(rig: Rig) -> list[dict[str, Any]]:
+    """For check.json: deviation on plane C, in the worst direction, at some places of the antenna's axis."""
+    return [
+        {"arclength_m": float(s), "u_px": _rounded(u), "v_px": _rounded(v), "std_mm": _rounded(1e3 * std)}
+        for s, (u, v), std in zip(*_along(rig), strict=True)
+    ]
 
 
 def _plane_std_m(rig: Rig, pixels: np.ndarray) -> np.ndarray:
@@ -109,12 +95,13 @@ def _rounded(value: float) -> float | None:
 
 def number_at(data: Any, *keys: str) -> float | None:
     """A finite number at a path of keys; None where it is not recorded, or is no number."""
-    value = _at(data, keys)
+    value = at(data, *keys)
     usable = isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
     return float(value) if usable else None
 
 
-def _at(data: Any, keys: tuple[str, ...]) -> Any:
+def at(data: Any, *keys: str) -> Any:
+    """What is at a path of keys; None where something else is on the way."""
     for key in keys:
         data = data.get(key) if isinstance(data, Mapping) else None
     return data
@@ -165,14 +152,8 @@ def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
 
 def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None) -> list[Finding]:
     """The questions that rig.json answers by itself."""
-    return [
-        _plane_c(rig),
-        _lens_region(rig),
-        _stiffness(rig, nominal_Nm2),
-        _sensor(rig),
-        _ambiguity(quality),
-        _doubts(quality),
-    ]
+    by_rig = [_plane_c(rig), _lens_region(rig), _stiffness(rig, nominal_Nm2), _sensor(rig)]
+    return [*by_rig, _ambiguity(quality), _doubts(quality)]
 
 
 def _graded(name: str, value: float, limits: tuple[float, float], words: str, remedy: str) -> Finding:
@@ -186,12 +167,12 @@ def _plane_c(rig: Rig) -> Finding:
     if rig.camera.covariance is None:
         words = "the lens has no covariance in rig.json: its share of the uncertainty on plane C is not known"
         return Finding("plane_c", LOOK, words, "calibrate again with vbaa calibrate")
-    along = along_antenna(rig)
-    seen = np.isfinite(along.std_m)
+    *_, std_m = _along(rig)
+    seen = np.isfinite(std_m)
     if not seen.any():
         words = "the camera does not see the antenna's axis"
         return Finding("plane_c", FAILS, words, "turn the camera to the antenna, then calibrate again")
-    largest_mm = 1e3 * float(along.std_m[seen].max())
+    largest_mm = 1e3 * float(std_m[seen].max())
     std = np.sqrt(np.diag(rig.covariance)[:6])
     turned_m = float(std[:3].max()) * float(np.linalg.norm(rig.T_antenna_camera.translation_m))
     remedy = "add pictures of the board near the antenna, tilted by 30 to 45 degrees"
@@ -243,21 +224,19 @@ def _sensor(rig: Rig) -> Finding:
 
 def _ambiguity(quality: Mapping[str, Any]) -> Finding:
     name, ratio = "planar_ambiguity", number_at(quality, "plane_second_solution_ratio")
-    if ratio is None:
-        if number_at(quality, "plane_rms_px") is None:
-            return Finding(name, NOT_GIVEN, "not recorded")
-        return Finding(name, HOLDS, "a plane's second pose does not exist here")
-    words = f"its second pose fits {ratio:.1f} times worse"
-    if ratio >= AMBIGUOUS:
-        return Finding(name, HOLDS, words)
-    return Finding(name, LOOK, words, "take the board in the jig from a steeper angle, calibrate again")
+    if ratio is not None:
+        remedy = "take the board in the jig from a steeper angle, calibrate again"
+        return _graded(name, -ratio, (-AMBIGUOUS, np.inf), f"its second pose fits {ratio:.1f} times worse", remedy)
+    if number_at(quality, "plane_rms_px") is None:
+        return Finding(name, NOT_GIVEN, "not recorded")
+    return Finding(name, HOLDS, "a plane's second pose does not exist here")
 
 
 def _doubts(quality: Mapping[str, Any]) -> Finding:
     if not quality:
         return Finding("doubts", NOT_GIVEN, "not recorded")
-    lists = [_at(quality, keys) for keys in (("warnings",), ("lens", "warnings"))]
+    lists = [at(quality, "warnings"), at(quality, "lens", "warnings")]
     lines = [str(line) for found in lists if isinstance(found, list) for line in found]
-    if not lines:
-        return Finding("doubts", HOLDS, "none")
-    return Finding("doubts", LOOK, "; ".join(lines), "do what they say, then calibrate again")
+    return _graded(
+        "doubts", len(lines), (0, np.inf), "; ".join(lines) or "none", "do what they say, then calibrate again"
+    )

@@ -3,61 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.shape import bend
-from vbaa_calib.calibrate.antenna.inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, reading_keys
-from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, POSE, still_curves
-from vbaa_calib.calibrate.antenna.problem import RIG as LENS
+from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, Problem, still_curves
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.rig import RIG_STEPS, Rig
-from vbaa_calib.rig.reprojection import (
-    feet,
-    image_curves,
-    see,
-    whitened_residuals,
-    whitened_with_lens,
-    with_slopes_on_curve,
-)
+from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Load, LoadReadings, Still
 
 from .change import Information
 
+POINTS, MOMENT, BOTH = slice(-1), slice(-1, None), slice(None)
+"""Rows of a `CheckedStill`."""
 _WINDOW, _FAR = 25, 5.0
 """Points further than this many deviations from the median of their neighbours show something beside the antenna."""
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedStill:
-    """One picture of the antenna against its prediction.
+    """One picture of the antenna, N points, against its prediction.
 
-    Attributes
-    ----------
-    arclength_m : (N,) where each point lies along the predicted antenna.
-    residual_std : (N,) its distance along the normal, in deviations of a point of this rig. residual_mm : the same on
-        the antenna.
-    jacobian : (N, 17 + P) of the prediction by the rig's parameters, whitened.
-    moment_Nm : predicted, before gain and offset. moment_by_antenna : (9,).
+    arclength_m : (N,) where each point lies along the predicted antenna. residual_mm : (N,) its distance from it there.
+    residuals : (N + 1,) of points and moment, observed less predicted, in deviations. The moment's is NaN where it was
+        not read.
+    jacobian : (N + 1, 17 + P) of the predictions by the rig's parameters, in the same units.
+    by_readings : (N + 1, 2) of them by the errors of a load's place and weight, each in its deviations.
+    moment_residual_Nm : the sensor's reading less the prediction. moment_std_Nm : of that, by the sensor's noise and
+        the uncertainty of the load's place and weight.
     deflection_m : predicted at the load, against the free antenna; 0 where there is none.
-    by_readings : (N, 2) of the whitened prediction by the errors of a load's place and weight, each in its deviations.
-    moment_by_readings : (2,) of the predicted moment.
     """
 
     still: Still
     arclength_m: np.ndarray
-    residual_std: np.ndarray
     residual_mm: np.ndarray
+    residuals: np.ndarray
     jacobian: np.ndarray
-    moment_Nm: float
-    moment_by_antenna: np.ndarray
-    deflection_m: float
     by_readings: np.ndarray
-    moment_by_readings: np.ndarray
+    moment_residual_Nm: float
+    moment_std_Nm: float
+    deflection_m: float
 
     @property
     def name(self) -> str:
@@ -66,58 +56,27 @@ class CheckedStill:
 
     @property
     def rms_std(self) -> float:
-        """Root mean square of the residuals, in deviations."""
-        return float(np.sqrt((self.residual_std**2).mean()))
+        """Root mean square of the points' residuals, in deviations."""
+        return float(np.sqrt((self.residuals[POINTS] ** 2).mean()))
 
     @property
     def has_moment(self) -> bool:
         """Whether the moment sensor's reading was noted with it."""
         return bool(np.isfinite(self.still.moment_Nm))
 
-    def moment_residual_Nm(self, rig: Rig) -> float:
-        """The sensor's reading less what the rig predicts for it."""
-        sensor = rig.moment_sensor
-        return self.still.moment_Nm - sensor.gain * self.moment_Nm - sensor.offset_Nm
 
-    def moment_std_Nm(self, rig: Rig) -> float:
-        """Of that residual: the sensor's noise and the uncertainty of the load's place and weight."""
-        sensor = rig.moment_sensor
-        return float(np.linalg.norm([sensor.std_Nm, *(sensor.gain * self.moment_by_readings)]))
-
-    def point_information(self) -> Information:
-        """Of its points, about the rig's parameters."""
-        return Information.of(self.jacobian, self.residual_std, self.by_readings)
-
-    def moment_information(self, rig: Rig) -> Information:
-        """Of the sensor's reading, about the rig's parameters."""
-        row, residual, by_readings = self.moment_row(rig)
-        return Information.of(row, np.array([residual]), by_readings)
-
-    def moment_row(self, rig: Rig) -> tuple[np.ndarray, float, np.ndarray]:
-        """The sensor's reading, whitened: row (1, 17 + P), residual, and row (1, 2) by the load's place and weight."""
-        sensor = rig.moment_sensor
-        row = np.zeros((1, self.jacobian.shape[1]))
-        row[0, ANTENNA] = sensor.gain * self.moment_by_antenna
-        row[0, GAIN], row[0, OFFSET] = self.moment_Nm, 1.0
-        by_readings = sensor.gain * self.moment_by_readings[None] / sensor.std_Nm
-        return row / sensor.std_Nm, self.moment_residual_Nm(rig) / sensor.std_Nm, by_readings
-
-
-def loads_information(rig: Rig, loaded: Sequence[CheckedStill], moments: bool) -> Information:
-    """Of all loads' points, and optionally of their moments: places and weights that loads share are off alike."""
-    keys = [key for checked in loaded for key in reading_keys(cast(Load, checked.still))]
-    names = list(dict.fromkeys(keys))
-    jacobians, residuals, nuisances = [], [], []
-    for index, checked in enumerate(loaded):
-        columns = [names.index(key) for key in keys[2 * index : 2 * index + 2]]
-        row, residual, by_readings = checked.moment_row(rig)
-        rows = np.vstack([checked.jacobian, row]) if moments else checked.jacobian
-        nuisance = np.zeros((len(rows), len(names)))
-        nuisance[:, columns] = np.vstack([checked.by_readings, by_readings]) if moments else checked.by_readings
-        jacobians.append(rows)
-        residuals.append(np.append(checked.residual_std, residual) if moments else checked.residual_std)
-        nuisances.append(nuisance)
-    return Information.of(np.vstack(jacobians), np.concatenate(residuals), np.vstack(nuisances))
+def information(stills: Sequence[CheckedStill], rows: slice, count: int) -> Information:
+    """Of some rows of stills about the rig's `count` parameters: places and weights that loads share are off alike."""
+    keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in stills]
+    names = list(dict.fromkeys(key for own in keys for key in own))
+    jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names)))]
+    for one, own in zip(stills, keys, strict=True):
+        by_names = np.zeros((len(one.residuals), len(names)))
+        by_names[:, [names.index(key) for key in own]] = one.by_readings[:, : len(own)]
+        jacobian.append(one.jacobian[rows])
+        residuals.append(one.residuals[rows])
+        nuisance.append(by_names[rows])
+    return Information.of(np.vstack(jacobian), np.concatenate(residuals), np.vstack(nuisance))
 
 
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
@@ -125,55 +84,41 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
 
     readings : how well the loads' places and weights are known.
     """
-    count, length_m = ANTENNA.stop - ANTENNA.start, rig.antenna.length_m
-    antennas = np.repeat(rig.antenna.parameters[None], count + 1, axis=0)
-    antennas[1:] += np.diag(RIG_STEPS[ANTENNA])
-    curves = still_curves(observations, antennas, length_m)
-    free = still_curves(observations, antennas[:1], length_m, loaded=False)
-    altered = still_curves(
-        [other for one in observations for other in one.with_readings_altered()], antennas[:1], length_m
-    )
-    poses = [rig.T_antenna_camera, *(rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[POSE]))]
-    inverse = [pose.inverse() for pose in poses]
-    view, views = inverse[0], [*inverse, *[inverse[0]] * count]
-    # the antenna as it is under each pose of the camera, then with a step along each of its own parameters
-    order = np.array([0] * 7 + list(range(1, count + 1)))
-    steps = np.array([-readings.distance_std_m / DISTANCE_STEP_M, readings.force_std_relative / LOG_FORCE_STEP])
-    noise = rig.image.noise_scale
-    checked = []
-    for index, observation in enumerate(observations):
-        own = curves.picked((count + 1) * index + order)
-        off = altered.picked(np.array([2 * index, 2 * index + 1]))
-        image = image_curves(own, views)
-        points = see(rig.camera, observation.points_px, observation.sigma_px)
-        points = with_slopes_on_curve(points, rig.camera, image)
-        whitened, slopes = whitened_with_lens(points, image)
-        whitened = whitened / noise
-        near = _undisturbed(whitened[:, 0])
-        whitened_off = whitened_residuals(points, image_curves(off, [view] * 2)) / noise
-        seen = points.picked(near)
-        jacobian = np.zeros((len(seen), LENS + len(rig.camera.parameter_names)))
-        jacobian[:, : ANTENNA.stop] = (whitened[near, 1:] - whitened[near, :1]) / RIG_STEPS
-        if seen.by_lens is not None:
-            jacobian[:, LENS:] = slopes[near] / noise
-        foot = feet(seen, image)
+    sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
+    # of unit covariance: steps along its axes are steps of its parameters
+    lens = replace(rig.camera, covariance=np.eye(len(rig.camera.parameter_names)))
+    mean = np.concatenate([rig.antenna.parameters, [sensor.gain, sensor.offset_Nm]])
+    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)))
+    problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
+    problem, at = replace(problem, noise_scale=noise), problem.begin
+    curves = problem.curves(at[None, ANTENNA])
+    free = still_curves(observations, at[None, ANTENNA], rig.antenna.length_m, loaded=False)
+    deflections_m = np.linalg.norm(curves.points_m[:, CONTACT] - free.points_m[:, CONTACT], axis=1)
+    std, checked = np.array([readings.distance_std_m, readings.force_std_relative]), []
+    rows = zip(observations, problem.by_still(at), problem.whitened_by_load(at), strict=True)
+    for index, (observation, (misfits, slopes), by_load) in enumerate(rows):
+        own, points = curves.picked(np.array([index])), problem.seen_at_lens[index]
+        near = np.append(_undisturbed(misfits[POINTS]), True)
+        # points: distances from the prediction, which moves the other way; moment: the prediction less the reading
+        sign = np.append(-np.ones(near.sum() - 1), 1.0)[:, None]
+        residuals = -sign[:, 0] * misfits[near]
+        points = points.picked(near[POINTS])
+        foot = feet(points, image_curves(own, view))
         depth = np.interp(foot, own.arclength_m[0], (view @ own.points_m[0])[:, 2])
         # the geometric mean over directions stands for the deviation along the normal: pixels are all but square
-        std = np.sqrt(np.sqrt(np.linalg.det(seen.covariance).clip(0.0))) * noise
-        moment_Nm = own.moment_Nm[0]
-        deflection_m = float(np.linalg.norm(own.points_m[0, CONTACT] - free.points_m[index, CONTACT]))
+        across = np.sqrt(np.sqrt(np.linalg.det(points.covariance).clip(0.0))) * noise
+        by_readings = sign * by_load[near] * std
         checked.append(
             CheckedStill(
                 still=observation.still,
                 arclength_m=foot,
-                residual_std=whitened[near, 0],
-                residual_mm=1e3 * whitened[near, 0] * std * depth,
-                jacobian=-jacobian,
-                moment_Nm=float(moment_Nm),
-                moment_by_antenna=(own.moment_Nm[7:] - moment_Nm) / RIG_STEPS[ANTENNA],
-                deflection_m=deflection_m if isinstance(observation.still, Load) else 0.0,
-                by_readings=-(whitened_off[near] - whitened[near, :1]) * steps,
-                moment_by_readings=(off.moment_Nm - moment_Nm) * steps,
+                residual_mm=1e3 * residuals[POINTS] * across * depth,
+                residuals=residuals,
+                jacobian=sign * slopes[near],
+                by_readings=by_readings,
+                moment_residual_Nm=float(residuals[-1]) * sensor.std_Nm,
+                moment_std_Nm=sensor.std_Nm * float(np.linalg.norm([1.0, *by_readings[-1]])),
+                deflection_m=float(deflections_m[index]) if isinstance(observation.still, Load) else 0.0,
             )
         )
     return checked
@@ -200,8 +145,5 @@ def tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
 
 def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
     """(S, nodes, 3) of the weightless free antenna, its parameters off by steps (S, 9)."""
-    count = len(steps)
-    parameters = rig.antenna.parameters + steps
-    return bend(
-        parameters, rig.antenna.length_m, np.zeros((count, 3)), np.full(count, 0.1), np.zeros((count, 2))
-    ).points_m
+    zero, parameters = np.zeros((len(steps), 3)), rig.antenna.parameters + steps
+    return bend(parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:]).points_m

@@ -45,14 +45,13 @@ def _indices(kind: str) -> list[int]:
 def bow_diagnosis(joint: BundleAdjustment) -> Diagnosis | None:
     """A bow beyond the ordinary."""
     length, which = joint.problem.length_m, _indices("bow")
-    bow = joint.parameters[which]
-    std = np.sqrt(np.diag(joint.covariance)[which])
-    prior = joint.problem.prior.std[np.array(which) - ANTENNA.start]
-    if not ((np.abs(bow) > _USUAL * prior) & (np.abs(bow) > _USUAL * std)).any():
+    found = Further(joint.parameters[which], joint.covariance[np.ix_(which, which)])
+    bow, prior = found.values, joint.problem.prior.std[np.array(which) - ANTENNA.start]
+    if not (np.abs(bow) > _USUAL * np.maximum(prior, found.std)).any():
         return None
     return Diagnosis(
         "antenna_bent",
-        f"the free antenna is bowed by {_words('bow', bow, std)}: "
+        f"the free antenna is bowed by {_words('bow', found)}: "
         f"{0.5e3 * float(np.linalg.norm(bow)) * length**2:.0f} mm at the tip of {1e3 * length:.0f} mm",
         "straighten or replace the wire, or set it with its bow in plane C, and check gravity_world",
     )
@@ -70,10 +69,6 @@ class _Step:
     @property
     def chi_square(self) -> float:
         return self.found.chi_square
-
-    @property
-    def words(self) -> str:
-        return _words(self.kind, self.found.values, self.found.std)
 
 
 def _steps(rows: StillRows) -> list[_Step]:
@@ -118,7 +113,7 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
     if best.kind == "bow" and not rivals:
         return Diagnosis(
             "antenna_bent_between",
-            f"the antenna is bent by {best.words} more {since} than before",
+            f"the antenna is bent by {_words(best.kind, best.found)} more {since} than before",
             "a load has bent it for good: straighten or replace the wire, then take no-load frames and loads anew, "
             "with lighter loads",
             grave=True,
@@ -128,7 +123,7 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
     moved = "moved" if slip.kind == "place" else "turned"
     return Diagnosis(
         "clamp_slipped_or_antenna_bent" if other else "clamp_slipped",
-        f"the clamp has {moved} by {slip.words} {since}, which the loads do not explain{other}",
+        f"the clamp has {moved} by {_words(slip.kind, slip.found)} {since}, which the loads do not explain{other}",
         "tighten the clamp, then take no-load frames and loads anew",
         grave=True,
     )
@@ -155,9 +150,7 @@ def _named(still: Still) -> str:
     return f"{kind} {still.image.name}" if still.image else f"a {kind} at tilt {np.rad2deg(still.tilt_rad):.0f}°"
 
 
-def _words(kind: str, values: np.ndarray, std: np.ndarray) -> str:
-    unit, factor = {"turn": ("° about", np.rad2deg(1.0)), "place": (" mm along", 1e3), "bow": (" per m about", 1.0)}[
-        kind
-    ]
-    (y, z), (y_std, z_std) = factor * values, factor * std
+def _words(kind: str, found: Further) -> str:
+    unit, factor = _UNITS[kind]
+    (y, z), (y_std, z_std) = factor * found.values, factor * found.std
     return f"{y:.2f} ± {y_std:.2f}{unit} y and {z:.2f} ± {z_std:.2f}{unit} z"

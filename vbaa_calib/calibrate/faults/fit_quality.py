@@ -55,7 +55,7 @@ def _off_smooth(one: Observation) -> np.ndarray:
 
 
 def fits(scatter: float, own_scatter: float) -> bool:
-    """Whether an explanation leaves no more than the pictures' own scatter (`picture_scatter`)."""
+    """Whether an explanation leaves no more than the pictures' own scatter."""
     return bool(scatter <= _FITS * own_scatter)
 
 
@@ -103,7 +103,7 @@ def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Se
         weights[:-certain] /= scale
         size = np.linalg.norm(jacobian, axis=0)
         scaled = jacobian / size * weights[:, None]
-        information = np.concatenate([np.zeros(len(parameters)), np.full(len(which), prior_std**-2)])
+        information = np.repeat([0.0, prior_std**-2], [len(parameters), len(which)])
         slope = scaled.T @ (residuals * weights) + information * np.concatenate([0 * parameters, change]) / size
         step = -np.linalg.solve(scaled.T @ scaled + np.diag(information / size**2), slope) / size
         parameters, change = parameters + step[: len(parameters)], change + step[len(parameters) :]

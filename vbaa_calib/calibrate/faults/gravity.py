@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,14 +39,8 @@ _JOINT_SLIPS = (
 """How the joints would have moved, what to correct, and the matrix (2, 2) that puts (pan, tilt) right."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Hypothesis:
-    """Gravity (F, 3) in the frames, antenna frame, if the session's record were wrong; and its diagnosis."""
-
-    name: str
-    words: str
-    remedy: str
-    gravity_m_s2: np.ndarray
+_Hypothesis = tuple[Diagnosis, np.ndarray]
+"""What would be wrong with the session's record, and gravity (F, 3) in the frames if it were, antenna frame."""
 
 
 def gravity_diagnosis(
@@ -67,7 +61,7 @@ def gravity_diagnosis(
     if fits(scatter, own_scatter):
         return None
     others = _hypotheses([one.still for one in observations], kinematics, gravity_world_m_s2, noted)
-    tried = sorted(((*_refitted(free, other.gravity_m_s2), other) for other in others), key=lambda one: one[0])
+    tried = sorted(((*_refitted(free, pull), other) for other, pull in others), key=lambda one: one[0])
     if not tried:
         return None
     least, scatter, best = tried[0]
@@ -77,7 +71,7 @@ def gravity_diagnosis(
     # several may do as well: what they have in common is that the noted one is wrong
     alike = [other.words for left, _, other in tried[1:] if left < least + _ALIKE_PART * gain]
     words = " or ".join([best.words, *alike[:2]])
-    return Diagnosis(best.name, f"the free antenna sags as if {words}, and not as noted", best.remedy, grave=True)
+    return replace(best, words=f"the free antenna sags as if {words}, and not as noted")
 
 
 def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, float]:
@@ -126,15 +120,14 @@ def _hypotheses(
         numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
         remedy = f"gravity_world: [{numbers}] in session.yaml would fit; check where the world's axes point"
         pull = gravity_antenna(kinematics, gravity, stills)
-        found.append(_Hypothesis("gravity_direction", words, remedy, pull))
+        found.append((Diagnosis("gravity_direction", words, remedy, grave=True), pull))
     for words, what, turn in _JOINT_SLIPS:
         angles = [turn @ (one.pan_rad, one.tilt_rad) for one in stills]
         moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(stills, angles, strict=True)]
         pull = gravity_antenna(kinematics, gravity_world_m_s2, moved)
-        found.append(_Hypothesis("joint_readings_wrong", words, f"correct {what}, in all tables", pull))
+        found.append((Diagnosis("joint_readings_wrong", words, f"correct {what}, in all tables", grave=True), pull))
     different: list[_Hypothesis] = []
-    for other in found:
-        known = [noted_m_s2, *(one.gravity_m_s2 for one in different)]
-        if all(np.abs(other.gravity_m_s2 - pull).max() > _SAME_M_S2 for pull in known):
-            different.append(other)
+    for other, pull in found:
+        if all(np.abs(pull - known).max() > _SAME_M_S2 for known in (noted_m_s2, *(pull for _, pull in different))):
+            different.append((other, pull))
     return different

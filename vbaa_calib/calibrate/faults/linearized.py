@@ -9,11 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, exact_loads, linearised
-from vbaa_calib.calibrate.antenna.inputs import DISTANCE_STEP_M, LOG_FORCE_STEP, Observation
-from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN
 from vbaa_calib.core.least_squares import Linearised
 from vbaa_calib.core.robust import chi_square
-from vbaa_calib.rig.reprojection import image_curves, whitened_residuals
 from vbaa_calib.session import Load
 
 _UNOBSERVABLE = 1e-9
@@ -24,8 +21,6 @@ _UNOBSERVABLE = 1e-9
 class StillRows:
     """A linearised bundle adjustment with its rows by still.
 
-    Attributes
-    ----------
     joint : where it comes from. solution : linearised at its end, with the stills that took part.
     points : per observation the slice of its points' rows; empty for one that was left out.
     moments : (F,) its moment's row; −1 for one that was left out.
@@ -62,14 +57,13 @@ class StillRows:
 
         force_std : relative. noise_scale : factor on the points' deviations, of the free antenna, say.
         """
-        columns = []
-        for column, std in zip(self.by_load(), (distance_std_m, force_std), strict=True):
-            for index, one in enumerate(self.joint.problem.observations):
-                if isinstance(one.still, Load) and self.moments[index] >= 0:
-                    columns.append(std * np.where(self.of_stills([index]), column, 0.0))
         factor = self.factor.copy()
         factor[: self.points[-1].stop] *= self.joint.noise_scale / noise_scale
-        return replace(self, factor=factor, readings=np.array(columns).reshape(-1, len(factor)).T)
+        columns = [np.zeros((len(factor), 0))]
+        for index, slopes in self.by_load().items():
+            columns.append(np.zeros((len(factor), 2)))
+            columns[-1][self.of_stills([index])] = slopes * (distance_std_m, force_std)
+        return replace(self, factor=factor, readings=np.hstack(columns))
 
     def without_sensor(self) -> StillRows:
         """The same without the moment readings, whose faults must not be attributed to something else."""
@@ -125,34 +119,15 @@ class StillRows:
         """(R,) whether a row belongs to one of these stills."""
         mask = np.zeros(len(self.solution.residuals), bool)
         for index in which:
-            mask[self.points[index]] = True
             if self.moments[index] >= 0:
-                mask[self.moments[index]] = True
+                mask[self.points[index]], mask[self.moments[index]] = True, True
         return mask
 
-    def by_load(self) -> tuple[np.ndarray, np.ndarray]:
-        """(R,) changes of the residuals per m of each load towards the clamp, and per unit of its force's logarithm."""
-        altered = [one.with_readings_altered() for one in self.joint.problem.observations]
-        nearer, heavier = [one for one, _ in altered], [one for _, one in altered]
-        return self._by_alteration(nearer, DISTANCE_STEP_M), self._by_alteration(heavier, LOG_FORCE_STEP)
-
-    def _by_alteration(self, altered: Sequence[Observation], step: float) -> np.ndarray:
-        """(R,) change of the residuals per unit, where every observation is altered by a step; points as they are."""
-        problem, parameters = self.joint.problem, self.solution.parameters
-        pairs = [one for pair in zip(problem.observations, altered, strict=True) for one in pair]
-        curves = replace(problem, observations=pairs).curves(parameters[None, ANTENNA])
-        view = [problem.pose(parameters).inverse()] * 2
-        column = np.zeros(len(self.solution.residuals))
-        seen = problem.seen(parameters)
-        for index, rows in enumerate(self.points):
-            if self.moments[index] < 0 or pairs[2 * index] is pairs[2 * index + 1]:
-                continue
-            both = np.array([2 * index, 2 * index + 1])
-            distances = whitened_residuals(seen[index], image_curves(curves.picked(both), view))
-            column[rows] = (distances[:, 1] - distances[:, 0]) / step / problem.noise_scale
-            moment = float(np.diff(curves.moment_Nm[both])[0]) / step
-            column[self.moments[index]] = parameters[GAIN] * moment / problem.moment_std_Nm
-        return column
+    def by_load(self) -> dict[int, np.ndarray]:
+        """Of each load that took part, (N + 1, 2): slopes of its rows by its distance, per m, and by its log force."""
+        slopes = self.joint.problem.whitened_by_load(self.solution.parameters)
+        observations = enumerate(self.joint.noted)
+        return {i: slopes[i] for i, one in observations if isinstance(one.still, Load) and self.moments[i] >= 0}
 
 
 @dataclass(frozen=True, eq=False)

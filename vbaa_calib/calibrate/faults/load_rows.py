@@ -46,8 +46,6 @@ _MOST_BENT = 6.0
 class Row:
     """A load whose picture contradicts its row.
 
-    Attributes
-    ----------
     index : of the load among the loads. entry : what fits instead, None if nothing does.
     also : other slips that fit as well.
     """
@@ -62,8 +60,6 @@ class Row:
 class _Fit:
     """The best fits of V loads to one picture, over a range of stiffness.
 
-    Attributes
-    ----------
     misfit : (V,) mean distance of the points from the predicted antenna, over that from the free one.
     log_stiffness : (V,) of the best fit, less the free antenna's.
     shown_std : mean distance of the points from the free antenna, in the points' own deviations.
@@ -128,29 +124,24 @@ def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
 
 def unexplained(rows: Sequence[Row]) -> list[Diagnosis]:
     """The rows that their pictures contradict and no usual slip explains."""
-    if not rows:
-        return []
-    return [
-        Diagnosis(
-            "load_row_unexplained",
-            f"{rows_name([(row.index, row.load) for row in rows])}: the picture contradicts the row by a fifth of the "
-            "deflection or more, and no usual slip explains it",
-            "check distance_m, force and sign of the row, that the picture belongs to it, and that the clamp held",
-            grave=True,
-        )
-    ]
+    words = (
+        f"{rows_name([(row.index, row.load) for row in rows])}: the picture contradicts the row by a fifth of the "
+        "deflection or more, and no usual slip explains it"
+    )
+    remedy = "check distance_m, force and sign of the row, that the picture belongs to it, and that the clamp held"
+    return [Diagnosis("load_row_unexplained", words, remedy, grave=True)] if rows else []
 
 
 def corrected(observations: Sequence[Observation], rows: Sequence[Row]) -> list[Observation]:
     """With the entries that fit; without the rows that none fits."""
-    by_index, found, index = {row.index: row for row in rows}, [], -1
+    by_load = {id(row.load): row.entry for row in rows}
+    found = []
     for one in observations:
-        index += isinstance(one.still, Load)
-        row = by_index.get(index) if isinstance(one.still, Load) else None
-        if row is None:
+        entry = by_load.get(id(one.still))
+        if entry is not None:
+            found.append(replace(one, still=replace(entry.load, moment_Nm=one.still.moment_Nm)))
+        elif id(one.still) not in by_load:
             found.append(one)
-        elif row.entry is not None:
-            found.append(replace(one, still=replace(row.entry.load, moment_Nm=one.still.moment_Nm)))
     return found
 
 

@@ -34,14 +34,13 @@ _SIGNIFICANT_STD = 4.0
 
 @dataclass(frozen=True, eq=False)
 class _Readings:
-    """Readings (F,), the moments (F,) that they should be, the robust line through both, and the noise by the session.
+    """Readings (F,), the moments (F,) that they should be, and the robust line through both.
 
     gain_std : of the gain, by the scatter about the line.
     """
 
     read_Nm: np.ndarray
     true_Nm: np.ndarray
-    std_Nm: float
     gain: float
     offset_Nm: float
     gain_std: float
@@ -62,7 +61,7 @@ class _Readings:
         offset = float(np.median(read - gain * true))
         scatter = max(mad_std(read - gain * true - offset), std_Nm)
         spread = float(np.sqrt(((true - true.mean()) ** 2).sum()))
-        return _Readings(read, true, std_Nm, gain, offset, scatter / max(spread, 1e-12))
+        return _Readings(read, true, gain, offset, scatter / max(spread, 1e-12))
 
     @property
     def follow(self) -> bool:
@@ -78,10 +77,6 @@ class _Readings:
             return []
         return [(unit, remedy) for unit, factor, remedy in _UNITS if abs(np.log(self.gain / factor)) < _UNIT_REACH]
 
-    @property
-    def gain_words(self) -> str:
-        return f"{self.gain:.3g} ± {self.gain_std:.2g}"
-
 
 def sensor_diagnoses(
     joint: BundleAdjustment, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool
@@ -96,62 +91,51 @@ def sensor_diagnoses(
     readings = _Readings.of(joint, std_Nm)
     if readings is None or float(np.ptp(readings.true_Nm) / std_Nm) < _LEAST_SPREAD_STD:
         return []
-    found = _unconnected(readings)
-    if found is None and moments_known:
-        found = _unrelated(readings) or _sign(readings) or _unit(readings)
-        if found is None and drift is not None and abs(drift.in_std) > _SIGNIFICANT_STD and readings.follow:
-            found = Diagnosis(
-                "sensor_drift",
-                f"the moment readings drift by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}, or a "
-                "few readings are wrong",
-                "let it warm up, zero it again before a recording, and check that it is not at the end of its range",
-            )
-    return [] if found is None else [found]
-
-
-def _unconnected(readings: _Readings) -> Diagnosis | None:
-    if np.ptp(readings.read_Nm) > 1e-3 * readings.std_Nm:
-        return None
-    return Diagnosis(
-        "sensor_not_connected",
-        f"all {len(readings.read_Nm)} moment readings are {readings.read_Nm[0]:.4g} N·m, while the true moments span "
-        f"{1e3 * np.ptp(readings.true_Nm):.3g} mN·m",
-        "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in",
-        grave=True,
+    gain, std, follow, units = readings.gain, readings.gain_std, readings.follow, readings.units
+    spread = f"while the true moments span {1e3 * np.ptp(readings.true_Nm):.3g} mN·m"
+    known = f"gain {gain:.3g} ± {std:.2g}"
+    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follow and units)
+    far = follow and gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]
+    words = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
+    drifts = drift is not None and abs(drift.in_std) > _SIGNIFICANT_STD and follow
+    moved = "" if drift is None else f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}"
+    rules = (
+        (
+            np.ptp(readings.read_Nm) <= 1e-3 * std_Nm,
+            "sensor_not_connected",
+            f"all {len(readings.read_Nm)} moment readings are {readings.read_Nm[0]:.4g} N·m, {spread}",
+            "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in",
+        ),
+        (
+            moments_known and (weak or np.ptp(readings.read_Nm) < _SIGNIFICANT_STD * 2 * std_Nm),
+            "sensor_not_connected",
+            f"the moment readings do not follow the loads: {known}, {spread}",
+            "check that the sensor is connected, sits between clamp and base, and that each row has its own reading",
+        ),
+        (
+            moments_known and follow and gain <= -_SIGNIFICANT_STD * std,
+            "sensor_sign",
+            f"the moment sensor reads with the wrong sign: {known}",
+            "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too",
+        ),
+        (
+            moments_known and far and bool(units),
+            "sensor_unit",
+            f"{words}, as if it were read in {' or '.join(unit for unit, _ in units)}",
+            f"{units[0][1] if units else ''}: moment_Nm is in N·m",
+        ),
+        (
+            moments_known and far,
+            "sensor_gain",
+            f"{words}, far from 1",
+            "check its calibration and the unit of moment_Nm",
+        ),
+        (
+            moments_known and drifts,
+            "sensor_drift",
+            f"the moment readings drift by {moved}, or a few readings are wrong",
+            "let it warm up, zero it again before a recording, and check that it is not at the end of its range",
+        ),
     )
-
-
-def _unrelated(readings: _Readings) -> Diagnosis | None:
-    weak = abs(readings.gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * readings.gain_std)
-    noise = np.ptp(readings.read_Nm) < _SIGNIFICANT_STD * 2 * readings.std_Nm
-    if not (noise or (weak and not (readings.follow and readings.units))):
-        return None
-    return Diagnosis(
-        "sensor_not_connected",
-        f"the moment readings do not follow the loads: gain {readings.gain_words}, while the true moments span "
-        f"{1e3 * np.ptp(readings.true_Nm):.3g} mN·m",
-        "check that the sensor is connected, sits between clamp and base, and that each row has its own reading",
-        grave=True,
-    )
-
-
-def _sign(readings: _Readings) -> Diagnosis | None:
-    if readings.gain > -_SIGNIFICANT_STD * readings.gain_std or not readings.follow:
-        return None
-    return Diagnosis(
-        "sensor_sign",
-        f"the moment sensor reads with the wrong sign: gain {readings.gain_words}",
-        "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too",
-    )
-
-
-def _unit(readings: _Readings) -> Diagnosis | None:
-    gain = readings.gain
-    if _USUAL_GAIN[0] < gain < _USUAL_GAIN[1] or gain <= 0 or not readings.follow:
-        return None
-    words = f"the moment sensor's gain is {gain:.4g} ± {readings.gain_std:.2g}"
-    if not readings.units:
-        return Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")
-    units = " or ".join(unit for unit, _ in readings.units)
-    remedy = f"{readings.units[0][1]}: moment_Nm is in N·m"
-    return Diagnosis("sensor_unit", f"{words}, as if it were read in {units}", remedy, grave=True)
+    grave = ("sensor_not_connected", "sensor_unit")
+    return [Diagnosis(name, said, remedy, name in grave) for holds, name, said, remedy in rules if holds][:1]

@@ -85,8 +85,7 @@ def _moved(
 
 def _fit_corrected(joint: BundleAdjustment, rows: Sequence[Row], own: float) -> bool:
     """Whether all stills fit one antenna once the rows are corrected."""
-    problem = joint.problem
-    observations: list[Observation] = corrected(joint.noted, rows)
+    problem, observations = joint.problem, corrected(joint.noted, rows)
     try:
         right = adjust_bundle(observations, problem.prior, problem.length_m, SENSOR_OFF * problem.moment_std_Nm)
     except SolveError:
@@ -126,28 +125,24 @@ def with_cause(
     error: SolveError,
 ) -> SolveError | InputError:
     """An error of `solve_antenna` with its likely cause, where one is found."""
-    causes = failure_causes(session, kinematics, observations, before)
+    causes = _failure_causes(session, kinematics, observations, before)
     typed = [one for one in causes if one.name.startswith("load_")]
     if typed:
         return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
     return SolveError(f"{error}. Likely: {causes[0]}") if causes else error
 
 
-def failure_causes(
+def _failure_causes(
     session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
 ) -> list[Diagnosis]:
-    """Likely causes of a calibration that raised, from the typed loads and the free antenna. Raises nothing.
-
-    observations, before : the inputs of `solve_antenna`.
-    """
+    """Likely causes of a calibration that raised, from the typed loads and the free antenna. Raises nothing."""
     loads: list[Load] = [one.still for one in observations if isinstance(one.still, Load)]
     found = typed_load_diagnoses(loads, session.antenna)
     length, std = session.antenna.length_m, session.moment_std_Nm
     try:
         # without the sensor, which may be what is wrong
-        return (
-            still_diagnoses(session, kinematics, adjust_bundle(observations, before, length, SENSOR_OFF * std)) or found
-        )
+        joint = adjust_bundle(observations, before, length, SENSOR_OFF * std)
+        return still_diagnoses(session, kinematics, joint) or found
     except SolveError:
         pass
     try:

@@ -43,15 +43,12 @@ _TOO_STEEP_RAD = 1.2
 _TOO_FLAT_RAD = 1e-3
 """Slope that no picture shows well: a tenth of a millimetre at 150 mm."""
 _LIKELY_RAD = 0.2
-_OFF_GRAVITY_RAD = np.deg2rad(15.0)
 
 
 @dataclass(frozen=True)
 class Entry:
     """What a row may have meant.
 
-    Attributes
-    ----------
     what : "force" or "distance". how : the slip, to be read after "given". load : as it should have been.
     """
 
@@ -93,23 +90,19 @@ class Entry:
 def other_entries(load: Load, length_m: float) -> list[Entry]:
     """Everything else that a row could have meant, one slip at a time."""
 
-    def force(how: str, y: float, z: float) -> Entry:
-        return Entry("force", how, replace(load, force_y_N=y, force_z_N=z))
-
-    def distance(how: str, distance_m: float) -> Entry:
-        return Entry("distance", how, replace(load, distance_m=distance_m))
-
     y, z, at = load.force_y_N, load.force_z_N, load.distance_m
-    found = [force(how, factor * y, factor * z) for how, factor in _UNITS]
-    found += [distance(how, factor * at) for how, factor in _LENGTHS if 0 < factor * at <= length_m]
-    if length_m - at > _SAME and abs(length_m - 2 * at) > 0.02 * length_m:
-        found.append(distance("from the tip", length_m - at))
+    forces = [(how, (factor * y, factor * z)) for how, factor in _UNITS]
     known = [(y, z)]
     for how, (yy, yz, zy, zz) in _TURNS:
         turned = yy * y + yz * z, zy * y + zz * z
         if all(abs(turned[0] - a) + abs(turned[1] - b) > _SAME * (abs(y) + abs(z)) for a, b in known):
             known.append(turned)
-            found.append(force(how, *turned))
+            forces.append((how, turned))
+    places = [(how, factor * at) for how, factor in _LENGTHS if 0 < factor * at <= length_m]
+    if length_m - at > _SAME and abs(length_m - 2 * at) > 0.02 * length_m:
+        places.append(("from the tip", length_m - at))
+    found = [Entry("force", how, replace(load, force_y_N=y, force_z_N=z)) for how, (y, z) in forces]
+    found[len(_UNITS) : len(_UNITS)] = [Entry("distance", how, replace(load, distance_m=x)) for how, x in places]
     return found
 
 
@@ -130,24 +123,10 @@ def _force_N(load: Load) -> float:
     return math.hypot(load.force_y_N, load.force_z_N)
 
 
-def typed_load_diagnoses(
-    loads: Sequence[Load],
-    antenna: NominalAntenna,
-    gravity_m_s2: np.ndarray | None = None,
-    hung: bool = False,
-) -> list[Diagnosis]:
-    """Typed loads that are impossible by the nominal antenna alone.
-
-    Parameters
-    ----------
-    gravity_m_s2 : (F, 3) antenna frame, in each load's picture; used only where weights were hung.
-    hung : the loads are weights that hang straight down, rather than threads over pulleys.
-    """
+def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list[Diagnosis]:
+    """Typed loads that are impossible by the nominal antenna alone."""
     rows = list(enumerate(loads))
-    found = _distances(rows, antenna) + _forces(rows, antenna)
-    if hung and gravity_m_s2 is not None:
-        found += _directions(rows, np.asarray(gravity_m_s2, float).reshape(-1, 3))
-    return found
+    return _distances(rows, antenna) + _forces(rows, antenna)
 
 
 def _distances(rows: Sequence[tuple[int, Load]], antenna: NominalAntenna) -> list[Diagnosis]:
@@ -200,42 +179,4 @@ def _forces(rows: Sequence[tuple[int, Load]], antenna: NominalAntenna) -> list[D
         words, tip_mm = described(min(flat, key=slope_rad), flat, ".3g")
         remedy = "give newtons, not kilonewtons or kilograms, and metres; or hang more weight farther out"
         found.append(Diagnosis("load_too_small", f"{words} move the tip by {tip_mm:.2g} mm only", remedy))
-    return found
-
-
-def _directions(rows: Sequence[tuple[int, Load]], gravity: np.ndarray) -> list[Diagnosis]:
-    off, along = [], []
-    for (index, load), pull in zip(rows, gravity, strict=True):
-        size, force = float(np.linalg.norm(pull)), np.array([load.force_y_N, load.force_z_N])
-        if size == 0:
-            continue
-        if abs(pull[0]) > np.sin(_OFF_GRAVITY_RAD) * size:
-            along.append((index, load))
-        elif float(force @ pull[1:]) < np.cos(_OFF_GRAVITY_RAD) * float(np.linalg.norm(force)) * size:
-            off.append((index, load))
-    found = []
-    if off:
-        index, load = off[0]
-        pull = gravity[index]
-        right = _force_N(load) * pull[1:] / np.linalg.norm(pull[1:])
-        found.append(
-            Diagnosis(
-                "load_not_along_gravity",
-                f"{rows_name(off, len(rows))}: the force ({load.force_y_N:.4g}, {load.force_z_N:.4g}) N does not point "
-                f"down, though weights hang; down is ({pull[1]:.3g}, {pull[2]:.3g}) m/s² in (y, z)",
-                f"give force_y_N {right[0]:.4g}, force_z_N {right[1]:.4g}, or check gravity_world and the joints",
-                grave=True,
-            )
-        )
-    if along:
-        pull = gravity[along[0][0]]
-        tilt = np.degrees(np.arcsin(min(1.0, abs(pull[0]) / float(np.linalg.norm(pull)))))
-        found.append(
-            Diagnosis(
-                "load_along_antenna",
-                f"{rows_name(along, len(rows))}: the antenna is tilted by {tilt:.0f}°, and the weight pulls along it",
-                "hang weights on a level antenna: loads.csv holds forces across it only",
-                grave=True,
-            )
-        )
     return found

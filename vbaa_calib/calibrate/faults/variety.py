@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -20,7 +19,6 @@ _MOVED_SQUARES = 0.5
 """A board that moved by less than so many of its squares is in the same place."""
 _RESHAPED = 0.006
 """Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°."""
-_COLUMNS, _ROWS = 8, 6
 _FEWEST_VIEWS = 5
 _TILTED_RAD = np.radians(15.0)
 _LEAST_HULL, _REPEATED = 0.5, 0.5
@@ -81,52 +79,22 @@ def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | Non
     return moved_px if same else None
 
 
-@dataclass(frozen=True, eq=False)
-class Coverage:
-    """Where in the picture corners were seen.
-
-    Attributes
-    ----------
-    counts : (_ROWS, _COLUMNS) corners in each cell of a grid over the picture.
-    hull_share : share of the picture's area within the hull of all corners.
-    """
-
-    counts: np.ndarray
-    hull_share: float
-
-    @property
-    def empty_corners(self) -> tuple[str, ...]:
-        """The picture's corners, a quarter of its width by a third of its height, with no corner of the board."""
-        wide, high = _COLUMNS // 4, _ROWS // 3
-        parts = {
-            "upper left": self.counts[:high, :wide],
-            "upper right": self.counts[:high, -wide:],
-            "lower left": self.counts[-high:, :wide],
-            "lower right": self.counts[-high:, -wide:],
-        }
-        return tuple(name for name, part in parts.items() if not part.any())
-
-
-def coverage(views: Sequence[BoardView]) -> Coverage:
-    """Of views of one picture size, at least one."""
-    width, height = views[0].image_size
-    pixels = np.concatenate([view.corners_px for view in views])
-    cells = np.clip((pixels + 0.5) / (width, height) * (_COLUMNS, _ROWS), 0, (_COLUMNS - 1, _ROWS - 1)).astype(int)
-    counts = np.bincount(cells[:, 1] * _COLUMNS + cells[:, 0], minlength=_ROWS * _COLUMNS).reshape(_ROWS, _COLUMNS)
-    area = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) if len(pixels) > 2 else 0.0
-    return Coverage(counts, area / (width * height))
-
-
 def poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
-    """Whether the corners leave out much of the picture, and which of its corners."""
-    seen = coverage(views)
-    empty = seen.empty_corners
-    if seen.hull_share >= _LEAST_HULL and len(empty) < 2:
+    """Whether the corners leave out much of the picture, and which of its corners: a quarter of its width by a third.
+
+    views : of one picture size, at least one.
+    """
+    size, pixels = np.array(views[0].image_size), np.concatenate([view.corners_px for view in views])
+    hull = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / size.prod() if len(pixels) > 2 else 0.0
+    column, row = np.clip((pixels + 0.5) / size * (4, 3), 0, (3, 2)).astype(int).T
+    places = {"upper left": (0, 0), "upper right": (3, 0), "lower left": (0, 2), "lower right": (3, 2)}
+    empty = [name for name, (x, y) in places.items() if not ((column == x) & (row == y)).any()]
+    if hull >= _LEAST_HULL and len(empty) < 2:
         return None
     where = f", none in the {', '.join(empty)}" if empty else ""
     return Diagnosis(
         "border_empty",
-        f"the corners reach over {100 * seen.hull_share:.0f} % of the picture{where}",
+        f"the corners reach over {100 * hull:.0f} % of the picture{where}",
         f"show the board in the {empty[0] if empty else 'picture’s corners'}, also partly outside",
     )
 

@@ -16,6 +16,7 @@ from vbaa_calib.calibrate.lens.bundle import FLEX, Stack, State, free_directions
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
 
 from .variety import little_variety, poorly_covered
@@ -38,8 +39,6 @@ _NOTICEABLE, _GRAVE = 1e-3, 3e-3
 class OwnScores:
     """Scores and information of a parameter that each of V views has to itself, to first order.
 
-    Attributes
-    ----------
     score : (V,) gradient of the cost, px². Its covariance is the residuals' variance times `information`.
     information : (V, V) px², the poses and all that the views share eliminated.
     """
@@ -60,8 +59,6 @@ class OwnScores:
 class SetScores:
     """A solved set, linearised, every view's pose projected out.
 
-    Attributes
-    ----------
     names : of the V views used, in order.
     residuals : (2N,) px, observed less projected. own : (2N, E) derivatives by parameters a view has to itself:
         logarithm of the focal length, cx px, cy px, and relative length of the board along its y.
@@ -126,12 +123,7 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
         axis=-1,
     )
     every = np.concatenate([by_shared @ directions, own, residuals[..., None]], axis=-1)
-    left = []
-    for first, last in zip(stack.bounds[:-1], stack.bounds[1:], strict=True):
-        pose, _ = np.linalg.qr(by_pose[first:last].reshape(-1, 6))
-        flat = every[first:last].reshape(2 * (last - first), -1)
-        left.append(flat - pose @ (pose.T @ flat))
-    flat = np.vstack(left)
+    flat = np.vstack(without_own(every, by_pose, stack.bounds))
     shared = flat[:, : directions.shape[1]]
     norms = np.linalg.norm(shared, axis=0)
     vectors, values, _ = np.linalg.svd(shared[:, norms > 0.0] / norms[norms > 0.0], full_matrices=False)
@@ -151,23 +143,11 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
     )
 
 
-@dataclass(frozen=True)
-class PrintAspect:
-    """Relative excess of the print's length along y over that along x, with its standard deviation."""
+def print_aspect(scores: SetScores) -> tuple[float, float] | None:
+    """Relative excess of the print's length along y over that along x, with its standard deviation.
 
-    excess: float
-    std: float
-
-    @property
-    def known(self) -> bool:
-        """Whether the pictures show it."""
-        return self.std < _ASPECT_STD
-
-
-def print_aspect(scores: SetScores) -> PrintAspect | None:
-    """From all views, with lens and poses free; None where they are too few.
-
-    The standard deviation is the larger of that from the corners' scatter and that from the scatter between the views.
+    From all views, with lens and poses free; None where they are too few. The deviation is the larger of that from the
+    corners' scatter and that from the scatter between the views.
     """
     direction, residuals = scores.common(SetScores.ASPECT)
     information, count = float(direction @ direction), len(scores.names)
@@ -176,24 +156,20 @@ def print_aspect(scores: SetScores) -> PrintAspect | None:
     excess = float(direction @ residuals) / information
     pull = np.add.reduceat(direction * (residuals - excess * direction), scores.bounds[:-1])
     between = float(pull @ pull) * count / (count - 1)
-    std = np.sqrt(max(scores.variance_px2 * information, between)) / information
-    return PrintAspect(excess, float(std))
+    return excess, float(np.sqrt(max(scores.variance_px2 * information, between)) / information)
 
 
-def print_stretched(scores: SetScores) -> Diagnosis | None:
+def _print_stretched(scores: SetScores) -> Diagnosis | None:
     """A print whose x and y differ in scale."""
-    aspect = print_aspect(scores)
-    if aspect is None or not aspect.known:
+    excess, std = print_aspect(scores) or (0.0, np.inf)
+    if std >= _ASPECT_STD or abs(excess) < max(_ASPECT_SIGNIFICANT * std, _ASPECT_NOTICEABLE):
         return None
-    if abs(aspect.excess) < max(_ASPECT_SIGNIFICANT * aspect.std, _ASPECT_NOTICEABLE):
-        return None
-    longer, other = ("y", "x") if aspect.excess > 0 else ("x", "y")
+    longer, other = ("y", "x") if excess > 0 else ("x", "y")
     return Diagnosis(
         "print_stretched",
-        f"the print is longer along its {longer} than along its {other} by {100 * abs(aspect.excess):.2f} ± "
-        f"{100 * aspect.std:.2f} %",
+        f"the print is longer along its {longer} than along its {other} by {100 * abs(excess):.2f} ± {100 * std:.2f} %",
         "measure both rulers of the print; print it anew without scaling, or on another printer",
-        abs(aspect.excess) > _ASPECT_GRAVE,
+        abs(excess) > _ASPECT_GRAVE,
     )
 
 
@@ -201,8 +177,6 @@ def print_stretched(scores: SetScores) -> Diagnosis | None:
 class Change:
     """The pattern over the views that explains most.
 
-    Attributes
-    ----------
     index : of the pattern. size : of the change, in the parameter's unit, with its standard deviation `std`: from the
         scatter between the views, or from the residuals' variance if that is larger.
     chance : of one so clear among all tested patterns, were there none.
@@ -217,11 +191,6 @@ class Change:
 def steps(count: int) -> np.ndarray:
     """(K, V) patterns: 0 before some view, 1 from it on; two views at least on either side."""
     return (np.arange(count) >= np.arange(_SIDE_VIEWS, count - _SIDE_VIEWS + 1)[:, None]).astype(float)
-
-
-def drift(count: int) -> np.ndarray:
-    """(1, V): from 0 at the first view to 1 at the last."""
-    return np.linspace(0.0, 1.0, count)[None]
 
 
 def find_change(own: OwnScores, patterns: np.ndarray, variance_px2: float) -> Change | None:
@@ -258,14 +227,14 @@ def _shares(shapes: np.ndarray, scores: np.ndarray) -> np.ndarray:
     return (scores @ shapes.T) ** 2 / np.maximum((scores**2).sum(axis=1, keepdims=True), 1e-300)
 
 
-def focus_changed(scores: SetScores) -> Diagnosis | None:
+def _focus_changed(scores: SetScores) -> Diagnosis | None:
     """Whether the focal length differs before and after some picture, or creeps from the first to the last.
 
     It is observed by perspective, that is from tilted views alone: a face-on board that looks larger may be nearer.
     """
     names, own = scores.names, scores.of(SetScores.FOCAL)
     step = find_change(own, steps(len(names)), scores.variance_px2)
-    crept = find_change(own, drift(len(names)), scores.variance_px2)
+    crept = find_change(own, np.linspace(0.0, 1.0, len(names))[None], scores.variance_px2)
     clear = [one for one in (step, crept) if one is not None and one.chance < _CHANCE and abs(one.size) > _NOTICEABLE]
     if not clear:
         return None
@@ -315,9 +284,9 @@ def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec:
     if not used:
         return []
     scores = set_scores(used, solution, spec)
-    judged = [] if scores is None else [focus_changed(scores), centre_moved(scores)]
+    judged = [] if scores is None else [_focus_changed(scores), centre_moved(scores)]
     if scores is not None and not any(judged):
         # a lens that did not stay the same shifts the print's aspect by several of its standard deviations
-        judged.append(print_stretched(scores))
+        judged.append(_print_stretched(scores))
     found = [one for one in (*judged, poorly_covered(used)) if one is not None]
     return sorted([*found, *little_variety(used, solution, spec)], key=lambda one: not one.grave)

@@ -25,19 +25,12 @@ _LEAST_GAIN = 0.025
 class PlaneProgress:
     """Uncertainty on plane C by the pictures of the jig so far.
 
-    Attributes
-    ----------
-    board : pose of the board; None while it is not found.
-    std_m : predicted deviation of points on plane C, rms over the work area; lens_std_m and board_std_m are the parts
-        of the lens and of the board's pose. NaN while unknown. The jig's own accuracy is not in it.
+    std_m : predicted deviation of points on plane C by lens and board, rms over the work area; NaN while unknown. The
+        jig's own accuracy is not in it.
     enough : whether to go on. words : why, or what is missing, and what to do.
     """
 
-    board: BoardPose | None
     std_m: float
-    lens_std_m: float
-    board_std_m: float
-    goal_m: float
     enough: bool
     words: str
 
@@ -59,15 +52,14 @@ def plane_progress(
     except (InputError, SolveError) as error:
         what = error.what if isinstance(error, InputError) else str(error)
         remedy = f": {error.remedy}" if isinstance(error, InputError) and error.remedy else ""
-        return PlaneProgress(None, np.nan, np.nan, np.nan, goal_m, False, f"{what}{remedy}.")
+        return PlaneProgress(np.nan, False, f"{what}{remedy}.")
     if camera.covariance is None:
         words = "The lens has no covariance, and plane C no uncertainty: calibrate it with vbaa intrinsics."
-        return PlaneProgress(board, np.nan, np.nan, np.nan, goal_m, False, words)
+        return PlaneProgress(np.nan, False, words)
     lens_m, board_m = _shares_m(board, camera, plane)
     std_m = float(np.hypot(lens_m, board_m))
     gain = 1.0 - float(np.hypot(lens_m, board_m * np.sqrt(1.0 - _next_share(views, board)))) / std_m
-    enough, words = _judged(board, len(views), std_m, lens_m, goal_m, gain)
-    return PlaneProgress(board, std_m, lens_m, board_m, goal_m, enough, words)
+    return PlaneProgress(std_m, *_judged(board, len(views), std_m, lens_m, goal_m, gain))
 
 
 def _shares_m(board: BoardPose, camera: Camera, plane: WorkPlane) -> tuple[float, float]:

@@ -9,9 +9,8 @@ import numpy as np
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, RIG, Problem
+from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.rig import RIG_STEPS
 from vbaa_calib.session import Load, Session, Still, gravity_antenna
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
@@ -33,8 +32,6 @@ _LEAST_VISIBLE = 0.97
 class Pull:
     """A direction in which a weight can pull, at a place of the joints.
 
-    Attributes
-    ----------
     direction : (2,) unit (y, z), antenna frame. over_pulley : it does not hang straight down.
     """
 
@@ -49,8 +46,6 @@ class Pull:
 class LoadCandidate:
     """A load that could be hung.
 
-    Attributes
-    ----------
     jacobian : (N, 17 + P) whitened rows that it would add.
     by_readings : (N, 2) derivatives of its residuals by its distance, per m, and by the logarithm of its force.
     """
@@ -122,10 +117,9 @@ def load_candidates(
     if not chosen:
         return []
     problem = joint.problem.over(placed).relinearised(joint.solution.parameters[: joint.problem.lens.stop])
-    found = []
-    for (mass, pull, load), rows in zip(chosen, _rows(joint, problem), strict=True):
-        found.append(LoadCandidate(load, mass, pull, *rows))
-    return found
+    at = joint.solution.parameters[: problem.lens.stop]
+    found = zip(chosen, problem.by_still(at), problem.whitened_by_load(at), strict=True)
+    return [LoadCandidate(load, mass, pull, rows, by_load) for (mass, pull, load), (_, rows), by_load in found]
 
 
 def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> tuple[list[Observation], list[bool]]:
@@ -150,24 +144,3 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> tuple[
         each = sigma / np.sqrt(np.maximum(points * share[index, which], 1e-3))
         placed.append(replace(wanted[index - 1], points_px=pixels[index, which], sigma_px=each))
     return placed, inside
-
-
-def _rows(joint: BundleAdjustment, problem: Problem) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Per still the whitened rows (N + 1) of points and moment, by the parameters and by distance and log force."""
-    parameters = joint.solution.parameters[: problem.lens.stop]
-    blocks, moments = problem.evaluate(parameters)
-    found = []
-    for block, moment, by_readings in zip(
-        blocks, moments, problem.slopes_by_load(parameters, problem.seen_at_lens), strict=True
-    ):
-        rows = np.zeros((len(block) + 1, len(parameters)))
-        rows[:-1, :GAIN] = block[:, 1 : 1 + GAIN] / problem.noise_scale
-        rows[:-1, RIG:] = block[:, 1 + GAIN :] / problem.noise_scale
-        # as in `Problem._moments`
-        rows[-1, ANTENNA] = parameters[GAIN] * (moment[1:] - moment[0]) / RIG_STEPS[6:]
-        rows[-1, GAIN], rows[-1, OFFSET] = moment[0], 1.0
-        rows[-1] /= problem.moment_std_Nm
-        by_readings[:-1] /= problem.noise_scale
-        by_readings[-1] *= parameters[GAIN] / problem.moment_std_Nm
-        found.append((rows, by_readings))
-    return found

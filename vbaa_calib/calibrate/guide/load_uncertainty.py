@@ -1,6 +1,7 @@
 """Uncertainty of EI by pictures, places and weights, now and after further loads.
 
 A place or weight that is off by δ moves the residuals of the bundle adjustment by c·δ, and its solution by H⁻¹Jᵀc·δ.
+The solve knows that they are uncertain, and weighs the loads by it.
 """
 
 from __future__ import annotations
@@ -24,21 +25,12 @@ _LOG_STIFFNESS = ANTENNA.start + 6
 
 @dataclass(frozen=True)
 class StiffnessStd:
-    """Relative standard deviations of EI: by the pictures' noise, by the places, by the weights."""
+    """Relative standard deviations of EI: by the pictures' noise, by the places, by the weights, by everything."""
 
     noise: float
     distance: float
     mass: float
-
-    @property
-    def readings(self) -> float:
-        """By places and weights together."""
-        return float(np.hypot(self.distance, self.mass))
-
-    @property
-    def total(self) -> float:
-        """By everything."""
-        return float(np.hypot(self.noise, self.readings))
+    total: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +40,6 @@ class StiffnessForecast:
     A weight that hangs twice is off by the same both times, and so is a place that is used twice: their errors do not
     average out.
 
-    Attributes
-    ----------
     information : (17 + P, 17 + P) of the joint solve, in parameters scaled by `scale` (17 + P,).
     sensitivity : (17 + P, K) Jᵀc of every place and weight, of the present loads, then of the candidates, in scaled
         parameters; times its standard deviation.
@@ -57,7 +47,6 @@ class StiffnessForecast:
     grams : (K / 2, 2, 2) cᵀc of each still's place and weight, times their standard deviations.
     counts : (K,) how often each takes part.
     added : (C, 17 + P, 17 + P) information of each candidate, scaled. own : (C, K) its place and weight.
-    weighed : the solve knows that places and weights are uncertain, and weighs the loads by it.
     """
 
     information: np.ndarray
@@ -69,41 +58,40 @@ class StiffnessForecast:
     counts: np.ndarray
     added: np.ndarray
     own: np.ndarray
-    weighed: bool
 
     @staticmethod
-    def of(
-        joint: BundleAdjustment, candidates: Sequence[LoadCandidate], readings: LoadReadings, weighed: bool = False
-    ) -> StiffnessForecast:
+    def of(joint: BundleAdjustment, candidates: Sequence[LoadCandidate], readings: LoadReadings) -> StiffnessForecast:
         """From a joint solution and the loads that could be hung next."""
         rows = StillRows.of(joint)
-        information, _, scale = rows.solution.normal_equations()
-        loads, sensitivity, grams = _of_present_loads(rows)
-        std = np.array([readings.distance_std_m, readings.force_std_relative])
-        added = []
-        for one in candidates:
-            jacobian = one.jacobian / scale
-            added.append(jacobian.T @ jacobian)
-            sensitivity += [jacobian.T @ column for column in one.by_readings.T]
+        solution, slopes = rows.solution, rows.by_load()
+        information, _, scale = solution.normal_equations()
+        jacobians = [one.jacobian / scale for one in candidates]
+        weighted = solution.jacobian * (solution.weights**2)[:, None] / scale
+        sensitivity, grams = [np.zeros((len(scale), 0))], []
+        for index, both in slopes.items():
+            mask = rows.of_stills([index])
+            sensitivity.append(weighted[mask].T @ both)
+            both = both * solution.weights[mask, None]
+            grams.append(both.T @ both)
+        for one, jacobian in zip(candidates, jacobians, strict=True):
+            sensitivity.append(jacobian.T @ one.by_readings)
             grams.append(one.by_readings.T @ one.by_readings)
-        hung = [*loads, *(one.load for one in candidates)]
+        # as noted: corrected numbers cannot be shared with another load
+        present = [cast(Load, joint.noted[index].still) for index in slopes]
+        hung = [*present, *(one.load for one in candidates)]
         keys = [key for load in hung for key in reading_keys(load)]
         names = list(dict.fromkeys(keys))
-        size, count = len(scale), len(keys)
-        groups = np.zeros((count, len(names)))
-        groups[np.arange(count), [names.index(key) for key in keys]] = 1.0
-        present = 2 * len(loads)
+        std = np.array([readings.distance_std_m, readings.force_std_relative])
         return StiffnessForecast(
             information=information,
             scale=scale,
-            sensitivity=np.column_stack(sensitivity) * np.tile(std, len(hung)) if count else np.zeros((size, 0)),
-            groups=groups,
+            sensitivity=np.hstack(sensitivity) * np.tile(std, len(hung)),
+            groups=np.array([[name == key for name in names] for key in keys], float).reshape(len(keys), len(names)),
             of_mass=np.array([name[0] == "mass" for name in names], bool),
             grams=np.array(grams).reshape(-1, 2, 2) * np.outer(std, std),
-            counts=np.repeat([1.0, 0.0], [present, 2 * len(candidates)]),
-            added=np.array(added).reshape(-1, size, size),
-            own=np.hstack([np.zeros((len(candidates), present)), np.repeat(np.eye(len(candidates)), 2, axis=1)]),
-            weighed=weighed,
+            counts=np.repeat([1.0, 0.0], [2 * len(present), 2 * len(candidates)]),
+            added=np.array([rows.T @ rows for rows in jacobians]).reshape(-1, *information.shape),
+            own=np.repeat(np.eye(len(hung))[len(present) :], 2, axis=1),
         )
 
     def now(self) -> StiffnessStd:
@@ -116,23 +104,16 @@ class StiffnessForecast:
 
     def after(self, index: int) -> StiffnessForecast:
         """With this candidate hung."""
-        information = self.information + self.added[index]
-        return replace(self, information=information, counts=self.counts + self.own[index])
+        return replace(self, information=self.information + self.added[index], counts=self.counts + self.own[index])
 
     def _std(self, information: np.ndarray, counts: np.ndarray) -> list[StiffnessStd]:
-        column = _stiffness_column(information)
-        noise = np.sqrt(column[:, _LOG_STIFFNESS]) / self.scale[_LOG_STIFFNESS]
-        if self.weighed:
-            mass = self._weighed_std(information, counts, self.of_mass)
-            total = self._weighed_std(information, counts, np.ones(len(self.of_mass), bool))
-            place = np.sqrt(np.maximum(total**2 - mass**2, 0.0))
-            mass = np.sqrt(np.maximum(mass**2 - noise**2, 0.0))
-        else:
-            squares = (((column @ self.sensitivity) * counts) @ self.groups / self.scale[_LOG_STIFFNESS]) ** 2
-            place, mass = squares[:, ~self.of_mass].sum(axis=1) ** 0.5, squares[:, self.of_mass].sum(axis=1) ** 0.5
-        return [StiffnessStd(*map(float, row)) for row in zip(noise, place, mass, strict=True)]
+        none, every = np.zeros(len(self.of_mass), bool), np.ones(len(self.of_mass), bool)
+        noise, mass, total = (self._with(information, counts, which) for which in (none, self.of_mass, every))
+        place = np.sqrt(np.maximum(total**2 - mass**2, 0.0))
+        mass = np.sqrt(np.maximum(mass**2 - noise**2, 0.0))
+        return [StiffnessStd(*row) for row in np.column_stack([noise, place, mass, total]).tolist()]
 
-    def _weighed_std(self, information: np.ndarray, counts: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def _with(self, information: np.ndarray, counts: np.ndarray, which: np.ndarray) -> np.ndarray:
         """(C,) standard deviations of EI where these groups are solved for, under their priors."""
         groups = self.groups[:, which]
         size, count = len(self.scale), groups.shape[1]
@@ -143,32 +124,7 @@ class StiffnessForecast:
         pairs = groups.reshape(len(groups) // 2, 2, count)
         each = np.einsum("kag,kab,kbh->kgh", pairs, self.grams, pairs)
         joint[:, size:, size:] = np.eye(count) + np.einsum("ck,kgh->cgh", counts[:, ::2], each)
-        return np.asarray(np.sqrt(_stiffness_column(joint)[:, _LOG_STIFFNESS]) / self.scale[_LOG_STIFFNESS])
-
-
-def _stiffness_column(information: np.ndarray) -> np.ndarray:
-    """(C, n) column of log EI of the inverse of each information (C, n, n)."""
-    unit = np.zeros((information.shape[1], 1))
-    unit[_LOG_STIFFNESS] = 1.0
-    return np.linalg.solve(information, np.broadcast_to(unit, (len(information), *unit.shape)))[..., 0]
-
-
-def _of_present_loads(rows: StillRows) -> tuple[list[Load], list[np.ndarray], list[np.ndarray]]:
-    """The loads that took part, Jᵀc by distance and by log force of each, and their (2, 2) products cᵀc."""
-    joint, solution = rows.joint, rows.solution
-    noted = joint.noted
-    which = [index for index, one in enumerate(noted) if isinstance(one.still, Load) and rows.moments[index] >= 0]
-    if not which:
-        return [], [], []
-    _, _, scale = solution.normal_equations()
-    weighted = solution.jacobian * (solution.weights**2)[:, None] / scale
-    nearer, heavier = rows.by_load()
-    sensitivity, grams = [], []
-    for index in which:
-        mask = rows.of_stills([index])
-        both = np.column_stack([-nearer[mask], heavier[mask]])
-        sensitivity += [weighted[mask].T @ column for column in (-nearer[mask], heavier[mask])]
-        both = both * solution.weights[mask, None]
-        grams.append(both.T @ both)
-    # as noted: corrected numbers cannot be shared with another load
-    return [cast(Load, noted[index].still) for index in which], sensitivity, grams
+        unit = np.zeros((len(joint), size + count, 1))
+        unit[:, _LOG_STIFFNESS] = 1.0
+        variance = np.linalg.solve(joint, unit)[:, _LOG_STIFFNESS, 0]
+        return np.asarray(np.sqrt(variance) / self.scale[_LOG_STIFFNESS])

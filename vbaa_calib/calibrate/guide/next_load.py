@@ -10,7 +10,7 @@ import numpy as np
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.problem import GAIN
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load, LoadReadings, Session
+from vbaa_calib.session import Load, Session
 
 from .load_candidates import LoadCandidate, Pull, load_candidates, pulls
 from .load_uncertainty import StiffnessForecast, StiffnessStd
@@ -32,19 +32,10 @@ _AHEAD = 6
 
 @dataclass(frozen=True, eq=False)
 class LoadSuggestion:
-    """The load to hang next.
-
-    Attributes
-    ----------
-    load : joints, distance and force to note. mass_kg : which weight. over_pulley : it does not hang straight down.
-    std_relative, std_relative_with_readings : of EI after it, see `LoadProgress`.
-    """
+    """The load to hang next: joints, distance and force to note, EI's deviations after it, and what a person does."""
 
     load: Load
-    mass_kg: float
-    over_pulley: bool
-    std_relative: float
-    std_relative_with_readings: float
+    after: StiffnessStd
     words: str
 
 
@@ -52,23 +43,12 @@ class LoadSuggestion:
 class LoadProgress:
     """How well EI is known.
 
-    Attributes
-    ----------
-    std_relative : of EI by the pictures' noise, the loads being exact.
-    systematic : of EI by places and weights. std_relative_with_readings : by everything.
-    reachable_relative : by everything, after the best few loads of these weights; NaN without any.
-    loads : how many took part.
-    suggestion : what to hang next; None where no weight helps.
+    now : EI's deviations. suggestion : what to hang next; None where no weight helps.
     enough : the goal is met, or no further load of these weights brings it nearer. reached : the goal is met.
     missing : what the loads do not show, in words.
     """
 
-    std_relative: float
-    systematic: float
-    std_relative_with_readings: float
-    goal_relative: float
-    reachable_relative: float
-    loads: int
+    now: StiffnessStd
     suggestion: LoadSuggestion | None
     enough: bool
     reached: bool
@@ -80,47 +60,30 @@ def load_progress(
     joint: BundleAdjustment,
     session: Session,
     masses_kg: Sequence[float],
+    kinematics: Kinematics,
     goal_relative: float = 0.01,
-    kinematics: Kinematics | None = None,
-    readings: LoadReadings | None = None,
 ) -> LoadProgress:
     """The uncertainty of EI by the stills so far, and the load that lowers it most.
 
     Parameters
     ----------
     joint : of the stills so far, with or without loads.
-    masses_kg : the weights at hand. One that is used twice counts with the same error.
+    masses_kg : the weights at hand, positive. One that is used twice counts with the same error.
+    kinematics : with the joints' zeros by a sweep.
     goal_relative : standard deviation of EI to reach, places and weights included.
-    kinematics : with the joints' zeros by a sweep; the session's where it is not given.
-    readings : how well places and weights are known, where the joint solve took them as exact: their errors then go
-        into EI in full. None: as in the joint solve, which weighs the loads by it.
-
-    Raises ValueError for a weight or a standard deviation that is not positive.
     """
-    assumed = joint.problem.prior.readings if readings is None else readings
-    if (
-        min([*masses_kg, goal_relative], default=1.0) <= 0
-        or min(assumed.distance_std_m, assumed.force_std_relative) < 0
-    ):
-        raise ValueError("weights and goal must be positive, and deviations not negative")
-    kinematics = session.kinematics if kinematics is None else kinematics
     candidates = load_candidates(joint, session, kinematics, masses_kg)
-    # the best load is chosen for a solve that weighs the loads, whatever the present one does
-    best_case = StiffnessForecast.of(joint, candidates, assumed, weighed=True)
-    forecast = best_case if readings is None else StiffnessForecast.of(joint, candidates, assumed)
-    now = forecast.now()
-    hung = [
-        one.still for one, kept in zip(joint.noted, joint.kept, strict=True) if kept and isinstance(one.still, Load)
-    ]
+    forecast = StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
+    now, after = forecast.now(), [std.total for std in forecast.after_each()]
+    kept = zip(joint.noted, joint.kept, strict=True)
+    hung = [one.still for one, inside in kept if inside and isinstance(one.still, Load)]
     gain_std = float(np.sqrt(joint.covariance[GAIN, GAIN]) / max(abs(joint.parameters[GAIN]), 1e-9))
     # a load that shows the gain comes first where the gain is not known, if any can
     showing_gain = [index for index, one in enumerate(candidates) if abs(one.pull.direction[1]) > _OUT_OF_PLANE]
     gain_open = gain_std > _GAIN_STD and bool(showing_gain)
-    after = [std.total for std in best_case.after_each()]
     best = min(showing_gain if gain_open else range(len(candidates)), key=lambda index: after[index], default=None)
-    reachable, best_reachable = _reachable(best_case, forecast)
-    reached = now.total <= goal_relative
-    helps = best is not None and best_reachable < (1 - _LEAST_GAIN) * best_case.now().total
+    reachable = _reachable(forecast)
+    reached, helps = now.total <= goal_relative, reachable < (1 - _LEAST_GAIN) * now.total
     enough = len(hung) >= _LEAST_LOADS and not gain_open and (reached or not helps)
     suggestion = None
     if best is not None and (not enough or helps):
@@ -139,31 +102,17 @@ def load_progress(
         words += ": none of these weights fits: each bends the antenna too far, or out of the picture"
     elif not reached and not reachable <= goal_relative:
         words += f": the best few loads of these weights lead to {_percent(reachable)}. What limits it is {_limit(now)}"
-    return LoadProgress(
-        std_relative=now.noise,
-        systematic=now.readings,
-        std_relative_with_readings=now.total,
-        goal_relative=goal_relative,
-        reachable_relative=reachable,
-        loads=len(hung),
-        suggestion=suggestion,
-        enough=enough,
-        reached=reached,
-        missing=_missing(hung, gain_std, pulls(session, kinematics, joint.problem.observations)),
-        words=words,
-    )
+    missing = _missing(hung, gain_std, pulls(session, kinematics, joint.problem.observations))
+    return LoadProgress(now, suggestion, enough, reached, missing, words)
 
 
-def _reachable(best_case: StiffnessForecast, forecast: StiffnessForecast) -> tuple[float, float]:
-    """EI's relative standard deviation after the best few further loads, by `forecast` and at best; NaN without any."""
-    if not len(best_case.added):
-        return np.nan, np.nan
-    reachable, best_reachable = np.inf, np.inf
-    for _ in range(_AHEAD):
-        index = int(np.argmin([std.total for std in best_case.after_each()]))
-        best_case, forecast = best_case.after(index), forecast.after(index)
-        reachable, best_reachable = min(reachable, forecast.now().total), min(best_reachable, best_case.now().total)
-    return reachable, best_reachable
+def _reachable(forecast: StiffnessForecast) -> float:
+    """EI's relative standard deviation after the best few further loads; NaN without any."""
+    reachable = np.inf if len(forecast.added) else np.nan
+    for _ in range(_AHEAD if len(forecast.added) else 0):
+        forecast = forecast.after(int(np.argmin([std.total for std in forecast.after_each()])))
+        reachable = min(reachable, forecast.now().total)
+    return reachable
 
 
 def _suggestion(one: LoadCandidate, after: StiffnessStd) -> LoadSuggestion:
@@ -175,7 +124,7 @@ def _suggestion(one: LoadCandidate, after: StiffnessStd) -> LoadSuggestion:
         f"{pulling if one.pull.over_pulley else 'straight down'} (pan {np.rad2deg(load.pan_rad):.0f}°, tilt "
         f"{np.rad2deg(load.tilt_rad):.0f}°): EI to ± {_percent(after.total)}"
     )
-    return LoadSuggestion(load, one.mass_kg, one.pull.over_pulley, after.noise, after.total, words)
+    return LoadSuggestion(load, after, words)
 
 
 def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[Pull]) -> tuple[str, ...]:
@@ -199,7 +148,7 @@ def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[Pull]) ->
 
 def _limit(now: StiffnessStd) -> str:
     """The largest part of EI's uncertainty, and what would lower it."""
-    if now.noise > now.readings:
+    if now.noise > np.hypot(now.distance, now.mass):
         return "the pictures: a heavier weight bends the antenna more"
     if now.distance > now.mass:
         return "the places: measure them from the clamp with a calliper"

@@ -15,7 +15,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from .suggestion import Suggestion, best_next
 from .view_uncertainty import LensInformation, WorkPlane, bias_square, has_rays, mean_square, plane_sensitivity
 
-LEAST_VIEWS = 8
+_LEAST_VIEWS = 8
 """Pictures that a lens rests on before it is enough: fewer show no outlier, and no halves to compare."""
 _LEAST_GAIN = 0.025
 """A picture that lowers the deviation by less than this part is not needed."""
@@ -25,20 +25,16 @@ _LEAST_GAIN = 0.025
 class LensProgress:
     """Uncertainty on plane C by the pictures of the board so far.
 
-    Attributes
-    ----------
     solution : the lens; None while there are too few pictures for one.
     std_m : predicted deviation of points on plane C, rms over the work area, with the camera's pose solved for from the
         jig with this lens, the board in the jig being seen exactly (`plane_progress` adds the share of its pictures).
         NaN while there is no lens, or where plane C is not in the picture.
-    goal_m : what it should be.
     suggestion : the picture to take next; None where no pose of the board can be seen.
     enough : whether to go on with the next step. words : why, or what is missing.
     """
 
     solution: LensSolution | None
     std_m: float
-    goal_m: float
     suggestion: Suggestion | None
     enough: bool
     words: str
@@ -49,20 +45,19 @@ def lens_progress(
     spec: BoardSpec,
     plane: WorkPlane,
     goal_m: float = 1e-4,
-    model: str = "auto",
     image_size: tuple[int, int] = (1280, 720),
     solution: LensSolution | None = None,
 ) -> LensProgress:
     """Judge the pictures so far and choose the next.
 
     image_size : (width, height) px of pictures to come, while there is no view.
-    solution : of just these views, where it is already known; else it is solved for with `model`.
+    solution : of just these views, where it is already known.
     """
     size = views[0].image_size if views else image_size
     reason = ""
     if solution is None:
         try:
-            solution = solve_intrinsics(views, spec, model)
+            solution = solve_intrinsics(views, spec, "auto")
         except (InputError, SolveError) as error:
             reason = f"There is no lens yet: {error.what}." if isinstance(error, InputError) else str(error)
     known = (
@@ -76,12 +71,13 @@ def lens_progress(
     if not reason and sensitivity is None:
         reason = "Plane C is hardly in the picture as it was described: give its distance and inclination again."
     if reason or sensitivity is None:
-        return LensProgress(solution, np.nan, goal_m, suggestion, False, reason)
+        return LensProgress(solution, np.nan, suggestion, False, reason)
     noise_m = known.inflation * float(np.sqrt(mean_square(sensitivity, known.information)))
     # a lens model that is too simple shows by how far a richer one would move the plane
     bias_m = known.inflation * float(np.sqrt(bias_square(sensitivity, known.information, known.gradient)))
-    enough, words = _judged(known, noise_m, bias_m, goal_m, suggestion)
-    return LensProgress(solution, max(noise_m, bias_m), goal_m, suggestion, enough, words)
+    return LensProgress(
+        solution, max(noise_m, bias_m), suggestion, *_judged(known, noise_m, bias_m, goal_m, suggestion)
+    )
 
 
 def _judged(
@@ -90,8 +86,8 @@ def _judged(
     """Whether it is enough, and why. noise_m : deviation by noise. bias_m : by what a richer lens would move."""
     std_m = max(noise_m, bias_m)
     now = f"Points on plane C are known to {1e3 * std_m:.3f} mm (one standard deviation)"
-    if known.pictures < LEAST_VIEWS:
-        missing = LEAST_VIEWS - known.pictures
+    if known.pictures < _LEAST_VIEWS:
+        missing = _LEAST_VIEWS - known.pictures
         more = "one more picture is" if missing == 1 else f"{missing} more pictures are"
         return False, f"{now}; {more} needed before outliers can be found."
     if known.doubt:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -34,11 +34,10 @@ _EDGE_PX = 3.0
 class HeldPose:
     """How a board is held before the camera.
 
-    Attributes
-    ----------
     place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
     tilt_rad : between its normal and the line of sight. away_rad : direction in the picture in which it is tilted
-        back, right 0, down π/2. roll_rad : about the line of sight, 0 with the board's x to the right.
+        back, right 0, down π/2. roll_rad : about the line of sight, 0 with the board's x to the right; of a pose that
+        was seen, its long side's angle in the picture, within ±π/2.
     """
 
     place: tuple[float, float]
@@ -75,12 +74,11 @@ def coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: floa
 def finer_poses(best: HeldPose, near_m: float, far_m: float) -> list[HeldPose]:
     """Poses near the best so far: other places, distances and tilts, and a quarter turn."""
     places = [(best.place[0] + dx, best.place[1] + dy) for dx in (-0.08, 0.0, 0.08) for dy in (-0.08, 0.0, 0.08)]
-    held = [HeldPose(place, best.distance_m, best.tilt_rad, best.away_rad, best.roll_rad) for place in places]
+    held = [replace(best, place=place) for place in places]
     for ratio in (0.8, 1.0, 1.25):
         distance = float(np.clip(ratio * best.distance_m, near_m, far_m))
         for tilt in np.radians((0.0, 25.0, 38.0, 50.0)):
-            for roll in (0.0, np.pi / 2):
-                held.append(HeldPose(best.place, distance, float(tilt), best.away_rad, roll))
+            held += [HeldPose(best.place, distance, float(tilt), best.away_rad, roll) for roll in (0.0, np.pi / 2)]
     return held
 
 

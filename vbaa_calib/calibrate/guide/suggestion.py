@@ -18,40 +18,13 @@ from vbaa_calib.geometry import Pose
 from .poses import LEAST_SHARE, HeldPose, ViewCandidate, coarse_poses, finer_poses, observation, view_candidates
 from .view_uncertainty import LensInformation, WorkPlane, mean_square, nominal_intrinsics, view_blocks
 
-_DIRECTIONS = (
-    "right edge",
-    "lower right corner",
-    "lower edge",
-    "lower left corner",
-    "left edge",
-    "upper left corner",
-    "upper edge",
-    "upper right corner",
-)
+_SIDES = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
 _FACING_RAD = np.radians(8.0)
 _UPRIGHT_RAD = np.radians(60.0)
 _WHOLE = 0.95
 
 
-@dataclass(frozen=True)
-class SeenPose:
-    """How a board is seen by the camera.
-
-    Attributes
-    ----------
-    place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
-    tilt_rad : between its normal and the line of sight. away_rad : direction in the picture in which it is tilted back,
-        right 0, down π/2. long_rad : its long side's angle in the picture, within ±π/2.
-    """
-
-    place: tuple[float, float]
-    distance_m: float
-    tilt_rad: float
-    away_rad: float
-    long_rad: float
-
-
-def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> SeenPose:
+def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> HeldPose:
     """A pose as seen by the camera."""
     half = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
     middle = T_camera_board @ half
@@ -65,7 +38,7 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> SeenPose:
     tilt = -(normal - cosine * ray)
     long_side = T_camera_board.rotation[:, 0 if spec.squares_x >= spec.squares_y else 1]
     angle = float(np.arctan2(long_side[1], long_side[0]))
-    return SeenPose(
+    return HeldPose(
         (float(place[0]), float(place[1])),
         distance,
         float(np.arccos(np.clip(abs(cosine), 0.0, 1.0))),
@@ -80,7 +53,7 @@ def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: 
     corners : how many of the board's are to be seen. metric : whether the distance is known.
     """
     seen = seen_as(camera, T_camera_board, spec)
-    parts = [f"board in the {place_words(seen.place)} of the picture"]
+    parts = [f"board in the {_place_words(seen.place)} of the picture"]
     if corners < _WHOLE * spec.corner_count:
         parts[0] += f", partly outside it ({corners} of its {spec.corner_count} corners seen)"
     if metric:
@@ -89,27 +62,25 @@ def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: 
         size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
         share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
         parts.append(f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height")
-    parts.append(tilt_words(seen.tilt_rad, seen.away_rad))
-    if abs(seen.long_rad) > _UPRIGHT_RAD:
+    parts.append(tilt_words(seen))
+    if abs(seen.roll_rad) > _UPRIGHT_RAD:
         parts.append("its long side upright")
     return ", ".join(parts)
 
 
-def tilt_words(tilt_rad: float, away_rad: float) -> str:
+def tilt_words(held: HeldPose) -> str:
     """Which edge is turned away from the camera, and by how much."""
-    if tilt_rad < _FACING_RAD:
+    if held.tilt_rad < _FACING_RAD:
         return "facing the camera"
-    sector = round(away_rad / (np.pi / 4)) % 8
-    return f"its {_DIRECTIONS[sector]} turned {5 * round(np.degrees(tilt_rad) / 5)}° away from the camera"
+    side, tilt_deg = _SIDES[round(held.away_rad / (np.pi / 4)) % 8], 5 * round(np.degrees(held.tilt_rad) / 5)
+    return f"its {side} {'corner' if ' ' in side else 'edge'} turned {tilt_deg}° away from the camera"
 
 
-def place_words(place: tuple[float, float]) -> str:
+def _place_words(place: tuple[float, float]) -> str:
     """ "upper left", "middle", ... of the picture."""
     across = "left" if place[0] < 0.4 else "right" if place[0] > 0.6 else ""
     down = "upper" if place[1] < 0.4 else "lower" if place[1] > 0.6 else ""
-    if across and down:
-        return f"{down} {across}"
-    return across or {"upper": "upper middle", "lower": "lower middle"}.get(down, "middle")
+    return f"{down} {across or 'middle'}".strip()
 
 
 NEAREST, FURTHEST = 0.6, 1.7
@@ -124,8 +95,6 @@ _ROUNDS = 2
 class Suggestion:
     """The picture to take next.
 
-    Attributes
-    ----------
     T_camera_board : pose of the board. outline_px : (4, 2) its outline in the picture, from the board's origin round.
     words : what a person can do. std_m : on plane C after it by noise, were the lens right; NaN while there is none.
     """
@@ -171,8 +140,7 @@ def _best(
     poses = np.array([candidate.T_camera_board.vector for candidate in found])
     blocks, _ = view_blocks(known.design, poses, [observation(candidate, spec) for candidate in found])
     squares = mean_square(aim, known.information + blocks)
-    index = int(np.argmin(squares))
-    return found[index], float(squares[index])
+    return found[int(np.argmin(squares))], float(squares.min())
 
 
 def _outline(known: LensInformation, candidate: ViewCandidate, spec: BoardSpec) -> np.ndarray:
@@ -208,36 +176,28 @@ def pose_match(
     if len(view.ids) < _LEAST_CORNERS or not fixes_homography(points[:, :2]):
         return 0.0, "too little of the board is seen"
     camera = camera or camera_of(LENS_MODELS["none"], nominal_intrinsics(image_size), image_size)
-    pose = _pose(points, view.corners_px, camera)
-    if pose is None:
+    flat, valid = camera.unproject_normalized(view.corners_px)
+    ok = valid.sum() >= _LEAST_CORNERS and fixes_homography(points[valid, :2])
+    if ok:
+        ok, rotvec, shift = cv2.solvePnP(points[valid], flat[valid], np.eye(3), None)
+    if not ok or shift[2, 0] <= 0.0:
         return 0.0, "the board is seen at too flat an angle"
+    pose = Pose.from_rotvec(rotvec.ravel(), shift.ravel())
     return _compared(seen_as(camera, suggestion.T_camera_board, spec), seen_as(camera, pose, spec))
 
 
-def _pose(points: np.ndarray, pixels: np.ndarray, camera: Camera) -> Pose | None:
-    flat, valid = camera.unproject_normalized(pixels)
-    if valid.sum() < _LEAST_CORNERS or not fixes_homography(points[valid, :2]):
-        return None
-    ok, rotvec, shift = cv2.solvePnP(points[valid], flat[valid], np.eye(3), None)
-    return Pose.from_rotvec(rotvec.ravel(), shift.ravel()) if ok and shift[2, 0] > 0.0 else None
-
-
-def _compared(wanted: SeenPose, seen: SeenPose) -> tuple[float, str]:
+def _compared(wanted: HeldPose, seen: HeldPose) -> tuple[float, str]:
     across, down = np.subtract(wanted.place, seen.place)
     farther = np.log(wanted.distance_m / seen.distance_m)
-    tilt = _tilt(wanted) - _tilt(seen)
-    turn = (wanted.long_rad - seen.long_rad + np.pi / 2) % np.pi - np.pi / 2
+    tilt = wanted.tilt_rad * np.exp(1j * wanted.away_rad) - seen.tilt_rad * np.exp(1j * seen.away_rad)
+    turn = (wanted.roll_rad - seen.roll_rad + np.pi / 2) % np.pi - np.pi / 2
     parts = [
         (abs(across) / _PLACE, "further right" if across > 0 else "further left"),
         (abs(down) / _PLACE, "lower" if down > 0 else "higher"),
         (abs(farther) / _DISTANCE, "farther away" if farther > 0 else "nearer"),
-        (float(np.linalg.norm(tilt)) / _TILT_RAD, tilt_words(wanted.tilt_rad, wanted.away_rad)),
+        (float(abs(tilt)) / _TILT_RAD, tilt_words(wanted)),
         (0.6 * max(abs(turn) / _LONG_RAD - 0.5, 0.0) * 2, "turned by a quarter" if abs(turn) > 1.0 else "less askew"),
     ]
     share = float(1.0 / (1.0 + 0.4 * sum(size**2 for size, _ in parts)))
     said = [words for size, words in sorted(parts, reverse=True) if size > _SAY][:3]
     return share, ", ".join(said) if said else "hold it there"
-
-
-def _tilt(seen: SeenPose) -> np.ndarray:
-    return seen.tilt_rad * np.array([np.cos(seen.away_rad), np.sin(seen.away_rad)])

@@ -15,6 +15,7 @@ from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
 from vbaa_calib.calibrate.lens.outliers import usable_views
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
@@ -26,8 +27,6 @@ _HALF_WIDTH_PER_LENGTH = 0.25
 class WorkPlane:
     """Plane C as far as it is known, and the work area on it.
 
-    Attributes
-    ----------
     T_camera_plane : z = 0 is the plane, x runs along the antenna from the clamp.
     length_m, half_width_m : of the work area, x from 0 to the length and y from minus to plus the half width.
     """
@@ -84,8 +83,6 @@ class LensDesign:
     A simple model from few pictures has too small a covariance: it has none for what it cannot describe. Here the lens
     may also be wrong in what the next richer model could describe, within a prior.
 
-    Attributes
-    ----------
     model, intrinsics : the lens, (4 + k,). image_size : (width, height) px.
     scale : (4 + k + 2, p) intrinsics and sagittas for a unit of each z (p,), whose prior is 0 ± 1.
     sigma_px : deviation of a corner, per axis. sagittas_m : (2,) of the board.
@@ -141,9 +138,12 @@ def design_about(
 
 def has_rays(design: LensDesign) -> bool:
     """Whether most of the picture has rays: a lens from too few pictures may have hardly any."""
-    columns, lines = (np.linspace(0, length - 1, 9) for length in design.image_size)
-    _, valid = design.camera.unproject(np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2))
-    return bool(valid.mean() > _LEAST_RAYS)
+    return bool(design.camera.unproject(_grid(design.image_size))[1].mean() > _LEAST_RAYS)
+
+
+def _grid(image_size: tuple[int, int]) -> np.ndarray:
+    """(81, 2) pixels all over the picture."""
+    return np.stack(np.meshgrid(*(np.linspace(0, length - 1, 9) for length in image_size)), axis=-1).reshape(-1, 2)
 
 
 def _prior(
@@ -169,9 +169,7 @@ def _prior(
 def _largest_shift(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
     """(4 + k,) px by which a unit of each parameter moves the pixel it moves most, over the picture."""
     camera = camera_of(model, intrinsics, image_size)
-    columns, lines = (np.linspace(0, length - 1, 9) for length in image_size)
-    pixels = np.stack(np.meshgrid(columns, lines), axis=-1).reshape(-1, 2)
-    rays, valid = camera.unproject(pixels)
+    rays, valid = camera.unproject(_grid(image_size))
     rays = rays[valid & (rays[:, 2] > 0.05)]
     if not len(rays):
         return np.zeros(len(intrinsics))
@@ -192,12 +190,7 @@ def view_blocks(
     residuals, by_shared, by_pose = rows(design.model, State(design.shared, np.asarray(poses, float)), stack)
     whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
     count = design.scale.shape[1]
-    blocks = np.zeros((len(observations), count + 1, count + 1))
-    for index, (first, last) in enumerate(zip(stack.bounds[:-1], stack.bounds[1:], strict=True)):
-        flat, own = whole[first:last].reshape(2 * (last - first), -1), by_pose[first:last].reshape(-1, 6)
-        basis, _ = np.linalg.qr(own)
-        left = flat - basis @ (basis.T @ flat)
-        blocks[index] = left.T @ left
+    blocks = np.array([left.T @ left for left in without_own(whole, by_pose, stack.bounds)])
     return blocks[:, :count, :count], blocks[:, :count, count]
 
 
@@ -257,8 +250,6 @@ def bias_square(sensitivity: np.ndarray, information: np.ndarray, gradient: np.n
 class LensInformation:
     """Information about the lens in the pictures so far.
 
-    Attributes
-    ----------
     design : the lens they are judged about. information : (p, p) of all of them, in its coordinates, without the prior.
     gradient : (p,) of the cost, towards another lens of the design.
     pictures : their number. solved : whether it is a solution or a nominal lens.
@@ -291,21 +282,12 @@ class LensInformation:
         sagittas = solution.board_flex.sagittas_m if solution.board_flex.used else None
         design = design_about(solution.model, camera.parameters, camera.image_size, sigma_px, spec, sagittas)
         blocks, gradients = view_blocks(design, np.array(poses), observations)
-        halves = [
-            float(row.halves)
-            for row in solution.comparison
-            if row.model == solution.model and row.halves is not None and not row.split_half_agrees
-        ]
-        doubt = "the lens folds inside the picture: pictures with the board near the border are missing"
-        return LensInformation(
-            design,
-            blocks.sum(axis=0),
-            gradients.sum(axis=0),
-            len(poses),
-            True,
-            max(1.0, halves[0]) if halves else 1.0,
-            "" if solution.monotonic else doubt,
-        )
+        chosen = [row for row in solution.comparison if row.model == solution.model and not row.split_half_agrees]
+        inflation = max([1.0, *(float(row.halves) for row in chosen[:1] if row.halves is not None)])
+        folds = "the lens folds inside the picture: pictures with the board near the border are missing"
+        doubt = "" if solution.monotonic else folds
+        totals = blocks.sum(axis=0), gradients.sum(axis=0)
+        return LensInformation(design, *totals, len(poses), True, inflation, doubt)
 
     @staticmethod
     def nominal(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> LensInformation:

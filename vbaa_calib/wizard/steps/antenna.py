@@ -52,7 +52,7 @@ def _loads_progress(state: SessionState) -> Progress:
     seen = (counted(len(taken), "load"),)
     masses = [1e-3 * float(mass) for mass in state.store.journal.answers["weights_g"]]
     try:
-        now = load_progress(state.joint(), state.session, masses, _GOAL, state.plane().kinematics)
+        now = load_progress(state.joint(), state.session, masses, state.plane().kinematics, _GOAL)
     except VbaaError as error:
         then = "correct what is said above; `back` leads to it" if taken else "hang a weight on the antenna"
         return Progress(seen, (str(error),), then)
@@ -60,7 +60,7 @@ def _loads_progress(state: SessionState) -> Progress:
     enough = now.enough and len(taken) >= _LOADS_LEAST
     std = Number(
         "stiffness EI, one standard deviation",
-        f"{100 * now.std_relative_with_readings:.2f} %" if loaded else "not known yet",
+        f"{100 * now.now.total:.2f} %" if loaded else "not known yet",
         f"{100 * _GOAL:.0f} %",
         now.reached if loaded else None,
     )

@@ -47,7 +47,7 @@ def guidance(state: SessionState) -> LensProgress:
             solution = state.lens()
         except VbaaError:
             solution = None
-        return lens_progress(state.views("lens"), state.board, state.work_plane(), _GOAL_M, "auto", size, solution)
+        return lens_progress(state.views("lens"), state.board, state.work_plane(), _GOAL_M, size, solution)
 
     return state.cached("guidance", (state.inputs("lens", "plane"), size), made)
 
