@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from targets.board import BoardSpec
-from vbaa_calib.antenna.rod import RodShape, solve_rod
+from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.session_rig import prior
@@ -56,7 +56,6 @@ class Faults:
     world : the rig as it is in a still, by its index; the same for all where nothing moves.
     reading : what a sensor makes of a reading, by the still's index.
     gravity_noted_m_s2 : (3,) world. ruler_std_m, balance_std : of every load's readings.
-    give_m : how far the clamp turns with its moment, as the length of antenna that would bend as much.
     kink : (3,) a sharp bend: its arc length in m, and its angles about y and about z in rad.
     """
 
@@ -66,7 +65,6 @@ class Faults:
     gravity_noted_m_s2: np.ndarray = field(default_factory=lambda: GRAVITY_WORLD)
     ruler_std_m: float = 5e-4
     balance_std: float = 5e-3
-    give_m: float = 0.0
     kink: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
@@ -109,7 +107,7 @@ def observed(
             distance = min(still.distance_m + faults.ruler_std_m * rng.normal(), LENGTH_M)
             weight = 1 + faults.balance_std * rng.normal()
             force = weight * np.array([0.0, still.force_y_N, still.force_z_N])
-        bent = given(now, faults.give_m, true, np.array([distance]), force[None])
+        bent = solve_rod(now.rod, true, np.array([distance]), force[None])
         points = along(bent, s)
         at_m, about_y, about_z = faults.kink
         beyond = np.clip(s - at_m, 0.0, None)
@@ -121,15 +119,6 @@ def observed(
         gravity = gravity_antenna(Kinematics(), faults.gravity_noted_m_s2, [noted])[0]
         found.append(Observation(noted, pixels, np.full(POINTS, SIGMA_PX), gravity))
     return found
-
-
-def given(world: World, give_m: float, gravity: np.ndarray, contact: np.ndarray, force: np.ndarray) -> RodShape:
-    """The rod in a clamp that turns with the moment that it holds."""
-    bent = solve_rod(world.rod, gravity, contact, force)
-    for _ in range(4 if give_m else 0):
-        turn = give_m * bent.clamp_moment_Nm[0, 1:] / world.rod.bending_stiffness_Nm2
-        bent = solve_rod(turned(world, *turn).rod, gravity, contact, force)
-    return bent
 
 
 def before(world: World, rng: np.random.Generator, readings: LoadReadings = WEIGHED) -> Prior:

@@ -263,6 +263,7 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "projection_uncertainty": _uncertainty_document(solution.camera),
         "board_flex": {
             **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(flex).items()},
+            "std_m": None if flex.std_m is None else flex.std_m.tolist(),
             "sagitta_mm": flex.sagitta_mm,
         },
         "views": [

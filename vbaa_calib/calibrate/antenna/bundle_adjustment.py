@@ -1,9 +1,8 @@
 """Bundle adjustment of camera pose, antenna, moment sensor and lens, from no-load frames and known loads.
 
-Everything is solved at once because everything is coupled: a tilted clamp looks like a tilted camera, a bowed wire
-like a heavier one, a lens a little too long like a camera a little too near. What the pictures cannot tell apart is
-held by priors, and shows in the covariance. The board's pictures come in through what they say of lens and camera pose:
-their posterior, with its covariance, is the prior here.
+Everything is solved at once: a tilted clamp looks like a tilted camera, a bowed wire like a heavier one. What the
+pictures cannot tell apart is held by priors, and shows in the covariance. The posterior of the board's pictures, of
+lens and camera pose, is the prior here.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
@@ -84,17 +84,16 @@ def _fitting(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,).
 
-    A still is judged after its own readings were let go. Without that one that is out, and whose place no other still
-    shares, could never come back: nothing else determines the errors of its readings.
-
-    Parameters
-    ----------
-    distances : per still (N, 1 + ... + K) whitened distances, then their slopes, the last K by the readings.
-    scale : of the points' deviations. errors : (K,) what the readings are off by so far. kept : (F,) who took part.
+    A still is judged after its own readings, those that no other still in it has, were let go: nothing else determines
+    their errors. distances : see `Problem.evaluate`. scale : of the points' deviations. errors : (K,) of the readings
+    so far. kept : (F,) who took part.
     """
     rms, needed = np.empty(len(distances)), np.zeros(len(distances))
     for index, block in enumerate(distances):
-        left, own = block[:, 0] / scale, _own(groups, index, kept)
+        others = kept & (np.arange(len(kept)) != index)
+        mine = [group for group in (groups.distance, groups.force) if not (others & (group == group[index])).any()]
+        own = np.array([group[index] for group in mine if group[index] >= 0], int)
+        left = block[:, 0] / scale
         if len(own):
             columns = block[:, block.shape[1] - groups.count :][:, own] / scale
             inner = np.eye(len(own)) + columns.T @ columns
@@ -102,17 +101,6 @@ def _fitting(
             left, needed[index] = left + columns @ step, float(np.linalg.norm(errors[own] + step))
         rms[index] = np.sqrt((left**2).mean())
     return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
-
-
-def _own(groups: ReadingGroups, index: int, kept: np.ndarray) -> np.ndarray:
-    """The readings of a still that no other still that takes part has."""
-    others = kept & (np.arange(len(kept)) != index)
-    found = [
-        int(group[index])
-        for group in (groups.distance, groups.force)
-        if group[index] >= 0 and not (others & (group == group[index])).any()
-    ]
-    return np.array(found, int)
 
 
 _RUN = 10
@@ -171,35 +159,24 @@ class BundleAdjustment:
 def adjust_bundle(
     observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float
 ) -> BundleAdjustment:
-    """Solve camera pose, antenna, moment sensor and lens from stills.
+    """Solve camera pose, antenna, moment sensor and lens from stills. Raises SolveError when it does not converge.
 
-    Solved in passes: each weighs the points by how much they scattered about the model of the one before, so that at
-    first, far off, nothing counts as false, and leaves out the stills that lie much further off than the others do. A
-    load noted wrong bends its whole shape: no weight on single points keeps it from drawing the others along.
-
-    The lens moves within its covariance. Where that leads to one that folds inside the picture, which a covariance does
-    not know of, it is held closer to where the board's pictures had it.
-    Raises SolveError when the solver does not converge.
+    In passes: each weighs the points by how they scattered about the model of the one before, and leaves out the stills
+    that lie much further off than the others do: a load noted wrong bends its whole shape.
+    The lens moves within its covariance; where that leads to one that folds inside the picture, it is held closer.
     """
+    sees, covariance = prior.camera.valid_region().image_fraction, prior.camera.covariance
     for share in HOLDS:
+        held = prior
+        if covariance is not None and share != 1.0:
+            held = replace(prior, camera=replace(prior.camera, covariance=share**2 * covariance))
         try:
-            found = _solved(observations, _held(prior, share), length_m, moment_std_Nm, share)
+            found = _solved(observations, held, length_m, moment_std_Nm, share)
         except LensLost:
             continue
-        if _sees(found.camera) >= _sees(prior.camera) - _SEES_LESS:
+        if found.camera.valid_region().image_fraction >= sees - _SEES_LESS:
             return found
     raise SolveError("the lens folds inside the picture wherever the stills move it: calibrate it from more views")
-
-
-def _held(prior: Prior, share: float) -> Prior:
-    camera = prior.camera
-    if camera.covariance is None or share == 1.0:
-        return prior
-    return replace(prior, camera=replace(camera, covariance=share**2 * camera.covariance))
-
-
-def _sees(camera: Camera) -> float:
-    return float(camera.valid_region().image_fraction)
 
 
 def _solved(
@@ -233,7 +210,9 @@ def _solved(
     inverse = solution.covariance()[: problem.lens.stop, : problem.lens.stop]
     # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
     inverse = inverse + (share**-2 - 1.0) * inverse[:, RIG:] @ inverse[RIG:, :]
-    covariance = _in_own_units(inverse, prior.lens_axes)
+    # the lens in its own units
+    axes = block_diag(np.eye(RIG), prior.lens_axes)
+    covariance = axes @ inverse @ axes.T
     camera = problem.camera(parameters)
     return BundleAdjustment(
         problem=problem,
@@ -246,13 +225,6 @@ def _solved(
         point_rms=rms,
         moment_residuals_Nm=problem.moment_residuals_Nm(parameters, moments),
     )
-
-
-def _in_own_units(covariance: np.ndarray, lens_axes: np.ndarray) -> np.ndarray:
-    size = RIG + len(lens_axes)
-    axes = np.eye(size)
-    axes[RIG:, RIG:] = lens_axes
-    return axes @ covariance @ axes.T
 
 
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:

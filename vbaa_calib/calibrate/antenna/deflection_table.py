@@ -11,8 +11,8 @@ import numpy as np
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError
 
-COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")
-LEAST_READINGS = 4
+_COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")
+_LEAST_READINGS = 4
 """Two unknowns, EI and the gauge's offset, and something left over to judge the scatter by."""
 _MOST_READINGS = 1000
 _LONGEST_ROD_m = 10.0
@@ -41,21 +41,18 @@ class DeflectionTable:
 def read_deflections(path: Path, force_N: float, distance_m: float) -> DeflectionTable:
     """The table of a CSV. Raises InputError naming file, line and remedy for anything that cannot be one."""
     check_load(force_N, distance_m)
-    rows = read_csv(path, COLUMNS)
-    if not LEAST_READINGS <= len(rows) <= _MOST_READINGS:
-        few = len(rows) < LEAST_READINGS
-        raise InputError(
-            f"has {len(rows)} readings",
-            where=path,
-            remedy=f"at least {LEAST_READINGS}, spread between clamp and load, are needed"
-            if few
-            else f"average them to {_MOST_READINGS} at most",
-        )
-    x, unloaded, loaded = (np.array([number(row, name, path) for row in rows]) for name in COLUMNS)
+    rows = read_csv(path, _COLUMNS)
+    if not _LEAST_READINGS <= len(rows) <= _MOST_READINGS:
+        remedy = f"at least {_LEAST_READINGS}, spread between clamp and load, are needed"
+        if len(rows) > _MOST_READINGS:
+            remedy = f"average them to {_MOST_READINGS} at most"
+        raise InputError(f"has {len(rows)} readings", where=path, remedy=remedy)
+    x, unloaded, loaded = (np.array([number(row, name, path) for row in rows]) for name in _COLUMNS)
     places = [f"{path} line {row['line']}" for row in rows]
     _check_positions(x, distance_m, places)
     _check_deflections(loaded - unloaded, x, force_N, distance_m, places, path)
-    finest = min(_last_decimal(row[name]) for row in rows for name in COLUMNS[1:])
+    # the power of ten of the last digit that is written down: -3 for 0.120 and for 5e-3
+    finest = min(int(Decimal(row[name]).as_tuple().exponent) for row in rows for name in _COLUMNS[1:])
     return DeflectionTable(x, unloaded, loaded, 10.0**finest)
 
 
@@ -68,27 +65,20 @@ def check_load(force_N: float, distance_m: float) -> None:
 
 
 def _check_positions(x_m: np.ndarray, distance_m: float, places: list[str]) -> None:
-    for index, (x, place) in enumerate(zip(x_m, places, strict=True)):
-        if x < 0.0:
-            raise InputError(
-                f"x_m is {x:g}", where=place, remedy="measure x from the clamp towards the load, in metres"
-            )
-        if x > distance_m:
-            raise InputError(
+    for before, x, place in zip([-np.inf, *x_m], x_m, places, strict=False):
+        rules = (
+            (x < 0.0, f"x_m is {x:g}", "measure x from the clamp towards the load, in metres"),
+            (
+                x > distance_m,
                 f"x_m is {x:g}, beyond the load at {distance_m:g} m",
-                where=place,
-                remedy="give x and the distance in metres from the clamp, and take out readings beyond the load",
-            )
-        if index and x == x_m[index - 1]:
-            raise InputError(
-                f"x_m is {x:g} a second time", where=place, remedy="put the mean of repeated readings in one row"
-            )
-        if index and x < x_m[index - 1]:
-            raise InputError(
-                f"x_m falls from {x_m[index - 1]:g} to {x:g}",
-                where=place,
-                remedy="sort the rows by x, and check this one",
-            )
+                "give x and the distance in metres from the clamp, and take out readings beyond the load",
+            ),
+            (x == before, f"x_m is {x:g} a second time", "put the mean of repeated readings in one row"),
+            (x < before, f"x_m falls from {before:g} to {x:g}", "sort the rows by x, and check this one"),
+        )
+        for wrong, what, remedy in rules:
+            if wrong:
+                raise InputError(what, where=place, remedy=remedy)
 
 
 def _check_deflections(
@@ -114,10 +104,3 @@ def _check_deflections(
             where=path,
             remedy="swap the two columns, or give the force the other sign",
         )
-
-
-def _last_decimal(text: str) -> int:
-    """Power of ten of the last digit that is written down: -3 for 0.120 and for 5e-3."""
-    exponent = Decimal(text).as_tuple().exponent
-    assert isinstance(exponent, int)
-    return exponent

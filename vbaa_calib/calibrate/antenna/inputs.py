@@ -27,13 +27,10 @@ def reading_keys(load: Load) -> tuple[tuple[str, str], tuple[str, str]]:
     return ("distance", f"{load.distance_m:.4f}"), ("mass", f"{force:.3g}")
 
 
-def _readings_altered(load: Load) -> tuple[Load, Load]:
-    """The load a step nearer to the clamp, and a step heavier."""
-    heavier = float(np.exp(LOG_FORCE_STEP))
-    return (
-        replace(load, distance_m=load.distance_m - DISTANCE_STEP_M),
-        replace(load, force_y_N=heavier * load.force_y_N, force_z_N=heavier * load.force_z_N),
-    )
+def _read(load: Load, further_m: float, heavier: float) -> Load:
+    """The load further out, and heavier by a factor."""
+    y_N, z_N = heavier * load.force_y_N, heavier * load.force_z_N
+    return replace(load, distance_m=load.distance_m + further_m, force_y_N=y_N, force_z_N=z_N)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,22 +64,13 @@ class ReadingGroups:
 
     def corrected(self, stills: Sequence[Still], errors: np.ndarray) -> list[Still]:
         """The stills with their loads moved and made heavier by errors (K,)."""
-        if not self.count:
-            return list(stills)
-        return [self._one(still, index, errors * self.std) for index, still in enumerate(stills)]
-
-    def _one(self, still: Still, index: int, steps: np.ndarray) -> Still:
-        if not isinstance(still, Load):
-            return still
-        place, weight = self.distance[index], self.force[index]
-        heavier = 1.0 if weight < 0 else float(np.exp(steps[weight]))
-        further = 0.0 if place < 0 else float(steps[place])
-        return replace(
-            still,
-            distance_m=still.distance_m + further,
-            force_y_N=heavier * still.force_y_N,
-            force_z_N=heavier * still.force_z_N,
-        )
+        # the last one, of index −1, is nobody's
+        steps = np.append(errors * self.std, 0.0)
+        further, heavier = steps[self.distance].tolist(), np.exp(steps[self.force]).tolist()
+        return [
+            _read(still, *off) if isinstance(still, Load) else still
+            for still, *off in zip(stills, further, heavier, strict=True)
+        ]
 
     def ends(self, stills: Sequence[Still], at: np.ndarray, farthest_m: float) -> np.ndarray:
         """(K,) the largest errors for which no load of these stills, corrected by errors `at`, hangs further out."""
@@ -127,8 +115,8 @@ class Observation:
         """With its load a step nearer to the clamp, and with a little more force; itself where it has none."""
         if not isinstance(self.still, Load):
             return self, self
-        nearer, heavier = _readings_altered(self.still)
-        return replace(self, still=nearer), replace(self, still=heavier)
+        nearer, heavier = -DISTANCE_STEP_M, float(np.exp(LOG_FORCE_STEP))
+        return replace(self, still=_read(self.still, nearer, 1.0)), replace(self, still=_read(self.still, 0.0, heavier))
 
 
 @dataclass(frozen=True, eq=False)

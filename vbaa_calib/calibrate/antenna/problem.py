@@ -14,7 +14,6 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
 from vbaa_calib.rig.reprojection import (
-    ImageCurves,
     SeenPoints,
     image_curves,
     see,
@@ -189,7 +188,9 @@ class Problem:
         seen, blocks = self.seen(parameters), []
         for index, points in enumerate(seen):
             images = image_curves(curves.picked(_BENT * index + order), [*views, *[views[0]] * (_BENT - 1)])
-            blocks.append(self._with_slopes(points, images))
+            distances, by_lens = whitened_with_lens(points, images)
+            slopes = (distances[:, 1:] - distances[:, :1]) / RIG_STEPS
+            blocks.append(np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes]))
         moments = curves.moment_Nm.reshape(len(self.observations), _BENT)
         if not self.groups.count:
             return blocks, moments
@@ -240,11 +241,6 @@ class Problem:
         together = zip(points, read, rows, strict=True)
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
 
-    def _with_slopes(self, points: SeenPoints, images: ImageCurves) -> np.ndarray:
-        distances, by_lens = whitened_with_lens(points, images)
-        slopes = (distances[:, 1:] - distances[:, :1]) / RIG_STEPS
-        return np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes])
-
     def residuals(
         self, parameters: np.ndarray, evaluated: tuple[list[np.ndarray], np.ndarray] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -253,17 +249,18 @@ class Problem:
         evaluated : what `evaluate` gives there, if that is known.
         """
         distances, moments = self.evaluate(parameters) if evaluated is None else evaluated
-        parts = [self._points(distances), self._moments(parameters, moments)]
+        points = np.vstack([block for block, kept in zip(distances, self.kept, strict=True) if kept])
+        misfit, rows = -self.moment_residuals_Nm(parameters, moments), self._moment_slopes(parameters, moments)
+        parts = [
+            (points[:, 0] / self.noise_scale, self._point_slopes(points)),
+            (misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm),
+        ]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
         size = len(parameters)
         std = np.concatenate([self.prior.std, np.ones(size - RIG)])
         away = parameters[6:] - np.concatenate([self.prior.mean, np.zeros(size - RIG)])
         parts.append((away / std, np.hstack([np.zeros((size - 6, 6)), np.diag(1 / std)])))
         return np.concatenate([part for part, _ in parts]), np.vstack([rows for _, rows in parts])
-
-    def _points(self, distances: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        whole = np.vstack([block for block, kept in zip(distances, self.kept, strict=True) if kept])
-        return whole[:, 0] / self.noise_scale, self._point_slopes(whole)
 
     def _point_slopes(self, block: np.ndarray) -> np.ndarray:
         """By all parameters; those of the sensor move no point."""
@@ -275,11 +272,6 @@ class Problem:
         rows[:, self.lens.stop :] = parameters[GAIN] * moments[:, _BENT:]
         rows[:, GAIN], rows[:, OFFSET] = moments[:, 0], 1.0
         return rows
-
-    def _moments(self, parameters: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rows = self._moment_slopes(parameters, moments)
-        misfit = -self.moment_residuals_Nm(parameters, moments)
-        return misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm
 
     def moment_residuals_Nm(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
         """(F,) the sensor's readings less what the parameters predict."""

@@ -125,13 +125,8 @@ def _mass(joint: BundleAdjustment) -> Estimate | None:
 def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:
     if np.ptp(when) == 0.0:
         return None
-    points = np.zeros(len(joint.solution.residuals) - _rest(joint))
+    points = np.zeros(len(joint.solution.residuals) - joint.kept.sum() - joint.problem.certain)
     return _one_more(joint, _column(joint, points, (when - when[joint.kept].mean()) / joint.problem.moment_std_Nm))
-
-
-def _rest(joint: BundleAdjustment) -> int:
-    """How many residuals come after the points'."""
-    return int(joint.kept.sum()) + joint.problem.certain
 
 
 def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float]]:
@@ -141,7 +136,7 @@ def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float]]:
     # a reading that is wrong is not noise: it is named instead
     usual = max(mad_std(residuals), problem.moment_std_Nm)
     good = np.abs(residuals) <= FALSE_READING * usual
-    first = len(solution.residuals) - _rest(joint)
+    first = len(solution.residuals) - len(residuals) - problem.certain
     rows = (solution.jacobian * solution.weights[:, None])[first : first + len(residuals)][good]
     information, _, scale = solution.normal_equations()
     taken = float(np.trace((rows / scale) @ np.linalg.solve(information, (rows / scale).T)))

@@ -1,14 +1,9 @@
 """EI from measured deflections of a clamped rod under one known load, with an interval that allows for shared errors.
 
 The deflection that the load adds is y(x) = h(x; EI) + offset: h the beam's or the elastica's, the offset the gauge's,
-which was set to zero twice and not at the same place. What such a table cannot tell apart is not left to the fit:
-
-- a soft rod from a clamp that turns. Free, the turning would soak up whatever else the model leaves out. It is held at
-  zero, and a prior for it, a share of the rod's slope at the load, goes into the standard deviation;
-- a deflection from errors that neighbouring readings share: they widen the interval (`correlated_noise`);
-- EI from force and distance, which are taken as exact.
-
-What EI would be with a clamp free to turn, and with the offset held, is reported beside it.
+which was set to zero twice. What a table cannot tell apart is not left to the fit: a clamp that turns is held at zero,
+and a prior for it goes into the standard deviation; errors that neighbouring readings share widen the interval; force
+and distance are taken as exact. EI with a clamp free to turn, and with the offset held, is reported beside it.
 """
 
 from __future__ import annotations
@@ -52,19 +47,15 @@ class Fit:
 class StiffnessSolution:
     """EI of a rod and the evidence for it.
 
-    fit : the estimate; its std holds the correlated scatter and the clamp's prior.
-    interval_Nm2 : the 95 % interval of EI.
-    model, model_reason : "linear" or "elastica", and why.
-    slope_at_load : dy/dx of the fitted rod.
+    fit : the estimate; its std holds the correlated scatter and the clamp's prior. interval_Nm2 : 95 % of EI.
+    model, model_reason : "linear" or "elastica", and why. slope_at_load : dy/dx of the fitted rod.
     linear_bias : by which share the small-angle formula would miss EI on such a rod.
-    residuals_m : (N,) of all readings, outliers too.
-    outliers : which readings were left out.
+    residuals_m : (N,) of all readings. outliers : which were left out.
     correlation, correlation_length_m : of neighbouring residuals, and the length over which it dies out.
     effective_readings : how many independent readings would fix EI as well as these.
     clamp_share_std, clamp_std_Nm2 : the clamp's prior, and its part of EI's std.
-    offset_free : whether the gauge's offset was fitted.
-    other_offset : the same with the offset held at 0, or free where it was held.
-    free_clamp : the same with a clamp that may turn at no cost; None where no such fit converges.
+    offset_free : whether the gauge's offset was fitted. other_offset : the fit with the offset held, or free.
+    free_clamp : the fit with a clamp that may turn at no cost; None where it does not converge.
     """
 
     fit: Fit
@@ -122,8 +113,11 @@ def solve_stiffness(
     clamp = chosen.clamp_effect(clamp_share_std)
     fit, errors, half = chosen.judged(clamp)
     slope, bias = chosen.linear_error()
+    relative = fit.std_Nm2 / fit.stiffness_Nm2
     steep, biased = slope > _STEEP_RAD, abs(bias) > max(_BIAS_SHARE * fit.std_Nm2 / fit.stiffness_Nm2, _LEAST_BIAS)
-    reason = _why(slope, bias, fit.std_Nm2 / fit.stiffness_Nm2, steep, biased)
+    reason = "large deflection" if steep else "the small-angle formula would bias EI" if biased else "small deflection"
+    reason += f": slope {slope:.3g} at the load, small-angle formula off by {100 * bias:+.2g} % of EI against a "
+    reason += f"standard deviation of {100 * relative:.2g} %"
     if steep or biased:
         # the beam's outliers may be the elastica's shape, so they are looked for anew at its own EI
         start = bench.fitted("elastica", chosen.kept, chosen.parameters.stiffness_Nm2, offset)
@@ -134,6 +128,8 @@ def solve_stiffness(
     if half >= 1.0:
         raise _no_bending()
     residuals = table.deflection_m - bench.forward(chosen.model)(fit.stiffness_Nm2) - fit.offset_m
+    kept, inverse = residuals[chosen.kept], np.linalg.pinv(chosen.parameters.design)[0]
+    plain = float(kept @ kept) / errors.freedom * float(inverse @ inverse)
     free_clamp = None
     if chosen.kept.sum() > chosen.parameters.design.shape[1] + 1:
         with contextlib.suppress(SolveError):
@@ -147,9 +143,9 @@ def solve_stiffness(
         linear_bias=bias,
         residuals_m=residuals,
         outliers=tuple(np.flatnonzero(~chosen.kept).tolist()),
-        correlation=neighbour_correlation(residuals[chosen.kept]),
+        correlation=neighbour_correlation(kept),
         correlation_length_m=errors.length_m,
-        effective_readings=_effective_readings(chosen, errors, residuals[chosen.kept]),
+        effective_readings=len(kept) * min(plain / float(errors.covariance[0, 0]), 1.0),
         clamp_share_std=clamp_share_std,
         clamp_std_Nm2=clamp * fit.stiffness_Nm2,
         offset_free=offset,
@@ -237,20 +233,6 @@ class _RodFit:
             design = np.stack([straight, np.ones_like(straight)], axis=1)[:, : 1 + self.offset]
             compliance = float(np.linalg.lstsq(design, bent, rcond=None)[0][0])
         return self._slope_at_load(), 1.0 / compliance - 1.0 if compliance > 0.0 else 1.0
-
-
-def _effective_readings(found: _RodFit, errors: ErrorModels, residuals_m: np.ndarray) -> float:
-    inverse = np.linalg.pinv(found.parameters.design)[0]
-    plain = float(residuals_m @ residuals_m) / errors.freedom * float(inverse @ inverse)
-    return len(residuals_m) * min(plain / float(errors.covariance[0, 0]), 1.0)
-
-
-def _why(slope: float, bias: float, relative_std: float, steep: bool, biased: bool) -> str:
-    facts = f"slope {slope:.3g} at the load, small-angle formula off by {100 * bias:+.2g} % of EI against a standard "
-    facts += f"deviation of {100 * relative_std:.2g} %"
-    if steep:
-        return f"large deflection: {facts}"
-    return f"the small-angle formula would bias EI: {facts}" if biased else f"small deflection: {facts}"
 
 
 def _no_bending() -> InputError:

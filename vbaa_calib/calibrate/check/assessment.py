@@ -181,19 +181,16 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -
         pose_found = pose_finding(pose, lens_holds=not any(finding.is_bad for finding in findings))
         if pose_found.is_bad:
             current = with_jig_pose(rig, pose.jig)
-    antenna = check_antenna(current, _stills(current, inputs), camera_known=pose is not None)
+    stills: list[CheckedStill] = []
+    if inputs.stills:
+        paint = Paint(rig.image.bright, rig.image.weights)
+        where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
+        expected = ExpectedAntenna(session.antenna, *where, paint)
+        seen = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
+        stills = check_stills(current, seen, session.load_readings)
+    antenna = check_antenna(current, stills, camera_known=pose is not None)
     findings += [pose_found, *antenna.findings]
     return SessionCheck(inputs.parts, tuple(findings), lens, pose, current, antenna)
-
-
-def _stills(rig: Rig, inputs: CheckInputs) -> list[CheckedStill]:
-    if not inputs.stills:
-        return []
-    paint = Paint(rig.image.bright, rig.image.weights)
-    nominal, pose = inputs.session.antenna, rig.T_antenna_camera
-    expected = ExpectedAntenna(nominal, rig.camera, pose, rig.antenna.parameters, paint)
-    seen = observe(inputs.session, rig.kinematics, inputs.stills, expected, "antenna")
-    return check_stills(rig, seen, inputs.session.load_readings)
 
 
 def _refuse_other_antenna(rig: Rig, session: Session) -> None:

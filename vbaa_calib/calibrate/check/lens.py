@@ -116,7 +116,11 @@ def check_lens(
         by_lens = 2.0 * float(np.einsum("np,pq,nq->", jacobian, covariance, jacobian)) / freedom
         expected = float(np.sqrt(recorded_rms_px**2 + by_lens))
     rms_px = float(np.sqrt(2.0 * (residuals @ residuals) / freedom))
-    change_px = _in_picture_px(camera, change.significant)
+    # the motion over the picture by what is significant, a turn of the camera compensated
+    pixels = pixel_grid(camera.image_size)
+    by_focus = projection_jacobian(camera, pixels)[..., :_FOCUS] @ change.significant
+    moved = compensate(camera, pixels, by_focus[..., None])[..., 0]
+    change_px = float(np.sqrt(np.nanmean((moved**2).sum(axis=-1))))
     return LensCheck(tuple(views), tuple(dropped), rms_px, expected, freedom, change, change_px)
 
 
@@ -197,10 +201,3 @@ def _noise_px(jacobian: np.ndarray, residuals: np.ndarray, freedom: int) -> floa
     axes = axes[:, values > 1e-6 * values.max()]
     left = residuals - axes @ (axes.T @ residuals)
     return max(float(np.sqrt(left @ left / max(freedom - axes.shape[1], 1))), 1e-6)
-
-
-def _in_picture_px(camera: Camera, step: np.ndarray) -> float:
-    """Rms motion over the picture by a change of fx, fy, cx, cy, a turn of the camera compensated."""
-    pixels = pixel_grid(camera.image_size)
-    moved = compensate(camera, pixels, (projection_jacobian(camera, pixels)[..., :_FOCUS] @ step)[..., None])
-    return float(np.sqrt(np.nanmean((moved[..., 0] ** 2).sum(axis=-1))))

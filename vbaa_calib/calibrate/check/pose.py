@@ -32,10 +32,9 @@ class PoseCheck:
 
     jig : T_antenna_camera from the board in the jig, with its covariance, the lens apart.
     step : (6,) from the rig's pose, `Pose.retract`'s tangent. covariance : (6, 6) of the predicted difference.
-    on_plane_mm : largest apparent displacement of the antenna's axis on plane C.
+    on_plane_mm : largest apparent displacement of the antenna's axis on plane C. rms_px : reprojection error.
     along_sight : cosine between the camera's motion and its line of sight to the board.
-    rms_px : reprojection error. second_ratio : the error of the second pose that a plane allows, over that of this one;
-        None without.
+    second_ratio : the error of the second pose that a plane allows, over that of this one; None without.
     """
 
     jig: PoseEstimate
@@ -112,12 +111,10 @@ def pose_finding(check: PoseCheck, lens_holds: bool) -> Finding:
 def with_jig_pose(rig: Rig, jig: PoseEstimate) -> Rig:
     """The rig with the camera where the board in the jig puts it."""
     joint = joint_covariance(rig).copy()
-    of_lens = joint[_LENS, _LENS]
-    joint[_POSE] = 0.0
-    joint[:, _POSE] = 0.0
-    joint[_POSE, _POSE] = jig.covariance + jig.lens_sensitivity @ of_lens @ jig.lens_sensitivity.T
-    joint[_POSE, _LENS] = jig.lens_sensitivity @ of_lens
-    joint[_LENS, _POSE] = joint[_POSE, _LENS].T
+    shared = jig.lens_sensitivity @ joint[_LENS, _LENS]
+    joint[_POSE], joint[:, _POSE] = 0.0, 0.0
+    joint[_POSE, _POSE] = jig.covariance + shared @ jig.lens_sensitivity.T
+    joint[_POSE, _LENS], joint[_LENS, _POSE] = shared, shared.T
     return replace(rig, T_antenna_camera=jig.T_antenna_camera, covariance=joint)
 
 

@@ -68,9 +68,6 @@ def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Se
     """The points' scatter, over their claimed deviations, with parameters that differ from some still on.
 
     All parameters are solved for again, without the moment sensor: it may be what is wrong.
-
-    Parameters
-    ----------
     which : indices of the parameters. after : indices of the stills from the change on.
     prior_std : of the changes, about 0.
     """

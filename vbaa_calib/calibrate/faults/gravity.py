@@ -49,9 +49,6 @@ def gravity_diagnosis(
     """Another direction of gravity, or another reading of the joints, under which the pictures fit.
 
     One that fits better, but not well, is not named: many fit a slipping clamp or a kink better.
-
-    Parameters
-    ----------
     free : joint solution of the no-load frames, or of all stills, without the moment sensor.
     gravity_world_m_s2 : (3,) of the session. own_scatter : of the points, see `picture_scatter`.
     """

@@ -83,8 +83,6 @@ def sensor_diagnoses(
 ) -> list[Diagnosis]:
     """What is wrong with the sensor; at most one of wiring, sign, unit and drift.
 
-    Parameters
-    ----------
     drift : of its readings, N·m `per` s or row; None where it is not known.
     moments_known : the loads are what was noted. If not, only an unconnected sensor can be recognised.
     """

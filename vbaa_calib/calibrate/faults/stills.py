@@ -31,13 +31,8 @@ _ONE_CONTRADICTS = 20.0
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
     """What is wrong with loads, antenna, clamp, moment sensor, gravity and joint readings.
 
-    A fault that explains others comes first, and these are then not looked for: with a wrong gravity, or with wrong
-    rows of loads, clamp and bow come out wrong as well.
-
-    Parameters
-    ----------
-    kinematics : with the joints' zeros by a sweep (`PlaneC.kinematics`).
-    joint : of all stills, from `solve_antenna`.
+    A fault that explains others comes first, and these are then not looked for.
+    kinematics : with the joints' zeros by a sweep. joint : of all stills, from `solve_antenna`.
     """
     problem = joint.problem
     own = picture_scatter(joint.noted)

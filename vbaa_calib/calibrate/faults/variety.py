@@ -20,7 +20,7 @@ _MOVED_SQUARES = 0.5
 _RESHAPED = 0.006
 """Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°."""
 _FEWEST_VIEWS = 5
-_TILTED_RAD = np.radians(15.0)
+_TILTED_DEG = 15.0
 _LEAST_HULL, _REPEATED = 0.5, 0.5
 
 
@@ -101,42 +101,26 @@ def poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
 
 def little_variety(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
     """Poses that repeat, boards that are never tilted, or about one axis only."""
-    found = [one for one in (_repeated(views, spec), _parallel(solution)) if one is not None]
-    return found if len(solution.views) >= _FEWEST_VIEWS else []
-
-
-def _repeated(views: Sequence[BoardView], spec: BoardSpec) -> Diagnosis | None:
+    found: list[Diagnosis] = []
     kept: list[BoardView] = []
     for view in views:
         if all(_apart_px(view, other, spec) is None for other in kept):
             kept.append(view)
-    again = len(views) - len(kept)
-    if again < _REPEATED * len(views):
-        return None
-    return Diagnosis(
-        "same_poses",
-        f"{len(views)} pictures show the board in {len(kept)} poses only",
-        "one picture of each pose is enough: turn and move the board between them",
-    )
-
-
-def _parallel(solution: LensSolution) -> Diagnosis | None:
-    """Boards whose normals hardly spread, or along one line only."""
+    if len(views) - len(kept) >= _REPEATED * len(views):
+        words = f"{len(views)} pictures show the board in {len(kept)} poses only"
+        remedy = "one picture of each pose is enough: turn and move the board between them"
+        found.append(Diagnosis("same_poses", words, remedy))
+    # boards whose normals hardly spread, or along one line only
     normals = np.array([view.T_camera_board.rotation[:, 2] for view in solution.views])
-    _, _, axes = np.linalg.svd(normals)
+    axes = np.linalg.svd(normals)[2]
     around = np.arctan2(normals @ axes[1:].T, np.abs(normals @ axes[:1].T))
-    widest, other = (np.ptp(around, axis=0)).tolist()
-    if max(widest, other) < _TILTED_RAD:
-        return Diagnosis(
-            "never_tilted",
-            f"the board's directions differ by {np.degrees(max(widest, other)):.0f}° at most",
-            "tilt it by 30° to 45° in several pictures, each time another edge towards the camera",
-        )
-    if min(widest, other) < _TILTED_RAD:
-        wide, narrow = np.degrees([max(widest, other), min(widest, other)])
-        return Diagnosis(
-            "tilted_one_way",
-            f"the board is tilted about one axis only: by {wide:.0f}°, about the other by {narrow:.0f}°",
-            "tilt it about the other axis, too: a neighbouring edge towards the camera",
-        )
-    return None
+    narrow, wide = np.degrees(sorted(np.ptp(around, axis=0)))
+    if wide < _TILTED_DEG:
+        words = f"the board's directions differ by {wide:.0f}° at most"
+        remedy = "tilt it by 30° to 45° in several pictures, each time another edge towards the camera"
+        found.append(Diagnosis("never_tilted", words, remedy))
+    elif narrow < _TILTED_DEG:
+        words = f"the board is tilted about one axis only: by {wide:.0f}°, about the other by {narrow:.0f}°"
+        remedy = "tilt it about the other axis, too: a neighbouring edge towards the camera"
+        found.append(Diagnosis("tilted_one_way", words, remedy))
+    return found if len(solution.views) >= _FEWEST_VIEWS else []

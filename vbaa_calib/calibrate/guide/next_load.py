@@ -65,8 +65,6 @@ def load_progress(
 ) -> LoadProgress:
     """The uncertainty of EI by the stills so far, and the load that lowers it most.
 
-    Parameters
-    ----------
     joint : of the stills so far, with or without loads.
     masses_kg : the weights at hand, positive. One that is used twice counts with the same error.
     kinematics : with the joints' zeros by a sweep.
