@@ -11,8 +11,6 @@ from benchmarks.calibration.rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.lens.board_flex import observations_of
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import information
-from vbaa_calib.calibrate.lens.initialization import LensOptions, fit_lens, unfolded
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, is_monotonic
 from vbaa_calib.calibrate.lens.outliers import inlier_masks, outlier_limit_px
 
 RIGS = rigs()
@@ -102,13 +100,3 @@ def test_a_fold_beyond_the_corners_is_taken_out() -> None:
     solution = solve_ours(given)
     assert solution.monotonic
     assert solution.camera.valid_region().image_fraction == 1.0
-
-
-def test_a_lens_that_folds_among_the_corners_stays() -> None:
-    """No pull is strong enough to hide that a model is wrong."""
-    given = draw(RIGS[2], 2)
-    model, observations = LENS_MODELS["opencv5"], observations_of(given.views, BOARD)
-    bundle = fit_lens(model, observations, LensOptions(RIGS[2].image_size))
-    assert not is_monotonic(model, bundle.intrinsics, RIGS[2].image_size)
-    again = unfolded(bundle, observations, RIGS[2].image_size)
-    assert again is bundle

@@ -61,9 +61,7 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
         return estimate_change(data, covariance, np.asarray(wanted), scale, changed)
 
     data = information(free, POINTS, len(covariance))
-    shape = not_given("free_antenna", "no picture of the free antenna (noload/)")
-    if free:
-        shape = _shape_finding(rig, free, [change(data, which) for which in (_FREE_SHAPE, _CLAMP, _BOW)], camera_known)
+    shape = _shape_finding(rig, free, [change(data, which) for which in (_FREE_SHAPE, _CLAMP, _BOW)], camera_known)
     changed += _FREE_SHAPE.tolist() if shape.is_bad else []
     by_load = [change(data + information([one], POINTS, len(covariance)), [_STIFFNESS]) for one in loaded]
     # the points of the loads come in again with their readings, of which they share the errors
@@ -112,8 +110,8 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Cha
 def _stiffness_finding(change: Change | None, loads: int) -> Finding:
     if change is None or change.freedom == 0:
         return not_given("stiffness", "no known loads (loads/)")
-    value, std = 100 * change.step[0], 100 * change.std[0]
-    words = f"EI {plus_minus(value, std)} % against the rig, by {loads} load{'s' if loads > 1 else ''}"
+    size = plus_minus(100 * change.step[0], 100 * change.std[0])
+    words = f"EI {size} % against the rig, by {loads} load{'s' * (loads > 1)}"
     remedy = "check the loads' mass and place first; then the clamp; then calibrate again"
     return judged("stiffness", words, remedy, _one_number(change, 100, _STIFFNESS_FLOOR_PERCENT, "% of EI"))
 
@@ -139,10 +137,9 @@ def _offset_finding(rig: Rig, free: Sequence[CheckedStill], change: Change | Non
 
 def _gain_finding(change: Change | None) -> Finding:
     name = "sensor_gain"
-    if change is None:
-        return not_given(name, "no known loads (loads/)")
-    if change.freedom == 0:
-        return not_given(name, "the given loads do not show the gain: add one that leaves plane C (force_z_N)")
+    if change is None or change.freedom == 0:
+        hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
+        return not_given(name, "no known loads (loads/)" if change is None else hidden)
     words = f"gain {plus_minus(change.step[0], change.std[0])} against the rig"
     remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
     return judged(name, words, remedy, _one_number(change, 100, _GAIN_FLOOR_PERCENT, "% of the reading"))

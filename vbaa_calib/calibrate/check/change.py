@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from vbaa_calib.rig import RIG_PARAMETERS, Rig
+from vbaa_calib.rig import Rig
 
 _LEAST_INFORMATION = 1.0
 """Information, in units of the scale, from which on the data show a direction."""
@@ -103,9 +104,5 @@ def joint_covariance(rig: Rig) -> np.ndarray:
     """(17 + P, 17 + P) of `RIG_PARAMETERS` and the lens, without correlations where the rig has none with the lens."""
     if rig.with_lens:
         return rig.covariance
-    count = len(RIG_PARAMETERS)
-    joint = np.zeros((count + len(rig.camera.parameter_names),) * 2)
-    joint[:count, :count] = rig.covariance
-    if rig.camera.covariance is not None:
-        joint[count:, count:] = rig.camera.covariance
-    return joint
+    lens = rig.camera.covariance
+    return block_diag(rig.covariance, np.zeros((len(rig.camera.parameter_names),) * 2) if lens is None else lens)

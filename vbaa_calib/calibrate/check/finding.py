@@ -83,25 +83,14 @@ class Finding:
     evidence: Evidence | None = None
 
     @property
-    def question(self) -> str:
-        """In plain words."""
-        return _QUESTIONS[self.name]
-
-    @property
     def is_bad(self) -> bool:
         """Whether something is to be done."""
         return self.level in (LOOK, FAILS)
 
     def to_dict(self) -> dict[str, Any]:
         """For check.json."""
-        return {
-            "name": self.name,
-            "question": self.question,
-            "level": self.level,
-            "words": self.words,
-            "remedy": self.remedy,
-            "evidence": None if self.evidence is None else self.evidence.to_dict(),
-        }
+        evidence = None if self.evidence is None else self.evidence.to_dict()
+        return {**vars(self), "question": _QUESTIONS[self.name], "evidence": evidence}
 
 
 def judged(name: str, words: str, remedy: str, evidence: Evidence) -> Finding:

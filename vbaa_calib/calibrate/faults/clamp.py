@@ -10,7 +10,7 @@ from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.session import Load, Still
+from vbaa_calib.session import Load
 
 from .fit_quality import fits, scatter_with_change
 from .linearized import Further, StillRows
@@ -66,10 +66,6 @@ class _Step:
     found: Further
     after: tuple[int, ...]
 
-    @property
-    def chi_square(self) -> float:
-        return self.found.chi_square
-
 
 def _steps(rows: StillRows) -> list[_Step]:
     """For each kind the change, at the place in time, that explains most; stills without times count in order."""
@@ -87,7 +83,7 @@ def _steps(rows: StillRows) -> list[_Step]:
             if change is not None:
                 found.append(_Step(kind, order[split], change, tuple(whole[whole.index(order[split]) :])))
         if found:
-            best.append(max(found, key=lambda step: step.chi_square))
+            best.append(max(found, key=lambda step: step.found.chi_square))
     return best
 
 
@@ -96,8 +92,8 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
 
     own_scatter : of the points, see `picture_scatter`. None where neither explains all of the residuals.
     """
-    found = sorted(_steps(rows), key=lambda step: step.chi_square, reverse=True)
-    if not found or found[0].chi_square < _LEAST_CHI_SQUARE:
+    found = sorted(_steps(rows), key=lambda step: step.found.chi_square, reverse=True)
+    if not found or found[0].found.chi_square < _LEAST_CHI_SQUARE:
         return None
     best = found[0]
     if not _LEAST[best.kind] <= float(np.linalg.norm(best.found.values)) <= _MOST[best.kind]:
@@ -108,8 +104,11 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
     scatter = scatter_with_change(joint, _indices(best.kind), best.after, _PRIOR_STD[best.kind])
     if not fits(scatter, own_scatter):
         return None
-    rivals = [step for step in found[1:] if step.chi_square * _CLEARER > best.chi_square]
-    since = f"from {_named(joint.noted[best.first].still)} on"
+    rivals = [step for step in found[1:] if step.found.chi_square * _CLEARER > best.found.chi_square]
+    still = joint.noted[best.first].still
+    kind = "load" if isinstance(still, Load) else "no-load frame"
+    named = f"{kind} {still.image.name}" if still.image else f"a {kind} at tilt {np.rad2deg(still.tilt_rad):.0f}°"
+    since = f"from {named} on"
     if best.kind == "bow" and not rivals:
         return Diagnosis(
             "antenna_bent_between",
@@ -143,11 +142,6 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
         f"one by {1e3 * usual:.1f} mm at most",
         "clamp it over a longer piece, between metal, and check where the distances are measured from",
     )
-
-
-def _named(still: Still) -> str:
-    kind = "load" if isinstance(still, Load) else "no-load frame"
-    return f"{kind} {still.image.name}" if still.image else f"a {kind} at tilt {np.rad2deg(still.tilt_rad):.0f}°"
 
 
 def _words(kind: str, found: Further) -> str:

@@ -40,18 +40,15 @@ def picture_scatter(observations: Sequence[Observation]) -> float:
 
     At least 0.2, as in the joint solve.
     """
-    left = [_off_smooth(one) for one in observations if len(one.points_px) > 2 * _DEGREE]
+    left = []
+    for one in observations:
+        if len(one.points_px) > 2 * _DEGREE:
+            centred = one.points_px - one.points_px.mean(axis=0)
+            along, aside = (centred @ np.linalg.svd(centred, full_matrices=False)[2].T).T
+            smooth = np.polynomial.Polynomial.fit(along, aside, _DEGREE)
+            freedom = np.sqrt(len(along) / (len(along) - _DEGREE - 1))
+            left.append(freedom * (aside - smooth(along)) / np.hypot(1.0, smooth.deriv()(along)) / one.sigma_px)
     return max(mad_std(np.concatenate(left)), 0.2) if left else 0.2
-
-
-def _off_smooth(one: Observation) -> np.ndarray:
-    """(N,) distances from the smooth curve, in claimed deviations."""
-    centred = one.points_px - one.points_px.mean(axis=0)
-    along, aside = (centred @ np.linalg.svd(centred, full_matrices=False)[2].T).T
-    smooth = np.polynomial.Polynomial.fit(along, aside, _DEGREE)
-    slope = smooth.deriv()(along)
-    freedom = np.sqrt(len(along) / (len(along) - _DEGREE - 1))
-    return freedom * (aside - smooth(along)) / np.hypot(1.0, slope) / one.sigma_px
 
 
 def fits(scatter: float, own_scatter: float) -> bool:

@@ -70,22 +70,13 @@ def pulls(session: Session, kinematics: Kinematics, observations: Sequence[Obser
             down = pull[1:] / across
             if all(down @ known.direction < _STRAIGHT for known in found):
                 found.append(Pull(still.pan_rad, still.tilt_rad, down, pull, False))
-    if _uses_pulley(observations):
+    pulled = [(one.load_N, one.gravity_m_s2) for one in observations]
+    aside = any(load @ pull[1:] < _STRAIGHT * np.linalg.norm(load) * np.linalg.norm(pull) for load, pull in pulled)
+    if aside or not any(one.gravity_m_s2.any() for one in observations):
         for direction in np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]):
             if all(direction @ known.direction < _STRAIGHT for known in found):
                 found.append(Pull(home[0].pan_rad, home[0].tilt_rad, direction, gravity[0], True))
     return found
-
-
-def _uses_pulley(observations: Sequence[Observation]) -> bool:
-    """Whether some load pulls elsewhere than down, or nothing pulls down at all."""
-    if not any(one.gravity_m_s2.any() for one in observations):
-        return True
-    for one in observations:
-        size = float(np.linalg.norm(one.load_N) * np.linalg.norm(one.gravity_m_s2))
-        if size > 0 and float(one.load_N @ one.gravity_m_s2[1:]) < _STRAIGHT * size:
-            return True
-    return False
 
 
 def load_candidates(
@@ -116,8 +107,8 @@ def load_candidates(
     chosen = [item for item, seen in zip(wanted, inside, strict=True) if seen]
     if not chosen:
         return []
-    problem = joint.problem.over(placed).relinearised(joint.solution.parameters[: joint.problem.lens.stop])
-    at = joint.solution.parameters[: problem.lens.stop]
+    at = joint.solution.parameters[: joint.problem.lens.stop]
+    problem = joint.problem.over(placed).relinearised(at)
     found = zip(chosen, problem.by_still(at), problem.whitened_by_load(at), strict=True)
     return [LoadCandidate(load, mass, pull, rows, by_load) for (mass, pull, load), (_, rows), by_load in found]
 
@@ -129,8 +120,7 @@ def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> tuple[
     curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
     camera, view = problem.camera(parameters), joint.T_antenna_camera.inverse()
     pixels, valid = camera.project(curves.points_m @ view.rotation.T + view.translation_m)
-    width, height = camera.image_size
-    seen = valid & (pixels >= 0).all(axis=-1) & (pixels <= [width - 1, height - 1]).all(axis=-1)
+    seen = valid & ((pixels >= 0) & (pixels <= np.subtract(camera.image_size, 1))).all(axis=-1)
     share = np.gradient(curves.arclength_m, axis=1) / problem.length_m
     visible = (share * seen).sum(axis=1)
     usual = [one for one, kept in zip(problem.observations, problem.kept, strict=True) if kept]

@@ -148,9 +148,8 @@ def _outline(known: LensInformation, candidate: ViewCandidate, spec: BoardSpec) 
     points = corner_points(spec)[candidate.ids]
     pixels, _ = known.design.camera.project(candidate.T_camera_board @ points)
     homography, _ = cv2.findHomography(points[:, :2], pixels)
-    width, height = spec.square_m * spec.squares_x, spec.square_m * spec.squares_y
-    corners = np.array([[[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]])
-    return cv2.perspectiveTransform(corners, homography)[0]
+    corners = spec.square_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (spec.squares_x, spec.squares_y)
+    return cv2.perspectiveTransform(corners[None], homography)[0]
 
 
 _LEAST_CORNERS = 6
