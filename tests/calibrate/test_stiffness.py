@@ -19,6 +19,7 @@ from vbaa_calib.calibrate.antenna.deflection_fit import (
 from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
 from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
 from vbaa_calib.cli.main import main
+from vbaa_calib.core.errors import InputError
 
 ROD1 = Path(__file__).parents[3] / "shared/data/rod_deflection/rod1_square_steel.txt"
 FORCE_N, LENGTH_m, EI = 5.18, 0.54, 167.0
@@ -98,7 +99,7 @@ def test_the_fit_is_the_least_squares_one(forward) -> None:
     assert all(cost(found.stiffness_Nm2, found.offset_m + step) > best for step in (-1e-5, 1e-5))
 
 
-@pytest.mark.parametrize("correlation_length_m", [0.0, 0.06])
+@pytest.mark.parametrize("correlation_length_m", [pytest.param(0.0, marks=pytest.mark.slow), 0.06])
 def test_the_95_percent_interval_covers(correlation_length_m: float) -> None:
     """200 tables each, plain scatter and errors shared by neighbours."""
     rng = np.random.default_rng(11)
@@ -110,6 +111,7 @@ def test_the_95_percent_interval_covers(correlation_length_m: float) -> None:
     assert 180 <= inside <= 198
 
 
+@pytest.mark.slow
 def test_the_interval_covers_elasticas_and_clamps_that_turn() -> None:
     """100 whiskers bent far, their clamps drawn from the prior that the interval assumes."""
     rng = np.random.default_rng(12)
@@ -172,3 +174,9 @@ def test_the_real_rod(real_rod: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert free["youngs_modulus_Pa"] > 280e9
     assert any("err together" in warning for warning in result["warnings"])
     assert "clamp may turn as it likes" in said.err
+
+
+def test_readings_that_show_no_bending_are_refused() -> None:
+    loaded = 1e-6 + 3e-5 * (-1.0) ** np.arange(len(X_m))
+    with pytest.raises(InputError, match="no bending stands out"):
+        solve_stiffness(DeflectionTable(X_m, np.zeros_like(X_m), loaded), FORCE_N, LENGTH_m)
