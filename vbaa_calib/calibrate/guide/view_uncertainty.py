@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.board_flex import bend
+from vbaa_calib.calibrate.lens.board_flex import bend, observations_of
 from vbaa_calib.calibrate.lens.bundle import FLEX, Observation, Stack, State, rows
 from vbaa_calib.calibrate.lens.initialization import start_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
@@ -269,13 +269,10 @@ class LensInformation:
     def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> LensInformation:
         """Of the views that a lens was solved from, without their outliers."""
         camera, by_name = solution.camera, {view.name: view for view in views}
-        points, rise, observations, poses = corner_points(spec), bend(spec), [], []
-        for used in solution.views:
-            view = by_name[used.name]
-            good = ~np.isin(view.ids, used.outlier_ids)
-            ids = view.ids[good]
-            observations.append(Observation(points[ids], view.corners_px[good], rise[ids]))
-            poses.append(used.T_camera_board.vector)
+        whole = observations_of([by_name[used.name] for used in solution.views], spec)
+        good = [~np.isin(by_name[used.name].ids, used.outlier_ids) for used in solution.views]
+        observations = [one.picked(mask) for one, mask in zip(whole, good, strict=True)]
+        poses = [used.T_camera_board.vector for used in solution.views]
         corners = sum(len(view.pixels) for view in observations)
         freedom = 2 * corners - 6 * len(solution.views) - len(camera.parameter_names)
         sigma_px = max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1))))
