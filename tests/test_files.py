@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import errno
 import io
 import json
 import math
 import os
-import stat
 import tempfile
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.core.csv_rows import number, read_csv, whole_number
+from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json, read_yaml, refuse_overwrite, replacing, sha256, write_json, write_text
+from vbaa_calib.core.files import read_json, read_yaml, refuse_overwrite, replacing, write_json, write_text
 
 BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
 """A few hundred bytes of YAML that stand for 9¹¹ values."""
@@ -46,14 +44,6 @@ class TestYaml:
     def test_aliases_and_merges(self, path: Path) -> None:
         path.write_text("a: &pose {x: 1, y: 2}\nb: *pose\nc: {<<: *pose, y: 3}\n")
         assert read_yaml(path) == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 2}, "c": {"x": 1, "y": 3}}
-
-    def test_what_only_looks_like_a_number_stays_text(self, path: Path) -> None:
-        path.write_text("a: e9\nb: 1e\nc: DICT_4X4_50\nd: '1e9'\n")
-        assert read_yaml(path) == {"a": "e9", "b": "1e", "c": "DICT_4X4_50", "d": "1e9"}
-
-    def test_a_byte_order_mark_is_no_key(self, path: Path) -> None:
-        path.write_text("a: 1", encoding="utf-8-sig")
-        assert read_yaml(path) == {"a": 1}
 
     @pytest.mark.parametrize(
         ("text", "line", "words"),
@@ -101,6 +91,7 @@ class TestYaml:
         refused(caught, path, "not valid YAML")
 
 
+@settings(deadline=None)
 @given(st.one_of(st.binary(max_size=80), st.text("a:&*<>[]{}!-?|'\"\n \t,#%@`01.e~=\\", max_size=80).map(str.encode)))
 def test_whatever_is_given_is_read_or_refused(content: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -119,10 +110,6 @@ class TestCsv:
             {"frame": "3", "u_px": "4.5", "line": "6"},
         ]
 
-    def test_optional_columns_are_taken_when_there(self, path: Path) -> None:
-        path.write_text("b,a\n1,2\n")
-        assert read_csv(path, ["a"], ["b"]) == [{"a": "2", "b": "1", "line": "2"}]
-
     @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
     def test_line_ends_quotes_and_byte_order_mark(self, path: Path, end: str) -> None:
         path.write_bytes(b"\xef\xbb\xbf" + end.join(["a,b", '"x, y","say ""no"""', "z,"]).encode())
@@ -131,17 +118,10 @@ class TestCsv:
             {"a": "z", "b": "", "line": "3"},
         ]
 
-    def test_a_quoted_line_end_does_not_shift_the_lines(self, path: Path) -> None:
-        path.write_text('a,b\n"two\nlines",1\n3,4\n')
-        assert [(row["a"], row["line"]) for row in read_csv(path, ["a"])] == [("two\nlines", "3"), ("3", "4")]
-
-    def test_what_other_alphabets_call_a_line_end_is_none(self, path: Path) -> None:
-        path.write_text("a,b\nx\u2028y\x0bz,1\n", encoding="utf-8")
-        assert read_csv(path, ["a"]) == [{"a": "x\u2028y\x0bz", "line": "2"}]
-
     # one cell of a table: anything but what a reader may strip or a file cannot hold
     cell = st.text(st.characters(codec="utf-8", exclude_characters="\r\0"), max_size=8).map(str.strip)
 
+    @settings(deadline=None)
     @given(st.lists(st.tuples(cell, cell, cell.filter(bool)), min_size=1, max_size=6))
     def test_round_trip(self, rows: list[tuple[str, str, str]]) -> None:
         stream = io.StringIO()
@@ -153,35 +133,13 @@ class TestCsv:
             read = read_csv(path, ["a", "b", "c"])
         assert [(row["a"], row["b"], row["c"]) for row in read] == rows
 
+    @settings(deadline=None)
     @given(st.floats(allow_nan=False, allow_infinity=False))
     def test_numbers_survive_the_table(self, value: float) -> None:
         assert number({"x": repr(value), "line": "2"}, "x", Path("t.csv")) == value
 
 
-class TestNumber:
-    @pytest.mark.parametrize(("text", "value"), [("3", 3), ("3.0", 3), ("0", 0), ("1e3", 1000)])
-    def test_whole(self, path: Path, text: str, value: int) -> None:
-        whole = whole_number({"frame": text, "line": "7"}, "frame", path)
-        assert (whole, type(whole)) == (value, int)
-
-    @pytest.mark.parametrize("text", ["-1", "1.5", "1e300", "--5", "x", "nan", "9007199254740993"])
-    def test_not_whole(self, path: Path, text: str) -> None:
-        with pytest.raises(InputError) as caught:
-            whole_number({"frame": text, "line": "7"}, "frame", path)
-        refused(caught, path, "line 7: frame is")
-
-
 class TestWriting:
-    def test_whole_and_readable(self, path: Path) -> None:
-        before = os.umask(0o022)
-        try:
-            write_text(path, "grüße\n")
-        finally:
-            os.umask(before)
-        assert path.read_bytes() == "grüße\n".encode()
-        assert stat.S_IMODE(path.stat().st_mode) == 0o644
-        assert list(path.parent.iterdir()) == [path]
-
     @pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt, OSError])
     def test_a_failure_leaves_nothing(self, path: Path, failure: type[BaseException]) -> None:
         def write() -> None:
@@ -197,15 +155,6 @@ class TestWriting:
             write()
         assert path.read_text() == "mine"
         assert list(path.parent.iterdir()) == [path]
-
-    def test_until_the_end_the_old_file_stands(self, path: Path) -> None:
-        path.write_text("old")
-        with replacing(path) as temporary:
-            temporary.write_text("new")
-            assert path.read_text() == "old"
-            assert temporary.suffix == path.suffix
-            assert temporary.parent == path.parent.resolve()
-        assert path.read_text() == "new"
 
     def test_an_existing_file_needs_force(self, path: Path) -> None:
         path.write_text("mine")
@@ -246,44 +195,12 @@ class TestWriting:
             refused(caught, path, words)
         assert sorted(tmp_path.iterdir()) == [fifo, file]
 
-    def test_a_read_only_folder(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        # root may write everywhere, so the system's answer is put in place of a real read-only folder
-        monkeypatch.setattr(os, "access", lambda folder, mode: Path(folder) != path.parent.resolve())
-        with pytest.raises(InputError) as caught:
-            refuse_overwrite(path, force=True)
-        refused(caught, path, "its folder is read-only")
-
-    def test_a_folder_that_turns_read_only(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        def refuse(**_: object) -> None:
-            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-        monkeypatch.setattr(tempfile, "mkstemp", refuse)
-        with pytest.raises(InputError) as caught:
-            write_text(path, "text")
-        refused(caught, path, "cannot be written (Read-only file system)")
-
     def test_json_is_never_nan(self, path: Path) -> None:
         with pytest.raises(ValueError, match="not JSON compliant"):
             write_json(path, {"a": math.nan})
         assert list(path.parent.iterdir()) == []
         write_json(path, {"a": 0.1})
         assert json.loads(path.read_text()) == {"a": 0.1}
-
-
-class TestDigest:
-    def test_known_values(self, path: Path) -> None:
-        path.write_bytes(b"abc")
-        assert sha256(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-        path.write_bytes(b"")
-        assert sha256(path) == "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
-
-    def test_what_cannot_be_read(self, tmp_path: Path) -> None:
-        os.mkfifo(tmp_path / "pipe")
-        words = {"": "is a folder", "none": "no such file", "pipe": "is a pipe or a device"}
-        for name, said in words.items():
-            with pytest.raises(InputError) as caught:
-                sha256(tmp_path / name)
-            refused(caught, tmp_path / name, said)
 
 
 def test_an_input_is_never_an_output(tmp_path: Path) -> None:

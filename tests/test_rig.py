@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,10 +20,8 @@ from estimator.table.contacts import LOCATED, STATUSES
 from tests.estimator.drawn_frames import path_px, rig_of, shape
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.models import json_schema
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
-from vbaa_calib.rig.rig_file import RigFile
 
 SIZE = len(RIG_PARAMETERS)
 
@@ -74,73 +72,6 @@ def refused(data: Any, words: str) -> None:
     assert caught.value.remedy
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_round_trip(seed: int) -> None:
-    rig = make_rig(seed)
-    text = json.dumps(rig.to_dict(), allow_nan=False)
-    back = Rig.from_dict(json.loads(text))
-    for name in ("matrix", "distortion", "covariance"):
-        np.testing.assert_array_equal(getattr(back.camera, name), getattr(rig.camera, name))
-    assert (back.camera.model, back.camera.image_size) == (rig.camera.model, rig.camera.image_size)
-    assert back.camera.parameter_names == rig.camera.parameter_names
-    np.testing.assert_array_equal(back.antenna.parameters, rig.antenna.parameters)
-    assert (back.antenna.length_m, back.antenna.diameter_m) == (rig.antenna.length_m, rig.antenna.diameter_m)
-    assert (back.moment_sensor, back.image) == (rig.moment_sensor, rig.image)
-    np.testing.assert_array_equal(back.gravity_world_m_s2, rig.gravity_world_m_s2)
-    np.testing.assert_array_equal(back.covariance, rig.covariance)
-    np.testing.assert_array_equal(back.kinematics.position_world_m, rig.kinematics.position_world_m)
-    for there, here in (
-        (back.T_antenna_camera, rig.T_antenna_camera),
-        (back.kinematics.T_actuator_antenna, rig.kinematics.T_actuator_antenna),
-    ):
-        np.testing.assert_array_equal(there.translation_m, here.translation_m)
-        # a quaternion's rounding, nothing more
-        np.testing.assert_allclose(there.rotation, here.rotation, rtol=0, atol=1e-15)
-
-
-def test_the_text_loses_nothing(good: dict[str, Any]) -> None:
-    assert json.loads(json.dumps(good)) == good
-    assert Rig.from_dict(json.loads(json.dumps(good))).to_dict() == Rig.from_dict(good).to_dict()
-
-
-def test_the_file_itself(good: dict[str, Any], tmp_path: Path) -> None:
-    path = tmp_path / "rig.json"
-    path.write_text(json.dumps(good))
-    assert Rig.load(path).to_dict() == Rig.load(str(path)).to_dict() == Rig.from_dict(good).to_dict()
-    with pytest.raises(InputError, match=r"none\.json: no such file"):
-        Rig.load(tmp_path / "none.json")
-
-
-@pytest.mark.parametrize("second", [None, MomentSensor(-0.97, 1e-4, 3e-5)])
-def test_a_second_moment_axis_is_optional(second: MomentSensor | None) -> None:
-    data = replace(make_rig(), second_moment_sensor=second).to_dict()
-    assert ("second_moment_sensor" in data) == (second is not None)
-    Rig.from_dict(data)
-    assert Rig.from_dict(json.loads(json.dumps(data))).second_moment_sensor == second
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("gain", 0, "second_moment_sensor.gain: 0 is not between -1e+09 and 1e+09 and at least 1e-09 from 0"),
-        ("std_Nm", 0, "second_moment_sensor.std_Nm: 0 is not between 1e-12 and 1e+06"),
-        ("std_Nm", -1e-5, "second_moment_sensor.std_Nm"),
-        ("offset_Nm", "none", "second_moment_sensor.offset_Nm: 'none' is not a number"),
-        ("offset_Nm", None, "second_moment_sensor.offset_Nm: None is not a number"),
-    ],
-)
-def test_a_wrong_second_axis_is_named(good: dict[str, Any], key: str, value: Any, words: str) -> None:
-    good["second_moment_sensor"] = {"gain": 1.0, "offset_Nm": 0.0, "std_Nm": 2e-5} | {key: value}
-    refused(good, words)
-    del good["second_moment_sensor"][key]
-    refused(good, f"second_moment_sensor.{key} is missing")
-
-
-def test_what_is_written_fits_what_is_published(good: dict[str, Any]) -> None:
-    Rig.from_dict(good)
-    assert set(good) <= set(json_schema(RigFile, "")["properties"])
-
-
 def nodes(data: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
     """Paths to every mapping in a rig."""
     if not isinstance(data, dict):
@@ -183,45 +114,25 @@ def test_every_missing_key_is_named(good: dict[str, Any], path: tuple[str, ...])
     ("path", "value", "words"),
     [
         (("schema",), "vbaa.camera/1", "schema is 'vbaa.camera/1'; vbaa.rig/1 is needed here"),
-        (("camera",), [1], "camera: [1] is not a mapping"),
         (("camera", "schema"), "vbaa.camera/9", "camera.schema"),
-        (("camera", "model"), "pinhole", "camera.model"),
         (("camera", "image_size"), [640, 480.5], "camera.image_size.1"),
-        (("camera", "image_size"), [640.0, 480.0], "camera.image_size.0"),
         (("camera", "distortion"), [0.1], "camera: distortion has the shape (1,)"),
-        (("camera", "distortion"), [0.1, 0.1, 0.0, math.nan], "camera.distortion.3 is not a finite number"),
         (("camera", "matrix"), [[0, 0, 1], [0, 1, 1], [0, 0, 1]], "camera.matrix.0.0: 0 is not between 1 and 1e+07"),
-        (("camera", "matrix"), [[9, 1, 1], [0, 9, 1], [0, 0, 1]], "camera: the camera matrix has skew"),
         (("camera", "matrix"), [[1, 0, 0], [0, 1, 0]], "camera.matrix"),
-        (("camera", "covariance"), [[1.0]], "camera: the covariance has the shape (1, 1)"),
         (("T_antenna_camera", "rotation_xyzw"), [0, 0, 0, 2.0], "T_antenna_camera.rotation_xyzw has length 2"),
-        (("T_antenna_camera", "translation_m"), [0, 0], "T_antenna_camera.translation_m"),
         (("antenna", "length_m"), 0, "antenna.length_m"),
-        (("antenna", "mass_per_length_kg_m"), "heavy", "antenna.mass_per_length_kg_m: 'heavy' is not a number"),
         (("antenna", "noload", "bow_yz_per_m"), [0.0], "antenna.noload.bow_yz_per_m"),
-        (("gravity_world",), None, "gravity_world: None is not a list"),
         (("gravity_world",), [0, 0, 10**400], "gravity_world.2 is not a finite number"),
-        (("image", "bright"), "yes", "image.bright: 'yes' is not true or false"),
         (("kinematics", "T_actuator_antenna"), {}, "kinematics.T_actuator_antenna"),
-        (("joint", "parameters"), ["a"], "joint must give the covariance of camera_about_x_rad"),
         (("joint", "covariance", 3, 3), 1e300, "joint.covariance.3.3: 1e+300 is not between -1e+12 and 1e+12"),
-        (("camera", "matrix", 0, 0), 1e-12, "camera.matrix.0.0: 1e-12 is not between 1 and 1e+07"),
         (("camera", "matrix", 1, 1), -1e3, "camera.matrix.1.1: -1000.0 is not between 1 and 1e+07"),
-        (("camera", "matrix", 0, 2), 1e9, "camera.matrix.0.2: 1000000000.0 is not between -1e+06 and 1e+06"),
         (("camera", "distortion", 0), 1e300, "camera.distortion.0: 1e+300 is not between"),
-        (("camera", "image_size", 0), 10**9, "camera.image_size.0: 1000000000 is not between 1 and 100000"),
         (("antenna", "diameter_m"), 0.8, "antenna.diameter_m: 0.8 is not between 1e-06 and 0.1"),
-        (("antenna", "mass_per_length_kg_m"), 0, "antenna.mass_per_length_kg_m: 0 is not between 1e-09 and 100"),
         (("antenna", "noload", "bow_yz_per_m", 1), 1e9, "antenna.noload.bow_yz_per_m.1: 1000000000.0 is not between"),
-        (("antenna", "noload", "clamp_rotation_yz_rad", 0), 90, "clamp_rotation_yz_rad.0: 90 is not between -1.5 and"),
         (("antenna", "noload", "clamp_offset_yz_m", 0), 12, "clamp_offset_yz_m.0: 12 is not between -1 and 1"),
-        (("moment_sensor", "gain"), 0, "moment_sensor.gain: 0 is not between -1e+09 and 1e+09 and at least 1e-09 from"),
         (("moment_sensor", "gain"), -1e-300, "moment_sensor.gain: -1e-300 is not between"),
-        (("moment_sensor", "gain"), 1e300, "moment_sensor.gain: 1e+300 is not between"),
         (("moment_sensor", "offset_Nm"), -1e300, "moment_sensor.offset_Nm: -1e+300 is not between"),
-        (("T_antenna_camera", "translation_m", 2), 1e6, "T_antenna_camera.translation_m.2: 1000000.0 is not between"),
         (("T_antenna_camera", "translation_m"), [0.12, 0.0, -1.0], "T_antenna_camera: the antenna is nowhere 1 mm"),
-        (("kinematics", "position_world_m", 0), 1e300, "kinematics.position_world_m.0: 1e+300 is not between"),
         (("image", "height"), -1, "image.height: -1 is not between 1e-06 and 1e+06"),
     ],
 )
@@ -264,6 +175,7 @@ def attempt(data: Any) -> tuple[Rig | None, str]:
         return None, str(error)
 
 
+@settings(deadline=None)
 @given(st.sampled_from(everything(make_rig().to_dict())), ODD)
 def test_whatever_stands_in_a_rig_it_is_read_or_refused(path: tuple[str | int, ...], value: Any) -> None:
     data = make_rig().to_dict()
@@ -323,13 +235,6 @@ def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(tmp_pa
     assert 100 < refusals < 270
 
 
-def test_a_known_parameter_has_no_variance(good: dict[str, Any]) -> None:
-    covariance = np.array(good["joint"]["covariance"])
-    covariance[0] = covariance[:, 0] = 0.0
-    good["joint"]["covariance"] = covariance.tolist()
-    assert Rig.from_dict(good).std(RIG_PARAMETERS[0]) == 0.0
-
-
 def test_standard_deviations(good: dict[str, Any]) -> None:
     rig = make_rig()
     for index, name in enumerate(RIG_PARAMETERS):
@@ -363,11 +268,3 @@ def test_the_metric_layer_meets_plane_c() -> None:
     T_camera_antenna = rig.T_antenna_camera.inverse()
     seen, _ = rig.camera.project(T_camera_antenna @ expected)
     np.testing.assert_allclose(seen, pixels, atol=1e-9)
-
-
-def test_the_metric_layer_meets_any_plane() -> None:
-    rig, plane = make_rig(), Plane(np.array([0.0, -0.6, 0.8]), 0.02)
-    pixels = np.array([[476.5, 363.2], [100.0, 600.0]])
-    points, valid = rig.camera_on_plane(plane).points(pixels)
-    assert np.asarray(valid).all()
-    np.testing.assert_allclose(np.asarray(points), by_hand(rig, pixels, plane), atol=1e-12)

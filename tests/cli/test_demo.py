@@ -51,12 +51,6 @@ def test_the_readme_says_it(demo: Path) -> None:
         assert cell.agrees(readme[name]), f"{name}: {readme[name]} in the README, {cell.text} here"
 
 
-def test_leaves_its_files(demo: Path) -> None:
-    """All of them, and no temporary one."""
-    wanted = {*FILES, "session", *(("scene.png",) if can_render() else ())}
-    assert {path.name for path in demo.iterdir()} == wanted
-
-
 def test_the_report_shows_all_there_is(demo: Path) -> None:
     """The scene, a picture of the recording, truth and goals beside the estimates, and what was felt."""
     html = (demo / "report.html").read_text()

@@ -26,7 +26,7 @@ def names(found: Finding) -> list[str]:
 def test_this_machine_has_what_it_needs() -> None:
     """The installation that runs the tests: nothing that was looked at fails."""
     slow = ("torch", "drawing")
-    found = list(verb.examine({name: check for name, check in verb.CHECKS.items() if name not in slow}))
+    found = list(verb._examine({name: check for name, check in verb.CHECKS.items() if name not in slow}))
     assert [each.name for each in found if each.status == FAILS] == []
     assert {each.name for each in found} == set(verb.CHECKS) - set(slow)
 

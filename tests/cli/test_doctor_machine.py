@@ -57,7 +57,7 @@ def test_a_terminal_without_signs(monkeypatch: pytest.MonkeyPatch) -> None:
     found = machine.terminal({"stderr": latin})
     assert (found.status, names(found)) == (LOOK, ["not_utf8"])
     monkeypatch.setattr(sys, "stderr", latin)
-    verb._print(verb.as_lines(found))
+    verb._print(verb._as_lines(found))
     latin.flush()
     assert b"PYTHONUTF8=1" in printed.getvalue()
     assert machine.terminal({"stdout": SimpleNamespace(encoding=None)}).status == LOOK

@@ -10,12 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.contact import recording
 from vbaa_calib.detect.board import corners
 from vbaa_calib.rig import Rig
 
 from .conftest import Call
-from .damage import PICTURES, grey, noise, refused, repaint, truncate
+from .damage import grey, noise, refused, repaint
 
 
 def refuse_to_begin(*_: object) -> None:
@@ -41,21 +40,6 @@ def test_calibrate_refuses_before_the_long_work(
     refused(said, words)
 
 
-def test_estimate_refuses_before_the_long_work(
-    vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(recording, "first_detection", refuse_to_begin)
-    truncate(PICTURES["recording"])(session)
-    refused(vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv"), "is truncated or damaged")
-
-
-def test_contacts_are_a_csv_or_parquet(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
-    for name in ("contacts.xlsx", "contacts"):
-        said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / name)
-        refused(said, f"{name}: is neither .csv nor .parquet")
-        assert not (tmp_path / name).exists()
-
-
 def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
     """Without the moments, by the option or in the table, the contacts are the same, and others than with them."""
     tables = {}
@@ -74,17 +58,6 @@ def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> N
     rows = list(csv.DictReader(tables["told"].splitlines()))
     assert len(rows) == 4
     assert not any(row["moment_residual_Nm"] for row in rows)
-
-
-def test_a_second_moment_that_the_rig_does_not_know_is_left_aside(
-    vbaa: Call, session: Path, rig: Path, tmp_path: Path
-) -> None:
-    path = session / "recording" / "recording.csv"
-    first, *rest = path.read_text().splitlines()
-    path.write_text("\n".join([f"{first},moment_z_Nm", *(f"{line},0.001" for line in rest)]))
-    said = vbaa("estimate", session, "--rig", rig, "-o", tmp_path / "contacts.csv")
-    assert said.code == 0
-    assert "moment_z_Nm is left aside: rig.json has no second_moment_sensor" in said.err
 
 
 def test_pictures_of_any_depth_and_colour_mean_the_same(vbaa: Call, made: Path, session: Path, tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from ..calibrate.checked_rigs import rig_of, scene
-from .files import SAMPLES, camera
 
 
 def convert(*words: str | Path) -> dict[str, Any]:
@@ -57,31 +56,6 @@ def test_a_rig_there_and_back(name: str, rig: Path, tmp_path: Path, capsys: pyte
         np.testing.assert_allclose(pose.matrix, ours.T_antenna_camera.matrix, atol=1e-14)
 
 
-def test_kalibr_has_no_k3_and_nothing_is_written(rig: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="px without them"):
-        convert(rig, "--to", "kalibr", "-o", tmp_path / "camchain.yaml")
-    assert not (tmp_path / "camchain.yaml").exists()
-
-
-def test_the_camera_of_a_rig_keeps_its_covariance(rig: Path, tmp_path: Path) -> None:
-    out = convert(rig, "-o", tmp_path / "camera.json")
-    assert len(out["lost"]) == 1
-    again = Camera.load(tmp_path / "camera.json").covariance
-    assert again is not None
-    np.testing.assert_array_equal(again, Rig.load(rig).camera.covariance)
-
-
-def test_from_one_program_to_another(tmp_path: Path) -> None:
-    (tmp_path / "chain.yaml").write_text(SAMPLES["kalibr"])
-    out = convert(tmp_path / "chain.yaml", "--camera", "cam0", "--to", "mrcal", "-o", tmp_path / "x.cameramodel")
-    assert (out["from"], out["to"], out["pose"], out["lost"]) == ("kalibr", "mrcal", True, [])
-    one, other = (
-        FORMATS[name].read(tmp_path / file, which)
-        for name, file, which in (("kalibr", "chain.yaml", "cam0"), ("mrcal", "x.cameramodel", None))
-    )
-    np.testing.assert_array_equal(one.camera.distortion, other.camera.distortion)
-
-
 def test_nothing_is_overwritten(rig: Path, tmp_path: Path) -> None:
     (tmp_path / "there").write_text("x")
     with pytest.raises(InputError, match="exists already"):
@@ -89,17 +63,3 @@ def test_nothing_is_overwritten(rig: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is an input of this command"):
         convert(rig, "--to", "ros", "-o", rig, "--force")
     convert(rig, "--to", "ros", "-o", tmp_path / "there", "--force")
-
-
-def test_a_file_of_no_known_kind_asks_for_from(tmp_path: Path) -> None:
-    (tmp_path / "x.txt").write_text("fx: 1\n")
-    with pytest.raises(InputError, match=r"looks like none .*--from: vbaa, ros"):
-        convert(tmp_path / "x.txt", "-o", tmp_path / "camera.json")
-    assert set(convert_cli.NAMES) == set(FORMATS)
-
-
-def test_a_pose_in_camera_json_that_is_none_is_refused(tmp_path: Path) -> None:
-    for pose in (3, {"translation_m": [0, 0, 0]}, {"translation_m": [0, 0, 0], "rotation_xyzw": [0, 0, 0, 0]}):
-        (tmp_path / "camera.json").write_text(json.dumps(camera(4).to_dict() | {"T_reference_camera": pose}))
-        with pytest.raises(InputError, match="T_reference_camera"):
-            convert(tmp_path / "camera.json", "--to", "mrcal", "-o", tmp_path / "x")

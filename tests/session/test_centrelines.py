@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -108,32 +106,6 @@ def test_a_point_that_stands_twice_was_measured_once(tmp_path: Path) -> None:
     assert lines[1].tolist() == [[2.0, 1.0, 0.3]]
 
 
-def test_without_deviations(tmp_path: Path) -> None:
-    np.testing.assert_array_equal(read(tmp_path, "v_px,frame,u_px\n1,2,3\n")[2], [[3, 1, np.nan]])
-
-
-@pytest.mark.parametrize("row", [(0, 1e300, 1.0, 0.1), (0, 1.0, -2e7, 0.1), (0, 1.0, 1.0, 1e300)])
-def test_places_in_no_picture(tmp_path: Path, row: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match="no picture is that large"):
-        read(tmp_path, text([row]))
-
-
-def test_only_places_are_kept(tmp_path: Path) -> None:
-    rows = [(frame, 1.5, 2.5, 0.1) for frame in range(1000) for _ in range(50)]
-    lines = read(tmp_path, text(rows))
-    assert sum(each.nbytes for each in vars(lines).values() if isinstance(each, np.ndarray)) <= 40 * 1000
-
-
-def test_asking_for_frames(tmp_path: Path) -> None:
-    lines = read(tmp_path, text(ORDERED))
-    assert 29 in lines
-    assert 30 not in lines
-    assert "29" not in lines
-    assert lines.get(30) is None
-    with pytest.raises(KeyError):
-        lines[30]
-
-
 @pytest.mark.parametrize("block", [64, 1 << 20])
 @pytest.mark.parametrize(
     ("cells", "words"),
@@ -185,12 +157,3 @@ def test_a_file_that_changes_meanwhile_is_noticed(tmp_path: Path) -> None:
     path.unlink()
     with pytest.raises(InputError, match="has changed since it was checked"):
         lines[20]
-
-
-def test_the_other_way_agrees_on_a_table_of_the_usual_kind(tmp_path: Path) -> None:
-    """NumPy's numbers are Python's, to the last bit."""
-    rng = np.random.default_rng(1)
-    rows = [f"{n // 20},{u:.6f},{v:.9e},{s:.3g}" for n, (u, v, s) in enumerate(np.exp(rng.normal(size=(400, 3))))]
-    lines = read(tmp_path, "\n".join([HEADER, *rows]))
-    read_again = list(csv.reader(io.StringIO("\n".join(rows))))
-    assert_same(lines, grouped([(int(n), float(u), float(v), float(s)) for n, u, v, s in read_again]))

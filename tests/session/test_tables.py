@@ -14,10 +14,8 @@ from hypothesis import strategies as st
 
 from vbaa_calib.session import (
     Still,
-    SweepPicture,
     check_pictures,
     has_over,
-    has_sweep,
     load_session,
     read_centrelines,
     read_loads,
@@ -50,34 +48,6 @@ class TestStills:
         assert "line 3: time_s is ''" in complaint(lambda: read(load_session(root)), path)
 
 
-@pytest.fixture
-def sweep(root: Path) -> Path:
-    """A sweep of two pictures."""
-    path = root / "sweep" / "sweep.csv"
-    path.parent.mkdir()
-    path.write_text(SWEEP)
-    for picture in ("a.png", "b.png"):
-        path.with_name(picture).touch()
-    return path
-
-
-class TestSweep:
-    def test_what_is_read(self, root: Path, sweep: Path) -> None:
-        session = load_session(root)
-        assert has_sweep(session)
-        first, second = read_sweep(session)
-        assert first == SweepPicture(sweep.with_name("a.png"), 0.1, 0.2)
-        assert (second.image, second.pan_rad, second.tilt_rad) == (sweep.with_name("b.png"), 0.0, -0.2)
-
-    def test_without(self, root: Path) -> None:
-        assert not has_sweep(load_session(root))
-
-    def test_pictures_without_their_angles(self, root: Path, sweep: Path) -> None:
-        sweep.unlink()
-        assert has_sweep(load_session(root))
-        assert "no such file; it gives the joint angles" in complaint(lambda: read_sweep(load_session(root)), sweep)
-
-
 class TestOver:
     def test_pictures_and_height_belong_together(self, root: Path) -> None:
         assert not has_over(load_session(root))
@@ -91,24 +61,6 @@ class TestOver:
 
 
 class TestRecording:
-    def test_what_is_read(self, root: Path) -> None:
-        first, second = read_recording(load_session(root))
-        assert (first.frame, first.time_s, first.image) == (3, 0.0, root / "recording" / "a.png")
-        assert (first.pan_rad, first.tilt_rad, first.moment_Nm) == (0.1, 0.2, 1e-3)
-        assert (second.frame, second.time_s) == (1, 0.1)
-
-    @pytest.mark.parametrize("cell", ["", "  "])
-    def test_a_frame_without_its_moment_is_seen_but_not_felt(self, root: Path, cell: str) -> None:
-        (root / "recording" / "recording.csv").write_text(RECORDING.replace("1e-3", cell))
-        first, second = read_recording(load_session(root))
-        assert math.isnan(first.moment_Nm)
-        assert second.moment_Nm == 0.0
-
-    def test_a_recording_without_moments(self, root: Path) -> None:
-        lines = [line.rpartition(",")[0] for line in RECORDING.splitlines()]
-        (root / "recording" / "recording.csv").write_text("\n".join(lines))
-        assert all(math.isnan(frame.moment_Nm) for frame in read_recording(load_session(root)))
-
     def test_a_second_moment_axis(self, root: Path) -> None:
         path = root / "recording" / "recording.csv"
         assert all(math.isnan(frame.moment_z_Nm) for frame in read_recording(load_session(root)))
@@ -124,34 +76,6 @@ class TestRecording:
         path.write_text(RECORDING.replace("moment_Nm", name))
         text = complaint(lambda: read_recording(load_session(root)), path)
         assert f"column moment_Nm is missing, but there is {name}; name it moment_Nm, in SI units" in text
-
-    def test_further_columns_are_nobodys_business(self, root: Path) -> None:
-        path = root / "recording" / "recording.csv"
-        path.write_text(RECORDING.replace("\n", ",7\n").replace("moment_Nm,7", "moment_Nm,moment_raw_Nm"))
-        assert [frame.moment_Nm for frame in read_recording(load_session(root))] == [1e-3, 0.0]
-
-    def test_a_camera_slower_than_the_sensor(self, root: Path) -> None:
-        path = root / "recording" / "recording.csv"
-        path.write_text(RECORDING.replace("b.png", "a.png").replace("1,0.1", "1,0.0"))
-        first, second = read_recording(load_session(root))
-        assert first.image == second.image
-        assert first.time_s == second.time_s
-
-
-class TestCentrelines:
-    @pytest.fixture
-    def path(self, root: Path) -> Path:
-        path = root / "recording" / "centrelines.csv"
-        path.write_text(CENTRELINES)
-        for picture in ("a.png", "b.png"):
-            (root / "recording" / picture).unlink()
-        return path
-
-    def test_the_recording_then_needs_no_pictures(self, root: Path, path: Path) -> None:
-        assert [frame.image for frame in read_recording(load_session(root))] == [None, None]
-        table = root / "recording" / "recording.csv"
-        table.write_text("frame,time_s,pan_rad,tilt_rad,moment_Nm\n3,0.0,0.1,0.2,1e-3\n")
-        assert [frame.frame for frame in read_recording(load_session(root))] == [3]
 
 
 def test_pictures_are_checked_before_the_work(root: Path) -> None:

@@ -125,21 +125,6 @@ def test_what_was_read_on_one_print_is_not_offered_for_another(source: Path, tmp
     assert typist.offered["board_along_x_mm"] is None
 
 
-def test_the_way_to_plane_c_stays_while_it_has_pictures(source: Path, tmp_path: Path) -> None:
-    """They lie in its folder: back passes it by, on to the step before."""
-    asked = ["board_thickness_mm", "jig_std_deg", "jig_std_mm", "jig_turn_deg", "jig_board_y", "jig_board_x"]
-    script = [
-        (3, "!enough"),
-        (1, BACK),
-        *((key, BACK) for key in [*asked, "jig_translation_mm"]),
-        (3, QUIT),
-    ]
-    store, _ = walked(tmp_path / "session", until(source, "board_thickness_mm"), script)
-    assert store.journal.answers["plane_way"] == "jig"
-    assert len(store.journal.of("plane").taken) == 1
-    assert not store.journal.of("lens").closed
-
-
 def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> None:
     """They may have been left for the wrong one; the same answer again changes nothing."""
     given = {"antenna_diameter_mm": 0.8, "youngs_modulus_GPa": 193.0}

@@ -20,7 +20,7 @@ from vbaa_calib.wizard.state.store import Store
 from vbaa_calib.wizard.steps.step import PictureCheck
 
 from .small_session import call, tree
-from .tiny_wizard import Tiny, expect_refused, finished, pictures, tiny
+from .tiny_wizard import Tiny, expect_refused, finished, tiny
 
 __all__ = ["finished", "tiny"]
 
@@ -123,55 +123,11 @@ def test_pictures_that_are_lost_or_changed(tiny: Tiny) -> None:
     assert "something else" not in "".join(tree(tiny.session))
 
 
-def test_strangers(tiny: Tiny) -> None:
-    """What others put among the pictures is not calibrated with, and not lost."""
-    for name in ("intrinsics/mine.png", "noload/0009.JPG", "plane/0002.png"):
-        (tiny.session / name).write_bytes(name.encode())
-    (tiny.session / "intrinsics" / "notes.txt").write_text("mine")
-    before = tree(tiny.session)
-    code, said = call(tiny.session)
-    assert code == 0
-    assert "intrinsics/mine.png" in said
-    assert set(before) - set(tree(tiny.session)) == {"intrinsics/mine.png", "noload/0009.JPG", "plane/0002.png"}
-    place = tiny.session / "aside" / "found"
-    assert (place / "intrinsics" / "mine.png").read_bytes() == b"intrinsics/mine.png"
-
-
 def test_strangers_that_come_meanwhile(tiny: Tiny, monkeypatch: pytest.MonkeyPatch) -> None:
     """The calibration reads whole folders: none comes in between the last picture and the verdict."""
     on_picture(monkeypatch, "loads", 1, lambda: (tiny.session / "intrinsics" / "late.png").write_bytes(b"late"))
     assert call(tiny.session, "--redo", "loads")[0] == 0
     assert "intrinsics/late.png" not in tree(tiny.session)
-
-
-def test_a_picture_that_was_taken_back_is_not_offered_again(tiny: Tiny) -> None:
-    with Store(tiny.session) as store:
-        store.drop("lens", store.journal.of("lens").taken[1])
-    code, said = call(tiny.session)
-    assert code == 0
-    assert "took" not in said
-    assert [one.source for one in journal(tiny).of("lens").taken] == ["1.png", "3.png"]
-    assert pictures(tiny.session) >= set(tree(tiny.source / "intrinsics").values()) - {
-        tree(tiny.source)["intrinsics/bad.png"]
-    }
-
-
-def test_a_step_that_is_opened_again_takes_what_is_new(tiny: Tiny) -> None:
-    shutil.copy(tiny.source / "sweep" / "1.png", tiny.source / "intrinsics" / "4.png")
-    assert call(tiny.session)[0] == 0
-    assert len(journal(tiny).of("lens").taken) == 3
-    assert call(tiny.session, "--reopen", "lens", "--source", tiny.source)[0] == 0
-    assert [one.source for one in journal(tiny).of("lens").taken] == ["1.png", "2.png", "3.png", "4.png"]
-
-
-def test_what_is_given_with_redo_is_for_the_step_as_it_starts_again(tiny: Tiny) -> None:
-    """It must not be forgotten with the old answers: the default would be taken in its place."""
-    assert call(tiny.session, "--answers", tiny.answers)[0] == 0
-    before = journal(tiny).answers
-    for step in ("board", "plane"):
-        code, said = call(tiny.session, "--redo", step, "--answers", tiny.answers)
-        assert code == 0, said
-    assert journal(tiny).answers == before
 
 
 def test_paths_hold_wherever_it_is_called(tiny: Tiny, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -9,14 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from targets.sheet import spec_document
 from vbaa_calib.wizard.capture import Capture
 from vbaa_calib.wizard.flow import STEP_BY_NAME
-from vbaa_calib.wizard.sources import Picture, Source, open_source
+from vbaa_calib.wizard.sources import Picture
 from vbaa_calib.wizard.state.journal import StepRecord
 from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
@@ -25,7 +24,7 @@ from vbaa_calib.wizard.steps.step import Progress, Step
 from vbaa_calib.wizard.ui.base import LiveView, Ui
 from vbaa_calib.wizard.ui.page import Page
 
-from .obedient_camera import FPS, RIG, ObedientCamera
+from .obedient_camera import RIG, ObedientCamera
 
 MOST_FRAMES = 150
 
@@ -145,12 +144,6 @@ def test_only_frames_that_are_held_still_are_taken(obeyed: Seen) -> None:
     assert {hint.name for live in moving for hint in live.check.hints} & {"motion_blur", "out_of_focus"}
 
 
-def test_it_is_said_when_the_board_is_not_seen(obeyed: Seen) -> None:
-    first = obeyed.ui.lives[0].check
-    assert first.hints[0].name == "no_board"
-    assert first.hints[0].remedy
-
-
 def test_the_match_rises_on_the_way_to_the_pose_that_is_wanted(tmp_path: Path) -> None:
     with rig(tmp_path / "rig") as state:
         camera = ObedientCamera(lambda: lens.guidance(state), 12, moving=8)
@@ -162,53 +155,3 @@ def test_the_match_rises_on_the_way_to_the_pose_that_is_wanted(tmp_path: Path) -
     assert match[0] < 0.6 < 0.9 < match[-1]
     closer = [one.closer for one in checks if one.closeness is not None]
     assert closer[0] != closer[-1] == "hold it there"
-
-
-def film(path: Path, pixels: list[np.ndarray]) -> None:
-    """A video of these frames, as cameras write them."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), FPS, RIG.image_size, False)
-    assert writer.isOpened()
-    for one in pixels:
-        writer.write(one)
-    writer.release()
-
-
-class Cut:
-    """A source that is lost after some frames."""
-
-    live = True
-
-    def __init__(self, source: Source, frames: int) -> None:
-        self._source, self._left, self.name = source, frames, source.name
-        self.notes: tuple[str, ...] = ()
-
-    @property
-    def ended(self) -> bool:
-        return self._source.ended
-
-    def next(self, timeout_s: float) -> Picture | None:
-        self._left -= 1
-        if self._left < 0:
-            raise KeyboardInterrupt
-        return self._source.next(timeout_s)
-
-    def close(self) -> None:
-        self._source.close()
-
-
-def test_a_video_gives_the_same_pictures_again_and_after_a_stop(obeyed: Seen, tmp_path: Path) -> None:
-    film(tmp_path / "lens.avi", obeyed.pixels[:37])
-
-    def run(name: str, frames: int = 1000) -> StepRecord:
-        with rig(tmp_path / name) as state:
-            source = open_source(str(tmp_path / "lens.avi"))
-            Capture(state, Watching(), lens.STEP, Cut(source, frames)).run()
-            return state.store.journal.of("lens")
-
-    whole = run("whole")
-    assert len(whole.taken) >= 4
-    with pytest.raises(KeyboardInterrupt):
-        run("stopped", 24)
-    with rig(tmp_path / "stopped") as state:
-        assert 0 < len(state.taken("lens")) < len(whole.taken)
-    assert run("stopped").taken == whole.taken

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.wizard.capture import GO_ON
 from vbaa_calib.wizard.flow import STEP_BY_NAME
 from vbaa_calib.wizard.sources.picture import frame_picture
@@ -19,7 +18,7 @@ from vbaa_calib.wizard.state.questions import Question
 from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
 from vbaa_calib.wizard.steps import board, lens
-from vbaa_calib.wizard.steps.step import PictureCheck, Progress, Target
+from vbaa_calib.wizard.steps.step import PictureCheck
 from vbaa_calib.wizard.ui.base import LiveView
 from vbaa_calib.wizard.ui.page import Page
 from vbaa_calib.wizard.ui.server import PageCommand
@@ -101,15 +100,6 @@ def test_a_second_click_before_the_first_was_seen_does_nothing(page: tuple[Page,
     assert made.take_commands() == [("drop", None)]
 
 
-def test_a_command_for_the_step_before_does_nothing(page: tuple[Page, Shown, Store]) -> None:
-    made, shown, _ = page
-    made.begin(board.STEP)
-    seen = shown.number
-    made.begin(lens.STEP)
-    shown.commands = [PageCommand(kind="redo", seen=seen)]
-    assert made.take_commands() == []
-
-
 def test_an_answer_is_for_the_question_that_was_seen(page: tuple[Page, Shown, Store]) -> None:
     made, shown, _ = page
     mass = Question("mass_g", "loads", "Mass?", unit="g")
@@ -122,26 +112,6 @@ def test_an_answer_is_for_the_question_that_was_seen(page: tuple[Page, Shown, St
     assert made.take_commands() == []
     shown.commands = [PageCommand(kind="answer", value={"mass_g": 6.0}, seen=shown.number)]
     assert made.take_commands() == [("answer", {"mass_g": 6.0})]
-
-
-def test_a_live_picture_with_all_about_it(page: tuple[Page, Shown, Store]) -> None:
-    made, shown, _ = page
-    made.begin(lens.STEP)
-    outline = np.array([[1.0, 1.0], [9.0, 1.0], [9.0, 9.0], [1.0, 9.0]])
-    made.show(lens.STEP, Progress(target=Target(outline, "board in the left")))
-    hint = Diagnosis("blur", "blurred", "hold still")
-    made.live(live(PictureCheck(corners_px=np.ones((3, 2)), hints=(hint,), closeness=0.4, closer="nearer")))
-    now = shown.state["live"]
-    assert now["image_size"] == [160, 90]
-    assert now["suggested_px"] == outline.tolist()
-    assert now["suggestion"] == "board in the left · nearer"
-    assert sum(map(sum, now["coverage"]["counts"])) == 1
-    assert now["hints"] == [hint.to_dict()]
-    assert shown.jpeg is not None
-    made.working("sums")
-    assert shown.state["step"]["next"] == "working: sums …"
-    made.show(lens.STEP, Progress(next="go on"))
-    assert shown.state["step"]["next"] == "go on"
 
 
 def address(wizard: PseudoTerminal) -> str:

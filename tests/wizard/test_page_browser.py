@@ -183,15 +183,6 @@ def test_the_end_has_a_verdict_and_a_report(browser: Browser, server: PageServer
     assert page.text("#p") == "alive"
 
 
-def test_without_the_token_there_is_nothing(browser: Browser, server: PageServer) -> None:
-    server.show(state())
-    browser.open(f"http://127.0.0.1:{server.port}/")
-    browser.until("document.body?.innerText.includes('address that the wizard printed')")
-    assert browser.value("document.getElementById('main')") is None
-    browser.open(f"http://127.0.0.1:{server.port}/?token=wrong")
-    browser.until('document.body?.innerText.includes("is not this run\'s")')
-
-
 def test_the_page_says_when_the_wizard_is_gone_and_comes_back_to_it(browser: Browser) -> None:
     first = PageServer()
     page = opened(browser, first)
@@ -202,29 +193,3 @@ def test_the_page_says_when_the_wizard_is_gone_and_comes_back_to_it(browser: Bro
     page.until("document.getElementById('link').textContent.includes('an earlier run')")
     browser.open("about:blank")
     second.close()
-
-
-@pytest.mark.parametrize(
-    "width", [360, *(pytest.param(width, marks=pytest.mark.slow) for width in (700, 1000, 1440, 1920))]
-)
-def test_it_fits_every_width_in_light_and_dark(browser: Browser, server: PageServer, width: int) -> None:
-    long = {**LIVE, "suggestion": "long_" * 40, "hints": [{**LIVE["hints"][0], "words": "x" * 300}]}
-    for scheme, paper in (("light", "rgb(255, 255, 255)"), ("dark", "rgb(26, 33, 43)")):
-        browser.size(width, 800, scheme)
-        page = opened(browser, server, live=long, question=QUESTION, session="s" * 200, log=["y" * 300])
-        page.until("document.querySelectorAll('#marks .cell').length === 12")
-        assert page.value("document.documentElement.scrollWidth") <= width
-        assert page.value("getComputedStyle(document.getElementById('task')).backgroundColor") == paper
-        box = "const b = e.getBoundingClientRect()"
-        seen = f"(e => {{ {box}; return b.width > 0 && b.left >= 0 && b.right <= innerWidth; }})"
-        for selector in ("#frame", "#field", "#answer", "[data-kind=take]", "[data-kind=quit]"):
-            assert page.value(f"{seen}(document.querySelector('{selector}'))"), (selector, scheme)
-
-
-def test_a_state_that_cannot_be_shown_is_said(browser: Browser, server: PageServer) -> None:
-    page = opened(browser, server)
-    server.show(state(live={"image_size": None}))
-    page.until("document.getElementById('link').textContent.includes('cannot show')")
-    server.show(state(session="again"))
-    page.until("document.getElementById('session').textContent === 'again'")
-    page.until("document.getElementById('link').textContent === 'connected'")

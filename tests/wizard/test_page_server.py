@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.ui import server as module
 from vbaa_calib.wizard.ui.server import BODY_LIMIT, COMMANDS_KEPT, PICTURES_KEPT, PageCommand, PageServer
 
@@ -196,23 +195,6 @@ def test_showing_never_waits_for_a_client_that_does_not_read(fresh: PageServer) 
             fresh.show(state(), big)
             fresh.take_commands()
         assert ask(fresh, "/").status == 200
-
-
-def test_a_failure_inside_is_an_answer_and_not_a_traceback(
-    fresh: PageServer, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(fresh, "_pictures", "secret place")
-    reply = ask(fresh, "/picture?n=1")
-    assert reply.status == 500
-    assert b"secret" not in reply.body
-    assert capfd.readouterr() == ("", "")
-
-
-def test_a_port_that_is_taken_is_said(server: PageServer) -> None:
-    assert server._socket.getsockname() == ("127.0.0.1", server.port)
-    for port in (server.port, 70000):
-        with pytest.raises(InputError, match=f"port {port}"):
-            PageServer(port)
 
 
 def test_closing_ends_it_also_twice_and_with_clients_waiting() -> None:

@@ -64,8 +64,3 @@ def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("image,remark,pan_deg\nsub/a.png,good,1\n\nb.png,,2\n")
     assert read_table(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
     assert ReadingsTable().of("a.png", 0) is None
-
-
-def test_joints_stay_where_they_were() -> None:
-    last = {"pan_rad": math.radians(20), "tilt_rad": math.radians(-12.5), "moment_Nm": 1.0}
-    assert [question.default for question in asked("noload", last)] == [20.0, -12.5, None]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import threading
 import time
 from pathlib import Path
@@ -15,7 +14,7 @@ import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.wizard.sources import SourceLost, open_source
+from vbaa_calib.wizard.sources import open_source
 from vbaa_calib.wizard.sources.folder import FolderSource, Pace
 
 QUICK = Pace(scan_s=0.02, settle_s=0.05, patience_s=0.25)
@@ -29,15 +28,6 @@ def picture(seed: int, suffix: str = ".png") -> bytes:
 def put(path: Path, data: bytes, age_s: float = 3600.0) -> None:
     path.write_bytes(data)
     os.utime(path, (time.time() - age_s,) * 2)
-
-
-def all_of(source: FolderSource, timeout_s: float = 2.0) -> list[str]:
-    names = []
-    while not source.ended:
-        offered = source.next(timeout_s)
-        if offered is not None:
-            names.append(offered.name)
-    return names
 
 
 def test_pictures_come_by_name_as_their_own_bytes(tmp_path: Path) -> None:
@@ -61,13 +51,6 @@ def test_pictures_come_by_name_as_their_own_bytes(tmp_path: Path) -> None:
     assert source.notes == ()
 
 
-def test_what_was_seen_is_not_offered_again(tmp_path: Path) -> None:
-    for name in "abc":
-        put(tmp_path / f"{name}.png", picture(ord(name)))
-    assert all_of(FolderSource(tmp_path, {"a.png", "c.png"}, pace=QUICK)) == ["b.png"]
-    assert open_source(str(tmp_path), {"a.png", "b.png", "c.png"}).ended
-
-
 def test_new_pictures_come_as_they_are_written(tmp_path: Path) -> None:
     source = FolderSource(tmp_path, wait=True, pace=QUICK)
     assert source.next(0.0) is None
@@ -78,12 +61,6 @@ def test_new_pictures_come_as_they_are_written(tmp_path: Path) -> None:
         assert offered.name == name
     assert not source.ended
     assert source.next(0.1) is None
-
-
-def test_fresh_pictures_that_were_there_first_keep_their_order(tmp_path: Path) -> None:
-    for name, age_s in (("a", 0), ("b", 3600), ("c", 0)):
-        put(tmp_path / f"{name}.png", picture(ord(name)), age_s)
-    assert all_of(FolderSource(tmp_path, pace=QUICK)) == ["a.png", "b.png", "c.png"]
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
@@ -145,19 +122,6 @@ def test_a_picture_that_is_replaced_while_it_is_read_is_read_again(
     assert offered.data == whole
 
 
-def test_a_half_picture_waits_and_comes_when_the_rest_does(tmp_path: Path) -> None:
-    put(tmp_path / "a.jpg", picture(1, ".jpg")[:400], age_s=0)
-    put(tmp_path / "b.jpg", picture(2, ".jpg"))
-    source = FolderSource(tmp_path, wait=True, pace=Pace(0.02, 0.05, 60.0))
-    names = [offered.name if (offered := source.next(0.3)) else None for _ in range(2)]
-    assert names == ["b.jpg", None]
-    put(tmp_path / "a.jpg", picture(1, ".jpg"), age_s=0)
-    offered = source.next(2.0)
-    assert offered is not None
-    assert offered.name == "a.jpg"
-    assert source.notes == ()
-
-
 @pytest.mark.parametrize("data", [b"", b"not a picture", picture(4)[:-30], b"\xff\xd8\xff\xe0"])
 def test_a_broken_picture_is_told_once_and_offered_when_mended(tmp_path: Path, data: bytes) -> None:
     put(tmp_path / "bad.png", data)
@@ -176,41 +140,6 @@ def test_a_broken_picture_is_told_once_and_offered_when_mended(tmp_path: Path, d
     assert offered.name == "bad.png"
 
 
-def test_temporary_and_unprintable_names_are_left_alone(tmp_path: Path) -> None:
-    for name in (".hidden.png", "a.png.part", "a.part.png", "b.tmp", "~c.png", "d.crdownload"):
-        put(tmp_path / name, picture(1))
-    put(tmp_path / "two\nlines.png", picture(1))
-    put(Path(os.fsdecode(os.fsencode(tmp_path) + b"/latin\xe4.png")), picture(1))
-    source = FolderSource(tmp_path, wait=True, pace=QUICK)
-    assert source.next(0.2) is None
-    assert len(source.notes) == 2
-    assert all(note.isprintable() and "rename" in note for note in source.notes)
-
-
-def test_a_picture_that_vanishes_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in "abc":
-        put(tmp_path / f"{name}.png", picture(ord(name)))
-    read = Path.read_bytes
-
-    def vanishing(path: Path) -> bytes:
-        if path.name == "b.png":
-            path.unlink(missing_ok=True)
-        return read(path)
-
-    monkeypatch.setattr(Path, "read_bytes", vanishing)
-    assert all_of(FolderSource(tmp_path, pace=QUICK)) == ["a.png", "c.png"]
-
-
-def test_a_folder_that_goes_away_is_told(tmp_path: Path) -> None:
-    folder = tmp_path / "pictures"
-    folder.mkdir()
-    source = FolderSource(folder, wait=True, pace=QUICK)
-    assert source.next(0.05) is None
-    shutil.rmtree(folder)
-    with pytest.raises(SourceLost, match="check the path"):
-        source.next(1.0)
-
-
 def test_a_folder_without_pictures_or_permission_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match=r"holds no pictures; put \.png"):
         open_source(str(tmp_path))
@@ -222,3 +151,14 @@ def test_a_folder_without_pictures_or_permission_is_refused(tmp_path: Path, monk
     monkeypatch.setattr(os, "scandir", denied)
     with pytest.raises(InputError, match="Permission denied"):
         open_source(str(tmp_path), wait=True)
+
+
+def test_temporary_and_unprintable_names_are_left_alone(tmp_path: Path) -> None:
+    for name in (".hidden.png", "a.png.part", "a.part.png", "b.tmp", "~c.png", "d.crdownload"):
+        put(tmp_path / name, picture(1))
+    put(tmp_path / "two\nlines.png", picture(1))
+    put(Path(os.fsdecode(os.fsencode(tmp_path) + b"/latin\xe4.png")), picture(1))
+    source = FolderSource(tmp_path, wait=True, pace=QUICK)
+    assert source.next(0.2) is None
+    assert len(source.notes) == 2
+    assert all(note.isprintable() and "rename" in note for note in source.notes)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -134,27 +132,6 @@ def test_a_camera_that_does_not_start_is_refused(plug, plays: list[str], opens: 
     assert not isinstance(raised.value, SourceLost)
 
 
-def test_another_resolution_shows_in_the_frames(plug) -> None:
-    plug(["go"] * 3 + ["larger"])
-    source = open_camera(CameraSettings(0), patience=QUICK)
-    shapes = [offered.image.shape for _ in range(8) if (offered := source.next(0.5))]
-    assert shapes[0] == (48, 64)
-    assert shapes[-1] == (96, 128)
-    source.close()
-
-
-@pytest.mark.parametrize(("autofocus", "words"), [(True, "is switched off"), (False, "could not be switched off")])
-def test_what_was_asked_of_the_camera_is_told(plug, autofocus: bool, words: str) -> None:
-    fake = plug(["go"], autofocus=autofocus)
-    source = open_camera(parse_camera("0?width=1920&height=1080&fourcc=MJPG&fps=30"), patience=QUICK)
-    assert fake.values[cv2.CAP_PROP_FOURCC] == cv2.VideoWriter.fourcc(*"MJPG")
-    size, focus, exposure = source.notes
-    assert size == "1920x1080 px were asked for, but the camera gives 64x48 px"
-    assert words in focus
-    assert "exposure" in exposure
-    source.close()
-
-
 @pytest.mark.parametrize(
     "text",
     ["x", "", "-1", "0 ", "٣", "12345", "0?width=0", "0?width=-5", "0?width=1e3", "0?width=", "0?colour=blue",
@@ -164,18 +141,3 @@ def test_a_camera_that_is_not_one_is_refused(text: str) -> None:
     with pytest.raises(InputError) as raised:
         parse_camera(text)
     assert raised.value.remedy
-
-
-def test_cameras_are_parsed() -> None:
-    assert parse_camera("0") == CameraSettings(0)
-    assert parse_camera("/dev/video2?width=640") == CameraSettings("/dev/video2", width=640)
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere cameras are no files")
-def test_a_missing_camera_is_told_with_those_that_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(camera, "list_cameras", lambda: ["/dev/video0 (USB cam)"])
-    with pytest.raises(InputError, match=r"no /dev/video97; there are /dev/video0 \(USB cam\)"):
-        open_camera(CameraSettings(97))
-    monkeypatch.setattr(camera, "list_cameras", lambda: [])
-    with pytest.raises(InputError, match="shows no camera"):
-        open_camera(CameraSettings(str(Path("/dev/video97"))))

@@ -237,11 +237,3 @@ def test_without_a_terminal_it_never_waits(tmp_path: Path) -> None:
     )
     assert closed.returncode == 2
     assert "board_along_x_mm is not answered" in closed.stderr
-
-
-def test_in_a_terminal_batch_never_waits(start: Start) -> None:
-    wizard = start("--batch")
-    assert wizard.ended() == 2
-    assert "board_along_x_mm is not answered" in " ".join(wizard.screen.split())
-    assert "\033" not in wizard.raw
-    assert "http://" not in wizard.raw

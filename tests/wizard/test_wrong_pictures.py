@@ -42,17 +42,9 @@ def expect(outcome: tuple[int, str], count: int, reason: str, last: Iterable[str
         assert word in said.strip().splitlines()[-1]
 
 
-def other_board(picture: np.ndarray) -> np.ndarray:
-    """A chessboard without markers."""
-    v, u = np.indices(picture.shape) // 40
-    return np.asarray(60 + 140 * ((u + v) % 2), np.uint8)
-
-
 LENS: dict[str, tuple[Change, str]] = {
     "mirrored": (lambda picture: np.ascontiguousarray(picture[:, ::-1]), "mirror"),
     "grey": (lambda picture: np.full_like(picture, 90), "no marker of the board is seen; show the whole board"),
-    "chessboard": (other_board, "no marker of the board is seen"),
-    "blurred": (lambda picture: np.asarray(cv2.GaussianBlur(picture, (0, 0), 12.0)), "sharp"),
     "black": (np.zeros_like, "the picture is dark"),
 }
 
@@ -65,19 +57,6 @@ def test_the_lens(name: str, tmp_path: Path) -> None:
         (source / "intrinsics" / f"board_00{number}.png").unlink()
     outcome = call(tmp_path / "session", "--answers", tmp_path / "answers.yaml")
     expect(outcome, 1, reason, ("Lens", "intrinsics", "add pictures there and run it again"))
-
-
-def test_another_size(tmp_path: Path) -> None:
-    """It is left, with both sizes; the others are enough."""
-    repainted(tmp_path, "intrinsics", lambda picture: picture[::2, ::2].copy(), slice(1, 2))
-    repainted_plane(tmp_path)
-    outcome = call(tmp_path / "session", "--answers", tmp_path / "answers.yaml")
-    expect(outcome, 2, "240", ("Plane C", "plane"))
-
-
-def repainted_plane(tmp_path: Path) -> None:
-    for path in (tmp_path / "source" / "plane").glob("*.png"):
-        assert cv2.imwrite(str(path), read_gray(path)[::2, ::2].copy())
 
 
 def test_no_antenna(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -100,8 +100,7 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     layout = lay_out(spec, paper, margin)
     written = _write_spec(args, spec, changed=False)
     drawing = draw(spec, layout)
-    _write(args, as_pdf(drawing) if kind == ".pdf" else as_svg(drawing).encode())
-    result = _result(args, spec, written) | {
+    result = _write(args, as_pdf(drawing) if kind == ".pdf" else as_svg(drawing).encode(), spec, written) | {
         "paper": paper.name,
         "orientation": layout.orientation,
         "page_mm": [layout.width, layout.height],
@@ -121,18 +120,14 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
     from targets.screen import as_pixels, on_screen
 
     if args.px_per_mm is None and args.screen_ppi is None:
-        raise InputError(
-            "a .png needs the screen's pixel size",
-            where="vbaa board",
-            remedy="give --screen-ppi (pixels along the diagonal by its inches) or --px-per-mm",
-        )
+        remedy = "give --screen-ppi (pixels along the diagonal by its inches) or --px-per-mm"
+        raise InputError("a .png needs the screen's pixel size", where="vbaa board", remedy=remedy)
     px_per_mm = args.px_per_mm if args.screen_ppi is None else args.screen_ppi / _MM_PER_INCH
     wanted = _wanted(args)
     board = on_screen(wanted, px_per_mm)
     written = _write_spec(args, board.spec, changed=board.spec != wanted)
-    _write(args, cv2.imencode(".png", as_pixels(board))[1].tobytes())
     columns, rows = wanted.squares_x, wanted.squares_y
-    result = _result(args, board.spec, written) | {
+    result = _write(args, cv2.imencode(".png", as_pixels(board))[1].tobytes(), board.spec, written) | {
         "px_per_mm": px_per_mm,
         "image_size": list(board.size_px),
         "square_px": board.square_px,
@@ -158,14 +153,11 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
     for name in ("square_mm", "marker_mm"):
         length = getattr(args, name)
         if length is not None and not 0 < length < _LARGEST_MM:
-            what = f"--{name.replace('_', '-')} is {length:g}"
-            raise InputError(
-                what, where="vbaa board", remedy=f"give millimetres, more than 0 and below {_LARGEST_MM:g}"
-            )
-    given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")}
-    return fill_in(
-        _counts(args.squares), **given, legacy_pattern=bool(args.legacy), thickness_mm=args.thickness_mm or 0.0, **room
-    )
+            what, remedy = f"--{name.replace('_', '-')} is {length:g}", f"give millimetres, 0 to {_LARGEST_MM:g}"
+            raise InputError(what, where="vbaa board", remedy=remedy)
+    given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
+    given |= {"legacy_pattern": bool(args.legacy), "thickness_mm": args.thickness_mm or 0.0}
+    return fill_in(_counts(args.squares), **given)
 
 
 def _counts(text: str | None) -> tuple[int, int] | None:
@@ -196,23 +188,17 @@ def _write_spec(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> Pat
             pass  # no board at all: in the way like any other file
         # it may hold what was measured since: a print's scale, the mount's thickness
         if args.write_spec is None or not args.force:
-            raise InputError(
-                "exists already and describes another board",
-                where=path,
-                remedy=f"print that one with --spec {path}, or name another with --write-spec (--force replaces that)",
-            )
+            remedy = f"print that one with --spec {path}, or name another with --write-spec (--force replaces that)"
+            raise InputError("exists already and describes another board", where=path, remedy=remedy)
     write_text(path, spec_document(spec, f"as `vbaa board` drew it in {args.output.name}"))
     return path
 
 
-def _write(args: argparse.Namespace, data: bytes) -> None:
-    with replacing(args.output, args.force) as temporary:
-        temporary.write_bytes(data)
-
-
-def _result(args: argparse.Namespace, spec: BoardSpec, written: Path | None) -> dict[str, Any]:
+def _write(args: argparse.Namespace, data: bytes, spec: BoardSpec, written: Path | None) -> dict[str, Any]:
     from targets.sheet import board_id, size_words
 
+    with replacing(args.output, args.force) as temporary:
+        temporary.write_bytes(data)
     say(f"board    {board_id(spec)}: {size_words(spec)}")
     say(f"wrote    {args.output}" + (f", described in {written}" if written else ""))
     return {

@@ -40,11 +40,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Look at everything, say it as it is found. The result's `exit_code` is 1 where something fails, else 0."""
     findings = []
-    for finding in examine({name: check for name, check in CHECKS.items() if name not in args.skip}):
+    for finding in _examine({name: check for name, check in CHECKS.items() if name not in args.skip}):
         findings.append(finding)
-        _print(as_lines(finding))
+        _print(_as_lines(finding))
     counts = {status: sum(finding.status == status for finding in findings) for status in (OK, LOOK, FAILS)}
-    _print(["", verdict(counts)])
+    _print(["", _verdict(counts)])
     return {
         "healthy": counts[FAILS] == 0,
         "exit_code": int(counts[FAILS] > 0),
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
+def _examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
     """Each check's finding; a check that breaks is a finding too, and does not stop the others."""
     for name, check in checks.items():
         try:
@@ -64,7 +64,7 @@ def examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
             yield Finding(name, words, (Diagnosis("check_broke", f"{name} {words}", remedy, grave=True),))
 
 
-def verdict(counts: Mapping[str, int]) -> str:
+def _verdict(counts: Mapping[str, int]) -> str:
     """One sentence."""
     if counts[FAILS]:
         return (
@@ -75,7 +75,7 @@ def verdict(counts: Mapping[str, int]) -> str:
     return "healthy"
 
 
-def as_lines(finding: Finding) -> list[str]:
+def _as_lines(finding: Finding) -> list[str]:
     """A line of the table, and under it what is wrong and what to do."""
     head = f"{finding.status:<6}{finding.name:<11}"
     if not finding.problems:

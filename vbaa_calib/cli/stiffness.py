@@ -56,7 +56,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
 
     if args.output:
-        _refuse_overwrite(args.output, args.force, args.table)
+        refuse_overwrite(args.output, True, [args.table])
+        if args.output.exists() and not args.force:
+            remedy = "give --overwrite to replace it, or another name"
+            raise InputError("exists already", where=args.output, remedy=remedy)
     moment = _second_moment(args.diameter, args.second_moment, args.distance_m)
     if not 0.0 <= args.clamp_share <= 1.0:
         raise InputError(f"--clamp-share is {args.clamp_share:g}", remedy="give a share from 0 (rigid) to 1")
@@ -75,12 +78,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         say(f"wrote {args.output}")
         return {"output": str(args.output), **document}
     return document
-
-
-def _refuse_overwrite(path: Path, allowed: bool, table: Path) -> None:
-    refuse_overwrite(path, True, [table])
-    if path.exists() and not allowed:
-        raise InputError("exists already", where=path, remedy="give --overwrite to replace it, or another name")
 
 
 def _second_moment(diameter_m: float | None, second_moment_m4: float | None, distance_m: float) -> float | None:
@@ -182,27 +179,38 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
         "its neighbours: left out"
         for index in solution.outliers
     ]
-    kept = len(table.x_m) - len(solution.outliers)
-    if kept < _FEW_READINGS:
-        warnings.append(f"{kept} readings are too few to see slips among them or whether neighbours err together")
-    if solution.effective_readings < 0.5 * kept:
-        warnings.append(
-            f"neighbouring residuals err together (correlation {solution.correlation:.2f}): the {kept} readings fix EI "
-            f"no better than {solution.effective_readings:.1f} independent ones would; the interval allows for it"
-        )
-    free = solution.free_clamp
-    if free is not None and abs(free.stiffness_Nm2 - solution.fit.stiffness_Nm2) > 2.0 * free.std_Nm2:
-        warnings.append("the readings suggest a clamp that turns, or a clamp that is not where x = 0 is: check it")
-    if table.x_m[-1] < 0.6 * document["distance_m"]:
-        warnings.append("no reading in the outer 40 % between clamp and load, where most of the bending shows")
-    unloaded_range_m = float(table.unloaded_y_m.max() - table.unloaded_y_m.min())
-    if solution.model == "elastica" and unloaded_range_m > 0.2 * float(abs(table.deflection_m).max()):
-        warnings.append("the unloaded rod is not straight: with large deflections its sag does not cancel")
+    kept, free, fit = len(table.x_m) - len(solution.outliers), solution.free_clamp, solution.fit
     low, high = _PLAUSIBLE_MODULUS_PA
-    modulus = document.get("youngs_modulus_Pa")
-    if modulus is not None and not low < modulus < high:
-        warnings.append(f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section")
-    return warnings
+    modulus = document.get("youngs_modulus_Pa", low + 1.0)
+    sagging = float(table.unloaded_y_m.max() - table.unloaded_y_m.min()) > 0.2 * float(abs(table.deflection_m).max())
+    rules = (
+        (
+            kept < _FEW_READINGS,
+            f"{kept} readings are too few to see slips among them or whether neighbours err together",
+        ),
+        (
+            solution.effective_readings < 0.5 * kept,
+            f"neighbouring residuals err together (correlation {solution.correlation:.2f}): the {kept} readings fix EI "
+            f"no better than {solution.effective_readings:.1f} independent ones would; the interval allows for it",
+        ),
+        (
+            free is not None and abs(free.stiffness_Nm2 - fit.stiffness_Nm2) > 2.0 * free.std_Nm2,
+            "the readings suggest a clamp that turns, or a clamp that is not where x = 0 is: check it",
+        ),
+        (
+            table.x_m[-1] < 0.6 * document["distance_m"],
+            "no reading in the outer 40 % between clamp and load, where most of the bending shows",
+        ),
+        (
+            solution.model == "elastica" and sagging,
+            "the unloaded rod is not straight: with large deflections its sag does not cancel",
+        ),
+        (
+            not low < modulus < high,
+            f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section",
+        ),
+    )
+    return warnings + [words for holds, words in rules if holds]
 
 
 def report(document: dict[str, Any]) -> None:

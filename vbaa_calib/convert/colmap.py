@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation, localcontext
 from pathlib import Path
 
@@ -19,9 +18,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 
 from .exchanged import Exchanged, Format
-from .values import camera_of, held_in, intrinsics, numbers, whole
+from .values import camera_of, held_in, intrinsics, numbers, one_of, which_of, whole
 
-MODELS = {
+_MODELS = {
     "SIMPLE_PINHOLE": ("opencv", 1, 0),
     "PINHOLE": ("opencv", 2, 0),
     "SIMPLE_RADIAL": ("opencv", 1, 1),
@@ -37,25 +36,14 @@ _HALF = Decimal("0.5")
 _DIGITS = 400
 
 
-def read(path: Path, which: str | None) -> Exchanged:
-    """From cameras.txt; `which` is the CAMERA_ID where it holds several."""
+def _read(path: Path, which: str | None) -> Exchanged:
+    """`which` is the CAMERA_ID where it holds several."""
     lines = [(number, line.split()) for number, line in enumerate(read_text(path).splitlines(), 1)]
     rows = {cells[0]: (number, cells) for number, cells in lines if cells and not cells[0].startswith("#")}
-    if not rows:
-        raise InputError("holds no camera", where=path, remedy="CAMERA_ID MODEL WIDTH HEIGHT PARAMS are needed")
-    if which is None and len(rows) > 1:
-        raise InputError(f"holds {len(rows)} cameras", where=path, remedy="say which CAMERA_ID with --camera")
-    if which is not None and which not in rows:
-        raise InputError(f"holds no camera {which:.20}", where=path, remedy=f"it holds {', '.join(rows):.60}")
-    number, cells = rows[which or next(iter(rows))]
-    return _camera(cells, Path(f"{path} line {number}"))
-
-
-def _camera(cells: Sequence[str], place: Path) -> Exchanged:
-    model = cells[1] if len(cells) > 1 else ""
-    if model not in MODELS:
-        raise InputError(f"the model is {model!r:.60}", where=place, remedy=f"one of {', '.join(MODELS)} is needed")
-    ours, focal, count = MODELS[model]
+    number, cells = rows[which_of(list(rows), which, path)]
+    place = Path(f"{path} line {number}")
+    model = one_of(cells[1] if len(cells) > 1 else "", _MODELS, "the model", place)
+    ours, focal, count = _MODELS[model]
     wanted = 4 + focal + 2 + count
     if len(cells) != wanted:
         raise InputError(f"{len(cells)} cells, {model} has {wanted}", where=place, remedy="write the line again")
@@ -68,8 +56,7 @@ def _camera(cells: Sequence[str], place: Path) -> Exchanged:
     return Exchanged(camera_of(ours, (width, height), core, numbers(filled, "PARAMS", place, (len(filled),)), place))
 
 
-def write(given: Exchanged) -> str:
-    """cameras.txt with one camera, number 1."""
+def _write(given: Exchanged) -> str:
     camera = given.camera
     coefficients, name = camera.distortion.tolist(), "OPENCV_FISHEYE"
     if camera.model == "opencv":
@@ -86,11 +73,10 @@ def write(given: Exchanged) -> str:
     )
 
 
-def fits(text: str) -> bool:
-    """Whether its first line of data names a model of COLMAP's."""
+def _fits(text: str) -> bool:
     lines = (line.split() for line in text.splitlines() if not line.lstrip().startswith("#"))
     first = next((cells for cells in lines if cells), [])
-    return len(first) > 4 and first[1] in MODELS
+    return len(first) > 4 and first[1] in _MODELS
 
 
 def _plain(text: str, place: Path) -> float:
@@ -113,4 +99,4 @@ def _decimal(text: str, place: Path | None, shift: Decimal) -> Decimal:
         return value + shift
 
 
-FORMAT = Format("colmap", "cameras.txt of COLMAP", read, write, fits)
+FORMAT = Format("colmap", "cameras.txt of COLMAP", _read, _write, _fits, several=True)

@@ -7,18 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 
 
 @dataclass(frozen=True, eq=False)
 class Exchanged:
-    """A camera, with its pose where the file has one.
+    """A camera, its pose in whatever frame the file counts from (in ours the antenna's; None where there is none).
 
-    Attributes
-    ----------
-    T_reference_camera : pose of the camera in whatever frame the file counts from (in ours the antenna's).
-    beside : what else the file holds that no other format has a place for, in words; empty for nothing.
-    notes : what a person should know of how the file was read.
+    beside : what the file holds that no other format has a place for, in words. notes : on how it was read.
     """
 
     camera: Camera
@@ -29,24 +26,27 @@ class Exchanged:
 
 @dataclass(frozen=True)
 class Format:
-    """A file format.
+    """A file format: its name on the command line and in words, and what it has a place for.
 
-    Attributes
-    ----------
-    name : on the command line. what : in words.
-    read : (path, which camera of several or None) → the camera. Raises InputError naming what is wrong.
+    parse : (path, which camera of several or None) → the camera. Raises InputError naming what is wrong.
     write : camera → text. Raises InputError for a lens that the format cannot hold.
     fits : whether a text looks like this format.
-    with_pose, with_covariance : whether the format has a place for them.
     """
 
     name: str
     what: str
-    read: Callable[[Path, str | None], Exchanged]
+    parse: Callable[[Path, str | None], Exchanged]
     write: Callable[[Exchanged], str]
     fits: Callable[[str], bool]
     with_pose: bool = False
     with_covariance: bool = False
+    several: bool = False
+
+    def read(self, path: Path, which: str | None = None) -> Exchanged:
+        """The camera in a file; `which` of several. Raises InputError naming what is wrong."""
+        if which is not None and not self.several:
+            raise InputError("holds one camera", where=path, remedy="leave --camera out")
+        return self.parse(path, which)
 
     def lost(self, given: Exchanged) -> list[str]:
         """What of a camera does not get into a file of this format, in words."""

@@ -13,42 +13,34 @@ from typing import Any
 
 import yaml
 
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 
 from .exchanged import Exchanged, Format
-from .values import camera_of, held_in, intrinsics, numbers, pose_of, whole
+from .values import camera_of, held_in, intrinsics, numbers, one_of, pose_of, which_of, whole
 
-MODELS = {"radtan": "opencv", "equidistant": "fisheye", "none": "opencv"}
+_MODELS = {"radtan": "opencv", "equidistant": "fisheye", "none": "opencv"}
 
 
-def read(path: Path, which: str | None) -> Exchanged:
-    """From camchain.yaml; `which` (cam0, cam1, …) where it holds several cameras."""
-    name, data = _one_of(read_yaml(path), which, path)
-    projection, model = data.get("camera_model"), data.get("distortion_model", "none")
-    if projection != "pinhole":
-        raise InputError(
-            f"{name}: camera_model is {projection!r:.60}", where=path, remedy="only pinhole has a counterpart here"
-        )
-    if not isinstance(model, str) or model not in MODELS:
-        raise InputError(
-            f"{name}: distortion_model is {model!r:.60}", where=path, remedy=f"one of {', '.join(MODELS)} is needed"
-        )
+def _read(path: Path, which: str | None) -> Exchanged:
+    """`which` (cam0, cam1, …) where it holds several cameras."""
+    data = {str(name): each for name, each in read_yaml(path).items() if str(name).startswith("cam")}
+    name = which_of([name for name, each in data.items() if isinstance(each, dict)], which, path)
+    data = data[name]
+    one_of(data.get("camera_model"), ("pinhole",), f"{name}: camera_model", path)
+    model = one_of(data.get("distortion_model", "none"), _MODELS, f"{name}: distortion_model", path)
     size = numbers(data.get("resolution"), f"{name}.resolution", path, (2,))
     width, height = (whole(side, f"{name}.resolution", path) for side in size)
     core = numbers(data.get("intrinsics"), f"{name}.intrinsics", path, (4,))
-    coefficients = (
-        [] if model == "none" else numbers(data.get("distortion_coeffs"), f"{name}.distortion_coeffs", path, (4,))
-    )
-    camera = camera_of(MODELS[model], (width, height), core, coefficients, path)
+    given = [] if model == "none" else data.get("distortion_coeffs")
+    coefficients = numbers(given, f"{name}.distortion_coeffs", path, (0,) if model == "none" else (4,))
+    camera = camera_of(_MODELS[model], (width, height), core, coefficients, path)
     pose = None if data.get("T_cam_imu") is None else pose_of(data["T_cam_imu"], f"{name}.T_cam_imu", path).inverse()
     alone = pose is None and data.get("T_cn_cnm1") is not None
     notes = (f"{name}.T_cn_cnm1 counts from the camera before it, which is not taken along: left out",) if alone else ()
     return Exchanged(camera, pose, notes=notes)
 
 
-def write(given: Exchanged) -> str:
-    """camchain.yaml with one camera, cam0."""
+def _write(given: Exchanged) -> str:
     camera = given.camera
     coefficients, model = camera.distortion.tolist(), "equidistant"
     if camera.model == "opencv":
@@ -66,23 +58,10 @@ def write(given: Exchanged) -> str:
     return yaml.safe_dump({"cam0": document}, sort_keys=False, default_flow_style=None)
 
 
-def fits(text: str) -> bool:
-    """Whether the text has the keys of a camchain."""
+def _fits(text: str) -> bool:
     return all(f"{key}:" in text for key in ("cam0", "camera_model", "intrinsics")) or (
         "distortion_coeffs:" in text and "camera_model:" in text
     )
 
 
-def _one_of(data: dict[str, Any], which: str | None, path: Path) -> tuple[str, dict[str, Any]]:
-    names = [str(name) for name, value in data.items() if str(name).startswith("cam") and isinstance(value, dict)]
-    if not names:
-        raise InputError("holds no camera", where=path, remedy="cam0 with camera_model, intrinsics, … is needed")
-    if which is None and len(names) > 1:
-        raise InputError(f"holds {', '.join(names)}", where=path, remedy="say which with --camera")
-    if which is not None and which not in names:
-        raise InputError(f"holds no {which}", where=path, remedy=f"it holds {', '.join(names)}")
-    name = which or names[0]
-    return name, data[name]
-
-
-FORMAT = Format("kalibr", "camchain.yaml of Kalibr", read, write, fits, with_pose=True)
+FORMAT = Format("kalibr", "camchain.yaml of Kalibr", _read, _write, _fits, with_pose=True, several=True)

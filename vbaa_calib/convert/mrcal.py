@@ -21,9 +21,9 @@ from vbaa_calib.core.files import read_text
 from vbaa_calib.geometry import Pose
 
 from .exchanged import Exchanged, Format
-from .values import camera_of, held_in, intrinsics, numbers, refuse_fisheye, whole
+from .values import camera_of, held_in, intrinsics, numbers, one_of, whole
 
-COUNTS = {
+_COUNTS = {
     "LENSMODEL_PINHOLE": 0,
     "LENSMODEL_OPENCV4": 4,
     "LENSMODEL_OPENCV5": 5,
@@ -34,33 +34,26 @@ _LARGEST = 100_000_000
 """Characters; the data of a whole calibration stand in such a file as text."""
 
 
-def read(path: Path, which: str | None) -> Exchanged:
-    """From a .cameramodel file."""
-    if which is not None:
-        raise InputError("holds one camera", where=path, remedy="leave --camera out")
+def _read(path: Path, _: str | None) -> Exchanged:
     data = _literal(read_text(path), path)
-    name = data.get("lens_model", data.get("lensmodel"))
-    if not isinstance(name, str) or name not in COUNTS:
-        raise InputError(
-            f"lens_model is {name!r:.60}",
-            where=path,
-            remedy=f"one of {', '.join(COUNTS)} is needed; `mrcal-convert-lensmodel` fits one",
-        )
+    name = one_of(data.get("lens_model", data.get("lensmodel")), _COUNTS, "lens_model", path)
     size = data.get("imagersize")
     width, height = (whole(side, "imagersize", path) for side in numbers(size, "imagersize", path, (2,)))
-    values = numbers(data.get("intrinsics"), "intrinsics", path, (4 + COUNTS[name],))
+    values = numbers(data.get("intrinsics"), "intrinsics", path, (4 + _COUNTS[name],))
     turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,)))
     pose = Pose.from_rotvec(turn_shift[:3], turn_shift[3:]).inverse()
     region = ("valid_intrinsics_region is left out",) if data.get("valid_intrinsics_region") else ()
     return Exchanged(camera_of("opencv", (width, height), values[:4], values[4:], path), pose, notes=region)
 
 
-def write(given: Exchanged) -> str:
-    """A .cameramodel file; without a pose the camera is its own reference."""
+def _write(given: Exchanged) -> str:
+    """Without a pose the camera is its own reference."""
     camera = given.camera
-    refuse_fisheye(camera, "mrcal")
-    coefficients = held_in(camera, tuple(COUNTS.values()), "mrcal")
-    name = next(name for name, count in COUNTS.items() if count == len(coefficients))
+    if camera.model == "fisheye":
+        what = "mrcal has no equidistant fisheye lens (k1 to k4 over the angle)"
+        raise InputError(what, remedy="choose another format, or calibrate with another lens model (`--model`)")
+    coefficients = held_in(camera, tuple(_COUNTS.values()), "mrcal")
+    name = next(name for name, count in _COUNTS.items() if count == len(coefficients))
     pose = (given.T_reference_camera or Pose.identity()).inverse()
     numbers_text = ", ".join(map(repr, [*intrinsics(camera), *coefficients]))
     turn_shift = ", ".join(map(repr, [*pose.rotvec_rad.tolist(), *pose.translation_m.tolist()]))
@@ -76,8 +69,7 @@ def write(given: Exchanged) -> str:
     )
 
 
-def fits(text: str) -> bool:
-    """Whether the text names a lens of mrcal's."""
+def _fits(text: str) -> bool:
     return re.search(r"['\"]lens_?model['\"]\s*:\s*['\"]LENSMODEL_", text) is not None
 
 
@@ -98,4 +90,4 @@ def _literal(text: str, path: Path) -> dict[str, Any]:
     return data
 
 
-FORMAT = Format("mrcal", ".cameramodel of mrcal", read, write, fits, with_pose=True)
+FORMAT = Format("mrcal", ".cameramodel of mrcal", _read, _write, _fits, with_pose=True)

@@ -24,10 +24,7 @@ _MEMORY = cv2.FILE_STORAGE_MEMORY
 _REMEDY = "camera_matrix and distortion_coefficients are needed, as OpenCV's calibration samples write them"
 
 
-def read(path: Path, which: str | None) -> Exchanged:
-    """From a YAML, XML or JSON file of OpenCV's FileStorage."""
-    if which is not None:
-        raise InputError("holds one camera", where=path, remedy="leave --camera out")
+def _read(path: Path, _: str | None) -> Exchanged:
     text = read_text(path)
     if not text.strip():
         raise InputError("is empty", where=path, remedy=_REMEDY)
@@ -56,8 +53,7 @@ def _taken(storage: cv2.FileStorage, path: Path) -> Exchanged:
     return Exchanged(camera, notes=(guess,) if len(coefficients) == 4 and fisheye is None else ())
 
 
-def write(given: Exchanged) -> str:
-    """A YAML file of OpenCV's FileStorage."""
+def _write(given: Exchanged) -> str:
     camera = given.camera
     coefficients = camera.distortion if camera.distortion.size else np.zeros(5)
     storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | _MEMORY | cv2.FILE_STORAGE_FORMAT_YAML)
@@ -69,8 +65,7 @@ def write(given: Exchanged) -> str:
     return str(storage.releaseAndGetString())
 
 
-def fits(text: str) -> bool:
-    """Whether the text is OpenCV's, with a camera in it."""
+def _fits(text: str) -> bool:
     return "camera_matrix" in text and ("opencv-matrix" in text or "opencv_storage" in text)
 
 
@@ -87,4 +82,4 @@ def _mat(storage: cv2.FileStorage, key: str, path: Path) -> np.ndarray:
     return matrix.astype(float)
 
 
-FORMAT = Format("opencv", "YAML of OpenCV's calibration samples", read, write, fits)
+FORMAT = Format("opencv", "YAML of OpenCV's calibration samples", _read, _write, _fits)

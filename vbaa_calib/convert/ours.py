@@ -23,10 +23,7 @@ _POSE_KEY = "T_reference_camera"
 _OF_RIG = ("antenna, moment sensor and joints, with their covariance",)
 
 
-def read(path: Path, which: str | None) -> Exchanged:
-    """From rig.json or camera.json."""
-    if which is not None:
-        raise InputError("holds one camera", where=path, remedy="leave --camera out")
+def _read(path: Path, _: str | None) -> Exchanged:
     data = read_json(path)
     if data.get("schema") == RIG_SCHEMA:
         rig = Rig.from_dict(data, path)
@@ -37,20 +34,17 @@ def read(path: Path, which: str | None) -> Exchanged:
             where=path,
             remedy=f"{RIG_SCHEMA} or {CAMERA_SCHEMA} is needed; another program's file needs --from",
         )
-    return Exchanged(
-        Camera.load(path), None if data.get(_POSE_KEY) is None else read_pose(data[_POSE_KEY], path, _POSE_KEY)
-    )
+    pose = None if data.get(_POSE_KEY) is None else read_pose(data[_POSE_KEY], path, _POSE_KEY)
+    return Exchanged(Camera.load(path), pose)
 
 
-def write(given: Exchanged) -> str:
-    """camera.json."""
+def _write(given: Exchanged) -> str:
     pose = {} if given.T_reference_camera is None else {_POSE_KEY: given.T_reference_camera.to_dict()}
     return json.dumps(given.camera.to_dict() | pose, indent=2, allow_nan=False) + "\n"
 
 
-def fits(text: str) -> bool:
-    """Whether the text is a JSON object with a schema of ours."""
+def _fits(text: str) -> bool:
     return text.lstrip().startswith("{") and (f'"{CAMERA_SCHEMA}"' in text or f'"{RIG_SCHEMA}"' in text)
 
 
-FORMAT = Format("vbaa", "rig.json, camera.json", read, write, fits, with_pose=True, with_covariance=True)
+FORMAT = Format("vbaa", "rig.json, camera.json", _read, _write, _fits, with_pose=True, with_covariance=True)

@@ -19,34 +19,25 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 
 from .exchanged import Exchanged, Format
-from .values import checked, held_in, intrinsics, numbers, whole
+from .values import checked, held_in, intrinsics, numbers, one_of, whole
 
-COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
+_COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Coefficients by model, as files in the wild have them. Azure Kinect's driver and others write the name fisheye."""
 
 
-def read(path: Path, which: str | None) -> Exchanged:
-    """From camera_info YAML."""
-    if which is not None:
-        raise InputError("holds one camera", where=path, remedy="leave --camera out")
+def _read(path: Path, _: str | None) -> Exchanged:
     data = read_yaml(path)
-    model = data.get("distortion_model", "plumb_bob")
-    if not isinstance(model, str) or model not in COUNTS:
-        raise InputError(
-            f"distortion_model is {model!r:.60}", where=path, remedy=f"one of {', '.join(COUNTS)} is needed"
-        )
+    model = one_of(data.get("distortion_model", "plumb_bob"), _COUNTS, "distortion_model", path)
     size = whole(data.get("image_width"), "image_width", path), whole(data.get("image_height"), "image_height", path)
     matrix = np.array(_block(data, "camera_matrix", path, (9,))).reshape(3, 3)
-    coefficients = _block(data, "distortion_coefficients", path, COUNTS[model])
-    camera = checked("fisheye" if COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path)
+    coefficients = _block(data, "distortion_coefficients", path, _COUNTS[model])
+    camera = checked("fisheye" if _COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path)
     return Exchanged(camera, notes=_notes(data, matrix, path))
 
 
-def write(given: Exchanged) -> str:
-    """camera_info YAML."""
+def _write(given: Exchanged) -> str:
     camera = given.camera
-    model = "equidistant"
-    coefficients = camera.distortion.tolist()
+    coefficients, model = camera.distortion.tolist(), "equidistant"
     if camera.model == "opencv":
         coefficients = held_in(camera, (5, 8), "a camera_info of ROS")
         model = "plumb_bob" if len(coefficients) == 5 else "rational_polynomial"
@@ -64,8 +55,7 @@ def write(given: Exchanged) -> str:
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
 
 
-def fits(text: str) -> bool:
-    """Whether the text has the keys of camera_info, and no mark of OpenCV's."""
+def _fits(text: str) -> bool:
     return all(f"{key}:" in text for key in ("image_width", "camera_matrix", "distortion_coefficients")) and (
         "opencv-matrix" not in text
     )
@@ -96,4 +86,4 @@ def _notes(data: dict[str, Any], matrix: np.ndarray, path: Path) -> tuple[str, .
     return tuple(notes)
 
 
-FORMAT = Format("ros", "camera_info YAML of ROS", read, write, fits)
+FORMAT = Format("ros", "camera_info YAML of ROS", _read, _write, _fits)

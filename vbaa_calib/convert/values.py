@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,9 @@ def held_in(camera: Camera, counts: Sequence[int], whose: str) -> list[float]:
         count = len(values) if len(values) in fitting else fitting[0]
         return values[:count] + [0.0] * (count - len(values))
     longest = max(counts)
-    beyond = [f"{name} = {value:g}" for name, value in _named(camera)[longest:] if value != 0.0]
-    cost = left_out_px(camera, longest)
+    named = list(zip(camera.parameter_names[4:], values, strict=True))
+    beyond = [f"{name} = {value:g}" for name, value in named[longest:] if value != 0.0]
+    cost = _left_out_px(camera, longest)
     words = f"it would be off by up to {cost:.2g} px without them" if np.isfinite(cost) else "they matter"
     raise InputError(
         f"{whose} holds {longest} coefficients at most, this lens has {', '.join(beyond)} too: {words}",
@@ -40,7 +41,7 @@ def held_in(camera: Camera, counts: Sequence[int], whose: str) -> list[float]:
     )
 
 
-def left_out_px(camera: Camera, count: int) -> float:
+def _left_out_px(camera: Camera, count: int) -> float:
     """How far points of the picture move, at most, when only the first `count` coefficients are kept; NaN: unknown.
 
     The lens is not fitted anew: that might make up for some of it.
@@ -55,19 +56,6 @@ def left_out_px(camera: Camera, count: int) -> float:
     return float(off.max()) if len(off) else float("nan")
 
 
-def refuse_fisheye(camera: Camera, whose: str) -> None:
-    """Raises InputError for a fisheye lens, where a format has no model for it."""
-    if camera.model == "fisheye":
-        raise InputError(
-            f"{whose} has no equidistant fisheye lens (k1 to k4 over the angle)",
-            remedy="choose another format, or calibrate with another lens model (`--model`)",
-        )
-
-
-def _named(camera: Camera) -> list[tuple[str, float]]:
-    return list(zip(camera.parameter_names[4:], camera.distortion.tolist(), strict=True))
-
-
 _LARGEST_SIDE_PX = 100_000
 """As in the schema of rig.json."""
 _SQUARE = 1e-3
@@ -75,11 +63,28 @@ _SQUARE = 1e-3
 
 def whole(value: Any, key: str, path: Path) -> int:
     """A whole number of pixels. Raises InputError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= _LARGEST_SIDE_PX:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0 < value <= _LARGEST_SIDE_PX or value != int(value):
         raise InputError(f"{key} is {_shown(value)}", where=path, remedy="a picture's side in whole pixels is needed")
-    if value != int(value):
-        raise InputError(f"{key} is {value:g}", where=path, remedy="a picture's side in whole pixels is needed")
     return int(value)
+
+
+def one_of(value: Any, known: Iterable[str], key: str, path: Path) -> str:
+    """One of the names that are known. Raises InputError for anything else."""
+    if not isinstance(value, str) or value not in known:
+        raise InputError(f"{key} is {value!r:.60}", where=path, remedy=f"one of {', '.join(known)} is needed")
+    return value
+
+
+def which_of(names: Sequence[str], which: str | None, path: Path) -> str:
+    """The camera that is meant. Raises InputError where there is none, or it is not said which of several."""
+    if not names:
+        raise InputError("holds no camera", where=path, remedy="is it the file that is meant?")
+    if which is None and len(names) > 1:
+        raise InputError(f"holds {', '.join(names):.60}", where=path, remedy="say which with --camera")
+    if which is not None and which not in names:
+        raise InputError(f"holds no {which:.20}", where=path, remedy=f"it holds {', '.join(names):.60}")
+    return which or names[0]
 
 
 def numbers(values: Any, key: str, path: Path, counts: Sequence[int]) -> list[float]:
@@ -88,7 +93,8 @@ def numbers(values: Any, key: str, path: Path, counts: Sequence[int]) -> list[fl
         wanted = " or ".join(map(str, counts))
         raise InputError(f"{key} is {_shown(values)}", where=path, remedy=f"a list of {wanted} numbers is needed")
     for value in values:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
+        # a whole number may be too large for a float
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
             raise InputError(f"{key} holds {_shown(value)}", where=path, remedy="finite numbers are needed")
     return [float(value) for value in values]
 
@@ -127,11 +133,6 @@ def pose_of(matrix: Any, key: str, path: Path) -> Pose:
 def intrinsics(camera: Camera) -> list[float]:
     """fx, fy, cx, cy."""
     return [float(camera.matrix[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2))]
-
-
-def _is_finite(value: int | float) -> bool:
-    # a whole number may be too large for a float
-    return abs(value) < 1e300
 
 
 def _shown(value: Any) -> str:

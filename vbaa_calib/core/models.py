@@ -26,10 +26,11 @@ from pydantic import (
 )
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import ErrorDetails, core_schema
+from yaml import YAMLError
 
 from .errors import InputError
-from .files import read_text, read_yaml
-from .yaml_text import line_of
+from .files import read_text
+from .yaml_text import with_lines
 
 T = TypeVar("T")
 Number = Annotated[float, Strict(), AllowInfNan(False)]
@@ -154,11 +155,11 @@ def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
     if not isinstance(where, Path) or where.suffix not in (".yaml", ".yml"):
         return where
     try:
-        held = read_yaml(where)
-    except InputError:
+        held, line_of = with_lines(read_text(where))
+    except (InputError, YAMLError, ValueError):
         return where
-    above = () if held == data else ("board",)
-    line = line_of(read_text(where), [*above, *loc]) if held.get("board") == data or not above else None
+    above = () if held == data else ("board",) if isinstance(held, dict) and held.get("board") == data else None
+    line = None if above is None else line_of([*above, *loc])
     return where if line is None else f"{where} line {line}"
 
 

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any
 
 import yaml
 
 _MOST_VALUES = 1e6
 
 
-def line_of(text: str, keys: Sequence[str | int]) -> int | None:
-    """The line where a place in a YAML text stands, or the last key on the way to it; None for none at all."""
-    node, line = yaml.compose(text, Loader=UniqueKeyLoader), None
+def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | None]]:
+    """What a YAML text holds, parsed once, and the line of a place in it, given by its keys."""
+    loader = UniqueKeyLoader(text)
+    root = loader.get_single_node()
+    # constructing flattens merges, but moves no key
+    return loader.construct_document(root), lambda keys: _line_of(root, keys)
+
+
+def _line_of(node: yaml.Node | None, keys: Sequence[str | int]) -> int | None:
+    """The line where a place stands, or the last key on the way to it; None for none at all."""
+    line = None
     for key in keys:
         if isinstance(node, yaml.MappingNode):
             pairs = [(name, value) for name, value in node.value if name.value == str(key)]

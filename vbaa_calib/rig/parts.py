@@ -31,7 +31,7 @@ RIG_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
 
 JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 """What a sweep finds of the joints, in the order of `Kinematics`."""
-NEAREST_M = 1e-3
+_NEAREST_M = 1e-3
 """What comes nearer to the camera's plane counts as not in front of it."""
 
 
@@ -76,13 +76,10 @@ _Weight = Annotated[Number, Field(ge=-100, le=100)]
 
 @dataclass(frozen=True)
 class AntennaImage:
-    """What the antenna looks like in this rig's pictures.
+    """What the antenna looks like in this rig's pictures; `bright`: brighter than the background.
 
-    Attributes
-    ----------
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
-    bright : brighter than the background.
     weights : (b, g, r) that make the plane of a colour picture on which it stands out; None for the grey level.
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
     """
@@ -128,9 +125,9 @@ def check_view(T_antenna_camera: Pose, length_m: float, where: object) -> None:
     """Raises InputError when the undeformed antenna is nowhere in front of the camera, where no picture shows it."""
     along = np.linspace(0.0, length_m, 9)[:, None] * [1.0, 0.0, 0.0]
     depth_m = (T_antenna_camera.inverse() @ along)[:, 2]
-    if depth_m.max() < NEAREST_M:
+    if depth_m.max() < _NEAREST_M:
         raise InputError(
-            f"T_antenna_camera: the antenna is nowhere {1e3 * NEAREST_M:g} mm or more in front of the camera",
+            f"T_antenna_camera: the antenna is nowhere {1e3 * _NEAREST_M:g} mm or more in front of the camera",
             where=where,
             remedy="it is the pose of the camera in the antenna frame, the camera's z forward",
         )

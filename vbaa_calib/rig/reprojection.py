@@ -16,17 +16,14 @@ from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 
-FOOT_STEPS = 2
+_FOOT_STEPS = 2
 """Newton steps from the nearest node to the foot: each squares an error of a few hundredths of the nodes' spacing."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeenPoints:
-    """The antenna's points of one picture in ideal normalized coordinates (the plane one unit before the camera).
+    """The antenna's points (N, 2) of one picture, normalized (on the plane one unit before the camera).
 
-    Attributes
-    ----------
-    points : (N, 2).
     covariance : (N, 2, 2) of each point, from its standard deviation across the antenna in pixels.
     by_lens : (N, 2, P) how the points move with the P parameters of the lens; None where the lens counts as exact.
     """
@@ -98,7 +95,7 @@ def feet(seen: SeenPoints, curves: ImageCurves, which: int = 0) -> np.ndarray:
     """(N,) arc lengths of the points of one curve nearest to the seen points."""
     nodes, nodes_s = curves.nodes[which], curves.arclength_m[which]
     foot = nodes_s[cKDTree(nodes).query(seen.points)[1]]
-    for _ in range(FOOT_STEPS):
+    for _ in range(_FOOT_STEPS):
         point, slope = curves.at(which, foot)
         foot = foot + ((seen.points - point) * slope).sum(axis=1) / (slope**2).sum(axis=1)
         foot = np.clip(foot, nodes_s[0], nodes_s[-1])

@@ -55,10 +55,7 @@ def _is_covariance(matrix: np.ndarray) -> bool:
 class Rig:
     """A calibrated rig.
 
-    Attributes
-    ----------
     T_antenna_camera : pose of the camera in the antenna frame.
-    gravity_world_m_s2 : (3,).
     covariance : (17 + P, 17 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
         `parameter_names` order; (17, 17) where the lens counts as exact.
     second_moment_sensor : about z, of x·f_y − y·f_x of force and weight (antenna frame); None where a rig has none. Its
@@ -143,17 +140,14 @@ class Rig:
 
     def to_dict(self) -> dict[str, Any]:
         """The part of rig.json that describes the rig; the provenance is added by who writes it."""
-        second = self.second_moment_sensor
+        second, sensor = self.second_moment_sensor, asdict(self.moment_sensor)
         return {
             "schema": SCHEMA,
             "camera": self.camera.to_dict(),
             "T_antenna_camera": self.T_antenna_camera.to_dict(),
             "antenna": self.antenna.to_dict(self.std),
-            "moment_sensor": {
-                **asdict(self.moment_sensor),
-                "gain_std": self.std("moment_gain"),
-                "offset_std_Nm": self.std("moment_offset_Nm"),
-            },
+            "moment_sensor": sensor
+            | {"gain_std": self.std("moment_gain"), "offset_std_Nm": self.std("moment_offset_Nm")},
             **({} if second is None else {"second_moment_sensor": asdict(second)}),
             "kinematics": kinematics_to_dict(self.kinematics),
             "gravity_world": self.gravity_world_m_s2.tolist(),

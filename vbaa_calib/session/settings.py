@@ -102,12 +102,7 @@ class OverBoard:
 
 @dataclass(frozen=True)
 class LoadReadings:
-    """Standard deviations of the known loads; 0: exactly.
-
-    Attributes
-    ----------
-    distance_std_m : of a load's place along the antenna. force_std_relative : of its force, relative.
-    """
+    """Standard deviations of a known load's place along the antenna, and of its force, relative; 0: exactly."""
 
     distance_std_m: Annotated[Number, Field(ge=0, le=0.05)] = 0.0
     force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
@@ -213,17 +208,11 @@ class SessionFile(FileModel):
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """session.yaml, checked.
+    """session.yaml, checked; every standard deviation is 0 where a thing is known exactly.
 
-    Attributes
-    ----------
     T_antenna_board : pose of the board's printed face in the jig, or None without a jig.
     gravity_world_m_s2 : (3,), zero when weightless.
-    moment_std_Nm : the moment sensor's noise.
-    jig_translation_std_m, jig_rotation_std_rad : how well the jig's place on the base is known, per axis; 0: exactly.
-    tilt_zero_std_rad : how well the tilt encoder's zero is known before calibration.
-    print_scale_std : relative standard deviation of the board's printed size, as far as it was measured; 0: exact.
-    load_readings : how well places and forces of the known loads are known.
+    print_scale_std : relative, of the board's printed size, as far as it was measured.
     over : how the antenna is held over the board in over/, or None where session.yaml does not say.
     second_moment_sensor : about z, calibrated elsewhere; None where there is none.
     """
@@ -308,9 +297,7 @@ def has_over(session: Session) -> bool:
     if not (session.root / "over").is_dir():
         return False
     if session.over is None:
-        raise InputError(
-            "over is missing, but there is a folder over/",
-            where=session.root / "session.yaml",
-            remedy="give over.height_m, the height of the antenna's axis over the board's printed face",
-        )
+        remedy = "give over.height_m, the height of the antenna's axis over the board's printed face"
+        what = "over is missing, but there is a folder over/"
+        raise InputError(what, where=session.root / "session.yaml", remedy=remedy)
     return True

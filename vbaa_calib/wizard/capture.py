@@ -18,9 +18,8 @@ from .sources import Picture, Source
 from .stillness import ON_A_STAND, StillnessDetector
 
 _KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
-GO_ON = Question(
-    "go_on", "", "Go on with the next step?", "no: more pictures may be taken", kind="yesno", default="yes"
-)
+_NO = "no: more pictures may be taken"
+GO_ON = Question("go_on", "", "Go on with the next step?", _NO, kind="yesno", default="yes")
 _WAIT_S = 0.2
 
 
@@ -47,9 +46,9 @@ def _readings_of(state: SessionState, ui: Ui, step: str, table: ReadingsTable, n
             raise InputError(doubts[0].words, where=where, remedy=doubts[0].remedy)
         return readings
     if not ui.interactive:
-        names = ", ".join(question.key for question in questions)
+        what = f"the readings of the picture are missing ({', '.join(question.key for question in questions)})"
         remedy = f"give --{step}-readings, a CSV with a column image, or write it in --answers FILE"
-        raise InputError(f"the readings of the picture are missing ({names})", where=name, remedy=remedy)
+        raise InputError(what, where=name, remedy=remedy)
     while True:
         ui.say(f"{name}: what was read with it?")
         typed = {question.key: ui.ask(question) for question in questions}
@@ -74,18 +73,12 @@ def _completed(state: SessionState, step: str, typed: Mapping[str, Any], where: 
 
 def _load_doubts(state: SessionState, step: str, readings: Readings) -> list[Diagnosis]:
     """What was typed for a load that cannot be, or hardly, before anything is solved."""
-    if step != "loads":
-        return []
-    load = still_of("loads", None, readings)
-    assert isinstance(load, Load)
-    return typed_load_diagnoses([load], state.session.antenna)
+    load = still_of(step, None, readings) if step == "loads" else None
+    return typed_load_diagnoses([load], state.session.antenna) if isinstance(load, Load) else []
 
 
 class Capture:
-    """Takes a step's pictures. `run` returns how it ended: "closed", or a command that leaves the step.
-
-    declined : whether more pictures were wanted although there are enough.
-    """
+    """Takes a step's pictures. declined : whether more pictures were wanted although there are enough."""
 
     def __init__(
         self,
@@ -112,14 +105,14 @@ class Capture:
         self.refused_before = {one.source for one in record.left}
 
     def run(self) -> str:
-        """Until the step is closed, or a command leaves it. Raises SourceLost, NoMorePictures, InputError."""
-        while True:
+        """How it ended: "closed", or a command that leaves the step. Raises SourceLost, NoMorePictures, InputError."""
+        ended = None
+        while ended is None:
             try:
                 ended = self._once()
             except Interrupted as interrupt:
                 ended = self._obey(interrupt.command)
-            if ended is not None:
-                return ended
+        return ended
 
     def _once(self) -> str | None:
         """Commands, and one picture. Raises Interrupted for a command where something was asked."""
@@ -172,13 +165,11 @@ class Capture:
             self.ui.say(f"not yet: {'; '.join(progress.missing) or 'nothing was taken'}")
         elif command == "drop" and self.pending is not None:
             self._refuse(self.pending, "not wanted")
+        elif command == "drop" and not (taken := self.state.taken(self.step.name)):
+            self.ui.say("nothing to take back")
         elif command == "drop":
-            taken = self.state.taken(self.step.name)
-            if taken:
-                self.ui.say(f"{taken[-1].file} is set aside: {self.store.drop(self.step.name, taken[-1])}")
-                self.progress = None
-            else:
-                self.ui.say("nothing to take back")
+            self.ui.say(f"{taken[-1].file} is set aside: {self.store.drop(self.step.name, taken[-1])}")
+            self.progress = None
         elif command == "take":
             self.by_hand = True
         else:
@@ -253,9 +244,7 @@ class Capture:
         progress = self.step.progress(self.state)
         self.ui.show(self.step, progress)
         if not progress.usable:
-            raise NoMorePictures(
-                f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}",
-                where=self.source.name,
-                remedy=f"add pictures there and run it again: {progress.next}",
-            )
+            what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
+            remedy = f"add pictures there and run it again: {progress.next}"
+            raise NoMorePictures(what, where=self.source.name, remedy=remedy)
         return self._close("all pictures seen")

@@ -24,14 +24,8 @@ from .sources import Source, SourceLost, open_source
 _STEPS = (board.STEP, lens.STEP, plane.STEP, antenna.FREE, antenna.LOADS, antenna.SENSOR, verdict.STEP)
 STEP_BY_NAME = dict(zip(STEPS, _STEPS, strict=True))
 _TRY_AGAIN = Question("again", "", "Press Enter to try again", "what was taken is kept", kind="text", default="again")
-_GO_BACK = Question(
-    "go_back",
-    "",
-    "Press Enter to go back to the step before",
-    "other pictures there may help",
-    kind="text",
-    default="back",
-)
+_BACK = "Press Enter to go back to the step before"
+_GO_BACK = Question("go_back", "", _BACK, "other pictures there may help", kind="text", default="back")
 _ASKED_AGAIN = {"board": BOARD_ANSWERS, "plane": ("plane_way", "jig_given", "over_given")}
 """Answers that a redo of the step forgets."""
 
@@ -151,17 +145,16 @@ def _take_step(state: SessionState, ui: Ui, step: Step, retracted: RetractedAnsw
 
 def _closes_as_it_is(state: SessionState, ui: Ui, step: Step) -> tuple[bool, bool]:
     """Whether the pictures that were there when the step began will do; whether more were wanted."""
-    unattended = not ui.interactive
-    if unattended and _source_text(state.store, step.name):
+    if not ui.interactive and _source_text(state.store, step.name):
         return False, False
     progress = step.progress(state)
-    if unattended and not progress.usable:
+    if not ui.interactive and not progress.usable:
         remedy = "give --source, where more pictures come from"
         raise InputError(f"{step.title}: {'; '.join(progress.missing)}", remedy=remedy)
-    if not unattended and not progress.enough:
+    if ui.interactive and not progress.enough:
         return False, False
     ui.show(step, progress)
-    if not unattended:
+    if ui.interactive:
         try:
             done = bool(ui.ask(GO_ON))
         except Interrupted as interrupt:
@@ -175,20 +168,17 @@ def _closes_as_it_is(state: SessionState, ui: Ui, step: Step) -> tuple[bool, boo
 
 
 def _open(store: Store, ui: Ui, step: Step) -> Source:
-    """The source of a step's pictures, those that were judged already left out.
+    """The source of a step's pictures, asked for again where it cannot be opened. Raises InputError if nobody is there.
 
-    Asked for again where somebody is there and it cannot be opened. Raises InputError where nobody is.
+    Pictures that were judged already are left out.
     """
     while True:
         text = _source_text(store, step.name)
         is_folder = "://" not in text and os.path.isdir(text)
         try:
             if is_folder and Path(text).resolve().is_relative_to(store.root.resolve()):
-                raise InputError(
-                    "lies inside the session, where the wizard keeps what it took",
-                    where=text,
-                    remedy="let the camera's program write into another folder",
-                )
+                what = "lies inside the session, where the wizard keeps what it took"
+                raise InputError(what, where=text, remedy="let the camera's program write into another folder")
             judged = () if os.path.isfile(text) else store.journal.of(step.name).judged
             return open_source(text, judged, ui.interactive)
         except InputError as error:

@@ -34,11 +34,8 @@ _BENDS = (np.ones_like(_X), _X, _Y, _X**2, _Y**2)
 
 @dataclass(frozen=True, eq=False)
 class _FrameFeatures:
-    """What is kept of a frame.
+    """What is kept of a frame: its time, its (width, height) px, and
 
-    Attributes
-    ----------
-    time_s, size : its time, and its (width, height) px.
     scale : pixels of the picture per small pixel.
     noise : standard deviation of a small pixel, grey levels.
     tiles : (T, P) grey levels of the small picture, by tile.
@@ -82,7 +79,7 @@ def _features_of(
     return _FrameFeatures(time_s, (width, height), scale, noise, tiles, basis, np.sqrt(energy), sharpness, corners, ids)
 
 
-def motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
+def _motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
     """The largest shift of anything between two frames of one size, px; NaN where nothing is there to see it by.
 
     0 where no shift is larger than noise explains; up to twice too large while small. Those above some 2
@@ -156,11 +153,9 @@ def _cut(small: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class StillnessSettings:
+class _Settings:
     """When a scene counts as still; as it stands, for a board in the hand.
 
-    Attributes
-    ----------
     hold_s, hold_frames : how long, and in how many frames, it must be.
     step_px : motion from one frame to the next that is still none, up to 1280 px picture length; in proportion above.
     speed_px_s : the same, by the time between them, whichever is more: 30 px/s blur a picture of 1/60 s by 0.5 px.
@@ -180,20 +175,15 @@ class StillnessSettings:
     sharp_share: float = 0.9
 
 
-ON_A_STAND = StillnessSettings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
+ON_A_STAND = _Settings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
 """For an antenna that a load was hung on: all else stands, and it may still vibrate."""
 
 
 @dataclass(frozen=True)
 class Stillness:
-    """How long the scene has been still.
+    """How long the scene has been still: the share of the hold that is done, and whether this frame is to be taken.
 
-    Attributes
-    ----------
-    share : of the hold that is done, 0..1.
-    take : this frame is to be taken.
     motion_px : since the frame before, where it moved most; NaN where that cannot be measured.
-    words : for the screen.
     """
 
     share: float
@@ -217,8 +207,8 @@ class StillnessDetector:
     frame is. Depends on nothing but what it is fed, times included.
     """
 
-    def __init__(self, settings: StillnessSettings | None = None) -> None:
-        self._settings = settings or StillnessSettings()
+    def __init__(self, settings: _Settings | None = None) -> None:
+        self._settings = settings or _Settings()
         self._last: _FrameFeatures | None = None
         self._hold: _Hold | None = None
         self._taken: _FrameFeatures | None = None
@@ -235,15 +225,11 @@ class StillnessDetector:
         corners_px: np.ndarray | None = None,
         ids: np.ndarray | None = None,
     ) -> Stillness:
-        """Judge the next frame.
+        """Judge the next frame, (H, W) uint8, by its time on any clock that runs on.
 
-        Parameters
-        ----------
-        image : (H, W) uint8.
-        time_s : of the frame, on any clock that runs on.
-        corners_px : (N, 2) corners of a board seen in it. Where this frame and the one it is held against share 4 or
-            more, motion is theirs, and the rest of the picture is not looked at.
-        ids : (N,) the corners' ids; without them corners are matched only where their number is the same.
+        corners_px : (N, 2) of a board seen in it. Where this frame and the one it is held against share 4 or more,
+            motion is theirs, and the rest of the picture is not looked at.
+        ids : (N,) of the corners; without them corners are matched only where their number is the same.
         """
         frame = _features_of(image, time_s, corners_px, ids)
         last, self._last = self._last, frame
@@ -258,18 +244,18 @@ class StillnessDetector:
 
     def _judge(self, frame: _FrameFeatures, last: _FrameFeatures) -> Stillness:
         scale = max(1.0, max(frame.size) / 1280)
-        step_px = motion_px(frame, last)
+        step_px = _motion_px(frame, last)
         if math.isnan(step_px):
             return self._restart(frame, step_px, "nothing is seen that could be held still: more light, or focus")
         if self._taken is not None and not self._moved:
-            self._moved = motion_px(frame, self._taken) > self._settings.clear_px * scale
+            self._moved = _motion_px(frame, self._taken) > self._settings.clear_px * scale
         allowed_px = max(self._settings.step_px, self._settings.speed_px_s * (frame.time_s - last.time_s))
         if step_px > min(allowed_px, self._settings.drift_px) * scale:
             return self._restart(frame, step_px, "moving: hold still")
         if not self._moved:
             self._hold = None
             return Stillness(0.0, False, step_px, "taken: now move on")
-        if self._hold is None or motion_px(frame, self._hold.first) > self._settings.drift_px * scale:
+        if self._hold is None or _motion_px(frame, self._hold.first) > self._settings.drift_px * scale:
             return self._restart(frame, step_px, "hold still")
         return self._go_on(frame, self._hold, step_px, scale)
 
@@ -281,7 +267,7 @@ class StillnessDetector:
         share = min((held_s + 1e-3) / settings.hold_s, hold.frames / settings.hold_frames)
         if share < 1:
             return Stillness(share, False, step_px, "hold still")
-        if self._taken is not None and motion_px(frame, self._taken) <= 2 * settings.step_px * scale:
+        if self._taken is not None and _motion_px(frame, self._taken) <= 2 * settings.step_px * scale:
             return Stillness(0.0, False, step_px, "nothing has changed since the last picture: move on")
         if frame.sharpness < settings.sharp_share * hold.best:
             if held_s > 2 * settings.hold_s:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Container
+from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qsl
 
 import cv2
@@ -34,12 +35,9 @@ _FAULTS: dict[Fault, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Which camera, and what is asked of it; None: the camera's default.
+    """Which camera (OpenCV's index, or a device file), and what is asked of it; None: the camera's default.
 
-    Attributes
-    ----------
-    device : OpenCV's index, or a device file.
-    fourcc : four signs, such as MJPG, without which many cameras are slow at full size.
+    Many cameras are slow at full size without a fourcc such as MJPG.
     """
 
     device: int | str
@@ -52,25 +50,23 @@ class CameraSettings:
 def parse_camera(text: str) -> CameraSettings:
     """What stands behind "camera:". Raises InputError."""
     device, _, query = text.partition("?")
-    numbers: dict[str, int] = {}
-    fourcc = None
+    where, given = f"camera:{shown(text)}", dict[str, Any]()
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key == "fourcc" and re.fullmatch(r"[\x20-\x7e]{4}", value):
-            fourcc = value
+            given[key] = value
         elif key in _MOST and re.fullmatch(r"[0-9]{1,5}", value) and 1 <= int(value) <= _MOST[key]:
-            numbers[key] = int(value)
+            given[key] = int(value)
         else:
             known = key in _MOST or key == "fourcc"
             what = f"{shown(key)} cannot be {shown(value)!r}" if known else f"{shown(key)!r} is not known of a camera"
-            raise InputError(what, where=f"camera:{shown(text)}", remedy=f"{_KEYS} can be asked for; {_LIKE}")
-    if re.fullmatch(r"[0-9]{1,3}", device):
-        return CameraSettings(int(device), fourcc=fourcc, **numbers)
-    if device.startswith("/"):
-        return CameraSettings(device, fourcc=fourcc, **numbers)
-    raise InputError("is neither a camera's number nor its device", where=f"camera:{shown(text)}", remedy=_LIKE)
+            raise InputError(what, where=where, remedy=f"{_KEYS} can be asked for; {_LIKE}")
+    number = re.fullmatch(r"[0-9]{1,3}", device)
+    if not number and not device.startswith("/"):
+        raise InputError("is neither a camera's number nor its device", where=where, remedy=_LIKE)
+    return CameraSettings(int(device) if number else device, **given)
 
 
-def list_cameras() -> list[str]:
+def _list_cameras() -> list[str]:
     """The camera devices that this computer shows, with their names where the system knows them; Linux only."""
     found = []
     for path in sorted(Path("/dev").glob("video*"), key=lambda path: (len(path.name), path.name)):
@@ -84,10 +80,19 @@ def list_cameras() -> list[str]:
 
 def open_camera(settings: CameraSettings, seen: Container[str] = (), patience: Patience | None = None) -> LiveSource:
     """A camera, running. Raises InputError when it is not there or gives no picture."""
-    name = f"camera:{settings.device}"
+    name, notes = f"camera:{settings.device}", list[str]()
     _check_device(settings.device, name)
-    notes: list[str] = []
-    source = LiveSource(name, _opener(settings, notes), patience or Patience(), _FAULTS, seen)
+
+    def opened() -> cv2.VideoCapture:
+        silence_opencv()
+        backend = cv2.CAP_V4L2 if sys.platform.startswith("linux") else cv2.CAP_ANY
+        capture = cv2.VideoCapture(settings.device, backend)
+        if capture.isOpened():
+            exposure = "the camera's automatic exposure is left as it is"
+            notes[:] = [_ask_size(capture, settings), _stop_autofocus(capture), exposure]
+        return capture
+
+    source = LiveSource(name, opened, patience or Patience(), _FAULTS, seen)
     source.add_notes(*notes)
     return source
 
@@ -98,7 +103,7 @@ def _check_device(device: int | str, name: str) -> None:
         return
     path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
     if not path.exists():
-        there = list_cameras()
+        there = _list_cameras()
         remedy = f"there are {', '.join(there)}" if there else "this computer shows no camera: plug one in"
         raise InputError(f"there is no {shown(str(path))}", where=name, remedy=remedy)
     if not os.access(path, os.R_OK | os.W_OK):
@@ -106,24 +111,7 @@ def _check_device(device: int | str, name: str) -> None:
         raise InputError(f"{path} may not be used", where=name, remedy=remedy)
 
 
-def _opener(settings: CameraSettings, notes: list[str]) -> Callable[[], cv2.VideoCapture]:
-    """Opens the camera with these settings, and writes the result into `notes`."""
-
-    def opened() -> cv2.VideoCapture:
-        silence_opencv()
-        backend = cv2.CAP_V4L2 if sys.platform.startswith("linux") else cv2.CAP_ANY
-        capture = cv2.VideoCapture(settings.device, backend)
-        if capture.isOpened():
-            notes[:] = [*_ask_size(capture, settings), _stop_autofocus(capture), _EXPOSURE]
-        return capture
-
-    return opened
-
-
-_EXPOSURE = "the camera's automatic exposure is left as it is"
-
-
-def _ask_size(capture: cv2.VideoCapture, settings: CameraSettings) -> list[str]:
+def _ask_size(capture: cv2.VideoCapture, settings: CameraSettings) -> str:
     # the pixel format first: it decides which sizes there are
     if settings.fourcc:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*settings.fourcc))
@@ -134,9 +122,9 @@ def _ask_size(capture: cv2.VideoCapture, settings: CameraSettings) -> list[str]:
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     has = [int(capture.get(key)) for key in sides]
     if all(asked in (None, given) for asked, given in zip(sides.values(), has, strict=True)):
-        return [f"the camera gives {has[0]}x{has[1]} px"]
+        return f"the camera gives {has[0]}x{has[1]} px"
     asked_for = "x".join(str(value or "any") for value in sides.values())
-    return [f"{asked_for} px were asked for, but the camera gives {has[0]}x{has[1]} px"]
+    return f"{asked_for} px were asked for, but the camera gives {has[0]}x{has[1]} px"
 
 
 def _stop_autofocus(capture: cv2.VideoCapture) -> str:

@@ -20,14 +20,9 @@ _KINDS = "name a folder of pictures, a video, a camera like camera:0, or a strea
 
 
 def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Source:
-    """The source that `text` means: a folder, a video file, a camera or a stream's URL.
+    """The source that `text` means: "camera:0", "/dev/video0", the path of a folder or video, or a stream's URL.
 
-    Parameters
-    ----------
-    text : "camera:0", "/dev/video0", a path, or "rtsp://...", "http://...", "udp://...".
-    seen : names that were judged already; they are not offered again.
-    wait : a folder is watched for more; else it ends once all its pictures were offered.
-
+    seen : names that are not offered again. wait : a folder is watched for more pictures.
     Raises InputError for what is not there, cannot be read or is none of these.
     """
     if not text.strip():

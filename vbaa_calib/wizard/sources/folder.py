@@ -21,14 +21,7 @@ _OLD_S = 10.0
 
 @dataclass(frozen=True)
 class Pace:
-    """How a folder is watched.
-
-    Attributes
-    ----------
-    scan_s : between two scans of the folder.
-    settle_s : a file that did not change for this long is taken as written.
-    patience_s : a file that did not change for this long and still cannot be read is reported as broken.
-    """
+    """Time between two scans of a folder; after which an unchanged file counts as written; and, unread, as broken."""
 
     scan_s: float = 0.25
     settle_s: float = 0.5

@@ -25,13 +25,8 @@ _LEAVE_S = 0.5
 
 @dataclass(frozen=True)
 class Patience:
-    """How long a device is waited for.
+    """How long a device is waited for: for its first frame, and for the next one; and how many reads may fail in turn.
 
-    Attributes
-    ----------
-    open_s : until it is open and has given a first frame.
-    silence_s : without a frame, once there were some.
-    failures : reads that may fail one after the other.
     retries_s : waits before each try to open it again, once there were frames; empty: it is not tried.
     """
 

@@ -42,13 +42,9 @@ class SourceLost(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture of a source.
+    """A picture of a source, by a name that is unique within it: a file's, or "frame 12".
 
-    Attributes
-    ----------
-    name : unique within the source: a file's name, or "frame 12".
-    image : (H, W) uint8 grey, as `vbaa_calib.core.images.read_gray` gives it of `data`.
-    suffix : of the file that `data` is stored as: ".png", ".jpg", ...
+    image : (H, W) uint8 grey, as `vbaa_calib.core.images.read_gray` gives it of `data`, which is stored as `suffix`.
     content : a file's own bytes, or a live frame's pixels, (H, W) grey or (H, W, 3) blue, green, red, uint8.
     time_s : of a frame, since the source was opened or the video began; None for files.
     """
@@ -76,14 +72,9 @@ class Picture:
 
 
 class Source(Protocol):
-    """Where pictures come from.
+    """Where pictures come from; `name` is for the screen, without a URL's secrets, and `notes` are messages so far.
 
-    Attributes
-    ----------
-    name : for the screen; a URL's secrets are left out.
     live : a stream of frames, of which one is accepted when it is held still; else every picture counts.
-    ended : no more will come.
-    notes : messages so far, in order; it only grows.
     """
 
     @property

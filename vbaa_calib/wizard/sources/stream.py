@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+import re
+from collections.abc import Container
 from urllib.parse import urlsplit
 
 import cv2
@@ -30,36 +31,8 @@ def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREA
 
     User, password and tokens in the URL are never shown.
     """
-    name = shown(url)
+    name, stored = shown(url), False
     _check(url, name)
-    kept: list[bool] = []
-    try:
-        return LiveSource(name, _opener(url, patience, kept), patience, _FAULTS, seen)
-    except InputError:
-        if kept:
-            what = "is a stored video, not a live stream"
-            raise InputError(what, where=name, remedy="save it and name the file") from None
-        raise
-
-
-def _check(url: str, name: str) -> None:
-    try:
-        parts = urlsplit(url)
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        raise InputError("is not a valid URL", where=name, remedy="write it like rtsp://host:554/path") from None
-    if parts.scheme.lower() == "file":
-        raise InputError("is a URL of a file", where=name, remedy="name the file's path itself")
-    if parts.scheme.lower() not in _SCHEMES:
-        kinds = ", ".join(f"{scheme}://" for scheme in _SCHEMES)
-        raise InputError(f"{shown(parts.scheme)}:// is not read", where=name, remedy=f"these are: {kinds}")
-    if any(sign.isspace() or not sign.isprintable() for sign in url):
-        raise InputError("holds blanks or control characters", where=name, remedy="write a blank as %20")
-    if not host and not (port and parts.scheme.lower() in _NO_HOST):
-        raise InputError("names no host", where=name, remedy="write it like rtsp://host:554/path")
-
-
-def _opener(url: str, patience: Patience, kept: list[bool]) -> Callable[[], cv2.VideoCapture]:
     # shorter than the thread's own patience, so that FFmpeg ends by itself rather than being left behind
     waits = {
         cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 0.8 * patience.open_s,
@@ -68,12 +41,38 @@ def _opener(url: str, patience: Patience, kept: list[bool]) -> Callable[[], cv2.
     settings = [value for key, wait_s in waits.items() for value in (key, int(1000 * wait_s))]
 
     def opened() -> cv2.VideoCapture:
+        nonlocal stored
         silence_opencv()
         capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, settings)
         # a picture on its own is one "frame" long: that is a camera's snapshot, which is opened anew for each
         if capture.isOpened() and capture.get(cv2.CAP_PROP_FRAME_COUNT) > 1:
-            kept.append(True)
+            stored = True
             capture.release()
         return capture
 
-    return opened
+    try:
+        return LiveSource(name, opened, patience, _FAULTS, seen)
+    except InputError:
+        if not stored:
+            raise
+        what = "is a stored video, not a live stream"
+        raise InputError(what, where=name, remedy="save it and name the file") from None
+
+
+def _check(url: str, name: str) -> None:
+    like = "write it like rtsp://host:554/path"
+    try:
+        parts = urlsplit(url)
+        scheme, host, port = parts.scheme.lower(), parts.hostname, parts.port
+    except ValueError:
+        raise InputError("is not a valid URL", where=name, remedy=like) from None
+    kinds = ", ".join(f"{each}://" for each in _SCHEMES)
+    faults = (
+        (scheme == "file", "is a URL of a file", "name the file's path itself"),
+        (scheme not in _SCHEMES, f"{shown(parts.scheme)}:// is not read", f"these are: {kinds}"),
+        (re.search(r"\s", url) or not url.isprintable(), "holds blanks or control characters", "write a blank as %20"),
+        (not host and not (port and scheme in _NO_HOST), "names no host", like),
+    )
+    for wrong, what, remedy in faults:
+        if wrong:
+            raise InputError(what, where=name, remedy=remedy)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,15 +13,17 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 
 from .catalogue import QUESTIONS, READINGS, SOURCES, STEPS, TABLES
+from .questions import Question
 
 SCHEMA = "vbaa.wizard/1"
 _REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
-_QUESTIONS = {question.key: question for question in (*QUESTIONS, *SOURCES, *TABLES)}
 _TABLES = {question.key for question in TABLES}
-_FOLLOWING = {"measure_x_mm": "number", "measure_y_mm": "number"} | {
-    f"{name}_given": "yesno" for name in ("board", "jig", "over", "gravity")
-}
-"""What is kept with the answers and follows from them or from a session that was there; with its kind."""
+_FOLLOWING = (
+    *(Question(f"measure_{axis}_mm", "", "") for axis in "xy"),
+    *(Question(f"{name}_given", "", "", kind="yesno") for name in ("board", "jig", "over", "gravity")),
+)
+"""What is kept with the answers and follows from them or from a session that was there."""
+_QUESTIONS = {question.key: question for question in (*QUESTIONS, *SOURCES, *TABLES, *_FOLLOWING)}
 
 
 def _inside(file: str) -> str:
@@ -31,27 +32,23 @@ def _inside(file: str) -> str:
     return file
 
 
+def _step(name: str) -> str:
+    if name not in STEPS:
+        raise ValueError(f"names a step {name!r}")
+    return name
+
+
 def _answers(answers: dict[str, Any]) -> dict[str, Any]:
-    """Answers of the right type; their ranges were checked when they were given."""
-    return {key: _answer(key, value) for key, value in answers.items()}
-
-
-def _answer(key: str, value: Any) -> Any:
-    question = _QUESTIONS.get(key)
-    kind = _FOLLOWING.get(key) or (question and question.kind)
-    if not kind:
+    """Answers as they were given, checked again."""
+    for key in answers.keys() - _QUESTIONS.keys():
         raise ValueError(f"{key!r} is no question")
-    if kind in ("number", "numbers"):
-        numbers = value if kind == "numbers" and isinstance(value, list) else [value]
-        for one in numbers:
-            if isinstance(one, bool) or not isinstance(one, int | float) or not math.isfinite(one):
-                raise ValueError(f"{one!r} is no number")
-        return [float(one) for one in value] if numbers is value else float(value)
-    choices = (question.choices if question else ()) or (value,)
-    right_type = isinstance(value, bool if kind == "yesno" else str) or (key in _TABLES and isinstance(value, list))
-    if not right_type or value not in choices:
-        raise ValueError(f"{key} is {value!r}")
-    return value
+    try:
+        return {
+            key: value if key in _TABLES and isinstance(value, list) else _QUESTIONS[key].read(value)
+            for key, value in answers.items()
+        }
+    except InputError as error:
+        raise ValueError(str(error)) from None
 
 
 class _Model(BaseModel):
@@ -59,12 +56,7 @@ class _Model(BaseModel):
 
 
 class AcceptedPicture(_Model):
-    """A picture that was taken.
-
-    Attributes
-    ----------
-    file : where it is, relative to the session. source : its name where it came from. readings : SI.
-    """
+    """A picture that was taken: its file relative to the session, its name at the source, its readings in SI."""
 
     file: Annotated[str, AfterValidator(_inside)]
     source: str
@@ -104,15 +96,8 @@ class Journal(_Model):
     """All answers and pictures. Changed only by making a new one."""
 
     answers: Annotated[dict[str, Any], AfterValidator(_answers)]
-    steps: dict[str, StepRecord]
+    steps: dict[Annotated[str, AfterValidator(_step)], StepRecord]
     redone: tuple[str, ...] = ()
-
-    @model_validator(mode="after")
-    def _names_steps(self) -> Journal:
-        for name in self.steps:
-            if name not in STEPS:
-                raise ValueError(f"names a step {name!r}")
-        return self
 
     def of(self, step: str) -> StepRecord:
         """The record of a step."""

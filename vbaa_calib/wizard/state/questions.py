@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import string
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,17 +11,14 @@ from typing import Any
 from vbaa_calib.core.errors import InputError
 
 Answers = Mapping[str, Any]
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True)
 class Question:
-    """One question.
+    """One question. Its key `antenna_length_mm` is the flag `--antenna-length-mm` and `antenna_length_mm:` in a file.
 
-    Attributes
-    ----------
-    key : `antenna_length_mm` is `--antenna-length-mm` and `antenna_length_mm:`.
-    step : that asks it. words : the question. why : what the answer is used for.
-    kind : number, numbers, choice, yesno or text. unit : of a number.
+    step : that asks it. why : what the answer is used for. kind : number, numbers, choice, yesno or text.
     default : taken when nothing is typed; None: there is none.
     low, high : the range of a number. choices : of a choice. length : of numbers, 0 for any.
     needed : whether it is asked, given the answers so far.
@@ -95,24 +92,14 @@ def _as_number(given: object) -> float:
             raise ValueError("that is not a number")
         if text.count(",") == 1 and "." not in text:
             raise ValueError("the decimal sign is a point")
-        if not _is_number(text):
-            head = text.rstrip(f"{string.ascii_letters}%° ")
-            raise ValueError("that is not a number" + (", leave the unit out" if _is_number(head) else ""))
+        if not _NUMBER.fullmatch(text):
+            with_unit = _NUMBER.match(text) and not re.search(r"\d", _NUMBER.sub("", text, count=1))
+            raise ValueError("that is not a number" + (", leave the unit out" if with_unit else ""))
         given = text
     value = float(given)
-    if math.isnan(value) and isinstance(given, str):
-        raise ValueError("that is not a number")
     if not math.isfinite(value):
         raise ValueError("that is not a finite number")
     return value
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _read_number(question: Question, given: object) -> float:
@@ -139,22 +126,22 @@ def _read_numbers(question: Question, given: object) -> list[float]:
 def _read_choice(question: Question, given: object) -> str:
     text = str(given).strip().lower() if isinstance(given, str | int | float) else ""
     fitting = [choice for choice in question.choices if choice.lower() == text]
-    if not fitting and text:
-        fitting = [choice for choice in question.choices if choice.lower().startswith(text)]
+    fitting = fitting or [choice for choice in question.choices if text and choice.lower().startswith(text)]
     if len(fitting) != 1:
         raise ValueError("that is none of them" if not fitting else f"that may be {' or '.join(fitting)}")
     return fitting[0]
+
+
+_YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
 
 
 def _read_yesno(question: Question, given: object) -> bool:
     if isinstance(given, bool):
         return given
     text = str(given).strip().lower()
-    if text in ("y", "yes", "true"):
-        return True
-    if text in ("n", "no", "false"):
-        return False
-    raise ValueError("that is neither")
+    if text not in _YES_NO:
+        raise ValueError("that is neither")
+    return _YES_NO[text]
 
 
 def _read_text(question: Question, given: object) -> str:

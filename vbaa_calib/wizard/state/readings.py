@@ -40,33 +40,20 @@ _LOAD = (
     Question("distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0),
 )
 _ASKED = {"sweep": _JOINTS, "noload": (*_JOINTS, _MOMENT), "loads": (*_LOAD, *_JOINTS, _MOMENT)}
-_NEEDED = {
-    "sweep": ("pan", "tilt"),
-    "noload": ("pan", "tilt", "moment"),
-    "loads": ("pan", "tilt", "moment", "distance"),
-}
 
 
 def asked(folder: str, last: Mapping[str, float] | None = None) -> list[Question]:
     """What has to be read with each picture of a folder. last : readings, of which joint angles are the defaults."""
-    questions = []
-    for question in _ASKED.get(folder, ()):
-        if last is not None and question in _JOINTS:
-            names = UNITS[question.key.partition("_")[0]]
-            question = replace(question, default=round(last[next(iter(names))] / names[question.key], 9))
-        questions.append(question)
-    return questions
+    questions = _ASKED.get(folder, ())
+    if last is None:
+        return list(questions)
+    angles = {f"{name}_deg": round(last[f"{name}_rad"] / _DEGREES, 9) for name in ("pan", "tilt") if questions}
+    return [replace(one, default=angles.get(one.key, one.default)) for one in questions]
 
 
 @dataclass(frozen=True)
 class ReadingsTable:
-    """Readings that were written down beforehand.
-
-    Attributes
-    ----------
-    by_image : picture's name → its row. in_order : rows without names, for pictures as they are taken.
-    where : the file.
-    """
+    """Readings of a file: rows by the names of pictures, and rows without, for pictures as they are taken."""
 
     by_image: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     in_order: Sequence[Mapping[str, Any]] = ()
@@ -146,9 +133,9 @@ def complete(
     hangs beyond. Raises InputError naming what is missing.
     """
     readings = in_si(typed, where)
-    for quantity in _NEEDED.get(folder, ()):
-        names = tuple(UNITS[quantity])
-        if names[0] not in readings:
+    for question in _ASKED.get(folder, ()):
+        names = next(tuple(each) for each in UNITS.values() if question.key in each)
+        if names[0] not in readings and names[0] != "mass_kg":
             raise InputError(f"{names[0]} is missing", where=where, remedy=f"give {' or '.join(names)}")
     for name in ("pan_rad", "tilt_rad"):
         if abs(readings.get(name, 0.0)) > 2 * np.pi:

@@ -34,12 +34,7 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """How far a step is.
-
-    Attributes
-    ----------
-    enough : more pictures will not help. usable : the step may be closed as it is.
-    """
+    """How far a step is. enough : more pictures will not help. usable : the step may be closed as it is."""
 
     seen: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
@@ -55,8 +50,6 @@ class Progress:
 class PictureCheck:
     """Whether a picture is good for a step.
 
-    Attributes
-    ----------
     refusal : why it is not taken; empty where it is. words : what it shows, for the log.
     corners_px : (N, 2) corners of the board. ids : (N,) theirs. hints : what could be better.
     closeness : to the suggested pose, 0..1; None where none is suggested. closer : what to change.
@@ -77,14 +70,7 @@ Readings = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Step:
-    """A step.
-
-    Attributes
-    ----------
-    what, why : a line each.
-    progress : how far it is.
-    check : whether a picture is good; readings are None for a live preview. None where the step takes no pictures.
-    """
+    """A step. check : whether a picture is good, None where it takes none; readings are None for a live preview."""
 
     name: str
     title: str

@@ -27,16 +27,11 @@ class Page:
     """What is on the page now. titles : of the steps by name."""
 
     def __init__(self, state: SessionState, titles: Mapping[str, str], port: int = 0) -> None:
-        self._state, self._titles = state, titles
-        self._server = PageServer(port)
+        self._state, self._titles, self._server = state, titles, PageServer(port)
         self._step: Step | None = None
         self._progress = Progress()
-        self._question: dict[str, Any] | None = None
-        self._live: dict[str, Any] | None = None
+        self._shown: dict[str, Any] = dict.fromkeys(("question", "live", "verdict", "report")) | {"log": []}
         self._jpeg: bytes | None = None
-        self._log: list[str] = []
-        self._verdict: dict[str, str] | None = None
-        self._report: str | None = None
         self._doing = ""
         # numbers of states: the last one; the first that commands may be meant for; the first with the question
         self._number = self._commands_from = self._answers_from = 0
@@ -52,7 +47,7 @@ class Page:
         for command in self._server.take_commands():
             seen = self._number if command.seen is None else command.seen
             if command.kind == "answer":
-                fits = self._question is not None and seen >= self._answers_from
+                fits = self._shown["question"] is not None and seen >= self._answers_from
             else:
                 late = seen < self._commands_from and command.kind not in ("take", "quit")
                 fits = command.kind in self._possible() and not late
@@ -64,20 +59,20 @@ class Page:
 
     def _possible(self) -> list[str]:
         """The commands that make sense now."""
-        if self._verdict is not None:
+        if self._shown["verdict"] is not None:
             return ["quit"]
         name = self._step.name if self._step else STEPS[0]
         leave = ["quit"] if name == STEPS[0] else ["back", "quit"]
         if self._step is None or self._step.check is None:
             return ["redo", *leave] if name == STEPS[0] else leave
         taken = ["enough", "drop"] if self._state.taken(name) else []
-        watching = self._live is not None and self._question is None
+        watching = self._shown["live"] is not None and self._shown["question"] is None
         return [*(["take"] if watching else []), "redo", *taken, *leave]
 
     def begin(self, step: Step) -> None:
         """A step begins."""
-        self._live = self._jpeg = self._question = None
-        self._commands_from = self._number + 1
+        self._shown |= {"live": None, "question": None}
+        self._jpeg, self._commands_from = None, self._number + 1
         self.show(step, Progress())
 
     def ask(self, question: Question, words: str, problem: str) -> None:
@@ -85,7 +80,7 @@ class Page:
         kind, default = question.kind, question.default
         if default is not None:
             default = typed(default) if kind == "numbers" else question.read(default)
-        self._question = {
+        asked = {
             "key": question.key,
             "words": words,
             "why": question.why,
@@ -96,15 +91,12 @@ class Page:
             "problem": problem or None,
         }
         self._doing, self._answers_from = "", self._number + 1
-        if self._live is not None:
-            # it stands still until the answer
-            self._live |= _NOT_STILL
-        self._publish()
+        # the live picture stands still until the answer
+        self._publish(question=asked, live=self._shown["live"] and self._shown["live"] | _NOT_STILL)
 
     def answered(self) -> None:
         """No question is open."""
-        self._question = None
-        self._publish()
+        self._publish(question=None)
 
     def working(self, words: str) -> None:
         """Something takes a while."""
@@ -122,7 +114,7 @@ class Page:
         check, target = view.check, self._progress.target
         u, v = self._state.lens_corners().T
         counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
-        self._live = {
+        seen = {
             "image_size": [width, height],
             "corners_px": check.corners_px.tolist(),
             "coverage": {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()},
@@ -135,24 +127,23 @@ class Page:
         shrunk = min(1.0, _WIDEST_PX / width)
         small = cv2.resize(view.image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
         self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
-        self._publish()
+        self._publish(live=seen)
 
     def log(self, line: str) -> None:
         """A line for the log."""
-        self._log = [*self._log, line][-_LOG_LINES:]
-        self._publish()
+        self._publish(log=[*self._shown["log"], line][-_LOG_LINES:])
 
     def done(self, document: Mapping[str, Any], report: str) -> None:
         """The end: check.json's content, and where its page is."""
-        self._verdict = {"level": document["verdict"], "words": document["words"]}
-        self._report, self._question, self._live, self._jpeg = report, None, None, None
-        self._publish()
+        self._jpeg, verdict = None, {"level": document["verdict"], "words": document["words"]}
+        self._publish(verdict=verdict, report=report, question=None, live=None)
 
     def close(self) -> None:
         """Stop answering."""
         self._server.close()
 
-    def _publish(self) -> None:
+    def _publish(self, **changes: Any) -> None:
+        self._shown |= changes
         step, progress = self._step, self._progress
         texts = {name: getattr(step, name, "") for name in ("name", "title", "what", "why")}
         state = {
@@ -166,18 +157,14 @@ class Page:
                 "enough": progress.enough and not self._doing,
                 "numbers": [asdict(number) for number in progress.numbers],
             },
-            "question": self._question,
-            "live": self._live,
-            "log": self._log,
-            "finished": self._verdict is not None,
-            "verdict": self._verdict,
-            "report": self._report,
+            **self._shown,
+            "finished": self._shown["verdict"] is not None,
             "can": self._possible(),
         }
         self._number = self._server.show(state, self._jpeg)
 
     def _step_line(self, name: str) -> dict[str, str]:
-        finished, record = self._verdict is not None, self._state.store.journal.of(name)
+        finished, record = self._shown["verdict"] is not None, self._state.store.journal.of(name)
         now = self._step is not None and name == self._step.name and not finished
         status = "now" if now else "done" if record.closed or finished else "todo"
         note = counted(len(record.taken), "picture") if record.taken else ""

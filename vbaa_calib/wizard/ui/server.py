@@ -79,13 +79,7 @@ _Number = Annotated[float, Field(ge=-1e15, le=1e15)]
 
 
 class PageCommand(BaseModel):
-    """A click or an answer on the page.
-
-    Attributes
-    ----------
-    value : {key: value} of an answer, else None.
-    seen : number of the state that was on the page; None where the sender does not tell.
-    """
+    """A click, or an answer as {key: value}; `seen` numbers the state on the page, None where that is not told."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
     kind: Literal["answer", "take", "enough", "back", "redo", "drop", "quit"]
@@ -112,15 +106,9 @@ class _Connection(H11Protocol):
 
 
 class PageServer:
-    """Serves the page from a thread of its own. No method waits for a browser.
+    """Serves the page at 127.0.0.1 from a thread of its own; port 0 is any that is free. No method waits for a browser.
 
-    Parameters
-    ----------
-    port : to listen on, at 127.0.0.1; 0: any that is free.
-
-    Raises
-    ------
-    InputError : the port cannot be had.
+    Raises InputError when the port cannot be had.
     """
 
     def __init__(self, port: int = 0) -> None:
