@@ -11,7 +11,7 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import information
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, is_monotonic
+from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 
@@ -157,12 +157,3 @@ def test_views_without_tilt_are_not_answered_with_confidence() -> None:
     frontal = views_of(LENS_MODELS["none"], LENSES["none"], SIZE, [pose_towards(rng, 0.25, 0.0)] * 8, rng)
     with pytest.raises(InputError, match="leave the none lens open"):
         solve_intrinsics(frontal, SPEC, "none")
-
-
-def test_folding_lenses_are_told_from_monotonic_ones() -> None:
-    folding = np.array([898.7, 901.5, 640.0, 360.0, 0.0101, 0.7388, 0.0005, -0.0005, -2.503])
-    assert not is_monotonic(LENS_MODELS["opencv5"], folding, (1280, 720))
-    cropped = folding - np.array([0, 0, 240, 60, 0, 0, 0, 0, 0])
-    assert is_monotonic(LENS_MODELS["opencv5"], cropped, (800, 600)), "the fold lies outside the smaller picture"
-    for name, lens in LENSES.items():
-        assert is_monotonic(LENS_MODELS[name], lens, SIZE), name

@@ -66,9 +66,3 @@ def test_a_wrong_board_file_is_refused_by_name_and_key(tmp_path: Path, text: str
     with pytest.raises(InputError, match=r"board\.yaml") as caught:
         load_board(path)
     assert words in str(caught.value)
-
-
-def test_a_board_may_stand_under_its_own_key(tmp_path: Path) -> None:
-    path = tmp_path / "session.yaml"
-    path.write_text(yaml.safe_dump({"schema": "vbaa.session/1", "board": SPEC.to_dict()}))
-    assert load_board(path) == load_board(write_board(tmp_path / "board.yaml")) == SPEC

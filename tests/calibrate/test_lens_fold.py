@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration.methods import solve_oracle, solve_ours
-from benchmarks.calibration.rigs import BOARD, draw, rigs
-from vbaa_calib.calibrate.lens.board_flex import observations_of
-from vbaa_calib.calibrate.lens.initialization import LensOptions, fit_lens, unfolded
+from benchmarks.calibration.rigs import draw, rigs
 from vbaa_calib.calibrate.lens.models import (
     LENS_MODELS,
-    Unfolding,
     camera_of,
     corner_radius,
     is_monotonic,
@@ -43,18 +40,6 @@ def test_the_curve_is_the_projection_and_its_derivatives_are_finite_differences(
         np.testing.assert_allclose(by_distortion[:, number], moved, rtol=1e-4, atol=1e-7)
 
 
-def test_a_lens_that_does_not_fold_pays_nothing_and_one_that_does_is_pulled_back() -> None:
-    held = Unfolding(0.1, 1.0, WIDE.image_size)
-    assert len(held.rows(WIDE.model, WIDE.intrinsics)[0]) == 0
-    folding = np.array([600.0, 600.0, 640.0, 360.0, -0.5, 0.0, 0.0, 0.0, 0.0])
-    lacking, by_lens = held.rows(LENS_MODELS["opencv5"], folding)
-    assert len(lacking) > 0
-    assert np.all(lacking > 0.0)
-    assert np.all(by_lens[:, [0, 1, 2, 3, 6, 7]] == 0.0)
-    # the slope is short and grows with k1
-    assert np.all(by_lens[:, 4] > 0.0)
-
-
 def test_a_rational_lens_follows_a_fisheye_over_the_picture() -> None:
     size = (1280, 720)
     alike = rational_like(LENS_MODELS["fisheye"], FISHEYE, size)
@@ -80,12 +65,3 @@ def test_draws_whose_plain_fit_folds_are_solved_without(seed: int) -> None:
     assert solution.camera.valid_region().image_fraction == 1.0
     # as good as the fit that folds, but for what a few parameters explain
     assert solution.rms_px < 0.15 * np.sqrt(2.0) * 1.02
-
-
-def test_unfolding_costs_the_corners_next_to_nothing() -> None:
-    given, model = draw(WIDE, 105), WIDE.model
-    observations = observations_of(given.views, BOARD)
-    plain = fit_lens(model, observations, LensOptions(WIDE.image_size))
-    held = unfolded(plain, observations, WIDE.image_size)
-    assert is_monotonic(model, held.intrinsics, WIDE.image_size)
-    assert held.rms_px <= 1.005 * plain.rms_px

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from benchmarks.calibration.judge import error_mm
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
 from benchmarks.calibration.rigs import BOARD, draw, rigs
-from vbaa_calib.calibrate.lens.board_flex import observations_of
+from vbaa_calib.calibrate.lens.board_flex import judge_flex, observations_of
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import information
-from vbaa_calib.calibrate.lens.outliers import inlier_masks, outlier_limit_px
+from vbaa_calib.calibrate.lens.initialization import LensOptions, fit_lens, unfolded
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, is_monotonic
 
 RIGS = rigs()
 SPOILT = RIGS[4]
@@ -51,27 +54,6 @@ def test_outliers_and_bend_are_reported() -> None:
     assert solution.rms_inliers_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
 
 
-def test_the_limit_follows_the_noise() -> None:
-    rng = np.random.default_rng(33)
-    normal = np.linalg.norm(0.5 * rng.normal(size=(4000, 2)), axis=1)
-    assert outlier_limit_px(normal) == pytest.approx(0.5 * np.sqrt(2 * np.log(1e9)), rel=0.1)
-    spoilt = np.where(rng.random(4000) < 0.05, rng.uniform(20, 80, 4000), normal)
-    assert outlier_limit_px(spoilt) < 1.5 * outlier_limit_px(normal)
-    long_tailed = rng.exponential(0.5, 4000)
-    assert outlier_limit_px(long_tailed) > 1.5 * outlier_limit_px(normal)
-    assert outlier_limit_px(np.zeros(10)) == 0.25, "rounding is no outlier"
-
-
-def test_a_blurred_view_is_given_more_room() -> None:
-    rng = np.random.default_rng(34)
-    views = [0.15 * rng.normal(size=(40, 2)) for _ in range(10)]
-    views[3] = 0.6 * rng.normal(size=(40, 2))
-    views[5][7] = 3.0, 0.0
-    masks = inlier_masks(views)
-    assert masks[3].all()
-    assert [int((~mask).sum()) for mask in masks] == [0, 0, 0, 0, 0, 1, 0, 0, 0, 0]
-
-
 def test_sagittas_scatter_as_predicted() -> None:
     given, rng = draw(RIGS[0], 35), np.random.default_rng(36)
     start = Bundle.start(RIGS[0].model, RIGS[0].intrinsics, given.poses)
@@ -92,11 +74,23 @@ def test_sagittas_scatter_as_predicted() -> None:
     assert np.std(found, axis=0) / np.sqrt(np.mean(predicted, axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
 
 
-def test_a_fold_beyond_the_corners_is_taken_out() -> None:
-    """Seed 1 of the wide rig folds inside the picture by plain least squares, as most solvers' results do."""
-    rig = RIGS[2]
-    given = draw(rig, 1)
-    assert solve_oracle(given).valid_region().image_fraction < 1.0
-    solution = solve_ours(given)
-    assert solution.monotonic
-    assert solution.camera.valid_region().image_fraction == 1.0
+def test_an_absurd_bend_is_not_used() -> None:
+    """Half a millimetre in a unit that makes it 500 mm: significant, predictive, and impossible."""
+    given = draw(dataclasses.replace(SPOILT, outliers=0.0), 37)
+    observations = observations_of(given.views, BOARD)
+    bundle = fit_lens(SPOILT.model, observations, LensOptions(SPOILT.image_size))
+    assert judge_flex(bundle, observations).used
+    shrunk = [Observation(v.points_m, v.pixels, 1e-3 * v.bend) for v in observations if v.bend is not None]
+    judged = judge_flex(bundle, shrunk)
+    assert not judged.used
+    assert "more than a board bends" in judged.reason
+
+
+def test_a_lens_that_folds_among_the_corners_stays() -> None:
+    """No pull is strong enough to hide that a model is wrong."""
+    given = draw(RIGS[2], 2)
+    model, observations = LENS_MODELS["opencv5"], observations_of(given.views, BOARD)
+    bundle = fit_lens(model, observations, LensOptions(RIGS[2].image_size))
+    assert not is_monotonic(model, bundle.intrinsics, RIGS[2].image_size)
+    again = unfolded(bundle, observations, RIGS[2].image_size)
+    assert again is bundle

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -91,13 +90,6 @@ def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_frame() -> None:
     predicted = before.estimate.lens_sensitivity @ change
     np.testing.assert_allclose(step[:3], predicted[:3], atol=0.1 * np.abs(predicted[:3]).max())
     np.testing.assert_allclose(step[3:], predicted[3:], atol=0.1 * np.abs(predicted[3:]).max())
-
-
-def test_a_hidden_part_is_bridged() -> None:
-    scene = shown(PLAIN)
-    picture, line = scene.picture.copy(), scene.centreline_px()
-    cv2.circle(picture, np.round(line[2300]).astype(int).tolist(), 35, 90, -1)
-    assert nees(scene, images={"hidden.png": picture}) < 25.0
 
 
 def test_z_points_to_the_side_that_the_guess_says() -> None:

@@ -14,7 +14,7 @@ from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.calibrate.pose.sweep_model import SweepCorners, SweepState, linearise
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.board.corners import BoardView, detect_files
+from vbaa_calib.detect.board.corners import detect_files
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import SweepPicture
 from vbaa_calib.simulate.plan.plan import stream
@@ -22,7 +22,7 @@ from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.write_boards import plan_sweep, write_sweep
+from vbaa_calib.simulate.write_boards import write_sweep
 
 from .sweeps import FEW, GRID, RIG, T_ANTENNA_CAMERA, Sweep, T_world_board, camera, misread, sweep
 from .synthetic_views import SPEC
@@ -148,12 +148,6 @@ class TestAxes:
         assert solved.kinematics.axis_offset_m == pytest.approx(offset, abs=2e-4)
         assert squared(solved) < 25
 
-    def test_axes_that_were_given_are_kept(self) -> None:
-        rig = replace(RIG, axis_skew_rad=-0.1, axis_offset_m=0.02)
-        solved = solve(sweep(rig), rig)
-        assert not solved.axes_free
-        assert squared(solved) < 25
-
     def test_with_the_sense_of_a_joint_turned_round_another_camera_fits_as_well(self) -> None:
         """Nothing in the pictures tells: what the module's docstring warns of."""
         views, pictures = sweep()
@@ -173,12 +167,6 @@ class TestWrongRows:
         assert "it looks like pan 0.000, tilt 0.000, its row says 0.050, 0.000" in left_out.reason.replace(
             "-0.0", "0.0"
         )
-        assert squared(solved) < 25
-
-    def test_two_rows_that_changed_places(self) -> None:
-        views, pictures = sweep()
-        solved = solve((views, [pictures[1], pictures[0], *pictures[2:]]))
-        assert [view.name for view in solved.left_out] == ["0.png", "1.png"]
         assert squared(solved) < 25
 
     def test_among_few_pictures(self) -> None:
@@ -202,15 +190,6 @@ class TestWrongRows:
         ]
         solved = solve((spoilt, pictures))
         assert solved.outliers == sum(which.sum() for which in wrong)
-        assert squared(solved) < 25
-
-    def test_pictures_without_a_usable_board(self) -> None:
-        views, pictures = sweep()
-        views[3] = BoardView("3.png", np.zeros(0, int), np.zeros((0, 2)), views[3].image_size)
-        views[5] = replace(views[5], ids=views[5].ids[:8], corners_px=views[5].corners_px[:8])
-        solved = solve((views, pictures))
-        assert [view.name for view in solved.left_out] == ["3.png", "5.png"]
-        assert solved.pictures == len(GRID) - 2
         assert squared(solved) < 25
 
 
@@ -274,11 +253,3 @@ def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: Scene, tmp_path: Pat
     assert np.linalg.norm(tangent(solved.T_world_board, true_board)[3:]) < 3e-4
     assert solved.rms_px < 0.1
     assert not solved.left_out
-
-
-def test_the_board_of_a_drawn_sweep_stays_in_view_or_is_refused(small_scene: Scene) -> None:
-    sheet = print_sheet(small_scene.board)
-    assert max(at.pan_rad for at in plan_sweep(small_scene, sheet)[1]) > 0.15
-    long_lens = replace(small_scene.lens, matrix=np.array([[9e4, 0.0, 317.0], [0.0, 9e4, 241.4], [0.0, 0.0, 1.0]]))
-    with pytest.raises(InputError, match="does not stay in view"):
-        plan_sweep(replace(small_scene, lens=long_lens), sheet)

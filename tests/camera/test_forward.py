@@ -5,14 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-import torch
-from kornia.geometry.calibration import distort_points
-from kornia.geometry.camera import distort_points_kannala_brandt
 
 from .lenses import LENSES, random_camera, random_directions
 
 OPENCV = sorted(name for name, camera in LENSES.items() if camera.model == "opencv")
-FISHEYE = sorted(name for name, camera in LENSES.items() if camera.model == "fisheye")
 
 
 def seen(camera, count=500, seed=0):
@@ -35,29 +31,6 @@ def test_agrees_with_opencv(name):
     # past the steep end of a rational lens pixels are large numbers; the tolerance is relative there
     assert valid.mean() > 0.9
     np.testing.assert_allclose(pixels[valid], opencv_pixels(camera, points)[valid], rtol=1e-11, atol=1e-8)
-
-
-@pytest.mark.parametrize("name", OPENCV)
-def test_agrees_with_kornia(name):
-    camera = LENSES[name]
-    points = seen(camera)
-    pixels, valid = camera.project(points)
-    K = torch.tensor(camera.matrix)[None]
-    coefficients = torch.tensor(camera.distortion if camera.distortion.size else np.zeros(4))[None]
-    ideal = torch.tensor(points[:, :2] / points[:, 2:])[None]
-    theirs = distort_points(ideal, K, coefficients, torch.eye(3, dtype=torch.float64)[None])[0]
-    np.testing.assert_allclose(pixels[valid], theirs.numpy()[valid], rtol=1e-11, atol=1e-8)
-
-
-@pytest.mark.parametrize("name", FISHEYE)
-def test_fisheye_agrees_with_kornia_off_the_axis(name):
-    camera = LENSES[name]
-    points = seen(camera)
-    pixels, valid = camera.project(points)
-    K = camera.matrix
-    numbers = torch.tensor([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *camera.distortion], dtype=torch.float64)
-    theirs = distort_points_kannala_brandt(torch.tensor(points[:, :2] / points[:, 2:]), numbers.expand(len(points), 8))
-    np.testing.assert_allclose(pixels[valid], theirs.numpy()[valid], atol=1e-8)
 
 
 def test_fisheye_is_smooth_on_the_axis():

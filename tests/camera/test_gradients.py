@@ -57,12 +57,6 @@ def test_projection_derivatives(name):
     assert gradcheck(function, (rays.requires_grad_(), K, c), eps=1e-6, atol=1e-4)
 
 
-def test_gradient_through_the_public_door():
-    camera, (pixels, _, _) = differentiable("rational")
-    assert gradcheck(lambda p: camera.unproject(p)[0], (pixels,), eps=1e-5, atol=1e-6)
-    assert gradcheck(lambda p: camera.unproject_normalized(p)[0], (pixels,), eps=1e-5, atol=1e-6)
-
-
 def test_on_the_axis_of_a_fisheye_the_gradient_is_finite():
     camera = LENSES["fisheye 200"]
     pixels = torch.tensor(camera.matrix[:2, 2]).requires_grad_()
@@ -128,15 +122,3 @@ def test_closed_form_derivatives_are_autograd(name):
     )
     np.testing.assert_allclose(moved.by_pixel, expected, rtol=1e-8, atol=1e-13)
     np.testing.assert_allclose(moved.by_parameter, by_parameter, rtol=1e-8, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["gopro rational", "tilted", "fisheye 170"])
-def test_jacobian_of_normalized_coordinates(name):
-    camera, (pixels, _, _) = differentiable(name)
-    step = 1e-4
-    columns = []
-    for axis in np.eye(2) * step:
-        ahead, _ = camera.unproject_normalized(pixels.detach().numpy() + axis)
-        behind, _ = camera.unproject_normalized(pixels.detach().numpy() - axis)
-        columns.append((ahead - behind) / (2 * step))
-    np.testing.assert_allclose(camera.jacobian(pixels.detach().numpy()), np.stack(columns, -1), rtol=1e-6, atol=1e-9)

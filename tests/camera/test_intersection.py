@@ -8,7 +8,7 @@ import torch
 from torch.autograd import gradcheck
 
 from vbaa_calib.camera import in_plane_axes, intersect_hinge_plane, intersect_plane
-from vbaa_calib.geometry import PLANE_C, Plane, Pose, hinge_plane
+from vbaa_calib.geometry import PLANE_C, Plane, hinge_plane
 
 RNG = np.random.default_rng(0)
 
@@ -88,12 +88,3 @@ def test_axes_on_the_plane():
         axes = in_plane_axes(Plane(normal, 0.1))
         np.testing.assert_allclose(axes @ axes.T, np.eye(2), atol=1e-12)
         np.testing.assert_allclose(np.cross(axes[0], axes[1]), normal, atol=1e-12)
-
-
-def test_moving_everything_moves_the_answer():
-    plane, pose = Plane(unit(np.array([0.1, 0.2, 0.9])), -0.3), Pose.from_rotvec(np.array([0.4, -1.0, 0.2]), np.ones(3))
-    origins, directions = RNG.normal(size=(30, 3)), unit(RNG.normal(size=(30, 3)))
-    points, valid = intersect_plane(origins, directions, plane)
-    moved, also = intersect_plane(pose @ origins, directions @ pose.rotation.T, plane.seen_from(pose))
-    np.testing.assert_array_equal(valid, also)
-    np.testing.assert_allclose(moved[valid], (pose @ points)[valid], atol=1e-9)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import lens_of
 from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.camera.slopes import by_lens_of_points, by_pixel_of_points
-from vbaa_calib.core.errors import InputError
 
 from .lenses import LENSES, border_and_grid
 from .lenses import camera as camera_of
@@ -46,11 +44,6 @@ def ordinary(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     slopes, _ = by_rays(camera, pixels)
     sizes = np.linalg.norm(slopes, axis=(-1, -2))
     return pixels[sizes < 30.0 * np.nanmin(sizes)]
-
-
-def test_each_kind_is_there():
-    counts = {(LENSES[name].model, LENSES[name].distortion.size) for name in EACH_KIND}
-    assert counts == {("opencv", count) for count in (0, 4, 5, 8, 12, 14)} | {("fisheye", 4)}
 
 
 @pytest.mark.parametrize("name", sorted(LENSES))
@@ -126,29 +119,6 @@ def test_behind_a_tilted_sensor_there_is_nothing():
     points, _, valid = steep.normalized_with_slopes(pixels)
     assert valid.tolist() == steep.unproject_normalized(pixels)[1].tolist() == [True, False]
     assert np.isfinite(steep.lens_slopes_at(points)).all(axis=(-1, -2)).tolist() == [True, False]
-
-
-@pytest.mark.parametrize("shape", [(), (7,), (0,), (2, 0), (2, 1, 3)])
-@pytest.mark.parametrize("name", ["pinhole", "barrel", "decentred", "tilted", "fisheye 200"])
-def test_kinds_shapes_and_precision_are_kept(name, shape):
-    camera = LENSES[name]
-    pixels = np.random.default_rng(0).uniform(300, 500, (*shape, 2))
-    expected = camera.normalized_with_slopes(pixels)
-    by_lens = camera.lens_slopes_at(expected[0])
-    tensor = torch.tensor(pixels, requires_grad=True)
-    kinds: list[Any] = [pixels, pixels.astype(np.float32), np.asfortranarray(pixels), tensor, tensor.float()]
-    for given in kinds:
-        points, slopes, valid = camera.normalized_with_slopes(given)
-        lens_slopes = camera.lens_slopes_at(points)
-        assert type(points) is type(slopes) is type(valid) is type(lens_slopes) is type(given)
-        assert points.dtype == slopes.dtype == lens_slopes.dtype == given.dtype
-        assert tuple(valid.shape) == shape
-        assert tuple(lens_slopes.shape) == (*shape, 2, len(camera.parameter_names))
-        single = str(given.dtype).endswith("32")
-        for found, wanted in zip((points, slopes, lens_slopes), (*expected[:2], by_lens), strict=True):
-            np.testing.assert_allclose(np.asarray(found), wanted, rtol=1e-4 if single else 0, atol=1e-6 * single)
-    with pytest.raises(InputError, match="int64"):
-        camera.lens_slopes_at(np.zeros((3, 2), int))
 
 
 @pytest.mark.parametrize("name", ["gopro five", "gopro rational", "barrel folding", "tilted", "fisheye 170"])
