@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import list_images, read_gray
-from vbaa_calib.detect.board.corners import detect_corners, detect_folder
 
-from .photo_sets import detected, photo_set
+from .photo_sets import detected
 
 # set, smallest number of corners in a view, RMS, fx, fy as its NOTES.txt gives them
 REFERENCES = [
@@ -67,22 +62,6 @@ def test_the_chosen_lens_model_reproduces_the_reference_and_does_not_fold(
     assert held_out[solution.model] <= 1.1 * min(held_out.values())
     if name == "gopro":
         assert solution.model in ("rational", "fisheye")
-
-
-@pytest.mark.slow
-def test_the_wrong_legacy_flag_is_caught_although_its_rms_looks_fine() -> None:
-    views, spec = detected("ucl_right")
-    wrong = replace(spec, legacy_pattern=False)
-    paths = list_images(photo_set("ucl_right").folder)
-    right, turned = (
-        solve_intrinsics(seen, own, "opencv5")
-        for seen, own in ((views, spec), ([detect_corners(read_gray(p), wrong, p.name) for p in paths], wrong))
-    )
-    assert turned.rms_inliers_px < 1.02 * right.rms_inliers_px
-    assert turned.camera.matrix[0, 0] == pytest.approx(right.camera.matrix[0, 0], rel=2e-3)
-    assert sum(view.corners for view in turned.views) < 0.95 * sum(view.corners for view in right.views)
-    with pytest.raises(InputError, match="legacy_pattern: true"):
-        detect_folder(photo_set("ucl_right").folder, wrong)
 
 
 def test_opencv_ends_in_the_same_minimum() -> None:

@@ -79,7 +79,6 @@ def test_height_and_length_are_carried_into_the_covariance() -> None:
     more = doubtful.estimate.covariance - sharp.estimate.covariance
     # seen from above the height lifts the camera, the length moves it along x, and they tell of nothing else
     np.testing.assert_allclose(np.sqrt([more[3, 3], more[5, 5]]), [2e-3, 1e-3], rtol=0.05)
-    assert doubtful.fit.in_plane_covariance[1, 1] == pytest.approx(4e-6, rel=0.15)
 
 
 def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_frame() -> None:

@@ -22,7 +22,7 @@ from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.write_boards import write_sweep
+from vbaa_calib.simulate.write_boards import plan_sweep, write_sweep
 
 from .sweeps import FEW, GRID, RIG, T_ANTENNA_CAMERA, Sweep, T_world_board, camera, misread, sweep
 from .synthetic_views import SPEC
@@ -253,3 +253,11 @@ def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: Scene, tmp_path: Pat
     assert np.linalg.norm(tangent(solved.T_world_board, true_board)[3:]) < 3e-4
     assert solved.rms_px < 0.1
     assert not solved.left_out
+
+
+def test_the_board_of_a_drawn_sweep_stays_in_view_or_is_refused(small_scene: Scene) -> None:
+    sheet = print_sheet(small_scene.board)
+    assert max(at.pan_rad for at in plan_sweep(small_scene, sheet)[1]) > 0.15
+    long_lens = replace(small_scene.lens, matrix=np.array([[9e4, 0.0, 317.0], [0.0, 9e4, 241.4], [0.0, 0.0, 1.0]]))
+    with pytest.raises(InputError, match="does not stay in view"):
+        plan_sweep(replace(small_scene, lens=long_lens), sheet)

@@ -13,17 +13,10 @@ from vbaa_calib.core.arrays import ArrayT, masked, working
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 
-from .lens import Lens, lens_of
+from .lens import lens_of
 from .models import MODELS, LensModel
 from .projection import Intrinsics, pixel_to_chart, pixel_to_normalized, pixel_to_ray, point_to_pixel
 from .slopes import normalized_by_lens, pixel_to_normalized_with_slopes
-
-
-def _checked_model(name: Any) -> LensModel:
-    """The model of that name. Raises InputError for an unknown one."""
-    if not isinstance(name, str) or name not in MODELS:
-        raise InputError(f"the camera model is {name!r}", remedy=f"choose one of {', '.join(sorted(MODELS))}")
-    return MODELS[name]
 
 
 def _checked_image_size(image_size: Any) -> tuple[int, int]:
@@ -105,20 +98,6 @@ class ValidRegion:
     image_fraction: float
 
 
-def _valid_region(intrinsics: Intrinsics, image_size: tuple[int, int]) -> ValidRegion:
-    """Region of a lens and the share of an image (width, height) that it covers, border pixels included."""
-    lens: Lens = lens_of(intrinsics.model, intrinsics.coefficients)
-    columns, rows = (np.linspace(-0.5, size - 0.5, _SAMPLES_PER_SIDE) for size in image_size)
-    u, v = np.meshgrid(columns, rows)
-    _, _, valid = pixel_to_chart(intrinsics, u, v)
-    return ValidRegion(
-        ideal_radius=lens.ideal_limit,
-        distorted_radius=lens.distorted_limit,
-        half_angle_rad=lens.model.chart.half_angle(lens.ideal_limit),
-        image_fraction=float(valid.mean()),
-    )
-
-
 SCHEMA = "vbaa.camera/1"
 _MATRIX_NAMES = ("fx", "fy", "cx", "cy")
 
@@ -153,25 +132,21 @@ class Camera:
     intrinsics: Intrinsics = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        model = _checked_model(self.model)
+        if not isinstance(self.model, str) or self.model not in MODELS:
+            raise InputError(f"the camera model is {self.model!r}", remedy=f"choose one of {', '.join(sorted(MODELS))}")
+        model = MODELS[self.model]
         matrix, distortion = _checked_matrix(self.matrix), _checked_distortion(self.distortion, model)
         names = _MATRIX_NAMES + model.coefficient_names[: distortion.size]
         if self.parameter_names and tuple(self.parameter_names) != names:
             raise InputError(f"the parameters are {list(self.parameter_names)}", remedy=f"give them as {list(names)}")
+        fx, fy, cx, cy = matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
         checked = {
             "image_size": _checked_image_size(self.image_size),
             "matrix": matrix,
             "distortion": distortion,
             "covariance": None if self.covariance is None else _checked_covariance(self.covariance, len(names)),
             "parameter_names": names,
-            "intrinsics": Intrinsics(
-                model,
-                float(matrix[0, 0]),
-                float(matrix[1, 1]),
-                float(matrix[0, 2]),
-                float(matrix[1, 2]),
-                tuple(distortion.tolist()),
-            ),
+            "intrinsics": Intrinsics(model, fx, fy, cx, cy, tuple(distortion.tolist())),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -277,8 +252,12 @@ class Camera:
         return work.restore(normalized_by_lens(self.intrinsics, work.values))
 
     def valid_region(self) -> ValidRegion:
-        """Where this lens is one to one, and what share of the image that covers."""
-        return _valid_region(self.intrinsics, self.image_size)
+        """Where this lens is one to one, and what share of the image that covers, border pixels included."""
+        lens = lens_of(self.intrinsics.model, self.intrinsics.coefficients)
+        columns, rows = (np.linspace(-0.5, size - 0.5, _SAMPLES_PER_SIDE) for size in self.image_size)
+        valid = pixel_to_chart(self.intrinsics, *np.meshgrid(columns, rows))[2]
+        half_angle = lens.model.chart.half_angle(lens.ideal_limit)
+        return ValidRegion(lens.ideal_limit, lens.distorted_limit, half_angle, float(valid.mean()))
 
     def _answer(self, function: Any, given: ArrayT, last: int, name: str) -> tuple[ArrayT, ArrayT]:
         work = working(given, last, name)

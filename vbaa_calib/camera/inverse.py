@@ -162,7 +162,7 @@ def _mended_start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Arr
     """`_start`, and one Newton step in which only the radial terms count as slopes: half a full step's price."""
     table = lens.table
     assert table is not None
-    radius, step = table.start(xp, distorted.clip(0.0, table.distorted_limit))
+    radius, _, step = table.start(xp, distorted.clip(0.0, table.distorted_limit))
     distorted = distorted + _NO_RADIUS
     ratio = radius / distorted
     ideal_x, ideal_y = x * ratio, y * ratio

@@ -183,19 +183,6 @@ class CameraOnPlane(torch.nn.Module):
         sigma = like(jacobian, sigma_px)[..., None, None]
         return (jacobian * sigma) @ (jacobian * sigma).swapaxes(-1, -2)
 
-    def calibration_covariance(self, pixels: ArrayT, parameter_covariance: np.ndarray) -> ArrayT:
-        """Covariance (N, 2, N, 2) m² of N points with one another, from the parameters' (P, P)."""
-        jacobian = self.calibration_jacobian(pixels)
-        count = len(self.parameter_names)
-        if jacobian.ndim != 3 or np.shape(parameter_covariance) != (count, count):
-            raise InputError(
-                f"pixels {tuple(pixels.shape)} and covariance {np.shape(parameter_covariance)} do not fit",
-                remedy=f"give them as (N, 2) and ({count}, {count})",
-            )
-        flat = jacobian.reshape(-1, count)
-        shape = (len(jacobian), 2, len(jacobian), 2)
-        return (flat @ like(flat, parameter_covariance) @ flat.T).reshape(shape)
-
     def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> CameraOnPlane:
         # a focal length in half precision is pixels off: what moves or casts the network only moves these
         exact = dict(self._buffers)

@@ -40,23 +40,18 @@ class RadialTable:
     steps: np.ndarray
     nodes_per_unit: float
 
-    def bracket(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array, Array]:
-        """Table's radius for distorted radii in [0, distorted_limit], and a bracket around the true one."""
-        low, step, fraction = self._place(xp, distorted)
-        return low + fraction * step, low - step, low + 2.0 * step
+    def start(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array, Array]:
+        """Table's radius for distorted radii in [0, distorted_limit], the node before it, and how far the next one is.
 
-    def start(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array]:
-        """Table's radius for distorted radii in [0, distorted_limit], and how far it is to the next node's."""
-        low, step, fraction = self._place(xp, distorted)
-        return low + fraction * step, step
-
-    def _place(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array, Array]:
+        The true radius lies between one step before that node and two after it.
+        """
         nodes, steps = self.nodes, self.steps
         if xp is not np:
             nodes, steps = (xp.as_tensor(a, dtype=distorted.dtype, device=distorted.device) for a in (nodes, steps))
         place = self.nodes_per_unit * (distorted / (1.0 + distorted))
         index = as_index(place)
-        return nodes[index], steps[index], place - index
+        low, step = nodes[index], steps[index]
+        return low + (place - index) * step, low, step
 
 
 class _RadialSolution(NamedTuple):
@@ -80,7 +75,7 @@ def invert_radial(
 
     Not thorough: where a few Newton steps do not arrive the radius is not valid.
     """
-    radius, _ = table.start(xp, distorted)
+    radius, _, _ = table.start(xp, distorted)
     for _ in range(_FAST_STEPS):
         s = radius * radius
         gain, d_gain = model.radial(s, c)
@@ -89,8 +84,8 @@ def invert_radial(
     if not thorough or bool(found.valid.all()):
         return found
     rest = ~found.valid
-    _, low, high = table.bracket(xp, distorted[rest])
-    radius[rest] = _bracketed(xp, model, c, distorted[rest], low, high)
+    _, node, step = table.start(xp, distorted[rest])
+    radius[rest] = _bracketed(xp, model, c, distorted[rest], node - step, node + 2.0 * step)
     return _checked(xp, model, c, table, radius, distorted)
 
 

@@ -1,12 +1,10 @@
-"""Planes as n·x = d, and where rays meet them."""
+"""Planes as n·x = d."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-
-from .pose import Pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +19,6 @@ class Plane:
 
     normal: np.ndarray
     offset_m: float
-
-    def seen_from(self, T_b_a: Pose) -> Plane:
-        """The same plane, given in frame a, in the coordinates of frame b."""
-        normal = T_b_a.rotation @ self.normal
-        return Plane(normal, float(self.offset_m + normal @ T_b_a.translation_m))
 
 
 PLANE_C = Plane(np.array([0.0, 0.0, 1.0]), 0.0)

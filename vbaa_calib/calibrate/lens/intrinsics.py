@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from vbaa_calib.geometry import Pose
 from .board_flex import BoardFlex, observations_of
 from .bundle import FLEX, Observation, residuals_px
 from .initialization import LensOptions
-from .models import LENS_MODELS, camera_matrix, is_monotonic
+from .models import LENS_MODELS, camera_of, is_monotonic
 from .outliers import DroppedView, usable_views
 from .solve import Candidate, LensFit, decide, screen
 
@@ -192,14 +192,8 @@ def solve_intrinsics(
             f"the pictures leave the {lens.name} lens open",
             remedy="add views of the board tilted in different directions, or choose a simpler --model",
         )
-    camera = Camera(
-        model=lens.camera_model,
-        image_size=options.image_size,
-        matrix=camera_matrix(bundle.intrinsics),
-        distortion=bundle.intrinsics[4:],
-        covariance=fit.information.covariance[:-FLEX, :-FLEX],
-        parameter_names=lens.parameter_names,
-    )
+    camera = camera_of(lens, bundle.intrinsics, options.image_size)
+    camera = replace(camera, covariance=fit.information.covariance[:-FLEX, :-FLEX])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
     chosen = next((candidate for candidate in fit.comparison if candidate.model == lens.name), None)
     good = fit.inliers.of(observations)

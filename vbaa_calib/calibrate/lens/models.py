@@ -10,9 +10,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from vbaa_calib.camera import Camera
-
-_OPENCV_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-_FISHEYE_NAMES = ("k1", "k2", "k3", "k4")
+from vbaa_calib.camera.models import MODELS
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,7 @@ class LensModel:
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """fx, fy, cx, cy, then the distortion in OpenCV's order."""
-        names = _FISHEYE_NAMES if self.camera_model == "fisheye" else _OPENCV_NAMES
-        return ("fx", "fy", "cx", "cy", *names[: self.distortion_count])
+        return ("fx", "fy", "cx", "cy", *MODELS[self.camera_model].coefficient_names[: self.distortion_count])
 
 
 LENS_MODELS = {

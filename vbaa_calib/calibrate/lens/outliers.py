@@ -12,7 +12,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import screen_views
 
-from .bundle import CONVERGED, Bundle, Observation, refine, residuals_px
+from .bundle import Bundle, Observation, refine, residuals_px
 
 LEAST_CORNERS = 4
 """Four corners fix the pose of a plane."""
@@ -78,7 +78,6 @@ _CHANCE = 1e-9
 _LEAST_PX = 0.25
 _ROUNDS = 8
 _BLURRED = 5.0
-_ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +92,7 @@ class Inliers:
         return [observations[index].picked(mask) for index, mask in zip(self.views.tolist(), self.masks, strict=True)]
 
 
-def outlier_limit_px(distances: np.ndarray) -> float:
+def _outlier_limit_px(distances: np.ndarray) -> float:
     """Distance beyond which one good corner in 10⁵ lies, from distances (N,) of which some are wrong.
 
     The tail is a Weibull's through the median and the 90 % quantile. Normal noise has the exponent 2 and is cut at 4.8
@@ -115,13 +114,8 @@ def inlier_masks(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Per view (N,), which corners are good. A view with more noise than the median view is given more room."""
     distances = [np.linalg.norm(residual, axis=1) for residual in residuals]
     every = np.concatenate(distances)
-    limit, middle = outlier_limit_px(every), max(float(np.median(every)), 1e-12)
+    limit, middle = _outlier_limit_px(every), max(float(np.median(every)), 1e-12)
     return [own <= limit * np.clip(np.median(own) / middle, 1.0, _BLURRED) for own in distances]
-
-
-def refined_robustly(start: Bundle, observations: Sequence[Observation]) -> Bundle:
-    """A robust fit (Cauchy) to all corners, just good enough to tell good corners from bad."""
-    return refine(start, observations, _ROUGHLY, robust=True)
 
 
 def fit_without_outliers(
@@ -135,7 +129,7 @@ def fit_without_outliers(
     Least squares over the corners within the limit of the start, and all corners of the remaining views are judged anew
     by it, until none changes sides.
 
-    start : a robust fit (`refined_robustly`), or the solution over the corners of masks, per view (N,).
+    start : a robust fit to all corners, or the solution over the corners of masks, per view (N,).
     """
     bundle, views = start, np.arange(len(observations))
     for _ in range(_ROUNDS):

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .board_flex import BoardFlex, judge_flex
-from .bundle import FLEX, Bundle, Observation, polished
+from .bundle import CONVERGED, FLEX, Bundle, Observation, polished, refine
 from .information import Information, information
 from .initialization import LensOptions, fit_lens, rough_lens, unfolded
 from .models import LENS_MODELS, is_monotonic
-from .outliers import Inliers, fit_without_outliers, refined_robustly
+from .outliers import Inliers, fit_without_outliers
 from .validation import AGREE, compare_split_half, excess_in_errors, held_out_squares, rms_over
 
 _CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
@@ -128,6 +128,7 @@ _SCREENING = ("opencv5", "fisheye", "rational")
 """Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
 
 _ROUNDS = 3
+_ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to tell good corners from bad
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +168,8 @@ def screen(observations: Sequence[Observation], options: LensOptions) -> Screene
     for name in ("opencv4", *_SCREENING) if options.model == "auto" else (options.model,):
         known[name] = rough_lens(LENS_MODELS[name], observations, options, known)
         if name in _SCREENING or name == options.model:
-            robust[name] = refined_robustly(known[name].freed(options.square_pixels, flex=True), observations)
+            free = known[name].freed(options.square_pixels, flex=True)
+            robust[name] = refine(free, observations, _ROUGHLY, robust=True)
     best = min(robust, key=lambda name: robust[name].sigma_px)
     inliers, bundle = fit_without_outliers(robust[best], observations, options.min_corners)
     warm = {name: replace(fit, poses=fit.poses[inliers.views]) for name, fit in (known | robust).items()}

@@ -50,7 +50,6 @@ class OverFit:
     ----------
     T_antenna_camera : pose of the camera.
     covariance, lens_sensitivity : as in `PoseEstimate`.
-    in_plane_covariance : (3, 3) of the clamp's direction (rad) and place (m) along x and y, antenna frame.
     noise_scale : scatter of the points over what their standard deviations predict.
     points : how many took part. reach_m : arc lengths of the first and the last.
     """
@@ -58,7 +57,6 @@ class OverFit:
     T_antenna_camera: Pose
     covariance: np.ndarray
     lens_sensitivity: np.ndarray
-    in_plane_covariance: np.ndarray
     noise_scale: float
     points: int
     reach_m: tuple[float, float]
@@ -152,7 +150,6 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
         pose,
         0.5 * (covariance + covariance.T),
         by_unknowns @ by_lens,
-        _in_plane(problem, unknowns, inverse),
         problem.noise_scale,
         points,
         (float(foot.min()), float(foot.max())),
@@ -196,10 +193,3 @@ def _tangents(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
         turn = Pose(ahead.rotation @ back.rotation.T, np.zeros(3)).rotvec_rad
         columns.append(np.concatenate([turn, ahead.translation_m - back.translation_m]) / (2 * step.sum()))
     return np.stack(columns, axis=1)
-
-
-def _in_plane(problem: OverProblem, unknowns: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Covariance of the in-plane unknowns, turned into the antenna frame."""
-    cos, sin, up = np.cos(unknowns[0]), np.sin(unknowns[0]), problem.toward
-    turn = np.array([[-up, 0.0, 0.0], [0.0, cos, sin], [0.0, up * sin, -up * cos]])
-    return turn @ inverse[_IN_PLANE, _IN_PLANE] @ turn.T

@@ -54,7 +54,7 @@ class OverBoardSolution:
         well as the clamp repeats differs by the clamp's scatter.
     board : the board's pose, with the second solution that a plane allows.
     line : the antenna in the picture, from clamp to tip.
-    fit : the numbers of the fit: covariance in the plane, scatter, where on the antenna the points lie.
+    fit : the numbers of the fit: scatter, where on the antenna the points lie.
     """
 
     estimate: PoseEstimate

@@ -40,7 +40,7 @@ from .fusion import PoseEstimate
 from .sweep_model import AXES, CAMERA, SweepCorners, SweepState, initial_state, linearise, turned_over
 from .sweep_solve import SweepFit, SweepProblem
 
-LEAST_PICTURES = 5
+_LEAST_PICTURES = 5
 """A cross: the middle, and either side of both joints. Three fix the pose, but fewer than five do not show how far
 the readings scatter: with four, and 0.3 mrad, 14 of 120 sweeps were off by over six of their standard deviations."""
 
@@ -70,9 +70,9 @@ def _usable_pictures(
         require_size(view.image_size, camera, view.name)
     usable, dropped = usable_views(views, spec, 0)
     places = [next(i for i, view in enumerate(views) if view is one) for one in usable]
-    if len(usable) < LEAST_PICTURES:
+    if len(usable) < _LEAST_PICTURES:
         raise InputError(
-            f"{len(usable)} pictures of the sweep show the board, at least {LEAST_PICTURES} are needed", remedy=_CROSS
+            f"{len(usable)} pictures of the sweep show the board, at least {_LEAST_PICTURES} are needed", remedy=_CROSS
         )
     return usable, [pictures[place] for place in places], dropped
 
@@ -113,9 +113,9 @@ def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[Swee
         if np.array_equal(kept, before):
             break
     kept = _taken_back(problem, state, kept)
-    if LEAST_PICTURES <= kept.sum() <= _FEW_PICTURES:
+    if _LEAST_PICTURES <= kept.sum() <= _FEW_PICTURES:
         state, kept = _without_the_odd_one(problem, state, kept)
-    if kept.sum() < max(LEAST_PICTURES, 0.6 * corners.pictures):
+    if kept.sum() < max(_LEAST_PICTURES, 0.6 * corners.pictures):
         what = f"the angles of sweep.csv explain {kept.sum()} of {corners.pictures} pictures, too few"
         raise InputError(what, remedy=_MEND)
     return state, kept, _picture_errors_px(linearise(problem.camera, state, corners).residuals_px, corners)
