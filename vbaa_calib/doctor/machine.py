@@ -155,7 +155,7 @@ _MB, _GB = 1_000_000, 1_000_000_000
 _DISK_FULL, _DISK_LOW, _MEMORY_LOW = 200 * _MB, 2 * _GB, 2 * _GB
 
 
-def the_folders() -> dict[str, Path | None]:
+def _the_folders() -> dict[str, Path | None]:
     """What is written to: the current, the temporary and the cache folder. None: there is none."""
     cache = Path(os.environ.get("MPLCONFIGDIR") or os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
     while not cache.exists() and cache != cache.parent:
@@ -178,7 +178,7 @@ def writable(
     folders: Mapping[str, Path | None] | None = None, write: Callable[[Path], None] = _try_to_write
 ) -> Finding:
     """Whether files can be written where one stands, to the temporary folder and to the cache."""
-    folders = the_folders() if folders is None else folders
+    folders = _the_folders() if folders is None else folders
     problems = []
     for name, folder in folders.items():
         remedy = {

@@ -111,7 +111,7 @@ def _fits(ranges: str, version: str) -> bool | None:
 
 
 _OURS = ("vbaa_calib", "targets", "estimator", "viz")
-LIBRARIES = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
+_LIBRARIES = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
     name: name
     for name in ("numpy", "scipy", "torch", "kornia", "pyvista", "matplotlib", "reportlab", "pydantic", "rich")
 }
@@ -140,7 +140,7 @@ def _home(distribution: str) -> Path | None:
 
 def shadows(folder: Path | None = None, root: Path = ROOT, origin_of: Callable[[str], Path | None] = origin) -> Finding:
     """Where packages are taken from now, and what the current folder would put in their place."""
-    homes = dict.fromkeys(_OURS, root) | {name: _home(distribution) for name, distribution in LIBRARIES.items()}
+    homes = dict.fromkeys(_OURS, root) | {name: _home(distribution) for name, distribution in _LIBRARIES.items()}
     problems, places = [], {}
     for name, expected in homes.items():
         place = origin_of(name)

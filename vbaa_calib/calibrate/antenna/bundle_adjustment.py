@@ -22,12 +22,12 @@ from vbaa_calib.geometry import Pose
 from .inputs import Observation, Prior, ReadingGroups
 from .problem import GAIN, OFFSET, RIG, LensLost, Problem
 
-_ROUGHLY, STANDSTILL = 0.1, 1e-11
+_ROUGHLY, _STANDSTILL = 0.1, 1e-11
 """A step that promises less than this much of the cost is the last: on the way half a standard deviation, at the
 end a few millionths."""
 _RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
 """The slopes, by differences, are zero a little beside where the cost is least: a smaller rise is none."""
-ENOUGH = 1e-5
+_ENOUGH = 1e-5
 """A step that promises no more than this after all iterations has converged, too."""
 
 
@@ -70,7 +70,7 @@ def _descended(
         return trial if trial.is_finite else None
 
     descent = minimise(evaluate, first, replace(_RULES, standstill=standstill), upper)
-    return replace(descent.at, converged=descent.promise < (ENOUGH if descent.exhausted else standstill))
+    return replace(descent.at, converged=descent.promise < (_ENOUGH if descent.exhausted else standstill))
 
 
 _FALSE_STILL = 3.0
@@ -106,11 +106,11 @@ def _fitting(
 _RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
 _PASSES = 12
-HOLDS = (1.0, 0.3, 0.1, 0.01)
+_HOLDS = (1.0, 0.3, 0.1, 0.01)
 """Parts of the lens' deviations that it is given in turn, where more of them make it fold."""
 _SEES_LESS = 1e-3
 """Part of the picture that a moved lens may see less of."""
-NEAR, SETTLED = 0.1, 1e-5
+_NEAR, _SETTLED = 0.1, 1e-5
 """The passes are exact once the points' scatter changes by less than the first part, and end when it does by less than
 the second."""
 
@@ -166,7 +166,7 @@ def adjust_bundle(
     The lens moves within its covariance; where that leads to one that folds inside the picture, it is held closer.
     """
     sees, covariance = prior.camera.valid_region().image_fraction, prior.camera.covariance
-    for share in HOLDS:
+    for share in _HOLDS:
         held = prior
         if covariance is not None and share != 1.0:
             held = replace(prior, camera=replace(prior.camera, covariance=share**2 * covariance))
@@ -190,8 +190,8 @@ def _solved(
         scale = noise_scale([block[:, 0] for block, inside in zip(distances, kept, strict=True) if inside])
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
-        exact = change < NEAR or turn == _PASSES
-        solution = _descended(problem, parameters, (distances, moments), STANDSTILL if exact else _ROUGHLY)
+        exact = change < _NEAR or turn == _PASSES
+        solution = _descended(problem, parameters, (distances, moments), _STANDSTILL if exact else _ROUGHLY)
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         distances, moments = problem.evaluate(parameters)
@@ -200,7 +200,7 @@ def _solved(
         # stills on the border do not come and go for ever, and the last pass is over those that it leaves
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
         problem = replace(problem, kept=fits)
-        if change < SETTLED and (fits == kept).all():
+        if change < _SETTLED and (fits == kept).all():
             break
     if not solution.converged:
         raise SolveError(

@@ -35,7 +35,7 @@ _CORRELATED = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class CheckedView:
+class _CheckedView:
     """One picture of the board under the rig's lens.
 
     corners_px, residuals_px : (N, 2) observed, and observed less predicted at the picture's own best pose.
@@ -74,7 +74,7 @@ class LensCheck:
         compensated.
     """
 
-    views: tuple[CheckedView, ...]
+    views: tuple[_CheckedView, ...]
     dropped: tuple[DroppedView, ...]
     rms_px: float
     expected_px: float | None
@@ -160,7 +160,7 @@ def lens_findings(check: LensCheck | None, camera: Camera, why_not: str) -> list
 
 def _posed(
     camera: Camera, boards: Sequence[tuple[str, BoardView]], spec: BoardSpec, points: np.ndarray, bent: Bend | None
-) -> tuple[list[CheckedView], list[DroppedView]]:
+) -> tuple[list[_CheckedView], list[DroppedView]]:
     """Views with their poses, and those that have none."""
     usable, dropped = usable_views([view for _, view in boards], spec, _MIN_CORNERS)
     found = []
@@ -179,13 +179,13 @@ def _posed(
     for (folder, view, pose, seen, residuals), good in zip(found, masks, strict=True):
         if good.sum() >= _MIN_CORNERS:
             ids = view.ids[seen][good]
-            kept.append(CheckedView(view.name, folder, pose, view.corners_px[seen], residuals, good, ids))
+            kept.append(_CheckedView(view.name, folder, pose, view.corners_px[seen], residuals, good, ids))
         else:
             dropped.append(DroppedView(view.name, "most of its corners lie far off any pose of the board"))
     return kept, dropped
 
 
-def _pose_projected_out(camera: Camera, view: CheckedView, board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _pose_projected_out(camera: Camera, view: _CheckedView, board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives by the lens (2N, P) and residuals (2N,), px, without what the view's own pose explains."""
     points = view.T_camera_board @ board
     _, by_lens, by_pose = PROJECTIONS[camera.model](points, np.zeros(6), camera.parameters)
