@@ -126,7 +126,7 @@ def test_common_errors_are_those_of_a_recording() -> None:
     np.testing.assert_allclose(shared[..., :size], said[..., :size], atol=0.08 * np.abs(said).max())
 
 
-@pytest.mark.parametrize("cause", ["camera_rotation", "bow", LENS])
+@pytest.mark.parametrize("cause", ["bow", LENS])
 def test_knowing_a_cause_is_what_a_rig_with_that_knowledge_has(cause: str) -> None:
     """Independent route: the joint covariance conditioned by hand, and the whole budget made anew."""
     touches, covariance = three_touches(RIG), RIG.covariance
@@ -145,9 +145,8 @@ def test_knowing_a_cause_is_what_a_rig_with_that_knowledge_has(cause: str) -> No
         )
 
 
-@pytest.mark.parametrize("factor", [0.5, 0.2])
-def test_less_noise_and_friction_is_what_a_quieter_rig_has(factor: float) -> None:
-    touches = three_touches(RIG)
+def test_less_noise_and_friction_is_what_a_quieter_rig_has() -> None:
+    touches, factor = three_touches(RIG), 0.5
     _, space, here = linearised(RIG, touches)
     quiet = replace(RIG, image=replace(RIG.image, noise_px=factor * RIG.image.noise_px))
     sensor = replace(RIG.moment_sensor, std_Nm=factor * RIG.moment_sensor.std_Nm)
