@@ -55,14 +55,6 @@ def test_there_and_back_is_half_the_angle_between(there_and_back: tuple[Rubbed, 
     assert np.tan(0.5 * (back.mean() - there.mean())) == pytest.approx(found.mu, abs=4 * found.std)
 
 
-def test_the_errors_of_the_shape_cancel_there_and_back(there_and_back: tuple[Rubbed, Surface]) -> None:
-    """One way, an error of the normals is taken for friction, and the deviation says so."""
-    there, one_way = judged(*there_and_back), judged(rubbed(0.3, np.random.default_rng(0), both_ways=False))
-    assert one_way.determined
-    assert abs(one_way.mu - 0.3) < 3 * one_way.std
-    assert one_way.std > 5 * there.std
-
-
 def test_the_world_may_stand_anywhere(there_and_back: tuple[Rubbed, Surface]) -> None:
     turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
     here, there = judged(*there_and_back), judged(rubbed(0.3, np.random.default_rng(0), turn=turn))
@@ -108,14 +100,6 @@ def test_normals_that_the_shape_does_not_tell(there_and_back: tuple[Rubbed, Surf
     np.testing.assert_array_equal(found.interval, [0.0, np.inf])
 
 
-def test_without_tangents_nothing_is_said(there_and_back: tuple[Rubbed, Surface]) -> None:
-    given, surface = there_and_back
-    table = replace(given.table, tangent_world=np.full((60, 3), np.nan))
-    found = judged(replace(given, table=table), surface)
-    assert not found.determined
-    assert np.isfinite(found.normals.normal).all()
-
-
 def test_a_few_wrong_frames(there_and_back: tuple[Rubbed, Surface]) -> None:
     given, surface = there_and_back
     force = given.table.force_world_N.copy()
@@ -136,7 +120,7 @@ def test_forces_that_push_the_slip_are_no_friction(both_ways: bool) -> None:
 def test_the_prior_of_the_friction_angle_is_taken_out_again() -> None:
     """What the estimator drew towards 0 has, without its prior, the true mean and scatters as it says."""
     found = []
-    for seed in range(20):
+    for seed in range(10):
         given = rubbed(0.4, np.random.default_rng(seed), slip_rad=0.9, count=12, errors=Errors(lean_rad=0.1))
         surface = shaped(given)
         found.append(friction_touches(given.table, surface, given.track, given.shared, PRIOR_RAD)[0])

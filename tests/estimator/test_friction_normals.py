@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.angles import Axes, roll_rad, roll_std_rad
+from estimator.object.friction.angles import Axes
 from estimator.object.surface import Surface, reconstruct, touches_of
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, rubbed
@@ -86,14 +86,6 @@ def test_unknown_normals_lie_in_the_cone_about_the_force() -> None:
     error = error_rad(given, found.normals.normal)[vague]
     assert error.max() < np.arctan(0.2) + 0.05
     assert (error / found.normals.std_rad[vague]).max() < 2.5
-
-
-def test_psi_and_its_deviation() -> None:
-    """ψ is the force's direction about the wire, which lies along x; the truth is the normal's plus friction's."""
-    errors = Errors(own_rad=0.01, common_rad=0.0)
-    given = rubbed(0.0, np.random.default_rng(5), count=200, errors=errors)
-    off = roll_rad(given.table) - np.arctan2(given.normal[:, 2], given.normal[:, 1])
-    assert np.sqrt(((off / roll_std_rad(given.table)) ** 2).mean()) == pytest.approx(1.0, abs=0.2)
 
 
 def test_angles_in_three_dimensions() -> None:

@@ -98,15 +98,6 @@ def test_friction_does_not_turn_the_normals() -> None:
     assert np.sqrt(np.mean(distance**2)) < 1e-4
 
 
-def test_several_passes_with_friction_both_ways_are_one_patch() -> None:
-    true = spread_touches(SPHERE, 80, np.random.default_rng(4), common=False)
-    size = np.linalg.norm(true.force_N, axis=1, keepdims=True)
-    sign = np.where(np.arange(80) % 2, 1.0, -1.0)[:, None]
-    rubbed = replace(true, force_N=true.force_N + 0.6 * sign * size * np.cross(true.force_N / size, true.tangent))
-    surface = reconstruct(drawn(rubbed, np.random.default_rng(5)), RADIUS_M)
-    assert set(surface.touched_patch) == {0}
-
-
 def test_touched_all_around_the_patches_stay_height_fields() -> None:
     rng = np.random.default_rng(3)
     surface = rebuilt(*cylinder(rng.uniform(0, 2 * np.pi, 150), rng.uniform(-0.03, 0.03, 150)), std_along_m=2e-4)

@@ -104,14 +104,6 @@ def test_a_loss_is_timed_backwards() -> None:
     assert len(of(track, "first_contact")) == 1
 
 
-def test_a_recording_that_begins_in_contact_says_so() -> None:
-    track = follow(evidence_table(np.full(40, 200.0)))
-    (event,) = of(track, "first_contact")
-    assert np.isnan(event.time_s)
-    assert "cannot be told" in event.words
-    assert set(track.phase) == {"touching"}
-
-
 def with_status(table: ContactTable, rows: slice, status: str) -> ContactTable:
     return replace(table, status=np.where(np.isin(np.arange(len(table)), np.r_[rows]), status, table.status))
 
