@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.table.contacts import LOCATED, Contact
+from estimator.table.contacts import LOCATED, STATUSES, Contact
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour, stacked
@@ -41,16 +41,6 @@ STATUS_COLOURS = {
     "failed": "#d55e00",
 }
 """As in the report; told apart by the colour-blind as well."""
-MEANINGS = {
-    "ok": "contact located",
-    "no_contact": "nothing touches the antenna",
-    "tip_contact": "contact at the tip",
-    "unobservable": "touched, but where cannot be told from here",
-    "low_signal": "touched, but too lightly to tell where",
-    "not_quasistatic": "the antenna was moving",
-    "no_antenna": "the antenna was not seen well enough",
-    "failed": "no single contact explains the picture",
-}
 
 
 def status_colour(status: str) -> tuple[int, int, int]:
@@ -156,7 +146,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
         canvas.image.shape[1],
         canvas.unit,
         (contact.status, status_colour(contact.status)),
-        (MEANINGS[contact.status], f"frame {frame.frame}, {frame.time_s:.2f} s"),
+        (STATUSES[contact.status], f"frame {frame.frame}, {frame.time_s:.2f} s"),
         [numbers(contact), contact.reason, seen(item)],
         [*keys(item.line, where), *_keys(found)],
     )

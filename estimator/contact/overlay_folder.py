@@ -13,11 +13,12 @@ import cv2
 import jinja2
 import numpy as np
 
+from estimator.table.contacts import STATUSES
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing_folder
 
 from .estimate import ContactEstimator
-from .overlay import MEANINGS, STATUS_COLOURS, frame_picture, in_brief
+from .overlay import STATUS_COLOURS, frame_picture, in_brief
 from .recording import FrameContact
 
 PAGE = "index.html"
@@ -104,7 +105,7 @@ def page(entries: list[Entry]) -> str:
         generator=OURS,
         entries=sorted(entries, key=lambda entry: entry.frame),
         counts={status: counts[status] for status in STATUS_COLOURS if counts[status]},
-        meanings=MEANINGS,
+        meanings=STATUSES,
         colours=STATUS_COLOURS,
         thumbnails=THUMBNAILS,
     )

@@ -18,10 +18,17 @@ if TYPE_CHECKING:
 
 FRICTION_RAD = 0.2
 """Default standard deviation of the friction angle: most contacts of steel have friction coefficients below 0.4."""
-STATUSES = (
-    *("ok", "no_contact", "tip_contact", "unobservable"),
-    *("low_signal", "not_quasistatic", "no_antenna", "failed"),
-)
+STATUSES = {
+    "ok": "contact located",
+    "no_contact": "nothing touches the antenna",
+    "tip_contact": "contact at the tip",
+    "unobservable": "touched, but where cannot be told from here",
+    "low_signal": "touched, but too lightly to tell where",
+    "not_quasistatic": "the antenna was moving",
+    "no_antenna": "the antenna was not seen well enough",
+    "failed": "no single contact explains the picture",
+}
+"""What became of a frame, and what that means."""
 LOCATED = ("ok", "tip_contact")
 """The statuses whose contact point may be used."""
 NEEDED = ("distance_m", "force_y_N", "force_z_N", "point_antenna_m", "point_world_m")

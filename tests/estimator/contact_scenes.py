@@ -16,17 +16,6 @@ from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, Frame, World, camera_
 
 WORLD = World(camera_pose(0.6, 1.0))
 RIG = WORLD.rig(0.25 * RIG_STD)
-STATUSES = {
-    "ok",
-    "no_contact",
-    "tip_contact",
-    "unobservable",
-    "low_signal",
-    "not_quasistatic",
-    "no_antenna",
-    "failed",
-}
-"""Of contacts.csv, docs/formats.md."""
 STRAIGHT = np.array([0, 0, 0, 0, 0, 0, np.log(STIFFNESS_NM2), -50.0, 0.0])
 """Parameters of a straight antenna without weight, clamped along x."""
 

@@ -9,16 +9,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from estimator import Contact, ContactEstimator
+from estimator.table.contacts import LOCATED, STATUSES
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, World, camera_pose
-from .contact_scenes import STATUSES, STRAIGHT, frame
+from .contact_scenes import STRAIGHT, frame
 
 QUIETLY = settings(
     deadline=None, max_examples=8, derandomize=True, suppress_health_check=[HealthCheck.too_slow], database=None
 )
-LOCATED = ("ok", "tip_contact")
 
 
 @cache

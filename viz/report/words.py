@@ -15,9 +15,9 @@ import numpy as np
 from markupsafe import Markup
 
 import vbaa_calib
-from estimator.contact.overlay import MEANINGS, STATUS_COLOURS
+from estimator.contact.overlay import STATUS_COLOURS
 from estimator.object.surface.touches import BIASED_STD
-from estimator.table.contacts import COLUMNS, LOCATED, ContactTable
+from estimator.table.contacts import COLUMNS, LOCATED, STATUSES, ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
@@ -161,7 +161,7 @@ def headline(table: ContactTable) -> tuple[str, str]:
 def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
     """What the frames say by themselves."""
     counts = [(name, int(np.sum(table.status == name))) for name in STATUS_COLOURS]
-    listed = ", ".join(f"{count} {name} ({MEANINGS[name]})" for name, count in counts if count)
+    listed = ", ".join(f"{count} {name} ({STATUSES[name]})" for name, count in counts if count)
     duration = float(table.time_s[-1] - table.time_s[0])
     facts = [Fact("Recording", f"{len(table)} frame{'s' * (len(table) > 1)} in {duration:.4g} s: {listed}.")]
     here = table.located
@@ -196,7 +196,7 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
 def glossary() -> list[tuple[str, Table]]:
     """Statuses, phases, models and quantities."""
     use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
-    statuses = [(dotted(colour, name), MEANINGS[name], use[name]) for name, colour in STATUS_COLOURS.items()]
+    statuses = [(dotted(colour, name), STATUSES[name], use[name]) for name, colour in STATUS_COLOURS.items()]
     phases, models = (
         [(dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (PHASES, MODELS)
     )
