@@ -96,31 +96,6 @@ def test_the_command_writes_what_it_prints(
     assert "exists already" in capsys.readouterr().err
 
 
-def test_a_rig_that_does_not_hold_is_no_error(made: SimpleNamespace, tmp_path: Path) -> None:
-    data = json.loads(made.rig.read_text())
-    data["moment_sensor"]["gain"] = -1.0
-    (tmp_path / "rig.json").write_text(json.dumps(data))
-    assert main(["check", str(tmp_path / "rig.json")]) == 0
-    assert assess(tmp_path / "rig.json").verdict == "does not hold"
-
-
-@pytest.mark.parametrize(
-    ("part", "line"),
-    [
-        ("", "has none of intrinsics, plane, noload, loads"),
-        ("plane", "holds no pictures"),
-        ("noload", "noload.csv: no such file"),
-    ],
-)
-def test_an_incomplete_session_is_refused(
-    made: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str], part: str, line: str
-) -> None:
-    (tmp_path / part).mkdir(exist_ok=True)
-    (tmp_path / "session.yaml").write_text((made.session / "session.yaml").read_text())
-    assert main(["check", str(made.rig), str(tmp_path)]) == 2
-    assert line in capsys.readouterr().err.splitlines()[-1]
-
-
 @pytest.mark.parametrize(("distance", "at"), [(0.0, 0.0), (3.75, 100.0), (1e6, 200.0)])
 def test_the_gauge_stays_in_its_frame(made: SimpleNamespace, distance: float, at: float) -> None:
     document = copy.deepcopy(made.document)

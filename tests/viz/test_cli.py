@@ -17,7 +17,6 @@ import pyvista as pv
 
 from vbaa_calib.cli import main
 from viz.cli import estimate as estimate_cli
-from viz.files.object_file import read_object
 from viz.render import render
 from viz.report import pictures as report_pictures
 from viz.report.pictures import Picture
@@ -42,34 +41,6 @@ def test_reconstruct_writes_the_object(files: SimpleNamespace, capsys: pytest.Ca
     assert 0 < result["median_std_m"] < 3e-4
     assert result["stiffness_in_words"] in said
     assert result["stiffness_told"] == (result["stiffness_N_m"] is not None)
-
-
-def test_without_rig_it_says_that_the_radius_is_missing(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, _, said = outcome(capsys, "reconstruct", files.contacts, "-o", files.folder / "object.ply")
-    assert code == 0
-    assert "radius is not known" in said
-    assert len(read_object(files.folder / "object.ply").triangles) > 100
-
-
-@pytest.mark.parametrize(
-    "argv",
-    [
-        ["view", "{free}", "--html", "{folder}/a.html"],
-        ["reconstruct", "{free}", "-o", "{folder}/object.vtp"],
-        ["view", "{contacts}", "--truth", "{rig}", "--html", "{folder}/a.html"],
-        ["view", "{contacts}", "--rig", "{rig}", "--plain", "--session", "{folder}", "--html", "{folder}/a.html"],
-    ],
-)
-def test_wrong_calls_end_in_one_line_and_leave_nothing(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], argv: list[str]
-) -> None:
-    before = sorted(files.folder.iterdir())
-    code, _, said = outcome(capsys, *(part.format(**vars(files)) for part in argv))
-    assert code == 2
-    assert len(said.strip().splitlines()) <= 2
-    assert sorted(files.folder.iterdir()) == before
 
 
 def test_view_writes_page_and_gltf(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:

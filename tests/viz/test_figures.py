@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from estimator.table.contacts import ContactTable
-from viz.figures.check import coverage, heat_map, residual_arrows
-from viz.figures.contacts import SLIDING, contact_maps, forces_across, friction_cone, indentation
+from viz.figures.check import heat_map, residual_arrows
+from viz.figures.contacts import SLIDING, contact_maps, friction_cone, indentation
 from viz.figures.drawing import TEAL, ellipses, new_axes, svg, time_colours
 from viz.figures.time import TimeAxis, curve, lanes, signals
 from viz.scene.colours import UNKNOWN, scale
@@ -102,13 +102,6 @@ def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray
     sound(signals(clock(4), "slip, mm/s", [("a", "#000000", value)], np.full(4, np.nan), "noise"))
 
 
-def test_times_since_1970_count_from_the_first_frame() -> None:
-    assert clock(3).label == "time, s"
-    late = clock(3, start_s=1.7e9)
-    assert late.label == "time after 1700000000 s, s"
-    np.testing.assert_allclose(late.time_s, [0.0, 0.1, 0.2], atol=1e-6)
-
-
 def test_columns_keep_the_extremes_of_every_number_of_frames() -> None:
     rng = np.random.default_rng(1)
     time_s, value = np.sort(rng.uniform(0, 10, 20_000)), rng.normal(size=20_000)
@@ -118,19 +111,6 @@ def test_columns_keep_the_extremes_of_every_number_of_frames() -> None:
     assert ((low <= middle) & (middle <= high)).all()
     assert np.median(np.abs(middle)) < 0.4
     assert len(sound(curve(TimeAxis.of(time_s), "x", value, np.ones(20_000), value))) < 3e5
-
-
-def test_a_gap_in_time_breaks_the_band() -> None:
-    time_s = np.concatenate([np.arange(5), 100 + np.arange(5)]) * 0.1
-    assert len(marks(curve(TimeAxis.of(time_s), "l, mm", np.ones(10), np.ones(10)), "band")) == 2
-
-
-def test_lanes_show_every_label_with_its_count() -> None:
-    axes = lanes(clock(4), "status", ["ok", "failed", "ok", "ok"], STATUS)
-    assert [text.get_text() for text in axes.get_yticklabels()] == ["ok (3)", "failed (1)"]
-    boxes = {name: marks(axes, name)[0].reshape(-1, 5, 2) for name in STATUS}
-    width = {name: float(np.ptp(found[..., 0], axis=1).sum()) for name, found in boxes.items()}
-    assert width["ok"] == pytest.approx(3 * width["failed"])
 
 
 def test_one_bad_frame_of_very_many_is_still_seen() -> None:
@@ -243,16 +223,6 @@ def test_small_ellipses_are_enlarged_by_what_the_key_says(table: ContactTable, v
     np.testing.assert_allclose(np.ptp(marks(above, "ellipses")[0][:25], axis=0), 0.4 * factor, rtol=0.01)
 
 
-def test_forces_across_the_antenna_lie_in_their_quadrant(table: ContactTable) -> None:
-    contacts = replace(table.picked(slice(2)), force_y_N=np.array([0.05, -0.04]), force_z_N=np.array([-0.01, 0.02]))
-    axes = forces_across(contacts)
-    sound(axes)
-    dots = np.concatenate([found[::2] for found in marks(axes, "dots")])
-    np.testing.assert_allclose(dots, [[50, -10], [-40, 20], [0, 0]])
-    box = axes.get_window_extent()
-    assert box.width == pytest.approx(box.height)
-
-
 def test_a_map_of_nothing_is_still_a_picture() -> None:
     data = {"columns_px": [0, 1, 2], "rows_px": [0, 1], "unit": "mm", "has_ray": [[True, False, True]] * 2}
     assert "stroke-dasharray" in sound(heat_map("m", data | {"std": [[None] * 3] * 2}, (3, 2)))
@@ -265,9 +235,3 @@ def test_arrows_point_from_predicted_to_seen_enlarged() -> None:
     factor = float(re.findall(r"([\d.]+) times", axes.get_title(loc="left"))[0])
     np.testing.assert_allclose(marks(axes, "arrows")[0], [[100, 50], [100 + 0.2 * factor, 50 - 0.1 * factor]])
     assert axes.get_ylim() == (299.5, -0.5)
-
-
-def test_the_coverage_counts_every_corner() -> None:
-    corners = np.random.default_rng(0).uniform(0, 1, (500, 2)) * [399, 299]
-    counts = [int(count) for count in re.findall(r"<title>(\d+) corners</title>", sound(coverage(corners, (400, 300))))]
-    assert (len(counts), sum(counts)) == (48, 500)

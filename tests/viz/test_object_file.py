@@ -14,7 +14,7 @@ from vtkmodules.vtkIOGeometry import vtkGLTFReader
 from estimator.object.surface import Surface, reconstruct
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
-from viz.files.object_file import SUFFIXES, read_object, to_mesh, write_object
+from viz.files.object_file import read_object, to_mesh, write_object
 from viz.files.ply import read_ply
 
 from .touching import ANTENNA_RADIUS_M
@@ -23,28 +23,6 @@ from .touching import ANTENNA_RADIUS_M
 @pytest.fixture(scope="module")
 def surface(table: ContactTable) -> Surface:
     return reconstruct(table, ANTENNA_RADIUS_M)
-
-
-@pytest.fixture(scope="module")
-def with_lines(surface: Surface) -> Surface:
-    """The same vertices as a line of nine pieces and for the rest loose points."""
-    line = np.stack([np.arange(9), np.arange(1, 10)], axis=1)
-    return Surface(**{**vars(surface), "triangles": np.empty((0, 3), int), "lines": line})
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_an_object_comes_back_from_its_file(surface: Surface, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"object{suffix}"
-    write_object(surface, path)
-    back = read_object(path)
-    np.testing.assert_allclose(back.points_m, surface.points_m, atol=1e-7)
-    np.testing.assert_array_equal(back.triangles, surface.triangles)
-    np.testing.assert_allclose(back.normals, surface.normals, atol=1e-6)
-    assert back.std_m is not None
-    np.testing.assert_allclose(back.std_m, surface.std_m, rtol=1e-6)
-    with pytest.raises(InputError, match="exists already"):
-        write_object(surface, path)
-    write_object(surface, path, force=True)
 
 
 def test_a_vtp_holds_all_that_is_known(surface: Surface, tmp_path: Path) -> None:
@@ -59,17 +37,6 @@ def test_a_vtp_holds_all_that_is_known(surface: Surface, tmp_path: Path) -> None
         mesh.field_data["contact_normal_covariance_rad2"].reshape(-1, 3, 3), surface.touched_normal_covariance
     )
     assert list(mesh.field_data["stiffness_in_words"]) == [surface.compliance.reason]
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_line_comes_back_as_a_line(with_lines: Surface, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"object{suffix}"
-    write_object(with_lines, path)
-    back = read_object(path)
-    assert len(back.triangles) == 0
-    np.testing.assert_array_equal(back.lines, with_lines.lines)
-    if suffix == ".vtp":
-        assert pv.read(path).n_verts == len(with_lines.points_m) - 10
 
 
 def test_vtk_reads_the_glb_upright_in_metres(surface: Surface, tmp_path: Path) -> None:
@@ -104,16 +71,6 @@ def test_a_glb_keeps_to_the_format(surface: Surface, tmp_path: Path) -> None:
     back = read_object(tmp_path / "object.glb")
     np.testing.assert_allclose(np.linalg.norm(back.normals, axis=1), 1.0, atol=1e-5)
     assert back.std_m is None
-
-
-@pytest.mark.parametrize("name", [f"object{suffix}" for suffix in SUFFIXES])
-def test_a_broken_object_file_is_refused(tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / name).write_text("junk")
-    with pytest.raises(InputError, match="holds no mesh"):
-        read_object(tmp_path / name)
-    with pytest.raises(InputError, match="no such file"):
-        read_object(tmp_path / f"other-{name}")
-    assert capfd.readouterr().err == ""
 
 
 def test_a_glb_cut_short_or_twisted_is_refused(surface: Surface, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
 from viz.parts import Part, all_parts
 from viz.parts.contacts import MOST_SPREADS, contact_parts
-from viz.parts.part import along, ball, stamp
+from viz.parts.part import ball, stamp
 from viz.parts.true_object import truth_mesh
 from viz.scene.readable import thinned
 from viz.scene.scene import ObjectMesh, Scene
@@ -50,14 +50,6 @@ def test_a_stamp_turns_and_stretches_points_and_normals() -> None:
     gradient = np.einsum("kji,kpj->kpi", np.linalg.inv(linear), inside)
     gradient /= np.linalg.norm(gradient, axis=2, keepdims=True)
     np.testing.assert_allclose(normals, gradient, atol=1e-5)
-
-
-def test_rotations_along_any_axis_are_rotations() -> None:
-    axes = np.vstack([np.eye(3), -np.eye(3), np.random.default_rng(0).standard_normal((50, 3))])
-    turns = along(axes)
-    np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turns.shape), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(turns), 1.0)
-    np.testing.assert_allclose(turns[:, :, 0] * np.linalg.norm(axes, axis=1, keepdims=True), axes, atol=1e-12)
 
 
 def test_arrows_begin_at_the_contacts_and_run_along_the_force(scene: Scene) -> None:
@@ -119,17 +111,6 @@ def test_an_instant_shows_the_contacts_up_to_then_and_its_own_antenna(scene: Sce
         assert off.max() < 0.006  # nodes are up to 9 mm apart
     # nothing says where the antenna was then
     np.testing.assert_array_equal(antenna.span[90:], 0)
-
-
-def test_a_surface_is_coloured_by_what_is_known_of_it(scene: Scene) -> None:
-    mesh = named(all_parts(scene), "object").mesh
-    colour = np.asarray(mesh.point_data["colour"], int)[:90]
-    # the paler, the less is known
-    assert (np.diff(colour.sum(axis=1)) >= 0).all()
-    assert colour[-1].sum() > colour[0].sum() + 100
-    assert scene.object is not None
-    plain = replace(scene, object=replace(scene.object, std_m=None))
-    assert len(np.unique(named(all_parts(plain), "object").mesh.point_data["colour"], axis=0)) == 1
 
 
 def test_an_object_of_loose_points_and_lines_is_drawn(scene: Scene) -> None:

@@ -129,16 +129,6 @@ def test_the_window_s_controls_choose_instant_colour_and_contacts(scene: Scene, 
     plotter.close()
 
 
-def test_a_scene_of_contacts_alone_makes_a_page_and_glTF(table: ContactTable, tmp_path: Path) -> None:
-    scene = bare_scene(table)
-    render.write_page(scene, tmp_path / "scene.html", title="contacts")
-    text = (tmp_path / "scene.html").read_text()
-    assert LOOK["camera"][1] not in text
-    assert "whole rig" not in text.partition('id="views"')[2][:200]
-    render.write_gltf(scene, tmp_path / "scene.glb")
-    assert pv.read(tmp_path / "scene.glb").combine().n_points > 1000
-
-
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
 def test_gltf_is_sound_and_comes_back_without_opengl(
     scene: Scene, tmp_path: Path, no_opengl: None, suffix: str

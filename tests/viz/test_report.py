@@ -15,12 +15,10 @@ import pytest
 from markupsafe import escape
 
 from estimator.table.contacts import COLUMNS, STATUSES, ContactTable
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
-from viz.pages.page import prose
 from viz.render.render import can_render
-from viz.report.pictures import Picture, scene_from_file, scene_picture
-from viz.report.recording import MOST_ROWS, Report, contacts_table, page
+from viz.report.pictures import Picture, scene_picture
+from viz.report.recording import MOST_ROWS, Report, page
 from viz.report.words import SYMBOLS, ObjectFindings, findings_of, frame_facts, headline, origin
 from viz.scene.facts import Fact, drawn_estimate
 from viz.scene.truth import true_contacts
@@ -156,19 +154,6 @@ def test_a_long_recording_is_a_small_page(table: ContactTable, rig: Rig) -> None
     assert f"{MOST_ROWS} of 50000 frames, evenly spread" in html
 
 
-def test_the_table_gives_the_numbers_with_the_digits_they_deserve(table: ContactTable) -> None:
-    exact = replace(
-        table,
-        distance_m=np.full(len(table), 0.1234567),
-        distance_std_m=np.full(len(table), 0.00021),
-        covariance_world_m2=np.full((len(table), 3, 3), np.nan),
-    )
-    found = contacts_table(exact, None)
-    assert found.rows[0][found.head.index("l, mm")] == "123.46 <small>± 0.21</small>"
-    assert "nan" not in str(found.rows)
-    assert len(found.rows) == len(table)
-
-
 def test_frames_that_were_lost_are_accounted_for(table: ContactTable, rig: Rig) -> None:
     facts = {fact.label: fact for fact in frame_facts(table, rig)}
     assert "90 ok" in facts["Recording"].words
@@ -176,22 +161,6 @@ def test_frames_that_were_lost_are_accounted_for(table: ContactTable, rig: Rig) 
     assert "1 frames gave no contact point: <the fit> did not converge (1 ×)" in facts["Lost"].words
     off = replace(table, moment_residual_Nm=np.full(len(table), 10 * rig.moment_sensor.std_Nm))
     assert "disagree by 10.0 times" in {f.label: f for f in frame_facts(off, rig)}["To look at"].words
-
-
-def test_pictures(tmp_path: Path) -> None:
-    wide = np.zeros((300, 3000, 3), np.uint8)
-    cv2.imwrite(str(tmp_path / "scene.png"), wide)
-    picture = scene_from_file(tmp_path / "scene.png")
-    image = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
-    assert image.shape == (160, 1600, 3)
-    assert prose("a `command` <b>") == "a <code>command</code> &lt;b&gt;"
-    with pytest.raises(InputError, match="cannot be read"):
-        scene_from_file(tmp_path / "none.png")
-    for junk in (b"", b"junk"):
-        (tmp_path / "scene.png").write_bytes(junk)
-        with pytest.raises(InputError, match="is not a picture"):
-            scene_from_file(tmp_path / "scene.png")
 
 
 def test_the_scene_is_drawn_or_said_why_not(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:

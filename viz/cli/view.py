@@ -99,7 +99,7 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     from viz.files.object_file import read_object
     from viz.scene.build import build_scene
     from viz.scene.instants import refuse_out_of_reach
-    from viz.scene.rig_items import one_picture, session_pictures
+    from viz.scene.rig_items import session_pictures, small_picture
     from viz.scene.truth import true_object
 
     table = read_contacts(args.contacts)
@@ -125,6 +125,6 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
         pictures = session_pictures(args.session, scene.instants.frame, rig.camera.image_size)
         scene = replace(scene, pictures=pictures)
     elif rig is not None and args.picture is not None:
-        pictures = one_picture(args.picture, rig.camera.image_size, len(scene.instants))
+        pictures = (small_picture(args.picture, rig.camera.image_size),) * len(scene.instants)
         scene = replace(scene, pictures=pictures)
     return scene, len(table)

@@ -100,6 +100,7 @@ def svg(axes: Axes, name: str = "", attributes: str = "") -> Markup:
     body = text.getvalue()
     body = body[body.index('<g id="figure_1">') :]
     body = re.sub(r'<g id="tip:([^"]*)">', r"<g><title>\1</title>", body)
+    body = body.replace('<g id="legend_1">', '<g class="legend">')
     body = re.sub(r' id="[A-Za-z0-9.]+_\d+"', "", body)
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+|\s*\n", r"\1", path.group()), body)
     width, height = 72 * figure.get_size_inches()

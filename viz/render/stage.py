@@ -31,7 +31,7 @@ class Stage:
         colour = {"scalars": "colour", "rgb": True} if part.painted else {"color": part.colour}
         if part.textured:
             # any other colour would tint the picture
-            colour = {"color": "white", "texture": texture(next(p for p in self.scene.pictures if p is not None))}
+            colour = {"color": "white", "texture": _texture(next(p for p in self.scene.pictures if p is not None))}
         actor = plotter.add_mesh(
             mesh, opacity=part.opacity, lighting=part.lit, copy_mesh=False, reset_camera=False, render=False, **colour
         )
@@ -66,7 +66,7 @@ class Stage:
                 picture = self.scene.pictures[instant]
                 actor.visibility = actor.visibility and picture is not None
                 if picture is not None:
-                    actor.texture = texture(picture)
+                    actor.texture = _texture(picture)
 
     def unfold(self) -> None:
         """Put all instants' triangles into every mesh, for a viewer that chooses among them itself."""
@@ -75,7 +75,7 @@ class Stage:
             actor.visibility = True
 
 
-def texture(picture: np.ndarray) -> pv.Texture:
+def _texture(picture: np.ndarray) -> pv.Texture:
     """(H, W, 3) uint8 with its first row at the top."""
     made = pv.numpy_to_texture(np.ascontiguousarray(picture))
     made.interpolate = True

@@ -100,14 +100,6 @@ def _picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
 _WIDEST_PX = 360
 
 
-def one_picture(path: Path, image_size: tuple[int, int], count: int) -> tuple[np.ndarray, ...]:
-    """The same picture (H, W, 3) RGB for `count` instants.
-
-    Raises InputError when it cannot be read or is not of the camera's `image_size` (width, height).
-    """
-    return (_small(path, image_size),) * count
-
-
 def session_pictures(folder: Path, frames: np.ndarray, image_size: tuple[int, int]) -> tuple[np.ndarray | None, ...]:
     """The recording's picture (H, W, 3) RGB of each frame (M,), None for a frame that has none.
 
@@ -117,10 +109,11 @@ def session_pictures(folder: Path, frames: np.ndarray, image_size: tuple[int, in
     wanted = [paths.get(int(frame)) for frame in frames]
     if not any(wanted):
         raise InputError("holds no picture of these frames", where=folder, remedy="give the session of this recording")
-    return tuple(None if path is None else _small(path, image_size) for path in wanted)
+    return tuple(None if path is None else small_picture(path, image_size) for path in wanted)
 
 
-def _small(path: Path, image_size: tuple[int, int]) -> np.ndarray:
+def small_picture(path: Path, image_size: tuple[int, int]) -> np.ndarray:
+    """(H, W, 3) RGB. Raises InputError when it cannot be read or is not of `image_size` (width, height)."""
     pixels = read_picture(path)
     height, width = pixels.shape[:2]
     if (width, height) != tuple(image_size):

@@ -32,7 +32,7 @@ _FORCE_KNOWN_RAD = 0.25  # nor does one whose force is not known to this
 _SLIPS = 2.0  # a slip speed of so many deviations has a direction
 # so much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
 # whole and the common one, would be anything
-_LEAST_OWN_TOUCHES = 0.7
+_LEAST_OWN_SHARE = 0.7
 # A touch slides for certain if so many frames before and after it, as far as they lie within this time, and the next
 # ones in any case, slide the same way (cosine between their slips): the slip is taken from several frames at a time, so
 # that it begins early and ends late, and turns slowly where it turned at once.
@@ -214,7 +214,7 @@ def _friction_angles(
     # the last common error is the prior's, which was taken out: to first order, so that half of that is in doubt
     doubt = np.stack([np.zeros(len(rows)), 0.5 * (angle - estimated)], axis=1)
     modes = np.hstack([turned[:, :-1] * widened[:, None], doubt])
-    own = np.sqrt(np.maximum(whole**2 - np.sum(modes[:, :-1] ** 2, axis=1), (_LEAST_OWN_TOUCHES * whole) ** 2))
+    own = np.sqrt(np.maximum(whole**2 - np.sum(modes[:, :-1] ** 2, axis=1), (_LEAST_OWN_SHARE * whole) ** 2))
     return Angles(np.where(seen, angle, np.nan), own, np.where(seen[:, None], modes, 0.0))
 
 
