@@ -16,8 +16,6 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.table.contacts import ContactRow, ContactTable
-from estimator.table.files import read_contacts, write_contacts
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.files import read_json, read_yaml, write_json, write_text
 from vbaa_calib.core.yaml_text import UniqueKeyDumper
@@ -126,55 +124,6 @@ def test_rig_json(seed: int, bow: list[float], log_stiffness: float) -> None:
     assert back.image == rig.image
     assert np.abs(back.antenna.parameters - antenna.parameters).max() < 1e-14
     assert np.abs(back.T_antenna_camera.rotation - rig.T_antenna_camera.rotation).max() < 1e-15
-
-
-COUNT = st.integers(1, 4)
-SIGNED = NUMBER.filter(lambda value: abs(value) < 1e150)
-
-TRIPLE = st.lists(SIGNED, min_size=3, max_size=3)
-
-
-@st.composite
-def contact_rows(draw: st.DrawFn) -> list[ContactRow]:
-    rows = []
-    for frame in range(draw(COUNT)):
-        rows.append(
-            ContactRow(
-                frame=frame,
-                time_s=float(frame) / 3,
-                status="ok",
-                in_contact=True,
-                model="rod",
-                distance_m=draw(SIGNED),
-                distance_std_m=abs(draw(SIGNED)),
-                force_y_N=draw(SIGNED),
-                force_z_N=draw(SIGNED),
-                point_antenna_m=np.array(draw(TRIPLE)),
-                point_world_m=np.array(draw(TRIPLE)),
-                covariance_world_m2=np.diag([draw(st.floats(1e-12, 1.0)) for _ in range(3)]),
-                reason=draw(st.text(st.characters(codec="ascii", categories=["L", "N", "P"]), max_size=20)),
-            )
-        )
-    return rows
-
-
-@QUICK
-@given(rows=contact_rows())
-def test_contacts_csv(rows: list[ContactRow]) -> None:
-    with TemporaryDirectory() as folder:
-        first, second = Path(folder, "first.csv"), Path(folder, "second.csv")
-        write_contacts(first, rows)
-        read = read_contacts(first)
-        for name in ("distance_m", "force_y_N", "point_world_m"):
-            written = np.array([getattr(row, name) for row in rows])
-            np.testing.assert_allclose(getattr(read, name), written, rtol=1e-8, atol=5e-323)
-        write_contacts(second, [row_of(read, index) for index in range(len(read))])
-        assert second.read_bytes() == first.read_bytes()
-
-
-def row_of(table: ContactTable, index: int) -> ContactRow:
-    values = {name: getattr(table, name)[index] for name in ContactRow.__dataclass_fields__}
-    return ContactRow(**values)
 
 
 READINGS = st.fixed_dictionaries(dict.fromkeys(("pan_rad", "tilt_rad", "moment_Nm"), NUMBER))

@@ -181,15 +181,3 @@ def test_the_end_has_a_verdict_and_a_report(browser: Browser, server: PageServer
     page.open(page.value("document.getElementById('open').href"))
     page.until("document.title === 'refused'")
     assert page.text("#p") == "alive"
-
-
-def test_the_page_says_when_the_wizard_is_gone_and_comes_back_to_it(browser: Browser) -> None:
-    first = PageServer()
-    page = opened(browser, first)
-    first.close()
-    page.until("document.getElementById('link').textContent.includes('does not answer')")
-    second = PageServer(first.port)
-    second.show(state())
-    page.until("document.getElementById('link').textContent.includes('an earlier run')")
-    browser.open("about:blank")
-    second.close()

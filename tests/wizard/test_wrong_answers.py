@@ -108,17 +108,3 @@ def test_a_file(name: str, tmp_path: Path) -> None:
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     expect_line(call(tmp_path / "s", "--answers", file), "answers.yaml", *words)
     assert not (tmp_path / "s").exists()
-
-
-CALLS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "port negative": (("--port", "-1"), ("--port", "-1")),
-    "port no number": (("--port", "http"), ("--port", "http")),
-}
-
-
-@pytest.mark.parametrize("name", CALLS)
-def test_a_call(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    argv, words = CALLS[name]
-    expect_line(call(tmp_path / "s", *argv), *words)
-    assert not (tmp_path / "s").exists()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -31,24 +30,6 @@ def test_answers_that_do_not_go_together(name: str, tiny: Tiny) -> None:
     before = (tiny.session / "wizard.json").read_bytes()
     expect_refused(tiny, call(tiny.session, *argv), *words)
     assert (tiny.session / "wizard.json").read_bytes() == before
-
-
-BOARDS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "marker larger": ("{square_m: 0.015, marker_m: 0.02}", ("marker",)),
-    "in mm": ("{square_m: 15.0, marker_m: 11.0}", ("square_m: 15.0",)),
-}
-
-
-@pytest.mark.parametrize("name", BOARDS)
-def test_a_board_that_cannot_be(name: str, tiny: Tiny, tmp_path: Path) -> None:
-    from vbaa_calib.core.files import read_yaml
-
-    content, words = BOARDS[name]
-    file = tmp_path / "other.yaml"
-    file.write_text(content)
-    if content.startswith("{"):
-        file.write_text(json.dumps({"board": read_yaml(tiny.source / "session.yaml")["board"] | read_yaml(file)}))
-    expect_refused(tiny, call(tiny.session, "--board", file), "other.yaml", *words)
 
 
 def inside(tiny: Tiny) -> str:
