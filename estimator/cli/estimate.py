@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
+DRIFTS = ("none", "lab", "rough")
+"""`vbaa_calib.session.DRIFTS`, not imported either."""
 FRICTION_RAD = 0.2
 """The estimator's own, `estimate.FRICTION_RAD`, not imported either."""
 
@@ -41,6 +43,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="how far friction may turn the force from the antenna's normal, as a standard deviation "
         f"(default: {FRICTION_RAD}); 0: no friction",
     )
+    parser.add_argument(
+        "--drift",
+        choices=DRIFTS,
+        help="what may have changed since the calibration (default: as session.yaml says, else as rig.json does)",
+    )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
     parser.add_argument(
         "--device", default="cpu", help="cpu (NumPy), or a torch device for the fits, as cuda:0 (default: cpu)"
@@ -61,21 +68,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording and write contacts.csv."""
+    from dataclasses import replace
+
     from estimator.contact.estimate import ContactEstimator
     from estimator.table.files import write_contacts
     from vbaa_calib.core.console import say
     from vbaa_calib.rig import Rig
+    from vbaa_calib.session import DRIFTS as drifts
     from vbaa_calib.session import check_pictures, load_session
 
     check_outputs(args)
     session, rig = load_session(args.session), Rig.load(args.rig)
+    drift = session.drift if args.drift is None else drifts[args.drift]
+    rig = rig if drift is None else replace(rig, drift=drift)
     estimator = ContactEstimator(rig, args.model, friction=args.friction, device=args.device)
     frames = _frames(session, rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     tally = Tally()
     write_contacts(args.output, tally.counted(_rows(args, estimator, session, frames)), args.force)
-    result = _summary(tally)
+    result = {**_summary(tally), "drift": _drift(estimator)}
     say(f"wrote {args.output}")
     if args.overlay is not None:
         say(f"wrote {args.overlay}: open {args.overlay / 'index.html'} to see what was seen in each frame")
@@ -175,3 +187,21 @@ def _summary(tally: Tally) -> dict[str, Any]:
         "models": dict(tally.models),
         "distance_std_median_m": located,
     }
+
+
+def _drift(estimator: ContactEstimator) -> dict[str, Any]:
+    """How the rig has changed since its calibration, said and returned."""
+    from estimator.contact.drift import summary
+    from vbaa_calib.core.console import say
+
+    found = summary(estimator.drift)
+    if found["free_frames"]:
+        say(
+            f"since the calibration the picture of the free antenna has moved by {found['picture_px']:.2g} px and the "
+            f"sensor's zero by {found['moment_zero_std']:.2g} std, says the free antenna in {found['free_frames']} frames"
+        )
+    elif estimator.rig.drift.of_rig:
+        say("no frame shows the free antenna: begin with some, and the rig's drift costs less")
+    if found["beyond"]:
+        say(f"warning: more than is thought possible ({', '.join(found['beyond'])}): run vbaa check, or calibrate again")
+    return found

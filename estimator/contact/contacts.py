@@ -64,7 +64,7 @@ def contacts_of(
         return np.where(where.reshape((-1,) + (1,) * (values.ndim - 1)), values, np.nan)
 
     with np.errstate(invalid="ignore", over="ignore"):
-        deviations = np.sqrt(np.diagonal(numbers.covariance, axis1=1, axis2=2))
+        deviations = _deviations(numbers.covariance)
         covariance = rotation @ numbers.covariance[:, :3, :3] @ np.swapaxes(rotation, 1, 2)
         if not rig.kinematics.axes_known:
             covariance = covariance + _by_axes(rig, numbers, rotation, rig.kinematics.by_axes(pan_rad, tilt_rad))
@@ -81,6 +81,10 @@ def contacts_of(
             model=np.array(RUNGS)[numbers.rung],
             distance_m=given(numbers.unknowns[:, 0] * length),
             distance_std_m=given(numbers.std[:, 0] * length),
+            distance_shared_std_m=given(numbers.shared_std * length),
+            point_shared_std_m=given(_deviations(rotation @ numbers.shared[:, :3, :3] @ np.swapaxes(rotation, 1, 2))),
+            force_covariance_yz_N2=given(numbers.covariance[:, 4, 5]),
+            force_shared_std_N=given(_deviations(numbers.shared[:, 3:, 3:])),
             force_N=given(numbers.force_N),
             force_std_N=given(deviations[:, 3:]),
             deflection_m=given(numbers.deflection_m),
@@ -96,6 +100,11 @@ def contacts_of(
             evidence=given(numbers.evidence, numbers.finite),
             condition=numbers.condition,
         )
+
+
+def _deviations(covariance: np.ndarray) -> np.ndarray:
+    """(B, K) roots of the diagonals of covariances (B, K, K)."""
+    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
 
 def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

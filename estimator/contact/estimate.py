@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 import torch
 
-from estimator.solver.frames import Frames, frames_from_pixels
+from estimator.solver.frames import Frames
 from estimator.solver.ladder import COARSE_RUNG, find_starts, solve
 from estimator.solver.prediction import predict
 from estimator.solver.rig_arrays import RigArrays
@@ -19,12 +19,14 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_index, like
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, contacts_of
+from .drift import LearntRig
 from .inputs import Batch, Values, checked_device
 from .motion import Beam
 from .motion_check import MotionCheck
-from .quantities import FitNumbers, fit_numbers, plain
+from .quantities import FitNumbers, drift_of, fit_numbers, plain
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
 
 CHUNK, CHUNK_ON_DEVICE = 512, 1024
@@ -65,7 +67,9 @@ class ContactEstimator:
         self.rig = rig
         self.model = model
         self.friction_rad = float(friction)
-        self.device = checked_device(device)
+        self.device, self._device_name = checked_device(device), device
+        self.drift = LearntRig.of(rig)
+        """What the last recording's free frames told of the rig's drift."""
         self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad, np.empty(0))
         self._rig_arrays_on_device = self._rig_arrays
         if device != PROCESSOR:
@@ -139,13 +143,27 @@ class ContactEstimator:
         `live` each frame is answered as it comes, tested with those before it.
         """
         frames, warm = iter(recording), None
-        motion = MotionCheck(self.rig, live)
+        motion, now = MotionCheck(self.rig, live), self
         while several := list(islice(frames, 1 if live else STREAM)):
-            found = self._contacts(Batch.of(several, warm), Beam.of(self.rig))
+            batch = Batch.of(several, warm)
+            now = now._after_free_frames(batch, max(each.time_s for each in several))
+            self.drift = now.drift
+            found = now._contacts(batch, Beam.of(self.rig))
             located = np.flatnonzero(np.isfinite(found.distance_m))
             warm = found.numbers.unknowns[located[-1]] if len(located) else None
             yield from motion.push(several, found)
         yield from motion.finish()
+
+    def _after_free_frames(self, batch: Batch, time_s: float) -> ContactEstimator:
+        """The estimator for the rig as it is by now: what the free ones of some frames tell of its drift is learnt."""
+        if not self.drift.due(time_s):
+            return self
+        learnt = self.drift.later(time_s).learn(batch, time_s)
+        if learnt.frames == self.drift.frames:
+            return self
+        later = ContactEstimator(learnt.now, self.model, friction=self.friction_rad, device=self._device_name)
+        later.drift = learnt
+        return later
 
     def measure(self, measured: Measured) -> Contact:
         """One frame that was checked already."""
@@ -153,7 +171,7 @@ class ContactEstimator:
 
     def rough(self, several: Sequence[Measured]) -> list[RoughFit | None]:
         """A quick fit of each frame on a low rung. None with too few points."""
-        frames = self._frames(self._rig_arrays, Batch.of(several))
+        frames = Batch.of(several).frames(self._rig_arrays)
         found: list[RoughFit | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
         if len(enough):
@@ -167,7 +185,7 @@ class ContactEstimator:
     def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
         batch = Batch.of([measured])
-        frames = self._frames(self._rig_arrays, batch)
+        frames = batch.frames(self._rig_arrays)
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
         return np.asarray(solve(frames, self.model, batch.start)[0].fits.prediction.points_m[0])
@@ -180,7 +198,7 @@ class ContactEstimator:
         chunk = CHUNK if rig_arrays is self._rig_arrays else CHUNK_ON_DEVICE
         for begin in range(0, count, chunk):
             part = batch[begin : begin + chunk]
-            frames = self._frames(rig_arrays, part)
+            frames = part.frames(rig_arrays)
             usable = frames.usable.sum(-1)
             enough = usable >= FEWEST_POINTS
             found.points[begin : begin + chunk] = plain(usable)
@@ -193,8 +211,21 @@ class ContactEstimator:
             with np.errstate(all="ignore"):  # what leaves the domain of the model is judged by its numbers
                 fitted = fit_numbers(solve(frames, self.model, start), beam)
                 self._without_reading(frames, fitted)
+                self._with_drift(part[rows], fitted)
             found.put(begin + rows, fitted)
-        return contacts_of(found, self.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model)
+        return contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model)
+
+    def _with_drift(self, batch: Batch, fitted: FitNumbers) -> None:
+        """Fit frames that no contact explains once more, the rig free to change: would that explain them?"""
+        rows = np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))
+        if len(rows) == 0:
+            return
+        loose = RigArrays.from_rig(replace(self.rig, drift=DRIFTS["rough"]), self.friction_rad, np.empty(0))
+        parts = solve(batch[rows].frames(loose), self.model)
+        fitted.explained_drifted[rows] = ~unexplained(fit_numbers(parts))
+        for part in parts:
+            which = rows[plain(part.rows)]
+            fitted.drift_px[which], fitted.drift_readings[which] = drift_of(part.fits)
 
     def _without_reading(self, frames: Frames, fitted: FitNumbers) -> None:
         """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
@@ -205,13 +236,6 @@ class ContactEstimator:
         alone = select(frames, as_index(like(frames.points, rows)))
         silent = replace(alone, sensor_available=0.0 * alone.sensor_available)
         fitted.explained_alone[rows] = ~unexplained(fit_numbers(solve(silent, self.model)))
-
-    def _frames(self, rig_arrays: RigArrays, batch: Batch) -> Frames:
-        rotation, _ = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
-        gravity = np.einsum("bji,j->bi", rotation, self.rig.gravity_world_m_s2)
-        values = (batch.points_px, batch.sigma_px, batch.readings_Nm, gravity)
-        owned = (np.require(each, float, ["C", "W"]) for each in values)
-        return frames_from_pixels(rig_arrays, *(like(rig_arrays.prior, each) for each in owned))
 
 
 @dataclass(frozen=True, eq=False)

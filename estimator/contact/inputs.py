@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from estimator.solver.frames import Frames, frames_from_pixels
+from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
+from vbaa_calib.core.arrays import like
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -41,10 +44,18 @@ class Batch:
     def __len__(self) -> int:
         return len(self.points_px)
 
-    def __getitem__(self, which: slice) -> Batch:
+    def __getitem__(self, which: slice | np.ndarray) -> Batch:
         start = None if self.start is None else self.start[which]
         points_px, sigma_px = self.points_px[which], self.sigma_px[which]
         return Batch(points_px, sigma_px, self.readings_Nm[which], self.pan_rad[which], self.tilt_rad[which], start)
+
+    def frames(self, rig_arrays: RigArrays) -> Frames:
+        """As the solver takes them, for one rig."""
+        rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
+        gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
+        values = (self.points_px, self.sigma_px, self.readings_Nm, gravity)
+        owned = (np.require(each, float, ["C", "W"]) for each in values)
+        return frames_from_pixels(rig_arrays, *(like(rig_arrays.prior, each) for each in owned))
 
     @staticmethod
     def of(several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:

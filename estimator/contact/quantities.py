@@ -50,7 +50,8 @@ class FitNumbers:
     rung : index in `antenna.rungs.RUNGS`.
     unknowns, std : (B, 4), see `rig_arrays.UNKNOWNS`.
     point_m, force_N, deflection_m : (B, 3) antenna frame. tangent : (B, 3) of the antenna at the contact, likewise.
-    covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
+    covariance : (B, 6, 6) of point and force. shared : (B, 6, 6) the part of it, and shared_std (B,) that of the
+        distance's deviation, that all frames of a recording have in common: the rig's. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
     residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
     sensor_available : (B, 2) bool, whether there was a reading.
     rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
@@ -58,6 +59,8 @@ class FitNumbers:
     second_place, second_shift : see `solver.ladder.Solution` and what it holds.
     finite : (B,) bool, the fit stayed in the model's domain.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
+    explained_drifted : (B,) bool, one contact explains the frame if the rig has changed much, by which the picture is
+        moved by drift_px (B,) and the readings by drift_readings (B,), in deviations; looked at only where nothing fits.
     explained_alone : (B,) bool, one contact explains the picture alone; looked at only where the readings do not fit.
     bias : (B, len(RUNGS)), NaN where it was not compared.
     pieces_m, pieces_std_m : points of the fitted antenna at `Beam.pieces_m`, antenna frame, and their deviations by
@@ -75,6 +78,8 @@ class FitNumbers:
     deflection_m: np.ndarray = _each(3)
     covariance: np.ndarray = _each(6, 6)
     with_pose: np.ndarray = _each(6, 6)
+    shared: np.ndarray = _each(6, 6)
+    shared_std: np.ndarray = _each()
     residual: np.ndarray = _each(2)
     residual_std: np.ndarray = _each(2)
     sensor_available: np.ndarray = _each(2, dtype=bool)
@@ -94,6 +99,9 @@ class FitNumbers:
     second_shift: np.ndarray = _each()
     edge_on_rad: np.ndarray = _each()
     explained_alone: np.ndarray = _each(dtype=bool)
+    explained_drifted: np.ndarray = _each(dtype=bool)
+    drift_px: np.ndarray = _each()
+    drift_readings: np.ndarray = _each()
     bias: np.ndarray = _each(len(RUNGS))
     pieces_m: np.ndarray = _each(PIECES, 3)
     pieces_std_m: np.ndarray = _each(PIECES)
@@ -134,9 +142,12 @@ def fit_numbers(parts: list[Solution], beam: Beam | None = None) -> FitNumbers:
 def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
     fits, uncertainty, rig_arrays = part.fits, part.uncertainty, part.fits.frames.rig_arrays
     state, prediction, by_rig = fits.state, fits.prediction, fits.by_rig
-    xp = namespace(state.scatter)
+    xp, shared = namespace(state.scatter), rig_arrays.axes.shape[1]
     touch = prediction.point_force + (by_rig.point_force @ state.rig_steps[..., None])[..., 0]
     covariance = uncertainty.propagate(prediction.point_force_jacobian, by_rig.point_force)
+    # how far a unit error of each of the rig's axes, which all frames share, turns a result
+    with_rig = uncertainty.covariance_with_rig(prediction.point_force_jacobian, by_rig.point_force)[..., :shared]
+    distance_with_rig = (uncertainty.covariance @ uncertainty.rig_response.mT)[:, 0, :shared]
     covariance = covariance + _bows(rig_arrays, state.unknowns, uncertainty.covariance, state.at_tip)
     # a rung that was demanded though it is too low: what it makes wrong is doubt
     off = part.model_errors
@@ -166,6 +177,8 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
         deflection_m=touch[:, :3] - plain(free),
         covariance=plain(covariance),
         with_pose=plain(with_rig @ rig_arrays.axes[:POSES].T),
+        shared=plain(with_rig @ with_rig.mT),
+        shared_std=plain(xp.sqrt((distance_with_rig**2).sum(-1))),
         residual=plain(fits.problem.moment_residual),
         residual_std=plain(uncertainty.moment_std),
         sensor_available=plain(fits.frames.sensor_available) > 0.0,
@@ -174,6 +187,15 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
         finite=plain(xp.isfinite(fits.equations.cost) & xp.isfinite(state.unknowns).all(-1)),
         edge_on_rad=edge_on(rig_arrays.rig, unknowns),
     )
+
+
+def drift_of(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) by how many px, rms along the antenna, and deviations of the readings the rig's steps of fits move both."""
+    shared = fits.frames.rig_arrays.axes.shape[1]
+    steps = fits.state.rig_steps[:, :shared, None]
+    focal_px = float(np.sqrt(np.prod(np.diag(fits.frames.rig_arrays.rig.camera.matrix)[:2])))
+    image, moment = fits.by_rig.image[..., :shared] @ steps, fits.by_rig.moment[..., :shared] @ steps
+    return focal_px * np.sqrt((plain(image)[..., 0] ** 2).mean(axis=1)), np.abs(plain(moment)).max(axis=(1, 2))
 
 
 def edge_on(rig: Rig, unknowns: np.ndarray) -> np.ndarray:

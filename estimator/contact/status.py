@@ -137,6 +137,16 @@ def reason(numbers: FitNumbers, status: str, length_m: float, requested: str) ->
 
 
 def _failed(numbers: FitNumbers, length_m: float) -> str:
+    why = _misfit(numbers, length_m)
+    if not (unexplained(numbers)[0] and numbers.explained_drifted[0]):
+        return why
+    return (
+        f"it fits if the rig has changed since its calibration (the picture by about {numbers.drift_px[0]:.2g} px, the "
+        f"reading by {numbers.drift_readings[0]:.1g} std): show the free antenna first, or check the rig; if not, {why}"
+    )
+
+
+def _misfit(numbers: FitNumbers, length_m: float) -> str:
     scatter, lean = numbers.scatter[0], abs(numbers.unknowns[0, 3])
     if not numbers.finite[0]:
         return "the fit left the domain of the model"

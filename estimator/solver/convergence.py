@@ -59,7 +59,7 @@ def converge(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = 
     most points count as outliers for it: such frames are fitted again with the scatter of their points.
     """
     fits = _initial_fits(frames, rung, unknowns, feet_m)
-    fits = _with_rig(fits) if frames.rig_arrays.axes.shape[1] else _descend(fits)
+    fits = _with_rig(fits) if frames.rig_arrays.steps else _descend(fits)
     for _ in range(_ROUNDS):
         estimate = _scatter(fits.problem)
         changed = abs(estimate - fits.state.scatter) > _SCATTER_CHANGE * fits.state.scatter

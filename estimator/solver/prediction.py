@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import curves
 from vbaa_calib.antenna.shape import Curves
-from vbaa_calib.core.arrays import Array, as_index, namespace
+from vbaa_calib.core.arrays import Array, arange_like, as_index, namespace
 from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
 
 from .curves import INNER, LAST, cubics, dot, evaluate_cubics, flat_rows, image_slopes, project, spacing
@@ -199,7 +199,7 @@ def rig_jacobian(frames: Frames, rung: str, unknowns: Array, prediction: Predict
     The paper's rung has neither clamp angle nor weight nor bow: it takes their effect from the linear one.
     """
     xp, rig_arrays = namespace(unknowns), frames.rig_arrays
-    if rig_arrays.axes.shape[1] == 0:
+    if rig_arrays.steps == 0:
         return RigJacobian(
             prediction.nodes[..., :0], prediction.moment_jacobian[..., :0], prediction.point_force_jacobian[..., :0]
         )
@@ -224,11 +224,26 @@ def rig_jacobian(frames: Frames, rung: str, unknowns: Array, prediction: Predict
         by_lens = xp.where(xp.isfinite(by_lens), by_lens, xp.zeros_like(by_lens))
         image.append(-dot(normals[..., None, :], by_lens.mT))  # the lens moves the seen points, not the curve
         moment.append(xp.zeros_like(image[-1][:, :2]))
-    return RigJacobian(
+    found = (
         xp.concat(image, -1) @ rig_arrays.axes,
         (xp.concat(moment, -1) @ rig_arrays.axes) * frames.sensor_available[..., None],
         point_force_by_antenna @ rig_arrays.axes[POSES : POSES + ANTENNA],
     )
+    line = _by_line(rig_arrays, prediction)
+    if line.shape[-1] == 0:
+        return RigJacobian(*found)
+    none = (xp.zeros_like(part[..., :1]) + 0.0 * rig_arrays.line for part in (moments[:, 0, :, None], point_force[:, 0, :, None]))
+    return RigJacobian(*(xp.concat([part, own], -1) for part, own in zip(found, (line, *none), strict=True)))
+
+
+def _by_line(rig_arrays: RigArrays, prediction: Prediction) -> Array:
+    """(B, M, L) displacement along the normals by the found line's own errors, of unit deviation."""
+    xp = namespace(prediction.depth)
+    if rig_arrays.line.shape[0] == 0:
+        return prediction.depth[..., :0]
+    nodes = arange_like(prediction.depth, prediction.nodes.shape[1]) + 0.0 * prediction.nodes[..., 0]
+    along = 2.0 * prediction.arclength(nodes) / prediction.length_m - 1.0
+    return xp.stack([xp.ones_like(along), along, 1.5 * along * along - 0.5], -1) * rig_arrays.line
 
 
 def _by_pose(rig_arrays: RigArrays, points_m: Array, u: Array, v: Array, normals: Array) -> Array:

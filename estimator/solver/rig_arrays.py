@@ -16,6 +16,7 @@ POSES, ANTENNA = len(POSE_PARAMETERS), len(ANTENNA_PARAMETERS)
 UNKNOWNS = 4
 """Distance in antenna lengths, lateral force (y, z of the clamp's frame) in `RigArrays.force_unit_N`, friction angle in
 standard deviations of its prior."""
+LINE_ERRORS = 3
 TIP_DEFLECTION_STD = 0.3
 """Prior on the tip's deflection, in antenna lengths: it only matters where the data do not hold the force."""
 _NEGLIGIBLE = 1e-9
@@ -36,8 +37,10 @@ class RigArrays:
     gain, offset, std : (2,) of the moment sensors about y and z; a missing one has the gain 0.
     antenna_steps : (1 + 9, 9) finite-difference steps of the antenna's parameters; the first row is zero.
     unit_steps : (1 + 4, 4) unit steps of the unknowns; the first row is zero.
-    prior : (4 + R,) prior weights of the unknowns' and rig steps' squares; distance and force have none.
-    identity : (R, R).
+    prior : (4 + R + L,) prior weights of the unknowns' and rig steps' squares; distance and force have none.
+    identity : (R + L, R + L).
+    line : (L,) deviations of the found line's errors that neighbours share, in the ideal picture: its offset, slope and
+        curvature, or none. They are the last of the R + L steps of each frame, and each frame has its own.
     """
 
     rig: Rig
@@ -53,11 +56,16 @@ class RigArrays:
     unit_steps: Array
     prior: Array
     identity: Array
+    line: Array
     same_for_all_rows: ClassVar[bool] = True
 
     @staticmethod
-    def from_rig(rig: Rig, friction_rad: float, reference: Array) -> RigArrays:
-        """The rig in the kind, precision and device of a reference array."""
+    def from_rig(rig: Rig, friction_rad: float, reference: Array, line: bool = True) -> RigArrays:
+        """The rig, with what may have changed of it, in the kind, precision and device of a reference array.
+
+        line : whether the lines have errors of their own.
+        """
+        rig = rig.drifted()
         poses = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
         inverses = [pose.inverse() for pose in poses]
         axes = independent_axes(rig.covariance)
@@ -65,6 +73,9 @@ class RigArrays:
         axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
         sensors = (rig.moment_sensor, rig.second_moment_sensor)
         gain, offset, std = np.array([(s.gain, s.offset_Nm, s.std_Nm) if s else (0.0, 0.0, 1.0) for s in sensors]).T
+        focal, line_px = np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2])), rig.drift.line_px if line else 0.0
+        own = np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / focal)
+        steps = axes.shape[1] + len(own)
         arrays = (
             rig.antenna.parameters,
             axes,
@@ -75,14 +86,20 @@ class RigArrays:
             std,
             np.vstack([np.zeros(ANTENNA), np.diag(RIG_STEPS[POSES:])]),
             np.vstack([np.zeros(UNKNOWNS), np.eye(UNKNOWNS)]),
-            np.repeat([0.0, 1.0], [UNKNOWNS - 1, axes.shape[1] + 1]),
-            np.eye(axes.shape[1]),
+            np.repeat([0.0, 1.0], [UNKNOWNS - 1, steps + 1]),
+            np.eye(steps),
+            own,
         )
         return RigArrays(rig, friction_rad, *(like(reference, np.ascontiguousarray(values)) for values in arrays))
 
     def zero_rig_steps(self, count: int) -> Array:
-        """(count, R) rig steps of a rig as calibrated."""
-        return namespace(self.prior).broadcast_to(0.0 * self.prior[UNKNOWNS:], (count, self.axes.shape[1]))
+        """(count, R + L) rig steps of a rig as calibrated, and no error of the line."""
+        return namespace(self.prior).broadcast_to(0.0 * self.prior[UNKNOWNS:], (count, self.steps))
+
+    @property
+    def steps(self) -> int:
+        """R + L."""
+        return self.axes.shape[1] + self.line.shape[0]
 
     @property
     def length_m(self) -> float:

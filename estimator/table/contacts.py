@@ -72,10 +72,24 @@ class _Common(Generic[Number, Flag, Text]):
     model: Text = _column("–", "rung of the ladder that was fitted: paper, linear, elastica or rod", "")
     distance_m: Number = _column("m", "arc length from the clamp to the contact")
     distance_std_m: Number = _column("m", "its standard deviation")
+    distance_shared_std_m: Number = _column(
+        "m", "the part of it that all frames of the recording have in common: calibration and drift"
+    )
     point_antenna_m: np.ndarray = _vector("m", "contact point on the centreline, antenna frame", "x_m y_m z_m")
     point_world_m: np.ndarray = _vector("m", "contact point on the centreline, world frame", "X_m Y_m Z_m")
     covariance_world_m2: np.ndarray = _vector(
         "m²", "covariance of the world point", "cov_XX cov_XY cov_XZ cov_YY cov_YZ cov_ZZ", (3, 3)
+    )
+    point_shared_std_m: np.ndarray = _vector(
+        "m",
+        "the part of the world point's deviations that all frames have in common",
+        "X_shared_std_m Y_shared_std_m Z_shared_std_m",
+    )
+    force_covariance_yz_N2: Number = _column("N²", "covariance of the force's components along y and z")
+    force_shared_std_N: np.ndarray = _vector(
+        "N",
+        "the part of the force's deviations that all frames have in common, antenna frame",
+        "force_x_shared_std_N force_y_shared_std_N force_z_shared_std_N",
     )
     force_world_N: np.ndarray = _vector("N", "the object's force on the antenna, world frame", "FX_N FY_N FZ_N")
     tangent_world: np.ndarray = _vector(
@@ -224,6 +238,7 @@ REQUIRED = (
 OPTIONAL = (
     *("force_world_N", "friction_angle_rad", "friction_angle_std_rad", "bias_std", "condition"),
     *("pan_rad", "tilt_rad", "evidence", "friction_prior_rad", "tangent_world"),
+    *("distance_shared_std_m", "point_shared_std_m", "force_covariance_yz_N2", "force_shared_std_N"),
 )
 """What ours has after that; optional when read."""
 COLUMNS: dict[str, Column] = {name: declared(_Columns)[name] for name in (*REQUIRED, *OPTIONAL)}

@@ -14,9 +14,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
-from vbaa_calib.session import MomentSensor
+from vbaa_calib.session import Drift, MomentSensor
 
-from .parts import POSE_PARAMETERS, RIG_PARAMETERS, Antenna, AntennaImage, check_view, kinematics_to_dict
+from .parts import ANTENNA_PARAMETERS, POSE_PARAMETERS, RIG_PARAMETERS, Antenna, AntennaImage, check_view, kinematics_to_dict
 from .rig_file import SCHEMA, Joint, RigFile
 
 
@@ -60,6 +60,7 @@ class Rig:
         `parameter_names` order; (17, 17) where the lens counts as exact.
     second_moment_sensor : about z, of x·f_y − y·f_x of force and weight (antenna frame); None where a rig has none. Its
         gain and offset count as exact.
+    drift : what may have changed since; it is not in the covariance.
     """
 
     camera: Camera
@@ -71,6 +72,47 @@ class Rig:
     image: AntennaImage
     covariance: np.ndarray
     second_moment_sensor: MomentSensor | None = None
+    drift: Drift = Drift()
+
+    def with_covariance(self, covariance: np.ndarray) -> Rig:
+        """With another joint covariance, (17 + P, 17 + P)."""
+        lens = slice(len(RIG_PARAMETERS), None)
+        return replace(self, covariance=covariance, camera=replace(self.camera, covariance=covariance[lens, lens]))
+
+    def drifted(self, part: float = 1.0) -> Rig:
+        """With this part of what may have changed in the covariance, and the lens in it, too."""
+        if part == 0.0 or not self.drift.of_rig:
+            return self
+        covariance = self._drift_covariance(self.drift.times(part))
+        covariance[: len(self.covariance), : len(self.covariance)] += self.covariance
+        return self.with_covariance(covariance)
+
+    def _drift_covariance(self, drift: Drift) -> np.ndarray:
+        lens, first, pose = self.camera.parameter_names, len(RIG_PARAMETERS), len(POSE_PARAMETERS)
+        std, scale = np.zeros((2, first + len(lens)))
+        std[:3], std[3:pose] = drift.camera_turn_rad, drift.camera_shift_m
+        std[pose + 2 : pose + 4], std[pose + 4 : pose + 6] = drift.clamp_turn_rad, drift.bow_per_m
+        std[pose + ANTENNA_PARAMETERS.index("log_stiffness_Nm2")] = drift.stiffness
+        std[first - 2] = drift.moment_gain * abs(self.moment_sensor.gain)
+        std[first - 1] = drift.moment_zero * self.moment_sensor.std_Nm
+        std[[first + lens.index(name) for name in ("cx", "cy")]] = drift.picture_shift_px
+        # one zoom for both focal lengths
+        scale[[first + lens.index(name) for name in ("fx", "fy")]] = drift.picture_scale * np.diag(self.camera.matrix)[:2]
+        return np.diag(std**2) + np.outer(scale, scale)
+
+    def moved(self, step: np.ndarray) -> Rig:
+        """With its parameters a step (17 + P,), or (17,), away; the covariance stays."""
+        first, pose, antenna = len(RIG_PARAMETERS), len(POSE_PARAMETERS), self.antenna.parameters
+        sensor = self.moment_sensor
+        return replace(
+            self,
+            camera=self.camera.moved(step[first:]) if len(step) > first else self.camera,
+            T_antenna_camera=self.T_antenna_camera.retract(step[:pose]),
+            antenna=replace(self.antenna, parameters=antenna + step[pose : pose + len(antenna)]),
+            moment_sensor=replace(
+                sensor, gain=sensor.gain + float(step[first - 2]), offset_Nm=sensor.offset_Nm + float(step[first - 1])
+            ),
+        )
 
     def camera_on_plane(self, plane: Plane = PLANE_C) -> CameraOnPlane:
         """The metric layer: pixels to metric coordinates on a plane of the antenna frame, plane C by default."""
@@ -136,6 +178,7 @@ class Rig:
             image=read.image,
             covariance=covariance,
             second_moment_sensor=read.second_moment_sensor,
+            drift=read.drift,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -152,5 +195,6 @@ class Rig:
             "kinematics": kinematics_to_dict(self.kinematics),
             "gravity_world": self.gravity_world_m_s2.tolist(),
             "image": self.image.to_dict(),
+            "drift": asdict(self.drift),
             "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }

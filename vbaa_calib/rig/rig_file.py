@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber
+from vbaa_calib.session import DRIFTS, LAB, FileDrift
 from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, MomentSensor
 
 from .parts import Antenna, AntennaImage
@@ -124,6 +125,7 @@ class RigFile(FileModel):
     gravity_world: Annotated[np.ndarray, ArrayOf(3, ge=-1000, le=1000)]
     image: AntennaImage
     joint: Joint
+    drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS[LAB]
     inputs_sha256: dict[str, str] | None = None
     versions: dict[str, Any] | None = None
     command: list[str] | None = None

@@ -1,6 +1,7 @@
 """A session: one folder with everything that was measured on one rig. Read here, checked here, never written."""
 
 from .centrelines import Centrelines, read_centrelines
+from .drift import DRIFTS, LAB, Drift, FileDrift
 from .rows import Frame, Load, Still, SweepPicture
 from .settings import (
     SCHEMA,
@@ -19,8 +20,12 @@ from .settings import (
 from .tables import check_pictures, read_loads, read_noload, read_recording, read_sweep, refuse_measured
 
 __all__ = [
+    "DRIFTS",
+    "LAB",
     "SCHEMA",
     "Centrelines",
+    "Drift",
+    "FileDrift",
     "Frame",
     "Load",
     "LoadReadings",

@@ -18,6 +18,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
+from .drift import Drift, FileDrift
 from .rows import Still
 
 SCHEMA = "vbaa.session/1"
@@ -204,6 +205,9 @@ class SessionFile(FileModel):
         Number, Field(ge=0, le=0.05, description="how well the board's printed size is known, relative; 0: exactly")
     ] = 0.0
     over: OverBoard | None = None
+    drift: Annotated[
+        FileDrift | None, Field(description="what may change between calibration and recording; null: as rig.json says")
+    ] = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,6 +219,7 @@ class Session:
     print_scale_std : relative, of the board's printed size, as far as it was measured.
     over : how the antenna is held over the board in over/, or None where session.yaml does not say.
     second_moment_sensor : about z, calibrated elsewhere; None where there is none.
+    drift : what may change between calibration and recording; None where session.yaml does not say.
     """
 
     root: Path
@@ -231,6 +236,7 @@ class Session:
     load_readings: LoadReadings = LoadReadings()
     over: OverBoard | None = None
     second_moment_sensor: MomentSensor | None = None
+    drift: Drift | None = None
 
     def gravity_antenna(self, frames: Sequence[Still]) -> np.ndarray:
         """(B, 3) gravity in the antenna frame at each frame's joint angles."""
@@ -275,6 +281,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         print_scale_std=read.print_scale_std,
         over=read.over,
         second_moment_sensor=read.second_moment_sensor,
+        drift=read.drift,
     )
 
 

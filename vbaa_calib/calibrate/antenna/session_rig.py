@@ -18,6 +18,8 @@ from vbaa_calib.detect.whisker.paint import Paint, learn
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.session import (
+    DRIFTS,
+    LAB,
     Load,
     LoadReadings,
     NominalAntenna,
@@ -179,4 +181,5 @@ def make_rig(
         image=AntennaImage(sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, height),
         covariance=joint.covariance,
         second_moment_sensor=session.second_moment_sensor,
+        drift=DRIFTS[LAB] if session.drift is None else session.drift,
     )

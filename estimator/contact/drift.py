@@ -1,0 +1,210 @@
+"""How a rig has changed since its calibration, as the free antenna tells in a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from estimator.solver.frames import Frames
+from estimator.solver.initialization import free_antenna, grid_search
+from estimator.solver.normal_equations import NormalEquations, Problem, normal_equations
+from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
+from estimator.solver.uncertainty import REFERENCE
+from vbaa_calib.detect.whisker.antenna import free_curve, pixels
+from vbaa_calib.rig import Rig
+
+from .inputs import Batch
+
+FREE_GAIN = 5.0
+"""A frame is taken for free when the best force explains it better by less: noise exceeds it in two of a hundred."""
+FEWEST_FREE_POINTS = 20
+_ENOUGH, _RENEWED_S = 20, 60.0
+"""With so many free frames the rig is known, until so many seconds later."""
+_AT_ONCE = 16
+"""Free frames that are used together at most."""
+_LINEARISATIONS, _REWEIGHTINGS = 2, 3
+_WIDE = 10.0
+_PRIOR_FRAMES = 4.0
+"""Of how many frames the prior of the line's own errors counts."""
+_HOUR_S = 3600.0
+_BEYOND = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class LearntRig:
+    """A rig, and what the free antenna of a recording has told of its drift so far.
+
+    Attributes
+    ----------
+    calibrated : as it came. now : as it is; its covariance holds what is left of the drift.
+    frames : free frames that told of it. line_frames, line_sum_px2 : of how many frames, and how much in squares, the
+        line's own errors are known.
+    time_s : of the last of them; NaN where times are not known.
+    history : time, what had changed (17 + P,), and its deviations (17 + P,), after each lot of free frames.
+    """
+
+    calibrated: Rig
+    now: Rig
+    frames: int = 0
+    line_frames: float = 0.0
+    line_sum_px2: float = 0.0
+    time_s: float = np.nan
+    step: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    history: tuple[tuple[float, np.ndarray, np.ndarray], ...] = ()
+
+    @staticmethod
+    def of(rig: Rig) -> LearntRig:
+        """Nothing learnt yet."""
+        now = _settled(rig.drifted(), rig)
+        return LearntRig(rig, now, line_frames=_PRIOR_FRAMES, line_sum_px2=_PRIOR_FRAMES * rig.drift.line_px**2)
+
+    def due(self, time_s: float) -> bool:
+        """Whether free frames at this time would tell more."""
+        return self.calibrated.drift.of_rig and (self.frames < _ENOUGH or time_s > self.time_s + _RENEWED_S)
+
+    def later(self, time_s: float) -> LearntRig:
+        """With what may have changed until a time: a random walk."""
+        hours = (time_s - self.time_s) / _HOUR_S
+        if not hours > 0.0:
+            return self
+        wandering = replace(self.now, drift=self.calibrated.drift)
+        part = self.calibrated.drift.hourly * np.sqrt(hours)
+        return replace(self, now=_settled(wandering.drifted(min(part, 1.0)), self.now), time_s=time_s)
+
+    def learn(self, batch: Batch, time_s: float) -> LearntRig:
+        """From frames of which only the free ones are used, if there are any."""
+        rows = np.flatnonzero(is_free(batch.frames(RigArrays.from_rig(self.now, 0.0, np.empty(0)))))
+        if len(rows) == 0:
+            return self
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, _AT_ONCE).astype(int))]
+        free, now, own, count = batch[rows], self.now, self.line_sum_px2, self.line_frames
+        if now.drift.line_px > 0.0:
+            # with a prior that is wide, or it would say how large they are
+            wide = replace(now, drift=replace(now.drift, line_px=_WIDE * now.drift.line_px))
+            _, _, excess_px2 = _posterior(free, wide)
+            own, count = own + float(excess_px2.sum()) / LINE_ERRORS, count + len(rows)
+            line_px = max(float(np.sqrt(max(own, 0.0) / count)), self.calibrated.drift.line_px)
+            now = replace(now, drift=replace(now.drift, line_px=line_px))
+        rig, covariance, _ = _posterior(free, now)
+        step = _difference(rig, self.calibrated)
+        now = rig.with_covariance(covariance)
+        past = (*self.history, (time_s, step, np.sqrt(np.diag(covariance))))
+        return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past)
+
+
+def _settled(widened: Rig, before: Rig) -> Rig:
+    """With the line's own errors as the only drift to come: the rest is in the covariance."""
+    return replace(widened, drift=replace(type(before.drift)(), line_px=before.drift.line_px))
+
+
+def is_free(frames: Frames) -> np.ndarray:
+    """(B,) bool, frames of the free antenna: no force on it explains them much better."""
+    if len(frames) == 0:
+        return np.zeros(0, bool)
+    free = free_antenna(frames, REFERENCE)
+    gains = grid_search(frames, free, free.points).gains
+    with np.errstate(invalid="ignore"):
+        return (frames.usable.sum(-1) >= FEWEST_FREE_POINTS) & (gains.max(axis=1) < FREE_GAIN)
+
+
+def _posterior(batch: Batch, rig: Rig) -> tuple[Rig, np.ndarray, np.ndarray]:
+    """The rig that explains frames of the free antenna best, its covariance, and what of the squares (B, L) of
+    their lines' errors, px², is not noise."""
+    rig_arrays, moving = RigArrays.from_rig(rig, 0.0, np.empty(0)), rig
+    axes, line = rig_arrays.axes, rig_arrays.line
+    size, at = axes.shape[1], np.zeros(axes.shape[1])
+    for turn in range(_LINEARISATIONS):
+        if turn:
+            rig_arrays = replace(RigArrays.from_rig(moving, 0.0, np.empty(0)), axes=axes)
+        problem = _free_problem(batch.frames(rig_arrays))
+        steps = np.zeros((len(batch), size + len(line)))
+        for _ in range(_REWEIGHTINGS):
+            equations = normal_equations(problem, steps, steps)
+            information, side, by_shared = _summed(equations, steps, size)
+            # the prior is about the rig as it came, not about where it was linearised
+            total = information + np.eye(size)
+            change = np.linalg.solve(total, side - at - steps[0, :size])
+            own = by_shared[..., size] - (by_shared[..., :size] @ change) if len(line) else steps[:, size:]
+            steps = steps + np.concatenate([np.broadcast_to(change, (len(batch), size)), own], axis=1)
+        at = at + steps[0, :size]
+        moving = rig.moved(axes @ at)
+    covariance = axes @ np.linalg.solve(total, axes.T)
+    own_information = equations.information[:, size:, size:]
+    variance = np.diagonal(np.linalg.inv(own_information), axis1=1, axis2=2) if len(line) else steps[:, size:]
+    excess_px2 = (steps[:, size:] ** 2 - variance) * rig.drift.line_px**2
+    return moving, 0.5 * (covariance + covariance.T), excess_px2
+
+
+def _free_problem(frames: Frames) -> Problem:
+    rig_arrays = frames.rig_arrays
+    free, count = free_antenna(frames, REFERENCE), len(frames)
+    prior = np.ones((count, rig_arrays.axes.shape[1] + len(rig_arrays.line)))
+    by_rig, residual = free.by_rig, free.prediction.moment_residual
+    return Problem(free.points, by_rig.image, by_rig.moment, residual, prior, np.ones(count))
+
+
+def _summed(equations: NormalEquations, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Information (R, R) and right side (R,) of all frames on the rig, without its prior; the lines' own eliminated.
+
+    With (B, L, R + 1) the lines' own steps by the rig's, and by themselves.
+    """
+    whole, side = equations.information, equations.right_side
+    across = np.concatenate([whole[:, size:, :size], side[:, size:, None]], axis=2)
+    by_shared = np.linalg.solve(whole[:, size:, size:], across) if whole.shape[1] > size else across
+    information = whole[:, :size, :size] - np.eye(size) - whole[:, :size, size:] @ by_shared[..., :size]
+    right = side[:, :size] + steps[:, :size] - (whole[:, :size, size:] @ by_shared[..., size:])[..., 0]
+    return information.sum(axis=0), right.sum(axis=0), by_shared
+
+
+def _difference(rig: Rig, before: Rig) -> np.ndarray:
+    """(17 + P,) how far the rig's parameters are from what they were."""
+    sensor = [rig.moment_sensor.gain - before.moment_sensor.gain, rig.moment_sensor.offset_Nm - before.moment_sensor.offset_Nm]
+    return np.concatenate(
+        [
+            rig.T_antenna_camera.tangent_from(before.T_antenna_camera),
+            rig.antenna.parameters - before.antenna.parameters,
+            sensor,
+            rig.camera.parameters - before.camera.parameters,
+        ]
+    )
+
+
+def summary(learnt: LearntRig) -> dict[str, Any]:
+    """What has changed, in numbers: each parameter's change, deviation, and deviation beforehand; SI units and px.
+
+    `picture_px` is how far the free antenna has moved in the picture, rms along it; `moment_zero_std` the sensor's
+    zero, in deviations of its noise; `beyond` names the parameters that changed by more than four deviations.
+    """
+    rig, now = learnt.calibrated, learnt.now
+    if not learnt.history:
+        return {"free_frames": 0, "picture_px": None, "moment_zero_std": None, "beyond": [], "parameters": {}}
+    wide = rig.drifted()
+    prior, names = np.sqrt(np.diag(wide.covariance)), wide.parameter_names
+    left = np.sqrt(np.diag(now.covariance))
+    parameters = {
+        name: {"change": float(change), "std": float(own), "prior_std": float(before)}
+        for name, change, own, before in zip(names, learnt.step, left, prior, strict=True)
+    }
+    before, after = (_free_pixels(each) for each in (rig, now))
+    tangent = np.gradient(before, axis=0)
+    across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1, keepdims=True)
+    offset = learnt.step[names.index("moment_offset_Nm")] / rig.moment_sensor.std_Nm
+    return {
+        "free_frames": learnt.frames,
+        "picture_px": float(np.sqrt(np.nanmean(((after - before) * across).sum(axis=1) ** 2))),
+        "moment_zero_std": float(offset),
+        "beyond": [name for name, one in parameters.items() if abs(one["change"]) > _BEYOND * one["prior_std"]],
+        "parameters": parameters,
+        "over_time": [
+            {"time_s": time_s if np.isfinite(time_s) else None, "change": step.tolist(), "std": std.tolist()}
+            for time_s, step, std in learnt.history
+        ],
+    }
+
+
+def _free_pixels(rig: Rig) -> np.ndarray:
+    """(M, 2) the free antenna in the picture, weightless."""
+    nodes = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.zeros(3))
+    return pixels(rig.camera, rig.T_antenna_camera.inverse(), nodes)

@@ -1,0 +1,110 @@
+"""What may change between a calibration and a recording, and within it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from types import MappingProxyType
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from vbaa_calib.core.models import Number
+
+_Small = Annotated[Number, Field(ge=0, le=0.1)]
+_OF_FRAMES = ("line_px", "hourly")
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Standard deviations of what changes between a calibration and a recording; 0: nothing.
+
+    Attributes
+    ----------
+    camera_turn_rad, camera_shift_m : of the camera in the antenna frame, about and along each axis.
+    picture_shift_px : of the principal point along each axis, as by a mount or a lens that moved.
+    picture_scale : of the focal length, relative: focus and temperature.
+    clamp_turn_rad : of the clamp, about y and z. bow_per_m : of the free antenna's curvature along y and z.
+    stiffness : of EI, relative: temperature.
+    moment_gain : of the sensor's gain, relative. moment_zero : of its zero, in deviations of its noise.
+    line_px : what is common to all points of a frame's centreline, in each frame anew: its offset, slope and curvature
+        (the Legendre polynomials along the antenna), by light, focus and edges.
+    hourly : part of all these, but for the line's, by which the rig goes on changing within an hour of recording.
+    """
+
+    camera_turn_rad: _Small = 0.0
+    camera_shift_m: _Small = 0.0
+    picture_shift_px: Annotated[Number, Field(ge=0, le=100)] = 0.0
+    picture_scale: _Small = 0.0
+    clamp_turn_rad: _Small = 0.0
+    bow_per_m: _Small = 0.0
+    stiffness: _Small = 0.0
+    moment_gain: _Small = 0.0
+    moment_zero: Annotated[Number, Field(ge=0, le=1e4)] = 0.0
+    line_px: Annotated[Number, Field(ge=0, le=10)] = 0.0
+    hourly: Annotated[Number, Field(ge=0, le=100)] = 0.0
+
+    @property
+    def of_rig(self) -> bool:
+        """Whether anything of the rig changes."""
+        return any(getattr(self, each.name) for each in fields(self) if each.name not in _OF_FRAMES)
+
+    def times(self, factor: float) -> Drift:
+        """With all deviations of the rig so many times as large."""
+        names = (each.name for each in fields(self) if each.name not in _OF_FRAMES)
+        return replace(self, **{name: factor * getattr(self, name) for name in names})
+
+
+LAB = "lab"
+DRIFTS: Mapping[str, Drift] = MappingProxyType(
+    {
+        "none": Drift(),
+        LAB: Drift(
+            camera_turn_rad=1.5e-4,
+            camera_shift_m=1e-4,
+            picture_shift_px=0.2,
+            picture_scale=5e-5,
+            clamp_turn_rad=3e-5,
+            bow_per_m=5e-4,
+            stiffness=2.5e-3,
+            moment_gain=2e-3,
+            moment_zero=5.0,
+            line_px=0.003,
+            hourly=0.3,
+        ),
+        "rough": Drift(
+            camera_turn_rad=1e-3,
+            camera_shift_m=5e-4,
+            picture_shift_px=1.0,
+            picture_scale=5e-4,
+            clamp_turn_rad=3e-4,
+            bow_per_m=5e-3,
+            stiffness=1e-2,
+            moment_gain=1e-2,
+            moment_zero=50.0,
+            line_px=0.01,
+            hourly=0.5,
+        ),
+    }
+)
+"""By name. lab: all on one frame, indoors, the recording within days of the calibration. rough: knocks, sun, a mount of
+plastic."""
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, str):
+        if value not in DRIFTS:
+            raise ValueError(f"is {value!r}", f"one of {', '.join(DRIFTS)}, or a mapping of deviations, is needed")
+        return DRIFTS[value]
+    return {**asdict(DRIFTS[LAB]), **value} if isinstance(value, Mapping) else value
+
+
+class _OrName:
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {"anyOf": [handler(schema), {"enum": list(DRIFTS)}]}
+
+
+FileDrift = Annotated[Drift, BeforeValidator(_written), _OrName()]
+"""A drift as our files give it: a name, or a mapping, of which `lab` says what it leaves out."""
