@@ -203,5 +203,7 @@ def _drift(estimator: ContactEstimator) -> dict[str, Any]:
     elif estimator.rig.drift.of_rig:
         say("no frame shows the free antenna: begin with some, and the rig's drift costs less")
     if found["beyond"]:
-        say(f"warning: more than is thought possible ({', '.join(found['beyond'])}): run vbaa check, or calibrate again")
+        say(
+            f"warning: more than is thought possible ({', '.join(found['beyond'])}): run vbaa check, or calibrate again"
+        )
     return found

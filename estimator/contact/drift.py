@@ -160,7 +160,10 @@ def _summed(equations: NormalEquations, steps: np.ndarray, size: int) -> tuple[n
 
 def _difference(rig: Rig, before: Rig) -> np.ndarray:
     """(17 + P,) how far the rig's parameters are from what they were."""
-    sensor = [rig.moment_sensor.gain - before.moment_sensor.gain, rig.moment_sensor.offset_Nm - before.moment_sensor.offset_Nm]
+    sensor = [
+        rig.moment_sensor.gain - before.moment_sensor.gain,
+        rig.moment_sensor.offset_Nm - before.moment_sensor.offset_Nm,
+    ]
     return np.concatenate(
         [
             rig.T_antenna_camera.tangent_from(before.T_antenna_camera),

@@ -232,7 +232,10 @@ def rig_jacobian(frames: Frames, rung: str, unknowns: Array, prediction: Predict
     line = _by_line(rig_arrays, prediction)
     if line.shape[-1] == 0:
         return RigJacobian(*found)
-    none = (xp.zeros_like(part[..., :1]) + 0.0 * rig_arrays.line for part in (moments[:, 0, :, None], point_force[:, 0, :, None]))
+    none = (
+        xp.zeros_like(part[..., :1]) + 0.0 * rig_arrays.line
+        for part in (moments[:, 0, :, None], point_force[:, 0, :, None])
+    )
     return RigJacobian(*(xp.concat([part, own], -1) for part, own in zip(found, (line, *none), strict=True)))
 
 

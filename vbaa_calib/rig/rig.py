@@ -16,7 +16,15 @@ from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
 from vbaa_calib.session import Drift, MomentSensor
 
-from .parts import ANTENNA_PARAMETERS, POSE_PARAMETERS, RIG_PARAMETERS, Antenna, AntennaImage, check_view, kinematics_to_dict
+from .parts import (
+    ANTENNA_PARAMETERS,
+    POSE_PARAMETERS,
+    RIG_PARAMETERS,
+    Antenna,
+    AntennaImage,
+    check_view,
+    kinematics_to_dict,
+)
 from .rig_file import SCHEMA, Joint, RigFile
 
 
@@ -97,7 +105,9 @@ class Rig:
         std[first - 1] = drift.moment_zero * self.moment_sensor.std_Nm
         std[[first + lens.index(name) for name in ("cx", "cy")]] = drift.picture_shift_px
         # one zoom for both focal lengths
-        scale[[first + lens.index(name) for name in ("fx", "fy")]] = drift.picture_scale * np.diag(self.camera.matrix)[:2]
+        scale[[first + lens.index(name) for name in ("fx", "fy")]] = (
+            drift.picture_scale * np.diag(self.camera.matrix)[:2]
+        )
         return np.diag(std**2) + np.outer(scale, scale)
 
     def moved(self, step: np.ndarray) -> Rig:
