@@ -197,13 +197,11 @@ def _drift(estimator: ContactEstimator) -> dict[str, Any]:
     found = summary(estimator.drift)
     if found["free_frames"]:
         say(
-            f"since the calibration the picture of the free antenna has moved by {found['picture_px']:.2g} px and the "
-            f"sensor's zero by {found['moment_zero_std']:.2g} std, says the free antenna in {found['free_frames']} frames"
+            f"the free antenna, seen in {found['free_frames']} frames, has moved by {found['picture_px']:.2g} px since the "
+            f"calibration, and the sensor's zero by {found['moment_zero_std']:.2g} std"
         )
     elif estimator.rig.drift.of_rig:
         say("no frame shows the free antenna: begin with some, and the rig's drift costs less")
     if found["beyond"]:
-        say(
-            f"warning: more than is thought possible ({', '.join(found['beyond'])}): run vbaa check, or calibrate again"
-        )
+        say(f"warning: {', '.join(found['beyond'])} changed more than drift does: run vbaa check, or calibrate again")
     return found

@@ -160,15 +160,12 @@ def _summed(equations: NormalEquations, steps: np.ndarray, size: int) -> tuple[n
 
 def _difference(rig: Rig, before: Rig) -> np.ndarray:
     """(17 + P,) how far the rig's parameters are from what they were."""
-    sensor = [
-        rig.moment_sensor.gain - before.moment_sensor.gain,
-        rig.moment_sensor.offset_Nm - before.moment_sensor.offset_Nm,
-    ]
+    now, then = rig.moment_sensor, before.moment_sensor
     return np.concatenate(
         [
             rig.T_antenna_camera.tangent_from(before.T_antenna_camera),
             rig.antenna.parameters - before.antenna.parameters,
-            sensor,
+            [now.gain - then.gain, now.offset_Nm - then.offset_Nm],
             rig.camera.parameters - before.camera.parameters,
         ]
     )
@@ -210,4 +207,4 @@ def summary(learnt: LearntRig) -> dict[str, Any]:
 def _free_pixels(rig: Rig) -> np.ndarray:
     """(M, 2) the free antenna in the picture, weightless."""
     nodes = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.zeros(3))
-    return pixels(rig.camera, rig.T_antenna_camera.inverse(), nodes)
+    return pixels(rig.camera, rig.T_antenna_camera.inverse(), nodes.points_m[0])

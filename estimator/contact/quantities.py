@@ -50,8 +50,9 @@ class FitNumbers:
     rung : index in `antenna.rungs.RUNGS`.
     unknowns, std : (B, 4), see `rig_arrays.UNKNOWNS`.
     point_m, force_N, deflection_m : (B, 3) antenna frame. tangent : (B, 3) of the antenna at the contact, likewise.
-    covariance : (B, 6, 6) of point and force. shared : (B, 6, 6) the part of it, and shared_std (B,) that of the
-        distance's deviation, that all frames of a recording have in common: the rig's. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
+    covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
+    shared : (B, 6, 6) the part of it that all frames of a recording have in common, the rig's. shared_std : (B,) that
+        part of the distance's deviation.
     residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
     sensor_available : (B, 2) bool, whether there was a reading.
     rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
@@ -59,8 +60,8 @@ class FitNumbers:
     second_place, second_shift : see `solver.ladder.Solution` and what it holds.
     finite : (B,) bool, the fit stayed in the model's domain.
     edge_on_rad : angle between the deformation plane and the ray from the camera's centre to the contact.
-    explained_drifted : (B,) bool, one contact explains the frame if the rig has changed much, by which the picture is
-        moved by drift_px (B,) and the readings by drift_readings (B,), in deviations; looked at only where nothing fits.
+    explained_drifted : (B,) bool, one contact explains the frame if the rig has changed, by which the picture moves by
+        drift_px (B,) and the readings by drift_readings (B,), in deviations; looked at only where nothing fits.
     explained_alone : (B,) bool, one contact explains the picture alone; looked at only where the readings do not fit.
     bias : (B, len(RUNGS)), NaN where it was not compared.
     pieces_m, pieces_std_m : points of the fitted antenna at `Beam.pieces_m`, antenna frame, and their deviations by
@@ -165,7 +166,6 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
     if beam is not None:
         pieces = (*_pieces(fits, beam), _by_inertia(fits, uncertainty, beam))
         numbers = replace(numbers, **dict(zip(("pieces_m", "pieces_std_m", "push"), map(plain, pieces), strict=True)))
-    with_rig = uncertainty.covariance_with_rig(prediction.point_force_jacobian, by_rig.point_force)
     return replace(
         numbers,
         points=plain(fits.frames.usable.sum(-1)),

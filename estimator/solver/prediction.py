@@ -232,10 +232,7 @@ def rig_jacobian(frames: Frames, rung: str, unknowns: Array, prediction: Predict
     line = _by_line(rig_arrays, prediction)
     if line.shape[-1] == 0:
         return RigJacobian(*found)
-    none = (
-        xp.zeros_like(part[..., :1]) + 0.0 * rig_arrays.line
-        for part in (moments[:, 0, :, None], point_force[:, 0, :, None])
-    )
+    none = (0.0 * part[:, 0, :, None] * rig_arrays.line for part in (moments, point_force))
     return RigJacobian(*(xp.concat([part, own], -1) for part, own in zip(found, (line, *none), strict=True)))
 
 

@@ -14,7 +14,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
-from vbaa_calib.session import Drift, MomentSensor
+from vbaa_calib.session import DRIFTS, Drift, MomentSensor
 
 from .parts import (
     ANTENNA_PARAMETERS,
@@ -80,7 +80,7 @@ class Rig:
     image: AntennaImage
     covariance: np.ndarray
     second_moment_sensor: MomentSensor | None = None
-    drift: Drift = Drift()
+    drift: Drift = DRIFTS["none"]
 
     def with_covariance(self, covariance: np.ndarray) -> Rig:
         """With another joint covariance, (17 + P, 17 + P)."""
@@ -105,7 +105,8 @@ class Rig:
         std[first - 1] = drift.moment_zero * self.moment_sensor.std_Nm
         std[[first + lens.index(name) for name in ("cx", "cy")]] = drift.picture_shift_px
         # one zoom for both focal lengths
-        scale[[first + lens.index(name) for name in ("fx", "fy")]] = (
+        focal_px = np.diag(self.camera.matrix)[:2]
+        scale[[first + lens.index(name) for name in ("fx", "fy")]] = drift.picture_scale * focal_px
             drift.picture_scale * np.diag(self.camera.matrix)[:2]
         )
         return np.diag(std**2) + np.outer(scale, scale)
