@@ -107,8 +107,6 @@ class Rig:
         # one zoom for both focal lengths
         focal_px = np.diag(self.camera.matrix)[:2]
         scale[[first + lens.index(name) for name in ("fx", "fy")]] = drift.picture_scale * focal_px
-            drift.picture_scale * np.diag(self.camera.matrix)[:2]
-        )
         return np.diag(std**2) + np.outer(scale, scale)
 
     def moved(self, step: np.ndarray) -> Rig:
