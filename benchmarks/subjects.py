@@ -146,6 +146,15 @@ _ALL = (
         jobs=True,
     ),
     Subject(
+        "drift",
+        "rigs that changed since their calibration: contacts lost, silent errors, with and without free frames",
+        "rigs, each with its calibration, change and recording",
+        (30, 2),
+        (*_PICTURES, "torch"),
+        ("drift.csv", "drift.png"),
+        suite=False,
+    ),
+    Subject(
         "paper",
         "the paper's experiments redone (docs/experiments.md)",
         "noise draws of each setting",

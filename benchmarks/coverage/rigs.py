@@ -186,7 +186,7 @@ def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
     )
 
 
-def _true_rod(truth: np.ndarray) -> Rod:
+def true_rod(truth: np.ndarray) -> Rod:
     """The antenna of parameters (11,), a wire with ν = 0.3."""
     y, z, about_y, about_z, bow_y, bow_z, log_stiffness, log_mass = truth[:8]
     stiffness = np.exp(log_stiffness)
@@ -217,26 +217,26 @@ def _stills(rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator) -> li
     gravity = gravity_antenna(Kinematics(), GRAVITY_WORLD_M_S2, stills)
     loads = [(s.distance_m, 0.0, s.force_y_N, s.force_z_N) if isinstance(s, Load) else (0.1, 0, 0, 0) for s in stills]
     hung = np.array(loads, float)
-    held, rod = _clamp_turns(truth, gravity, hung), _true_rod(truth)
+    held, rod = clamp_turns(truth, gravity, hung), true_rod(truth)
     # the clamp turns: the same as if weight and load turned the other way, and then all that is seen with the clamp
     shape = solve_rod(rod, held.inv().apply(gravity), hung[:, 0], held.inv().apply(hung[:, 1:]))
     gain, offset = truth[9:]
     readings = offset - gain * held.apply(shape.clamp_moment_Nm)[:, 1] + MOMENT_NM * rng.normal(size=len(stills))
     seen = []
     for index, still in enumerate(stills):
-        pixels = _centreline(rig, shape, index, held[index], truth[:2])
+        pixels = centreline(rig, shape, index, held[index], truth[:2])
         pixels = pixels + CENTRELINE_PX * rng.normal(size=pixels.shape)
         seen.append(Seen(replace(still, moment_Nm=float(readings[index])), pixels, gravity[index]))
     return seen
 
 
-def _clamp_turns(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Rotation:
+def clamp_turns(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Rotation:
     """(F,) how far the clamp gives way to the moment that it holds in each still."""
-    moment = solve_rod(_true_rod(truth), gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
+    moment = solve_rod(true_rod(truth), gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
     return Rotation.from_rotvec(truth[8] / np.exp(truth[6]) * moment * [0.0, 1.0, 1.0])
 
 
-def _centreline(rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray) -> np.ndarray:
+def centreline(rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray) -> np.ndarray:
     """(N, 2) true pixels of one antenna's centreline, about one pixel apart, as far as the picture shows it."""
     one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
     coarse = np.linspace(_BEGIN, 1.0, 60)[None] * NOMINAL.length_m

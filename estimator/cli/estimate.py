@@ -197,8 +197,8 @@ def _drift(estimator: ContactEstimator) -> dict[str, Any]:
     found = summary(estimator.drift)
     if found["free_frames"]:
         say(
-            f"the free antenna, seen in {found['free_frames']} frames, has moved {found['picture_px']:.2g} px since the "
-            f"calibration, and the sensor's zero by {found['moment_zero_std']:.2g} std"
+            f"the free antenna, seen in {found['free_frames']} frames, has moved {found['picture_px']:.2g} px since "
+            f"the calibration, and the sensor's zero by {found['moment_zero_std']:.2g} std"
         )
     elif estimator.rig.drift.of_rig:
         say("no frame shows the free antenna: begin with some, and the rig's drift costs less")

@@ -1,0 +1,1 @@
+"""Rigs that change between calibration and recording."""

@@ -1,0 +1,160 @@
+"""Rigs that changed since their calibration; shapes, pixels and changes by what shares no code with the estimator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.coverage.rigs import Draw, coverage_rigs, draw
+from benchmarks.drift.drift import ALL, FREE, NONE, SEEN, UNSEEN, Change, calibrated, estimated, recorded
+from estimator import Contact, ContactEstimator
+from estimator.contact.drift import summary
+from estimator.solver.rig_arrays import RigArrays
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import DRIFTS, Drift, load_session
+
+from .contact_scenes import RIG, frame
+from .contact_scenes import estimated as estimated_frame
+
+LAB = DRIFTS["lab"]
+
+
+@pytest.fixture(scope="module")
+def given() -> Draw:
+    """A camera with a long lens, and everything that is measured of its rig."""
+    return draw(coverage_rigs()[1], (3,))
+
+
+@pytest.fixture(scope="module")
+def rig(given: Draw) -> Rig:
+    return calibrated(given)
+
+
+def off(found: list[Contact], distance_m: np.ndarray) -> np.ndarray:
+    """(T,) errors of the distances, in deviations; NaN where none is located."""
+    both = [((one.distance_m - true) / one.distance_std_m) for one, true in zip(found, distance_m, strict=True)]
+    return np.array(both)[np.isfinite(distance_m)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rig_that_changed_keeps_its_contacts(given: Draw, rig: Rig, seed: int) -> None:
+    """Without free frames, too; without allowing for it hardly any is left."""
+    recording = recorded(given, ALL, (seed,))
+    ignored = off(estimated(rig, NONE, recording), recording.distance_m)
+    assert (np.isnan(ignored) | (np.abs(ignored) > 5)).mean() > 0.3
+    for way in (UNSEEN, SEEN):
+        found = estimated(rig, way, recording)
+        error = off(found, recording.distance_m)
+        assert np.isnan(error).sum() <= 1
+        assert np.nanmax(np.abs(error)) < 5
+        assert {one.status for one in found[:FREE]} == {"no_contact"}
+
+
+def test_free_frames_tell_what_has_changed(given: Draw, rig: Rig) -> None:
+    change = Change("zero and picture", picture_px=0.4, zero=10.0)
+    estimator = ContactEstimator(replace(rig, drift=LAB))
+    moved, still = (recorded(given, each, (1,)).frames for each in (change, Change("nothing")))
+    true_px = (moved[0].points_px - still[0].points_px).mean(axis=0)
+    true_zero = moved[0].moment_Nm - still[0].moment_Nm
+    list(estimator.run(moved))
+    told = summary(estimator.drift)
+    along = still[0].points_px[-1] - still[0].points_px[0]
+    across = abs(np.array([-along[1], along[0]]) @ true_px) / np.linalg.norm(along)
+    assert told["free_frames"] == FREE
+    assert told["picture_px"] == pytest.approx(across, abs=0.03)
+    zero = told["parameters"]["moment_offset_Nm"]
+    assert abs(zero["change"] - true_zero) < 4 * zero["std"]
+    assert zero["std"] < 0.5 * zero["prior_std"]
+    assert told["beyond"] == []
+
+
+def test_free_frames_give_back_what_drift_costs(given: Draw, rig: Rig) -> None:
+    recording = recorded(given, Change("nothing"), (2,))
+    ignored, unseen, seen = (
+        np.nanmedian([one.distance_std_m for one in estimated(rig, way, recording)[FREE:]])
+        for way in (NONE, UNSEEN, SEEN)
+    )
+    assert ignored < seen < unseen
+    assert seen - ignored < 0.7 * (unseen - ignored)
+
+
+def test_how_much_lines_err_is_learnt(given: Draw, rig: Rig) -> None:
+    recording = recorded(given, Change("lines", line_px=0.02), (4,))
+    estimator = ContactEstimator(replace(rig, drift=LAB))
+    error = off(list(estimator.run(recording.frames)), recording.distance_m)
+    assert 0.01 < estimator.drift.now.drift.line_px < 0.04
+    assert np.sqrt(np.nanmean(error**2)) < 1.5
+
+
+def test_what_all_frames_share_is_what_the_rig_moves() -> None:
+    """The estimate follows each of the rig's errors; in squares they make the shared part."""
+    seen = frame()
+    here = estimated_frame(seen, friction=0.0)
+    axes = np.asarray(RigArrays.from_rig(RIG, 0.0, np.empty(0)).axes)
+    moved = [estimated_frame(seen, RIG.moved(step), friction=0.0) for step in 0.1 * axes.T]
+    by_axis = [10.0 * (one.distance_m - here.distance_m) for one in moved]
+    assert np.sqrt(np.sum(np.square(by_axis))) == pytest.approx(here.distance_shared_std_m, rel=0.05)
+    by_axis = [10.0 * (one.point_world_m - here.point_world_m) for one in moved]
+    assert np.sqrt(np.square(by_axis).sum(axis=0)) == pytest.approx(here.point_shared_std_m, rel=0.1, abs=1e-6)
+    assert here.distance_shared_std_m < here.distance_std_m
+    assert (here.force_shared_std_N[1:] < here.force_std_N[1:]).all()
+
+
+def test_drift_widens_the_covariance_and_wanders_on(rig: Rig) -> None:
+    widened = replace(rig, drift=LAB).drifted()
+    added = np.diag(widened.covariance) - np.diag(rig.covariance)
+    assert (added >= 0).all()
+    assert added[0] == pytest.approx(LAB.camera_turn_rad**2, rel=1e-6)
+    assert replace(rig, drift=Drift()).drifted().covariance is rig.covariance
+    estimator = ContactEstimator(replace(rig, drift=LAB))
+    first = replace(estimator.drift, time_s=0.0)
+    later = first.later(3600.0)
+    wandered = np.diag(later.now.covariance) - np.diag(first.now.covariance)
+    assert wandered[0] == pytest.approx((LAB.hourly * LAB.camera_turn_rad) ** 2, rel=1e-6)
+
+
+def test_a_frame_that_drift_explains_is_said_so(given: Draw, rig: Rig) -> None:
+    recording = recorded(given, Change("picture", picture_px=0.5), (1,))
+    numbers = [recording.frames[FREE + index] for index in range(6)]
+    columns = [[getattr(one, name) for one in numbers] for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad")]
+    found = ContactEstimator(rig).estimate_batch(*columns, sigma_px=0.1)
+    failed = found.status == "failed"
+    assert failed.any()
+    assert found.numbers.explained_drifted[failed].all()
+    assert (found.numbers.drift_px[failed] < 1.0).all()
+
+
+@pytest.mark.parametrize("value", ["stormy", "[1]", "{camera_turn_rad: -1}", "{camera_turn_rad: .nan}", "{turn: 1}"])
+def test_a_drift_that_is_none_is_refused(value: str, tmp_path: Path) -> None:
+    written(tmp_path, value)
+    with pytest.raises(InputError, match="drift"):
+        load_session(tmp_path)
+
+
+def test_a_drift_is_a_name_or_what_differs_from_lab(tmp_path: Path) -> None:
+    written(tmp_path, "rough")
+    assert load_session(tmp_path).drift == DRIFTS["rough"]
+    written(tmp_path, "{picture_shift_px: 0.5}")
+    assert load_session(tmp_path).drift == replace(LAB, picture_shift_px=0.5)
+
+
+def written(folder: Path, drift: str) -> None:
+    (folder / "session.yaml").write_text(
+        "schema: vbaa.session/1\n"
+        "board: {type: charuco, squares_x: 9, squares_y: 6, square_m: 0.012, marker_m: 0.009, dictionary: DICT_4X4_100}\n"
+        "antenna: {length_m: 0.24, diameter_m: 0.0008, youngs_modulus_Pa: 193.0e9, density_kg_m3: 7900.0}\n"
+        "gravity_world: [0.0, 0.0, -9.80665]\n"
+        "moment_sensor: {std_Nm: 2.0e-5}\n"
+        f"drift: {drift}\n"
+    )
+
+
+def test_rig_json_keeps_it(rig: Rig) -> None:
+    changed = replace(rig, drift=DRIFTS["rough"])
+    assert Rig.from_dict(changed.to_dict()).drift == DRIFTS["rough"]
+    before = {key: value for key, value in rig.to_dict().items() if key != "drift"}
+    assert Rig.from_dict(before).drift == LAB
