@@ -42,7 +42,7 @@ def off(found: list[Contact], distance_m: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_rig_that_changed_keeps_its_contacts(given: Draw, rig: Rig, seed: int) -> None:
-    """With free frames and without; what it locates without the change is located with it, and within its deviations."""
+    """With free frames and without: what is located without the change is located with it, within its deviations."""
     unchanged = recorded(given, Change("nothing"), (seed,))
     changed = recorded(given, ALL, (seed,))
     for way in (UNSEEN, SEEN):
