@@ -171,7 +171,7 @@ def error_budget(
     if not 0.0 <= friction <= 1.0:
         raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
     touches = ordinary_touches(rig) if touches is None else touches
-    rig_arrays = RigArrays.from_rig(rig, float(friction), np.empty(0), line=False)
+    rig_arrays = RigArrays.from_rig(rig, float(friction), np.empty(0), drift=False)
     space = ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
         every = linearize(rig_arrays, space, touches, with_moment)

@@ -63,7 +63,7 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
     """
     pan, tilt = joint_angles(rig.kinematics, table)
     rig_arrays = RigArrays.from_rig(
-        rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0), line=False
+        rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0), drift=False
     )
     rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
     chunks = (rows[begin : begin + CHUNK] for begin in range(0, len(rows), CHUNK))

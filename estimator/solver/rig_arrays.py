@@ -60,12 +60,12 @@ class RigArrays:
     same_for_all_rows: ClassVar[bool] = True
 
     @staticmethod
-    def from_rig(rig: Rig, friction_rad: float, reference: Array, line: bool = True) -> RigArrays:
-        """The rig, with what may have changed of it, in the kind, precision and device of a reference array.
+    def from_rig(rig: Rig, friction_rad: float, reference: Array, drift: bool = True) -> RigArrays:
+        """The rig in the kind, precision and device of a reference array.
 
-        line : whether the lines have errors of their own.
+        drift : whether it may have changed since its calibration, and lines have errors of their own.
         """
-        rig = rig.drifted()
+        rig = rig.drifted() if drift else rig
         poses = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
         inverses = [pose.inverse() for pose in poses]
         axes = independent_axes(rig.covariance)
@@ -73,7 +73,7 @@ class RigArrays:
         axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
         sensors = (rig.moment_sensor, rig.second_moment_sensor)
         gain, offset, std = np.array([(s.gain, s.offset_Nm, s.std_Nm) if s else (0.0, 0.0, 1.0) for s in sensors]).T
-        focal, line_px = np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2])), rig.drift.line_px if line else 0.0
+        focal, line_px = np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2])), rig.drift.line_px if drift else 0.0
         own = np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / focal)
         steps = axes.shape[1] + len(own)
         arrays = (
