@@ -46,7 +46,7 @@ nitpick_ignore_regex = [
     # bounds of checked fields
     (
         r"py:.*",
-        r"FieldInfo|NoneType|Ge|Le|Gt|Lt|MinLen|MaxLen|Len|Field|FitNumbers|_Side|_Squares|BeforeValidator|AfterValidator|[-+.\de]+",
+        r"FieldInfo|NoneType|Ge|Le|Gt|Lt|MinLen|MaxLen|Len|Field|FitNumbers|.*TouchObject|.*LearntRig|_Side|_Squares|BeforeValidator|AfterValidator|[-+.\de]+",
     ),
     # a column's kind, as the table declares it
     (r"py:.*", r"(estimator\.table\.contacts\.)?(Number|Flag|Text|Whole)"),
