@@ -95,7 +95,7 @@ def test_keys_of_later_versions_are_ignored_everywhere(good: dict[str, Any], pat
 @pytest.mark.parametrize(
     "path",
     [
-        *((key,) for key in make_rig().to_dict()),
+        *((key,) for key in make_rig().to_dict() if key != "drift"),
         *(("camera", key) for key in ("schema", "model", "image_size", "matrix", "distortion")),
         *(("T_antenna_camera", key) for key in ("translation_m", "rotation_xyzw")),
         *(("antenna", key) for key in ("length_m", "diameter_m", "stiffness_Nm2", "mass_per_length_kg_m", "noload")),

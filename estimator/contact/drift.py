@@ -57,7 +57,7 @@ class LearntRig:
     @staticmethod
     def of(rig: Rig) -> LearntRig:
         """Nothing learnt yet."""
-        now = _settled(rig.drifted(), rig)
+        now = _in_covariance(rig.drifted(), rig)
         return LearntRig(rig, now, line_frames=_PRIOR_FRAMES, line_sum_px2=_PRIOR_FRAMES * rig.drift.line_px**2)
 
     def due(self, time_s: float) -> bool:
@@ -71,7 +71,7 @@ class LearntRig:
             return self
         wandering = replace(self.now, drift=self.calibrated.drift)
         part = self.calibrated.drift.hourly * np.sqrt(hours)
-        return replace(self, now=_settled(wandering.drifted(min(part, 1.0)), self.now), time_s=time_s)
+        return replace(self, now=_in_covariance(wandering.drifted(min(part, 1.0)), self.now), time_s=time_s)
 
     def learn(self, batch: Batch, time_s: float) -> LearntRig:
         """From frames of which only the free ones are used, if there are any."""
@@ -94,7 +94,7 @@ class LearntRig:
         return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past)
 
 
-def _settled(widened: Rig, before: Rig) -> Rig:
+def _in_covariance(widened: Rig, before: Rig) -> Rig:
     """With the line's own errors as the only drift to come: the rest is in the covariance."""
     return replace(widened, drift=replace(type(before.drift)(), line_px=before.drift.line_px))
 
