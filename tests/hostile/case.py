@@ -19,7 +19,7 @@ from vbaa_calib.wizard.state.store import LOCK
 Damage = Callable[[Path], None]
 """What befalls a file, or the whole folder."""
 
-LONGEST_S = 10.0
+LONGEST_S = 60.0
 """Of processor time. The wall clock may show more where others share the machine."""
 BLOCKED_S = 90.0
 """On the wall clock: it waits for something that never comes."""

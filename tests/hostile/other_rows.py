@@ -36,7 +36,7 @@ EXCHANGE: dict[str, tuple[Row, ...]] = {
         ("three numbers", d.text("[461.629, ", "["), "a list of 4 numbers is needed"),
         ("no rotation", d.text("0.01779318", "0.51779318"), "T_cam_imu is no rigid motion"),
         ("no motion", d.text("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 2.0]"), "T_cam_imu is no rigid motion"),
-        ("no camera", d.text("cam0:", "camera:"), "holds no cam0"),
+        ("no camera", d.text("cam0:", "camera:"), "holds no camera cam0"),
     ),
     "mrcal": (
         ("a lens of splines", d.text("OPENCV8", "SPLINED_STEREOGRAPHIC"), "lens_model is"),
@@ -84,8 +84,8 @@ WIZARD: tuple[Row, ...] = (
     ("no steps", d.at("steps", d.REMOVED), "is damaged"),
     ("steps in a list", d.at("steps", []), "is damaged"),
     ("an unknown step", d.at("steps", {"cook": {"taken": [], "left": [], "closed": ""}}), "names a step 'cook'"),
-    ("an answer of NaN", d.at("answers.antenna_length_mm", NAN), "is no number"),
-    ("an answer of text", d.at("answers.antenna_length_mm", "240"), "is no number"),
+    ("an answer of NaN", d.at("answers.antenna_length_mm", NAN), "not a finite number"),
+    ("an answer of text", d.at("answers.antenna_length_mm", "long"), "not a number"),
     ("an answer to no question", d.at("answers.colour", "red"), "'colour' is no question"),
     (
         "a picture outside",

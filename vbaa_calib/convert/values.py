@@ -83,7 +83,7 @@ def which_of(names: Sequence[str], which: str | None, path: Path) -> str:
     if which is None and len(names) > 1:
         raise InputError(f"holds {', '.join(names):.60}", where=path, remedy="say which with --camera")
     if which is not None and which not in names:
-        raise InputError(f"holds no {which:.20}", where=path, remedy=f"it holds {', '.join(names):.60}")
+        raise InputError(f"holds no camera {which:.20}", where=path, remedy=f"it holds {', '.join(names):.60}")
     return which or names[0]
 
 
