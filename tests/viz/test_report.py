@@ -18,7 +18,7 @@ from estimator.table.contacts import COLUMNS, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
 from viz.render.render import can_render
 from viz.report.pictures import Picture, scene_picture
-from viz.report.recording import MOST_ROWS, Report, page
+from viz.report.recording import MOST_ROWS, Report, _drift_table, page
 from viz.report.words import SYMBOLS, ObjectFindings, findings_of, frame_facts, headline, origin
 from viz.scene.facts import Fact, drawn_estimate
 from viz.scene.truth import true_contacts
@@ -198,3 +198,12 @@ def test_vague_normals_are_not_drawn(table: ContactTable) -> None:
     assert np.isfinite(drawn.normals[1::2]).all()
     assert drawn.cone_rad == pytest.approx(np.arctan(MU))
     assert [fact.partition(":")[0] for fact in drawn.facts] == ["Friction", "Stiffness", "One patch was withheld."]
+
+
+def test_what_has_changed_of_the_rig_stands_in_the_report() -> None:
+    """Each parameter, and which of them changed by more than was thought possible; nothing where nothing is known."""
+    numbers = {"change": 0.5, "std": 0.01, "prior_std": 0.2}
+    drift = {"parameters": {"cx": numbers, "cy": numbers | {"change": 2.0}}, "beyond": ["cy"]}
+    rows = _drift_table(drift).rows
+    assert [(row[0], float(row[1]), bool(row[-1])) for row in rows] == [("cx", 0.5, False), ("cy", 2.0, True)]
+    assert not _drift_table(None).rows

@@ -33,6 +33,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result = cli.run(args)
     sources = Sources(args.output, args.rig, args.session, background=args.background)
     title = f"Contacts of the antenna: {args.session.resolve().name}"
-    make_report(output, sources, title=title, argv=args.argv, force=args.force)
+    make_report(output, sources, title=title, argv=args.argv, drift=result["drift"], force=args.force)
     say(f"wrote {output}: open it in a browser")
     return {**result, "report": str(output)}

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from viz.files.outputs import PAGES, refuse_output
 
@@ -47,11 +47,13 @@ def make_report(
     title: str,
     argv: Sequence[str] = (),
     summary: Sequence[SummaryRow] = (),
+    drift: Mapping[str, Any] | None = None,
     force: bool = False,
 ) -> None:
     """Read the sources, estimate the object, draw, and write the page, whole or not at all.
 
-    `argv` is the command line that asked for it, `summary` holds errors against truth with the goal of each.
+    `argv` is the command line that asked for it, `summary` holds errors against truth with the goal of each, `drift`
+    what has changed since the calibration (`estimator.contact.drift.summary`).
     Raises InputError when a source cannot be read, or the page exists and `force` is off.
     """
     from estimator.table.files import read_contacts
@@ -80,4 +82,4 @@ def make_report(
         pictures.append(seen_picture(table, rig, sources.session, sources.background))
     files = {name: getattr(sources, name) for name in ("contacts", "rig", "session", "truth")}
     rows = origin(files, rig, argv)
-    write_text(path, page(Report(title, table, findings, rig, truth, summary, pictures, rows)), force)
+    write_text(path, page(Report(title, table, findings, rig, truth, summary, pictures, rows, drift)), force)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +44,7 @@ class Report:
     truth : drawn beside the estimates. summary : errors against truth, or other numbers with a goal each.
     pictures : the scene, the recording.
     origin : names and text or HTML of what the page was made from.
+    drift : what has changed of the rig since its calibration, as far as it is known.
     """
 
     title: str
@@ -54,6 +55,7 @@ class Report:
     summary: Sequence[SummaryRow] = ()
     pictures: Sequence[Picture] = ()
     origin: Sequence[tuple[str, str]] = ()
+    drift: Mapping[str, Any] | None = None
 
 
 def page(report: Report) -> str:
@@ -72,6 +74,7 @@ def page(report: Report) -> str:
         events=_events_table(() if findings.track is None else findings.track.events),
         **_contacts(report),
         summary=_summary_table(report.summary),
+        drift=_drift_table(report.drift),
         contacts=contacts_table(table, None if findings.track is None else findings.track.phase.tolist()),
         glossary=glossary(),
         origin=Table((), report.origin),
@@ -128,11 +131,13 @@ def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.nd
         found.append((f"{words}, {unit}", value, std, true, "estimate ± 2 std"))
     y, z = table.force_y_N, table.force_z_N
     size = np.where(located, np.hypot(y, z), np.nan)
-    # whatever the correlation of the two components is, it cannot be more than that
-    most = (np.abs(y) * table.force_y_std_N + np.abs(z) * table.force_z_std_N) / np.where(size > 0, size, np.nan)
+    y_part, z_part = np.abs(y) * table.force_y_std_N, np.abs(z) * table.force_z_std_N
+    # where their covariance is not known, it cannot be more than that
+    crossed = np.where(np.isfinite(table.force_covariance_yz_N2), y * z * table.force_covariance_yz_N2, y_part * z_part)
+    std = np.sqrt(np.clip(y_part**2 + z_part**2 + 2 * crossed, 0.0, None)) / np.where(size > 0, size, np.nan)
     true = None if truth is None else scale * np.hypot(truth.force_y_N, truth.force_z_N)
     title = f"force across the antenna, |f|, {unit}"
-    return [*found, (title, scale * size, scale * most, true, "estimate ± 2 std at most")]
+    return [*found, (title, scale * size, scale * std, true, "estimate ± 2 std")]
 
 
 def _std(table: ContactTable, name: str) -> np.ndarray:
@@ -178,6 +183,23 @@ def _summary_table(rows: Sequence[SummaryRow]) -> Table:
     goals = [("", "") if goal is None else (f"≤ {goal:.4g}", _GOAL[value <= goal]) for _, value, _, goal in rows]
     cells = [(name, f"{value:.4g}", unit, *goal) for (name, value, unit, _), goal in zip(rows, goals, strict=True)]
     return Table(("quantity", "error", "unit", "goal", ""), cells, ("quantity", "unit"))
+
+
+def _drift_table(drift: Mapping[str, Any] | None) -> Table:
+    """What has changed of the rig, parameter by parameter, beside what was thought possible."""
+    parameters = {} if drift is None else drift["parameters"]
+    beyond = () if drift is None else drift["beyond"]
+    rows = [
+        (
+            name,
+            f"{one['change']:.3g}",
+            f"{one['std']:.2g}",
+            f"{one['prior_std']:.2g}",
+            "beyond" if name in beyond else "",
+        )
+        for name, one in parameters.items()
+    ]
+    return Table(("parameter", "change", "std", "thought possible, std", ""), rows, ("parameter",))
 
 
 def _events_table(events: Sequence[Event]) -> Table:
