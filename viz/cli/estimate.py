@@ -31,8 +31,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     output = beside(args.output) if args.report is None else args.report
     refuse_output(output, PAGES, args.force)
     result = cli.run(args)
-    sources = Sources(args.output, args.rig, args.session, background=args.background)
+    sources = Sources(args.output, args.rig, args.session, background=args.background, drift=result["drift"])
     title = f"Contacts of the antenna: {args.session.resolve().name}"
-    make_report(output, sources, title=title, argv=args.argv, drift=result["drift"], force=args.force)
+    make_report(output, sources, title=title, argv=args.argv, force=args.force)
     say(f"wrote {output}: open it in a browser")
     return {**result, "report": str(output)}

@@ -25,6 +25,7 @@ class Sources:
     background : as `vbaa estimate` was given it.
     truth : truth.json, drawn beside the estimates.
     picture : of the scene, drawn already; without it one is drawn.
+    drift : what has changed since the calibration (`estimator.contact.drift.summary`).
     """
 
     contacts: Path
@@ -33,6 +34,7 @@ class Sources:
     truth: Path | None = None
     picture: Path | None = None
     background: Path | None = None
+    drift: Mapping[str, Any] | None = None
 
 
 def beside(contacts: Path) -> Path:
@@ -47,13 +49,11 @@ def make_report(
     title: str,
     argv: Sequence[str] = (),
     summary: Sequence[SummaryRow] = (),
-    drift: Mapping[str, Any] | None = None,
     force: bool = False,
 ) -> None:
     """Read the sources, estimate the object, draw, and write the page, whole or not at all.
 
-    `argv` is the command line that asked for it, `summary` holds errors against truth with the goal of each, `drift`
-    what has changed since the calibration (`estimator.contact.drift.summary`).
+    `argv` is the command line that asked for it, `summary` holds errors against truth with the goal of each.
     Raises InputError when a source cannot be read, or the page exists and `force` is off.
     """
     from estimator.table.files import read_contacts
@@ -82,4 +82,4 @@ def make_report(
         pictures.append(seen_picture(table, rig, sources.session, sources.background))
     files = {name: getattr(sources, name) for name in ("contacts", "rig", "session", "truth")}
     rows = origin(files, rig, argv)
-    write_text(path, page(Report(title, table, findings, rig, truth, summary, pictures, rows, drift)), force)
+    write_text(path, page(Report(title, table, findings, rig, truth, summary, pictures, rows, sources.drift)), force)
