@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -10,8 +10,7 @@ import numpy as np
 from benchmarks.estimator.setup import drawn_truth, rod_of
 from benchmarks.harness import concatenated, of_any, or_none, rms_known
 from estimator import ContactEstimator
-from estimator.paper.baselines import Press, run_method
-from estimator.paper.baselines.press import contact_moments, deflections, noise_of, wire_of
+from estimator.paper.baselines import press_from_recording, run_method
 from vbaa_calib.geometry import Pose, rotation_world_antenna
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.contact.touch import touch
@@ -127,12 +126,13 @@ def touched_edges(true: Rig, normal_deg: float) -> _Edges:
 
 def by_camera_a(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -> Answers:
     """The paper's camera A, frame by frame."""
-    points_m = deflections(rig, pictures.points_px, free.points_px)
-    moments_Nm = contact_moments(rig, pictures.moment_Nm, free.moment_Nm)
-    wire, noise = wire_of(rig), noise_of(rig, sigma_px)
+    seen = (pictures.points_px, pictures.moment_Nm), (free.points_px, free.moment_Nm)
+    still = np.zeros((2, len(pictures.points_px)))
+    press = press_from_recording(rig, *seen, (still[0], still[1]), sigma_px=sigma_px)
+    points, moments = np.asarray(press.points_m), np.asarray(press.moment_Nm)
     found = [
-        run_method("3D-VBAA, camera A", Press(wire, noise, moment_Nm=moment[None], points_m=points[None]))
-        for points, moment in zip(points_m, moments_Nm, strict=True)
+        run_method("3D-VBAA, camera A", replace(press, turn_rad=None, moment_Nm=moment[None], points_m=line[None]))
+        for line, moment in zip(points, moments, strict=True)
     ]
     return Answers(*(np.array([getattr(each, name) for each in found]) for name in Answers.__annotations__))
 

@@ -88,8 +88,8 @@ def run(draws: int, seed: int) -> list[YieldingRow]:
             drawn, free = each.touched.noisy(rig, SIGMA_PX, rng), each.free.noisy(rig, SIGMA_PX, rng)
             noise = rng.normal(0.0, rig.moment_sensor.std_Nm, each.ring.moment_Nm.shape)
             ring = Ring(each.ring.time_s, each.ring.moment_Nm + noise)
-            seen = drawn.points_px, drawn.moment_Nm, free.points_px, free.moment_Nm
-            press = press_from_recording(rig, *seen, _PANS_RAD, 0.0 * _PANS_RAD, sigma_px=SIGMA_PX, ring=ring)
+            seen = (drawn.points_px, drawn.moment_Nm), (free.points_px, free.moment_Nm), (_PANS_RAD, 0.0 * _PANS_RAD)
+            press = press_from_recording(rig, *seen, sigma_px=SIGMA_PX, ring=ring)
             for name in _BASELINES:
                 readings[name].append(run_method(name, press))
             whole.append(drawn)

@@ -21,9 +21,7 @@ from .parts import (
     PIXELS,
     RESULTS,
     Linearization,
-    Propagation,
     correlated_variance,
-    improved,
     linearize,
     per_result,
     propagate,
@@ -70,10 +68,8 @@ CAUSES = {
     FORCE_PRIOR: Cause("likely force", "#cbd5e1", _FORCE),
 }
 """Every cause, in the order in which figures stack them."""
-ADVISED = ("distance_m", "force_N", "point_m")
-"""Results that the advice is about."""
-OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)
-"""Causes that are not the calibration's."""
+ADVISED = ("distance_m", "force_N", "point_m")  # results that the advice is about
+OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)  # causes that are not the calibration's
 
 
 @dataclass(frozen=True)
@@ -104,7 +100,7 @@ class ResultBudget:
     @property
     def first(self) -> str:
         """The cause of which half the deviation would help most."""
-        return min(self.parts, key=lambda cause: self.parts[cause].if_halved)
+        return max(self.parts, key=self.gain)
 
     def gain(self, cause: str) -> float:
         """The part that half a cause's deviation would take off this result's."""
@@ -118,9 +114,8 @@ class ResultBudget:
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """The error budget of a rig.
+    """The error budget of a rig for B contacts, `touches`, of those `asked` for that would come with numbers.
 
-    `touches` are the B contacts that it is for, `asked` how many there were, with those that would have no numbers;
     `results` by `RESULTS`; `variances` cause → (B, 6) of the rows that `RESULTS` names; `exact` the causes of which
     rig.json says that they are exact, or nothing.
     """
@@ -149,24 +144,18 @@ class Budget:
     def leads(self, name: str) -> dict[str, int]:
         """In how many contacts each cause has the largest part of a result; causes that lead nowhere are left out."""
         causes = list(self.variances)
-        every = np.stack([per_result(rows)[name] for rows in self.variances.values()])
-        count = np.bincount(every.argmax(axis=0), minlength=len(causes))
+        largest = np.argmax([per_result(rows)[name] for rows in self.variances.values()], axis=0)
+        count = np.bincount(largest, minlength=len(causes))
         return {causes[i]: int(count[i]) for i in np.argsort(-count, kind="stable") if count[i]}
 
 
 def error_budget(
     rig: Rig, touches: Touches | None = None, *, friction: float = FRICTION_RAD, with_moment: bool = True
 ) -> Budget:
-    """The budget of a rig, by default over ordinary contacts.
+    """The budget of a rig, by default over ordinary contacts; `with_moment` False for vision alone.
 
-    Parameters
-    ----------
-    friction : rad, deviation of the friction angle as the estimator assumes it.
-    with_moment : False for vision alone.
-
-    Raises
-    ------
-    InputError : a friction that is out of range, or no contact for which the estimator would give numbers.
+    `friction` is the deviation of the friction angle, rad, as the estimator assumes it. Raises InputError where it is
+    out of range, or where there is no contact for which the estimator would give numbers.
     """
     if not 0.0 <= friction <= 1.0:
         raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
@@ -175,33 +164,43 @@ def error_budget(
     space = ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
         every = linearize(rig_arrays, space, touches, with_moment)
-        determined = _determined(rig_arrays, touches, every, with_moment)
+        determined = _determined(rig_arrays, space, touches, every, with_moment)
     if not determined.any():
+        which = f"any of {len(determined)} contacts" if len(determined) > 1 else "this"
         raise InputError(
-            "the estimator would give no numbers for "
-            + (f"any of {len(determined)} contacts" if len(determined) > 1 else "this"),
+            f"the estimator would give no numbers for {which}",
             where="budget",
             remedy="give a contact that is pressed harder and in the picture, or calibrate the rig better",
         )
-    now = propagate(every.picked(determined))
+    linear = every.picked(determined)
+    now = propagate(linear, space)
     by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
     aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
-    return Budget(
-        touches.picked(determined),
-        len(determined),
-        _results(space, now, by_cause),
-        by_cause,
-        exact=tuple(cause for cause in CAUSES if cause not in (*by_cause, *aside)),
-        notes=tuple(_notes(rig, with_moment)),
-    )
+    parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
+    whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
+    for cause, rows in by_cause.items():
+        own, halved, exact = _mean(rows), whole, whole
+        if cause != FORCE_PRIOR:
+            halved, exact = (_mean(propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
+        for name in RESULTS:
+            share, std = own[name] / whole[name], float(np.sqrt(own[name]))
+            parts[name][cause] = Part(std, share, float(np.sqrt(halved[name])), float(np.sqrt(exact[name])))
+    results = {
+        name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
+    }
+    exact_causes = tuple(cause for cause in CAUSES if cause not in (*by_cause, *aside))
+    notes = tuple(_notes(rig, with_moment))
+    return Budget(touches.picked(determined), len(determined), results, by_cause, exact_causes, notes)
 
 
-def _determined(rig_arrays: RigArrays, touches: Touches, linear: Linearization, with_moment: bool) -> np.ndarray:
+def _determined(
+    rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, linear: Linearization, with_moment: bool
+) -> np.ndarray:
     """(B,) whether the estimator would give numbers, as `contact.status` decides for contacts that fit well."""
     sound = np.isfinite(linear.points).all(axis=(1, 2)) & (linear.usable >= FEWEST_POINTS)
     std = np.full((len(linear), 6), np.nan)
     if sound.any():
-        std[sound] = np.sqrt(propagate(linear.picked(sound)).variance)
+        std[sound] = np.sqrt(propagate(linear.picked(sound), space).variance)
     limit = np.minimum(LOW_SIGNAL * rig_arrays.length_m, LOW_SIGNAL_RELATIVE * touches.distance_m)
     determined = np.isfinite(std).all(axis=1) & (std[:, 0] < limit)
     if with_moment:
@@ -209,22 +208,6 @@ def _determined(rig_arrays: RigArrays, touches: Touches, linear: Linearization, 
     force = np.hypot(*touches.push_N.T)
     seen = edge_on(rig_arrays.rig, unknowns_of(rig_arrays, touches)) >= EDGE_ON_BLIND_RAD
     return determined & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
-
-
-def _results(space: ErrorSpace, now: Propagation, by_cause: dict[str, np.ndarray]) -> dict[str, ResultBudget]:
-    whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
-    parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
-    for cause, rows in by_cause.items():
-        own, changed = _mean(rows), [whole, whole]
-        if cause != FORCE_PRIOR:
-            less = (propagate(now.linear, improved(space, cause, factor)) for factor in (0.5, 0.0))
-            changed = [_mean(each.variance) for each in less]
-        for name in RESULTS:
-            halved, exact = (float(np.sqrt(values[name])) for values in changed)
-            parts[name][cause] = Part(float(np.sqrt(own[name])), own[name] / whole[name], halved, exact)
-    return {
-        name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
-    }
 
 
 def _mean(rows: np.ndarray) -> dict[str, float]:

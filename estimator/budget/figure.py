@@ -19,18 +19,11 @@ if TYPE_CHECKING:
 
 _CALIBRATION = "calibration"
 _SHORT = {"distance_m": "l", "force_y_N": "f_y", "force_z_N": "f_z", "point_m": "world\npoint"}
-_LEAST_SHARE = 0.001
+_LEAST_SHARE = 0.1  # of the variance, in percent, that is drawn
 _STYLES: dict[str, dict[str, Any]] = {
     name: {"color": cause.colour, "label": cause.name} for name, cause in CAUSES.items()
 }
 _STYLES[_CALIBRATION] = {"color": "#334155", "label": _CALIBRATION}
-_LEGEND: dict[str, Any] = {
-    "fontsize": 7,
-    "loc": "upper center",
-    "bbox_to_anchor": (0.5, -0.12),
-    "ncols": 3,
-    "frameon": False,
-}
 
 
 def write_figure(path: Path, budget: Budget, force: bool) -> None:
@@ -62,14 +55,12 @@ def _grouped(budget: Budget) -> dict[str, np.ndarray]:
 def _bars(axes: Axes, budget: Budget, variances: Mapping[str, np.ndarray], title: str, whole: bool) -> None:
     means = {cause: np.array([per_result(rows)[name].mean() for name in TABLES]) for cause, rows in variances.items()}
     total: np.ndarray = np.sum(list(means.values()), axis=0)
-    shares = {cause: values / np.where(total > 0.0, total, 1.0) for cause, values in means.items()}
     bottom = np.zeros(len(TABLES))
-    for cause in _STYLES:
-        if cause not in shares or shares[cause].max() < _LEAST_SHARE:
-            continue
-        height = 100.0 * shares[cause]
-        axes.bar(range(len(TABLES)), height, 0.62, bottom, **_STYLES[cause])
-        bottom = bottom + height
+    for cause, style in _STYLES.items():
+        height = 100.0 * means.get(cause, 0.0 * total) / np.where(total > 0.0, total, 1.0)
+        if height.max() >= _LEAST_SHARE:
+            axes.bar(range(len(TABLES)), height, 0.62, bottom, **style)
+            bottom = bottom + height
     for place, name in enumerate(TABLES):
         std = 1e3 * (budget.results[name].std if whole else budget.results[name].common_std)
         axes.text(place, 101.5, f"{std:.3g} {'mm' if name.endswith('_m') else 'mN'}", ha="center", fontsize=8)
@@ -77,7 +68,7 @@ def _bars(axes: Axes, budget: Budget, variances: Mapping[str, np.ndarray], title
     axes.set_ylim(0, 108)
     axes.set_ylabel("share of the variance, %")
     axes.set_title(title, fontsize=10)
-    axes.legend(**_LEGEND)
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
 
 
 def _along(axes: Axes, budget: Budget) -> None:
@@ -86,8 +77,7 @@ def _along(axes: Axes, budget: Budget) -> None:
     count = np.bincount(which)
 
     def rms_mm(rows: np.ndarray) -> np.ndarray:
-        mean = np.bincount(which, per_result(rows)["distance_m"]) / count
-        return np.asarray(1e3 * np.sqrt(mean))
+        return np.asarray(1e3 * np.sqrt(np.bincount(which, per_result(rows)["distance_m"]) / count))
 
     axes.plot(1e3 * distances, rms_mm(sum_of(budget)), color="black", lw=2, marker="o", ms=4, label="all")
     for cause, rows in _grouped(budget).items():
@@ -98,4 +88,4 @@ def _along(axes: Axes, budget: Budget) -> None:
     axes.set_ylabel("deviation of l, mm (rms over forces)")
     axes.set_title("along the antenna", fontsize=10)
     axes.grid(alpha=0.3, which="both")
-    axes.legend(**_LEGEND)
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)

@@ -22,8 +22,7 @@ from .touches import RUNG, Touches, noise_free_touches, unknowns_of, world_rotat
 PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
 RESULTS = {"distance_m": (0,), "force_y_N": (1,), "force_z_N": (2,), "force_N": (1, 2), "point_m": (3, 4, 5)}
 """Results and the rows that they are made of: of several, the variance is the sum."""
-_EXACT_NOISE = 0.01
-"""Noise counts as gone at this part of itself: without any, a picture would tell the whole rig."""
+_EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any, a picture would tell the whole rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,31 +49,6 @@ class Linearization:
         return Linearization(*(values[which] for values in vars(self).values()))
 
 
-@dataclass(frozen=True, eq=False)
-class Improvement:
-    """Smaller deviations: factors on those of noise and friction, and on the errors' own steps.
-
-    `errors` (S, S) maps independent errors of unit deviation to those that are left; None: as they are.
-    """
-
-    pixels: float = 1.0
-    moment_noise: float = 1.0
-    friction: float = 1.0
-    errors: np.ndarray | None = None
-
-
-def improved(space: ErrorSpace, cause: str, factor: float) -> Improvement:
-    """A cause's deviation times a factor; a rig's cause as if it were measured again, which narrows others, too."""
-    if cause == PIXELS:
-        return Improvement(pixels=max(factor, _EXACT_NOISE))
-    if cause == MOMENT_NOISE:
-        return Improvement(moment_noise=max(factor, _EXACT_NOISE))
-    if cause == FRICTION:
-        return Improvement(friction=factor)
-    determined = space.determined[space.causes.index(cause)]
-    return Improvement(errors=np.eye(space.size) - (1.0 - factor) * determined)
-
-
 def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linearization:
     """Linearise contacts about their noise-free frames."""
     frames, unknowns = noise_free_touches(rig_arrays, touches, with_moment), unknowns_of(rig_arrays, touches)
@@ -82,7 +56,6 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
     by_rig = rig_jacobian(frames, RUNG, unknowns, prediction)
     fits = evaluate(frames, RUNG, by_rig, initial_state(frames, prediction, unknowns))
     prior, moved = fits.problem.prior, fits.problem.moment_jacobian
-    readings = np.swapaxes(moved, 1, 2) @ moved
     columns = fits.problem.jacobian
     points = np.swapaxes(columns, 1, 2) @ fits.problem.sums.times(columns)
     rotation = world_rotation(rig_arrays.rig, touches)
@@ -97,7 +70,7 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
     more = (0, space.size - space.rig)
     return Linearization(
         np.pad(points, ((0, 0), more, more)),
-        np.pad(readings, ((0, 0), more, more)),
+        np.pad(np.swapaxes(moved, 1, 2) @ moved, ((0, 0), more, more)),
         np.pad(prior, ((0, 0), more), constant_values=1.0),
         np.pad(results, ((0, 0), (0, 0), more)),
         beyond,
@@ -107,16 +80,13 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
 
 @dataclass(frozen=True, eq=False)
 class Propagation:
-    """The errors of B results, with what is known or an improvement of it.
+    """The errors of B results.
 
-    `covariance` (B, K, K) is of the unknowns, `results` (B, 6, K) as in `Linearization`, for what is left; `by_noise`
-    the variance (B, 6) by each kind of noise, by friction, and by the prior of the force; `by_errors` (B, 6, S) how far
-    the results are off by each independent error of rig and joint axes.
+    `gain` (B, 6, K) is how far they follow what pulls at the unknowns; `by_noise` the variance (B, 6) by each kind of
+    noise, by friction and by the force's prior; `by_errors` (B, 6, S) how far they are off by each independent error.
     """
 
-    linear: Linearization
-    covariance: np.ndarray
-    results: np.ndarray
+    gain: np.ndarray
     by_noise: dict[str, np.ndarray]
     by_errors: np.ndarray
 
@@ -127,37 +97,38 @@ class Propagation:
         return np.asarray(whole + (self.by_errors**2).sum(axis=-1))
 
 
-def propagate(linear: Linearization, improvement: Improvement = Improvement()) -> Propagation:
-    """The errors of contacts that are estimated with what is known, or with an improvement of it."""
+def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor: float = 1.0) -> Propagation:
+    """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor.
+
+    A rig's cause is then known as if it were measured again, which narrows others, too.
+    """
     left = np.eye(linear.prior.shape[1])
-    left[UNKNOWNS - 1, UNKNOWNS - 1] = improvement.friction
-    if improvement.errors is not None:
-        left[UNKNOWNS:, UNKNOWNS:] = improvement.errors
-    noise = {
-        PIXELS: linear.points / improvement.pixels**2,
-        MOMENT_NOISE: linear.readings / improvement.moment_noise**2,
-    }
+    noise = {PIXELS: linear.points, MOMENT_NOISE: linear.readings}
+    if cause in noise:
+        noise[cause] = noise[cause] / max(factor, _EXACT_NOISE) ** 2
+    elif cause == FRICTION:
+        left[UNKNOWNS - 1, UNKNOWNS - 1] = factor
+    elif cause:
+        left[UNKNOWNS:, UNKNOWNS:] -= (1.0 - factor) * space.determined[space.causes.index(cause)]
     information = left @ (noise[PIXELS] + noise[MOMENT_NOISE]) @ left
     information = information + np.eye(left.shape[-1]) * linear.prior[:, None]
     scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
     scale = np.where(scale > 0.0, scale, 1.0)
     with np.errstate(all="ignore"):
         covariance = _inverse(information / (scale[:, :, None] * scale[:, None])) / (scale[:, :, None] * scale[:, None])
-    results, weights = linear.results @ left, linear.prior[:, None]
-    gain = results @ covariance
+    gain, weights = linear.results @ left @ covariance, linear.prior[:, None]
     slopes = gain @ left
     by_noise = {cause: np.einsum("bqk,bkl,bql->bq", slopes, each, slopes) for cause, each in noise.items()}
-    by_noise[FRICTION] = gain[..., UNKNOWNS - 1] ** 2 * weights[..., UNKNOWNS - 1]
-    by_noise[FORCE_PRIOR] = (gain[..., 1 : UNKNOWNS - 1] ** 2 * weights[..., 1 : UNKNOWNS - 1]).sum(axis=-1)
+    by_prior = gain[..., :UNKNOWNS] ** 2 * weights[..., :UNKNOWNS]
+    by_noise |= {FRICTION: by_prior[..., -1], FORCE_PRIOR: by_prior[..., 1:-1].sum(axis=-1)}
     by_errors = -gain[..., UNKNOWNS:] * weights[..., UNKNOWNS:] - linear.beyond @ left[UNKNOWNS:, UNKNOWNS:]
-    return Propagation(linear, covariance, results, by_noise, by_errors)
+    return Propagation(gain, by_noise, by_errors)
 
 
 def correlated_variance(space: ErrorSpace, propagation: Propagation) -> np.ndarray:
-    """(B, 6) variance by errors of rig and joint axes that belongs to no cause alone, by their correlations.
+    """(B, 6) variance by errors that belong to no cause alone, by their correlations; negative where they cancel.
 
-    What all of them make less what each makes beyond what the others determine; negative where correlated errors
-    cancel. `variance_by_cause` divides it.
+    What all of them make less what each makes beyond what the others determine. `variance_by_cause` divides it.
     """
     errors = propagation.by_errors
     whole = (errors**2).sum(axis=-1)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .budget import ADVISED, CAUSES, OWN, Budget, ResultBudget
-from .parts import RESULTS, per_result
+from .parts import per_result
 
 _WORTHWHILE = 0.05  # half a deviation that takes less than this part off the results is hardly worth the work
 _SMALL = 0.005  # causes whose share, and the good of knowing them, stay below this part are shown together
@@ -38,13 +38,12 @@ def advice(budget: Budget) -> list[str]:
     """What to improve first, with the number: for distance, force and point, overall, and of the calibration."""
     lines = [f"{_RESULT_NAMES[name]}: {_first(budget.results[name], name)}" for name in ADVISED]
     first, of_rig = budget.first, budget.first_of_rig
-    gain, cause = 100 * budget.gain(first), CAUSES[first]
-    if gain < 100 * _WORTHWHILE:
-        lines.append(f"No cause stands out: half of {cause.name} would take {gain:.1f} % off.")
-    else:
-        lines.append(
-            f"Improve first: {cause.name}. Half of it takes {gain:.0f} % off, on average. To do so, {cause.remedy}."
-        )
+    gain, (name, _, remedy) = 100 * budget.gain(first), CAUSES[first]
+    lines.append(
+        f"No cause stands out: half of {name} would take {gain:.1f} % off."
+        if gain < 100 * _WORTHWHILE
+        else f"Improve first: {name}. Half of it takes {gain:.0f} % off, on average. To do so, {remedy}."
+    )
     leads = budget.leads("distance_m")
     if len(leads) > 1:
         listed = ", ".join(f"{CAUSES[cause].name} in {count}" for cause, count in leads.items())
@@ -55,9 +54,13 @@ def advice(budget: Budget) -> list[str]:
             f"on average. To do so, {CAUSES[of_rig].remedy}."
         )
     shares = {name: budget.results[name].in_common for name in ADVISED}
-    shared = [name for name in ADVISED if abs(shares[name]) > _CORRELATED]
+    shared = [
+        f"{100 * share:.0f} % of the {_RESULT_NAMES[name]}"
+        for name, share in shares.items()
+        if abs(share) > _CORRELATED
+    ]
     if shared:
-        listed = ", ".join(f"{100 * shares[name]:.0f} % of the {_RESULT_NAMES[name]}" for name in shared)
+        listed = ", ".join(shared)
         lines.append(f"Errors of the calibration are correlated: {listed}'s variance has no one cause, and is divided.")
     return lines
 
@@ -94,17 +97,17 @@ def as_data(budget: Budget) -> dict[str, Any]:
 
 def contacts_as_data(budget: Budget) -> list[dict[str, Any]]:
     """Each contact's deviations, m and N, and how they are made up."""
-    std = {
-        cause: {name: np.sqrt(values) for name, values in per_result(rows).items()}
-        for cause, rows in budget.variances.items()
-    }
-    whole = {name: np.sqrt(values) for name, values in per_result(sum_of(budget)).items()}
+
+    def deviations(row: np.ndarray) -> dict[str, float]:
+        return {name: float(np.sqrt(values[0])) for name, values in per_result(row[None]).items()}
+
+    whole = sum_of(budget)
     return [
         {
             "distance_m": float(budget.touches.distance_m[i]),
             "push_N": budget.touches.push_N[i].tolist(),
-            "std": {name: float(whole[name][i]) for name in RESULTS},
-            "by_cause": {cause: {name: float(std[cause][name][i]) for name in RESULTS} for cause in std},
+            "std": deviations(whole[i]),
+            "by_cause": {cause: deviations(rows[i]) for cause, rows in budget.variances.items()},
         }
         for i in range(len(budget.touches))
     ]
@@ -122,10 +125,9 @@ def _table(budget: Budget, name: str) -> list[str]:
         f"{1e3 * result.common_std:.3g} {unit}"
     )
     lines = [head, f"  {'cause':<18}{'part ' + unit:>10}{'share %':>10}{'if halved':>11}{'if exact':>11}"]
-    small = []
+    small = [part for part in result.parts.values() if max(part.share, 1.0 - part.if_exact / result.std) < _SMALL]
     for cause, part in sorted(result.parts.items(), key=lambda item: -item[1].share):
-        if part.share < _SMALL and 1.0 - part.if_exact / result.std < _SMALL:
-            small.append(part)
+        if part in small:
             continue
         numbers = (1e3 * part.std, 100 * part.share, 1e3 * part.if_halved, 1e3 * part.if_exact)
         lines.append(f"  {CAUSES[cause].name:<18}" + "{:>10.3g}{:>10.1f}{:>11.3g}{:>11.3g}".format(*numbers))
@@ -136,10 +138,9 @@ def _table(budget: Budget, name: str) -> list[str]:
 
 
 def _first(result: ResultBudget, name: str) -> str:
-    cause, unit = result.first, _unit(name)
-    part, less = result.parts[cause], 100 * result.gain(cause)
+    part, less, unit = result.parts[result.first], 100 * result.gain(result.first), _unit(name)
     halved = f"Half of it would make {1e3 * part.if_halved:.3g} {unit} of {1e3 * result.std:.3g} ({less:.0f} % less)"
-    return f"{CAUSES[cause].name} first. {halved}; without it, {1e3 * part.if_exact:.3g} {unit} would be left."
+    return f"{CAUSES[result.first].name} first. {halved}; without it, {1e3 * part.if_exact:.3g} {unit} would be left."
 
 
 def _unit(name: str) -> str:

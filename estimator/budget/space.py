@@ -24,8 +24,7 @@ RIG_CAUSES = {
     "moment_offset": ("moment_offset_Nm",),
 }
 """Causes and their rows of the joint covariance; the lens' rows follow them."""
-_DEPENDENT = 1e-7
-"""A row of unit deviation that adds less than this to others is determined by them."""
+_DEPENDENT = 1e-7  # a row of unit deviation that adds less than this to others is determined by them
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +96,7 @@ def split(determined: np.ndarray) -> np.ndarray:
     members = (np.arange(len(determined))[:, None] >> np.arange(count)) & 1
     sizes = members.sum(axis=1)
     weight = np.array([factorial(k) * factorial(count - k - 1) / factorial(count) for k in range(count)])
-    joins = np.where(members == 1, weight[np.clip(sizes - 1, 0, None)][:, None], 0.0) if count else members * 0.0
-    stays = np.where(members == 0, weight[np.clip(sizes, None, count - 1)][:, None], 0.0) if count else members * 0.0
-    return np.asarray(np.einsum("ug,uij->gij", joins - stays, determined))
+    if not count:
+        return np.zeros((0, *determined.shape[1:]))
+    joins, stays = weight[np.clip(sizes - 1, 0, None)][:, None], weight[np.clip(sizes, None, count - 1)][:, None]
+    return np.asarray(np.einsum("ug,uij->gij", np.where(members == 1, joins, -stays), determined))

@@ -13,8 +13,7 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import Rig
 
-RUNG = "rod"
-"""What a fit on a lower rung would say is as good as the same where that rung would be taken."""
+RUNG = "rod"  # what a fit on a lower rung would say is as good as the same where that rung would be taken
 # Ordinary contacts: parts of the length; slopes of the antenna at the contact, of a light touch, a firm one, and nearly
 # as much as is ordinary; and directions around the antenna. Nearer to the clamp than `_STRONGEST_AT` of the length the
 # force stays what gives that slope there: who presses there with a force that bends the antenna as much presses several
@@ -26,11 +25,8 @@ _FORCE_TOLERANCE, _FORCE_STEPS = 1e-6, 6
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """B contacts, antenna frame.
-
-    `distance_m` (B,); `push_N` (B, 2), lateral force across the clamp's x axis, before friction; the joints' `pan_rad`
-    and `tilt_rad` for all of them.
-    """
+    """B contacts, antenna frame: `distance_m` (B,), and `push_N` (B, 2), the force across the clamp's x axis before
+    friction; the joints' `pan_rad` and `tilt_rad` for all of them."""
 
     distance_m: np.ndarray
     push_N: np.ndarray
@@ -80,9 +76,7 @@ def touch_of_force(
         prediction = predict(empty, RUNG, unknowns)
         found = np.abs(prediction.point_force[0, 4:6] - force_N).max() <= _FORCE_TOLERANCE * np.hypot(*force_N)
         ordinary = prediction.tangents[0, CONTACT] @ prediction.tangents[0, 0] >= np.cos(_STEEPEST_RAD)
-    return replace(
-        touch, push_N=unknowns[:, 1:3] * rig_arrays.force_unit_N if found and ordinary else np.full((1, 2), np.nan)
-    )
+    return replace(touch, push_N=unknowns[:, 1:3] * (rig_arrays.force_unit_N if found and ordinary else np.nan))
 
 
 def noise_free_touches(rig_arrays: RigArrays, touches: Touches, with_moment: bool) -> Frames:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.paper.baselines import Noise, Press, Ring, Wire, world_turn
+from estimator.paper.baselines import Noise, Press, Ring, Wire
+from estimator.paper.baselines.press import world_turn
 from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.simulate.contact.holding import Touch

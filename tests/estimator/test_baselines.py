@@ -10,19 +10,13 @@ import pytest
 from benchmarks.estimator.scenes import scenes
 from benchmarks.estimator.setup import RIG_STD, Setup
 from benchmarks.estimator.shapes import rod_shapes
-from estimator.paper.baselines import (
-    Noise,
-    Press,
-    Wire,
-    press_from_recording,
-    run_method,
-    subtract_free_antenna,
-)
+from estimator.paper.baselines import Answer, Noise, Press, Ring, Wire, press_from_recording, run_method
 from estimator.paper.inclined import project
 from vbaa_calib.antenna.rod import sample_shape
 from vbaa_calib.core.errors import InputError
 
-from .presses import LENGTH_M, STIFFNESS_NM2, WIRE, knife, press_of, pressed
+from . import vibrations
+from .presses import LENGTH_M, STIFFNESS_NM2, WIRE, knife, press_of, pressed, ringing
 
 PANS = np.radians(np.linspace(0.3, 2.0, 6))
 NOISE = Noise(point_m=5e-5, moment_Nm=2e-5, turn_rad=1e-5)
@@ -40,7 +34,7 @@ def test_every_system_finds_a_rigid_edge_square_on(contact_m: float) -> None:
         assert np.isnan(found.distance_std_m), "noise was not told"
 
 
-@pytest.mark.parametrize("stiffness_N_m", [20.0, 100.0, 1000.0, 1e5])
+@pytest.mark.parametrize("stiffness_N_m", [20.0, 1000.0, 1e5])
 def test_a_yielding_object_lengthens_the_active_antenna_by_3EI_over_kll_and_no_other(stiffness_N_m: float) -> None:
     touched, rotations = pressed(knife(0.14, stiffness_N_m=stiffness_N_m), PANS)
     press = press_of(touched, rotations)
@@ -82,9 +76,7 @@ def test_camera_a_and_b_find_the_force_out_of_plane_c() -> None:
     assert np.isnan(run_method("2D-VBAA", upright).force_N[2]), "vision alone does not see f_z"
 
 
-@pytest.mark.parametrize(
-    "name", ["Active Antenna", "3D Active Antenna", "2D-VBAA", "3D-VBAA, camera A", "3D-VBAA, camera B"]
-)
+@pytest.mark.parametrize("name", ["Active Antenna", "3D Active Antenna", "3D-VBAA, camera A", "3D-VBAA, camera B"])
 def test_deviations_are_what_sampling_shows(name: str) -> None:
     touched, rotations = pressed(knife(0.14), PANS)
     drawn = [run_method(name, press_of(touched, rotations, NOISE, seed)) for seed in range(250)]
@@ -127,7 +119,7 @@ def test_a_rigid_object_gets_a_bound_in_place_of_a_stiffness() -> None:
     found = [run_method("2D-VBAA, pushing", press_of(touched, rotations, NOISE, seed)) for seed in range(20)]
     silent = [each for each in found if np.isnan(each.object_stiffness_N_m)]
     assert len(silent) >= 19
-    assert all(each.object_at_least_N_m > 80.0 and "stiffer than" in each.reason for each in silent)
+    assert all(float(each.reason.split()[-2]) > 80.0 and "stiffer than" in each.reason for each in silent)
 
 
 def test_wrong_inputs_are_named() -> None:
@@ -139,8 +131,6 @@ def test_wrong_inputs_are_named() -> None:
         Press(WIRE, points_m=np.zeros((2, 2)))
     with pytest.raises(InputError, match="positive"):
         Wire(0.24, 0.0)
-    with pytest.raises(InputError, match="free antenna"):
-        subtract_free_antenna(np.zeros((1, 4, 2)), np.zeros((4, 2)))
     assert "needs the base's turns" in run_method("Active Antenna", Press(WIRE)).reason
 
 
@@ -150,15 +140,58 @@ def test_a_press_out_of_pixels_and_readings() -> None:
     at_rest = scenes(rig, np.full(1, 0.14), np.zeros((1, 2)), made_by=rod_shapes)
     touched = scenes(rig, np.full(3, 0.14), np.outer([0.05, 0.08, 0.11], [1.0, 0.0]), made_by=rod_shapes)
     readings, free = (np.stack([np.full(len(s), np.nan), s.moment_Nm], axis=1) for s in (touched, at_rest))
-    press = press_from_recording(
-        rig, touched.points_px, readings, at_rest.points_px, free, np.array([0.0, 0.01, 0.02]), np.zeros(3)
-    )
-    assert press.has == {"wire", "turns", "moment_y", "centreline"}
+    seen, joints = (touched.points_px, readings), (np.array([0.0, 0.01, 0.02]), np.zeros(3))
+    press = press_from_recording(rig, seen, (at_rest.points_px, free), joints)
+    assert press.has == {"turns", "moment_y", "centreline"}
     np.testing.assert_allclose(press.turn_rad, [[0.0, 0.0], [0.01, 0.0], [0.02, 0.0]], atol=1e-12)
     found = run_method("3D-VBAA, camera A", press)
     assert found.distance_m == pytest.approx(0.14, rel=0.02)
     assert found.force_N[1] == pytest.approx(touched.force_N[-1, 1], rel=0.04)
     assert abs(found.force_N[2] - touched.force_N[-1, 2]) < 0.02 * found.force_N[1]
     assert press.noise.moment_Nm == pytest.approx(np.sqrt(2.0) * rig.moment_sensor.std_Nm)
-    with pytest.raises(InputError, match="2 free antennas for 3"):
-        press_from_recording(rig, touched.points_px, readings, touched.points_px[:2], free, np.zeros(3), np.zeros(3))
+    for lines, what in (
+        (touched.points_px[:2], "2 free antennas for 3"),
+        (at_rest.points_px[:, :4], "4 points of the"),
+    ):
+        with pytest.raises(InputError, match=what):
+            press_from_recording(rig, seen, (lines, free), joints)
+
+
+def heard(ring: Ring, wire: Wire = WIRE) -> Answer:
+    return run_method("Dynamic Active Antenna", Press(wire, ring=ring))
+
+
+@pytest.mark.parametrize("contact", [0.15, 0.5])
+def test_the_distance_is_found_and_is_as_uncertain_as_stated(contact: float) -> None:
+    rng = np.random.default_rng(int(100 * contact))
+    found = [heard(ringing(contact, (4e-4,), 2e-5, rng)) for _ in range(24)]
+    off = np.array([each.distance_m for each in found]) - contact * LENGTH_M
+    stated = np.sqrt(np.mean([each.distance_std_m**2 for each in found]))
+    assert abs(off.mean()) < 4.0 * stated / np.sqrt(24)
+    assert off.std() == pytest.approx(stated, rel=0.4)
+    assert stated < 2e-3
+
+
+def test_a_second_mode_does_not_mislead_it() -> None:
+    found = heard(ringing(0.4, (4e-4, 6e-4), 2e-5, np.random.default_rng(2)))
+    assert found.distance_m == pytest.approx(0.4 * LENGTH_M, abs=2e-3)
+    assert found.distance_std_m > heard(ringing(0.4, (4e-4,), 2e-5, np.random.default_rng(2))).distance_std_m
+
+
+@pytest.mark.parametrize("contact", [0.72, 0.9])
+def test_either_side_of_the_second_modes_node_rings_alike(contact: float) -> None:
+    found = heard(ringing(contact, (4e-4,), 1e-5, np.random.default_rng(3)))
+    assert np.isnan(found.distance_m)
+    assert np.abs(found.candidates_m - contact * LENGTH_M).min() < 2e-3
+    assert len(found.candidates_m) == 2
+    assert "either side" in found.reason
+    waves = [vibrations.modes(place / LENGTH_M, 1)[0][0] for place in found.candidates_m]
+    assert waves[0] == pytest.approx(waves[1], rel=1e-6)
+
+
+def test_stiffness_and_mass_count() -> None:
+    ring = ringing(0.4, (4e-4,), 1e-6, np.random.default_rng(4))
+    doubtful = replace(WIRE, stiffness_std_Nm2=0.04 * STIFFNESS_NM2)
+    waves = [vibrations.modes(0.4 + step, 1)[0][0] for step in (-1e-4, 1e-4)]
+    growth = 2.0 * (waves[1] - waves[0]) / (2e-4 * np.mean(waves)) / LENGTH_M  # d ln ω/dl
+    assert heard(ring, doubtful).distance_std_m == pytest.approx(0.02 / growth, rel=0.02)

@@ -1,4 +1,4 @@
-"""The error budget: its parts against the estimator's own deviations, and against what the estimator really does."""
+"""The error budget: its parts against the estimator's own deviations, against what it really does, and sampled."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.estimator.shapes import ShapesOf, rod_shapes
 from estimator import ContactEstimator
-from estimator.budget.budget import error_budget
-from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, improved, propagate, variance_by_cause
+from estimator.budget.budget import Budget, error_budget
+from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, propagate, variance_by_cause
 from estimator.budget.space import JOINT_AXES, LENS, RIG_CAUSES, split, subsets
 from estimator.budget.touches import touch_of_force
 from estimator.contact.common_errors import shared_errors
@@ -18,7 +19,7 @@ from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
-from .budget_draws import FRICTION_RAD, RIG, correlated_rig, errors, linearised, seen_of, three_touches
+from .budget_draws import FRICTION_RAD, RIG, correlated_rig, errors, linearised, rung_shapes, seen_of, three_touches
 from .test_shared import table_of
 
 RIG_AXES = correlated_rig(axes=True)
@@ -40,7 +41,7 @@ def whitened(rig: Rig) -> np.ndarray:
 def test_parts_add_up_to_what_the_estimator_says(rig: Rig) -> None:
     touches = three_touches(RIG)
     _, space, given = linearised(rig, touches)
-    now = propagate(given)
+    now = propagate(given, space)
     whole = np.sum(list(variance_by_cause(space, now).values()), axis=0)
     np.testing.assert_allclose(whole, now.variance, rtol=1e-9)
     seen = seen_of(rig, touches, points=MOST_POINTS)
@@ -98,8 +99,8 @@ def test_a_rig_without_errors_has_no_causes() -> None:
 def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> None:
     """Rigs off by a third of a deviation in one parameter after the other, contacts that rub: no noise, all weights."""
     touches = three_touches(RIG)
-    rig_arrays, _, given = linearised(RIG, touches)
-    now, std = propagate(given), whitened(RIG)
+    rig_arrays, space, given = linearised(RIG, touches)
+    now, std = propagate(given, space), whitened(RIG)
     scale = np.sqrt(now.variance)
     said = now.by_errors @ np.linalg.pinv(rig_arrays.axes / std[:, None])
     size, count = 0.3, len(std)
@@ -107,7 +108,7 @@ def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> No
     steps[14] = 0.0
     rubs = np.append(np.zeros(count), size * FRICTION_RAD)
     off = (errors(RIG, steps, touches, rubs) - errors(RIG, -steps, touches, -rubs)) / (2.0 * size)
-    expected = np.concatenate([np.moveaxis(said, -1, 0), -(now.results @ now.covariance)[None, ..., 3]])
+    expected = np.concatenate([np.moveaxis(said, -1, 0), -now.gain[None, ..., 3]])
     expected[14] = 0.0
     missed, whole = (np.linalg.norm(values / scale, axis=(1, 2)) for values in (off - expected, expected))
     assert (missed < 0.1 * whole + 0.03).all(), (missed, whole)
@@ -117,52 +118,52 @@ def test_the_estimator_is_off_as_said_by_every_parameter_and_by_friction() -> No
 def test_common_errors_are_those_of_a_recording() -> None:
     """Another route to the same: `shared_errors` from the table of contacts."""
     touches = three_touches(RIG)
-    rig_arrays, _, given = linearised(RIG_AXES, touches, 0.2)
+    rig_arrays, space, given = linearised(RIG_AXES, touches, 0.2)
     seen = seen_of(RIG_AXES, touches)
     shared = shared_errors(RIG_AXES, table_of(seen)).point_m[..., :-1]
-    said = propagate(given).by_errors[:, 3:]
+    said = propagate(given, space).by_errors[:, 3:]
     np.testing.assert_allclose((shared**2).sum(axis=(1, 2)), (said**2).sum(axis=(1, 2)), rtol=0.06)
     size = rig_arrays.axes.shape[1]
     np.testing.assert_allclose(shared[..., :size], said[..., :size], atol=0.08 * np.abs(said).max())
 
 
-@pytest.mark.parametrize("cause", ["bow", LENS])
-def test_knowing_a_cause_is_what_a_rig_with_that_knowledge_has(cause: str) -> None:
-    """Independent route: the joint covariance conditioned by hand, and the whole budget made anew."""
-    touches, covariance = three_touches(RIG), RIG.covariance
-    names = RIG.parameter_names
-    wanted = RIG_CAUSES.get(cause, names[17:])
-    rows = [names.index(name) for name in wanted]
+def known_better(cause: str, factor: float) -> Rig:
+    """The rig after a measurement of a cause that leaves its deviation times a factor: half takes a third of it."""
+    covariance, rows = RIG.covariance, rows_of(cause)
     ahead = np.linalg.solve(covariance[np.ix_(rows, rows)], covariance[rows])
-    for factor in (0.0, 0.5):
-        # what it takes to make a deviation half: a measurement with a third of the variance
-        less = covariance - (1.0 - factor**2) * covariance[:, rows] @ ahead
-        other = replace(RIG, covariance=0.5 * (less + less.T))
-        _, _, there = linearised(other, touches)
-        _, space, here = linearised(RIG, touches)
-        np.testing.assert_allclose(
-            propagate(here, improved(space, cause, factor)).variance, propagate(there).variance, rtol=1e-4
-        )
+    less = covariance - (1.0 - factor**2) * covariance[:, rows] @ ahead
+    return replace(RIG, covariance=0.5 * (less + less.T))
 
 
-def test_less_noise_and_friction_is_what_a_quieter_rig_has() -> None:
+def rows_of(cause: str) -> list[int]:
+    names = RIG.parameter_names
+    return [names.index(name) for name in RIG_CAUSES.get(cause, names[17:])]
+
+
+def test_knowing_a_cause_better_is_what_a_rig_with_that_knowledge_has() -> None:
+    """Independent route: the joint covariance conditioned by hand, and the whole budget made anew."""
     touches, factor = three_touches(RIG), 0.5
     _, space, here = linearised(RIG, touches)
-    quiet = replace(RIG, image=replace(RIG.image, noise_px=factor * RIG.image.noise_px))
     sensor = replace(RIG.moment_sensor, std_Nm=factor * RIG.moment_sensor.std_Nm)
-    others = {
-        PIXELS: linearised(quiet, touches)[2],
-        MOMENT_NOISE: linearised(replace(RIG, moment_sensor=sensor), touches)[2],
-        FRICTION: linearised(RIG, touches, factor * FRICTION_RAD)[2],
-    }
-    for cause, there in others.items():
-        np.testing.assert_allclose(
-            propagate(here, improved(space, cause, factor)).variance, propagate(there).variance, rtol=1e-3
-        )
+    others = [
+        (PIXELS, factor, replace(RIG, image=replace(RIG.image, noise_px=factor * RIG.image.noise_px)), FRICTION_RAD),
+        (MOMENT_NOISE, factor, replace(RIG, moment_sensor=sensor), FRICTION_RAD),
+        (FRICTION, factor, RIG, factor * FRICTION_RAD),
+        *((cause, part, known_better(cause, part), FRICTION_RAD) for cause in ("bow", LENS) for part in (0.0, factor)),
+    ]
+    for cause, part, rig, friction in others:
+        _, other, there = linearised(rig, touches, friction)
+        less = propagate(here, space, cause, part).variance
+        np.testing.assert_allclose(less, propagate(there, other).variance, rtol=1e-3, err_msg=cause)
 
 
-def test_knowing_more_never_harms_and_half_lies_between() -> None:
-    budget = error_budget(RIG_AXES)
+@pytest.fixture(scope="module")
+def ordinary() -> Budget:
+    return error_budget(RIG_AXES)
+
+
+def test_knowing_more_never_harms_and_half_lies_between(ordinary: Budget) -> None:
+    budget = ordinary
     assert budget.asked == 144
     assert 100 < len(budget.touches) <= 144
     for name, result in budget.results.items():
@@ -194,15 +195,11 @@ def test_the_advice_names_what_was_made_bad() -> None:
     assert budget.results["distance_m"].parts[JOINT_AXES].share < 1e-12
 
 
-def test_contacts_that_would_come_without_numbers_are_left_out() -> None:
-    rig_arrays = RigArrays.from_rig(RIG, 0.2, np.empty(0))
-    weak = touch_of_force(rig_arrays, 0.5 * RIG.antenna.length_m, np.array([1e-6, 0.0]), 0.0, 0.0)
-    with pytest.raises(InputError, match="no numbers"):
-        error_budget(RIG, weak)
+def test_contacts_that_would_come_without_numbers_are_left_out(ordinary: Budget) -> None:
     with pytest.raises(InputError, match="friction is 3"):
         error_budget(RIG, friction=3.0)
-    blind, whole = error_budget(RIG, with_moment=False), error_budget(RIG)
-    assert len(blind.touches) < len(whole.touches)
+    blind = error_budget(RIG_AXES, with_moment=False)
+    assert len(blind.touches) < len(ordinary.touches)
     assert MOMENT_NOISE not in blind.variances
     assert any("Vision alone" in note for note in blind.notes)
     assert MOMENT_NOISE not in blind.exact
@@ -214,3 +211,35 @@ def test_a_force_is_made_by_its_push() -> None:
     touch = touch_of_force(rig_arrays, 0.18, np.array([0.05, -0.08]), 0.1, 0.4)
     np.testing.assert_allclose(seen_of(RIG, touch).force_N[0, 1:], [0.05, -0.08], rtol=1e-4)
     assert np.isnan(touch_of_force(rig_arrays, 0.18, np.array([50.0, 0.0]), 0.0, 0.0).push_N).all()
+
+
+def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) -> tuple[np.ndarray, np.ndarray]:
+    """(B, 6) sampled and predicted deviations; a cause that is known has no error and no place in the rig's."""
+    rng, touches = np.random.default_rng(seed), three_touches(RIG)
+    _, space, given = linearised(RIG, touches)
+    rig, rubs, friction = RIG, FRICTION_RAD * rng.normal(size=draws), FRICTION_RAD
+    if cause == FRICTION:
+        rubs, friction = 0.0 * rubs, 0.0
+    elif cause:
+        rig, rows = known_better(cause, 0.0), rows_of(cause)
+        rig.covariance[rows], rig.covariance[:, rows] = 0.0, 0.0
+    axes = RigArrays.from_rig(rig, FRICTION_RAD, np.empty(0)).axes
+    steps = rng.normal(size=(draws, axes.shape[1])) @ axes.T
+    off = errors(rig, steps, touches, rubs, rng, friction, made_by)
+    return np.sqrt((off**2).mean(axis=0)), np.sqrt(propagate(given, space, cause, 0.0).variance)
+
+
+@pytest.mark.parametrize(("cause", "draws"), [("", 60), (FRICTION, 40)])
+def test_sampled_errors_are_as_large_as_predicted(cause: str, draws: int) -> None:
+    """Rigs, noise and friction drawn as they are said to be; and again where friction is known to be none."""
+    drawn, said = sampled(draws, 3, cause)
+    ratio = np.sqrt((drawn**2 / said**2).mean(axis=0))
+    assert ((ratio > 0.83) & (ratio < 1.2)).all(), ratio
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cause", ["", FRICTION, LENS, "bow"])
+def test_more_samples_fall_as_predicted_when_a_cause_is_known(cause: str) -> None:
+    drawn, said = sampled(400, 5, cause, rod_shapes)
+    assert np.isfinite(drawn).all()
+    np.testing.assert_allclose(drawn, said, rtol=0.15, atol=1e-9)

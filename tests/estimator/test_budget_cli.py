@@ -81,27 +81,14 @@ def test_a_rig_without_lens_or_errors_is_said_to_be_so(tmp_path: Path, capsys: p
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (("--distance", "140"), "needs --distance, --force-y and --force-z"),
-        (("--force-y", "1", "--force-z", "1"), "needs --distance"),
-        (("--distance", "300", "--force-y", "50", "--force-z", "0"), "not on the antenna"),
-        (("--distance", "-5", "--force-y", "50", "--force-z", "0"), "not on the antenna"),
-        (("--distance", "1", "--force-y", "50", "--force-z", "0"), "not on the antenna"),
-        (("--distance", "nan", "--force-y", "50", "--force-z", "0"), "--distance is nan"),
-        (("--distance", "140", "--force-y", "inf", "--force-z", "0"), "--force-y is inf"),
-        (("--distance", "140", "--force-y", "50000", "--force-z", "0"), "bends the antenna further"),
-        (("--distance", "140", "--force-y", "1e300", "--force-z", "0"), "bends the antenna further"),
-        (("--distance", "140", "--force-y", "0", "--force-z", "0"), "no numbers"),
-        (("--distance", "140", "--force-y", "0.0001", "--force-z", "0"), "no numbers"),
-        (("--friction", "-1"), "--friction is -1"),
-        (("--friction", "nan"), "--friction is nan"),
-        (("--pan", "inf"), "--pan is inf"),
-        (("--tilt", "nan"), "--tilt is nan"),
-        (("-o", "budget.csv"), "is not a .json"),
-        (("--figure", "budget.xyz"), "is none of"),
+        ("--distance -5 --force-y 50 --force-z 0", "not on the antenna"),
+        ("--distance 140 --force-y 1e300 --force-z 0", "bends the antenna further"),
+        ("--distance 140 --force-y 0 --force-z 0", "no numbers"),
+        ("--distance 140 --force-y 0.0001 --force-z 0", "no numbers"),
+        ("--tilt nan", "--tilt is nan"),
     ],
 )
-def test_what_makes_no_sense_is_refused(words: tuple[str, ...], what: str, tmp_path: Path) -> None:
-    rig = written(tmp_path / "rig.json")
+def test_what_makes_no_sense_is_refused(words: str, what: str, tmp_path: Path) -> None:
+    """Beside `tests/hostile`."""
     with pytest.raises(InputError, match=what):
-        run(arguments(rig, *words))
-    assert [path.name for path in tmp_path.iterdir()] == ["rig.json"]
+        run(arguments(written(tmp_path / "rig.json"), *words.split()))

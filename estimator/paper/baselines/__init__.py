@@ -4,20 +4,7 @@ They are kept as their authors had them, with their assumptions; `METHODS` lists
 `estimator.ContactEstimator`.
 """
 
-from .methods import METHODS, NEEDS, Method, run_method
-from .press import Answer, Noise, Press, Ring, Wire, press_from_recording, subtract_free_antenna, world_turn
+from .methods import METHODS, run_method
+from .press import Answer, Noise, Press, Ring, Wire, press_from_recording
 
-__all__ = [
-    "METHODS",
-    "NEEDS",
-    "Answer",
-    "Method",
-    "Noise",
-    "Press",
-    "Ring",
-    "Wire",
-    "press_from_recording",
-    "run_method",
-    "subtract_free_antenna",
-    "world_turn",
-]
+__all__ = ["METHODS", "Answer", "Noise", "Press", "Ring", "Wire", "press_from_recording", "run_method"]

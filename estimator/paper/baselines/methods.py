@@ -1,9 +1,8 @@
-"""Every system of the paper's family by its name: what it needs, what it assumes, and how it answers."""
+"""Every system of the paper's family by its name: what it needs, and how it answers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from vbaa_calib.core.errors import InputError
 
@@ -19,56 +18,16 @@ NEEDS = {
     "centreline": "the antenna's centreline on plane C",
     "ring": "a ring-down of the moment, and the wire's mass",
 }
-
-
-@dataclass(frozen=True)
-class Method:
-    """One system.
-
-    Attributes
-    ----------
-    solve : from a press to its reading.
-    needs : of `NEEDS`; of a tuple inside, any one is enough.
-    assumes : in words, beside the wire's uniformity.
-    source : the paper's reference numbers, or its sections.
-    """
-
-    solve: Callable[[Press], Answer]
-    needs: tuple[str | tuple[str, ...], ...]
-    assumes: str
-    source: str
-
-
-METHODS = {
-    "Active Antenna": Method(
-        active_antenna, ("turns", ("moment_y", "moment_z")), "rigid object, no slip, small turns", "[10]–[12]"
-    ),
-    "3D Active Antenna": Method(
-        active_antenna_3d,
-        ("turns", "moment_y", "moment_z"),
-        "rigid object, pushed along its normal, small turns",
-        "[13], [14]",
-    ),
-    "Dynamic Active Antenna": Method(
-        dynamic_active_antenna,
-        ("ring",),
-        "a contact that holds while the antenna rings in its first mode",
-        "[15], [16]",
-    ),
-    "2D-VBAA": Method(vbaa_2d, ("centreline",), "bent within plane C, small deflections, parallel rays", "[1], [17]"),
-    "2D-VBAA, pushing": Method(
-        vbaa_2d_pushing,
-        ("centreline", "turns"),
-        "pushed along the object's normal within plane C, a linear spring",
-        "[1], [17]",
-    ),
-    "3D-VBAA, camera A": Method(
-        vbaa_3d_camera_a, ("centreline", "moment_y"), "small deflections, parallel rays square on plane C", "section 2"
-    ),
-    "3D-VBAA, camera B": Method(
-        vbaa_3d_camera_b, ("centreline", "moment_y"), "small deflections, parallel rays inclined by ϕ", "section 4"
-    ),
+METHODS: dict[str, tuple[Callable[[Press], Answer], str]] = {
+    "Active Antenna": (active_antenna, "turns moment_y|moment_z"),
+    "3D Active Antenna": (active_antenna_3d, "turns moment_y moment_z"),
+    "Dynamic Active Antenna": (dynamic_active_antenna, "ring"),
+    "2D-VBAA": (vbaa_2d, "centreline"),
+    "2D-VBAA, pushing": (vbaa_2d_pushing, "centreline turns"),
+    "3D-VBAA, camera A": (vbaa_3d_camera_a, "centreline moment_y"),
+    "3D-VBAA, camera B": (vbaa_3d_camera_b, "centreline moment_y"),
 }
+"""How each answers, and which of `NEEDS` it needs; of those joined by | any one is enough."""
 
 
 def run_method(name: str, press: Press) -> Answer:
@@ -78,14 +37,7 @@ def run_method(name: str, press: Press) -> Answer:
     """
     if name not in METHODS:
         raise InputError(f"no method {name!r}", remedy=f"one of {', '.join(METHODS)}")
-    method, has = METHODS[name], press.has
-    lacking = [
-        " or ".join(NEEDS[each] for each in _any_of(need))
-        for need in method.needs
-        if not any(each in has for each in _any_of(need))
-    ]
-    return Answer(reason=f"needs {' and '.join(lacking)}") if lacking else method.solve(press)
-
-
-def _any_of(need: str | tuple[str, ...]) -> tuple[str, ...]:
-    return (need,) if isinstance(need, str) else need
+    solve, needs = METHODS[name]
+    any_of = [need.split("|") for need in needs.split()]
+    lacking = [" or ".join(NEEDS[each] for each in need) for need in any_of if press.has.isdisjoint(need)]
+    return Answer(reason=f"needs {' and '.join(lacking)}") if lacking else solve(press)

@@ -14,18 +14,12 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
-_QUARTIC = 4
-"""Degree of the no-load shape: that of a beam under its own weight."""
+_QUARTIC = 4  # degree of the no-load shape: that of a beam under its own weight
 
 
 @dataclass(frozen=True)
 class Wire:
-    """The antenna: straight, uniform. The deviations are those of its calibration.
-
-    Attributes
-    ----------
-    stiffness_Nm2 : EI. mass_per_length_kg_m : ρA, which only ringing asks for; NaN where not known.
-    """
+    """A straight, uniform antenna, with its calibration's deviations. ρA, which only ringing needs, may be NaN."""
 
     length_m: float
     stiffness_Nm2: float
@@ -63,15 +57,13 @@ class Ring:
 
 @dataclass(frozen=True, eq=False)
 class Press:
-    """F frames of one touch in order of time; the last one is now.
+    """F frames of one touch in order of time; the last one is now. None where there is no such sensor.
 
     Attributes
     ----------
-    turn_rad : (F, 2) turns (w_y, w_z) of the base since first contact; None where the base does not turn.
-    moment_Nm : (F, 2) moments (τ_z, τ_y) by the contact alone, those of the free antenna taken off; a column of NaN
-        where there is no such sensor, None without any.
-    points_m : (F, N, 2) centreline as seen on plane C, deflections from the free antenna (`tared`), NaN where nothing
-        is seen; None without a camera.
+    turn_rad : (F, 2) turns (w_y, w_z) of the base since first contact.
+    moment_Nm : (F, 2) moments (τ_z, τ_y) by the contact alone; a column of NaN without that sensor.
+    points_m : (F, N, 2) centreline on plane C, its y less the free antenna's; NaN where nothing is seen.
     camera_tilt_rad : the paper's ϕ; 0 is camera A.
     """
 
@@ -84,28 +76,29 @@ class Press:
     ring: Ring | None = None
 
     def __post_init__(self) -> None:
+        counts = set()
         for name, shape in (("turn_rad", "(F, 2)"), ("moment_Nm", "(F, 2)"), ("points_m", "(F, N, 2)")):
             values = getattr(self, name)
-            if values is not None and (np.ndim(values) != shape.count(",") + 1 or np.shape(values)[-1] != 2):
+            if values is None:
+                continue
+            if np.ndim(values) != shape.count(",") + 1 or np.shape(values)[-1] != 2:
                 raise InputError(f"{name} has shape {np.shape(values)}", where="press", remedy=f"give {shape}")
-        given = [values for values in (self.turn_rad, self.moment_Nm, self.points_m) if values is not None]
-        if len({len(values) for values in given}) > 1 or any(len(values) == 0 for values in given):
+            counts.add(len(values))
+        if len(counts) > 1 or 0 in counts:
             raise InputError("turns, moments and centrelines differ in number", where="press", remedy="give F of each")
 
     @property
     def has(self) -> frozenset[str]:
         """Which of `methods.NEEDS` it brings."""
-        found = {"wire"}
-        if self.turn_rad is not None and np.isfinite(self.turn_rad).all():
-            found.add("turns")
-        if self.moment_Nm is not None:
-            felt = np.isfinite(self.moment_Nm).all(axis=0)
-            found |= {name for name, there in zip(("moment_z", "moment_y"), felt, strict=True) if there}
-        if self.points_m is not None:
-            found.add("centreline")
-        if self.ring is not None and np.isfinite(self.wire.mass_per_length_kg_m):
-            found.add("ring")
-        return frozenset(found)
+        read = np.zeros(2, bool) if self.moment_Nm is None else np.isfinite(self.moment_Nm).all(axis=0)
+        found = {
+            "turns": self.turn_rad is not None and bool(np.isfinite(self.turn_rad).all()),
+            "moment_z": bool(read[0]),
+            "moment_y": bool(read[1]),
+            "centreline": self.points_m is not None,
+            "ring": self.ring is not None and bool(np.isfinite(self.wire.mass_per_length_kg_m)),
+        }
+        return frozenset(name for name, there in found.items() if there)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +109,7 @@ class Answer:
     ----------
     distance_m, distance_std_m : arc length of the contact. Deviations are NaN where the noise is not known.
     force_N, force_std_N : (3,) the object's force on the antenna, antenna frame.
-    object_stiffness_N_m, object_stiffness_std_N_m : the environment's. `object_at_least_N_m` : two deviations below it.
+    object_stiffness_N_m, object_stiffness_std_N_m : the environment's.
     candidates_m : (K,) distances that explain the data equally well, where they are several.
     """
 
@@ -126,29 +119,12 @@ class Answer:
     force_std_N: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     object_stiffness_N_m: float = np.nan
     object_stiffness_std_N_m: float = np.nan
-    object_at_least_N_m: float = np.nan
     candidates_m: np.ndarray = field(default_factory=lambda: np.empty(0))
     reason: str = ""
 
 
-def subtract_free_antenna(points_m: np.ndarray, free_m: np.ndarray) -> np.ndarray:
-    """Points (F, N, 2) on plane C with the free antenna's line taken off: y less a quartic through `free_m` (M, 2).
-
-    The free antenna is to be seen at the same joint angles, so that the same weight bends it. Rows with NaN do not
-    count. Raises InputError with fewer than five points.
-    """
-    free = free_m[np.isfinite(free_m).all(axis=1)]
-    if len(free) <= _QUARTIC:
-        raise InputError(f"{len(free)} points of the free antenna", remedy=f"at least {_QUARTIC + 1} are needed")
-    line = np.polynomial.Polynomial.fit(free[:, 0], free[:, 1], _QUARTIC)
-    return np.stack([points_m[..., 0], points_m[..., 1] - line(points_m[..., 0])], axis=-1)
-
-
 def world_turn(rotations: np.ndarray) -> np.ndarray:
-    """(F, 2) turns (w_y, w_z), rad, since the first of F base rotations R_world_antenna (F, 3, 3).
-
-    By so much, and to that side, the antenna's x axis has turned from where it was.
-    """
+    """(F, 2) turns (w_y, w_z), rad, of the antenna's x axis since the first of the base's rotations (F, 3, 3)."""
     now = np.einsum("ji,fj->fi", rotations[0], rotations[:, :, 0])
     aside = np.linalg.norm(now[:, 1:], axis=1, keepdims=True)
     angle = np.arctan2(aside, now[:, :1])
@@ -157,12 +133,9 @@ def world_turn(rotations: np.ndarray) -> np.ndarray:
 
 def press_from_recording(
     rig: Rig,
-    centrelines_px: np.ndarray,
-    moments_Nm: np.ndarray,
-    free_px: np.ndarray,
-    free_moments_Nm: np.ndarray,
-    pan_rad: np.ndarray,
-    tilt_rad: np.ndarray,
+    pictures: tuple[np.ndarray, np.ndarray],
+    free: tuple[np.ndarray, np.ndarray],
+    joints_rad: tuple[np.ndarray, np.ndarray],
     *,
     sigma_px: float | None = None,
     ring: Ring | None = None,
@@ -171,60 +144,46 @@ def press_from_recording(
 
     Parameters
     ----------
-    centrelines_px : (F, N, 2), NaN where nothing is seen. moments_Nm : (F, 2) readings (about z, about y); a column of
-        NaN where there is no sensor. pan_rad, tilt_rad : (F,).
-    free_px, free_moments_Nm : (1 or F, M, 2) and (1 or F, 2) of the free antenna, at the same joint angles or at one
-        pose that has the same weight across the antenna.
+    pictures : centrelines (F, N, 2) px, NaN where nothing is seen; and moment readings (F, 2) about z and about y, NaN
+        without a sensor.
+    free : the same of the free antenna, (1 or F, M, 2) and (1 or F, 2), at the same joint angles or at one pose that
+        has the same weight across the antenna.
+    joints_rad : pan and tilt (F,).
     sigma_px : of a point; by default what the rig's own pictures showed.
 
     Raises
     ------
     InputError : arrays that do not fit together, or too few points of the free antenna.
     """
-    rotations, _ = rig.kinematics.world_antenna(np.asarray(pan_rad, float), np.asarray(tilt_rad, float))
+    layer, sensor, second = rig.camera_on_plane(), rig.moment_sensor, rig.second_moment_sensor
+    bent, lines = (layer.project(np.asarray(pixels, float))[0] for pixels in (pictures[0], free[0]))
+    if len(lines) not in (1, len(bent)):
+        raise InputError(f"{len(lines)} free antennas for {len(bent)} frames", remedy="give one, or one for each")
+    lines = np.broadcast_to(lines, (len(bent), *lines.shape[1:]))
+    gain = np.array([sensor.gain if second is None else second.gain, sensor.gain])
+    rotations, _ = rig.kinematics.world_antenna(*(np.asarray(angle, float) for angle in joints_rad))
+    stiffness, mass = rig.antenna.stiffness_Nm2, rig.antenna.mass_per_length_kg_m
+    deviations = stiffness * rig.std("log_stiffness_Nm2"), mass * rig.std("log_mass_per_length_kg_m")
+    # the joint angles count as exact, a point's noise as that at the antenna's middle
+    middle = np.array([[0.5 * rig.antenna.length_m, 0.0, 0.0]])
+    pixels, _ = rig.camera.project(rig.T_antenna_camera.inverse() @ middle)
+    scale = float(np.sqrt(np.abs(np.linalg.det(layer.pixel_jacobian(pixels)))[0]))
+    point_std = (rig.image.noise_px if sigma_px is None else sigma_px) * scale
     return Press(
-        wire_of(rig),
-        noise_of(rig, rig.image.noise_px if sigma_px is None else sigma_px),
+        Wire(rig.antenna.length_m, stiffness, mass, *deviations),
+        Noise(point_std, float(np.sqrt(2.0)) * sensor.std_Nm / sensor.gain, 0.0),
         world_turn(rotations),
-        contact_moments(rig, moments_Nm, free_moments_Nm),
-        deflections(rig, centrelines_px, free_px),
+        # offset and weight drop out
+        (np.asarray(pictures[1], float) - np.asarray(free[1], float)) / gain,
+        np.stack([_deflections(one, line) for one, line in zip(bent, lines, strict=True)]),
         ring=ring,
     )
 
 
-def deflections(rig: Rig, centrelines_px: np.ndarray, free_px: np.ndarray) -> np.ndarray:
-    """(F, N, 2) x on plane C, and y less the free antenna's, of centrelines (F, N, 2) and (1 or F, M, 2) px."""
-    layer = rig.camera_on_plane()
-    bent, free = (layer.project(np.asarray(pixels, float))[0] for pixels in (centrelines_px, free_px))
-    if len(free) not in (1, len(bent)):
-        raise InputError(f"{len(free)} free antennas for {len(bent)} frames", remedy="give one, or one for each")
-    free = np.broadcast_to(free, (len(bent), *free.shape[1:]))
-    return np.stack([subtract_free_antenna(one[None], line)[0] for one, line in zip(bent, free, strict=True)])
-
-
-def contact_moments(rig: Rig, moments_Nm: np.ndarray, free_moments_Nm: np.ndarray) -> np.ndarray:
-    """(F, 2) true moments of the contact from readings (F, 2) (about z, about y): offset and weight drop out."""
-    second = rig.second_moment_sensor
-    gain = np.array([rig.moment_sensor.gain if second is None else second.gain, rig.moment_sensor.gain])
-    return (np.asarray(moments_Nm, float) - np.asarray(free_moments_Nm, float)) / gain
-
-
-def wire_of(rig: Rig) -> Wire:
-    """The antenna as the calibration knows it."""
-    stiffness, mass = rig.antenna.stiffness_Nm2, rig.antenna.mass_per_length_kg_m
-    return Wire(
-        rig.antenna.length_m,
-        stiffness,
-        mass,
-        stiffness * rig.std("log_stiffness_Nm2"),
-        mass * rig.std("log_mass_per_length_kg_m"),
-    )
-
-
-def noise_of(rig: Rig, sigma_px: float) -> Noise:
-    """Of a point on plane C at the antenna's middle, of a reading less the free antenna's; joint angles are exact."""
-    layer, sensor = rig.camera_on_plane(), rig.moment_sensor
-    middle = np.array([[0.5 * rig.antenna.length_m, 0.0, 0.0]])
-    pixels, _ = rig.camera.project(rig.T_antenna_camera.inverse() @ middle)
-    scale = float(np.sqrt(np.abs(np.linalg.det(layer.pixel_jacobian(pixels)))[0]))
-    return Noise(sigma_px * scale, float(np.sqrt(2.0)) * sensor.std_Nm / sensor.gain, 0.0)
+def _deflections(points_m: np.ndarray, free_m: np.ndarray) -> np.ndarray:
+    """(N, 2) points on plane C, their y less a quartic through the free antenna's (M, 2)."""
+    free = free_m[np.isfinite(free_m).all(axis=1)]
+    if len(free) <= _QUARTIC:
+        raise InputError(f"{len(free)} points of the free antenna", remedy=f"at least {_QUARTIC + 1} are needed")
+    line = np.polynomial.Polynomial.fit(free[:, 0], free[:, 1], _QUARTIC)
+    return np.stack([points_m[:, 0], points_m[:, 1] - line(points_m[:, 0])], axis=-1)

@@ -15,28 +15,48 @@ from scipy.optimize import least_squares
 
 from estimator.contact.motion import Beam
 
-from .press import Answer, Press, Ring, Wire
+from .press import Answer, Press, Ring
 
-_STANDS_OUT = 5.0
-"""The ringing's amplitude must be so many deviations of its own."""
+_STANDS_OUT = 5.0  # the ringing's amplitude must be so many deviations of its own
 _FEWEST_PERIODS, _FEWEST_SAMPLES = 2.0, 12
-_NODES, _FINER = 65, 8
+_NODES, _FINER = 65, 8  # places at which the first mode is exact; how much finer than its own the periodogram is
 
 
 def dynamic_active_antenna(press: Press) -> Answer:
-    """l from the natural frequency of the ring-down in the moment signal.
+    """l from the natural frequency of the ring-down in the moment signal; where two places ring alike, both of them.
 
     Assumes: a contact that neither moves nor is left while the antenna rings, and that lets it turn; one mode that
     outlives the others. An object that gives way lowers the frequency: it feels like a contact nearer to the clamp.
     """
+    wire, places = press.wire, np.linspace(0.0, 1.0, _NODES)
     assert press.ring is not None
-    curve = _frequencies(press.wire)
-    band = 0.8 * float(curve(0.0)), 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _NODES)).max())
-    found = fit_ringing(press.ring, band)
-    return Answer(reason=found) if isinstance(found, str) else _distance_by_frequency(press.wire, *found)
+    beam = Beam(wire.length_m, wire.stiffness_Nm2, wire.mass_per_length_kg_m)
+    curve = CubicSpline(places, beam.first_mode_rad_s(places))
+    free, tip = float(curve(0.0)), float(curve(1.0))
+    found = _ringing(press.ring, (0.8 * free, 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _NODES)).max())))
+    if isinstance(found, str):
+        return Answer(reason=found)
+    natural, std = found
+    relative = 0.5 * np.hypot(
+        wire.stiffness_std_Nm2 / wire.stiffness_Nm2, wire.mass_per_length_std_kg_m / wire.mass_per_length_kg_m
+    )
+    std = float(np.hypot(std, natural * relative))
+    pace = f"{natural / (2.0 * np.pi):.1f} Hz"
+    if natural < free + 2.0 * std:
+        return Answer(reason=f"{pace} is the free antenna's frequency, or below: nothing holds it")
+    held = curve.solve(natural, extrapolate=False)
+    if len(held) == 0:
+        return Answer(reason=f"{pace} is faster than the first mode is with any contact")
+    distances = np.sort(held) * wire.length_m
+    if natural > tip - 2.0 * std:
+        distances = distances if len(distances) > 1 else np.array([distances[0], wire.length_m])
+        listed = " and ".join(f"{1e3 * value:.0f}" for value in distances)
+        words = f"{pace} is rung with a contact on either side of the second mode's node: {listed} mm"
+        return Answer(candidates_m=distances, reason=words)
+    return Answer(float(distances[0]), std * wire.length_m / float(curve(held[0], 1)), candidates_m=distances)
 
 
-def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
+def _ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
     """Natural frequency √(ω² + decay²) of the strongest damped sinusoid over a constant, and the deviation of ω from
     the misfit that is left, rad/s; in words why there is none.
 
@@ -47,31 +67,26 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, flo
     time, signal = time[given] - (time[given].min() if given.any() else 0.0), signal[given]
     if len(time) < _FEWEST_SAMPLES:
         return f"{len(time)} samples: at least {_FEWEST_SAMPLES} are needed"
-    start = _start(time, signal, band_rad_s)
-    if start is None:
+    omega = _strongest(time, signal, band_rad_s)
+    if not omega > 0.0:
         return "the times do not rise, or are too few for the first mode's frequencies"
-    size = float(signal.std()) or 1.0
-    omega, span = start, float(time[-1])
+    size, span = float(signal.std()) or 1.0, float(time[-1])
 
-    def basis(shape: np.ndarray) -> np.ndarray:
-        envelope = np.exp(-shape[1] * time / span)
-        turn = omega * shape[0] * time
+    def basis(pace: float, decay: float) -> np.ndarray:
+        envelope, turn = np.exp(-decay * time / span), omega * pace * time
         return np.stack([envelope * np.cos(turn), envelope * np.sin(turn), np.ones_like(time)], axis=1)
 
-    def misfit(unknowns: np.ndarray) -> np.ndarray:
-        return basis(unknowns[:2]) @ unknowns[2:] - signal / size
-
-    linear = np.linalg.lstsq(basis(np.array([1.0, 1.0])), signal / size, rcond=None)[0]
-    solved = least_squares(misfit, np.concatenate([[1.0, 1.0], linear]), x_scale="jac")
-    free = len(time) - len(solved.x)
+    linear = np.linalg.lstsq(basis(1.0, 1.0), signal / size, rcond=None)[0]
+    solved = least_squares(
+        lambda unknowns: basis(*unknowns[:2]) @ unknowns[2:] - signal / size, [1.0, 1.0, *linear], x_scale="jac"
+    )
     information = solved.jac.T @ solved.jac
     if not np.isfinite(solved.x).all() or np.linalg.cond(information) > 1e14:
         return "no oscillation can be told from the signal"
-    covariance = np.linalg.inv(information) * (2.0 * solved.cost / free)
+    covariance = np.linalg.inv(information) * (2.0 * solved.cost / (len(time) - len(solved.x)))
     amplitude = float(np.hypot(*solved.x[2:4]))
     toward = solved.x[2:4] / max(amplitude, 1e-300)
-    amplitude_std = float(np.sqrt(toward @ covariance[2:4, 2:4] @ toward))
-    if amplitude < _STANDS_OUT * amplitude_std:
+    if amplitude < _STANDS_OUT * float(np.sqrt(toward @ covariance[2:4, 2:4] @ toward)):
         return "no ringing stands out of the signal's noise"
     damped = float(abs(omega * solved.x[0]))
     if damped * span < _FEWEST_PERIODS * 2.0 * np.pi:
@@ -79,49 +94,12 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, flo
     return float(np.hypot(damped, solved.x[1] / span)), float(omega * np.sqrt(covariance[0, 0]))
 
 
-def _distance_by_frequency(wire: Wire, natural_rad_s: float, std_rad_s: float) -> Answer:
-    """The contact's distance at which the first mode has this frequency; NaN where two have, with both of them."""
-    curve = _frequencies(wire)
-    relative = 0.5 * np.hypot(
-        wire.stiffness_std_Nm2 / wire.stiffness_Nm2, wire.mass_per_length_std_kg_m / wire.mass_per_length_kg_m
-    )
-    std = float(np.hypot(std_rad_s, natural_rad_s * relative))
-    free, tip = float(curve(0.0)), float(curve(1.0))
-    if natural_rad_s < free + 2.0 * std:
-        return Answer(reason=f"{_hertz(natural_rad_s)} is the free antenna's frequency, or below: nothing holds it")
-    places = curve.solve(natural_rad_s, extrapolate=False)
-    if len(places) == 0:
-        return Answer(reason=f"{_hertz(natural_rad_s)} is faster than the first mode is with any contact")
-    distances = np.sort(places) * wire.length_m
-    if natural_rad_s > tip - 2.0 * std:
-        distances = distances if len(distances) > 1 else np.array([distances[0], wire.length_m])
-        listed = " and ".join(f"{1e3 * value:.0f}" for value in distances)
-        return Answer(
-            candidates_m=distances,
-            reason=f"{_hertz(natural_rad_s)} is rung with a contact on either side of the second mode's node: "
-            f"{listed} mm",
-        )
-    slope = float(curve(places[0], 1)) / wire.length_m
-    return Answer(float(distances[0]), std / slope, candidates_m=distances)
-
-
-def _frequencies(wire: Wire) -> CubicSpline:
-    """ω of the first mode over the contact's place in lengths, exact at `_NODES` places."""
-    beam = Beam(wire.length_m, wire.stiffness_Nm2, wire.mass_per_length_kg_m)
-    places = np.linspace(0.0, 1.0, _NODES)
-    return CubicSpline(places, beam.first_mode_rad_s(places))
-
-
-def _start(time_s: np.ndarray, signal: np.ndarray, band_rad_s: tuple[float, float]) -> float | None:
-    """ω of the periodogram's peak in the band, beyond what a drift fills; None where there is no such frequency."""
+def _strongest(time_s: np.ndarray, signal: np.ndarray, band_rad_s: tuple[float, float]) -> float:
+    """ω of the periodogram's peak in the band, beyond what a drift fills; NaN where there is no such frequency."""
     if not (np.diff(time_s) > 0.0).all():
-        return None
+        return np.nan
     even = np.interp(np.linspace(0.0, time_s[-1], len(time_s)), time_s, signal)
     power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(len(even)), _FINER * len(even))) ** 2
     omega = 2.0 * np.pi * np.arange(len(power)) / _FINER / len(even) * (len(even) - 1) / time_s[-1]
     inside = (np.arange(len(power)) >= _FINER) & (omega >= band_rad_s[0]) & (omega <= band_rad_s[1])
-    return float(omega[np.argmax(np.where(inside, power, -1.0))]) if inside.any() else None
-
-
-def _hertz(omega_rad_s: float) -> str:
-    return f"{omega_rad_s / (2.0 * np.pi):.1f} Hz"
+    return float(omega[np.argmax(np.where(inside, power, -1.0))]) if inside.any() else np.nan
