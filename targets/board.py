@@ -13,7 +13,6 @@ from pydantic.dataclasses import dataclass
 DICTIONARY_SIZES = (50, 100, 250, 1000)
 DICTIONARIES = tuple(f"DICT_{bits}X{bits}_{size}" for bits in (4, 5, 6, 7) for size in DICTIONARY_SIZES)
 
-
 _Squares = Annotated[int, Field(strict=True, ge=2, le=200)]
 _Side = Annotated[float, Field(strict=True, gt=0, lt=10)]
 
@@ -51,16 +50,30 @@ class BoardSpec:
             )
         if self.dictionary not in DICTIONARIES:
             raise ValueError(f"dictionary is {self.dictionary!r}: one of {', '.join(DICTIONARIES)} is needed")
-        markers, available = self.squares_x * self.squares_y // 2, int(self.dictionary.rsplit("_", 1)[1])
-        if markers > available:
-            raise ValueError(
-                f"{self.squares_x}x{self.squares_y} squares need {markers} markers, {self.dictionary} has {available}"
-            )
+        available = int(self.dictionary.rsplit("_", 1)[1])
+        if self.marker_count > available:
+            squares = f"{self.squares_x}x{self.squares_y} squares"
+            raise ValueError(f"{squares} need {self.marker_count} markers, {self.dictionary} has {available}")
 
     @property
     def corner_count(self) -> int:
         """Number of inner chessboard corners."""
         return (self.squares_x - 1) * (self.squares_y - 1)
+
+    @property
+    def marker_count(self) -> int:
+        """Number of markers."""
+        return self.squares_x * self.squares_y // 2
+
+    @property
+    def modules(self) -> int:
+        """Cells along a marker's side, its black border included."""
+        return int(self.dictionary[len("DICT_")]) + 2
+
+    @property
+    def starts_with_marker(self) -> bool:
+        """Whether the first square holds a marker: in the legacy pattern with an even number of rows."""
+        return self.legacy_pattern and self.squares_y % 2 == 0
 
     def to_dict(self) -> dict[str, Any]:
         """The mapping `board` of session.yaml, or a board.yaml."""

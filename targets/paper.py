@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 
@@ -20,7 +19,7 @@ PAPERS_MM = {
     "A0": (841.0, 1189.0),
 }
 """Upright, the smallest first."""
-LEAST_PAPER_MM, MOST_PAPER_MM = 60.0, 5000.0  # a PDF page without user units ends at 5080 mm
+_LEAST_MM, _MOST_MM = 60.0, 5000.0  # a PDF page without user units ends at 5080 mm
 
 
 @dataclass(frozen=True)
@@ -44,8 +43,8 @@ def paper_named(text: str) -> Paper:
             f"paper is {text!r}: {', '.join(PAPERS_MM)} or width x height in mm, such as 300x200, is needed"
         )
     width, height = sorted(float(side) for side in found.groups())
-    if width < LEAST_PAPER_MM or height > MOST_PAPER_MM:
-        raise ValueError(f"paper is {text!r}: sides from {LEAST_PAPER_MM:g} to {MOST_PAPER_MM:g} mm are needed")
+    if width < _LEAST_MM or height > _MOST_MM:
+        raise ValueError(f"paper is {text!r}: sides from {_LEAST_MM:g} to {_MOST_MM:g} mm are needed")
     return Paper(f"{width:g}x{height:g}", width, height)
 
 
@@ -69,14 +68,14 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Label:
-    """Text on a baseline that begins, is centred or ends at (x, y) mm; `turned` reads upwards."""
+    """Text on a baseline that begins or is centred at (x, y) mm; `turned` reads upwards."""
 
     x: float
     y: float
     text: str
     size_mm: float
     bold: bool = False
-    anchor: str = "start"
+    centred: bool = False
     turned: bool = False
 
 
@@ -89,8 +88,3 @@ class Drawing:
     marks: tuple[Shape | Stroke | Label, ...]
     title: str
     subject: str
-
-
-def floor_to(value: float, step: float) -> float:
-    """The largest multiple of `step` that is not above `value`, forgiving rounding."""
-    return step * math.floor(value / step + 1e-9)

@@ -54,37 +54,21 @@ def _corners_only(loop: list[tuple[int, int]]) -> Loop:
     return tuple((x, y) for (ax, ay), (x, y), (bx, by) in ends if not (ax == x == bx or ay == y == by))
 
 
-def marker_cells(spec: BoardSpec) -> dict[tuple[int, int], np.ndarray]:
-    """(column, row) of every square that holds a marker → its (bits + 2, bits + 2) black modules.
-
-    Column and row count from the board's first corner; all other squares are black.
-    """
-    board = opencv_board(spec)
-    dictionary = board.getDictionary()
-    modules = dictionary.markerSize + 2
-    cells = {}
-    for number, corners in zip(np.ravel(board.getIds()), board.getObjPoints(), strict=True):
-        column, row = (np.asarray(corners).reshape(-1, 3)[:, :2].mean(axis=0) // spec.square_m).astype(int)
-        cells[int(column), int(row)] = cv2.aruco.generateImageMarker(dictionary, int(number), modules) < 128
-    return cells
-
-
 def board_shapes(spec: BoardSpec) -> list[tuple[Loop, ...]]:
     """The black squares all together, then marker by marker: outlines for the even-odd rule, mm in the board frame.
 
     Together, because viewers move a rectangle that stands alone to whole pixels.
     """
     square, marker = 1e3 * spec.square_m, 1e3 * spec.marker_m
-    markers = marker_cells(spec)
-    black = np.ones((spec.squares_y, spec.squares_x), bool)
-    for column, row in markers:
+    board, black = opencv_board(spec), np.ones((spec.squares_y, spec.squares_x), bool)
+    markers = []
+    for number, corners in zip(np.ravel(board.getIds()), board.getObjPoints(), strict=True):
+        column, row = (np.asarray(corners)[:, :2].mean(axis=0) // spec.square_m).astype(int).tolist()
         black[row, column] = False
-    shapes = [placed(outlines(black), square, 0.0, 0.0)]
-    inset = (square - marker) / 2
-    for (column, row), modules in markers.items():
-        at = column * square + inset, row * square + inset
-        shapes.append(placed(outlines(modules), marker / len(modules), *at))
-    return shapes
+        cells = cv2.aruco.generateImageMarker(board.getDictionary(), int(number), spec.modules) < 128
+        at = (length * square + (square - marker) / 2 for length in (column, row))
+        markers.append(placed(outlines(cells), marker / spec.modules, *at))
+    return [placed(outlines(black), square, 0.0, 0.0), *markers]
 
 
 def placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[Loop, ...]:

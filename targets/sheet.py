@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import math
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,12 +14,7 @@ from reportlab.graphics.barcode import qrencoder
 from reportlab.lib.utils import simpleSplit
 
 from .board import DICTIONARY_SIZES, BoardSpec
-from .paper import PAPERS_MM, Paper, floor_to
-
-
-def _legacy_matters(spec: BoardSpec) -> bool:
-    """Whether OpenCV's old and new pattern differ for this board: for an even number of rows only."""
-    return spec.squares_y % 2 == 0
+from .paper import PAPERS_MM, Label, Paper
 
 
 def board_id(spec: BoardSpec) -> str:
@@ -27,8 +24,7 @@ def board_id(spec: BoardSpec) -> str:
     legacy flag where both patterns are the same.
     """
     lengths = [round(1e9 * length) for length in (spec.square_m, spec.marker_m)]
-    legacy = spec.legacy_pattern and _legacy_matters(spec)
-    text = f"charuco {spec.squares_x} {spec.squares_y} {lengths} {spec.dictionary} {legacy}"
+    text = f"charuco {spec.squares_x} {spec.squares_y} {lengths} {spec.dictionary} {spec.starts_with_marker}"
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
@@ -46,7 +42,7 @@ def spec_document(spec: BoardSpec, note: str = "") -> str:
 def size_words(spec: BoardSpec) -> str:
     """Squares, markers and dictionary for a person."""
     pattern = ""
-    if _legacy_matters(spec):
+    if spec.squares_y % 2 == 0:
         pattern = ", legacy pattern (OpenCV before 4.6)" if spec.legacy_pattern else ", pattern of OpenCV 4.6 and later"
     return (
         f"{spec.squares_x} × {spec.squares_y} squares of {1e3 * spec.square_m:.6g} mm, "
@@ -68,26 +64,17 @@ _MOST_MARGIN_MM = 200.0
 _RULER_MM = 8.0
 _QR_MM = 22.0
 _GAP_MM = 3.0
-SIZES = (1.0, 0.9, 0.8, 0.7)
+_SIZES = (1.0, 0.9, 0.8, 0.7)
 """Rulers, words and QR code are drawn so many times as large, the largest with which the board fits."""
-LEAST_QUIET_MM, QUIET_SQUARES = 5.0, 0.35
+_LEAST_QUIET_MM, _QUIET_SQUARES = 5.0, 0.35
 _LEAST_RULER_MM = 30.0
 _RULER_END_MM = 5.5
-LINE_SPACING = 1.35
-_PT_PER_MM = 72 / 25.4
+_LINE_SPACING = 1.35
+PT_PER_MM = 72 / 25.4
 _ADVICE = (
     "Print at 100 % (“actual size”), not fitted to the page. Then measure both rulers from end line to end line, "
     "best with a caliper."
 )
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line of the header: its text, its size and whether it is bold."""
-
-    text: str
-    size_mm: float
-    bold: bool = False
 
 
 @dataclass(frozen=True)
@@ -102,7 +89,6 @@ class Layout:
     size : of rulers, words and QR code, as a part of the usual.
     """
 
-    paper: Paper
     width: float
     height: float
     margin: float
@@ -113,9 +99,9 @@ class Layout:
     board_height: float
     ruler_x: float
     ruler_y: float
-    header: tuple[Line, ...]
+    header: tuple[Label, ...]
     header_height: float
-    size: float = 1.0
+    size: float
 
     @property
     def ruler(self) -> float:
@@ -133,29 +119,9 @@ class Layout:
         return "landscape" if self.width > self.height else "portrait"
 
 
-def _header_lines(spec: BoardSpec, width_mm: float, size: float = 1.0) -> tuple[Line, ...]:
-    """What the header says, broken into lines of at most `width_mm`; the letters so many times as large as usual."""
-    wanted = [
-        Line(f"ChArUco board {board_id(spec)}", 4.2, bold=True),
-        Line(size_words(spec), 3.0),
-        Line(spec_line(spec), 2.1),
-        Line(_ADVICE, 2.6),
-    ]
-    return tuple(
-        replace(line, text=text)
-        for line in (replace(line, size_mm=size * line.size_mm) for line in wanted)
-        for text in simpleSplit(line.text, font_name(line.bold), line.size_mm * _PT_PER_MM, width_mm * _PT_PER_MM)
-    )
-
-
 def font_name(bold: bool) -> str:
     """One of the fonts that every PDF viewer has."""
     return "Helvetica-Bold" if bold else "Helvetica"
-
-
-def _quiet_mm(spec: BoardSpec) -> float:
-    """White around the board."""
-    return max(LEAST_QUIET_MM, QUIET_SQUARES * 1e3 * spec.square_m)
 
 
 def lay_out(spec: BoardSpec, paper: Paper, margin_mm: float = MARGIN_MM) -> Layout:
@@ -163,55 +129,37 @@ def lay_out(spec: BoardSpec, paper: Paper, margin_mm: float = MARGIN_MM) -> Layo
 
     Raises ValueError where it does not fit, with the largest square that would and the paper that would do.
     """
-    _check_margin(margin_mm)
     fitting = _fitting(spec, paper, margin_mm)
     if fitting is not None:
         return fitting
     width, height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
+    square, counts = largest_square_mm(spec, paper, margin_mm), f"{spec.squares_x}x{spec.squares_y}"
+    smaller = f"the largest square that fits is {square:g} mm" if square else f"no board of {counts} squares does"
+    larger = (name for name, size in PAPERS_MM.items() if _fitting(spec, Paper(name, *size), margin_mm))
     raise ValueError(
-        f"a board of {width:.6g} x {height:.6g} mm with its rulers does not fit on {paper.name}: "
-        + " ".join([_largest_words(spec, paper, margin_mm), _paper_words(spec, margin_mm)])
+        f"a board of {width:.6g} x {height:.6g} mm with its rulers does not fit on {paper.name}: {smaller}; "
+        f"{next(larger, 'no paper up to A0')} would do"
     )
 
 
-def _check_margin(margin_mm: float) -> None:
-    if not 0 <= margin_mm <= _MOST_MARGIN_MM:
-        raise ValueError(f"the margin is {margin_mm:g} mm: 0 to {_MOST_MARGIN_MM:g} mm are needed")
-
-
-def _largest_words(spec: BoardSpec, paper: Paper, margin_mm: float) -> str:
-    square = largest_square_mm(spec, paper, margin_mm)
-    if square is None:
-        return f"no board of {spec.squares_x}x{spec.squares_y} squares does;"
-    return f"the largest square that fits is {square:g} mm;"
-
-
-def _paper_words(spec: BoardSpec, margin_mm: float) -> str:
-    papers = (Paper(name, *size) for name, size in PAPERS_MM.items())
-    name = next((paper.name for paper in papers if _fitting(spec, paper, margin_mm)), None)
-    return f"{name} would do" if name else "no paper up to A0 would do"
-
-
-def largest_square_mm(spec: BoardSpec, paper: Paper, margin_mm: float, step_mm: float = 0.1) -> float | None:
-    """The largest square, a multiple of the step, with which a board of this layout fits; None where none does."""
-    _check_margin(margin_mm)
+def largest_square_mm(spec: BoardSpec, paper: Paper, margin_mm: float) -> float | None:
+    """The largest square, in tenths, with which a board of this layout fits; None where none does."""
     ratio = spec.marker_m / spec.square_m
 
-    def fits(steps: int) -> bool:
-        square_m = 1e-3 * steps * step_mm
-        return _fitting(replace(spec, square_m=square_m, marker_m=ratio * square_m), paper, margin_mm) is not None
+    def is_too_large(tenths: int) -> bool:
+        square_m = 1e-3 * tenths * 0.1
+        return _fitting(replace(spec, square_m=square_m, marker_m=ratio * square_m), paper, margin_mm) is None
 
-    low, high = 0, int(paper.height_mm / step_mm / 2) + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if fits(middle) else (low, middle)
-    return round(low * step_mm, 6) if low else None
+    tenths = bisect_left(range(1, int(paper.height_mm / 0.1 / 2) + 1), True, key=is_too_large)
+    return round(tenths * 0.1, 6) if tenths else None
 
 
 def _fitting(spec: BoardSpec, paper: Paper, margin: float) -> Layout | None:
+    if not 0 <= margin <= _MOST_MARGIN_MM:
+        raise ValueError(f"the margin is {margin:g} mm: 0 to {_MOST_MARGIN_MM:g} mm are needed")
     pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
-    for size in SIZES:
-        layouts = [layout for page in pages if (layout := _on_page(spec, paper, page, margin, size)) is not None]
+    for size in _SIZES:
+        layouts = [layout for page in pages if (layout := _on_page(spec, page, margin, size)) is not None]
         if layouts:
             return max(layouts, key=_room)
     return None
@@ -221,41 +169,51 @@ def _room(layout: Layout) -> float:
     return min(layout.width - layout.board_width, layout.height - layout.board_height - layout.header_height)
 
 
-def _on_page(spec: BoardSpec, paper: Paper, page: tuple[float, float], margin: float, size: float) -> Layout | None:
+def _on_page(spec: BoardSpec, page: tuple[float, float], margin: float, size: float) -> Layout | None:
     width, height = page
     ruler, end = _RULER_MM * size, _RULER_END_MM * size
     text_width = width - 2 * margin - _QR_MM * size - _GAP_MM
     if text_width < 15:
         return None
-    header = _header_lines(spec, text_width, size)
-    header_height = max(_QR_MM * size, LINE_SPACING * sum(line.size_mm for line in header))
-    quiet = _quiet_mm(spec)
+    header = _header(spec, margin, text_width, size)
+    header_height = max(_QR_MM * size, _LINE_SPACING * sum(line.size_mm for line in header))
+    quiet = max(_LEAST_QUIET_MM, _QUIET_SQUARES * 1e3 * spec.square_m)
     board_width, board_height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
     left, right = margin + ruler + quiet, margin + quiet
     top, bottom = margin + header_height + quiet, margin + ruler + quiet
     # whole centimetres, with room for the unit behind the last number
-    ruler_x = floor_to(width - margin - ruler - margin - 2 * end, 10.0)
-    ruler_y = floor_to(height - margin - header_height - _GAP_MM - ruler - margin - 2 * end, 10.0)
+    ruler_x = _floor_to(width - margin - ruler - margin - 2 * end, 10.0)
+    ruler_y = _floor_to(height - margin - header_height - _GAP_MM - ruler - margin - 2 * end, 10.0)
     free = 1e-9 + width - left - right - board_width, 1e-9 + height - top - bottom - board_height
     if min(free) < 0 or min(ruler_x, ruler_y) < _LEAST_RULER_MM:
         return None
-    return Layout(
-        paper,
-        width,
-        height,
-        margin,
-        quiet,
-        # in the page's middle, or as near to it as the rulers let it
-        board_x=max(left, (width - board_width) / 2),
-        board_y=min(max(top, (height - board_height) / 2), height - bottom - board_height),
-        board_width=board_width,
-        board_height=board_height,
-        ruler_x=ruler_x,
-        ruler_y=ruler_y,
-        header=header,
-        header_height=header_height,
-        size=size,
+    # in the page's middle, or as near to it as the rulers let it
+    board_x = max(left, (width - board_width) / 2)
+    board_y = min(max(top, (height - board_height) / 2), height - bottom - board_height)
+    board = board_x, board_y, board_width, board_height
+    return Layout(width, height, margin, quiet, *board, ruler_x, ruler_y, header, header_height, size)
+
+
+def _header(spec: BoardSpec, margin: float, width_mm: float, size: float) -> tuple[Label, ...]:
+    """Title, sizes, spec and advice, wrapped to a width."""
+    texts = (
+        (f"ChArUco board {board_id(spec)}", 4.2, True),
+        (size_words(spec), 3.0, False),
+        (spec_line(spec), 2.1, False),
+        (_ADVICE, 2.6, False),
     )
+    labels, y = [], margin
+    for text, usual, bold in texts:
+        letters = size * usual
+        for line in simpleSplit(text, font_name(bold), letters * PT_PER_MM, width_mm * PT_PER_MM):
+            labels.append(Label(margin, y + letters, line, letters, bold))
+            y += _LINE_SPACING * letters
+    return tuple(labels)
+
+
+def _floor_to(value: float, step: float) -> float:
+    """The largest multiple of `step` that is not above `value`, forgiving rounding."""
+    return step * math.floor(value / step + 1e-9)
 
 
 # Odd by odd: with an odd number of rows OpenCV's old and new patterns are the same, so that the legacy flag cannot be
@@ -271,50 +229,30 @@ def fill_in(
     squares: tuple[int, int] | None = None,
     square_mm: float | None = None,
     marker_mm: float | None = None,
-    dictionary: str | None = None,
-    legacy_pattern: bool = False,
-    thickness_mm: float = 0.0,
     paper: Paper | None = None,
     margin_mm: float = MARGIN_MM,
+    **other: Any,
 ) -> BoardSpec:
     """The spec with what was left out filled in: the largest round square that fits on the paper, or 20 mm without one.
 
-    Raises ValueError where that makes no board, or where none fits.
+    other : further fields of BoardSpec. Raises ValueError where all that makes no board, or where none fits.
     """
     columns, rows = squares or SQUARES
-    if dictionary is None:
+    other |= {"squares_x": columns, "squares_y": rows}
+    if other.get("dictionary") is None:
         enough = [size for size in DICTIONARY_SIZES if size >= max(_USUAL, columns * rows // 2)]
         if not enough:
-            raise ValueError(
-                f"{columns}x{rows} squares are too many: at most {2 * DICTIONARY_SIZES[-1] + 1} have markers"
-            )
-        dictionary = f"{_FAMILY}_{enough[0]}"
-
-    pattern: dict[str, Any] = {
-        "squares_x": columns,
-        "squares_y": rows,
-        "dictionary": dictionary,
-        "legacy_pattern": legacy_pattern,
-    }
-
-    def spec(square: float) -> BoardSpec:
-        marker = MARKER_SHARE * square if marker_mm is None else marker_mm
-        square_m, marker_m, thickness_m = (round(1e-3 * length, 12) for length in (square, marker, thickness_mm))
-        return BoardSpec(**pattern, square_m=square_m, marker_m=marker_m, thickness_m=thickness_m)
-
-    if square_mm is not None:
-        return spec(square_mm)
-    if paper is None:
-        return spec(_SCREEN_SQUARE_MM)
-    # only squares and dictionary decide the room
-    likely = BoardSpec(**pattern, square_m=1.0, marker_m=MARKER_SHARE)
-    largest = largest_square_mm(likely, paper, margin_mm)
-    if largest is None:
-        raise ValueError(f"no board of {columns}x{rows} squares fits on {paper.name}; take fewer squares or more paper")
-    return spec(_round_down(largest))
-
-
-def _round_down(square_mm: float) -> float:
-    """To 4 mm, below 12 mm to 1 mm, below 2 mm to 0.1 mm: then a module (an eighth) is a round number too."""
-    step = 4.0 if square_mm >= 12 else 1.0 if square_mm >= 2 else 0.1
-    return round(floor_to(square_mm, step), 6)
+            most = 2 * DICTIONARY_SIZES[-1] + 1
+            raise ValueError(f"{columns}x{rows} squares are too many: at most {most} have markers")
+        other["dictionary"] = f"{_FAMILY}_{enough[0]}"
+    if square_mm is None and paper is not None:
+        # only squares and dictionary decide the room
+        largest = largest_square_mm(BoardSpec(square_m=1.0, marker_m=MARKER_SHARE, **other), paper, margin_mm)
+        if largest is None:
+            what = f"no board of {columns}x{rows} squares fits on {paper.name}"
+            raise ValueError(f"{what}; take fewer squares or more paper")
+        # then a module (an eighth) is a round number too
+        square_mm = round(_floor_to(largest, 4.0 if largest >= 12 else 1.0 if largest >= 2 else 0.1), 6)
+    square = _SCREEN_SQUARE_MM if square_mm is None else square_mm
+    marker = MARKER_SHARE * square if marker_mm is None else marker_mm
+    return BoardSpec(square_m=round(1e-3 * square, 12), marker_m=round(1e-3 * marker, 12), **other)

@@ -11,9 +11,9 @@ from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 from .board import BoardSpec
 from .paper import Drawing, Label, Shape, Stroke
 from .pattern import board_shapes, outlines, placed
-from .sheet import LINE_SPACING, Layout, board_id, font_name, qr_modules, spec_line
+from .sheet import PT_PER_MM, Layout, board_id, font_name, qr_modules, spec_line
 
-TICK_WIDTH_MM, END_WIDTH_MM = 0.12, 0.2
+_TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
 _TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
 """Length of the tick at every so many millimetres."""
 _NUMBER_MM = 2.2
@@ -27,7 +27,7 @@ def draw(spec: BoardSpec, layout: Layout) -> Drawing:
     marks: list[Shape | Stroke | Label] = [
         Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
     ]
-    marks += [*_ruler_along_x(layout), *_ruler_along_y(layout), *_header(layout), _qr(spec, layout)]
+    marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, _qr(spec, layout)]
     return Drawing(layout.width, layout.height, tuple(marks), f"ChArUco board {board_id(spec)}", spec_line(spec))
 
 
@@ -41,39 +41,29 @@ def ruler_origin(layout: Layout) -> tuple[float, float, float, float]:
     return x0, bottom, low, y0
 
 
-def _ruler_along_x(layout: Layout) -> Iterator[Stroke | Label]:
-    (x0, y0, _, _), size = ruler_origin(layout), layout.size
-    yield Stroke(x0, y0, x0 + layout.ruler_x, y0, TICK_WIDTH_MM)
-    for at, length, width, number in _ticks(round(layout.ruler_x)):
-        yield Stroke(x0 + at, y0, x0 + at, y0 + size * length, width)
-        if number:
-            yield Label(x0 + at, y0 + size * _BASELINE_MM, number, size * _NUMBER_MM, anchor="middle")
-    yield Label(x0 + layout.ruler_x + size * _UNIT_MM, y0 + size * _BASELINE_MM, "mm", size * _NUMBER_MM)
+def _ruler(layout: Layout, turned: bool) -> Iterator[Stroke | Label]:
+    """The ruler along x, or turned that along y: line, ticks, numbers and unit."""
+    right, low, left, up = ruler_origin(layout)
+    size, letters = layout.size, layout.size * _NUMBER_MM
+    length = layout.ruler_y if turned else layout.ruler_x
+    numbers = size * (_TICKS_MM[10] + 0.4) if turned else size * _BASELINE_MM
 
+    def at(along: float, aside: float) -> tuple[float, float]:
+        return (left - aside, up - along) if turned else (right + along, low + aside)
 
-def _ruler_along_y(layout: Layout) -> Iterator[Stroke | Label]:
-    (_, _, x0, y0), size = ruler_origin(layout), layout.size
-    beside, letters = x0 - size * (_TICKS_MM[10] + 0.4), size * _NUMBER_MM
-    yield Stroke(x0, y0 - layout.ruler_y, x0, y0, TICK_WIDTH_MM)
-    for at, length, width, number in _ticks(round(layout.ruler_y)):
-        yield Stroke(x0 - size * length, y0 - at, x0, y0 - at, width)
+    yield Stroke(*at(0, 0), *at(length, 0), _TICK_WIDTH_MM)
+    for place, tick, width, number in _ticks(round(length)):
+        yield Stroke(*at(place, 0), *at(place, size * tick), width)
         if number:
-            yield Label(beside, y0 - at, number, letters, anchor="middle", turned=True)
-    yield Label(beside, y0 - layout.ruler_y - size * _UNIT_MM, "mm", letters, turned=True)
+            yield Label(*at(place, numbers), number, letters, centred=True, turned=turned)
+    yield Label(*at(length + size * _UNIT_MM, numbers), "mm", letters, turned=turned)
 
 
 def _ticks(length: int) -> Iterator[tuple[int, float, float, str]]:
     for at in range(length + 1):
         tick = max(size for every, size in _TICKS_MM.items() if at % every == 0)
-        width = END_WIDTH_MM if at in (0, length) else TICK_WIDTH_MM
+        width = _END_WIDTH_MM if at in (0, length) else _TICK_WIDTH_MM
         yield at, tick, width, str(at) if at % 10 == 0 else ""
-
-
-def _header(layout: Layout) -> Iterator[Label]:
-    y = layout.margin
-    for line in layout.header:
-        yield Label(layout.margin, y + line.size_mm, line.text, line.size_mm, line.bold)
-        y += LINE_SPACING * line.size_mm
 
 
 def _qr(spec: BoardSpec, layout: Layout) -> Shape:
@@ -84,13 +74,10 @@ def _qr(spec: BoardSpec, layout: Layout) -> Shape:
     return Shape(placed(outlines(dark), module, x, layout.margin))
 
 
-_PT_PER_MM = 72 / 25.4
-
-
 def as_pdf(drawing: Drawing) -> bytes:
     """The PDF; the same drawing gives the same bytes."""
     stream = io.BytesIO()
-    size = drawing.width_mm * _PT_PER_MM, drawing.height_mm * _PT_PER_MM
+    size = drawing.width_mm * PT_PER_MM, drawing.height_mm * PT_PER_MM
     canvas = Canvas(stream, pagesize=size, invariant=1, pageCompression=1, lang="en")
     canvas.setTitle(drawing.title)
     canvas.setSubject(drawing.subject)
@@ -109,22 +96,22 @@ def _put(canvas: Canvas, mark: Shape | Stroke | Label, height: float) -> None:
     if isinstance(mark, Shape):
         path = canvas.beginPath()
         for (x, y), *rest in mark.loops:
-            path.moveTo(x * _PT_PER_MM, (height - y) * _PT_PER_MM)
+            path.moveTo(x * PT_PER_MM, (height - y) * PT_PER_MM)
             for u, v in rest:
-                path.lineTo(u * _PT_PER_MM, (height - v) * _PT_PER_MM)
+                path.lineTo(u * PT_PER_MM, (height - v) * PT_PER_MM)
             path.close()
         canvas.drawPath(path, stroke=0, fill=1, fillMode=FILL_EVEN_ODD)
     elif isinstance(mark, Stroke):
-        canvas.setLineWidth(mark.width * _PT_PER_MM)
+        canvas.setLineWidth(mark.width * PT_PER_MM)
         ends = (mark.x0, height - mark.y0, mark.x1, height - mark.y1)
-        canvas.line(*(end * _PT_PER_MM for end in ends))
+        canvas.line(*(end * PT_PER_MM for end in ends))
     else:
         canvas.saveState()
-        canvas.setFont(font_name(mark.bold), mark.size_mm * _PT_PER_MM)
-        canvas.translate(mark.x * _PT_PER_MM, (height - mark.y) * _PT_PER_MM)
+        canvas.setFont(font_name(mark.bold), mark.size_mm * PT_PER_MM)
+        canvas.translate(mark.x * PT_PER_MM, (height - mark.y) * PT_PER_MM)
         canvas.rotate(90 if mark.turned else 0)
-        put = {"start": canvas.drawString, "middle": canvas.drawCentredString, "end": canvas.drawRightString}
-        put[mark.anchor](0, 0, mark.text)
+        put = canvas.drawCentredString if mark.centred else canvas.drawString
+        put(0, 0, mark.text)
         canvas.restoreState()
 
 
@@ -155,11 +142,12 @@ def _element(mark: Shape | Stroke | Label) -> str:
     if isinstance(mark, Stroke):
         x0, y0, x1, y1, width = map(_number, (mark.x0, mark.y0, mark.x1, mark.y1, mark.width))
         return f'<line x1="{x0}" y1="{y0}" x2="{x1}" y2="{y1}" stroke="#000" stroke-width="{width}"/>'
+    anchor = "middle" if mark.centred else "start"
     weight = ' font-weight="bold"' if mark.bold else ""
     turn = f' transform="rotate(-90 {_number(mark.x)} {_number(mark.y)})"' if mark.turned else ""
     return (
         f'<text x="{_number(mark.x)}" y="{_number(mark.y)}" font-size="{_number(mark.size_mm)}" '
-        f'text-anchor="{mark.anchor}"{weight}{turn}>{escape(mark.text)}</text>'
+        f'text-anchor="{anchor}"{weight}{turn}>{escape(mark.text)}</text>'
     )
 
 

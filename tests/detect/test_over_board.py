@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from targets.board import BoardSpec, opencv_board
-from vbaa_calib.detect.over_board.measure import BoardLine, find_over_board
+from vbaa_calib.detect.over_board.measure import BoardLine, LineEnd, find_over_board
 from vbaa_calib.detect.over_board.picture import board_picture, pattern_texture
 from vbaa_calib.detect.over_board.profile import Paint, Profiles, fit
 from vbaa_calib.detect.over_board.search import PlaneAbove
@@ -19,9 +20,20 @@ from ..over_scenes import Shown, View, shown
 PLAIN = View()
 
 
-def found(scene: Shown, **changes: object) -> BoardLine | None:
-    options = {"height_m": scene.over.height_m, "diameter_m": scene.scene.antenna.diameter_m} | changes
-    return find_over_board(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board, **options)
+@functools.cache
+def scene_of(view: View = PLAIN, wires: int = 2) -> Shown:
+    return shown(view, wires=wires)
+
+
+@functools.cache
+def found(view: View = PLAIN, wires: int = 2) -> BoardLine | None:
+    scene = scene_of(view, wires)
+    plane = PlaneAbove(scene.camera, scene.T_camera_board, scene.over.height_m)
+    return find_over_board(scene.picture, plane, scene.scene.board, scene.scene.antenna.diameter_m)
+
+
+def tip_of(line: BoardLine, truth: np.ndarray) -> LineEnd:
+    return min((end for end in line.ends if end), key=lambda end: np.linalg.norm(end.point_px - truth[-1]))
 
 
 def aside(line: BoardLine, truth: np.ndarray) -> np.ndarray:
@@ -35,7 +47,6 @@ def aside(line: BoardLine, truth: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     "spec",
     [
-        BoardSpec(9, 6, 0.012, 0.009),
         BoardSpec(5, 4, 0.03, 0.0225, "DICT_6X6_250", legacy_pattern=True),
         BoardSpec(6, 7, 0.02, 0.012, "DICT_5X5_50"),
     ],
@@ -52,7 +63,7 @@ def test_the_texture_is_the_board_that_opencv_prints(spec: BoardSpec) -> None:
 
 
 def test_pixels_and_plane_lead_to_one_another() -> None:
-    scene = shown(PLAIN)
+    scene = scene_of()
     plane = PlaneAbove(scene.camera, scene.T_camera_board, 0.012)
     points = np.random.default_rng(0).uniform(0.0, 0.1, (50, 2))
     pixels, valid = plane.to_pixels(points)
@@ -63,7 +74,7 @@ def test_pixels_and_plane_lead_to_one_another() -> None:
 
 
 def test_the_bare_board_is_predicted_to_its_noise() -> None:
-    scene = shown(PLAIN, wires=0)
+    scene = scene_of(wires=0)
     picture = board_picture(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board)
     assert picture is not None
     assert picture.blur_px == pytest.approx(0.7, abs=0.1)
@@ -76,22 +87,14 @@ def test_the_bare_board_is_predicted_to_its_noise() -> None:
 @pytest.mark.parametrize("brightness", [1.0, 0.0, 0.4])
 def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None:
     rng, paint = np.random.default_rng(3), Paint(brightness, 0.7, 1.1)
-    count, across = 400, np.arange(-10.0, 11.0)
+    count, across = 400, np.tile(np.arange(-10.0, 11.0), (400, 1))
     centre = rng.uniform(-0.5, 0.5, count)
-    behind = np.tile(np.where(np.abs(across) > 5, 0.5, 1.0 if brightness < 0.2 else 0.0), (count, 1))
+    behind = np.where(np.abs(across) > 5, 0.5, 1.0 if brightness < 0.2 else 0.0)
     line = np.exp(-0.5 * ((across - centre[:, None]) / 1.1) ** 2)
     seen = behind + 0.7 * line * (brightness - behind) + 0.02 * rng.normal(size=behind.shape)
-    cut = Profiles(
-        np.column_stack([np.arange(count), np.zeros(count)]).astype(float),
-        1,
-        np.ones(count),
-        np.tile(across, (count, 1)),
-        seen,
-        behind,
-        np.zeros_like(behind),
-        np.full_like(behind, 0.02),
-    )
-    fitted = fit(cut, paint, np.zeros(count))
+    noise = np.full_like(behind, 0.02)
+    cut = Profiles(np.zeros((count, 2)), 1, np.ones(count), across, seen, behind, np.zeros_like(behind), noise)
+    fitted = fit(cut, paint)
     pull = (fitted.centre - centre) / fitted.centre_std
     assert abs(pull.mean()) < 0.2
     assert pull.std() == pytest.approx(1.0, abs=0.12)
@@ -111,22 +114,19 @@ def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None
     ],
 )
 def test_points_lie_on_the_centreline(view: View, most_rms_px: float) -> None:
-    scene = shown(view)
-    line = found(scene)
+    line, truth = found(view), scene_of(view).centreline_px()
     assert line is not None
     assert line.bright == (view.paint > 0.5)
-    off = aside(line, scene.centreline_px())
+    off = aside(line, truth)
     assert len(off) > 150
     assert np.sqrt((off**2).mean()) < most_rms_px
     assert np.abs(off / line.sigma_px).mean() < 3.0
-    truth = scene.centreline_px()
-    tip = min((end for end in line.ends if end), key=lambda end: np.linalg.norm(end.point_px - truth[-1]))
+    tip = tip_of(line, truth)
     assert np.linalg.norm(tip.point_px - truth[-1]) < 4.0 * tip.std_px < 6.0
 
 
 def test_over_white_there_are_no_points() -> None:
-    scene = shown(PLAIN)
-    line = found(scene)
+    scene, line = scene_of(), found()
     picture = board_picture(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board)
     assert line is not None
     assert picture is not None
@@ -138,22 +138,20 @@ def test_over_white_there_are_no_points() -> None:
 
 def test_a_tip_over_white_is_doubtful_rather_than_wrong() -> None:
     # the tip ends on the white margin: between the last black square and the sheet's edge
-    scene = shown(View(over=replace(PLAIN.over, center_m=(0.1575, 0.0), turn_rad=0.0)))
-    line, truth = found(scene), scene.centreline_px()
+    view = View(over=replace(PLAIN.over, center_m=(0.1575, 0.0), turn_rad=0.0))
+    line, truth = found(view), scene_of(view).centreline_px()
     assert line is not None
-    tip = min((end for end in line.ends if end), key=lambda end: np.linalg.norm(end.point_px - truth[-1]))
+    tip = tip_of(line, truth)
     assert tip.std_px > 1.0
     assert np.linalg.norm(tip.point_px - truth[-1]) < 3.0 * tip.std_px
 
 
 def test_without_an_antenna_there_is_no_line() -> None:
-    assert found(shown(PLAIN, wires=0)) is None
+    assert found(wires=0) is None
 
 
 def test_distances_reach_to_the_ends() -> None:
-    scene = shown(PLAIN)
-    line = found(scene)
+    line, truth = found(), scene_of().centreline_px()
     assert line is not None
-    truth = scene.centreline_px()
     assert line.distance_px(truth[100:-100]).max() < 1.0
     assert line.reversed().distance_px(truth[:1] + np.array([[0.0, 30.0]]))[0] > 25.0

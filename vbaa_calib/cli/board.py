@@ -156,7 +156,7 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
             what, remedy = f"--{name.replace('_', '-')} is {length:g}", f"give millimetres, 0 to {_LARGEST_MM:g}"
             raise InputError(what, where="vbaa board", remedy=remedy)
     given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
-    given |= {"legacy_pattern": bool(args.legacy), "thickness_mm": args.thickness_mm or 0.0}
+    given |= {"legacy_pattern": bool(args.legacy), "thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
     return fill_in(_counts(args.squares), **given)
 
 
@@ -207,12 +207,12 @@ def _write(args: argparse.Namespace, data: bytes, spec: BoardSpec, written: Path
         "id": board_id(spec),
         "board": spec.to_dict(),
         "corners": spec.corner_count,
-        "markers": spec.squares_x * spec.squares_y // 2,
+        "markers": spec.marker_count,
     }
 
 
 def _say_warnings(result: dict[str, Any], spec: BoardSpec) -> None:
-    module = 1e3 * spec.marker_m / (int(spec.dictionary[len("DICT_")]) + 2)
+    module = 1e3 * spec.marker_m / spec.modules
     gap = 500 * (spec.square_m - spec.marker_m)
     warnings = []
     if module < _FINE_MODULE_MM:

@@ -157,8 +157,8 @@ def _board(views: Sequence[BoardView], setup: OverSetup) -> BoardPose:
 def _line(
     picture: np.ndarray, board: BoardPose, views: Sequence[BoardView], setup: OverSetup, bright: bool | None
 ) -> BoardLine:
-    about = setup.spec, setup.height_m, setup.antenna.diameter_m, bright
-    line = find_over_board(picture, setup.camera, board.T_camera_board, *about)
+    plane = PlaneAbove(setup.camera, board.T_camera_board, setup.height_m)
+    line = find_over_board(picture, plane, setup.spec, setup.antenna.diameter_m, bright)
     if line is None:
         raise InputError(
             "no antenna is found over the board",

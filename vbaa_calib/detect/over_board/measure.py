@@ -12,11 +12,9 @@ import numpy as np
 from scipy.special import ndtr
 
 from targets.board import BoardSpec
-from vbaa_calib.camera import Camera
-from vbaa_calib.geometry import Pose
 
 from .picture import BoardPicture, board_picture
-from .profile import BESIDE, Fitted, Paint, Profiles, darkest_beside, fit, fit_paint, presence, profiles, rough_centres
+from .profile import BESIDE, Paint, Profiles, darkest_beside, fit, fit_paint, presence, profiles, rough_centres
 from .search import PlaneAbove, PlanePath, search
 
 _SEEN_RATIO = 6.0
@@ -84,45 +82,28 @@ class BoardLine:
 
 
 def find_over_board(
-    image: np.ndarray,
-    camera: Camera,
-    T_camera_board: Pose,
-    spec: BoardSpec,
-    height_m: float,
-    diameter_m: float,
-    bright: bool | None = None,
+    image: np.ndarray, plane: PlaneAbove, spec: BoardSpec, diameter_m: float, bright: bool | None = None
 ) -> BoardLine | None:
-    """The thin line `height_m` in front of a board at a known pose, in an (H, W) picture; None where there is none.
+    """The thin line on a plane above a board, in an (H, W) picture; None where there is none.
 
     With `bright` None a bright and a dark line are looked for, and the one that covers more of its pixels is taken:
     an antenna covers them, its shadow only dims them.
     """
-    picture = board_picture(image, camera, T_camera_board, spec)
+    picture = board_picture(image, plane.camera, plane.T_camera_board, spec)
     if picture is None:
         return None
-    plane = PlaneAbove(camera, T_camera_board, height_m)
     width = diameter_m / plane.metres_per_pixel()
-    found = [_Tracker(picture, plane, width, side) for side in ((True, False) if bright is None else (bright,))]
-    lines = [(cover, line) for tracker in found for cover, line in tracker.measured()]
-    return max(lines, key=lambda one: one[0])[1] if lines else None
+    sides = (True, False) if bright is None else (bright,)
+    found = [line for side in sides if (line := _Tracker(picture, plane, width, side).measured()) is not None]
+    return max(found, key=lambda one: one[0])[1] if found else None
 
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """Profiles along a path, the lines fitted to them, and which of them count."""
+    """Points (N, 2) px that were measured along a path, and their standard deviations (N,) across it."""
 
-    cut: Profiles
-    fitted: Fitted
-    good: np.ndarray
-
-    @property
-    def points(self) -> np.ndarray:
-        return self.cut.centred(self.fitted.centre)[self.good]
-
-    @property
-    def sigma(self) -> np.ndarray:
-        spread = self.fitted.centre_std * np.maximum(self.fitted.chi, 1.0) / self.cut.stretch
-        return spread[self.good]
+    points: np.ndarray
+    sigma: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,26 +120,39 @@ class _Tracker:
         """How far the line reaches to either side, blur and all."""
         return 0.5 * self.width_px + 2.0 * self.picture.blur_px + 0.5
 
-    def measured(self) -> list[tuple[float, BoardLine]]:
-        """The line with its cover; nothing where none is convincing."""
+    def measured(self) -> tuple[float, BoardLine] | None:
+        """The line with its cover; None where none is convincing."""
         path = search(self.picture, self.plane, self.width_px, self.bright)
         if path is None:
-            return []
+            return None
         scale = float(np.hypot(0.3 * self.width_px, self.picture.blur_px))
         paint = Paint(1.0 if self.bright else 0.0, min(1.0, 0.4 * self.width_px / scale), scale)
         for _ in range(2):
             now = self._along(path, paint, rough=True)
             if len(now.points) < _LEAST_POINTS // 2:
-                return []
+                return None
             path = self._refitted(path, now)
-            aligned = self._cut(path, 0.0)
-            paint = fit_paint(aligned, np.zeros(len(aligned.stretch)), paint)
+            paint = fit_paint(self._cut(path, 0.0), paint)
             if paint.cover < _LEAST_COVER:
-                return []
+                return None
         path = self._followed(path, paint)
         now = self._along(path, paint, _ENDWARD, wary=True)
-        ends = tuple(self._end(path, paint, way) for way in (-1, 1))
-        return self._line(path, now, (ends[0], ends[1]), paint)
+        ends = self._end(path, paint, -1), self._end(path, paint, 1)
+        s = self._places(path, now.points)
+        first, last = (
+            missing if end is None else self._places(path, end.point_px[None])[0]
+            for end, missing in zip(ends, (-np.inf, np.inf), strict=True)
+        )
+        order = np.argsort(s)
+        order = order[(s[order] > first) & (s[order] < last)]
+        if len(order) < _LEAST_POINTS:
+            return None
+        shadow = darkest_beside(self._cut(path, 0.0, BESIDE), self._core_px)
+        return paint.cover, BoardLine(now.points[order], now.sigma[order], ends, self.bright, self.width_px, shadow)
+
+    def _places(self, path: PlanePath, pixels: np.ndarray) -> np.ndarray:
+        """(N,) coordinates along the path of pixels (N, 2)."""
+        return path.along(self.plane.to_plane(pixels)[0])[0]
 
     def _followed(self, path: PlanePath, paint: Paint) -> PlanePath:
         """The path grown beyond what was seen of it for as long as more comes into sight."""
@@ -176,24 +170,22 @@ class _Tracker:
         more = beyond * (path.end - path.start)
         steps = np.linspace(path.start - more, path.end + more, 600)
         pixels, valid = self.plane.to_pixels(path.points(steps))
-        core = wider * self._core_px
-        picture = self.picture
-        inside = valid & (pixels > -1).all(axis=1) & (pixels < np.array(picture.seen.shape[::-1])).all(axis=1)
-        return profiles(picture, pixels[inside], core)
+        inside = valid & ((pixels > -1) & (pixels < self.picture.seen.shape[::-1])).all(axis=1)
+        return profiles(self.picture, pixels[inside], wider * self._core_px)
 
     def _along(
         self, path: PlanePath, paint: Paint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False
     ) -> _Measured:
         cut = self._cut(path, beyond)
-        start = rough_centres(cut, paint) if rough else np.zeros(len(cut.stretch))
-        fitted = fit(cut, paint, start, wary=wary)
+        fitted = fit(cut, paint, rough_centres(cut, paint) if rough else 0.0, wary=wary)
+        wider = np.maximum(fitted.chi, 1.0)
         good = (fitted.amplitude > _AMPLITUDES[0]) & (fitted.amplitude < _AMPLITUDES[1])
-        good &= fitted.amplitude > _SEEN_RATIO * fitted.amplitude_std * np.maximum(fitted.chi, 1.0)
-        good &= fitted.centre_std * np.maximum(fitted.chi, 1.0) < _WORST_CENTRE_PX
+        good &= fitted.amplitude > _SEEN_RATIO * fitted.amplitude_std * wider
+        good &= fitted.centre_std * wider < _WORST_CENTRE_PX
         good &= np.abs(fitted.centre) < self.width_px + 2.5
         if good.any():
             good &= fitted.chi < _DISTURBED * max(float(np.median(fitted.chi[good])), 0.5)
-        return _Measured(cut, fitted, good)
+        return _Measured(cut.centred(fitted.centre)[good], (fitted.centre_std * wider / cut.stretch)[good])
 
     def _refitted(self, path: PlanePath, now: _Measured) -> PlanePath:
         points, valid = self.plane.to_plane(now.points)
@@ -208,7 +200,7 @@ class _Tracker:
         """Where the line ends beyond the path's start (−1) or end (+1)."""
         cut = self._cut(path, _GROWTH)
         amplitude, std = presence(cut, paint)
-        s = path.along(self.plane.to_plane(cut.crossing_px)[0])[0]
+        s = self._places(path, cut.crossing_px)
         order = np.argsort(way * s)
         place = cut.crossing_px[order]
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))])
@@ -230,18 +222,3 @@ class _Tracker:
         if room < _BORDER_PX + 2.0 * spread:
             return None
         return LineEnd(point, float(np.hypot(spread, _END_STD_PX)))
-
-    def _line(
-        self, path: PlanePath, now: _Measured, ends: tuple[LineEnd | None, LineEnd | None], paint: Paint
-    ) -> list[tuple[float, BoardLine]]:
-        points, sigma = now.points, now.sigma
-        s = path.along(self.plane.to_plane(points)[0])[0]
-        limits = [end and float(path.along(self.plane.to_plane(end.point_px[None])[0])[0][0]) for end in ends]
-        kept = np.ones(len(s), bool) if limits[0] is None else s > limits[0]
-        kept &= True if limits[1] is None else s < limits[1]
-        order = np.flatnonzero(kept)[np.argsort(s[kept])]
-        if len(order) < _LEAST_POINTS:
-            return []
-        shadow = darkest_beside(self._cut(path, 0.0, BESIDE), self._core_px)
-        found = BoardLine(points[order], sigma[order], ends, self.bright, self.width_px, shadow)
-        return [(paint.cover, found)]

@@ -54,27 +54,34 @@ def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec:
         return None
     # a square's side by the outline's area in the picture
     window = int(_WINDOW_SQUARES * np.sqrt(inside.sum() / (spec.squares_x * spec.squares_y))) | 1
-    level = _Levels(grey, sharp, inside.astype(np.float32), window)
-    blur = minimize_scalar(level.misfit, bounds=(0.2, 4.0), method="bounded", options={"xatol": 0.05})
-    pattern = _blurred(sharp, float(blur.x))
-    weight = level.weight
+    on_board = inside.astype(np.float32)
+
+    def misfit(sigma_px: float) -> float:
+        """Mean absolute residual over the board."""
+        blurred = cv2.GaussianBlur(sharp, (0, 0), sigma_px)
+        black, contrast = _fit_levels(grey, blurred, on_board, window)
+        return float((on_board * np.abs(grey - black - contrast * blurred)).sum() / on_board.sum())
+
+    blur_px = float(minimize_scalar(misfit, bounds=(0.2, 4.0), method="bounded", options={"xatol": 0.05}).x)
+    pattern = cv2.GaussianBlur(sharp, (0, 0), blur_px)
+    weight = on_board
     for _ in range(2):
         black, contrast = _fit_levels(grey, pattern, weight, window)
         residual = np.abs(grey - black - contrast * pattern)
         spread = mad_std(residual[inside]) + 0.3
-        weight = level.weight * (residual < _COVERED * spread)
+        weight = on_board * (residual < _COVERED * spread)
     if float(np.median(contrast[inside])) < _LEAST_CONTRAST:
         return None
     seen = (grey - black) / np.maximum(contrast, _LEAST_CONTRAST / 2)
     slope = np.hypot(*(cv2.Sobel(pattern, cv2.CV_32F, 1 - i, i, ksize=3, scale=0.125) for i in (0, 1)))
     noise = _noise(seen, pattern, slope, inside)
-    return BoardPicture(seen, np.where(inside, pattern, np.nan).astype(np.float32), slope, noise, float(blur.x))
+    return BoardPicture(seen, np.where(inside, pattern, np.nan).astype(np.float32), slope, noise, blur_px)
 
 
 def pattern_texture(spec: BoardSpec, texels: int = _TEXELS) -> np.ndarray:
     """(squares_y·texels, squares_x·texels) float32: 1 white, 0 black."""
     board = opencv_board(spec)
-    modules = int(spec.dictionary[len("DICT_")]) + 2
+    modules = spec.modules
     tile = (np.arange(texels) + 0.5) / texels * spec.square_m
     place = np.floor((tile - (spec.square_m - spec.marker_m) / 2) / spec.marker_m * modules).astype(int)
     on_marker = (place >= 0) & (place < modules)
@@ -106,26 +113,6 @@ def _warped(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> tuple[np.n
     limit = 30000.0
     fine = cv2.remap(texture, np.clip(texels, -limit, limit), np.empty(0), cv2.INTER_LINEAR, borderValue=1.0)
     return cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA), inside
-
-
-def _blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
-    return cv2.GaussianBlur(image, (0, 0), sigma_px)
-
-
-@dataclass(frozen=True, eq=False)
-class _Levels:
-    """The misfit of the picture for a blur."""
-
-    grey: np.ndarray
-    sharp: np.ndarray
-    weight: np.ndarray
-    window: int
-
-    def misfit(self, sigma_px: float) -> float:
-        """Mean absolute residual over the board."""
-        pattern = _blurred(self.sharp, sigma_px)
-        black, contrast = _fit_levels(self.grey, pattern, self.weight, self.window)
-        return float((self.weight * np.abs(self.grey - black - contrast * pattern)).sum() / self.weight.sum())
 
 
 def _fit_levels(

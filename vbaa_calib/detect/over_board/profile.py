@@ -1,8 +1,8 @@
-"""The shadow that an antenna throws on the board beside it."""
+"""Profiles across a line in front of a board: the fit of its centre and cover, its paint, the shadow beside it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -28,9 +28,8 @@ class Profiles:
     axis : the pixel coordinate along the profiles: 1 (v) where the guide runs sideways, 0 (u) where upward.
     stretch : (N,) length along the profile per length across the line, at most about √2.
     across : (N, T) place along the profile from the guide, px.
-    seen : (N, T) picture. behind : (N, T) what is behind the line, as far as it is known.
-    slope : (N, T) how steep the pattern is there, 1/px.
-    noise : (N, T) standard deviation of `seen - behind` beside the line; inf outside the picture.
+    seen, behind : (N, T) picture, and what is behind the line, as far as it is known.
+    slope, noise : (N, T) the pattern's, 1/px; standard deviation of `seen - behind`, inf outside the picture.
     """
 
     crossing_px: np.ndarray
@@ -60,13 +59,9 @@ class Paint:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Lines fitted to N profiles.
+    """Lines fitted to N profiles: centre along the profile from the guide, px; cover over the expected one (amplitude).
 
-    Attributes
-    ----------
-    centre : (N,) along the profile from the guide, px. centre_std : (N,).
-    amplitude : (N,) cover over the expected one. amplitude_std : (N,).
-    chi : (N,) root mean square of the residuals over their noise.
+    chi : root mean square of the residuals over their noise. All (N,).
     """
 
     centre: np.ndarray
@@ -90,62 +85,66 @@ def profiles(picture: BoardPicture, guide_px: np.ndarray, core_px: float) -> Pro
     slope = np.gradient(cross) if len(cross) > 1 else np.zeros(1)
     half = int(np.ceil(2.0 * core_px + 4.0))
     place = np.round(cross)[:, None] + np.arange(-half, half + 1)
-    where = np.stack(np.broadcast_arrays(columns[:, None], place)[:: 1 if axis == 1 else -1], axis=-1).astype(int)
-    height, width = picture.seen.shape
-    inside = (where >= 0).all(axis=-1) & (where[..., 0] < width) & (where[..., 1] < height)
-    u, v = np.clip(where[..., 0], 0, width - 1), np.clip(where[..., 1], 0, height - 1)
+    where = np.stack(np.broadcast_arrays(columns[:, None], place)[:: 1 if axis == 1 else -1]).astype(int)
+    size = np.array(picture.seen.shape[::-1])[:, None, None]
+    inside = ((where >= 0) & (where < size)).all(axis=0)
+    u, v = np.clip(where, 0, size - 1)
     across = place - cross[:, None]
     grey, known, noise, edge = (
         values[v, u].astype(float) for values in (picture.seen, picture.pattern, picture.noise, picture.slope)
     )
     edge = np.where(np.isnan(known), 0.0, edge)
-    behind, grain = _with_flanks(grey, known, inside, across, noise, core_px)
+    behind, grain = _with_flanks(grey, known, inside & (np.abs(across) > core_px), across, noise)
     crossing = np.stack([columns, cross][:: 1 if axis == 1 else -1], axis=1)
     grain = np.where(inside & np.isfinite(behind), grain, np.inf)
     return Profiles(crossing, axis, np.sqrt(1.0 + slope**2), across, grey, behind, edge, grain)
 
 
 def _with_flanks(
-    grey: np.ndarray, known: np.ndarray, inside: np.ndarray, across: np.ndarray, noise: np.ndarray, core_px: float
+    grey: np.ndarray, known: np.ndarray, beside: np.ndarray, across: np.ndarray, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """`known` (N, T) with NaN replaced by a straight line through the same profile's flanks, and the noise there."""
     off_board = np.isnan(known)
-    flank = inside & off_board & (np.abs(across) > core_px)
-    weight = flank.astype(float)
-    total = weight.sum(axis=1)
-    sides = [flank & (across < 0), flank & (across > 0)]
-    left, right = ((side * grey).sum(axis=1) / np.maximum(side.sum(axis=1), 1) for side in sides)
-    enough = np.min([side.sum(axis=1) for side in sides], axis=0) >= _LEAST_FLANK
-    safe = np.maximum(total, 1.0)[:, None]
-    middle, mean = ((weight * values).sum(axis=1, keepdims=True) / safe for values in (across, grey))
+    weight = (beside & off_board).astype(float)
+    sides = [weight * (across < 0), weight * (across > 0)]
+    counts = [side.sum(axis=1) for side in sides]
+    left, right = ((side * grey).sum(axis=1) / np.maximum(n, 1) for side, n in zip(sides, counts, strict=True))
+    total = weight.sum(axis=1, keepdims=True)
+    middle, mean = ((weight * values).sum(axis=1, keepdims=True) / np.maximum(total, 1.0) for values in (across, grey))
     spread = (weight * (across - middle) ** 2).sum(axis=1, keepdims=True)
     slope = (weight * (across - middle) * (grey - mean)).sum(axis=1, keepdims=True) / np.maximum(spread, 1.0)
     line = mean + slope * (across - middle)
-    grain = np.sqrt((weight * (grey - line) ** 2).sum(axis=1, keepdims=True) / np.maximum(total - 2, 1.0)[:, None])
+    grain = np.sqrt((weight * (grey - line) ** 2).sum(axis=1, keepdims=True) / np.maximum(total - 2, 1.0))
     # an edge of the sheet between the flanks is no straight slope of light
     doubt = np.hypot(grain + _LEAST_GRAIN, (left - right)[:, None])
-    usable = off_board & enough[:, None]
-    return np.where(off_board, np.where(usable, line, np.nan), known), np.where(off_board, doubt, noise)
+    enough = (np.min(counts, axis=0) >= _LEAST_FLANK)[:, None]
+    return np.where(off_board, np.where(enough, line, np.nan), known), np.where(off_board, doubt, noise)
 
 
-def fit(cut: Profiles, paint: Paint, start: np.ndarray, steps: int = _GAUSS_NEWTON, wary: bool = False) -> Fitted:
+def fit(
+    cut: Profiles, paint: Paint, start: float | np.ndarray = 0.0, steps: int = _GAUSS_NEWTON, wary: bool = False
+) -> Fitted:
     """Weighted Gauss–Newton for the line's centre and cover in a light of its own and its slope, all profiles at once.
 
-    The line hides what is behind it: at each pixel it adds its cover times (its brightness − what is behind). A wary
-    fit trusts pixels less where the line runs over an edge of the pattern.
+    The line hides what is behind it: at each pixel it adds its cover times (its brightness − what is behind).
 
-    start : (P,) px where each profile's line is looked for, across.
+    start : (N,) px from the guide, where each line is looked for. wary : trust pixels less where the guide runs over
+        an edge of the pattern: the picture shows the blur of what the line leaves of the edge, the model the line's
+        blur times the edge's.
     """
-    doubt = _at_edges(cut, paint, start) if wary else 0.0
-    weight = 1.0 / (cut.noise**2 + doubt**2)
+    width = paint.scale_px * cut.stretch[:, None]
+    variance = cut.noise**2
+    if wary:
+        near = np.exp(-0.5 * (cut.across / (_EDGE_REACH * width)) ** 2)
+        variance = variance + (_EDGE_DOUBT_PX * paint.cover * cut.slope * near) ** 2
+    weight = 1.0 / variance
     usable = weight > 0
     behind = np.where(usable, np.nan_to_num(cut.behind), 0.0)
     change = np.where(usable, cut.seen - behind, 0.0)
     against = paint.cover * (paint.brightness - behind)
     light = behind + _BLACK
-    width = paint.scale_px * cut.stretch[:, None]
     reach = np.abs(cut.across).max()
-    centre = start.copy()
+    centre = np.zeros(len(cut.stretch)) + start
     for _ in range(max(steps, 1)):
         t = (cut.across - centre[:, None]) / width
         line = np.exp(-0.5 * t**2) * against
@@ -161,45 +160,29 @@ def fit(cut: Profiles, paint: Paint, start: np.ndarray, steps: int = _GAUSS_NEWT
     residual = np.where(usable, change - (basis @ found[..., None])[..., 0], 0.0) * np.sqrt(weight)
     freedom = np.maximum(usable.sum(axis=1) - 4, 1)
     std = np.sqrt(np.clip(np.diagonal(inverse, axis1=1, axis2=2), 0.0, None))
-    return Fitted(
-        centre,
-        std[:, 3] / np.abs(amplitude),
-        found[:, 2],
-        std[:, 2],
-        np.sqrt((residual**2).sum(axis=1) / freedom),
-    )
-
-
-def _at_edges(cut: Profiles, paint: Paint, centre: np.ndarray) -> np.ndarray:
-    """(N, T) how wrong the model may be where the line runs over an edge of the pattern.
-
-    The picture shows the blur of what the line leaves of the edge, the model the line's blur times the edge's.
-    """
-    reach = np.exp(-0.5 * ((cut.across - centre[:, None]) / (_EDGE_REACH * paint.scale_px * cut.stretch[:, None])) ** 2)
-    return _EDGE_DOUBT_PX * paint.cover * cut.slope * reach
+    chi = np.sqrt((residual**2).sum(axis=1) / freedom)
+    return Fitted(centre, std[:, 3] / np.abs(amplitude), found[:, 2], std[:, 2], chi)
 
 
 def presence(cut: Profiles, paint: Paint) -> tuple[np.ndarray, np.ndarray]:
     """How much of the line is there on the guide itself, (N,): about 1 where it is, 0 where not; and its std (N,)."""
-    there = fit(cut, paint, np.zeros(len(cut.stretch)), steps=0)
+    there = fit(cut, paint, steps=0)
     return there.amplitude, there.amplitude_std * np.maximum(there.chi, 1.0)
 
 
 def rough_centres(cut: Profiles, paint: Paint) -> np.ndarray:
     """(N,) where along each profile the line fits best, to half a pixel, within a few pixels of the guide."""
     candidates = np.arange(-_CAPTURE_PX, _CAPTURE_PX + 0.1, 0.5)
-    gain = []
-    for place in candidates:
-        tried = fit(cut, paint, np.full(len(cut.stretch), place), steps=0)
-        gain.append(np.where(tried.amplitude > 0, tried.amplitude / np.maximum(tried.amplitude_std, 1e-9), 0.0))
+    tried = [fit(cut, paint, place, steps=0) for place in candidates]
+    gain = [np.where(one.amplitude > 0, one.amplitude / np.maximum(one.amplitude_std, 1e-9), 0.0) for one in tried]
     return candidates[np.argmax(gain, axis=0)]
 
 
-def fit_paint(cut: Profiles, centre: np.ndarray, paint: Paint) -> Paint:
-    """The line's brightness and cover from all profiles together, given where it is (P,) px; then its width."""
+def fit_paint(cut: Profiles, paint: Paint) -> Paint:
+    """The brightness and cover of the line on the guide from all profiles together; then its width."""
     usable = np.isfinite(cut.noise)
     behind = np.where(usable, np.nan_to_num(cut.behind), 0.0)
-    shape = np.exp(-0.5 * ((cut.across - centre[:, None]) / (paint.scale_px * cut.stretch[:, None])) ** 2)
+    shape = np.exp(-0.5 * (cut.across / (paint.scale_px * cut.stretch[:, None])) ** 2)
     near = usable & (shape > 0.1)
     basis = np.stack([shape[near], -(shape * behind)[near]], axis=1) / cut.noise[near][:, None]
     change = (cut.seen - behind)[near] / cut.noise[near]
@@ -210,17 +193,15 @@ def fit_paint(cut: Profiles, centre: np.ndarray, paint: Paint) -> Paint:
         weight = np.sqrt(np.minimum(1.0, 2.0 * float(np.median(residual)) / np.maximum(residual, 1e-9)))
     cover = float(found[1])
     brightness = float(found[0]) / cover if cover > 1e-3 else paint.brightness
-    coloured = Paint(brightness, cover, paint.scale_px)
     if cover < 1e-3:
-        return coloured
+        return Paint(brightness, cover, paint.scale_px)
 
     def misfit(scale: float) -> float:
-        return float(np.median(fit(cut, replace(coloured, scale_px=scale), centre, steps=2).chi))
+        return float(np.median(fit(cut, Paint(brightness, cover, scale), steps=2).chi))
 
-    best = minimize_scalar(
-        misfit, bounds=(0.5 * paint.scale_px, 2.0 * paint.scale_px), method="bounded", options={"xatol": 0.02}
-    )
-    return replace(coloured, scale_px=float(best.x))
+    bounds = 0.5 * paint.scale_px, 2.0 * paint.scale_px
+    best = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 0.02})
+    return Paint(brightness, cover, float(best.x))
 
 
 BESIDE = 2.5
@@ -235,14 +216,13 @@ def darkest_beside(cut: Profiles, core_px: float) -> float:
     The middle one of a few stretches: the shadow of a sagging antenna is not parallel to it. `core_px` is how far the
     line itself reaches to either side.
     """
-    known = np.isfinite(cut.noise) & (cut.slope < _FLAT) & (cut.behind > _WHITE) & (np.abs(cut.across) > core_px)
-    column = np.round(cut.across).astype(int)
+    white = np.isfinite(cut.noise) & (cut.slope < _FLAT) & (cut.behind > _WHITE) & (np.abs(cut.across) > core_px)
+    parts = (np.array_split(values, _STRETCHES) for values in (white, np.round(cut.across), cut.behind - cut.seen))
     depths = []
-    for stretch in np.array_split(np.arange(len(cut.stretch)), _STRETCHES):
-        white = known[stretch]
-        place, dimmed = column[stretch][white], (cut.behind - cut.seen)[stretch][white]
-        if len(place):
-            count = np.bincount(place - place.min())
-            means = np.bincount(place - place.min(), dimmed) / np.maximum(count, 1)
+    for chosen, place, dimmed in zip(*parts, strict=True):
+        if chosen.any():
+            column = (place[chosen] - place[chosen].min()).astype(int)
+            count = np.bincount(column)
+            means = np.bincount(column, dimmed[chosen]) / np.maximum(count, 1)
             depths.append(float(means[count >= _LEAST_WHITE].max(initial=0.0)))
     return float(np.median(depths)) if depths else 0.0

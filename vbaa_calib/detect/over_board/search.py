@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.polynomial.polynomial import polyval
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
@@ -37,12 +39,12 @@ class PlaneAbove:
     def to_plane(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (N, 2) m of pixels (N, 2), and validity (N,)."""
         rays, valid = self.camera.unproject(pixels)
+        rays = np.where(valid[:, None], rays, 0.0)
         rotation, shift = self.T_camera_board.rotation, self.T_camera_board.translation_m
-        away = np.where(valid[:, None], rays, 0.0) @ rotation[:, 2]
+        away = rays @ rotation[:, 2]
         valid = valid & (away > 1e-6)
         reach = (rotation[:, 2] @ shift - self.height_m) / np.where(valid, away, 1.0)
-        points = (np.where(valid[:, None], rays, 0.0) * reach[:, None] - shift) @ rotation
-        return points[:, :2], valid & (reach > 0)
+        return ((rays * reach[:, None] - shift) @ rotation)[:, :2], valid & (reach > 0)
 
     def to_pixels(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (N, 2) of coordinates (N, 2) m, and validity (N,)."""
@@ -51,14 +53,13 @@ class PlaneAbove:
 
     def metres_per_pixel(self) -> float:
         """At the board frame's origin, seen squarely."""
-        return float(
-            np.linalg.norm(self.T_camera_board.translation_m) / np.sqrt(np.prod(np.diag(self.camera.matrix)[:2]))
-        )
+        focal_px = np.sqrt(np.prod(np.diag(self.camera.matrix)[:2]))
+        return float(np.linalg.norm(self.T_camera_board.translation_m) / focal_px)
 
 
 @dataclass(frozen=True, eq=False)
 class PlanePath:
-    """A bent line on the plane: origin + s·direction + (c0 + c1·s + c2·s²)·normal, from s = start to end, m."""
+    """A bent line on the plane: origin + s·direction + (c0 + c1·s + …)·normal, from s = start to end, m."""
 
     origin: np.ndarray
     direction: np.ndarray
@@ -66,25 +67,26 @@ class PlanePath:
     start: float
     end: float
 
+    @property
+    def normal(self) -> np.ndarray:
+        """(2,) across the direction."""
+        return np.array([-self.direction[1], self.direction[0]])
+
     def along(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinate s (N,) and distance (N,) of points (N, 2) from the path, m."""
         offset = points_m - self.origin
         s = offset @ self.direction
-        aside = offset @ np.array([-self.direction[1], self.direction[0]])
-        return s, aside - np.polynomial.polynomial.polyval(s, self.coefficients)
+        return s, offset @ self.normal - polyval(s, self.coefficients)
 
     def points(self, s: np.ndarray) -> np.ndarray:
         """(N, 2) points at s (N,)."""
-        aside = np.polynomial.polynomial.polyval(s, self.coefficients)
-        return self.origin + s[:, None] * self.direction + aside[:, None] * [-self.direction[1], self.direction[0]]
+        aside = polyval(s, self.coefficients)
+        return self.origin + s[:, None] * self.direction + aside[:, None] * self.normal
 
     def fitted(self, points_m: np.ndarray, weights: np.ndarray, degree: int = 2) -> PlanePath:
         """The path through points (N, 2) with weights (N,) on their squares."""
-        s, _ = self.along(points_m)
-        aside = (points_m - self.origin) @ np.array([-self.direction[1], self.direction[0]])
-        found = np.polynomial.Polynomial.fit(s, aside, degree, w=np.sqrt(weights)).convert().coef
-        coefficients = np.zeros(3)
-        coefficients[: len(found)] = found
+        s, aside = (points_m - self.origin) @ self.direction, (points_m - self.origin) @ self.normal
+        coefficients = Polynomial.fit(s, aside, degree, w=np.sqrt(weights)).convert().coef
         return PlanePath(self.origin, self.direction, coefficients, float(s.min()), float(s.max()))
 
 
@@ -139,7 +141,7 @@ def _strongest_line(points: np.ndarray, strength: np.ndarray, width: float) -> P
         if votes.max() > best:
             best, chosen = float(votes.max()), (float(angle), int(votes.argmax()) - reach)
     direction = np.array([np.cos(chosen[0]), np.sin(chosen[0])])
-    return PlanePath(middle, direction, np.array([chosen[1] * width, 0.0, 0.0]), 0.0, 0.0)
+    return PlanePath(middle, direction, np.array([chosen[1] * width]), 0.0, 0.0)
 
 
 def _covered(

@@ -39,12 +39,11 @@ class Sheet:
 
 def print_sheet(spec: BoardSpec) -> Sheet:
     """Draw the board so finely, and at such a scale, that squares, markers and their bits begin at whole texels."""
-    bits = int(spec.dictionary[len("DICT_")]) + 2
     ratio = spec.marker_m / spec.square_m
 
     def misfit(texels: int) -> float:
-        module, gap = texels * ratio / bits, texels * (1 - ratio) / 2
-        return abs(module - round(module)) * bits + abs(gap - round(gap))
+        module, gap = texels * ratio / spec.modules, texels * (1 - ratio) / 2
+        return abs(module - round(module)) * spec.modules + abs(gap - round(gap))
 
     square = min(range(72, 132, 2), key=lambda texels: (round(misfit(texels), 6), abs(texels - 90)))
     margin = round(MARGIN_SQUARES * square)
