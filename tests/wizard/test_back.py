@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.asking import RetractedAnswers
+from vbaa_calib.wizard.asking import keep_answer, take_back
 from vbaa_calib.wizard.sources import Picture
 from vbaa_calib.wizard.state.catalogue import QUESTIONS
 from vbaa_calib.wizard.state.questions import Question
 from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
-from vbaa_calib.wizard.ui.base import Interrupted, Ui
+from vbaa_calib.wizard.ui.base import Interrupted, Ui, View
 
 from .small_session import answers, tiny_source, unseen_steps
 
@@ -26,13 +26,9 @@ BACK, QUIT, ENTER = "!back", "!quit", object()
 class Typist(Ui):
     """Answers what is asked as its script has it: (key, answer or command), or (pictures to wait for, command)."""
 
-    interactive = True
-
     def __init__(self, script: Sequence[tuple[str | int, Any]], store: Store) -> None:
-        self.script, self.store, self.step, self.offered = list(script), store, "", dict[str, Any]()
-
-    def begin(self, step: flow.Step) -> None:
-        self.step = step.name
+        super().__init__(View(), interactive=True)
+        self.script, self.store, self.offered = list(script), store, dict[str, Any]()
 
     def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
         if not self.script:
@@ -50,7 +46,7 @@ class Typist(Ui):
         wanted, command = self.script[0]
         if isinstance(wanted, str):
             raise AssertionError(f"{wanted} is not asked")
-        if len(self.store.journal.of(self.step).taken) < wanted:
+        if len(self.store.journal.of(self.step.name if self.step else "").taken) < wanted:
             return []
         self.script.pop(0)
         return [command[1:]]
@@ -131,10 +127,9 @@ def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> N
     with Store(tmp_path / "session") as store:
         store.answer(given)
         store.refuse("noload", Picture("a.png", np.zeros((1, 1), np.uint8), ".png", b"a"), "no antenna is seen")
-        earlier = RetractedAnswers()
-        assert earlier.take_back(store, "noload")
-        earlier.answer(store, "youngs_modulus_GPa", 193.0)
+        assert take_back(store, "noload")
+        keep_answer(store, "youngs_modulus_GPa", 193.0)
         assert [one.source for one in store.journal.of("noload").left] == ["a.png"]
-        assert earlier.take_back(store, "noload")
-        earlier.answer(store, "youngs_modulus_GPa", 210.0)
+        assert take_back(store, "noload")
+        keep_answer(store, "youngs_modulus_GPa", 210.0)
         assert not store.journal.of("noload").left

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from targets.sheet import spec_document
 from vbaa_calib.wizard.capture import Capture
 from vbaa_calib.wizard.flow import STEP_BY_NAME
-from vbaa_calib.wizard.sources import Picture
 from vbaa_calib.wizard.state.journal import StepRecord
 from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
 from vbaa_calib.wizard.steps import lens
-from vbaa_calib.wizard.steps.step import Progress, Step
-from vbaa_calib.wizard.ui.base import LiveView, Ui
+from vbaa_calib.wizard.steps.step import Progress
+from vbaa_calib.wizard.ui.base import LivePicture, Ui, View
 from vbaa_calib.wizard.ui.page import Page
 
 from .obedient_camera import RIG, ObedientCamera
@@ -28,27 +26,15 @@ from .obedient_camera import RIG, ObedientCamera
 MOST_FRAMES = 150
 
 
-@dataclass
-class Watching(Ui):
-    """Nobody to answer; all that is shown is kept."""
+class Watching(View):
+    """Keeps the live pictures."""
 
-    lives: list[LiveView] = field(default_factory=list)
-    shown: list[Progress] = field(default_factory=list)
-    said: list[str] = field(default_factory=list)
-    page: Page | None = None
+    def __init__(self) -> None:
+        self.lives: list[LivePicture] = []
 
-    def live(self, view: LiveView) -> None:
-        self.lives.append(view)
-        if self.page is not None:
-            self.page.live(view)
-
-    def show(self, step: Step, progress: Progress) -> None:
-        self.shown.append(progress)
-        if self.page is not None:
-            self.page.show(step, progress)
-
-    def say(self, line: str) -> None:
-        self.said.append(line)
+    def update(self, ui: Ui, change: str) -> None:
+        if change == "live" and ui.picture is not None:
+            self.lives.append(ui.picture)
 
 
 @contextmanager
@@ -79,53 +65,28 @@ class Seen:
     """What a run of the lens' step came to."""
 
     end: str
-    ui: Watching
+    lives: list[LivePicture]
     record: StepRecord
     last: Progress
-    pixels: list[np.ndarray]
-
-
-class Filming:
-    """The same source, its frames kept."""
-
-    live = True
-
-    def __init__(self, camera: ObedientCamera) -> None:
-        self._camera, self.name, self.notes = camera, camera.name, camera.notes
-        self.pixels: list[np.ndarray] = []
-
-    @property
-    def ended(self) -> bool:
-        return self._camera.ended
-
-    def next(self, timeout_s: float) -> Picture | None:
-        offered = self._camera.next(timeout_s)
-        if offered is not None:
-            self.pixels.append(offered.image)
-        return offered
-
-    def close(self) -> None:
-        self._camera.close()
 
 
 @pytest.fixture(scope="module")
 def obeyed(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     """The lens by an obedient camera, the page looking on."""
     with rig(tmp_path_factory.mktemp("obeyed")) as state:
-        page = Page(state, {name: step.title for name, step in STEP_BY_NAME.items()})
+        watching = Watching()
+        ui = Ui(watching, Page(state, {name: step.title for name, step in STEP_BY_NAME.items()}))
         try:
-            page.begin(lens.STEP)
-            ui = Watching(page=page)
-            film = Filming(ObedientCamera(lambda: lens.guidance(state), MOST_FRAMES))
-            end = Capture(state, ui, lens.STEP, film).run()
-            return Seen(end, ui, state.store.journal.of("lens"), lens.STEP.progress(state), film.pixels)
+            ui.begin(lens.STEP)
+            end = Capture(state, ui, lens.STEP, ObedientCamera(lambda: lens.guidance(state), MOST_FRAMES)).run()
+            return Seen(end, watching.lives, state.store.journal.of("lens"), lens.STEP.progress(state))
         finally:
-            page.close()
+            ui.close()
 
 
 def test_obeying_and_holding_still_is_enough(obeyed: Seen) -> None:
     assert (obeyed.end, obeyed.record.closed) == ("closed", "enough")
-    assert len(obeyed.pixels) < MOST_FRAMES
+    assert len(obeyed.lives) < MOST_FRAMES
     assert 8 <= len(obeyed.record.taken) <= 12
     assert obeyed.last.enough
     assert obeyed.last.numbers[0].met
@@ -133,11 +94,11 @@ def test_obeying_and_holding_still_is_enough(obeyed: Seen) -> None:
 
 
 def test_only_frames_that_are_held_still_are_taken(obeyed: Seen) -> None:
-    by_name = {f"frame {index}": live for index, live in enumerate(obeyed.ui.lives)}
+    by_name = {f"frame {index}": live for index, live in enumerate(obeyed.lives)}
     for one in obeyed.record.taken:
         live = by_name[one.source]
         assert live.held == 1.0
         assert not live.check.refusal
-    moving = [live for live in obeyed.ui.lives if live.words.startswith("moving")]
+    moving = [live for live in obeyed.lives if live.words.startswith("moving")]
     assert len(moving) >= 2 * len(obeyed.record.taken)
     assert {hint.name for live in moving for hint in live.check.hints} & {"motion_blur", "out_of_focus"}

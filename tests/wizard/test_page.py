@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
 from vbaa_calib.wizard.steps import board, lens
 from vbaa_calib.wizard.steps.step import PictureCheck
-from vbaa_calib.wizard.ui.base import LiveView
+from vbaa_calib.wizard.ui.base import LivePicture, Ui, View
 from vbaa_calib.wizard.ui.page import Page
 from vbaa_calib.wizard.ui.server import PageCommand
 
@@ -48,20 +49,36 @@ class Shown:
         return taken
 
 
+@dataclass
+class Dialogue:
+    """A page with the wizard's side of it, the server that it shows itself on, and the session."""
+
+    ui: Ui
+    page: Page
+    shown: Shown
+    store: Store
+
+    def clicked(self, *commands: PageCommand) -> list[tuple[str, Any]]:
+        """What arrives of these."""
+        self.shown.commands = list(commands)
+        return list(self.page.events(self.ui))
+
+    def asked(self, question: Question, problem: str = "") -> int:
+        """Ask without waiting; the number of what the page shows then."""
+        self.ui.question, self.ui.words, self.ui.problem = question, question.words, problem
+        self.page.update(self.ui, "question")
+        return self.shown.number
+
+
 @pytest.fixture
-def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Page, Shown, Store]]:
+def led(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Dialogue]:
     monkeypatch.setattr("vbaa_calib.wizard.ui.page.PageServer", Shown)
     monkeypatch.setattr(SessionState, "lens_corners", lambda _: np.array([[5.0, 5.0]]))
     with Store(tmp_path / "rig") as store:
-        made = Page(SessionState(store), {name: step.title for name, step in STEP_BY_NAME.items()})
-        shown = made._server
+        page = Page(SessionState(store), {name: step.title for name, step in STEP_BY_NAME.items()})
+        shown = page._server
         assert isinstance(shown, Shown)
-        yield made, shown, store
-
-
-def live(check: PictureCheck) -> LiveView:
-    """A small live picture."""
-    return LiveView(np.full((90, 160), 100, np.uint8), check, 0.5)
+        yield Dialogue(Ui(page, interactive=True), page, shown, store)
 
 
 def taken(store: Store) -> None:
@@ -69,49 +86,65 @@ def taken(store: Store) -> None:
     store.take("lens", frame_picture("frame 1", np.zeros((4, 4), np.uint8), 0.0), {})
 
 
-def test_only_what_can_be_done_is_offered(page: tuple[Page, Shown, Store]) -> None:
-    made, shown, store = page
-    made.begin(board.STEP)
-    assert shown.state["can"] == ["redo", "quit"]
-    made.begin(lens.STEP)
-    assert shown.state["can"] == ["redo", "back", "quit"]
-    taken(store)
-    made.live(live(PictureCheck()))
-    assert shown.state["can"] == ["take", "redo", "enough", "drop", "back", "quit"]
-    made.ask(GO_ON, "Go on?", "")
-    assert "take" not in shown.state["can"]
-    assert shown.state["question"]["default"] is True
-    made.done({"verdict": "holds", "words": "The rig holds."}, "check.html")
-    assert shown.state["can"] == ["quit"]
-    assert shown.state["verdict"] == {"level": "holds", "words": "The rig holds."}
-    assert {step["status"] for step in shown.state["steps"]} == {"done"}
+def test_only_what_can_be_done_is_offered(led: Dialogue) -> None:
+    led.ui.begin(board.STEP)
+    assert led.shown.state["can"] == ["redo", "quit"]
+    led.ui.begin(lens.STEP)
+    assert led.shown.state["can"] == ["redo", "back", "quit"]
+    taken(led.store)
+    led.ui.live(LivePicture(np.full((90, 160), 100, np.uint8), PictureCheck(), 0.5))
+    assert led.shown.state["can"] == ["take", "redo", "enough", "drop", "back", "quit"]
+    led.asked(GO_ON)
+    assert "take" not in led.shown.state["can"]
+    assert led.shown.state["question"]["default"] is True
+    led.ui.done({"verdict": "holds", "words": "The rig holds."}, "check.html")
+    assert led.shown.state["can"] == ["quit"]
+    assert led.shown.state["verdict"] == {"level": "holds", "words": "The rig holds."}
+    assert {step["status"] for step in led.shown.state["steps"]} == {"done"}
 
 
-def test_a_second_click_before_the_first_was_seen_does_nothing(page: tuple[Page, Shown, Store]) -> None:
-    made, shown, store = page
-    made.begin(lens.STEP)
-    taken(store)
-    made.log("took one")
-    seen = shown.number
-    shown.commands = [PageCommand(kind=kind, seen=seen) for kind in ("drop", "drop", "quit")]
-    assert made.take_commands() == [("drop", None), ("quit", None)]
-    made.log("dropped")
-    shown.commands = [PageCommand(kind="drop", seen=shown.number)]
-    assert made.take_commands() == [("drop", None)]
+def test_a_second_click_before_the_first_was_seen_does_nothing(led: Dialogue) -> None:
+    led.ui.begin(lens.STEP)
+    taken(led.store)
+    led.ui.say("took one")
+    seen = led.shown.number
+    commands = [PageCommand(kind=kind, seen=seen) for kind in ("drop", "drop", "quit")]
+    assert led.clicked(*commands) == [("drop", None), ("quit", None)]
+    led.ui.say("dropped")
+    assert led.clicked(PageCommand(kind="drop", seen=led.shown.number)) == [("drop", None)]
 
 
-def test_an_answer_is_for_the_question_that_was_seen(page: tuple[Page, Shown, Store]) -> None:
-    made, shown, _ = page
+def test_an_answer_is_for_the_question_that_was_seen(led: Dialogue) -> None:
     mass = Question("mass_g", "loads", "Mass?", unit="g")
-    made.ask(mass, "Mass?", "")
-    first = shown.number
-    made.answered()
-    made.ask(mass, "Mass?", "too heavy")
-    assert shown.state["question"]["problem"] == "too heavy"
-    shown.commands = [PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)]
-    assert made.take_commands() == []
-    shown.commands = [PageCommand(kind="answer", value={"mass_g": 6.0}, seen=shown.number)]
-    assert made.take_commands() == [("answer", {"mass_g": 6.0})]
+    first = led.asked(mass)
+    again = led.asked(mass, "too heavy")
+    assert led.shown.state["question"]["problem"] == "too heavy"
+    assert led.clicked(PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)) == []
+    assert led.clicked(PageCommand(kind="answer", value={"pan_deg": 5.0}, seen=again)) == []
+    assert led.clicked(PageCommand(kind="answer", value={"mass_g": 6.0}, seen=again)) == [("answer", 6.0)]
+
+
+class Clicking(View):
+    """Gives each of these answers once it is asked."""
+
+    def __init__(self, *given: object) -> None:
+        self.given, self.problems = list(given), list[str]()
+
+    def update(self, ui: Ui, change: str) -> None:
+        if change == "problem":
+            self.problems.append(ui.problem)
+
+    def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
+        if self.given:
+            yield "answer", self.given.pop(0)
+
+
+def test_the_first_answer_counts_wherever_it_is_given() -> None:
+    """A wrong one is told on every view, and a right one on another is waited for."""
+    silent, clicking = Clicking(), Clicking("heavy", 7)
+    question = Question("mass_g", "loads", "Mass?", unit="g")
+    assert Ui(silent, clicking, interactive=True).ask(question) == 7.0
+    assert silent.problems == clicking.problems != []
 
 
 def address(wizard: PseudoTerminal) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,50 +21,37 @@ from vbaa_calib.wizard.ui.base import Interrupted, Ui
 _JIG = {key for key in BY_KEY if key.startswith("jig_")} | {"board_thickness_mm"}
 
 
-class RetractedAnswers:
-    """Answers that were taken back: the defaults when their questions are asked again."""
+def take_back(store: Store, step: str) -> bool:
+    """Forget the last answer of a step and what rests on it, so that it is asked again; False where there is none.
 
-    def __init__(self) -> None:
-        self._answers: dict[str, Any] = {}
-
-    def take_back(self, store: Store, step: str) -> bool:
-        """Forget the last answer of a step and what rests on it, so that it is asked again; False where there is none.
-
-        The way to plane C stays while it has pictures: they are in that way's folder, and `redo` sets them aside.
-        """
-        answers = store.journal.answers
-        still = open_questions(step, answers)
-        before = QUESTIONS[: QUESTIONS.index(still[0])] if still else QUESTIONS
-        answered = [q.key for q in before if q.step == step and q.key in answers and q.needed(answers)]
-        if not answered or (step == "board" and answers.get("board_given")):
-            return False
-        last = answered[-1]
-        if last == "plane_way" and store.journal.of(step).taken:
-            return False
-        gone = {last}
-        if last in ("board", "paper"):
-            gone |= {key for key in BOARD_ANSWERS if last == "board" or key != "board"}
-        store.forget_answers(gone)
-        self._answers |= {key: value for key, value in answers.items() if key in gone}
-        return True
-
-    def default(self, key: str, default: Any) -> Any:
-        """What was answered before, else the question's own default."""
-        return self._answers.get(key, default)
-
-    def answer(self, store: Store, key: str, value: Any) -> None:
-        """Keep an answer. Where it is another than before, what rested on that one is void."""
-        other = key in self._answers and self._answers[key] != value
-        if other and key in ("board", "paper"):
-            self.void(BOARD_ANSWERS)
-        store.answer({key: value}, other)
-
-    def void(self, keys: Collection[str]) -> None:
-        """Offer these no more."""
-        self._answers = {key: value for key, value in self._answers.items() if key not in keys}
+    It is offered as the default then. The way to plane C stays while it has pictures: they are in that way's folder.
+    """
+    answers = store.journal.answers
+    still = open_questions(step, answers)
+    before = QUESTIONS[: QUESTIONS.index(still[0])] if still else QUESTIONS
+    answered = [q.key for q in before if q.step == step and q.key in answers and q.needed(answers)]
+    if not answered or (step == "board" and answers.get("board_given")):
+        return False
+    last = answered[-1]
+    if last == "plane_way" and store.journal.of(step).taken:
+        return False
+    gone = {last}
+    if last in ("board", "paper"):
+        gone |= {key for key in BOARD_ANSWERS if last == "board" or key != "board"}
+    store.retracted |= {key: value for key, value in answers.items() if key in gone}
+    store.forget_answers(gone)
+    return True
 
 
-def answer_all(state: SessionState, ui: Ui, step: Step, retracted: RetractedAnswers) -> None:
+def keep_answer(store: Store, key: str, value: Any) -> None:
+    """Keep an answer. Where it is another than before, what rested on that one is void."""
+    other = store.retracted.get(key, value) != value
+    if other and key in ("board", "paper"):
+        store.offer_no_more(BOARD_ANSWERS)
+    store.answer({key: value}, other)
+
+
+def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
     """Ask what the step has to ask, and act on it; `back` asks the question before again.
 
     Raises Interrupted for a command that leaves the step, InputError where nobody is there.
@@ -78,19 +65,19 @@ def answer_all(state: SessionState, ui: Ui, step: Step, retracted: RetractedAnsw
         if not questions or (questions[0].key == "source" and not ui.interactive and state.taken(step.name)):
             return
         question = questions[0]
-        question = replace(question, default=retracted.default(question.key, question.default))
+        question = replace(question, default=store.retracted.get(question.key, question.default))
         try:
             value = ui.ask(question, _facts(answers))
         except Interrupted as interrupt:
             kind = interrupt.command
-            if kind in ("redo", "quit") or (kind == "back" and not retracted.take_back(store, step.name)):
+            if kind in ("redo", "quit") or (kind == "back" and not take_back(store, step.name)):
                 raise
             if kind != "back":
                 ui.say(f"{kind} is for pictures, and they come after the questions")
             continue
         if question.key in ("board", "source"):
             value = absolute(Path(), str(value))
-        retracted.answer(store, question.key, value)
+        keep_answer(store, question.key, value)
         _forget_if_inconsistent(store, ui)
 
 

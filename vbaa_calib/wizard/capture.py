@@ -12,7 +12,7 @@ from vbaa_calib.wizard.state.questions import Question
 from vbaa_calib.wizard.state.readings import ReadingsTable, asked, complete, in_si
 from vbaa_calib.wizard.state.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps.step import PictureCheck, Progress, Readings, Step
-from vbaa_calib.wizard.ui.base import Interrupted, LiveView, Ui
+from vbaa_calib.wizard.ui.base import Interrupted, LivePicture, Ui
 
 from .sources import Picture, Source
 from .stillness import ON_A_STAND, StillnessDetector
@@ -185,7 +185,7 @@ class Capture:
         check = self._check(picture, None)
         assert picture.time_s is not None
         stillness = self.detector.feed(picture.image, picture.time_s, check.corners_px, check.ids)
-        self.ui.live(LiveView(picture.image, check, stillness.share, stillness.words))
+        self.ui.live(LivePicture(picture.image, check, stillness.share, stillness.words))
         by_hand, self.by_hand = self.by_hand, False
         if not stillness.take and not by_hand:
             return

@@ -17,7 +17,7 @@ from vbaa_calib.wizard.steps.step import Step
 from vbaa_calib.wizard.ui.base import Interrupted, Ui
 
 from .adopting import set_unlisted_aside
-from .asking import RetractedAnswers, answer_all
+from .asking import answer_all, take_back
 from .capture import GO_ON, Capture, NoMorePictures
 from .sources import Source, SourceLost, open_source
 
@@ -39,7 +39,7 @@ def walk(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
 
     Raises Quit, InputError, SolveError.
     """
-    at, store, retracted = 0, state.store, RetractedAnswers()
+    at, store = 0, state.store
     while True:
         step = STEP_BY_NAME[STEPS[at]]
         is_last = step.name == STEPS[-1]
@@ -51,7 +51,7 @@ def walk(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
             if is_last:
                 return _conclude(state, ui, report)
             _set_results_aside(store, ui)
-            command = _take_step(state, ui, step, retracted)
+            command = _take_step(state, ui, step)
         except Interrupted as interrupt:
             command = interrupt.command
         except VbaaError as error:
@@ -66,17 +66,17 @@ def walk(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
         if command == "quit":
             raise Quit
         if command == "back":
-            at = _step_before(store, ui, at, retracted)
+            at = _step_before(store, ui, at)
         elif command == "redo":
             redo(store, ui, step.name)
-            retracted.void(_ASKED_AGAIN.get(step.name, ()))
+            store.offer_no_more(_ASKED_AGAIN.get(step.name, ()))
 
 
-def _step_before(store: Store, ui: Ui, at: int, retracted: RetractedAnswers) -> int:
+def _step_before(store: Store, ui: Ui, at: int) -> int:
     """The step to go back to, opened again: this one with an answer taken back, else one before it."""
     for index in range(at, -1, -1):
         step = STEP_BY_NAME[STEPS[index]]
-        found = (index < at and step.check is not None) or retracted.take_back(store, step.name)
+        found = (index < at and step.check is not None) or take_back(store, step.name)
         store.close(step.name, "")
         if found:
             return index
@@ -112,9 +112,9 @@ def redo(store: Store, ui: Ui, step: str) -> None:
     ui.say(f"{STEP_BY_NAME[step].title}: starts again" + (f", what it had is in {place}" if place else ""))
 
 
-def _take_step(state: SessionState, ui: Ui, step: Step, retracted: RetractedAnswers) -> str:
+def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
     """One step from its questions to its end: "closed", or a command that leaves it; that may be raised, too."""
-    answer_all(state, ui, step, retracted)
+    answer_all(state, ui, step)
     if step.check is None:
         ui.show(step, step.progress(state))
         state.store.close(step.name, "done")

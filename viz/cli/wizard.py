@@ -122,7 +122,8 @@ def _run(args: argparse.Namespace, store: Store, given: Mapping[str, Any]) -> di
         from vbaa_calib.wizard.ui.terminal import Terminal
 
         page = None if args.no_page else Page(state, titles, args.port)
-        ui, url = Terminal(page), "" if page is None else page.url
+        url = "" if page is None else page.url
+        ui = Ui(Terminal(), *([page] if page else []), interactive=True)
     try:
         ui.greet(_greeting(store, args.session, url, titles))
         adopt(store, ui)
@@ -196,9 +197,8 @@ def _merged(before: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, An
 
 
 def _forget_lost(store: Store, ui: Ui) -> None:
-    lost = store.lost()
+    lost = store.forget_lost()
     if lost:
-        store.forget(lost)
         names = ", ".join(one.file for one in lost[:5]) + (" ..." if len(lost) > 5 else "")
         ui.say(f"{len(lost)} pictures are gone or have changed, the wizard goes on without them: {names}")
 

@@ -44,6 +44,8 @@ class Store:
     def __init__(self, root: Path) -> None:
         self.root = Path(root)
         self.journal = Journal(answers={}, steps={})
+        self.retracted: dict[str, Any] = {}
+        """Answers that were taken back: the defaults when their questions are asked again."""
 
     def __enter__(self) -> Store:
         try:
@@ -51,8 +53,9 @@ class Store:
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or error
             raise InputError(f"cannot be made ({why})", where=self.root, remedy="name another folder") from None
+        remedy = "name a folder that can be written"
         if not os.access(self.root, os.W_OK | os.X_OK):
-            raise InputError("is read-only", where=self.root, remedy="name a folder that can be written")
+            raise InputError("is read-only", where=self.root, remedy=remedy)
         self._lock = FileLock(self.root / LOCK, blocking=False)
         try:
             self._lock.acquire()
@@ -62,15 +65,13 @@ class Store:
         except NotImplementedError:  # no locks there, as on some network drives; the files are whole all the same
             pass
         except OSError as error:
-            what = f"cannot be written ({error.strerror})"
-            raise InputError(what, where=self.root, remedy="name a folder that can be written") from None
-        try:
+            raise InputError(f"cannot be written ({error.strerror})", where=self.root, remedy=remedy) from None
+        with contextlib.ExitStack() as undo:
+            undo.callback(self._lock.release)
             if (self.root / NAME).exists():
                 self.journal = Journal.read(self.root / NAME)
             self._remove_half_written()
-        except BaseException:
-            self._lock.release()
-            raise
+            undo.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -112,11 +113,11 @@ class Store:
 
     def forget_answers(self, keys: Collection[str]) -> None:
         """Drop answers, so that they are asked for again."""
-        self.save(self._without_answers(self.journal, keys))
+        self.save(self.journal.with_answers(_without(self.journal.answers, keys)))
 
-    @staticmethod
-    def _without_answers(journal: Journal, keys: Collection[str]) -> Journal:
-        return journal.with_answers({key: value for key, value in journal.answers.items() if key not in keys})
+    def offer_no_more(self, keys: Collection[str]) -> None:
+        """Drop answers that were taken back, so that they are no defaults."""
+        self.retracted = _without(self.retracted, keys)
 
     def take(self, step: str, picture: Picture, readings: Mapping[str, float]) -> AcceptedPicture:
         """Keep a picture, with what was read with it."""
@@ -162,7 +163,7 @@ class Store:
         What it had is set aside, and the folder comes back; None where it had nothing.
         """
         record, redone = self.journal.of(step), (*self.journal.redone, step)
-        again = self._without_answers(self.journal, forget)
+        again = self.journal.with_answers(_without(self.journal.answers, forget))
         again = again.model_copy(update={"steps": {**again.steps, step: StepRecord()}, "redone": redone})
         place = None
         if record.taken:
@@ -174,19 +175,20 @@ class Store:
                 self.path(taken).rename(place / Path(taken.file).name)
         return place
 
-    def lost(self) -> list[AcceptedPicture]:
-        """Pictures that were taken and are not there any more, or have changed."""
-        every = [one for record in self.journal.steps.values() for one in record.taken]
-        return [one for one in every if not self.path(one).is_file() or sha256(self.path(one)) != one.sha256]
-
-    def forget(self, lost: list[AcceptedPicture]) -> None:
-        """Go on without these pictures."""
-        journal = self.journal
+    def forget_lost(self) -> list[AcceptedPicture]:
+        """Go on without the pictures that are not there any more, or have changed; these."""
+        journal, lost = self.journal, list[AcceptedPicture]()
         for step, record in self.journal.steps.items():
-            kept = tuple(one for one in record.taken if one not in lost)
-            if len(kept) < len(record.taken):
-                journal = journal.with_step(step, taken=kept, closed="")
-        self.save(journal)
+            gone = [one for one in record.taken if not self._is_whole(one)]
+            if gone:
+                kept = tuple(one for one in record.taken if one not in gone)
+                journal, lost = journal.with_step(step, taken=kept, closed=""), lost + gone
+        if lost:
+            self.save(journal)
+        return lost
+
+    def _is_whole(self, taken: AcceptedPicture) -> bool:
+        return self.path(taken).is_file() and sha256(self.path(taken)) == taken.sha256
 
     def unlisted(self) -> list[Path]:
         """Pictures in the steps' folders that the journal does not name, and folders of ways that were not chosen.
@@ -239,3 +241,7 @@ class Store:
             for path in folder.iterdir() if folder.is_dir() else ():
                 if _HALF_WRITTEN.fullmatch(path.name):
                     path.unlink(missing_ok=True)
+
+
+def _without(answers: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
+    return {key: value for key, value in answers.items() if key not in keys}

@@ -1,8 +1,9 @@
-"""Where questions are asked and progress is shown: without a terminal here, with one in `terminal`."""
+"""What the wizard shows and asks now, and the views that show it and bring what is typed or clicked."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.questions import Question, typed
 from vbaa_calib.wizard.steps.step import PictureCheck, Progress, Step
 
 COMMANDS = {
@@ -22,6 +23,7 @@ COMMANDS = {
     "quit": "stop here; run the wizard again to go on",
     "help": "this list",
 }
+_TICK_S = 0.1
 
 
 class Interrupted(Exception):
@@ -33,7 +35,7 @@ class Interrupted(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class LiveView:
+class LivePicture:
     """A live picture: (H, W) uint8, what was found in it, how long it is held still (0..1), and words about that."""
 
     image: np.ndarray
@@ -42,60 +44,126 @@ class LiveView:
     words: str = ""
 
 
-class Ui:
-    """No terminal: answers come from flags and files, progress goes to stderr as lines, nothing ever waits."""
+class View:
+    """Shows a `Ui`. This one, for where nobody is, writes lines to stderr and brings nothing."""
 
-    interactive = False
-    """Whether somebody is there to answer."""
+    def update(self, ui: Ui, change: str) -> None:
+        """Show what has changed: greeting, step, progress, question, problem, answered, doing, live, line, verdict."""
+        match change:
+            case "step":
+                say(ui.step.title if ui.step else "")
+            case "progress":
+                for line in progress_lines(ui.progress):
+                    say(f"  {line}")
+            case "line":
+                say(f"  {ui.lines[-1]}")
+            case "verdict":
+                say(ui.document["words"])
+
+    def events(self, ui: Ui) -> Iterable[tuple[str, Any]]:
+        """("answer", what was given) or (command, None), as typed or clicked since the last call; never waits."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing more is shown or asked."""
+
+
+class Ui:
+    """The wizard's side of the dialogue: what is shown and asked, the same on all views; any of them may answer.
+
+    interactive : whether somebody is there. Else answers come from flags and files, and nothing ever waits.
+    """
+
+    def __init__(self, *views: View, interactive: bool = False) -> None:
+        self.views, self.interactive = views or (View(),), interactive
+        self.greeting: Sequence[str] = ()
+        self.step: Step | None = None
+        self.progress = Progress()
+        self.question: Question | None = None
+        self.words = self.problem = self.doing = self.report = ""
+        self.picture: LivePicture | None = None
+        self.lines: list[str] = []
+        self.document: Mapping[str, Any] = {}
+
+    def _changed(self, change: str, **fields: Any) -> None:
+        vars(self).update(fields)
+        for view in self.views:
+            view.update(self, change)
 
     def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
         """An answer, checked. facts : what the question's words name.
 
         Raises Interrupted for a command, InputError where nobody is there and there is no default.
         """
-        if question.default is not None:
+        words = question.words.format_map(facts or {})
+        if not self.interactive:
+            if question.default is None:
+                remedy = f"give {question.flag}, or {question.key}: in --answers FILE, or run it in a terminal"
+                raise InputError(f"{question.key} is not answered ({words})", remedy=remedy)
             return question.default
-        raise InputError(
-            f"{question.key} is not answered ({question.words.format_map(facts or {})})",
-            remedy=f"give {question.flag}, or {question.key}: in --answers FILE, or run it in a terminal",
-        )
+        self._changed("question", question=question, words=words, doing="")
+        try:
+            while True:
+                try:
+                    return question.read(self._first_answer())
+                except InputError as error:
+                    problem = f"{error.what.removeprefix(f'{question.key} is ')}; {error.remedy}"
+                    self._changed("problem", problem=problem)
+        finally:
+            self._changed("answered", question=None, problem="")
 
-    def greet(self, paragraphs: Sequence[str]) -> None:
-        """The first words."""
-
-    def begin(self, step: Step) -> None:
-        """A step begins."""
-        say(step.title)
-
-    def show(self, step: Step, progress: Progress) -> None:
-        """How far the step is."""
-        for line in progress_lines(progress):
-            self.say(line)
-
-    def working(self, words: str) -> None:
-        """Something takes a while; the next line replaces this one."""
-
-    def live(self, view: LiveView) -> None:
-        """A live picture."""
-
-    def say(self, line: str) -> None:
-        """A line for the log."""
-        say(f"  {line}")
-
-    def wrong(self, line: str) -> None:
-        """Something is wrong, and the next question is about it."""
-        self.say(line)
+    def _first_answer(self) -> object:
+        while True:
+            for view in self.views:
+                for command, given in view.events(self):
+                    if command != "answer":
+                        raise Interrupted(command)
+                    if view is not self.views[0]:
+                        self.say(f"on the page: {typed(given)}")
+                    return given
+            time.sleep(_TICK_S)
 
     def commands(self) -> list[str]:
         """Commands since the last call; does not wait."""
-        return []
+        return [command for view in self.views for command, _ in view.events(self) if command != "answer"]
+
+    def greet(self, paragraphs: Sequence[str]) -> None:
+        """The first words."""
+        self._changed("greeting", greeting=paragraphs)
+
+    def begin(self, step: Step) -> None:
+        """A step begins."""
+        self._changed("step", step=step, progress=Progress(), question=None, picture=None, doing="")
+
+    def show(self, step: Step, progress: Progress) -> None:
+        """How far the step is."""
+        self._changed("progress", step=step, progress=progress, doing="")
+
+    def working(self, words: str) -> None:
+        """Something takes a while."""
+        self._changed("doing", doing=words)
+
+    def live(self, picture: LivePicture) -> None:
+        """A live picture."""
+        self._changed("live", picture=picture)
+
+    def say(self, line: str) -> None:
+        """A line for the log."""
+        self._changed("line", lines=[*self.lines[-59:], line])
+
+    def wrong(self, line: str) -> None:
+        """A line for the log, and beside the next question, which is about it."""
+        self.problem = line
+        self.say(line)
 
     def done(self, document: Mapping[str, Any], report: str) -> None:
         """The end. document : check.json's content. report : its page."""
-        say(document["words"])
+        self._changed("verdict", document=document, report=report, question=None, picture=None)
 
     def close(self) -> None:
         """Nothing more is shown or asked."""
+        for view in self.views:
+            view.close()
 
 
 def progress_lines(progress: Progress) -> list[str]:
@@ -108,6 +176,4 @@ def progress_lines(progress: Progress) -> list[str]:
     for diagnosis in sorted(progress.diagnoses, key=lambda one: not one.grave):
         lines.append(f"{'WRONG' if diagnosis.grave else 'look at':9s} {diagnosis.words}")
         lines.append(f"          → {diagnosis.remedy}")
-    if progress.next:
-        lines.append(f"next      {progress.next}")
-    return lines
+    return [*lines, f"next      {progress.next}"] if progress.next else lines

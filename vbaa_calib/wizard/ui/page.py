@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -10,29 +10,25 @@ import cv2
 import numpy as np
 
 from vbaa_calib.wizard.state.catalogue import STEPS
-from vbaa_calib.wizard.state.questions import Question, typed
+from vbaa_calib.wizard.state.questions import typed
 from vbaa_calib.wizard.state.session_state import SessionState
-from vbaa_calib.wizard.steps.step import Progress, Step, counted
+from vbaa_calib.wizard.steps.step import counted
 
-from .base import LiveView
+from .base import LivePicture, Ui, View
 from .server import PageServer
 
 _COLUMNS, _ROWS = 12, 8
-_LOG_LINES = 60
 _WIDEST_PX = 1280
 _NOT_STILL: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
 
 
-class Page:
-    """What is on the page now. titles : of the steps by name."""
+class Page(View):
+    """The view in a browser. titles : of the steps by name."""
 
     def __init__(self, state: SessionState, titles: Mapping[str, str], port: int = 0) -> None:
         self._state, self._titles, self._server = state, titles, PageServer(port)
-        self._step: Step | None = None
-        self._progress = Progress()
-        self._shown: dict[str, Any] = dict.fromkeys(("question", "live", "verdict", "report")) | {"log": []}
+        self._live: dict[str, Any] | None = None
         self._jpeg: bytes | None = None
-        self._doing = ""
         # numbers of states: the last one; the first that commands may be meant for; the first with the question
         self._number = self._commands_from = self._answers_from = 0
 
@@ -41,80 +37,83 @@ class Page:
         """To open in a browser on this machine."""
         return self._server.url
 
-    def take_commands(self) -> list[tuple[str, Any]]:
+    def close(self) -> None:
+        """Stop answering."""
+        self._server.close()
+
+    def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
         """Commands and answers since the last call, but for those that were meant for what was there before."""
-        taken: list[tuple[str, Any]] = []
         for command in self._server.take_commands():
             seen = self._number if command.seen is None else command.seen
+            late = seen < self._commands_from and command.kind not in ("take", "quit")
+            given = None
             if command.kind == "answer":
-                fits = self._shown["question"] is not None and seen >= self._answers_from
+                key = ui.question.key if ui.question else ""
+                fits = key in (command.value or {}) and seen >= self._answers_from
+                given = command.value[key] if fits and command.value else None
             else:
-                late = seen < self._commands_from and command.kind not in ("take", "quit")
-                fits = command.kind in self._possible() and not late
+                fits = command.kind in self._possible(ui) and not late
             if fits:
-                taken.append((command.kind, command.value))
                 # a second click came before the page showed what the first one did
                 self._commands_from = self._number + 1
-        return taken
+                yield command.kind, given
 
-    def _possible(self) -> list[str]:
+    def update(self, ui: Ui, change: str) -> None:
+        """Show all of it anew."""
+        match change:
+            case "step":
+                self._live, self._jpeg, self._commands_from = None, None, self._number + 1
+            case "question" | "problem":
+                self._answers_from = self._number + 1
+                # the live picture stands still until the answer
+                self._live = self._live and self._live | _NOT_STILL
+            case "live" if ui.picture is not None:
+                self._look(ui, ui.picture)
+            case "verdict":
+                self._live = self._jpeg = None
+        step, progress = ui.step, ui.progress
+        texts = {name: getattr(step, name, "") for name in ("name", "title", "what", "why")}
+        verdict = {"level": ui.document["verdict"], "words": ui.document["words"]} if ui.document else None
+        state = {
+            "session": str(self._state.store.root),
+            "steps": [self._step_line(ui, name) for name in STEPS],
+            "step": texts
+            | {
+                "seen": progress.seen,
+                "missing": [*progress.missing, *map(str, progress.diagnoses)],
+                "next": f"working: {ui.doing} …" if ui.doing else progress.next,
+                "enough": progress.enough and not ui.doing,
+                "numbers": [asdict(number) for number in progress.numbers],
+            },
+            "question": _asked(ui),
+            "live": self._live,
+            "log": ui.lines,
+            "verdict": verdict,
+            "report": ui.report or None,
+            "finished": bool(ui.document),
+            "can": self._possible(ui),
+        }
+        self._number = self._server.show(state, self._jpeg)
+
+    def _possible(self, ui: Ui) -> list[str]:
         """The commands that make sense now."""
-        if self._shown["verdict"] is not None:
+        if ui.document:
             return ["quit"]
-        name = self._step.name if self._step else STEPS[0]
+        name = ui.step.name if ui.step else STEPS[0]
         leave = ["quit"] if name == STEPS[0] else ["back", "quit"]
-        if self._step is None or self._step.check is None:
+        if ui.step is None or ui.step.check is None:
             return ["redo", *leave] if name == STEPS[0] else leave
         taken = ["enough", "drop"] if self._state.taken(name) else []
-        watching = self._shown["live"] is not None and self._shown["question"] is None
+        watching = self._live is not None and ui.question is None
         return [*(["take"] if watching else []), "redo", *taken, *leave]
 
-    def begin(self, step: Step) -> None:
-        """A step begins."""
-        self._shown |= {"live": None, "question": None}
-        self._jpeg, self._commands_from = None, self._number + 1
-        self.show(step, Progress())
-
-    def ask(self, question: Question, words: str, problem: str) -> None:
-        """A question is open. problem : why the answer before was not accepted, or ""."""
-        kind, default = question.kind, question.default
-        if default is not None:
-            default = typed(default) if kind == "numbers" else question.read(default)
-        asked = {
-            "key": question.key,
-            "words": words,
-            "why": question.why,
-            "kind": "text" if kind == "numbers" else kind,
-            "unit": question.unit,
-            "default": default,
-            "choices": list(question.choices),
-            "problem": problem or None,
-        }
-        self._doing, self._answers_from = "", self._number + 1
-        # the live picture stands still until the answer
-        self._publish(question=asked, live=self._shown["live"] and self._shown["live"] | _NOT_STILL)
-
-    def answered(self) -> None:
-        """No question is open."""
-        self._publish(question=None)
-
-    def working(self, words: str) -> None:
-        """Something takes a while."""
-        self._doing = words
-        self._publish()
-
-    def show(self, step: Step, progress: Progress) -> None:
-        """How far the step is."""
-        self._step, self._progress, self._doing = step, progress, ""
-        self._publish()
-
-    def live(self, view: LiveView) -> None:
+    def _look(self, ui: Ui, view: LivePicture) -> None:
         """A live picture with what was found in it."""
         height, width = view.image.shape
-        check, target = view.check, self._progress.target
+        check, target = view.check, ui.progress.target
         u, v = self._state.lens_corners().T
         counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
-        seen = {
+        self._live = {
             "image_size": [width, height],
             "corners_px": check.corners_px.tolist(),
             "coverage": {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()},
@@ -127,45 +126,29 @@ class Page:
         shrunk = min(1.0, _WIDEST_PX / width)
         small = cv2.resize(view.image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
         self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
-        self._publish(live=seen)
 
-    def log(self, line: str) -> None:
-        """A line for the log."""
-        self._publish(log=[*self._shown["log"], line][-_LOG_LINES:])
-
-    def done(self, document: Mapping[str, Any], report: str) -> None:
-        """The end: check.json's content, and where its page is."""
-        self._jpeg, verdict = None, {"level": document["verdict"], "words": document["words"]}
-        self._publish(verdict=verdict, report=report, question=None, live=None)
-
-    def close(self) -> None:
-        """Stop answering."""
-        self._server.close()
-
-    def _publish(self, **changes: Any) -> None:
-        self._shown |= changes
-        step, progress = self._step, self._progress
-        texts = {name: getattr(step, name, "") for name in ("name", "title", "what", "why")}
-        state = {
-            "session": str(self._state.store.root),
-            "steps": [self._step_line(name) for name in STEPS],
-            "step": texts
-            | {
-                "seen": progress.seen,
-                "missing": [*progress.missing, *map(str, progress.diagnoses)],
-                "next": f"working: {self._doing} …" if self._doing else progress.next,
-                "enough": progress.enough and not self._doing,
-                "numbers": [asdict(number) for number in progress.numbers],
-            },
-            **self._shown,
-            "finished": self._shown["verdict"] is not None,
-            "can": self._possible(),
-        }
-        self._number = self._server.show(state, self._jpeg)
-
-    def _step_line(self, name: str) -> dict[str, str]:
-        finished, record = self._shown["verdict"] is not None, self._state.store.journal.of(name)
-        now = self._step is not None and name == self._step.name and not finished
-        status = "now" if now else "done" if record.closed or finished else "todo"
+    def _step_line(self, ui: Ui, name: str) -> dict[str, str]:
+        record = self._state.store.journal.of(name)
+        now = ui.step is not None and name == ui.step.name and not ui.document
+        status = "now" if now else "done" if record.closed or ui.document else "todo"
         note = counted(len(record.taken), "picture") if record.taken else ""
         return {"name": name, "title": self._titles[name], "status": status, "note": note}
+
+
+def _asked(ui: Ui) -> dict[str, Any] | None:
+    question = ui.question
+    if question is None:
+        return None
+    default = question.default
+    if default is not None:
+        default = typed(default) if question.kind == "numbers" else question.read(default)
+    return {
+        "key": question.key,
+        "words": ui.words,
+        "why": question.why,
+        "kind": "text" if question.kind == "numbers" else question.kind,
+        "unit": question.unit,
+        "default": default,
+        "choices": list(question.choices),
+        "problem": ui.problem or None,
+    }

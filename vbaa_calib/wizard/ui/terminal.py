@@ -1,4 +1,4 @@
-"""The wizard in a terminal, with its page beside it: the first answer counts, typed or clicked."""
+"""The wizard in a terminal."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 from typing import Any, TextIO
 
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.state.catalogue import STEPS
 from vbaa_calib.wizard.state.questions import Question, typed
-from vbaa_calib.wizard.steps.step import Progress, Step
 
-from .base import COMMANDS, Interrupted, LiveView, Ui, progress_lines
-from .page import Page
+from .base import COMMANDS, LivePicture, Ui, View, progress_lines
 
 _WIDEST = 100
 _NARROWEST = 40
@@ -119,23 +116,20 @@ class Screen:
         self._stream.flush()
 
 
-_TICK_S = 0.1
 _STATUS_EVERY_S = 0.25
 _LABEL = 12 * " "
 _MESSAGE_STYLES = {"next": "next", "WRONG": "wrong", "look": "doubt"}
+_AFTER = "vbaa estimate finds contacts in a recording; vbaa check says in a month whether the rig still holds"
 
 
-class Terminal(Ui):
-    """Questions and progress as lines; single words are commands. `page` shows the same, None for none."""
+class Terminal(View):
+    """Questions and progress as lines; single words are commands."""
 
-    interactive = True
-
-    def __init__(self, page: Page | None = None) -> None:
-        self._page, self._screen = page, Screen()
+    def __init__(self) -> None:
+        self._screen = Screen()
         self._write = self._screen.write
         self._typed: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._shown: tuple[str, list[str]] = ("", [])
-        self._problem = ""
+        self._shown: list[str] = []
         self._status, self._status_s = "", 0.0
         threading.Thread(target=self._read, daemon=True).start()
 
@@ -147,153 +141,80 @@ class Terminal(Ui):
                 self._typed.put(line.decode(sys.stdin.encoding or "utf-8", "replace").strip())
         self._typed.put(None)
 
-    def _next_line(self) -> tuple[str, str] | None:
-        """A line that was typed and the command in it, "" for none; the end of the input is the command quit."""
-        while True:
-            try:
-                line = self._typed.get_nowait()
-            except queue.Empty:
-                return None
-            if line is None:
-                return "quit", "quit"
-            self._screen.line_typed()
-            word = line.lower()
-            if word not in ("help", "?"):
-                return line, word if word in COMMANDS else ""
-            for name, words in COMMANDS.items():
-                self._write(f"{name:9s} {words}", "", "  ", _LABEL)
-            self._write("An answer of before is given anew with its flag: vbaa wizard --help lists them.", "", "  ")
-
-    def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
-        """Ask until the answer is right."""
-        words = question.words.format_map(facts or {})
-        self._write("")
-        self._write(words, "bold")
-        if question.why:
-            self._write(f"({question.why})", "dim", "  ", "   ")
-        problem, self._problem = self._problem, ""
-        try:
-            while True:
-                if self._page is not None:
-                    self._page.ask(question, words, problem)
-                try:
-                    return question.read(self._first_answer(question))
-                except InputError as error:
-                    problem = f"{error.what.removeprefix(f'{question.key} is ')}; {error.remedy}"
-                    self._write(problem, "doubt", "  ")
-        finally:
-            if self._page is not None:
-                self._page.answered()
-
-    def _first_answer(self, question: Question) -> object:
-        """What is typed or clicked first. Raises Interrupted for a command."""
-        while True:
+    def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
+        """Lines that were typed; the end of the input is the command quit."""
+        question = ui.question
+        if question is not None:
             self._screen.below(_prompt(question))
-            found = self._next_line()
-            if found is not None:
-                line, command = found
-                if command and line not in question.choices:
-                    raise Interrupted(command)
-                return line if line or question.default is None else question.default
-            for kind, value in [] if self._page is None else self._page.take_commands():
-                if kind == "answer" and question.key in value:
-                    self._write(f"on the page: {typed(value[question.key])}", "", "  ")
-                    return value[question.key]
-                if kind not in ("answer", "take"):
-                    raise Interrupted(kind)
-            time.sleep(_TICK_S)
-
-    def greet(self, paragraphs: Sequence[str]) -> None:
-        """The first words, a blank line after each."""
-        for paragraph in paragraphs:
-            self._write(f"{paragraph}\n")
-
-    def begin(self, step: Step) -> None:
-        """A heading, and what and why."""
-        title = f"── {STEPS.index(step.name) + 1} of {len(STEPS)} · {step.title} "
-        self._write(f"\n{title.ljust(min(self._screen.width, 79), '─')}", "bold")
-        self._write(step.what)
-        self._write(step.why, "dim")
-        self._shown, self._status = ("", []), ""
-        if self._page is not None:
-            self._page.begin(step)
-
-    def show(self, step: Step, progress: Progress) -> None:
-        """How far the step is: what has changed since it was shown before, and what is next."""
-        lines = progress_lines(progress)
-        before = self._shown[1] if self._shown[0] == step.name else []
-        for line in lines:
-            label = line.split(maxsplit=1)[0]
-            if line not in before or label == "next":
-                self._write(line, _MESSAGE_STYLES.get(label, ""), "  ", _LABEL)
-        self._shown = (step.name, lines)
-        if self._page is not None:
-            self._page.show(step, progress)
-
-    def working(self, words: str) -> None:
-        """Something takes a while."""
-        self._screen.passing(f"  … {words}")
-        if self._page is not None:
-            self._page.working(words)
-
-    def live(self, view: LiveView) -> None:
-        """The picture on the page, and a line about it above the prompt."""
-        if self._page is not None:
-            self._page.live(view)
-        now = time.monotonic()
-        if now - self._status_s >= _STATUS_EVERY_S:
-            self._status, self._status_s = f"  {_live_words(view)}", now
-
-    def say(self, line: str) -> None:
-        """A line."""
-        self._log(line)
-
-    def wrong(self, line: str) -> None:
-        """A line, and beside the next question on the page."""
-        self._problem = line
-        self._log(line, "doubt")
-
-    def _log(self, line: str, style: str = "") -> None:
-        self._write(line, style, "  ", "    ")
-        if self._page is not None:
-            self._page.log(line)
-
-    def commands(self) -> list[str]:
-        """Typed and clicked."""
-        commands: list[str] = []
-        while "quit" not in commands and (found := self._next_line()) is not None:
-            line, command = found
-            if command:
-                commands.append(command)
-            elif line:
-                self._write(f"{line!r} is none of {', '.join(COMMANDS)}", "doubt", "  ")
-        if self._page is not None:
-            commands += [kind for kind, _ in self._page.take_commands() if kind != "answer"]
-        if self._status:
+        elif self._status:
             self._screen.below("  take, enough, drop, back, redo, quit, help: ", self._status)
         else:
             self._screen.below("  waiting for pictures (or: enough, drop, back, redo, quit, help): ")
-        return commands
+        while not self._typed.empty():
+            line = self._typed.get()
+            if line is None:
+                yield "quit", None
+                return
+            self._screen.line_typed()
+            word = line.lower()
+            if word in ("help", "?"):
+                for name, words in COMMANDS.items():
+                    self._write(f"{name:9s} {words}", "", "  ", _LABEL)
+                self._write("An answer of before is given anew with its flag: vbaa wizard --help lists them.", "", "  ")
+            elif word in COMMANDS and not (question and line in question.choices):
+                yield word, None
+            elif question:
+                yield "answer", line if line or question.default is None else question.default
+            elif line:
+                self._write(f"{line!r} is none of {', '.join(COMMANDS)}", "doubt", "  ")
 
-    def done(self, document: Mapping[str, Any], report: str) -> None:
-        """The verdict."""
-        self._write("")
-        self._write(document["words"], "bold")
-        self._write(f"report    {report}", "", "  ", _LABEL)
-        self._write(f"rig       {document['rig']}", "", "  ", _LABEL)
-        after = "vbaa estimate finds contacts in a recording; vbaa check says in a month whether the rig still holds"
-        self._write(f"next      {after}", "next", "  ", _LABEL)
-        if self._page is not None:
-            self._page.done(document, report)
+    def update(self, ui: Ui, change: str) -> None:
+        """Write what has changed above the prompt."""
+        match change:
+            case "greeting":
+                for paragraph in ui.greeting:
+                    self._write(f"{paragraph}\n")
+            case "step" if ui.step is not None:
+                title = f"── {STEPS.index(ui.step.name) + 1} of {len(STEPS)} · {ui.step.title} "
+                self._write(f"\n{title.ljust(min(self._screen.width, 79), '─')}", "bold")
+                self._write(ui.step.what)
+                self._write(ui.step.why, "dim")
+                self._shown, self._status = [], ""
+            case "progress":
+                lines = progress_lines(ui.progress)
+                for line in lines:
+                    label = line.split(maxsplit=1)[0]
+                    if line not in self._shown or label == "next":
+                        self._write(line, _MESSAGE_STYLES.get(label, ""), "  ", _LABEL)
+                self._shown = lines
+            case "question" if ui.question is not None:
+                self._write("")
+                self._write(ui.words, "bold")
+                if ui.question.why:
+                    self._write(f"({ui.question.why})", "dim", "  ", "   ")
+            case "problem":
+                self._write(ui.problem, "doubt", "  ")
+            case "doing":
+                self._screen.passing(f"  … {ui.doing}")
+            case "live" if ui.picture is not None:
+                now = time.monotonic()
+                if now - self._status_s >= _STATUS_EVERY_S:
+                    self._status, self._status_s = f"  {_live_words(ui.picture)}", now
+            case "line":
+                self._write(ui.lines[-1], "doubt" if ui.problem == ui.lines[-1] else "", "  ", "    ")
+            case "verdict":
+                self._write("")
+                self._write(ui.document["words"], "bold")
+                rows = ("report", ui.report, ""), ("rig", ui.document["rig"], ""), ("next", _AFTER, "next")
+                for label, words, style in rows:
+                    self._write(f"{label:9s} {words}", style, "  ", _LABEL)
 
     def close(self) -> None:
-        """Leave the terminal as it was, and the page."""
+        """Leave the terminal as it was."""
         self._screen.clear()
-        if self._page is not None:
-            self._page.close()
 
 
-def _live_words(view: LiveView) -> str:
+def _live_words(view: LivePicture) -> str:
     """A live picture in a line: how long it is held, what is seen, what to change."""
     full = round(4 * view.held)
     check, parts = view.check, []
