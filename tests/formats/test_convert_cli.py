@@ -12,7 +12,7 @@ import pytest
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli import convert as convert_cli
-from vbaa_calib.convert.table import FORMATS
+from vbaa_calib.convert import FORMATS
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 

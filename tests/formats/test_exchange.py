@@ -14,9 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.convert.exchanged import Exchanged
-from vbaa_calib.convert.table import FORMATS, guessed
-from vbaa_calib.convert.values import _left_out_px
+from vbaa_calib.convert import FORMATS, guessed
+from vbaa_calib.convert.values import Exchanged, _left_out_px
 from vbaa_calib.core.errors import InputError
 
 from .files import COLMAP, MATRIX, MRCAL, POSE, SAMPLES, SIZE, WHICH, camera, fisheye, points

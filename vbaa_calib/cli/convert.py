@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken file, a lens that the format cannot hold, or a file in the way.
     """
-    from vbaa_calib.convert.table import FORMATS, guessed
+    from vbaa_calib.convert import FORMATS, guessed
     from vbaa_calib.core.console import say
     from vbaa_calib.core.files import refuse_overwrite, write_text
 

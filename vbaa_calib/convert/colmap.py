@@ -17,8 +17,7 @@ from pathlib import Path
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 
-from .exchanged import Exchanged, Format
-from .values import camera_of, held_in, intrinsics, numbers, one_of, which_of, whole
+from .values import Exchanged, Format, checked, intrinsics, matrix_of, numbers, one_of, size_of, stated, which_of
 
 _MODELS = {
     "SIMPLE_PINHOLE": ("opencv", 1, 0),
@@ -47,21 +46,19 @@ def _read(path: Path, which: str | None) -> Exchanged:
     wanted = 4 + focal + 2 + count
     if len(cells) != wanted:
         raise InputError(f"{len(cells)} cells, {model} has {wanted}", where=place, remedy="write the line again")
-    width, height = (whole(_plain(cell, place), "the picture's side", place) for cell in cells[2:4])
+    size = size_of([("the picture's side", _plain(cell, place)) for cell in cells[2:4]], place)
     f = [_plain(cell, place) for cell in cells[4 : 4 + focal]]
     centre = [float(_decimal(cell, place, -_HALF)) for cell in cells[4 + focal : 6 + focal]]
     coefficients = [_plain(cell, place) for cell in cells[6 + focal :]]
     filled = coefficients + [0.0] * (4 - count) if 0 < count < 4 else coefficients
-    core = numbers([f[0], f[-1], *centre], "PARAMS", place, (4,))
-    return Exchanged(camera_of(ours, (width, height), core, numbers(filled, "PARAMS", place, (len(filled),)), place))
+    values = numbers([f[0], f[-1], *centre, *filled], "PARAMS", place, (4 + len(filled),))
+    return Exchanged(checked(ours, size, matrix_of(*values[:4]), values[4:], place))
 
 
 def _write(given: Exchanged) -> str:
     camera = given.camera
-    coefficients, name = camera.distortion.tolist(), "OPENCV_FISHEYE"
-    if camera.model == "opencv":
-        coefficients = held_in(camera, (0, 4, 8), "COLMAP's FULL_OPENCV")
-        name = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}[len(coefficients)]
+    written = {(model, count): name for name, (model, focal, count) in _MODELS.items() if focal == 2}
+    name, coefficients = stated(camera, written, "COLMAP's FULL_OPENCV")
     fx, fy, cx, cy = intrinsics(camera)
     centre = [str(_decimal(repr(value), None, _HALF)) for value in (cx, cy)]
     cells = [repr(fx), repr(fy), *centre, *map(repr, coefficients)]

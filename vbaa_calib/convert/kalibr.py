@@ -15,8 +15,19 @@ import yaml
 
 from vbaa_calib.core.files import read_yaml
 
-from .exchanged import Exchanged, Format
-from .values import camera_of, held_in, intrinsics, numbers, one_of, pose_of, which_of, whole
+from .values import (
+    Exchanged,
+    Format,
+    checked,
+    intrinsics,
+    matrix_of,
+    numbers,
+    one_of,
+    pose_of,
+    size_of,
+    stated,
+    which_of,
+)
 
 _MODELS = {"radtan": "opencv", "equidistant": "fisheye", "none": "opencv"}
 
@@ -28,12 +39,12 @@ def _read(path: Path, which: str | None) -> Exchanged:
     data = data[name]
     one_of(data.get("camera_model"), ("pinhole",), f"{name}: camera_model", path)
     model = one_of(data.get("distortion_model", "none"), _MODELS, f"{name}: distortion_model", path)
-    size = numbers(data.get("resolution"), f"{name}.resolution", path, (2,))
-    width, height = (whole(side, f"{name}.resolution", path) for side in size)
+    key = f"{name}.resolution"
+    size = size_of([(key, side) for side in numbers(data.get("resolution"), key, path, (2,))], path)
     core = numbers(data.get("intrinsics"), f"{name}.intrinsics", path, (4,))
     given = [] if model == "none" else data.get("distortion_coeffs")
     coefficients = numbers(given, f"{name}.distortion_coeffs", path, (0,) if model == "none" else (4,))
-    camera = camera_of(_MODELS[model], (width, height), core, coefficients, path)
+    camera = checked(_MODELS[model], size, matrix_of(*core), coefficients, path)
     pose = None if data.get("T_cam_imu") is None else pose_of(data["T_cam_imu"], f"{name}.T_cam_imu", path).inverse()
     alone = pose is None and data.get("T_cn_cnm1") is not None
     notes = (f"{name}.T_cn_cnm1 counts from the camera before it, which is not taken along: left out",) if alone else ()
@@ -42,9 +53,8 @@ def _read(path: Path, which: str | None) -> Exchanged:
 
 def _write(given: Exchanged) -> str:
     camera = given.camera
-    coefficients, model = camera.distortion.tolist(), "equidistant"
-    if camera.model == "opencv":
-        coefficients, model = held_in(camera, (4,), "Kalibr's pinhole-radtan"), "radtan"
+    written = {("opencv", 4): "radtan", ("fisheye", 4): "equidistant"}
+    model, coefficients = stated(camera, written, "Kalibr's pinhole-radtan")
     document: dict[str, Any] = {
         "camera_model": "pinhole",
         "intrinsics": intrinsics(camera),

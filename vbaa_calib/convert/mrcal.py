@@ -20,16 +20,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 from vbaa_calib.geometry import Pose
 
-from .exchanged import Exchanged, Format
-from .values import camera_of, held_in, intrinsics, numbers, one_of, whole
+from .values import Exchanged, Format, checked, intrinsics, matrix_of, numbers, one_of, size_of, stated
 
-_COUNTS = {
-    "LENSMODEL_PINHOLE": 0,
-    "LENSMODEL_OPENCV4": 4,
-    "LENSMODEL_OPENCV5": 5,
-    "LENSMODEL_OPENCV8": 8,
-    "LENSMODEL_OPENCV12": 12,
-}
+_COUNTS = {"LENSMODEL_PINHOLE": 0} | {f"LENSMODEL_OPENCV{count}": count for count in (4, 5, 8, 12)}
 _LARGEST = 100_000_000
 """Characters; the data of a whole calibration stand in such a file as text."""
 
@@ -37,23 +30,19 @@ _LARGEST = 100_000_000
 def _read(path: Path, _: str | None) -> Exchanged:
     data = _literal(read_text(path), path)
     name = one_of(data.get("lens_model", data.get("lensmodel")), _COUNTS, "lens_model", path)
-    size = data.get("imagersize")
-    width, height = (whole(side, "imagersize", path) for side in numbers(size, "imagersize", path, (2,)))
+    sides = numbers(data.get("imagersize"), "imagersize", path, (2,))
+    size = size_of([("imagersize", side) for side in sides], path)
     values = numbers(data.get("intrinsics"), "intrinsics", path, (4 + _COUNTS[name],))
     turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,)))
     pose = Pose.from_rotvec(turn_shift[:3], turn_shift[3:]).inverse()
     region = ("valid_intrinsics_region is left out",) if data.get("valid_intrinsics_region") else ()
-    return Exchanged(camera_of("opencv", (width, height), values[:4], values[4:], path), pose, notes=region)
+    return Exchanged(checked("opencv", size, matrix_of(*values[:4]), values[4:], path), pose, notes=region)
 
 
 def _write(given: Exchanged) -> str:
     """Without a pose the camera is its own reference."""
     camera = given.camera
-    if camera.model == "fisheye":
-        what = "mrcal has no equidistant fisheye lens (k1 to k4 over the angle)"
-        raise InputError(what, remedy="choose another format, or calibrate with another lens model (`--model`)")
-    coefficients = held_in(camera, tuple(_COUNTS.values()), "mrcal")
-    name = next(name for name, count in _COUNTS.items() if count == len(coefficients))
+    name, coefficients = stated(camera, {("opencv", count): name for name, count in _COUNTS.items()}, "mrcal")
     pose = (given.T_reference_camera or Pose.identity()).inverse()
     numbers_text = ", ".join(map(repr, [*intrinsics(camera), *coefficients]))
     turn_shift = ", ".join(map(repr, [*pose.rotvec_rad.tolist(), *pose.translation_m.tolist()]))

@@ -16,8 +16,7 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 
-from .exchanged import Exchanged, Format
-from .values import checked, numbers, whole
+from .values import Exchanged, Format, checked, numbers, size_of
 
 _COUNTS = (4, 5, 8, 12, 14)
 _MEMORY = cv2.FILE_STORAGE_MEMORY
@@ -40,7 +39,7 @@ def _read(path: Path, _: str | None) -> Exchanged:
 
 
 def _taken(storage: cv2.FileStorage, path: Path) -> Exchanged:
-    size = tuple(whole(_number(storage, key), key, path) for key in ("image_width", "image_height"))
+    size = size_of([(key, _number(storage, key)) for key in ("image_width", "image_height")], path)
     matrix = _mat(storage, "camera_matrix", path)
     coefficients = numbers(
         _mat(storage, "distortion_coefficients", path).ravel().tolist(), "distortion_coefficients", path, _COUNTS
@@ -48,7 +47,7 @@ def _taken(storage: cv2.FileStorage, path: Path) -> Exchanged:
     fisheye = _number(storage, "fisheye_model")
     if fisheye and len(coefficients) != 4:
         raise InputError(f"fisheye_model has {len(coefficients)} coefficients", where=path, remedy="it takes 4")
-    camera = checked("fisheye" if fisheye else "opencv", (size[0], size[1]), matrix, coefficients, path)
+    camera = checked("fisheye" if fisheye else "opencv", size, matrix, coefficients, path)
     guess = "four coefficients without fisheye_model are taken as k1 k2 p1 p2, not as a fisheye's"
     return Exchanged(camera, notes=(guess,) if len(coefficients) == 4 and fisheye is None else ())
 

@@ -17,7 +17,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.rig.rig_file import SCHEMA as RIG_SCHEMA
 from vbaa_calib.session import read_pose
 
-from .exchanged import Exchanged, Format
+from .values import Exchanged, Format
 
 _POSE_KEY = "T_reference_camera"
 _OF_RIG = ("antenna, moment sensor and joints, with their covariance",)

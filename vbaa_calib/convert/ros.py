@@ -18,17 +18,17 @@ import yaml
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 
-from .exchanged import Exchanged, Format
-from .values import checked, held_in, intrinsics, numbers, one_of, whole
+from .values import Exchanged, Format, checked, intrinsics, numbers, one_of, size_of, stated
 
 _COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
 """Coefficients by model, as files in the wild have them. Azure Kinect's driver and others write the name fisheye."""
+_MODELS = {("opencv", 5): "plumb_bob", ("opencv", 8): "rational_polynomial", ("fisheye", 4): "equidistant"}
 
 
 def _read(path: Path, _: str | None) -> Exchanged:
     data = read_yaml(path)
     model = one_of(data.get("distortion_model", "plumb_bob"), _COUNTS, "distortion_model", path)
-    size = whole(data.get("image_width"), "image_width", path), whole(data.get("image_height"), "image_height", path)
+    size = size_of([(key, data.get(key)) for key in ("image_width", "image_height")], path)
     matrix = np.array(_block(data, "camera_matrix", path, (9,))).reshape(3, 3)
     coefficients = _block(data, "distortion_coefficients", path, _COUNTS[model])
     camera = checked("fisheye" if _COUNTS[model] == (4,) else "opencv", size, matrix, coefficients, path)
@@ -37,10 +37,7 @@ def _read(path: Path, _: str | None) -> Exchanged:
 
 def _write(given: Exchanged) -> str:
     camera = given.camera
-    coefficients, model = camera.distortion.tolist(), "equidistant"
-    if camera.model == "opencv":
-        coefficients = held_in(camera, (5, 8), "a camera_info of ROS")
-        model = "plumb_bob" if len(coefficients) == 5 else "rational_polynomial"
+    model, coefficients = stated(camera, _MODELS, "a camera_info of ROS")
     fx, fy, cx, cy = intrinsics(camera)
     document = {
         "image_width": camera.image_size[0],

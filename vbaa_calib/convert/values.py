@@ -1,9 +1,10 @@
-"""Values out of other programs' files, checked where they come in."""
+"""A camera on its way from one program's file to another's, and the checks of what such files hold."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +15,74 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 
+
+@dataclass(frozen=True, eq=False)
+class Exchanged:
+    """A camera, its pose in whatever frame the file counts from (in ours the antenna's; None where there is none).
+
+    beside : what the file holds that no other format has a place for, in words. notes : on how it was read.
+    """
+
+    camera: Camera
+    T_reference_camera: Pose | None = None
+    beside: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: its name on the command line and in words, and what it has a place for.
+
+    parse : path and which camera of several → the camera. write : → text. Both raise InputError.
+    fits : whether a text looks like this format.
+    """
+
+    name: str
+    what: str
+    parse: Callable[[Path, str | None], Exchanged]
+    write: Callable[[Exchanged], str]
+    fits: Callable[[str], bool]
+    with_pose: bool = False
+    with_covariance: bool = False
+    several: bool = False
+
+    def read(self, path: Path, which: str | None = None) -> Exchanged:
+        """The camera in a file; `which` of several. Raises InputError naming what is wrong."""
+        if which is not None and not self.several:
+            raise InputError("holds one camera", where=path, remedy="leave --camera out")
+        return self.parse(path, which)
+
+    def lost(self, given: Exchanged) -> list[str]:
+        """What of a camera does not get into a file of this format, in words."""
+        words = list(given.beside)
+        if given.T_reference_camera is not None and not self.with_pose:
+            words.append("the camera's pose")
+        if given.camera.covariance is not None and not self.with_covariance:
+            words.append("the covariance of the lens")
+        return words
+
+
 _COLUMNS, _ROWS = 41, 31
 
 
-def held_in(camera: Camera, counts: Sequence[int], whose: str) -> list[float]:
-    """The camera's coefficients at the shortest of the lengths `counts` that holds all that are not zero.
+def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) -> tuple[str, list[float]]:
+    """What a program calls the camera's lens, and its coefficients, filled with zeros, which change nothing.
 
-    Shorter vectors are filled with zeros, which change nothing. Raises InputError, with what leaving them out would
-    cost, where none is long enough.
+    models : our model and a count of coefficients → the name. The count is the camera's own, so that it is read as
+    the same camera, else the shortest that holds all that are not zero. Raises InputError, with what leaving them out
+    would cost, where there is none.
     """
     values = camera.distortion.tolist()
     needed = max((index + 1 for index, value in enumerate(values) if value != 0.0), default=0)
-    fitting = [count for count in sorted(counts) if count >= needed]
+    counts = sorted(count for model, count in models if model == camera.model)
+    if not counts:
+        what = f"{whose} has no equidistant fisheye lens (k1 to k4 over the angle)"
+        raise InputError(what, remedy="choose another format, or calibrate with another lens model (`--model`)")
+    fitting = [count for count in counts if count >= needed]
     if fitting:
-        # keep the length that the camera has, where the format has it too: read again, it is the same camera
         count = len(values) if len(values) in fitting else fitting[0]
-        return values[:count] + [0.0] * (count - len(values))
-    longest = max(counts)
+        return models[camera.model, count], values[:count] + [0.0] * (count - len(values))
+    longest = counts[-1]
     named = list(zip(camera.parameter_names[4:], values, strict=True))
     beyond = [f"{name} = {value:g}" for name, value in named[longest:] if value != 0.0]
     cost = _left_out_px(camera, longest)
@@ -61,12 +113,15 @@ _LARGEST_SIDE_PX = 100_000
 _SQUARE = 1e-3
 
 
-def whole(value: Any, key: str, path: Path) -> int:
-    """A whole number of pixels. Raises InputError for anything else."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not 0 < value <= _LARGEST_SIDE_PX or value != int(value):
-        raise InputError(f"{key} is {_shown(value)}", where=path, remedy="a picture's side in whole pixels is needed")
-    return int(value)
+def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
+    """(width, height) px of two keys with their values. Raises InputError for what is no whole number."""
+    for key, value in sides:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not 0 < value <= _LARGEST_SIDE_PX or value != int(value):
+            remedy = "a picture's side in whole pixels is needed"
+            raise InputError(f"{key} is {_shown(value)}", where=path, remedy=remedy)
+    (_, width), (_, height) = sides
+    return int(width), int(height)
 
 
 def one_of(value: Any, known: Iterable[str], key: str, path: Path) -> str:
@@ -99,21 +154,15 @@ def numbers(values: Any, key: str, path: Path, counts: Sequence[int]) -> list[fl
     return [float(value) for value in values]
 
 
-def camera_of(
-    model: str, image_size: tuple[int, int], core: Sequence[float], coefficients: Sequence[float], path: Path
-) -> Camera:
-    """A camera from fx, fy, cx, cy and its coefficients. Raises InputError naming the file."""
-    fx, fy, cx, cy = core
-    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return checked(model, image_size, matrix, coefficients, path)
+def matrix_of(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
+    """(3, 3) camera matrix."""
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
-def checked(
-    model: str, image_size: tuple[int, int], matrix: np.ndarray, coefficients: Sequence[float], path: Path
-) -> Camera:
+def checked(model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: Sequence[float], path: Path) -> Camera:
     """A camera from its matrix (3, 3) and its coefficients. Raises InputError naming the file."""
     try:
-        return Camera(model, image_size, matrix, np.array(coefficients, float))
+        return Camera(model, size, matrix, np.array(coefficients, float))
     except InputError as error:
         raise InputError(error.what, where=path, remedy=error.remedy) from None
 
