@@ -208,26 +208,27 @@ def is_sound(rows: Sequence[Row]) -> bool:
 
 def verdict(rows: Sequence[Row]) -> list[str]:
     """Sentences: whether OpenCV, and what we make of its corners, can be trusted, and down to which size of squares."""
-    bias, name = mean_bias_px(rows, OPENCV), f"OpenCV {cv2.__version__}"
-    shift = f"({bias[0]:+.2f}, {bias[1]:+.2f}) px"
+    bias = mean_bias_px(rows, OPENCV)
+    shift, size = f"({bias[0]:+.2f}, {bias[1]:+.2f}) px", np.abs(bias)
+    rules = (
+        (
+            not np.isfinite(bias).all(),
+            "finds this board under none of the conditions: are its squares too many, or its markers too thin?",
+        ),
+        (size.max() < _BIASED_PX, f"finds this board's corners without bias: {shift} in the mean."),
+        (
+            ((size > _HALF_PX[0]) & (size < _HALF_PX[1])).any(),
+            f"is half a pixel off, {shift}: it counts pixels from a "
+            "corner of the first one, as versions before 4.14 did. Update it.",
+        ),
+        (True, f"is off by {shift} in the mean. Update it, or report it."),
+    )
+    said = [f"OpenCV {cv2.__version__} {next(words for holds, words in rules if holds)}"]
+    bias = mean_bias_px(rows, OURS)
     if not np.isfinite(bias).all():
-        words = "finds this board under none of the conditions: are its squares too many, or its markers too thin?"
-    elif np.abs(bias).max() < _BIASED_PX:
-        words = f"finds this board's corners without bias: {shift} in the mean."
-    elif ((np.abs(bias) > _HALF_PX[0]) & (np.abs(bias) < _HALF_PX[1])).any():
-        words = f"is half a pixel off, {shift}: it counts pixels from a corner of the first one, as versions before "
-        words += "4.14 did. Update it."
-    else:
-        words = f"is off by {shift} in the mean. Update it, or report it."
-    return [f"{name} {words}", *_of_ours(rows)]
-
-
-def _of_ours(rows: Sequence[Row]) -> list[str]:
-    bias, said = mean_bias_px(rows, OURS), []
-    if not np.isfinite(bias).all():
-        return []
+        return said
     if np.abs(bias).max() >= _BIASED_PX:
-        said = [f"The corners used here are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px: do not calibrate with them."]
+        said += [f"The corners used here are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px: do not calibrate with them."]
     good = [row for row in _measured(rows, OURS) if row.rms_px <= _GOOD_PX]
     if not good:
         return [*said, f"Under no condition tried are corners within {_GOOD_PX} px rms: the markers leave no room."]

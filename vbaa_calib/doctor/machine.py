@@ -167,39 +167,35 @@ def _the_folders() -> dict[str, Path | None]:
     return folders
 
 
-def _try_to_write(folder: Path) -> None:
-    """Write a file there that vanishes again. Raises OSError. Permissions alone say too little."""
-    with tempfile.TemporaryFile(dir=folder) as stream:
-        stream.write(b"vbaa doctor")
-        stream.flush()
+_REMEDIES = {
+    "current": "change to a folder of your own, or give outputs there",
+    "temporary": "set TMPDIR (on Windows TEMP) to a folder that you may write to",
+    "cache": "set MPLCONFIGDIR to a folder that you may write to; else every start is slow",
+}
 
 
-def writable(
-    folders: Mapping[str, Path | None] | None = None, write: Callable[[Path], None] = _try_to_write
-) -> Finding:
+def writable(folders: Mapping[str, Path | None] | None = None) -> Finding:
     """Whether files can be written where one stands, to the temporary folder and to the cache."""
     folders = _the_folders() if folders is None else folders
     problems = []
     for name, folder in folders.items():
-        remedy = {
-            "current": "change to a folder of your own, or give outputs there",
-            "temporary": "set TMPDIR (on Windows TEMP) to a folder that you may write to",
-        }.get(name, "set MPLCONFIGDIR to a folder that you may write to; else every start is slow")
         try:
             if folder is None:
                 raise FileNotFoundError(2, "there is none")
-            write(folder)
+            with tempfile.TemporaryFile(dir=folder) as stream:  # permissions alone say too little
+                stream.write(b"vbaa doctor")
+                stream.flush()
         except OSError as error:
             words = f"the {name} folder {folder or ''} cannot be written to ({error.strerror or error})"
-            problems.append(Diagnosis("folder_not_writable", words, remedy, grave=name != "cache"))
+            problems.append(Diagnosis("folder_not_writable", words, _REMEDIES[name], grave=name != "cache"))
     words = ", ".join(f"{name} {folder}" for name, folder in folders.items())
     return Finding("folders", words, tuple(problems))
 
 
-def disk(folder: Path | None = None, free_bytes: int | None = None) -> Finding:
+def disk(free_bytes: int | None = None) -> Finding:
     """Free space where one stands."""
     if free_bytes is None:
-        free_bytes = shutil.disk_usage(Path.cwd() if folder is None else folder).free
+        free_bytes = shutil.disk_usage(Path.cwd()).free
     said = f"only {free_bytes / _MB:.0f} MB are free on this disk, and a session with its pictures may need some GB"
     low = Diagnosis("disk_low", said, "make room, or work on another disk", grave=free_bytes < _DISK_FULL)
     problems = (low,) if free_bytes < _DISK_LOW else ()
@@ -208,16 +204,13 @@ def disk(folder: Path | None = None, free_bytes: int | None = None) -> Finding:
 
 def available_memory(meminfo: Path = Path("/proc/meminfo")) -> int | None:
     """Bytes that may still be used; None where the system does not say."""
-    try:
+    with contextlib.suppress(OSError):
         found = re.search(r"MemAvailable:\s*(\d+) kB", meminfo.read_text())
         if found:
             return 1024 * int(found[1])
-    except OSError:
-        pass
-    try:
+    with contextlib.suppress(AttributeError, ValueError, OSError):  # Windows has no sysconf
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):  # Windows has no sysconf
-        return None
+    return None
 
 
 def computing(memory: Callable[[], int | None] = available_memory, environ: Mapping[str, str] = os.environ) -> Finding:
@@ -225,18 +218,19 @@ def computing(memory: Callable[[], int | None] = available_memory, environ: Mapp
     free, threads = memory(), environ.get("OMP_NUM_THREADS")
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     said = f"{free / _GB:.1f} GB of memory" if free is not None else "memory unknown"
-    words = f"{count} cores, {said}, OMP_NUM_THREADS {threads or 'not set'}"
-    problems = []
-    if free is not None and free < _MEMORY_LOW:
-        low = f"only {free / _GB:.1f} GB of memory are free"
-        problems.append(Diagnosis("memory_low", low, "close other programs; large pictures and torch need about 2 GB"))
-    if threads is not None and (not threads.isdigit() or int(threads) < 1):
-        wrong = f"OMP_NUM_THREADS is {threads!r}, which is no number of threads"
-        problems.append(Diagnosis("threads_wrong", wrong, f"set it to a number from 1 to {count}, or unset it"))
-    elif threads is not None and int(threads) > count:
-        many = f"OMP_NUM_THREADS is {threads}, and there are {count} cores: threads wait for each other"
-        problems.append(Diagnosis("threads_many", many, f"set it to {count}, or unset it"))
-    return Finding("computing", words, tuple(problems), {"cores": count, "memory_bytes": free})
+    seen = f"{count} cores, {said}, OMP_NUM_THREADS {threads or 'not set'}"
+    low = "close other programs; large pictures and torch need about 2 GB"
+    wrong = threads is not None and (not threads.isdigit() or int(threads) < 1)
+    many = threads is not None and not wrong and int(threads) > count
+    told = f"OMP_NUM_THREADS is {threads!r}, "
+    waits = f"{told}and there are {count} cores: threads wait for each other"
+    rules = (
+        (free is not None and free < _MEMORY_LOW, "memory_low", f"only {said} are free", low),
+        (wrong, "threads_wrong", f"{told}which is no number of threads", f"set it to a number from 1 to {count}"),
+        (many, "threads_many", waits, f"set it to {count}, or unset it"),
+    )
+    problems = tuple(Diagnosis(name, words, remedy) for holds, name, words, remedy in rules if holds)
+    return Finding("computing", seen, problems, {"cores": count, "memory_bytes": free})
 
 
 def terminal(streams: Mapping[str, Any] | None = None) -> Finding:
