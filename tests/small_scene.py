@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
+import shutil
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+import yaml
+
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.simulate.scene.scene import bundled_scene
 
@@ -21,3 +29,14 @@ def small_scene(noload: int, loads: Sequence[int]) -> dict[str, Any]:
     scene["loads"] = [scene["loads"][index] for index in loads]
     scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
     return scene
+
+
+@functools.cache
+def small_rig() -> Path:
+    """A folder with scene.yaml, session/ and rig.json, made once a process. Never to be written to."""
+    folder = Path(tempfile.mkdtemp(prefix="small-scene-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=3, loads=(1, 3, 8, 9))))
+    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
+    assert main(["calibrate", str(folder / "session"), "-o", str(folder / "rig.json")]) == 0
+    return folder

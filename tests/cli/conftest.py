@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from vbaa_calib.cli.main import main
 from viz.report import pictures as report_pictures
 
-from ..small_scene import small_scene
+from ..small_scene import small_rig
 
 
 @dataclass(frozen=True)
@@ -51,13 +50,9 @@ def vbaa(capfd: pytest.CaptureFixture[str]) -> Call:
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made() -> Path:
     """A folder with scene.yaml, session/ and rig.json, never to be written to."""
-    folder = tmp_path_factory.mktemp("made")
-    (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=3, loads=(1, 3, 8, 9))))
-    assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
-    assert main(["calibrate", str(folder / "session"), "-o", str(folder / "rig.json")]) == 0
-    return folder
+    return small_rig()
 
 
 @pytest.fixture

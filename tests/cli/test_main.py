@@ -155,6 +155,19 @@ def test_a_signal_that_ends_it_leaves_nothing_half_written(tmp_path: Path, name:
     assert not list(tmp_path.iterdir())
 
 
+def test_a_caller_keeps_its_own_signals(vbaa: Call, raising: Callable[[BaseException], None]) -> None:
+    """Called in a program of the user's own, it leaves nothing behind, however it ends."""
+    for error in (InputError("is odd"), KeyboardInterrupt()):
+        raising(error)
+        for handler in (signal.SIG_DFL, signal.SIG_IGN):
+            before = signal.signal(signal.SIGTERM, handler)
+            try:
+                vbaa("schema", "rig")
+                assert signal.getsignal(signal.SIGTERM) is handler
+            finally:
+                signal.signal(signal.SIGTERM, before)
+
+
 @pytest.mark.parametrize(("error", "code"), [(InputError("is odd"), 2), (RuntimeError("broken"), 1)])
 def test_debug_shows_where(
     vbaa: Call, raising: Callable[[BaseException], None], error: BaseException, code: int

@@ -16,7 +16,7 @@ from vbaa_calib.core.files import read_yaml
 from viz.report import pictures as report_pictures
 
 from ..formats.files import SAMPLES
-from ..small_scene import small_scene
+from ..small_scene import small_rig, small_scene
 
 DEFLECTIONS = "x_m,unloaded_y_m,loaded_y_m\n" + "".join(
     f"{x:g},0,{0.01 * x * x * (3 * 0.2 - x) / (6 * 4e-3):.6f}\n" for x in (0.04, 0.08, 0.12, 0.16, 0.2)
@@ -33,11 +33,8 @@ def vbaa(line: str) -> None:
 def made() -> Iterator[Path]:
     """Never to be written to."""
     with tempfile.TemporaryDirectory(prefix="hostile-") as name:
-        folder = Path(name)
-        (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=3, loads=(1, 3, 8, 9))))
+        folder = Path(shutil.copytree(small_rig(), name, dirs_exist_ok=True))
         session = folder / "session"
-        vbaa(f"simulate {folder}/scene.yaml -o {session}")
-        vbaa(f"calibrate {session} -o {folder}/rig.json")
         vbaa(f"intrinsics {session}/intrinsics --board {session}/session.yaml -o {folder}/camera.json")
         vbaa(f"estimate {session} --rig {folder}/rig.json -o {folder}/contacts.csv --no-report")
         for suffix in ("vtp", "ply", "glb"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from . import damage as d
 from .case import Case, Row, cases
-from .settings_rows import ENDLESS, NAN
+from .settings_rows import NAN
 
 SIMULATE = "simulate scene.yaml -o out"
 
@@ -12,44 +12,27 @@ SCENE: tuple[Row, ...] = (
     ("a list", d.content("[1]"), "must be a mapping"),
     ("a session", d.copy("session/session.yaml"), "schema"),
     ("no camera", d.at("camera", d.REMOVED), "camera"),
-    ("no recording", d.at("recording", d.REMOVED), "recording"),
     ("an unknown key", d.at("colour", "red"), "colour"),
-    ("an unknown key inside", d.at("antenna.colour", "red"), "colour"),
     ("a section is a number", d.at("picture", 3), "picture"),
-    ("sweeps are a number", d.at("recording.sweeps", 3), "sweeps"),
     ("no sweeps", d.at("recording.sweeps", []), "sweeps"),
-    ("a sweep is text", d.at("recording.sweeps", ["pan"]), "sweeps"),
     ("a focal length below zero", d.at("camera.matrix.0.0", -502.0), "camera.matrix"),
-    ("a skewed matrix", d.at("camera.matrix.0.1", 4.0), "camera.matrix"),
-    ("a matrix of text", d.at("camera.matrix", "unit"), "camera.matrix"),
     ("a lens that folds back", d.at("camera.distortion", [-5.0, 0, 0, 0]), "camera.distortion", "folds back"),
     ("three coefficients", d.at("camera.distortion", [0.0, 0.0, 0.0]), "camera.distortion"),
-    ("a picture of nothing", d.at("camera.image_size", [0, 0]), "camera.image_size"),
     ("a picture of a million columns", d.at("camera.image_size", [1_000_000, 360]), "camera.image_size"),
-    ("half a pixel", d.at("camera.image_size", [480.5, 360]), "camera.image_size"),
     ("two poses", d.at("camera.T_antenna_camera", {"translation_m": [0, 0, 1], "rotation_xyzw": [1, 0, 0, 0]}), "pose"),
     ("the camera at 1e300 m", d.at("camera.pose.distance_m", 1e300), "distance_m"),
     ("the camera lies in plane C", d.at("camera.pose.inclination_deg", 90.0), "inclination_deg"),
     ("length NaN", d.at("antenna.length_m", NAN), "length_m"),
-    ("length endless", d.at("antenna.length_m", ENDLESS), "length_m"),
-    ("length denormal", d.at("antenna.length_m", 5e-324), "length_m"),
-    ("length is true", d.at("antenna.length_m", True), "length_m"),
     ("length of 400 digits", d.at("antenna.length_m", 10**400), "length_m"),
     ("a shape that is none", d.at("object.shape", "cow"), "object.shape"),
     ("a radius of nothing", d.at("object.radius_m", 0), "object.radius_m"),
     ("an axis of nothing", d.at("object.axis_world", [0, 0, 0]), "object.axis_world"),
-    ("an axis of two", d.at("object.axis_world", [0, 1]), "object.axis_world"),
     ("friction below zero", d.at("object.friction", -0.1), "object.friction"),
     ("bumps on a cylinder", d.at("object.bumps", []), "object.bumps"),
-    ("half a picture", d.at("intrinsics.pictures", 0.5), "intrinsics.pictures"),
     ("a million pictures", d.at("intrinsics.pictures", 1_000_000), "intrinsics.pictures"),
     ("from far to near", d.at("intrinsics.distance_m", [0.4, 0.2]), "intrinsics.distance_m"),
     ("a load beyond the tip", d.at("loads.0.distance_m", 0.5), "distance_m"),
-    ("a load of NaN", d.at("loads.0.force_y_N", NAN), "force_y_N"),
-    ("a seed that is text", d.at("seed", "lucky"), "seed"),
     ("a seed below zero", d.at("seed", -1), "seed"),
-    ("half a seed", d.at("seed", 1.5), "seed"),
-    ("no frames", d.at("recording.sweeps.0.frames", 0), "frames"),
     ("a billion frames", d.at("recording.sweeps.0.frames", 10**9), "frames"),
 )
 TRUTH: tuple[Row, ...] = (
@@ -57,23 +40,18 @@ TRUTH: tuple[Row, ...] = (
     ("a list", d.content("[]"), "must be a JSON object"),
     ("cut short", d.cut(0.6), "is not valid JSON"),
     ("a shape that is none", d.at("object.shape", "cow"), "object.shape is 'cow'"),
-    ("a shape that is a list", d.at("object.shape", []), "object.shape is []"),
-    ("no radius", d.at("object.radius_m", d.REMOVED), "object.radius_m"),
     ("a radius below zero", d.at("object.radius_m", -1.0), "object.radius_m"),
     ("a centre of NaN", d.at("object.center_world_m.0", NAN), "object.center_world_m"),
-    ("a centre of text", d.at("object.center_world_m", "here"), "object.center_world_m"),
     ("an axis of nothing", d.at("object.axis_world", [0, 0, 0]), "object.axis_world"),
     ("a radius of 400 digits", d.at("object.radius_m", 10**400), "object.radius_m"),
 )
 REPORTED: tuple[Row, ...] = (
     *TRUTH[1:3],
     ("no frames", d.at("frames", d.REMOVED), "frames are not as expected"),
-    ("a frame is a number", d.at("frames.0", 3), "frames are not as expected"),
     ("a force of text", d.at("frames.1.force_N", "much"), "frames are not as expected"),
 )
 VTP: tuple[Row, ...] = (
     ("a text", d.content("a text"), "holds no mesh"),
-    ("a page", d.content("<html><body/></html>"), "holds no mesh"),
     (
         "points of another number",
         d.changed(lambda data: data.replace(b'NumberOfPoints="', b'NumberOfPoints="9')),
@@ -88,7 +66,6 @@ PLY: tuple[Row, ...] = (
         d.changed(lambda data: data.replace(b"element vertex ", b"element vertex 999999999999")),
         "no mesh",
     ),
-    ("points below zero", d.changed(lambda data: data.replace(b"element vertex ", b"element vertex -")), "no mesh"),
     (
         "a type that is none",
         d.changed(lambda data: data.replace(b"property double x", b"property colour x")),
@@ -100,7 +77,6 @@ GLB: tuple[Row, ...] = (
     ("a text", d.content("a text"), "holds no mesh"),
     ("a version of tomorrow", d.changed(lambda data: data[:4] + b"\x09\0\0\0" + data[8:]), "holds no mesh"),
     ("a length that is wrong", d.changed(lambda data: data[:8] + b"\xff\xff\xff\x7f" + data[12:]), "holds no mesh"),
-    ("a part of 2 GB", d.changed(lambda data: data[:12] + b"\xff\xff\xff\x7f" + data[16:]), "holds no mesh"),
     ("no JSON in it", d.changed(lambda data: data.replace(b"{", b"[", 1)), "holds no mesh"),
 )
 

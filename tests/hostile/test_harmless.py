@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 from collections.abc import Callable
@@ -43,33 +44,23 @@ TRACK = "track contacts.csv --rig rig.json -o {}.csv"
 CONVERT = "convert camera.json --to kalibr -o {}.yaml"
 STIFF = "stiffness stiffness.csv --force 0.01 --distance 0.2"
 TEXTS: tuple[tuple[str, str, Damage, str], ...] = (
-    *(
-        (name, path, damage, line)
-        for name, damage in (("BOM", BOM), ("CRLF", CRLF), ("a link", linked))
-        for path, line in (
-            ("lined/session.yaml", LINED),
-            ("rig.json", LINED),
-            ("lined/recording/recording.csv", LINED),
-            ("lined/recording/centrelines.csv", LINED),
-            ("contacts.csv", TRACK),
-            ("camera.json", CONVERT),
-            ("opencv.txt", "convert opencv.txt --to ros -o {}.yaml"),
-            ("mrcal.txt", "convert mrcal.txt --to ros -o {}.yaml"),
-            ("colmap.txt", "convert colmap.txt --camera 3 --to ros -o {}.yaml"),
-        )
-    ),
-    *(
-        (name, path, damage, line)
-        for name, damage in (("blank lines", BLANK_LINES), ("spaces", SPACES), ("columns turned", TURNED))
-        for path, line in (("lined/recording/recording.csv", LINED), ("lined/recording/centrelines.csv", LINED))
-    ),
-    ("every cell quoted", "lined/recording/centrelines.csv", QUOTED, LINED),
-    ("every cell quoted", "lined/recording/recording.csv", QUOTED, LINED),
+    *((name, f"lined/recording/{table}.csv", damage, LINED)
+      for name, damage in (("BOM", BOM), ("CRLF", CRLF), ("blank lines", BLANK_LINES), ("spaces", SPACES),
+                           ("columns turned", TURNED), ("every cell quoted", QUOTED))
+      for table in ("recording", "centrelines")),
+    *((name, path, damage, line)
+      for name, damage in (("BOM", BOM), ("CRLF", CRLF))
+      for path, line in (("contacts.csv", TRACK), ("camera.json", CONVERT),
+                         *((f"{one}.txt", f"convert {one}.txt --to ros -o {{}}.yaml") for one in ("opencv", "mrcal")),
+                         ("colmap.txt", "convert colmap.txt --camera 3 --to ros -o {}.yaml"))),
+    ("BOM", "lined/session.yaml", BOM, LINED),
+    ("BOM", "rig.json", BOM, LINED),
+    ("a link", "rig.json", linked, LINED),
     ("comments", "lined/session.yaml", COMMENT, LINED),
     ("a key of one's own", "lined/session.yaml", d.at("remark", "mine"), LINED),
     ("JSON for YAML", "lined/session.yaml", lambda path: d.put(path, as_json(path)), LINED),
     ("a mebibyte of blanks", "rig.json", d.changed(lambda data: data + b" " * 2**20), LINED),
-)
+)  # fmt: skip
 
 
 def as_json(path: Path) -> bytes:
@@ -78,15 +69,31 @@ def as_json(path: Path) -> bytes:
     return json.dumps(read_yaml(path)).encode()
 
 
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], bytes]:
+    """What a command writes of files as they were."""
+    folder = tmp_path_factory.mktemp("sound")
+
+    @functools.cache
+    def written(line: str) -> bytes:
+        place = folder / line.split()[1]
+        # the command finds its inputs in the case's folder, by their names
+        assert run(line.format(place)) == 0
+        return place.with_name(f"{place.name}.{line.rpartition('.')[2]}").read_bytes()
+
+    return written
+
+
 @pytest.mark.parametrize(
     ("name", "path", "damage", "line"), TEXTS, ids=lambda value: value if isinstance(value, str) else ""
 )
-def test_the_same_to_the_bit(name: str, path: str, damage: Damage, line: str, folder: Path) -> None:
-    assert run(line.format("before")) == 0
+def test_the_same_to_the_bit(
+    name: str, path: str, damage: Damage, line: str, folder: Path, sound: Callable[[str], bytes]
+) -> None:
+    before = sound(line)
     damage(folder / path)
     assert run(line.format("after")) == 0
-    suffix = line.rpartition(".")[2]
-    assert (folder / f"before.{suffix}").read_bytes() == (folder / f"after.{suffix}").read_bytes()
+    assert (folder / f"after.{line.rpartition('.')[2]}").read_bytes() == before
 
 
 def by_pillow(kind: str, change: Callable[[Image.Image], Image.Image], **options: object) -> Damage:
@@ -120,27 +127,17 @@ def frames(picture: Image.Image) -> Image.Image:
 
 BLACK = Image.new("L", (480, 360))
 PICTURES: tuple[tuple[str, Damage, float], ...] = (
-    ("16 bits", d.encoded(".png", deep(257)), 0.02),
-    ("12 of 16 bits", d.encoded(".png", deep(16)), 0.02),
     ("16 bits of colour", d.encoded(".png", lambda picture: np.dstack([deep(257)(picture)] * 3)), 0.02),
-    ("colour", by_pillow("PNG", of_mode("RGB")), 0.0),
+    ("12 of 16 bits", d.encoded(".png", deep(16)), 0.02),
     ("alpha", by_pillow("PNG", of_mode("RGBA")), 0.0),
     ("grey with alpha", by_pillow("PNG", of_mode("LA")), 0.0),
     ("a palette", by_pillow("PNG", lambda picture: picture.convert("RGB").quantize(256)), 0.1),
-    ("a TIFF named .png", d.encoded(".tiff", lambda picture: picture), 0.0),
     ("a BMP named .png", d.encoded(".bmp", lambda picture: picture), 0.0),
     ("a WebP named .png", by_pillow("WEBP", of_mode("RGB"), lossless=True), 0.0),
     ("a TIFF of several pages", by_pillow("TIFF", frames, save_all=True, append_images=[BLACK]), 0.0),
     ("a PNG that moves", by_pillow("PNG", frames, save_all=True, append_images=[BLACK]), 0.0),
-    ("a JPEG", by_pillow("JPEG", frames, quality=98), 0.2),
     ("a JPEG that EXIF turns", by_pillow("JPEG", frames, quality=98, exif=turned_by_exif()), 0.2),
-    ("a progressive JPEG", by_pillow("JPEG", frames, quality=98, progressive=True), 0.2),
     ("a CMYK JPEG", by_pillow("JPEG", of_mode("CMYK"), quality=98), 0.3),
-    (
-        "a JPEG with bytes behind it",
-        d.several(by_pillow("JPEG", frames, quality=98), d.changed(lambda b: b + b"more")),
-        0.2,
-    ),
 )
 """Name, damage, and by how many pixels the antenna's end may move: by rounding alone, where there is any."""
 

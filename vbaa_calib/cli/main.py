@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import ModuleType
 from typing import NoReturn
 
@@ -118,14 +118,20 @@ def _end(number: int, _frame: object) -> NoReturn:
     raise _Ended(number)
 
 
-def _unwind_when_ended() -> None:
+@contextlib.contextmanager
+def _unwinding_when_ended() -> Iterator[None]:
     """SIGTERM and a closed terminal clean up as Ctrl-C does; a signal that is ignored (nohup) stays so."""
+    named = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))
+    ours = [number for number in named if number is not None and signal.getsignal(number) is signal.SIG_DFL]
     if threading.current_thread() is not threading.main_thread():
-        return
-    for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, _end)
+        ours = []
+    for number in ours:
+        signal.signal(number, _end)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -133,12 +139,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else list(argv)
     if sys.stderr is None:  # closed by the caller (`2>&-`), as daemons do
         sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
-    _unwind_when_ended()
     try:
-        code = run_verb(argv or ["--help"])
-        if sys.stdout is not None:  # closed by the caller (`>&-`)
-            sys.stdout.flush()
-        return code
+        with _unwinding_when_ended():
+            code = run_verb(argv or ["--help"])
+            if sys.stdout is not None:  # closed by the caller (`>&-`)
+                sys.stdout.flush()
+            return code
     except SystemExit as leave:  # argparse's --help and --version
         return int(leave.code or 0)
     except KeyboardInterrupt:
