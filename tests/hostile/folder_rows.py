@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from . import damage as d
 from .case import Case, Damage
 from .every_file import CALIBRATE, CHECK, ESTIMATE
@@ -42,20 +40,10 @@ TO_FOLDERS: tuple[tuple[str, Damage], ...] = (
 )
 
 
-def _missing_is_harm(path: str) -> bool:
-    return Path(path).name != "sweep"
-
-
 CASES: list[Case] = [
-    *(
-        Case("missing", kind, path, d.gone, line, (words,))
-        for kind, path, line, words in FOLDERS
-        if _missing_is_harm(path)
-    ),
-    *(
-        Case(name, kind, path, damage, line, ())
-        for kind, path, line, _ in FOLDERS
-        for name, damage in TO_FOLDERS
-        if _missing_is_harm(path) or name in ("empty", "a link to /dev")
-    ),
+    Case(name, kind, path, damage, line, (words,) if name == "missing" else ())
+    for kind, path, line, words in FOLDERS
+    for name, damage in (("missing", d.gone), *TO_FOLDERS)
+    # a session needs no sweep
+    if kind != "sweep" or name in ("empty", "a link to /dev")
 ]

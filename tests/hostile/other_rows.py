@@ -57,6 +57,7 @@ ANSWERS: tuple[Row, ...] = (
     ("a row with text", d.content("noload_readings: [{}, {pan_deg: 3°}]\n"), "row 2", "pan_deg is '3°'"),
     ("a row with two units", d.content("noload_readings: [{pan_deg: 3, pan_rad: 3}]\n"), "row 1", "give one of them"),
 )
+ELSEWHERE = {"file": "../a.png", "source": "", "sha256": "", "readings": {}}
 WIZARD: tuple[Row, ...] = (
     ("cut short", d.cut(0.6), "is not valid JSON", "move wizard.json away"),
     ("another schema", d.at("schema", "vbaa.wizard/9"), "vbaa.wizard/1 is needed"),
@@ -64,20 +65,7 @@ WIZARD: tuple[Row, ...] = (
     ("an unknown step", d.at("steps", {"cook": {"taken": [], "left": [], "closed": ""}}), "names a step 'cook'"),
     ("an answer of NaN", d.at("answers.antenna_length_mm", NAN), "not a finite number"),
     ("an answer to no question", d.at("answers.colour", "red"), "'colour' is no question"),
-    (
-        "a picture outside",
-        d.at(
-            "steps",
-            {
-                "lens": {
-                    "taken": [{"file": "../a.png", "source": "", "sha256": "", "readings": {}}],
-                    "left": [],
-                    "closed": "",
-                }
-            },
-        ),
-        "is no file of this session",
-    ),
+    ("a picture outside", d.at("steps", {"lens": {"taken": [ELSEWHERE]}}), "is no file of this session"),
 )
 CAMERAS = {"kalibr": " --camera cam0", "colmap": " --camera 3"}
 
