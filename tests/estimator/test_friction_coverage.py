@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.object.friction.coefficient import coefficient
-from estimator.object.friction.evidence import Angles, Evidence, FrictionTouches
+from estimator.object.friction.coefficient import Angles, Evidence, FrictionTouches, coefficient
 
 
 def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = False) -> FrictionTouches:

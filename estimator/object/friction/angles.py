@@ -9,10 +9,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from estimator.table.contacts import ContactTable
-from estimator.table.joint_angles import joint_angles
-from vbaa_calib.geometry import Kinematics
 
-from .evidence import SLIDING, STICKING, UNUSED, Angles, FrictionTouches
+from .coefficient import SLIDING, STICKING, UNUSED, Angles, FrictionTouches
 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
@@ -46,9 +44,9 @@ _SEEN = 0.5
 class Axes:
     """At P touches, world frame: (P, 3) each, orthonormal; NaN where the antenna's tangent is not known.
 
-    `normal` is the shape's; where the antenna's side touches, less its part along the antenna, since a smooth wire lies
-    flat on whatever it touches. `along` is the antenna's tangent, at its tip less its part along the normal.
-    `lateral` = normal × along.
+    `normal` is the shape's, `along` the antenna's tangent, `lateral` = normal × along. A smooth wire lies flat on what
+    it touches: on its side the normal is taken less its part along the antenna, at its tip the tangent less its part
+    along the normal.
     """
 
     normal: np.ndarray
@@ -66,6 +64,10 @@ class Axes:
             lateral,
         )
 
+    def lateral_variance(self, covariance: np.ndarray) -> np.ndarray:
+        """(P,) of vectors with these covariances (P, 3, 3)."""
+        return np.einsum("pi,pij,pj->p", self.lateral, covariance, self.lateral)
+
 
 def unit(vectors: np.ndarray) -> np.ndarray:
     """(..., 3) of length 1; NaN in place of nothing."""
@@ -79,13 +81,10 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes) -> Angles:
-    """Of the forces in these rows (P,) of the table, from the normal about the antenna, positive along `Axes.lateral`.
-
-    What is not common in their deviations is each one's own.
-    """
+    """Of the forces in these rows (P,), from the normal about the antenna, positive along `Axes.lateral`."""
     force = table.force_world_N[rows]
     across = np.hypot(dot(force, axes.normal), dot(force, axes.lateral))
-    across, whole = np.where(across > 0.0, across, np.nan), roll_std_rad(table)[rows]
+    across, whole = np.where(across > 0.0, across, np.nan), _roll_std_rad(table)[rows]
     angle = np.arctan2(dot(force, axes.lateral), dot(force, axes.normal))
     if shared.point_m.shape[2]:
         modes = np.einsum("pi,pis->ps", axes.lateral, shared.force_N[rows]) / across[:, None]
@@ -96,24 +95,11 @@ def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarra
     return Angles(angle, np.maximum(own, _LEAST_STD_RAD), modes)
 
 
-def roll_rad(table: ContactTable) -> np.ndarray:
-    """(B,) the paper's ψ: direction of the force in the antenna's yz plane, from y towards z (Fig. 5)."""
-    return np.arctan2(table.force_z_N, table.force_y_N)
-
-
-def roll_std_rad(table: ContactTable) -> np.ndarray:
-    """(B,) its standard deviation in all, as if the two components erred independently."""
+def _roll_std_rad(table: ContactTable) -> np.ndarray:
+    """(B,) of the paper's ψ, as if the force's two components erred independently."""
     y, z = table.force_y_N, table.force_z_N
     square = y**2 + z**2
     return np.hypot(z * table.force_y_std_N, y * table.force_z_std_N) / np.where(square > 0.0, square, np.nan)
-
-
-def roll_of(kinematics: Kinematics, table: ContactTable, rows: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(P,) direction of world vectors (P, 3) in the antenna's yz plane, as `roll_rad`; the paper's ν for normals."""
-    pan, tilt = joint_angles(kinematics, table)
-    rotation, _ = kinematics.world_antenna(pan[rows], tilt[rows])
-    local = np.einsum("pji,pj->pi", rotation, vectors)
-    return np.arctan2(local[:, 2], local[:, 1])
 
 
 def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: np.ndarray) -> np.ndarray:
@@ -124,7 +110,7 @@ def _spread_across(point_m: np.ndarray, own_m2: np.ndarray, axes: Axes, patch: n
     near = same & (apart <= _NEAR * extent[:, None])
     offset = point_m - point_m[:, None]
     across, along = (_spread(np.einsum("pni,pi->pn", offset, axis), near) for axis in (axes.lateral, axes.along))
-    noise = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", axes.lateral, own_m2, axes.lateral), 0.0))
+    noise = np.sqrt(np.maximum(axes.lateral_variance(own_m2), 0.0))
     usual = np.array([np.median(noise[each]) for each in near])
     return (across > _SHARE * along) & (across > _NOISE * usual)
 
@@ -139,14 +125,11 @@ def _spread(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
 def friction_touches(
     table: ContactTable, surface: Surface, track: Track, shared: CommonErrors, friction_rad: float
 ) -> tuple[FrictionTouches, Axes, Angles]:
-    """The touches of a surface, with the axes and the forces' lateral directions behind them.
-
-    `friction_rad` is the standard deviation of the friction angle that the contacts were estimated with.
-    """
+    """The touches of a surface, with the axes and the forces' lateral directions behind them; see `friction`."""
     rows = surface.touched_row
     axes = Axes.of(surface.touched_normal, table.tangent_world[rows], table.status[rows] == "tip_contact")
     found = _force_directions(table, shared, rows, axes)
-    turned = np.einsum("pi,pij,pj->p", axes.lateral, surface.touched_normal_covariance, axes.lateral)
+    turned = axes.lateral_variance(surface.touched_normal_covariance)
     common = np.einsum("pi,pik->pk", axes.lateral, surface.touched_normal_modes)
     normal_std = np.sqrt(np.maximum(turned - np.sum(common**2, axis=1), 0.0))
     seen = _friction_angles(table, shared, rows, axes, friction_rad)
@@ -196,10 +179,9 @@ def _sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
 def _friction_angles(
     table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes, friction_rad: float
 ) -> Angles:
-    """The friction angles as the data alone say them, with S + 1 common errors.
+    """The friction angles as the data alone say them, the estimate's prior taken out again, with S + 1 common errors.
 
-    The estimate's prior is taken out again. NaN where it is all there was, and at the tip, where friction along the
-    antenna leans the force from the antenna's normal, not from the object's.
+    NaN where the prior is all there was, and at the tip, where the antenna's normal is not the object's.
     """
     estimated, std = table.friction_angle_rad[rows], table.friction_angle_std_rad[rows]
     before = max(friction_rad, float(np.nanmax(std, initial=1e-12)))

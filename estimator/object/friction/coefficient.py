@@ -1,14 +1,77 @@
-"""μ of one object, or the bound that the touches set on it."""
+"""μ of one object, or the bound that its touches set on it, with the errors that they have in common fitted along.
+
+Coulomb: in a touch that slides, friction is μ times the normal force, against the slip. With d the unit slip, lateral
+and longitudinal, the force's angles are
+
+    lateral        −atan(μ d_lat) + the normal's error + noise
+    longitudinal    atan(μ d_long cos(atan(μ d_lat))) + noise     (against the antenna's normal, towards the clamp)
+
+and in all other touches neither of them exceeds atan μ. Sticking and sliding friction are taken as one.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p
 
-from .evidence import SLIDING, UNUSED, WRONG, Evidence, FrictionTouches, Profile, profile, student_t_losses
+SLIDING, STICKING, UNUSED = "sliding", "sticking", "unused"
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """P angles (P,), rad, NaN where not known or to be used; own deviations (P,); effects of K common errors (P, K)."""
+
+    angle_rad: np.ndarray
+    std_rad: np.ndarray
+    modes_rad: np.ndarray
+
+    @property
+    def whole_std_rad(self) -> np.ndarray:
+        """(P,) own and common together."""
+        return np.hypot(self.std_rad, np.linalg.norm(self.modes_rad, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionTouches:
+    """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t.
+
+    Attributes
+    ----------
+    used_as : (P,) as `Friction`'s. slides : (P,) bool, in the midst of sliding, used or not.
+    spread_across : (P,) bool, whether neighbours across the antenna let the shape determine the normal.
+    lateral : of the force from the shape's normal, about the antenna, positive along n × t; with the normal's errors.
+    normal_std_rad, normal_modes_rad : (P,), (P, K) of these the normal's: how far it may be turned along n × t.
+    longitudinal : the friction angle as the data alone say it, positive for a force towards the clamp.
+    slip, slip_std_rad : (P, 2), (P,) unit direction of the slip, lateral and longitudinal; NaN where it does not slide.
+    """
+
+    used_as: np.ndarray
+    slides: np.ndarray
+    spread_across: np.ndarray
+    lateral: Angles
+    normal_std_rad: np.ndarray
+    normal_modes_rad: np.ndarray
+    longitudinal: Angles
+    slip: np.ndarray
+    slip_std_rad: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.used_as)
+
+    @property
+    def across(self) -> np.ndarray:
+        """(P,) bool: the lateral angle is used."""
+        return (self.used_as != UNUSED) & np.isfinite(self.lateral.angle_rad)
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many touches slide, and how many are used at all."""
+        return int(np.sum(self.used_as == SLIDING)), int(np.sum(self.used_as != UNUSED))
+
 
 _LARGEST = 2.0  # no larger μ is looked for
 _BOUND = 0.5 * 1.645**2  # what a bound that holds in 95 % costs, in logarithms of the likelihood
@@ -22,16 +85,152 @@ _STD, _STD_SHARE = 0.03, 0.1  # μ is told where its deviation is below the firs
 # Sliding touches that scatter so many times as much as they should do not follow the law, nor where so many lie far
 # off, nor where they need common errors as improbable as this.
 _CONTRADICTED, _WRONG_SHARE, _STRAINED = 4.0, 0.25, 1e-5
+_FREEDOM = 5.0  # own errors follow Student's t of so many degrees of freedom: a few frames may be wrong, by any amount
+_DIRECTED = 4.0  # a part of the slip not so many times its deviation says nothing of μ, which could be of any size then
+WRONG = 4.0  # in own deviations: farther off, a touch is not believed
+# what need not slide speaks of μ only where it lies so many of its own deviations outside the cone: noise alone would
+# else ask for a wider one, the more the more such touches there are
+_NOISE = 3.0
+_STEPS, _ENOUGH, _LEAST_SHARE = 40, 1e-5, 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """R angles (R,), lateral and longitudinal ones of all touches that are used; `touch` (R,) says of which.
+
+    `slides` (R,): the others only bound μ. `lateral` (R,): the others are longitudinal. `slip` (R, 2) is of length 1.
+    """
+
+    angles: Angles
+    slides: np.ndarray
+    lateral: np.ndarray
+    slip: np.ndarray
+    slip_std_rad: np.ndarray
+    touch: np.ndarray
+
+    @staticmethod
+    def of(rubs: FrictionTouches) -> Evidence:
+        """What is known of the touches that are used; of those that slide, along the sure parts of the slip.
+
+        Where fewer slide than μ needs, all of which could be wrong, none is known to.
+        """
+        if rubs.counts[0] < _FEWEST:
+            rubs = replace(rubs, used_as=np.where(rubs.used_as == SLIDING, STICKING, rubs.used_as))
+        used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
+        unsure = rubs.slip_std_rad[:, None] * np.abs(rubs.slip[:, ::-1])
+        directed = ~slides[:, None] | (np.abs(rubs.slip) > _DIRECTED * unsure)
+        sides, rows = (rubs.lateral, rubs.longitudinal), []
+        for side, sure in zip(sides, directed.T, strict=True):
+            known = np.isfinite(side.angle_rad) & np.isfinite(side.std_rad) & (side.std_rad > 0)
+            rows.append(np.flatnonzero(used & sure & known & np.isfinite(side.modes_rad).all(axis=1)))
+        joined = [
+            np.concatenate([vars(side)[name][which] for side, which in zip(sides, rows, strict=True)])
+            for name in ("angle_rad", "std_rad", "modes_rad")
+        ]
+        touch = np.concatenate(rows)
+        slides = slides[touch]
+        return Evidence(
+            Angles(*joined),
+            slides=slides,
+            lateral=np.arange(len(touch)) < len(rows[0]),
+            slip=np.where(slides[:, None], rubs.slip[touch], 0.0),
+            slip_std_rad=np.where(slides, rubs.slip_std_rad[touch], 0.0),
+            touch=touch,
+        )
+
+    def expected(self, mu: np.ndarray) -> np.ndarray:
+        """(G, R) angles of touches that slide, rad, for each μ (G,); 0 of the others."""
+        across = np.arctan(mu[:, None] * self.slip[:, 0])
+        along = np.arctan(mu[:, None] * self.slip[:, 1] * np.cos(across))
+        return np.where(self.lateral, -across, along)
+
+    def spread(self, mu: np.ndarray) -> np.ndarray:
+        """(G, R) own standard deviations, rad, for each μ (G,), larger where the slip's direction is unsure.
+
+        Their logarithm is not part of the cost: with it the errors of the slip would draw μ towards 0.
+        """
+        other = np.where(self.lateral, self.slip[:, 1], self.slip[:, 0])
+        return np.hypot(self.angles.std_rad, mu[:, None] * other * self.slip_std_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The common errors that explain the angles best, for each of G values of μ.
+
+    `cost` (G,) is the negative log-likelihood with the common errors profiled out, `evidence` (G,) integrated out;
+    modes (G, K) are the common errors, with covariance (G, K, K), off (G, R) the residuals in own standard deviations:
+    0 within the bound of touches that need not slide.
+    """
+
+    mu: np.ndarray
+    cost: np.ndarray
+    evidence: np.ndarray
+    modes: np.ndarray
+    covariance: np.ndarray
+    off: np.ndarray
+
+    def select(self, which: np.ndarray | slice) -> Profile:
+        """Those of some values."""
+        return Profile(**{each.name: getattr(self, each.name)[which] for each in fields(Profile)})
+
+    @staticmethod
+    def concatenate(parts: Sequence[Profile]) -> Profile:
+        """One after the other."""
+        return Profile(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Profile)})
+
+
+def _student_t_losses(off: np.ndarray) -> np.ndarray:
+    return 0.5 * (_FREEDOM + 1.0) * np.log1p(off**2 / _FREEDOM)
+
+
+def _student_t_weights(off: np.ndarray) -> np.ndarray:
+    return (_FREEDOM + 1.0) / (_FREEDOM + off**2)
+
+
+def _profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> Profile:
+    """At values of μ (G,), from common errors (K,) on: weighted least squares, a dead zone where nothing need slide."""
+    modes = evidence.angles.modes_rad
+    z = np.tile(np.zeros(modes.shape[1]) if start is None else start, (len(mu), 1))
+    expected, spread = evidence.expected(mu), evidence.spread(mu)
+    slack = np.where(evidence.slides, 0.0, np.arctan(mu)[:, None] + _NOISE * spread)
+
+    def residual(at: np.ndarray) -> np.ndarray:
+        bare = evidence.angles.angle_rad - expected - at @ modes.T
+        return np.sign(bare) * np.maximum(np.abs(bare) - slack, 0.0) / spread
+
+    def cost_of(at: np.ndarray, off: np.ndarray) -> np.ndarray:
+        return 0.5 * np.sum(at**2, axis=1) + _student_t_losses(off).sum(axis=1)
+
+    def hessian_of(off: np.ndarray) -> np.ndarray:
+        weight = np.where(evidence.slides | (off != 0.0), _student_t_weights(off), 0.0) / spread**2
+        return np.eye(len(modes.T)) + np.swapaxes(weight[:, :, None] * modes, 1, 2) @ modes
+
+    off = residual(z)
+    cost, share = cost_of(z, off), np.ones(len(mu))
+    for _ in range(_STEPS):
+        pull = (_student_t_weights(off) * off / spread) @ modes - z
+        step = np.linalg.solve(hessian_of(off), pull[..., None])[..., 0]
+        tried = z + share[:, None] * step
+        tried_off = residual(tried)
+        tried_cost = cost_of(tried, tried_off)
+        better = tried_cost < cost
+        gained = np.where(better, cost - tried_cost, 0.0)
+        z, off = np.where(better[:, None], tried, z), np.where(better[:, None], tried_off, off)
+        cost, share = cost - gained, np.where(better, 1.0, 0.3 * share)
+        if ((gained < _ENOUGH) & (better | (share < _LEAST_SHARE))).all():
+            break
+    hessian = hessian_of(off)
+    _, volume = np.linalg.slogdet(hessian)
+    return Profile(mu, cost, cost + 0.5 * volume, z, np.linalg.inv(hessian), off)
 
 
 @dataclass(frozen=True, eq=False)
 class Coefficient:
-    """What the touches say of μ.
+    """What the touches say of μ: mean and standard deviation of the posterior, all μ up to `_LARGEST` alike before.
 
     Attributes
     ----------
-    mu, std : mean and standard deviation of the posterior, all μ up to `_LARGEST` being alike before.
-    interval : (2,) the shortest that holds 95 % of it. bounds : (2,) one-sided at 95 %, 0 and inf where there is none.
+    interval : (2,) the shortest that holds 95 %. bounds : (2,) one-sided at 95 %, 0 and inf where there is none.
     scatter : the own residuals in own standard deviations (median); the deviations were widened by it where above 1.
     wrong : share of the sliding touches that are not believed.
     strain : probability that common errors as large as the best fit asks for are an accident.
@@ -88,18 +287,18 @@ def coefficient(evidence: Evidence) -> Coefficient:
 def _profile_on_grids(evidence: Evidence) -> Profile:
     """At a coarse grid of μ, and at a fine one where that finds the likely values."""
     grid = np.tan(np.linspace(0.0, np.arctan(_LARGEST), _COARSE))
-    coarse = profile(evidence, grid)
-    worth = coarse.evidence
-    likely = np.flatnonzero(worth < worth.min() + _FAR)
+    coarse = _profile(evidence, grid)
+    best = int(np.argmin(coarse.evidence))
+    likely = np.flatnonzero(coarse.evidence < coarse.evidence[best] + _FAR)
     first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, _COARSE - 1)
     between = np.linspace(grid[first], grid[last], _FINE)[1:-1]
-    fine = profile(evidence, between, coarse.modes[np.argmin(worth)])
+    fine = _profile(evidence, between, coarse.modes[best])
     return Profile.concatenate([coarse.select(slice(0, first + 1)), fine, coarse.select(slice(last, None))])
 
 
 def _cost_without_worst(evidence: Evidence, found: Profile) -> np.ndarray:
     """(G,) the costs without the touches farthest outside the cone."""
-    outside = np.sort(student_t_losses(found.off[:, ~evidence.slides]), axis=1)
+    outside = np.sort(_student_t_losses(found.off[:, ~evidence.slides]), axis=1)
     return found.cost - outside[:, max(outside.shape[1] - _SPARED, 0) :].sum(axis=1)
 
 
@@ -121,7 +320,7 @@ def _bounds(evidence: Evidence, found: Profile) -> np.ndarray:
 
     def edge(outside: int, inside: int) -> float:
         between = np.linspace(found.mu[outside], found.mu[inside], _BETWEEN)
-        finer = _cost_without_worst(evidence, profile(evidence, between, found.modes[inside]))
+        finer = _cost_without_worst(evidence, _profile(evidence, between, found.modes[inside]))
         return float(between[np.flatnonzero(finer > cost.min() + _BOUND).max(initial=0)])
 
     lower = edge(below[-1], below[-1] + 1) if len(below) else 0.0
@@ -129,47 +328,37 @@ def _bounds(evidence: Evidence, found: Profile) -> np.ndarray:
     return np.array([lower, upper if upper < _LARGEST else np.inf])
 
 
-def enough_sliding(rubs: FrictionTouches) -> bool:
-    """Whether as many touches slide as μ needs; fewer could all be wrong."""
-    return int(np.sum(rubs.used_as == SLIDING)) >= _FEWEST
-
-
 def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.ndarray]:
-    """Whether μ is told, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without any.
+    """Whether μ is determined, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without any.
 
     `mu` is None where no touch could be used.
     """
-    sliding, used = int(np.sum(rubs.used_as == SLIDING)), int(np.sum(rubs.used_as != UNUSED))
+    (sliding, used), nothing = rubs.counts, np.array([0.0, np.inf])
+    known = "a force and a normal from the shape whose directions are"
     advice = "stroke the object across the antenna, over some length"
-    nothing = np.array([0.0, np.inf])
     if mu is None:
-        known = "a force and a normal from the shape whose directions are both known"
-        return False, f"none of {len(rubs)} contacts has {known}; {advice}", nothing
+        return False, f"none of {len(rubs)} contacts has {known} both known; {advice}", nothing
     if used < _KNOWN_SHARE * len(rubs):
-        known = "a force and a normal from the shape whose directions are known, too few to believe that these are"
-        return False, f"only {used} of {len(rubs)} contacts have {known}; {advice}", nothing
-    if not enough_sliding(rubs):
+        few = f"only {used} of {len(rubs)} contacts have {known} known, too few to believe that these are"
+        return False, f"{few}; {advice}", nothing
+    if sliding < _FEWEST:
         few = f"only {sliding}" if sliding else "none"
         words = f"of {used} contacts whose normal is known {few} lie{'s' * (sliding < 2)} in the midst of a slide"
         return False, f"{words}{_bound_words(mu.bounds)}", mu.bounds
-    for fails, against in (
-        (
-            mu.scatter > _CONTRADICTED,
-            f"the {sliding} sliding contacts scatter {mu.scatter:.0f} times as much as they should: the forces do not "
-            "follow friction against the slip; did the object move, or does its friction differ from place to place?",
-        ),
-        (
-            mu.wrong > _WRONG_SHARE,
-            f"{100 * mu.wrong:.0f} % of the {sliding} sliding contacts do not follow friction against the slip",
-        ),
-        (
-            mu.strain < _STRAINED,
-            f"the {sliding} sliding contacts could follow friction against the slip only if rig and normals were off "
-            "by far more than they should be; did the object move?",
-        ),
-    ):
-        if fails:
-            return False, against, nothing
+    if mu.scatter > _CONTRADICTED:
+        words = (
+            f"the {sliding} sliding contacts scatter {mu.scatter:.0f} times as much as they should: the forces do not"
+        )
+        why = "did the object move, or does its friction differ from place to place?"
+        return False, f"{words} follow friction against the slip; {why}", nothing
+    if mu.wrong > _WRONG_SHARE:
+        words = f"{100 * mu.wrong:.0f} % of the {sliding} sliding contacts do not follow friction against the slip"
+        return False, words, nothing
+    if mu.strain < _STRAINED:
+        words = (
+            f"the {sliding} sliding contacts could follow friction against the slip only if rig and normals were off"
+        )
+        return False, f"{words} by far more than they should be; did the object move?", nothing
     if mu.std > max(_STD, _STD_SHARE * mu.mu):
         return False, f"{_why_imprecise(rubs)}{_bound_words(mu.bounds)}", mu.bounds
     widened = f", scattering {mu.scatter:.1f} times as much as they should" if mu.scatter > 1.5 else ""
@@ -179,20 +368,15 @@ def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.
 
 def _bound_words(bounds: np.ndarray) -> str:
     """The bounds (2,) that there are, ready to be added to a sentence."""
-    lower, upper = bounds[0] > 0.005, np.isfinite(bounds[1])
-    low = np.floor(100.0 * bounds[0]) / 100.0
-    high = np.ceil(100.0 * bounds[1]) / 100.0 if upper else np.inf
-    if lower and upper:
+    low, high = np.floor(100.0 * bounds[0]) / 100.0, np.ceil(100.0 * bounds[1]) / 100.0
+    if bounds[0] > 0.005 and high < np.inf:
         return f"; μ lies from {low:.2f} to {high:.2f} (each bound 95 %)"
-    if lower:
-        return f"; μ ≥ {low:.2f} (95 %)"
-    return f"; μ ≤ {high:.2f} (95 %)" if upper else ""
+    return f"; μ ≥ {low:.2f} (95 %)" if bounds[0] > 0.005 else f"; μ ≤ {high:.2f} (95 %)" if high < np.inf else ""
 
 
 def _why_imprecise(rubs: FrictionTouches) -> str:
     sliding = rubs.used_as == SLIDING
-    across = rubs.slip[sliding, 0]
-    many = f"the {sliding.sum()} sliding contacts"
+    across, many = rubs.slip[sliding, 0], f"the {sliding.sum()} sliding contacts"
     if np.median(np.abs(across)) < 0.3:
         return f"{many} slide along the antenna, where the force is hardly known; slide across it, too"
     one_way = abs(np.sign(across).sum()) > 0.8 * sliding.sum()

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.table.contacts import ContactTable
+from estimator.table.joint_angles import joint_angles
 
-from .angles import Axes, dot, friction_touches, roll_of, roll_rad, unit
-from .coefficient import Coefficient, coefficient, enough_sliding, judge
-from .evidence import WRONG, Angles, Evidence, FrictionTouches
+from .angles import Axes, friction_touches
+from .coefficient import WRONG, Angles, Coefficient, Evidence, FrictionTouches, coefficient, judge
 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
@@ -43,20 +43,13 @@ class Friction:
     Attributes
     ----------
     mu, std : coefficient of friction and its standard deviation; NaN unless `determined`.
-    interval : (2,) of 95 %, common errors included. Where μ is not told, its one-sided bounds at 95 %: 0 and inf where
-        there is none.
+    interval : (2,) of 95 %, common errors included; of an undetermined μ its one-sided bounds, 0 and inf without any.
     cone_half_angle_rad : the paper's α = atan μ; NaN unless `determined`.
-    determined : whether the data tell μ. reason : in words, what it rests on, or why it is not told.
-    used_as : (P,) "sliding": friction is μN against the slip; "sticking": at most that; "unused".
-    row : (P,) of the table.
-    angle_rad, angle_std_rad : (P,) between force and shape's normal. Never negative, so about as large as its deviation
-        where nothing rubs.
-    lateral_rad, lateral_std_rad : (P,) its part about the antenna, from the shape's normal towards normal × tangent.
-    longitudinal_rad, longitudinal_std_rad : (P,) its part along the antenna, towards the clamp: the estimator's
-        friction angle, which is as good as unknown where its deviation is about what was said before.
-    psi_rad, nu_rad : (P,) directions of the force and of the shape's normal in the antenna's yz plane (Fig. 5); of the
-        latter NaN without the rig.
-    lateral_slip : (P,) share of the slip that is across the antenna, signed; NaN where nothing slides.
+    determined : whether the data determine μ. reason : in words, what it rests on, or why it is not determined.
+    used_as : (P,) "sliding": friction is μ times the normal force, against the slip; "sticking": at most that, which
+        holds where the motion is undecided, too; "unused". row : (P,) of the table.
+    lateral_rad, lateral_std_rad : (P,) force from the shape's normal about the antenna, towards normal × tangent.
+    psi_rad, nu_rad : (P,) directions of force and shape's normal in the antenna's yz plane (Fig. 5); ν needs the rig.
     normals : of shape, tangents and force together.
     """
 
@@ -68,15 +61,10 @@ class Friction:
     reason: str
     used_as: np.ndarray
     row: np.ndarray
-    angle_rad: np.ndarray
-    angle_std_rad: np.ndarray
     lateral_rad: np.ndarray
     lateral_std_rad: np.ndarray
-    longitudinal_rad: np.ndarray
-    longitudinal_std_rad: np.ndarray
     psi_rad: np.ndarray
     nu_rad: np.ndarray
-    lateral_slip: np.ndarray
     normals: Normals
 
 
@@ -90,61 +78,44 @@ def friction(
 ) -> Friction:
     """One μ for the object; forces against normals; normals by the force.
 
-    Parameters
-    ----------
-    surface, track : of the same table.
-    shared : what the frames' errors have in common; `CommonErrors.none` where the rig is not known, which then counts
-        every error as common and as the frame's own.
-    friction_rad : standard deviation of the friction angle that the contacts were estimated with.
-    rig : for ν, the normals' direction in the antenna's yz plane.
+    Surface and track are of the same table. `shared` is what the frames' errors have in common, `CommonErrors.none`
+    without a rig, which counts every error as common and as the frame's own; `friction_rad` the standard deviation of
+    the friction angle that the contacts were estimated with. The rig is for ν.
     """
     rubs, axes, found = friction_touches(table, surface, track, shared, friction_rad)
-    evidence = Evidence.of(rubs if enough_sliding(rubs) else rubs.at_rest())
+    evidence = Evidence.of(rubs)
     mu = coefficient(evidence) if len(evidence.touch) else None
     determined, reason, interval = judge(rubs, mu)
     rows, normal = surface.touched_row, surface.touched_normal
     # where the shape cannot tell the turn about the antenna
     unknown = np.where(rubs.spread_across[:, None], 0.0, np.nan_to_num(axes.lateral))
     covariance = surface.touched_normal_covariance + unknown[:, :, None] * unknown[:, None, :]
-    turned = np.einsum("pi,pij,pj->p", axes.lateral, covariance, axes.lateral)
+    turned = axes.lateral_variance(covariance)
     lateral_std = np.sqrt(found.std_rad**2 + np.sum(found.modes_rad**2, axis=1) + turned)
-    longitudinal_std = table.friction_angle_std_rad[rows]
     informative = interval[0] > 0.0 or np.isfinite(interval[1])
-    angle, angle_std = _angles(table.force_world_N[rows], axes, lateral_std, longitudinal_std)
+    nu = np.full(len(rows), np.nan)
+    if rig is not None:
+        rotation, _ = rig.kinematics.world_antenna(*(angle[rows] for angle in joint_angles(rig.kinematics, table)))
+        local = np.einsum("pji,pj->pi", rotation, normal)
+        nu = np.arctan2(local[:, 2], local[:, 1])
+    best, std = (mu.mu, mu.std) if mu is not None and determined else (np.nan, np.nan)
     return Friction(
-        mu=mu.mu if mu is not None and determined else np.nan,
-        std=mu.std if mu is not None and determined else np.nan,
+        mu=best,
+        std=std,
         interval=interval,
-        cone_half_angle_rad=float(np.arctan(mu.mu)) if mu is not None and determined else np.nan,
+        cone_half_angle_rad=float(np.arctan(best)),
         determined=determined,
         reason=reason,
         used_as=rubs.used_as,
         row=rows,
-        angle_rad=angle,
-        angle_std_rad=angle_std,
         lateral_rad=found.angle_rad,
         lateral_std_rad=lateral_std,
-        longitudinal_rad=table.friction_angle_rad[rows],
-        longitudinal_std_rad=longitudinal_std,
-        psi_rad=roll_rad(table)[rows],
-        nu_rad=np.full(len(rows), np.nan) if rig is None else roll_of(rig.kinematics, table, rows, normal),
-        lateral_slip=rubs.slip[:, 0],
+        psi_rad=np.arctan2(table.force_z_N, table.force_y_N)[rows],
+        nu_rad=nu,
         normals=_update_normals(
             Normals(normal, covariance), axes, rubs, found, mu if informative else None, interval[1]
         ),
     )
-
-
-def _angles(
-    force: np.ndarray, axes: Axes, lateral_std: np.ndarray, longitudinal_std: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Angle (P,) between forces and normals and its deviation (P,); of its two parts the larger one counts most."""
-    direction = unit(force)
-    parts = np.stack([dot(direction, axes.lateral), dot(direction, axes.along)], axis=1)
-    sideways = np.linalg.norm(parts, axis=1)
-    angle = np.arctan2(sideways, dot(direction, axes.normal))
-    share = parts / np.where(sideways > 1e-12, sideways, 1.0)[:, None]
-    return angle, np.sqrt((share[:, 0] * lateral_std) ** 2 + (share[:, 1] * longitudinal_std) ** 2)
 
 
 def _update_normals(
@@ -155,14 +126,13 @@ def _update_normals(
     mu: Coefficient | None,
     largest_mu: float,
 ) -> Normals:
-    """Shape's normals, turned about the antenna as the forces ask for.
+    """Shape's normals, turned about the antenna as the forces require.
 
-    Touches that slide took part in the fit of μ, and their normals' errors were found with it. In all others the force
-    lies somewhere in the cone of `largest_mu`, inf where nothing is known of it. Touches that fit no μ are believed no
-    more than that.
+    Touches that slide took part in the fit of μ, and their normals' errors were found with it. In all others, and where
+    no μ fits, the force lies somewhere in the cone of `largest_mu`, inf where nothing is known of it.
     """
     lateral = axes.lateral
-    before = np.maximum(np.einsum("pi,pij,pj->p", lateral, normals.covariance, lateral), 0.0)
+    before = np.maximum(axes.lateral_variance(normals.covariance), 0.0)
     angle, variance, fitted = np.zeros(len(rubs)), before, np.zeros(len(rubs), bool)
     if mu is not None:
         angle, variance, off = _by_fit(before, rubs, mu)
