@@ -22,7 +22,7 @@ def test_a_soft_ball_s_stiffness_and_its_unpressed_shape(stiffness_N_m: float) -
     assert soft.stiffness_N_m == pytest.approx(stiffness_N_m, rel=0.1)
     assert soft.interval_N_m[0] < stiffness_N_m < soft.interval_N_m[1]
     # nothing is common, but the model is not exact
-    assert np.hypot(soft.own_std_m_N, MODEL_SHARE / stiffness_N_m) < soft.std_m_N < 1e-3
+    assert MODEL_SHARE / stiffness_N_m < soft.std_m_N < 1e-3
     # pressed in by up to 3 mm, drawn where it is when nobody touches it
     assert np.sqrt(np.mean(SPHERE.signed_distance(surface.touched_m)[0] ** 2)) < 1e-4
 
@@ -32,7 +32,7 @@ def test_common_errors_widen_the_interval() -> None:
     true = spread_touches(SPHERE, 60, np.random.default_rng(0), compliance_m_N=0.01)
     true.modes_m[:, :, 6] = 1.5e-3 * true.force_N
     soft = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M).compliance
-    assert soft.std_m_N > 1.5e-3 > 2 * soft.own_std_m_N
+    assert soft.std_m_N > 1.5e-3
 
 
 def test_a_rigid_object_is_stiffer_than_so_much() -> None:

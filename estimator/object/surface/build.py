@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
 from .fit import CONVERGED, Fit, begin, fit
-from .mesh import piece_of
+from .mesh import deviations_along, piece_of
 from .touches import Touches, touches_of
 
 _DEVIATIONS_95 = 1.96
@@ -31,22 +31,20 @@ class Compliance:
 
     Attributes
     ----------
-    compliance_m_N : normal displacement per normal force, the best guess from the data alone; may come out below zero.
-    std_m_N : its standard deviation, calibration included; own_std_m_N, what the frames' own noise has in it.
+    compliance_m_N, std_m_N : normal displacement per normal force, by the data alone, so that it may come out below
+        zero; its standard deviation, calibration included.
     stiffness_N_m : 1 / compliance; NaN unless `determined`.
-    interval_N_m : (2,) 95 % interval of the stiffness; the upper end is infinite where a rigid object cannot be ruled
-        out, and both are NaN where nothing can be said.
+    interval_N_m : (2,) of 95 %, the upper end infinite where the object may be rigid; NaN where nothing can be said.
     determined : whether the data distinguish the object from a rigid one. Only then is the surface the unpressed one.
     reason : in words, what is known and what is not.
     """
 
-    compliance_m_N: float
-    std_m_N: float
-    own_std_m_N: float
-    stiffness_N_m: float
-    interval_N_m: np.ndarray
-    determined: bool
-    reason: str
+    compliance_m_N: float = np.nan
+    std_m_N: float = np.nan
+    stiffness_N_m: float = np.nan
+    interval_N_m: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    determined: bool = False
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +56,12 @@ class Surface:
     points_m, normals : (V, 3), the normals unit, out of the object. patch : (V,) which patch a vertex belongs to.
     triangles : (T, 3) vertex indices, counter-clockwise seen from outside.
     lines : (E, 2) vertex indices, where the contacts follow an edge or span no area.
-    std_m : (V,) standard deviation along the normal, common errors included; NaN where the contacts' is unknown.
+    std_m : (V,) along the normal, common errors included; NaN where the contacts' is unknown.
     std_across_m : (V,) of a line, in the surface, across the line; NaN where there is an area.
-    touched_m : (P, 3) where the antenna's contacts lie on the surface. touched_std_m : (P,) as `std_m`.
-    touched_normal : (P, 3) unit, out of the object, from shape and the antenna's tangents; where these tell nothing it
-        is the force's direction, and the covariance is 1 rad² in the unknown directions.
-    touched_normal_covariance : (P, 3, 3) rad², of the normal's turn, common errors included.
-    touched_normal_modes : (P, 3, K) that part of the above which the touches have in common: the effect of K
-        independent errors of unit deviation.
+    touched_m, touched_std_m : (P, 3) where the contacts lie on the surface; (P,) as `std_m`.
+    touched_normal, touched_normal_covariance : (P, 3), (P, 3, 3) rad², from shape and tangents, common errors included;
+        in directions that these do not determine, the force's, with 1 rad².
+    touched_normal_modes : (P, 3, K) what K independent common errors of unit deviation do to it.
     touched_patch, touched_row, touched_frame : (P,) patch, row of the table, frame.
     touched_force_N : (P,) size of the force. outlier : (P,) touches too far off the surface for their covariance.
     compliance : how far the object yields. notes : what a reader of the surface must know, in words.
@@ -95,14 +91,8 @@ class Surface:
 def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Surface:
     """The surface of what was touched, with its uncertainty, and how far the object yields.
 
-    Parameters
-    ----------
-    touches : of one object that did not move; a table stands for its touches without common errors.
-    antenna_radius_m : the contact points lie on the antenna's centreline, one radius off the object.
-
-    Raises
-    ------
-    InputError : a table in which no frame has a contact point with its force.
+    The touches are of one object that did not move; a table stands for its touches without common errors. Contact
+    points lie on the antenna's centreline, one radius off the object. Raises InputError as `touches_of`.
     """
     touches = touches_of(touches) if isinstance(touches, ContactTable) else touches
     touches, known, notes = _with_covariances(touches)
@@ -119,7 +109,7 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
         found = fit(touches, antenna_radius_m, patches, found.state, False)
     if not known:
         reason = "the contacts have no covariance: stiffness cannot be told"
-        compliance = Compliance(np.nan, np.nan, np.nan, np.nan, np.full(2, np.nan), False, reason)
+        compliance = Compliance(reason=reason)
     return _surface(found, compliance, known, [*touches.notes, *notes])
 
 
@@ -174,8 +164,7 @@ def _compliance_of(fit: Fit) -> Compliance:
     else:
         interval = np.array([1 / highest, np.inf])
         reason = f"the object is stiffer than {interval[0]:.3g} N/m (95 %); the surface is as it was under these forces"
-    own = float(np.sqrt(solution.own_variance))
-    return Compliance(compliance_m_N, std, own, stiffness, interval, bool(np.isfinite(stiffness)), reason)
+    return Compliance(compliance_m_N, std, stiffness, interval, bool(np.isfinite(stiffness)), reason)
 
 
 def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) -> Surface:
@@ -185,9 +174,8 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
     for index, patch in enumerate(found.patches):
         m = patch.members
         label[m], (touched[m], touched_std[m]) = index, _touches_on_surface(found, index)
-        pieces.append(vars(piece_of(found, index, touched_std[m])))
+        pieces.append(piece_of(found, index, touched_std[m]))
     sizes = [len(piece["points_m"]) for piece in pieces]
-    starts = np.cumsum([0, *sizes[:-1]])
     vague, outlier = np.sum(found.state.vague), np.sum(found.state.outlier)
     if vague:
         notes.append(f"{vague} contacts were not used: where along the antenna they lie is hardly known")
@@ -197,13 +185,12 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
     if curves:
         some = f"{len(curves)} of {len(pieces)} patches ({sum(curves)} of {count} contacts)"
         notes.append(f"{some} are too narrow for a surface; drawn as lines")
-    joined = {name: np.concatenate([piece[name] for piece in pieces]) for name in ("points_m", "normals")}
-    for name in ("triangles", "lines"):
-        joined[name] = np.concatenate([piece[name] + start for piece, start in zip(pieces, starts, strict=True)])
-    for name in ("std_m", "std_across_m"):
-        joined[name] = (1.0 if known else np.nan) * np.concatenate([piece[name] for piece in pieces])
+    for piece, start in zip(pieces, np.cumsum([0, *sizes[:-1]]), strict=True):
+        piece["triangles"], piece["lines"] = piece["triangles"] + start, piece["lines"] + start
+        if not known:
+            piece["std_m"], piece["std_across_m"] = np.nan * piece["std_m"], np.nan * piece["std_m"]
     return Surface(
-        **joined,
+        **{name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]},
         patch=np.repeat(np.arange(len(pieces)), sizes),
         touched_m=touched,
         touched_normal=found.normals.normal,
@@ -228,5 +215,4 @@ def _touches_on_surface(fit: Fit, index: int) -> tuple[np.ndarray, np.ndarray]:
         points, _, std = fit.heights(index, local[:, :2])
         return points, std
     points, covariance = fit.along_curve(index, local[:, 0])
-    normal = (fit.normals.normal[patch.members] @ patch.frame.T)[:, 1:]
-    return points, np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", normal, covariance, normal), 0.0))
+    return points, deviations_along((fit.normals.normal[patch.members] @ patch.frame.T)[:, 1:], covariance)

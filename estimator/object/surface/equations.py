@@ -50,15 +50,14 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class LocalTouches:
-    """The N touches of a patch as they are seen now: surface points and what moves them, in the patch's frame.
+    """The N touches of a patch as they are seen now: points on the object and what moves them, in the patch's frame.
 
     Attributes
     ----------
-    point_m : (N, 3) on the object. tangent : (N, 3) of the antenna, may be NaN.
     own_m2 : (N, 3, 3) covariance of a point's own error. modes_m, tangent_modes : (N, 3, S) effect of common errors.
     yield_N : (N, 3) how the point moves with the compliance: the normal force along −normal.
     slope : (N, 2) as `Patch.slope_rows`; bend_per_m : (N, 2, 2) how it changes over the coordinates.
-    normal : (N, 3) best guess. ignored : (N,) touches that are not to be believed, nor their tangents.
+    ignored : (N,) touches that are not to be believed, nor their tangents, which may be NaN, too.
     """
 
     point_m: np.ndarray
@@ -75,11 +74,10 @@ class LocalTouches:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """M linear equations; the first N, or twice N for a curve, are of the points, the others of tangents.
+    """M linear equations: the first N, or twice N for a curve, are of the points, the others of tangents.
 
-    `rows` say what of the shape each sees, y (M,) what was measured; noise (M, M) is the covariance of the touches' own
-    errors, modes (M, S) the effect of the common ones, force_N (M,) that of the compliance, and slack (M,) how an error
-    of the tangent of 1 rad enters: zero for equations without tangent.
+    y (M,) was measured of what `rows` see of the shape; noise (M, M) is the covariance of the touches' own errors,
+    modes (M, S) the effect of the common ones, force_N (M,) of the compliance, slack (M,) of 1 rad of the tangent.
     """
 
     rows: Functionals
@@ -96,8 +94,8 @@ class Equations:
 def height_field(seen: LocalTouches) -> Equations:
     """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h.
 
-    An error of a point along the surface moves it over ground that rises: only what is left across it counts as an
-    error of height. The same error takes the tangent to where the surface has another slope.
+    Of a point's error only what is across the surface counts as one of height; what is along it takes the tangent to
+    where the surface has another slope.
     """
     count, held = len(seen.point_m), np.flatnonzero(np.isfinite(seen.tangent).all(axis=1))
     up = np.column_stack([-seen.slope, np.ones(count)])
@@ -124,11 +122,10 @@ def height_field(seen: LocalTouches) -> Equations:
 def curve(seen: LocalTouches) -> Equations:
     """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and beside it.
 
-    The antenna touches a round body now here, now there beside the curve. What is seen along the surface must therefore
-    say nothing of the errors across it: errors of the two directions are taken as independent.
-    How the object bends across the curve is not seen, but takes points with an error along the antenna off it, all to
-    the same side; and if it is round, the normal turns as the contact rolls over it, at one distance from an axis
-    instead of one point: two more common errors.
+    The antenna touches a round body now here, now there beside the curve, so that what is seen along the surface must
+    say nothing of the errors across it. How the object bends across the curve is not seen, but takes points with an
+    error along the antenna off it, all to the same side; and if it is round, the normal turns as the contact rolls over
+    it, at one distance from an axis instead of one point: two more common errors.
     """
     count = len(seen.point_m)
     outward, beside = across_curve(seen.normal)

@@ -28,14 +28,8 @@ _STEEPEST, _SHARPEST_M = 3.0, 3e-4  # on the way no larger slope is believed, no
 
 @dataclass(frozen=True, eq=False)
 class FitState:
-    """Where the turns have come to.
-
-    Attributes
-    ----------
-    normal : (P, 3) best guess of the object's outward normals. compliance_m_N : taken into the surface points.
-    slope, bend_per_m : (P, 2), (P, 2, 2) as `LocalTouches`. priors : of each patch, with the tangents' slack.
-    widened : (P,) factor on each touch's own covariance. vague : (P,) not used: hardly known along the surface.
-    """
+    """Where the turns have come to: normals (P, 3), the compliance in the points, slopes and bends as `LocalTouches`',
+    each patch's prior and slack, and the factor on each touch's own covariance; `vague` touches are not used."""
 
     normal: np.ndarray
     compliance_m_N: float

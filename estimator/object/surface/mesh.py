@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
@@ -25,19 +23,20 @@ _LONE_SHOWN_M = 2e-3  # a patch of one place is drawn where it is known to this
 _STD_FACTOR, _STD_SHOWN_M = 2.5, 3e-4
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Of one patch, world frame: points_m, normals (V, 3), std_m, std_across_m (V,), triangles (T, 3), lines (E, 2)."""
-
-    points_m: np.ndarray
-    normals: np.ndarray
-    std_m: np.ndarray
-    std_across_m: np.ndarray
-    triangles: np.ndarray
-    lines: np.ndarray
+_Piece = dict[str, np.ndarray]
 
 
-def piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> Piece:
+def _piece(points: np.ndarray, normals: np.ndarray, std: np.ndarray, across: np.ndarray, **cells: np.ndarray) -> _Piece:
+    none = {"triangles": np.empty((0, 3), int), "lines": np.empty((0, 2), int)}
+    return {"points_m": points, "normals": normals, "std_m": std, "std_across_m": across} | none | cells
+
+
+def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(N,) of vectors with covariances (N, D, D), along directions (N, D)."""
+    return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
+
+
+def piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> _Piece:
     """The mesh of a wide patch, or the line of a curve; touched_std_m (N,) are the deviations at its touches."""
     patch = fit.patches[index]
     # who may say how far the patch reaches: not left out, and as well known along it as most
@@ -52,13 +51,13 @@ def piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> Piece:
     return _line(fit, index, local[:, 0], patch.members[sound])
 
 
-def _mesh(fit: Fit, index: int, flat_m: np.ndarray, bound_m: float) -> Piece:
+def _mesh(fit: Fit, index: int, flat_m: np.ndarray, bound_m: float) -> _Piece:
     places, grid = _footprint(flat_m)
     points, normals, std = fit.heights(index, places)
     shown = std <= max(bound_m, std.min())
     number = np.where(grid >= 0, np.append(np.where(shown, np.cumsum(shown) - 1, -1), -1)[grid], -1)
     nowhere = np.full(int(shown.sum()), np.nan)
-    return Piece(points[shown], normals[shown], std[shown], nowhere, _triangles(number), np.empty((0, 2), int))
+    return _piece(points[shown], normals[shown], std[shown], nowhere, triangles=_triangles(number))
 
 
 def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -83,16 +82,16 @@ def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _triangles(number: np.ndarray) -> np.ndarray:
     """(T, 3) two for each full cell of a grid of vertex numbers (I, J), one where three corners are there."""
-    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
-    missing = np.stack([a, b, c, d]) < 0
-    full = ~missing.any(axis=0)
-    parts = [np.stack([a, b, c], axis=1)[full], np.stack([a, c, d], axis=1)[full]]
-    for lost, corners in enumerate(((b, c, d), (a, c, d), (a, b, d), (a, b, c))):
-        parts.append(np.stack(corners, axis=1)[missing[lost] & (missing.sum(axis=0) == 1)])
-    return np.concatenate(parts)
+    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]).reshape(4, -1)
+    missing = corners < 0
+    full = corners[:, ~missing.any(axis=0)]
+    parts = [full[[0, 1, 2]], full[[0, 2, 3]]]
+    for lost in range(4):
+        parts.append(np.delete(corners, lost, axis=0)[:, missing[lost] & (missing.sum(axis=0) == 1)])
+    return np.concatenate(parts, axis=1).T
 
 
-def _line(fit: Fit, index: int, touched_m: np.ndarray, members: np.ndarray) -> Piece:
+def _line(fit: Fit, index: int, touched_m: np.ndarray, members: np.ndarray) -> _Piece:
     """A curve on an even grid, not across gaps; touches (N,) that do not spread along it are one point."""
     patch, over = fit.patches[index], np.sort(touched_m)
     extent = float(over[-1] - over[0])
@@ -112,9 +111,9 @@ def _line(fit: Fit, index: int, touched_m: np.ndarray, members: np.ndarray) -> P
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     local = normals @ patch.frame.T
     sides = local[:, 1:], across_curve(local, 1e-9)[1]
-    std, std_across = (np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0)) for side in sides)
+    std, std_across = (deviations_along(side, covariance) for side in sides)
     # to second order: beside where it was touched, the object bends away from under the line
     std = np.hypot(std, np.sqrt(0.75) * UNSEEN_BEND_PER_M * std_across**2)
     if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > _LONE_SHOWN_M:
-        points, normals, std, std_across = points[:0], normals[:0], std[:0], std_across[:0]
-    return Piece(points, normals, std, std_across, np.empty((0, 3), int), lines)
+        return _piece(points[:0], normals[:0], std[:0], std_across[:0])
+    return _piece(points, normals, std, std_across, lines=lines)

@@ -84,8 +84,7 @@ _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:
     """The field's normal; where the antenna's tangent is known, less its part along that.
 
-    What the shape leaves open then is the turn about the tangent, by slopes, and by the touch's own error that takes it
-    to where the surface has another slope.
+    What is left open then is the turn about the tangent, by slopes, and by the touch's own error along what bends.
     """
     raw = np.column_stack([-slope, np.ones(len(slope))])
     length = np.linalg.norm(raw, axis=1)

@@ -28,10 +28,9 @@ _POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
 def learn_prior(
     equations: Equations, extent_m: float, start: tuple[Prior, float] | None, yield_per_N: float
 ) -> tuple[Prior, float]:
-    """The most probable prior of the shape and slack of the tangents, rad.
+    """The most probable prior of the shape and slack of the tangents, rad; `start` is where an earlier search ended.
 
-    `extent_m` is the patch's, `start` where an earlier search ended, `yield_per_N` the largest compliance to think of,
-    m/N; zero where there is none.
+    `extent_m` is the patch's, `yield_per_N` the largest compliance to think of, m/N; zero where there is none.
     """
     extent_m = max(extent_m, 1e-3)
     count = min(len(equations), _MOST_EQUATIONS)

@@ -25,8 +25,12 @@ class PatchModel:
     @property
     def own(self) -> np.ndarray:
         """(M, M) covariance of everything but the common errors."""
-        own = covariance(pairs(self.equations.rows, self.equations.rows), self.prior)
-        return own + self.equations.noise + np.diag((self.slack_rad * self.equations.slack) ** 2)
+        own = self.seen_by(self.equations.rows) + self.equations.noise
+        return own + np.diag((self.slack_rad * self.equations.slack) ** 2)
+
+    def seen_by(self, rows: Functionals) -> np.ndarray:
+        """(Q, M) prior covariance of views with the equations."""
+        return covariance(pairs(rows, self.equations.rows), self.prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +38,7 @@ class Solution:
     """Of all patches; their equations begin at `start` (patches,).
 
     `lower` (M, M) is the Cholesky factor of the covariance of y, weights (M,) is covariance⁻¹ (y − compliance · force),
-    lift (M,) is covariance⁻¹ force. Compliance and its variances are beyond what was taken into the points, zero where
-    it is left out; the own variance leaves out the common errors.
+    lift (M,) is covariance⁻¹ force. The compliance is beyond what was taken into the points, zero where it is left out.
     """
 
     patches: tuple[PatchModel, ...]
@@ -45,20 +48,19 @@ class Solution:
     lift: np.ndarray
     compliance_m_N: float
     variance: float
-    own_variance: float
 
     def _seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of views of a patch with all equations."""
-        fitted, begin = self.patches[patch], self.start[patch]
         result = np.zeros((len(rows), len(self.weights)))
-        result[:, begin : begin + len(fitted.equations)] = covariance(pairs(rows, fitted.equations.rows), fitted.prior)
+        result[:, self._of(patch)] = self.patches[patch].seen_by(rows)
         return result
+
+    def _of(self, patch: int) -> slice:
+        return slice(self.start[patch], self.start[patch] + len(self.patches[patch].equations))
 
     def mean(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) views of the unpressed shape of a patch."""
-        fitted, begin = self.patches[patch], self.start[patch]
-        known = self.weights[begin : begin + len(fitted.equations)]
-        return covariance(pairs(rows, fitted.equations.rows), fitted.prior) @ known
+        return self.patches[patch].seen_by(rows) @ self.weights[self._of(patch)]
 
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) standard deviations of the same."""
@@ -100,12 +102,11 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
     y, force = np.concatenate([each.y for each in every]), np.concatenate([each.force_N for each in every])
     lower = factor(block_diag(*(fitted.own for fitted in patches)) + modes @ modes.T)
     weights, lift = cho_solve((lower, True), y), cho_solve((lower, True), force)
-    compliance = spread = own = 0.0
+    compliance = spread = 0.0
     information = float(force @ lift)
     if yielding and information > 0.0:
         spread = 1.0 / information
         compliance = spread * float(lift @ y)
-        own = max(spread - float(np.sum((spread * lift @ modes) ** 2)), 0.0)
         weights = weights - compliance * lift
     start = np.cumsum([0, *map(len, every[:-1])])
-    return Solution(patches, start, lower, weights, lift, compliance, spread, own)
+    return Solution(patches, start, lower, weights, lift, compliance, spread)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimator.contact.common_errors import CommonErrors
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
-
-if TYPE_CHECKING:
-    from estimator.contact.common_errors import CommonErrors
 
 MAX_TOUCHES = 500  # more contacts are thinned evenly: the solve costs their number cubed
 BIASED_STD = 1.0  # contacts whose model's predicted bias exceeds so many of their deviations are not believed
@@ -25,11 +22,10 @@ class Touches:
     ----------
     point_m : (P, 3) on the antenna's centreline. distance_m : (P,) arc length from the clamp.
     force_N : (P, 3) the object's force on the antenna, of some size.
-    tangent : (P, 3) unit tangent of the antenna, towards the tip; NaN where unknown and at the antenna's tip, whose
-        end is not tangent to the object.
+    tangent : (P, 3) of the antenna, towards the tip; NaN where unknown and at the tip, whose end is not tangent to it.
     own_m2 : (P, 3, 3) covariance of a point's own error, independent of the others'; NaN where unknown.
     modes_m, force_modes_N, tangent_modes : (P, 3, S) what S independent common errors of unit deviation do.
-    frame : (P,). row : (P,) index into the table. notes : what was left out, in words.
+    frame, row : (P,), the row of the table. notes : what was left out, in words.
     """
 
     point_m: np.ndarray
@@ -51,14 +47,8 @@ class Touches:
 def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touches:
     """The contacts that can be used: located, with a force whose direction is known; thinned to `MAX_TOUCHES`.
 
-    Parameters
-    ----------
-    table : the contacts of one object that did not move.
-    shared : what of their errors is common; without it, all of it counts as each contact's own.
-
-    Raises
-    ------
-    InputError : no frame has a contact point with its force.
+    `shared` is what of their errors is common; without it all of it counts as each contact's own. Raises InputError
+    where no frame has a contact point with its force.
     """
     size = np.linalg.norm(table.force_world_N, axis=1)
     usable = table.located & np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(size) & (size > 0)
@@ -79,14 +69,15 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
     tangent = table.tangent_world[row]
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
     known = (np.abs(length - 1) < 0.1) & (table.status[row] != "tip_contact")[:, None]
-    common = [] if shared is None else [shared.point_m[row], shared.force_N[row], shared.tangent[row]]
-    modes = [np.where(np.isfinite(each), each, 0.0) for each in common] or [np.zeros((len(row), 3, 0))] * 3
+    shared = CommonErrors.none(table) if shared is None else shared
+    common = (shared.point_m, shared.force_N, shared.tangent)
+    modes = [np.where(np.isfinite(each[row]), each[row], 0.0) for each in common]
     return Touches(
         point_m=table.point_world_m[row],
         force_N=table.force_world_N[row],
         tangent=np.where(known, tangent / np.where(known, length, 1.0), np.nan),
         distance_m=table.distance_m[row],
-        own_m2=table.covariance_world_m2[row] if shared is None else shared.own_m2[row],
+        own_m2=shared.own_m2[row],
         modes_m=modes[0],
         force_modes_N=modes[1],
         tangent_modes=modes[2],
@@ -98,15 +89,13 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
 
 def _nothing_usable(table: ContactTable, biased: int) -> InputError:
     """Why no contact of a table can be used."""
-    if biased:
-        return InputError(
-            f"all {biased} contacts were found with a model that is off by more than one standard deviation",
-            remedy="estimate them with --model auto",
-        )
-    if table.located.any() and not np.isfinite(table.force_world_N).all(axis=1).any():
-        missing = "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)"
-        return InputError(missing, remedy="estimate them again")
-    return InputError(
+    what, remedy = (
         "no frame has a located contact with a force (status ok or tip_contact)",
-        remedy="record contacts, or see the reason column of contacts.csv",
+        "record contacts, or see the reason column of contacts.csv",
     )
+    if biased:
+        what = f"all {biased} contacts were found with a model that is off by more than one standard deviation"
+        remedy = "estimate them with --model auto"
+    elif table.located.any() and not np.isfinite(table.force_world_N).all(axis=1).any():
+        what, remedy = "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)", "estimate them again"
+    return InputError(what, remedy=remedy)
