@@ -42,7 +42,7 @@ def ringing_events(table: ContactTable, ringing: np.ndarray, beam: Beam | None) 
     """One for each run of swinging frames."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], ringing, [False]]).astype(int)))
     step = median_step(table.time_s)
-    std = float(step / np.sqrt(12.0)) if np.isfinite(step) else np.nan
+    std = step / np.sqrt(12.0) if np.isfinite(step) else np.nan
     # a frame without a time stands where the one before it does
     clock = np.nan_to_num(np.fmax.accumulate(table.time_s), nan=-np.inf)
     events = []
@@ -74,8 +74,7 @@ def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: 
 def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
     """Frequency in Hz and standard deviation of the strongest line in a signal (N,); None where none stands out.
 
-    The line beside constant and slope, by Lomb and Scargle; what noise would show, by the beta distribution of the
-    power's share.
+    By Lomb and Scargle, beside a slope; what noise would show, by the beta distribution of the power's share.
     """
     time = time_s - time_s.mean()
     away = signal - np.polyval(np.polyfit(time, signal, 1), time)
@@ -106,10 +105,7 @@ _HIDDEN = 0.6
 # probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames
 _STEPPED = 0.02
 _INSTANTS = 64
-_OWN_SHARE, _RELATIVE = (
-    0.5,
-    0.03,
-)  # how much of a force's deviation differs between frames, and of its size besides
+_OWN_SHARE, _RELATIVE = 0.5, 0.03  # how much of a force's deviation differs between frames, and of its size besides
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +113,7 @@ class Growth:
     """What surrounds a change, in order of time; a loss is looked at backwards.
 
     `time_s`, `evidence` (N,) are of frames before and after, `free_evidence` (K,) of frames that are free for certain,
-    force_N and force_std_N (F,), at force_time_s, of the first located frames. The instant lies for certain between
-    `earliest_s` and `latest_s`.
+    force_time_s, force_N, force_std_N (F,) of the first located ones. The instant lies within earliest_s and latest_s.
     """
 
     time_s: np.ndarray
@@ -187,8 +182,7 @@ def _by_evidence(growth: Growth, at: np.ndarray) -> np.ndarray:
         return np.zeros(len(at))
     time, evidence = growth.time_s[used], np.minimum(growth.evidence[used], _TRUSTED)
     root = np.cbrt(np.clip(evidence, 0.0, None))
-    level, noise = _free_level(growth.free_evidence)
-    common = _common(growth)
+    (level, noise), common = _free_level(growth.free_evidence), _common(growth)
     late = np.clip(time - at[:, None], 0.0, None)  # (A, N)
     span = max(float(time[-1] - at[0]), 1e-9)
     reached = np.sqrt(2.0 * max(float(evidence[-1]) - level, 1.0))
@@ -280,16 +274,12 @@ def _growth(table: ContactTable, contacting: ContactStates, change: Change, told
     place = int(np.searchsorted(told, change.row))
     if change.begins:
         free = np.array(baseline_candidates(change.known_before.tolist()), int)
-        early = told[max(place - _BEFORE, 0) : place]
+        early, late = told[max(place - _BEFORE, 0) : place], told[place : place + _AFTER]
         early = early[state[early] == 0]
-        late = told[place : place + _AFTER]
-        late = late[np.cumprod(state[late] == 1).astype(bool)]
     else:
-        late = told[max(place - _AFTER, 0) : place][::-1]
-        late = late[np.cumprod(state[late] == 1).astype(bool)]
-        early = told[place : place + _BEFORE]
-        early = early[np.cumprod(state[early] == 0).astype(bool)][::-1]
-        free = early
+        early, late = told[place : place + _BEFORE], told[max(place - _AFTER, 0) : place][::-1]
+        free = early = early[np.cumprod(state[early] == 0).astype(bool)][::-1]
+    late = late[np.cumprod(state[late] == 1).astype(bool)]
     if len(early) == 0 or len(late) == 0:
         return None
     rows = np.concatenate([early, late])
@@ -299,10 +289,8 @@ def _growth(table: ContactTable, contacting: ContactStates, change: Change, told
     located = late[np.isin(table.status[late], LOCATED) & (np.abs(time[late] - time[late[0]]) <= _FORCE_S)][:_FORCES]
     # the first frame after the instant that is in contact by itself, else the last that is looked at
     certain = late[table.in_contact[late]]
-    size = np.hypot(table.force_y_N[located], table.force_z_N[located])
-    std = np.hypot(
-        table.force_y_N[located] * table.force_y_std_N[located], table.force_z_N[located] * table.force_z_std_N[located]
-    )
+    size = np.hypot(table.force_y_N, table.force_z_N)[located]
+    std = np.hypot(table.force_y_N * table.force_y_std_N, table.force_z_N * table.force_z_std_N)[located]
     sound = np.isfinite(size) & (size > 0.0) & np.isfinite(std)
     level = table.evidence[free]
     return Growth(

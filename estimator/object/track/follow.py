@@ -67,12 +67,9 @@ def follow(
 ) -> Track:
     """What happens in a recording: first contact, loss, sticking and sliding, ringing.
 
-    Parameters
-    ----------
-    rig : tells calibration from noise, the joints' motion, and the antenna's frequency.
-    shared : `shared_errors(rig, table)`, where it is known already.
-    normal_world : (B, 3) the object's outward normals where something better than the forces' direction is known; NaN
-        elsewhere.
+    The rig tells calibration from noise, the joints' motion, and the antenna's frequency; `shared` is
+    `shared_errors(rig, table)`, where it is known already, `normal_world` (B, 3) the object's outward normals where
+    something better than the forces' direction is known; NaN elsewhere.
     """
     if shared is None and rig is not None:
         shared = shared_errors(rig, table)
@@ -81,8 +78,7 @@ def follow(
     kinematics, radius = (Kinematics(), _RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
     phase = np.select([contact.state == 1, contact.state == 0], [TOUCHING, FREE], UNKNOWN).astype("<U8")
     count, every = len(table), strokes(table, contact.state)
-    velocity, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-    std, parts = np.full(count, np.nan), np.full((count, 2), np.nan)
+    velocity, covariance, std, parts = (np.full((count, *shape), np.nan) for shape in ((3,), (3, 3), (), (2,)))
     for rows in every:
         moving = slip(table, rows, shared, kinematics, None if normal_world is None else normal_world[rows])
         velocity[rows], covariance[rows], parts[rows] = moving.velocity_m_s, moving.covariance_m2_s2, moving.parts_m_s

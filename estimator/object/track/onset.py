@@ -1,9 +1,8 @@
 """When contact begins and ends: a sequential test on the evidence that each frame gives for a contact.
 
-A frame alone is in contact from `verdict.CONTACT_EVIDENCE` on. A slow approach shows earlier in several together, but
-not in their sum: the calibration's error is common to all frames, and a rig that is off within its covariance gives
-every free frame the same little evidence. So the last frames are held against the ones before them, which is what this
-very antenna shows when it is free.
+A slow approach shows in several frames together before one alone tells it, but not in their sum: the calibration's
+error is common to all frames, and a rig that is off within its covariance gives every free frame the same little
+evidence. So the last frames are held against the ones before them, which is what this very antenna shows when free.
 
 Without contact the evidence follows χ²₃/2, or with a common error a noncentral χ² of smaller scatter. Its cube root is
 nearly normal either way (Wilson and Hilferty 1931), so that the difference of two means follows Student's t, the
@@ -38,11 +37,10 @@ _TOUCHING = ("ok", "tip_contact", "low_signal")  # tell a contact; `no_contact` 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A change between the free antenna and contact.
+    """A change between the free antenna and contact, decided with frame `row`: a contact begins, or is lost.
 
-    `row` is the frame with which it was decided, `begins` says whether a contact begins or is lost, `known_before` (K,)
-    are the frames in the state before, empty where that was never seen; `pooled`: several frames together told it, none
-    alone.
+    `known_before` (K,) are the frames in the state before, empty where that was never seen; `pooled`: several frames
+    together told it, none alone.
     """
 
     row: int
@@ -53,10 +51,9 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class ContactStates:
-    """The state of B frames as it was decided in time.
+    """The `state` (B,) of frames as it was decided in time: 1 in contact, 0 free, -1 not known; and its `changes`.
 
-    `state` (B,) is 1 in contact, 0 free, -1 not known; `changes` are in order of time; `pooled_test`: a baseline could
-    be learnt, so that slow approaches show early.
+    `pooled_test`: a baseline could be learnt, so that slow approaches show early.
     """
 
     state: np.ndarray

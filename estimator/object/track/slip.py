@@ -93,9 +93,8 @@ def _material_noise(
 ) -> np.ndarray:
     """(P, 3, 3) noise of the material path.
 
-    An error of the distance moves the contact point along the antenna, and the walk by as much: along the antenna they
-    cancel but for what the path itself shows as scatter. Across it the contact point's own noise stays; where that is
-    not told apart from the calibration's error, the scatter takes its place.
+    Along the antenna an error of the distance moves contact and walk alike: what is left is the path's own scatter.
+    Across it the contact's own noise stays, or the scatter where that is not told apart from the calibration's error.
     """
     along = np.einsum("pi,pj->pij", tangent, tangent)
     flat = np.eye(3) - along
@@ -127,10 +126,10 @@ class Slip:
 
     Attributes
     ----------
-    velocity_m_s, covariance_m2_s2 : (P, 3), (P, 3, 3) slip in the plane of contact.
-    parts_m_s, parts_m2_s2 : (P, 2), (P, 2, 2) its parts along the tangent and along normal × tangent.
-    contact_m_s, contact_std_m_s : (P,) how fast the contact itself moves over the object.
-    carried_m_s : (P,) how fast the contact would move if the joints carried it along; NaN without joint angles.
+    velocity_m_s, covariance_m2_s2 : (P, 3), (P, 3, 3) slip in the plane of contact; parts_m_s, parts_m2_s2 : (P, 2),
+        (P, 2, 2) along the tangent and along normal × tangent.
+    contact_m_s, contact_std_m_s : (P,) how fast the contact itself moves over the object; carried_m_s : if the joints
+        carried it along, NaN without their angles.
     turning_rad_s : (P,) how fast the antenna turns at the contact.
     """
 
@@ -231,8 +230,8 @@ def _tilted_axes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same axes turned about the tangent, where a clear slip says that friction has leant the force.
 
-    A material point slips in the plane of contact. Where it seems to leave it, the plane is another: within what
-    friction can do, and in the measure in which the slip's direction is known.
+    Where a material point seems to leave the plane of contact, the plane is another: within what friction can do, and
+    in the measure in which the slip's direction is known.
     """
     sideways, away = (np.einsum("pi,pi->p", axis, moved) for axis in (across, upward))
     noise = np.einsum("pi,pij,pj->p", upward, covariance, upward)

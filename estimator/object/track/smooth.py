@@ -35,13 +35,8 @@ _CHANGED = (
 def kalman_smooth(
     time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed values (P, D) and their covariances (P, D, D).
-
-    Parameters
-    ----------
-    time_s : (P,) increasing. values : (P, D). covariance : (P, D, D) of their independent noise.
-    walk : (D,) intensity of the velocity's random walk, unit²/s³.
-    """
+    """Smoothed values (P, D) and covariances (P, D, D), of values with noise of covariance (P, D, D) at increasing times
+    (P,); `walk` (D,) is the intensity of the velocity's random walk, unit²/s³."""
     count, size = values.shape
     unit, nothing, noise = np.eye(size), np.zeros((size, size)), np.diag(walk)
     span = max(float(time_s[-1] - time_s[0]), 1e-9)
@@ -76,8 +71,8 @@ def walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray)
 
     The mean over trial intensities, evenly on a logarithmic scale, under the likelihood. NaN where nothing can be said.
     """
-    usable = np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()
-    if not usable or len(values) < 4 or not (np.diff(time_s) > 0.0).all():
+    sound = np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()
+    if not (sound and len(values) >= 4 and (np.diff(time_s) > 0.0).all()):
         return np.nan
     step = float(np.diff(time_s).mean())
     trials = np.logspace(*_DECADES, _TRIALS) * (float(np.median(variance)) / step**3)
@@ -113,17 +108,12 @@ def smooth(
 ) -> ContactTable:
     """The same table with contact points, distances and forces smoothed in time.
 
-    What is not located, or lies in too short a piece, stays as it is.
-
-    Parameters
-    ----------
-    rig : tells calibration from noise: without that, smoothed points would claim too much.
-    shared, track : `shared_errors(rig, table)` and `follow(table, rig, shared)`, where they are known already.
+    What is not located, or lies in too short a piece, stays as it is. The rig tells calibration from noise: without
+    that, smoothed points would claim too much. `shared` and `track` are `shared_errors(rig, table)` and
+    `follow(table, rig, shared)`, where they are known already.
     """
-    if shared is None:
-        shared = shared_errors(rig, table)
-    if track is None:
-        track = follow(table, rig, shared)
+    shared = shared_errors(rig, table) if shared is None else shared
+    track = follow(table, rig, shared) if track is None else track
     changed = {name: getattr(table, name).copy() for name in _CHANGED}
     own = own_noise(table, np.arange(len(table)), shared)
     rotation, _ = rig.kinematics.world_antenna(*joint_angles(rig.kinematics, table))
@@ -163,42 +153,34 @@ def _smooth_piece(
     common = shared.point_m[rows]
     changed["covariance_world_m2"][rows] = axes @ left @ axes.T + common @ np.swapaxes(common, 1, 2)
     changed["point_antenna_m"][rows] += np.einsum("bji,bj->bi", rotation, moved)
-    _smooth_distance(table, rows, own_m2, changed)
-    _smooth_forces(table, rows, shared, rotation, changed)
 
+    def smooth_number(name: str, own: np.ndarray) -> np.ndarray:
+        """Of a column with this own variance (P,); as it was where nothing can be done."""
+        values, std = changed[name][rows], changed[_std(name)][rows]
+        walk = walk_intensity(time, values, own)
+        if np.isfinite(walk):
+            smoothed, rest = kalman_smooth(time, values[:, None], own[:, None, None], np.array([walk]))
+            changed[name][rows] = smoothed[:, 0]
+            changed[_std(name)][rows] = np.sqrt(rest[:, 0, 0] + std**2 - own)
+        return changed[name][rows]
 
-def _smooth_distance(table: ContactTable, rows: np.ndarray, own_m2: np.ndarray, changed: dict[str, np.ndarray]) -> None:
-    """The distance's own noise is that of the contact point along the antenna."""
+    # the distance's own noise is that of the contact point along the antenna
     tangent, total = table.tangent_world[rows], table.distance_std_m[rows] ** 2
-    own = np.einsum("bi,bij,bj->b", tangent, own_m2, tangent)
-    own = np.minimum(np.where(np.isfinite(own), own, total), total)
-    found, left = _smooth_scalar(table.time_s[rows], table.distance_m[rows], own)
-    changed["distance_m"][rows] = found
-    changed["distance_std_m"][rows] = np.sqrt(left + total - own)
-
-
-def _smooth_forces(
-    table: ContactTable, rows: np.ndarray, shared: CommonErrors, rotation: np.ndarray, changed: dict[str, np.ndarray]
-) -> None:
-    """Antenna frame, y and z; the component along the antenna's x follows in the proportion that it had."""
-    time, force = table.time_s[rows], np.einsum("bji,bj->bi", rotation, table.force_world_N[rows])
+    along = np.einsum("bi,bij,bj->b", tangent, own_m2, tangent)
+    smooth_number("distance_m", np.minimum(np.where(np.isfinite(along), along, total), total))
+    # of the force y and z, antenna frame; x follows in the proportion that it had
+    force = np.einsum("bji,bj->bi", rotation, table.force_world_N[rows])
     modes = np.einsum("bji,bjs->bis", rotation, shared.force_N[rows])
     before = np.hypot(table.force_y_N[rows], table.force_z_N[rows])
-    for axis, name in ((1, "force_y"), (2, "force_z")):
-        total = table.__dict__[f"{name}_std_N"][rows] ** 2
-        own = np.clip(total - (modes[:, axis] ** 2).sum(axis=-1), 0.01 * total, total)
-        found, left = _smooth_scalar(time, table.__dict__[f"{name}_N"][rows], own)
-        changed[f"{name}_N"][rows], force[:, axis] = found, found
-        changed[f"{name}_std_N"][rows] = np.sqrt(left + total - own)
+    for axis, name in ((1, "force_y_N"), (2, "force_z_N")):
+        total = changed[_std(name)][rows] ** 2
+        force[:, axis] = smooth_number(name, np.clip(total - (modes[:, axis] ** 2).sum(axis=-1), 0.01 * total, total))
     after = np.hypot(force[:, 1], force[:, 2])
     force[:, 0] *= np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
     changed["force_world_N"][rows] = np.einsum("bij,bj->bi", rotation, force)
 
 
-def _smooth_scalar(time: np.ndarray, values: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) smoothed values and their variances; as they were where nothing can be done."""
-    walk = walk_intensity(time, values, variance)
-    if not np.isfinite(walk):
-        return values, variance
-    found, left = kalman_smooth(time, values[:, None], variance[:, None, None], np.array([walk]))
-    return found[:, 0], left[:, 0, 0]
+def _std(name: str) -> str:
+    """The column of a number's deviation."""
+    quantity, _, unit = name.rpartition("_")
+    return f"{quantity}_std_{unit}"
