@@ -8,7 +8,9 @@ import numpy as np
 
 from estimator.contact.common_errors import CommonErrors
 from estimator.object.track.result import Track
-from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.contacts import ContactTable
+
+from .track_tables import located
 
 RADIUS_M, WIRE_M, PRESS_N, SPEED_M_S = 0.04, 4e-4, 0.1, 0.02
 CENTRE_M = np.array([0.16, 0.0, -0.05])
@@ -85,20 +87,14 @@ def rubbed(
     turn = np.eye(3) if turn is None else turn
     size = np.hypot(errors.own_rad, errors.common_rad) * np.hypot(pushed[:, 1], pushed[:, 2])
     rows = [
-        ContactRow(
+        located(
             frame=i,
             time_s=i / 30,
-            status="ok",
-            in_contact=True,
-            model="rod",
             distance_m=0.16,
-            distance_std_m=1e-4,
             force_y_N=pushed[i, 1],
             force_y_std_N=size[i],
             force_z_N=pushed[i, 2],
             force_z_std_N=size[i],
-            deflection_y_m=0.0,
-            deflection_z_m=0.01,
             point_antenna_m=points[i],
             point_world_m=turn @ points[i],
             covariance_world_m2=errors.point_m**2 * np.eye(3),
@@ -107,7 +103,6 @@ def rubbed(
             friction_angle_std_rad=std[i],
             tangent_world=turn @ along[i],
             pan_rad=0.0,
-            tilt_rad=0.0,
         )
         for i in range(count)
     ]

@@ -52,24 +52,16 @@ def test_the_whole_antenna(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     picture = cv2.imread(str(tmp_path / "budget.png"))
     assert picture is not None
     assert picture.std() > 10.0
-    said = capsys.readouterr().err
-    assert "distance l:" in said
-    assert "first. Half of it would make" in said
-    assert "counted as exact: clamp give, joint axes" in said
-    with pytest.raises(InputError, match="exists"):
-        run(arguments(rig, "-o", tmp_path / "budget.json"))
+    assert "counted as exact: clamp give, joint axes" in capsys.readouterr().err
 
 
 def test_one_contact(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    result = run(arguments(written(tmp_path / "rig.json"), *ONE, "--tilt", "20", "--figure", tmp_path / "one.svg"))
+    """Of a rig without a lens; and of one without errors."""
+    rig = written(tmp_path / "rig.json", correlated_rig(lens=False))
+    result = run(arguments(rig, *ONE, "--tilt", "20", "--figure", tmp_path / "one.svg"))
     assert result["contacts"] == 1
     assert result["tilt_rad"] == pytest.approx(np.radians(20.0))
     assert (tmp_path / "one.svg").read_text().startswith("<?xml")
-    assert "1 of 1 contact would" in capsys.readouterr().err
-
-
-def test_a_rig_without_lens_or_errors_is_said_to_be_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run(arguments(written(tmp_path / "rig.json", correlated_rig(lens=False)), *ONE))
     assert "without the lens" in capsys.readouterr().err
     exact = replace(correlated_rig(lens=False), covariance=np.zeros((17, 17)))
     path = written(tmp_path / "exact.json", exact)

@@ -58,28 +58,7 @@ class TestUpright:
 
 
 class TestOneCaseApplies:
-    """y2/y1 grows with l through all three parts, so its value names the case and l is unique."""
-
-    d = sp.symbols("d", positive=True)  # x2 = x1 + d
-    a, b = sp.symbols("a b", positive=True)
-
-    def growth(self, ratio, contact):
-        """Numerator and denominator of d(y2/y1)/dl, for x1 < x2 and a contact written in positive symbols."""
-        slope = sp.together(sp.diff(ratio, ell).subs(x2, x1 + self.d).subs(ell, contact))
-        numerator, denominator = sp.fraction(sp.cancel(slope))
-        return sp.expand(numerator), sp.factor(denominator)
-
-    @pytest.mark.parametrize("part", ["straight", "mixed", "curved"])
-    def test_the_ratio_grows(self, part: str) -> None:
-        a, b, d = self.a, self.b, self.d
-        ratio, contact, rename = {
-            "straight": (straight(x2) / straight(x1), ell, {x1: ell + a}),
-            "mixed": (straight(x2) / curved(x1), x1 + a, {d: a + b}),
-            "curved": (curved(x2) / curved(x1), x1 + d + a, {}),
-        }[part]
-        numerator, denominator = self.growth(ratio, contact)
-        for polynomial in (sp.expand(numerator.subs(rename)), sp.expand(denominator.subs(rename))):
-            assert all(coefficient > 0 for coefficient in sp.Poly(polynomial).coeffs())
+    """y2/y1 grows with l (`test_theory_proofs.py::TestElasticity`), so its value names the case and l is unique."""
 
     def test_its_values_where_the_parts_meet(self) -> None:
         assert vanishes(sp.limit(straight(x2) / straight(x1), ell, 0) - x2 / x1)
@@ -91,32 +70,23 @@ class TestOneCaseApplies:
 class TestRotation:
     theta, varphi = sp.symbols("theta varphi", real=True)
 
-    def printed(self):
+    def rotation(self, mended: bool):
         c, s, cp, sp_ = sp.cos(self.theta), sp.sin(self.theta), sp.cos(self.varphi), sp.sin(self.varphi)
-        return sp.Matrix([[c * cp, -sp_, -s], [c * sp_, cp, 0], [s, 0, c]])
-
-    def mended(self):
-        matrix = self.printed()
-        matrix[:, 2] = sp.Matrix(
-            [-sp.sin(self.theta) * sp.cos(self.varphi), -sp.sin(self.theta) * sp.sin(self.varphi), sp.cos(self.theta)]
-        )
-        return matrix
+        last = [-s * cp, -s * sp_] if mended else [-s, 0]
+        return sp.Matrix([[c * cp, -sp_, last[0]], [c * sp_, cp, last[1]], [s, 0, c]])
 
     def test_22_as_printed_is_no_rotation(self) -> None:
-        gram = sp.simplify(self.printed().T * self.printed())
+        gram = sp.simplify(self.rotation(False).T * self.rotation(False))
         assert gram != sp.eye(3)
         assert sp.simplify(gram.subs(self.varphi, 0)) == sp.eye(3)
 
     def test_22_mended_is_pan_after_tilt(self) -> None:
-        mended = self.mended()
+        mended = self.rotation(True)
         assert sp.simplify(mended.T * mended) == sp.eye(3)
         assert sp.simplify(mended.det()) == 1
         turned = sp.rot_ccw_axis3(self.varphi) * sp.rot_ccw_axis2(-self.theta)
         assert sp.simplify(mended - turned) == sp.zeros(3)
-
-    def test_the_code_is_the_mended_one(self) -> None:
-        values = {self.theta: 0.4, self.varphi: -0.7}
-        expected = np.array(self.mended().subs(values), float)
+        expected = np.array(mended.subs({self.theta: 0.4, self.varphi: -0.7}), float)
         np.testing.assert_allclose(rotation_world_antenna(-0.7, 0.4), expected, atol=1e-15)
 
 
@@ -146,34 +116,29 @@ class TestInclined:
         assert vanishes(equation(self.mended_26).subs(ell, formula))
         assert not vanishes(equation(printed).subs(ell, formula))
 
+    def sextic(self, g, p1, p2, y1, y2):
+        """Eq. (29) with γ = g."""
+        a0, a1, a2, a3 = (p1**k * y2 - p2**k * y1 for k in range(4))
+        high = 8 * g**3 * a0 * ell**6 + 3 * g**2 * a0 * ell**5 + 15 * g**2 * a1 * ell**4 + 6 * g * a1 * ell**3
+        return high + 6 * g * a2 * ell**2 + 3 * a2 * ell - a3
+
     def test_29_has_the_coefficients_of_gamma_over_6EI(self) -> None:
-        g = sp.symbols("gamma", real=True)
-        a0, a1, a2, a3 = (xp1**k * yp2 - xp2**k * yp1 for k in range(4))
-        sextic = 8 * g**3 * a0 * ell**6 + 3 * g**2 * a0 * ell**5 + 15 * g**2 * a1 * ell**4 + 6 * g * a1 * ell**3
-        sextic += 6 * g * a2 * ell**2 + 3 * a2 * ell - a3
 
         def substituted(position):
             first, second = position(xp1), position(xp2)
             return 3 * ell * (first**2 * yp2 - second**2 * yp1) - (first**3 * yp2 - second**3 * yp1)
 
         from_mended = substituted(self.mended_26) * (1 + 3 * self.gamma * ell) ** 3
-        assert vanishes(from_mended - sextic.subs(g, self.gamma))
-        assert not vanishes(from_mended - sextic.subs(g, tau * self.tan / (2 * EI)))
+        assert vanishes(from_mended - self.sextic(self.gamma, xp1, xp2, yp1, yp2))
+        assert not vanishes(from_mended - self.sextic(tau * self.tan / (2 * EI), xp1, xp2, yp1, yp2))
 
     def test_29_is_not_solved_by_the_curved_points_it_is_for(self) -> None:
         """Put in what camera B really sees of two curved points: no zero; at zero tilt there is one."""
-        a = [self.seen(at) ** k for at in (x1, x2) for k in range(4)]
-        g = ell * f_z * self.tan / (6 * EI)
-        a0, a1, a2, a3 = (a[k] * curved(x2) - a[4 + k] * curved(x1) for k in range(4))
-        sextic = 8 * g**3 * a0 * ell**6 + 3 * g**2 * a0 * ell**5 + 15 * g**2 * a1 * ell**4 + 6 * g * a1 * ell**3
-        sextic += 6 * g * a2 * ell**2 + 3 * a2 * ell - a3
+        first, second = (at + curved(at, force=f_z) * self.tan for at in (x1, x2))  # Eq. (24)
+        sextic = self.sextic(ell * f_z * self.tan / (6 * EI), first, second, curved(x1), curved(x2))
         numbers = {x1: sp.Rational(6, 100), x2: sp.Rational(12, 100), ell: sp.Rational(16, 100), EI: 1, f_y: 1, f_z: 1}
         assert sp.simplify(sextic.subs(numbers).subs(phi, sp.pi / 6)) != 0
         assert sp.simplify(sextic.subs(phi, 0)) == 0
-
-    def seen(self, at):
-        """Eq. (24) on the curved part."""
-        return at + curved(at, force=f_z) * self.tan
 
     def test_kappa_undoes_the_projection_on_both_parts(self) -> None:
         shift = self.tan * f_z / f_y

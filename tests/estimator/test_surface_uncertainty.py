@@ -1,4 +1,4 @@
-"""Predicted deviations of surface, normals and stiffness against sampling, with own and with common errors."""
+"""Stiffness, and predicted deviations of surface and normals against sampling, with own and with common errors."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.object.surface import Surface, Touches, reconstruct
+from estimator.object.surface.build import MODEL_SHARE
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .touched import CYLINDER, FREEFORM, KNIFE, RADIUS_M, SPHERE, drawn, edge_touches, spread_touches
@@ -64,29 +65,23 @@ def test_intervals_cover(obj: TouchObject, compliance_m_N: float) -> None:
 
 def test_own_errors_alone_cover_in_each_surface() -> None:
     """Without common errors the vertices of one surface are many samples, as far as they lie apart."""
-    parts = []
+    parts, stds = [], []
     for seed in range(6):
         true = spread_touches(SPHERE, 50, np.random.default_rng(seed), common=False)
         surface = reconstruct(drawn(true, np.random.default_rng(50 + seed)), RADIUS_M)
         parts.append(SPHERE.signed_distance(surface.touched_m)[0] / surface.touched_std_m)
+        stds.append(surface.touched_std_m)
     assert 0.85 < inside(np.concatenate(parts)) < 0.995
     assert 0.7 < np.sqrt(np.mean(np.concatenate(parts) ** 2)) < 1.3
+    assert np.median(stds) < 5e-5
 
 
 def test_common_errors_do_not_average_out() -> None:
-    """However many contacts there are, the surface is not better known than the rig's position."""
-    true = spread_touches(SPHERE, 100, np.random.default_rng(0))
-    surface = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M)
+    """The surface is not better known than the rig's position; the normals' common part is part of their covariance."""
+    surface = reconstruct(
+        drawn(spread_touches(SPHERE, 60, np.random.default_rng(0)), np.random.default_rng(1)), RADIUS_M
+    )
     assert surface.touched_std_m.min() > 1e-4
-    alone = replace(true, modes_m=true.modes_m[:, :, :0], force_modes_N=true.force_modes_N[:, :, :0])
-    alone = replace(alone, tangent_modes=true.tangent_modes[:, :, :0])
-    own = reconstruct(drawn(alone, np.random.default_rng(1)), RADIUS_M)
-    assert np.median(own.touched_std_m) < 3.5e-5
-
-
-def test_the_common_part_of_the_normals_is_part_of_their_covariance() -> None:
-    true = spread_touches(FREEFORM, 40, np.random.default_rng(0))
-    surface = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M)
     modes = surface.touched_normal_modes
     rest = surface.touched_normal_covariance - modes @ np.swapaxes(modes, 1, 2)
     assert np.linalg.eigvalsh(rest).min() > -1e-9
@@ -110,3 +105,51 @@ def test_wrong_contacts_are_left_out() -> None:
     assert np.flatnonzero(surface.outlier).tolist() == [7, 31]
     assert "2 contacts were left out" in " ".join(surface.notes)
     assert np.abs(SPHERE.signed_distance(surface.points_m)[0]).max() < 3e-4
+
+
+def test_a_soft_ball_s_stiffness_and_its_unpressed_shape() -> None:
+    stiffness_N_m = 20.0
+    true = spread_touches(SPHERE, 60, np.random.default_rng(0), compliance_m_N=1 / stiffness_N_m, common=False)
+    surface = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M)
+    soft = surface.compliance
+    assert soft.determined
+    assert soft.stiffness_N_m == pytest.approx(stiffness_N_m, rel=0.1)
+    assert soft.interval_N_m[0] < stiffness_N_m < soft.interval_N_m[1]
+    # nothing is common, but the model is not exact
+    assert MODEL_SHARE / stiffness_N_m < soft.std_m_N < 1e-3
+    # pressed in by up to 3 mm, drawn where it is when nobody touches it
+    assert np.sqrt(np.mean(SPHERE.signed_distance(surface.touched_m)[0] ** 2)) < 1e-4
+
+
+def test_common_errors_widen_the_interval() -> None:
+    """An error of the antenna's stiffness moves points with the forces: that looks like yielding."""
+    true = spread_touches(SPHERE, 60, np.random.default_rng(0), compliance_m_N=0.01)
+    true.modes_m[:, :, 6] = 1.5e-3 * true.force_N
+    soft = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M).compliance
+    assert soft.std_m_N > 1.5e-3
+
+
+def test_a_rigid_object_is_stiffer_than_so_much() -> None:
+    true = spread_touches(CYLINDER, 60, np.random.default_rng(0), common=False)
+    soft = reconstruct(drawn(true, np.random.default_rng(2)), RADIUS_M).compliance
+    assert not soft.determined
+    assert np.isnan(soft.stiffness_N_m)
+    assert soft.interval_N_m[0] > 300
+    assert soft.interval_N_m[1] == np.inf
+    assert soft.reason.startswith("the object is stiffer than")
+
+
+def test_forces_that_are_all_alike_tell_nothing() -> None:
+    true = spread_touches(SPHERE, 40, np.random.default_rng(0), common=False)
+    force = 0.03 * true.force_N / np.linalg.norm(true.force_N, axis=1, keepdims=True)
+    surface = reconstruct(drawn(replace(true, force_N=force), np.random.default_rng(1)), RADIUS_M)
+    assert not surface.compliance.determined
+    assert "cannot be told" in surface.compliance.reason
+    assert np.isnan(surface.compliance.interval_N_m).all()
+
+
+def test_what_comes_out_under_pressure_points_at_the_calibration() -> None:
+    true = spread_touches(SPHERE, 60, np.random.default_rng(0), compliance_m_N=-0.02, common=False)
+    soft = reconstruct(drawn(true, np.random.default_rng(1)), RADIUS_M).compliance
+    assert not soft.determined
+    assert "check the rig's calibration" in soft.reason

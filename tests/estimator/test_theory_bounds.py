@@ -43,19 +43,8 @@ def moments(far):
     """A, B, C: ∫ s², ∫ s·es and ∫ (es)² over u = x/l from 0 to L/l; s = y/δ_c, e = ∂ln y/∂ln l."""
     u = sp.symbols("u", positive=True)
     parts = (((3 - u) * u**2 / 2, 3 * u**2 / 2, 0, 1), ((3 * u - 1) / 2, sp.Rational(3, 2) * (2 * u - 1), 1, far))
-    return [sum(sp.integrate(pick(s, es), (u, low, high)) for s, es, low, high in parts) for pick in (_ss, _se, _ee)]
-
-
-def _ss(s, es):
-    return s**2
-
-
-def _se(s, es):
-    return s * es
-
-
-def _ee(s, es):
-    return es**2
+    products = [(s * s, s * es, es * es, low, high) for s, es, low, high in parts]
+    return [sum(sp.integrate(part[which], (u, *part[3:])) for part in products) for which in range(3)]
 
 
 def factors(reach: np.ndarray | float) -> np.ndarray:

@@ -40,13 +40,6 @@ class TestElasticity:
         stated = [float((self.seen_straight if value <= 1 else self.seen_curved).subs(u, value)) for value in at]
         np.testing.assert_allclose(two_point.elasticity(np.ones(5), at), stated, rtol=1e-14)
 
-    def test_condition_numbers(self) -> None:
-        """d ln y_i = d ln f + e_i d ln l, solved; each error at its worst sign."""
-        e1, e2, d1, d2 = sp.symbols("e1 e2 d1 d2", real=True)
-        by_l, by_f = sp.Matrix([[e1, 1], [e2, 1]]).solve(sp.Matrix([d1, d2]))
-        assert sp.simplify(by_l - (d2 - d1) / (e2 - e1)) == 0
-        assert sp.simplify(by_f - (e2 * d1 - e1 * d2) / (e2 - e1)) == 0
-
 
 def test_26_as_printed_has_no_deflection_at_the_contact() -> None:
     """It inverts x_p = x + τ·tanφ·l·(x − l)/2EI, whose z is 0 at x = l, where it should be Δz."""
@@ -104,15 +97,6 @@ class TestTheOneUnknown:
         assert sp.simplify(pull - (r - 1) ** 2 / (3 * ((r - 1) * v - 1))) == 0
         slope = sp.diff((P - v) * pull, v)
         assert sp.simplify(slope - (1 / (r - 1) - P) * (r - 1) / (3 * (v - 1 / (r - 1)) ** 2)) == 0
-
-    def test_the_quintic_is_one(self) -> None:
-        kappa, twist = sp.symbols("kappa twist", real=True)
-        y1, y2, p1, p2 = sp.symbols("y1 y2 p1 p2", positive=True)
-        a, b = p1 - kappa * y1, p2 - kappa * y2
-        quintic = sp.expand(2 * EI_ * kappa * (b**3 * y1 - a**3 * y2) - twist * a**2 * b**2 * (b - a))
-        assert sp.factor(sp.Poly(quintic, kappa).coeff_monomial(kappa**5)) == sp.factor(
-            twist * y1**2 * y2**2 * (y2 - y1)
-        )
 
     def test_every_contact_of_a_picture_by_scanning_the_shift(self) -> None:
         """κ from end to end, the upright formulas at each, the moment's misfit: as many zeros as the code finds."""

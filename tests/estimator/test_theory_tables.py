@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.estimator.scenes import scenes
-from benchmarks.estimator.setup import GRAVITY_WORLD_M_S2, STIFFNESS_NM2, TOWARDS_CLAMP, Setup
-from benchmarks.estimator.shapes import Shapes, Touches, elastica_shapes, rod_shapes
+from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup
+from benchmarks.estimator.shapes import elastica_shapes, rod_shapes
 from estimator.contact.motion import inertia
-from vbaa_calib.antenna import linear
-from vbaa_calib.antenna.rungs import RUNGS, curves
 from vbaa_calib.rig import Rig
 
 from .contact_scenes import answered, rubbed, scene_deviations
@@ -31,8 +27,6 @@ CAMERAS = {
     "20° towards the clamp": (20.0, TOWARDS_CLAMP),
     "45° towards the clamp": (45.0, TOWARDS_CLAMP),
 }
-PAIRS = ((0.3, 0.9), (0.3, 0.6), (0.5, 0.95), (0.5, 0.75), (0.7, 0.95), (0.5, 0.6), (0.7, 0.8))
-SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 
 
 def rig_of(tilt_deg: float = 0.0, azimuth: float = TOWARDS_CLAMP, *, real: bool = False, exact: bool = True) -> Rig:
@@ -59,23 +53,6 @@ def table_below(page: str, mark: str) -> list[list[str]]:
             break
         body.append([cell.strip() for cell in line.strip("|").split("|")])
     return body
-
-
-@pytest.mark.slow
-def test_what_a_curve_costs() -> None:
-    """300 at once, least of 60 each: in the order of the rungs."""
-    rng, count = np.random.default_rng(0), 300
-    least: dict[str, float] = {}
-    parameters = np.zeros((count, 9))
-    parameters[:, 6] = np.log(STIFFNESS_NM2)
-    parameters[:, 7] = np.log(3.97e-3)
-    given = np.tile(GRAVITY_WORLD_M_S2, (count, 1)), rng.uniform(0.05, 0.23, count), 0.05 * rng.normal(size=(count, 2))
-    for turn in range(240):
-        rung, begun = RUNGS[turn // 15 % 4], time.perf_counter()
-        curves(rung, parameters, LENGTH_M, *given, np.zeros(count))
-        least[rung] = min(least.get(rung, 1.0), time.perf_counter() - begun)
-    printed(["rung", "a curve, of paper's"], [[rung, f"{least[rung] / least['paper']:.1f}"] for rung in RUNGS])
-    assert list(least.values()) == sorted(least.values())
 
 
 def friction_left(exact: bool, blind: bool, reach: float) -> list[str]:
@@ -142,24 +119,6 @@ def test_vision_alone() -> None:
     assert max(gaps) < 0.2
 
 
-def doubly_touched(rig: Rig, first: float, second: float, share: float, slope_deg: float, sigma_px: float) -> float:
-    """Share of 8 frames with two forces on a straight beam in 𝒟 at ξ = 40° that come without numbers."""
-    at, roll = np.array([first, second]) * LENGTH_M, np.radians(40.0)
-    forces = np.array([1.0, share])
-    forces *= 2.0 * STIFFNESS_NM2 * np.tan(np.radians(slope_deg)) / (forces * at**2).sum()
-
-    def shaped(_: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
-        aside = linear.superposed_deflection(arclength_m, at, forces, STIFFNESS_NM2)
-        lean = np.stack([arclength_m, aside * np.cos(roll), aside * np.sin(roll)], axis=-1)
-        none = np.zeros((len(touches), 3))
-        moment = np.full(len(touches), float(at @ forces) * np.sin(roll))
-        return Shapes(np.tile(lean, (len(touches), 1, 1)), none, none, moment, none)
-
-    given = scenes(rig, np.full(8, at[0]), np.ones((8, 2)), made_by=shaped, sigma_px=sigma_px)
-    found = answered(given.noisy(np.random.default_rng(3)))
-    return float(np.mean(~np.isfinite(found.distance_m)))
-
-
 def test_ringing_that_is_seen() -> None:
     """First modes, and the share of their inertia that frames at each rate show: the page's table, to a hundredth."""
     rows = []
@@ -176,21 +135,3 @@ def test_ringing_that_is_seen() -> None:
     for mine, theirs in zip(found, table_below("theory_estimator.md", "seen only as far as"), strict=True):
         assert float(mine[1]) == pytest.approx(float(theirs[1].split()[0]), abs=0.5)
         np.testing.assert_allclose([float(cell) for cell in mine[2:]], [float(c) for c in theirs[2:]], atol=0.011)
-
-
-@pytest.mark.slow
-def test_two_contacts() -> None:
-    """The smallest share from which on half of the frames come without numbers: neighbours of the page's."""
-    rig, rows = rig_of(exact=False), []
-    for first, second in PAIRS:
-        cells = []
-        for slope in (5.0, 15.0):
-            for sigma in (0.1, 0.03):
-                shares = [share for share in SHARES if doubly_touched(rig, first, second, share, slope, sigma) >= 0.5]
-                gap = [share for share in SHARES if shares and share > shares[0] and share not in shares]
-                tail = f", but not at {gap[0]:g}" if gap else ""
-                cells.append(f"{'≤ ' if shares[:1] == [SHARES[0]] else ''}{shares[0]:g}{tail}" if shares else "> 1")
-        rows.append([f"{first:g}, {second:g}", *cells])
-    printed(["l₁/L, l₂/L", "5°, 0.1 px", "5°, 0.03 px", "15°, 0.1 px", "15°, 0.03 px"], rows)
-    assert rows[0][3].startswith("≤ 0.02")
-    assert rows[-1][1] == "> 1"

@@ -12,9 +12,8 @@ import pytest
 
 from benchmarks.estimator.setup import Setup
 from estimator.cli.track import COLUMNS, configure, run
-from estimator.table.contacts import ContactRow, ContactTable
+from estimator.table.contacts import ContactTable
 from estimator.table.files import read_contacts, write_contacts
-from vbaa_calib.core.errors import InputError
 
 from .track_tables import rubbed, rubbed_table
 
@@ -22,8 +21,7 @@ COUNT = 40
 
 
 def written(path: Path, table: ContactTable) -> Path:
-    names = [name for name in vars(table) if name in ContactRow.__dataclass_fields__]
-    write_contacts(path, [ContactRow(**{name: getattr(table, name)[i] for name in names}) for i in range(len(table))])
+    write_contacts(path, list(table.rows()))
     return path
 
 
@@ -69,28 +67,3 @@ def test_contacts_are_smoothed_on_request(tmp_path: Path) -> None:
     assert len(back) == COUNT
     assert np.abs(back.point_world_m - table.point_world_m).max() > 1e-5
     assert (np.trace(back.covariance_world_m2, axis1=1, axis2=2) > 0.0).all()
-
-
-@pytest.mark.parametrize(
-    ("words", "what"),
-    [
-        (("-o", "contacts.csv"), "is an input of this command"),
-        (("-o", "rig.json"), "is an input of this command"),
-        (("-o", "track.parquet"), r"is not a \.csv"),
-        (("-o", "both.csv", "--smooth", "both.csv"), "is the track's own file"),
-    ],
-)
-def test_outputs_that_are_refused(words: tuple[str, ...], what: str, tmp_path: Path) -> None:
-    """Whatever --force says; and --smooth without the rig, and an output that is there already."""
-    contacts = written(tmp_path / "contacts.csv", stroked())
-    before = contacts.read_bytes()
-    (tmp_path / "rig.json").write_text("{}")
-    named = [word if word.startswith("-") else tmp_path / word for word in words]
-    with pytest.raises(InputError, match=what):
-        run(arguments(contacts, "--rig", tmp_path / "rig.json", *named, "--force"))
-    with pytest.raises(InputError, match="needs --rig"):
-        run(arguments(contacts, "-o", tmp_path / "track.csv", "--smooth", tmp_path / "smoothed.csv"))
-    (tmp_path / "track.csv").write_text("mine")
-    with pytest.raises(InputError, match="exists already"):
-        run(arguments(contacts, "-o", tmp_path / "track.csv"))
-    assert contacts.read_bytes() == before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -36,27 +37,18 @@ def evidence_table(values: np.ndarray, *, deep: np.ndarray | None = None, start_
         elif value < 100.0 or deep is None:
             rows.append(ContactRow(status="low_signal", in_contact=True, **row))
         else:
-            rows.append(_located(float(deep[i]), row))
+            place, force = np.array([0.15, 0.0, 0.0]), np.array([0.0, float(deep[i]), 0.0])
+            points = {"point_antenna_m": place, "point_world_m": place, "covariance_world_m2": 1e-6 * np.eye(3)}
+            forces = {"force_y_N": force[1], "force_y_std_N": 1.0, "force_z_N": 0.0, "force_z_std_N": 1.0}
+            tangent = np.array([1.0, 0.0, 0.0])
+            rows.append(located(distance_m=0.15, force_world_N=force, tangent_world=tangent, **points, **forces, **row))
     return ContactTable.from_rows(rows)
 
 
-def _located(force: float, row: dict) -> ContactRow:
-    return ContactRow(
-        status="ok",
-        in_contact=True,
-        distance_m=0.15,
-        distance_std_m=1e-3,
-        force_y_N=force,
-        force_y_std_N=1.0,
-        force_z_N=0.0,
-        force_z_std_N=1.0,
-        point_antenna_m=np.array([0.15, 0.0, 0.0]),
-        point_world_m=np.array([0.15, 0.0, 0.0]),
-        covariance_world_m2=1e-6 * np.eye(3),
-        force_world_N=np.array([0.0, force, 0.0]),
-        tangent_world=np.array([1.0, 0.0, 0.0]),
-        **row,
-    )
+def located(**given: Any) -> ContactRow:
+    """A located contact; of what is not given the deviations are small."""
+    small = dict.fromkeys(("distance_std_m", "force_y_std_N", "force_z_std_N"), 1e-3)
+    return ContactRow(**{"status": "ok", "in_contact": True, "tilt_rad": 0.0, "evidence": 1e4} | small | given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,25 +115,19 @@ def rubbed_table(
         rotation = Kinematics().T_world_antenna(float(truth.pan_rad[i]), 0.0).rotation
         in_antenna = rotation.T @ force
         rows.append(
-            ContactRow(
+            located(
                 frame=i,
                 time_s=float(truth.time_s[i]),
-                status="ok",
-                in_contact=True,
                 distance_m=float(truth.distance_m[i]) + off,
                 distance_std_m=along_m,
                 force_y_N=in_antenna[1],
-                force_y_std_N=1e-3,
                 force_z_N=in_antenna[2],
-                force_z_std_N=1e-3,
                 point_antenna_m=rotation.T @ point,
                 point_world_m=point,
                 covariance_world_m2=covariance,
                 force_world_N=force,
                 tangent_world=tangent,
                 pan_rad=float(truth.pan_rad[i]),
-                tilt_rad=0.0,
-                evidence=1e4,
             )
         )
     return ContactTable.from_rows(rows)

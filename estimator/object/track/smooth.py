@@ -35,7 +35,7 @@ _CHANGED = (
 def kalman_smooth(
     time_s: np.ndarray, values: np.ndarray, covariance: np.ndarray, walk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed values (P, D) and covariances (P, D, D), of values with noise of covariance (P, D, D) at increasing times
+    """Smoothed values (P, D) and covariances (P, D, D) of values with noise of covariance (P, D, D) at rising times
     (P,); `walk` (D,) is the intensity of the velocity's random walk, unit²/s³."""
     count, size = values.shape
     unit, nothing, noise = np.eye(size), np.zeros((size, size)), np.diag(walk)
