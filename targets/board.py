@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
+import yaml
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
@@ -91,3 +92,8 @@ def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:
 def corner_points(spec: BoardSpec) -> np.ndarray:
     """(corner_count, 3) inner corners in the board frame, m, in the order of OpenCV's corner ids."""
     return np.asarray(opencv_board(spec).getChessboardCorners(), float).reshape(-1, 3)
+
+
+def spec_line(spec: BoardSpec) -> str:
+    """The specification as one line of YAML: what the QR code holds, and a board.yaml as it stands."""
+    return yaml.safe_dump(spec.to_dict(), default_flow_style=True, sort_keys=False, width=10**6).strip()

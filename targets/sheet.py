@@ -13,7 +13,7 @@ import yaml
 from reportlab.graphics.barcode import qrencoder
 from reportlab.lib.utils import simpleSplit
 
-from .board import DICTIONARY_SIZES, BoardSpec
+from .board import DICTIONARY_SIZES, BoardSpec, spec_line
 from .paper import PAPERS_MM, Label, Paper
 
 
@@ -26,11 +26,6 @@ def board_id(spec: BoardSpec) -> str:
     lengths = [round(1e9 * length) for length in (spec.square_m, spec.marker_m)]
     text = f"charuco {spec.squares_x} {spec.squares_y} {lengths} {spec.dictionary} {spec.starts_with_marker}"
     return hashlib.sha256(text.encode()).hexdigest()[:8]
-
-
-def spec_line(spec: BoardSpec) -> str:
-    """The specification as one line of YAML: what the QR code holds, and a board.yaml as it stands."""
-    return yaml.safe_dump(spec.to_dict(), default_flow_style=True, sort_keys=False, width=10**6).strip()
 
 
 def spec_document(spec: BoardSpec, note: str = "") -> str:

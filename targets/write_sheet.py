@@ -8,10 +8,10 @@ from xml.sax.saxutils import escape
 
 from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 
-from .board import BoardSpec
+from .board import BoardSpec, spec_line
 from .paper import Drawing, Label, Shape, Stroke
 from .pattern import board_shapes, outlines, placed
-from .sheet import PT_PER_MM, Layout, board_id, font_name, qr_modules, spec_line
+from .sheet import PT_PER_MM, Layout, board_id, font_name, qr_modules
 
 _TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
 _TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}

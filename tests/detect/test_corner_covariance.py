@@ -22,21 +22,16 @@ def sampled(condition: Conditions, draws: int, seed: int = 3) -> tuple[np.ndarra
     """Predicted (N, 2, 2) and sampled (N, 2, 2) covariance px², and bias (N, 2) px, of the corners mostly found."""
     rng = np.random.default_rng(seed)
     board = draw_board(SHEET, condition, rng, tilt_rad=0.6)
-    found: dict[int, list[np.ndarray]] = {}
-    predicted: dict[int, list[np.ndarray]] = {}
-    for _ in range(draws):
+    found, predicted = np.full((draws, SPEC.corner_count, 2), np.nan), np.full((draws, SPEC.corner_count, 2, 2), np.nan)
+    for draw in range(draws):
         view = detect_corners(board.picture(rng), SPEC)
-        assert view.covariance_px2 is not None
-        for index, corner, covariance in zip(view.ids.tolist(), view.corners_px, view.covariance_px2, strict=True):
-            found.setdefault(index, []).append(corner - board.corners_px[index])
-            predicted.setdefault(index, []).append(covariance)
-    whole = [index for index, corners in found.items() if len(corners) >= 0.95 * draws]
+        found[draw, view.ids] = view.corners_px - board.corners_px[view.ids]
+        predicted[draw, view.ids] = view.covariance_px2
+    seen = np.isfinite(found[..., 0])
+    whole = np.flatnonzero(seen.mean(axis=0) >= 0.95)
     assert len(whole) >= 9
-    return (
-        np.array([np.mean(predicted[index], axis=0) for index in whole]),
-        np.array([np.cov(np.array(found[index]).T) for index in whole]),
-        np.array([np.mean(found[index], axis=0) for index in whole]),
-    )
+    scatter = np.array([np.cov(found[seen[:, index], index].T) for index in whole])
+    return np.nanmean(predicted[:, whole], axis=0), scatter, np.nanmean(found[:, whole], axis=0)
 
 
 def std_ratio(predicted: np.ndarray, seen: np.ndarray) -> float:
@@ -78,7 +73,7 @@ def crossing(angle_rad: float, turn_rad: float, centre: np.ndarray, blur_px: flo
     return 120.0 + 80.0 * sides[0] * sides[1]
 
 
-@pytest.mark.parametrize("turn_rad", [0.3, 1.2, 2.5])
+@pytest.mark.parametrize("turn_rad", [0.3, 2.5])
 def test_an_acute_corner_is_uncertain_along_its_point(turn_rad: float) -> None:
     rng, centre, window = np.random.default_rng(0), np.array([40.3, 39.8]), 8
     grey = crossing(np.radians(50.0), turn_rad, centre, 1.2)
@@ -100,24 +95,18 @@ def test_noise_is_measured_in_black_and_in_white() -> None:
     rng, centre = np.random.default_rng(0), np.array([[40.3, 39.8]])
     grey = crossing(np.radians(85.0), 0.4, centre[0], 1.0)
     variance = 1.0 + 0.08 * grey
-    measured = []
-    for _ in range(12):
-        picture = np.clip(np.rint(grey + rng.normal(size=grey.shape) * np.sqrt(variance)), 0, 255).astype(np.uint8)
-        measured.append(measure_noise(picture, centre, np.array([10])))
-    black, white = (np.mean([getattr(noise, name) for noise in measured]) for name in ("black", "white"))
-    assert (black, white) == pytest.approx((40.0, 200.0), abs=2.5)
-    in_black, in_white = (
-        np.mean([getattr(noise, name) for noise in measured]) for name in ("black_variance", "white_variance")
-    )
-    assert in_black == pytest.approx(1.0 + 0.08 * 40 + QUANTISATION, rel=0.25)
-    assert in_white == pytest.approx(1.0 + 0.08 * 200 + QUANTISATION, rel=0.25)
+    noisy = (grey + rng.normal(size=grey.shape) * np.sqrt(variance) for _ in range(12))
+    pictures = [np.clip(np.rint(each), 0, 255).astype(np.uint8) for each in noisy]
+    measured = [measure_noise(picture, centre, np.array([10])) for picture in pictures]
+    levels, variances = np.mean(measured, axis=0)
+    assert levels == pytest.approx([40.0, 200.0], abs=2.5)
+    assert variances == pytest.approx(1.0 + 0.08 * np.array([40.0, 200.0]) + QUANTISATION, rel=0.25)
 
 
 def test_a_picture_without_noise_is_still_rounded() -> None:
     centre = np.array([[40.3, 39.8]])
     picture = np.rint(crossing(np.radians(85.0), 0.4, centre[0], 1.0)).astype(np.uint8)
-    noise = measure_noise(picture, centre, np.array([8]))
-    assert noise.variance(np.array([40.0, 120.0, 200.0])) == pytest.approx(QUANTISATION, rel=0.5)
+    assert measure_noise(picture, centre, np.array([8]))[1] == pytest.approx(QUANTISATION, rel=0.5)
     covariance = corner_covariances(picture, centre, np.array([8]))[0]
     assert 0.0 < np.sqrt(np.trace(covariance)) < 0.01
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from pathlib import Path
 
 import cv2
@@ -12,13 +13,14 @@ import yaml
 
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.board.corners import detect_corners, detect_files, detect_folder
+from vbaa_calib.detect.board.corners import detect_corners, detect_folder
 from vbaa_calib.detect.board.layout import Markers, judge, marker_cells
 
 SPEC = BoardSpec(squares_x=9, squares_y=6, square_m=0.012, marker_m=0.009)
 SIZE = (960, 720)
 
 
+@functools.cache
 def drawn(spec: BoardSpec, seed: int, size: tuple[int, int] = SIZE) -> tuple[np.ndarray, np.ndarray]:
     """A slightly tilted board, blurred and noisy, and its true corners (corner_count, 2) px."""
     rng = np.random.default_rng(seed)
@@ -61,11 +63,6 @@ def test_corners_are_found_to_a_twentieth_of_a_pixel_and_without_bias() -> None:
     assert np.abs(errors.mean(axis=0)).max() < 0.01, "pixel (0, 0) is the centre of the first pixel"
 
 
-def test_a_picture_without_a_board_gives_an_empty_view() -> None:
-    view = detect_corners(np.full((480, 640), 128, np.uint8), SPEC)
-    assert (len(view.ids), view.marker_count, view.corners_px.shape) == (0, 0, (0, 2))
-
-
 @pytest.mark.parametrize("legacy", [False, True])
 @pytest.mark.parametrize("columns", [8, 9])
 def test_marker_cells_are_opencvs(legacy: bool, columns: int) -> None:
@@ -84,13 +81,10 @@ def spec_in(message: str) -> BoardSpec:
     [
         ({"dictionary": "DICT_5X5_100"}, ["dictionary: DICT_4X4_50 (not DICT_5X5_100)"]),
         ({"squares_x": 8}, ["squares_x: 9 (not 8)"]),
-        ({"squares_x": 10}, ["squares_x: 9 (not 10)"]),
         ({"squares_y": 5}, ["squares_y is 6 or more (not 5)"]),
         ({"squares_x": 6, "squares_y": 9}, ["squares_x: 9 (not 6)", "are exchanged"]),
         ({"legacy_pattern": True}, ["legacy_pattern: false"]),
         ({"marker_m": 0.006}, ["marker_m: 0.009 (markers measure 0.75 of a square, not 0.50)"]),
-        ({"squares_x": 8, "squares_y": 6, "marker_m": 0.006}, ["squares_x: 9", "marker_m: 0.009"]),
-        ({"squares_x": 6, "squares_y": 9, "dictionary": "DICT_6X6_250"}, ["DICT_4X4_50", "squares_x: 9", "exchanged"]),
         (
             {"squares_x": 5, "squares_y": 4, "marker_m": 0.006, "dictionary": "DICT_7X7_50", "legacy_pattern": True},
             ["DICT_4X4_50", "squares_x: 9", "squares_y is 6", "legacy_pattern: false", "marker_m: 0.009"],
@@ -112,24 +106,20 @@ def test_a_wrong_spec_is_refused_with_its_causes_and_the_spec_that_fits(
     assert all(len(view.ids) == SPEC.corner_count for view in detect_folder(folder, fitting))
 
 
-@pytest.mark.parametrize("dictionary", ["DICT_4X4_50", "DICT_4X4_250", "DICT_4X4_1000"])
 def test_a_dictionary_that_holds_the_boards_ids_is_taken_in_silence(
-    tmp_path: Path, capsys: pytest.CaptureFixture, dictionary: str
+    tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     folder = write_pictures(tmp_path, SPEC, 2)
-    views = detect_folder(folder, dataclasses.replace(SPEC, dictionary=dictionary))
+    views = detect_folder(folder, dataclasses.replace(SPEC, dictionary="DICT_4X4_1000"))
     assert all(len(view.ids) == SPEC.corner_count for view in views)
     assert capsys.readouterr().err == ""
 
 
 def test_rows_that_are_not_on_the_board_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    folder = tmp_path / "room"
-    folder.mkdir()
     for seed in range(3):
-        picture, _ = drawn(SPEC, seed)
         # room below the board for the rows that are missing
-        cv2.imwrite(str(folder / f"{seed}.png"), np.pad(picture, ((0, 400), (0, 0)), mode="edge"))
-    views = detect_folder(folder, dataclasses.replace(SPEC, squares_y=8))
+        cv2.imwrite(str(tmp_path / f"{seed}.png"), np.pad(drawn(SPEC, seed)[0], ((0, 400), (0, 0)), mode="edge"))
+    views = detect_folder(tmp_path, dataclasses.replace(SPEC, squares_y=8))
     assert all(len(view.ids) == SPEC.corner_count for view in views)
     assert "last 2 rows and no marker there: is squares_y 6, not 8?" in capsys.readouterr().err
 
@@ -150,7 +140,7 @@ def test_swapped_sizes_are_named_in_the_right_order() -> None:
         BoardSpec(9, 6, square_m=0.012, marker_m=0.012)
 
 
-@pytest.mark.parametrize("ratio", [0.5, 0.6, 0.85])
+@pytest.mark.parametrize("ratio", [0.5, 0.85])
 def test_the_markers_share_of_a_square_is_measured(ratio: float) -> None:
     spec = BoardSpec(9, 6, 0.02, 0.02 * ratio)
     views = [detect_corners(drawn(spec, seed)[0], SPEC) for seed in range(2)]
@@ -166,17 +156,15 @@ def test_markers_of_another_maker_are_named(tmp_path: Path) -> None:
         detect_folder(tmp_path, SPEC)
 
 
-@pytest.mark.parametrize("shape", [(0, 0), (0, 9), (1, 1), (5, 5), (9, 700), (300, 400)])
-@pytest.mark.parametrize("kind", ["white", "black", "noise"])
-def test_hostile_pictures_give_empty_views(shape: tuple[int, int], kind: str) -> None:
-    noise = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
-    picture = noise if kind == "noise" else np.full(shape, 255 if kind == "white" else 0, np.uint8)
-    view = detect_corners(picture, SPEC)
+@pytest.mark.parametrize("shape", [(0, 0), (0, 9), (1, 1), (9, 700), (300, 400)])
+@pytest.mark.parametrize("darkest", [0, 255])
+def test_noise_and_blank_pictures_give_empty_views(shape: tuple[int, int], darkest: int) -> None:
+    view = detect_corners(np.random.default_rng(0).integers(darkest, 256, shape).astype(np.uint8), SPEC)
     assert (len(view.ids), view.corners_px.shape, view.image_size) == (0, (0, 2), shape[::-1])
     assert view.covariance_px2 is not None
     assert view.covariance_px2.shape == (0, 2, 2)
     assert view.quality is not None
-    assert (view.quality.corners, view.quality.collinear) == (0, True)
+    assert view.quality.collinear
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(9, 6), (8, 6)])
@@ -188,8 +176,10 @@ def test_the_legacy_pattern_is_told_from_the_present_one(tmp_path: Path, columns
         detect_folder(folder, dataclasses.replace(legacy, legacy_pattern=False))
 
 
-@pytest.mark.parametrize("change", [{}, {"squares_x": 8}, {"dictionary": "DICT_5X5_100"}])
-@pytest.mark.parametrize(("mirrored", "negative"), [(True, False), (False, True), (True, True)])
+@pytest.mark.parametrize(
+    ("mirrored", "negative", "change"),
+    [(True, False, {}), (False, True, {"squares_x": 8}), (True, True, {"dictionary": "DICT_5X5_100"})],
+)
 def test_turned_pictures_are_named_as_the_cause(tmp_path: Path, change: dict, mirrored: bool, negative: bool) -> None:
     for seed in range(2):
         picture = drawn(SPEC, seed)[0]
@@ -205,9 +195,7 @@ def test_turned_pictures_are_named_as_the_cause(tmp_path: Path, change: dict, mi
 
 
 def test_pictures_without_a_board_are_refused(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    for index in range(2):
-        cv2.imwrite(str(tmp_path / f"{index}.png"), rng.integers(0, 255, (300, 400), np.uint8))
+    cv2.imwrite(str(tmp_path / "0.png"), np.random.default_rng(0).integers(0, 255, (300, 400), np.uint8))
     with pytest.raises(InputError, match="no board is found"):
         detect_folder(tmp_path, SPEC)
 
@@ -217,11 +205,3 @@ def test_mixed_sizes_are_refused_by_name(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "9.png"), drawn(SPEC, 5, (800, 600))[0])
     with pytest.raises(InputError, match=r"9\.png: is 800x600 px, 0\.png is 960x720 px"):
         detect_folder(tmp_path, SPEC)
-
-
-def test_a_truncated_picture_is_refused_by_name(tmp_path: Path) -> None:
-    write_pictures(tmp_path, SPEC, 2)
-    whole = (tmp_path / "1.png").read_bytes()
-    (tmp_path / "1.png").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"1\.png: is truncated"):
-        detect_files(sorted(tmp_path.iterdir()), SPEC)

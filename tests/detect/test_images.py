@@ -54,7 +54,7 @@ def test_a_12_bit_sensor_in_a_16_bit_file_is_not_dark(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.98])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.98])
 def test_a_truncated_picture_is_refused(
     tmp_path: Path, suffix: str, share: float, capfd: pytest.CaptureFixture
 ) -> None:
@@ -81,11 +81,11 @@ def test_a_jpeg_with_its_thumbnail_whole_but_itself_cut_is_refused(tmp_path: Pat
     path = tmp_path / "a.jpg"
     cv2.imwrite(str(path), GRAY)
     whole = path.read_bytes()
-    thumbnail = whole  # itself a complete JPEG, inside an APP1 segment
-    segment = b"\xff\xe1" + (len(thumbnail) + 2).to_bytes(2, "big") + thumbnail
-    path.write_bytes(whole[:2] + segment + whole[2:])
+    # the thumbnail is itself a complete JPEG, inside an APP1 segment
+    data = whole[:2] + b"\xff\xe1" + (len(whole) + 2).to_bytes(2, "big") + whole + whole[2:]
+    path.write_bytes(data)
     assert read_gray(path).shape == GRAY.shape
-    path.write_bytes((whole[:2] + segment + whole[2:])[:-200])
+    path.write_bytes(data[:-200])
     with pytest.raises(InputError, match="truncated"):
         read_gray(path)
 
@@ -97,17 +97,11 @@ def test_what_is_no_picture_is_refused(tmp_path: Path, content: bytes) -> None:
         read_gray(tmp_path / "a.png")
 
 
-def test_missing_files_and_folders_are_refused(tmp_path: Path) -> None:
-    for path in (tmp_path / "none.png", tmp_path):
-        with pytest.raises(InputError):
-            read_gray(path)
-    with pytest.raises(InputError, match="no such folder"):
-        list_images(tmp_path / "none")
-    with pytest.raises(InputError, match="holds no pictures"):
-        list_images(tmp_path)
+def test_folders_without_pictures_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("x")
-    with pytest.raises(InputError, match="is not a folder"):
-        list_images(tmp_path / "a.txt")
+    for path, words in ((tmp_path / "none", "no such folder"), (tmp_path, "holds no"), (tmp_path / "a.txt", "is not")):
+        with pytest.raises(InputError, match=words):
+            list_images(path)
 
 
 def test_pictures_are_listed_by_name(tmp_path: Path) -> None:

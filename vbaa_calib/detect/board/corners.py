@@ -68,23 +68,23 @@ def detect_corners(image: np.ndarray, spec: BoardSpec, name: str = "") -> BoardV
     each changes the reprojection error by a few per cent, up or down. Corners next to a single marker are left out,
     for they are grossly wrong on a board that is partly covered.
     """
-    height, width = image.shape
     # OpenCV refuses a picture without pixels
     seen = image if image.size else np.zeros((1, 1), np.uint8)
-    corners, ids, quadrangles, marker_ids = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(seen)
-    found = np.zeros((0, 2)) if corners is None else np.asarray(corners, float).reshape(-1, 2)
-    outlines = np.asarray(quadrangles, float).reshape(-1, 4, 2)
-    sharpened, windows = _sharpened(image, found, outlines, spec)
-    found_ids = np.zeros(0, int) if ids is None else np.asarray(ids, int).ravel()
+    corners, ids, outlines, marker_ids = (
+        np.asarray([] if found is None else found, float)
+        for found in cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(seen)
+    )
+    outlines, ids = outlines.reshape(-1, 4, 2), ids.ravel().astype(int)
+    sharpened, windows = _sharpened(image, corners.reshape(-1, 2), outlines, spec)
     return BoardView(
         name,
-        found_ids,
+        ids,
         sharpened,
-        (width, height),
-        np.zeros(0, int) if marker_ids is None else np.asarray(marker_ids, int).ravel(),
+        (image.shape[1], image.shape[0]),
+        marker_ids.ravel().astype(int),
         outlines,
         corner_covariances(image, sharpened, windows),
-        measure_quality(image, found_ids, sharpened, spec),
+        measure_quality(image, ids, sharpened, spec),
     )
 
 
@@ -104,7 +104,9 @@ def _sharpened(
     nearest = np.argsort(np.linalg.norm(outlines.mean(axis=1)[None] - corners[:, None], axis=-1), axis=1)[:, :2]
     gap_px = smallest[nearest].min(axis=1) * (1.0 - ratio) / 2.0
     windows = np.minimum(_WINDOW_PER_GAP * gap_px, _LARGEST_WINDOW_PX).astype(int)
-    refined, used = corners.copy(), _opencv_windows(corners, outlines)
+    # OpenCV's own reach up to two pixels short of the nearest marker corner
+    to_marker = np.linalg.norm(outlines.reshape(1, -1, 2) - corners[:, None], axis=-1).min(axis=1)
+    refined, used = corners.copy(), np.clip((to_marker - 2.0).astype(int), 1, 10)
     for window in np.unique(windows[windows >= _SMALLEST_WINDOW_PX]).tolist():
         chosen = np.flatnonzero(windows == window)
         start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)
@@ -113,12 +115,6 @@ def _sharpened(
         refined[chosen[near]] = better[near]
         used[chosen[near]] = window
     return refined, used
-
-
-def _opencv_windows(corners: np.ndarray, outlines: np.ndarray) -> np.ndarray:
-    """(N,) half windows of OpenCV's own refinement: up to two pixels short of the nearest marker corner."""
-    to_marker = np.linalg.norm(outlines.reshape(1, -1, 2) - corners[:, None], axis=-1).min(axis=1)
-    return np.clip((to_marker - 2.0).astype(int), 1, 10)
 
 
 def detect_folder(folder: Path, spec: BoardSpec) -> list[BoardView]:
@@ -136,21 +132,13 @@ def detect_files(paths: Sequence[Path], spec: BoardSpec) -> list[BoardView]:
     with ThreadPoolExecutor(_WORKERS) as pool:
         found = pool.map(lambda path: detect_corners(read_gray(path), spec, Path(path).name), paths)
         views = list(progress(found, "detecting the board", len(paths)))
-    _refuse_mixed_sizes(paths, views)
+    for path, view in zip(paths, views, strict=True):
+        if view.image_size != views[0].image_size:
+            own, first = (f"{one.image_size[0]}x{one.image_size[1]} px" for one in (view, views[0]))
+            remedy = "calibrate from pictures of one camera at one resolution"
+            raise InputError(f"is {own}, {views[0].name} is {first}", where=path, remedy=remedy)
     _refuse_wrong_spec(paths, views, spec)
     return views
-
-
-def _refuse_mixed_sizes(paths: Sequence[Path], views: Sequence[BoardView]) -> None:
-    first = views[0]
-    for path, view in zip(paths, views, strict=True):
-        if view.image_size != first.image_size:
-            raise InputError(
-                f"is {view.image_size[0]}x{view.image_size[1]} px, {first.name} is "
-                f"{first.image_size[0]}x{first.image_size[1]} px",
-                where=path,
-                remedy="calibrate from pictures of one camera at one resolution",
-            )
 
 
 def _refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView], spec: BoardSpec) -> None:
@@ -162,11 +150,8 @@ def _refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView], spec: 
         causes = ", ".join(mismatch.causes)
         raise InputError(f"the board spec does not fit the pictures: {causes}", where=place, remedy=mismatch.remedy)
     if not any(len(view.ids) for view in views):
-        raise InputError(
-            "no board is found in any picture",
-            where=place,
-            remedy="check that the board is sharp, lit, large enough and whole markers are in view",
-        )
+        remedy = "check that the board is sharp, lit, large enough and whole markers are in view"
+        raise InputError("no board is found in any picture", where=place, remedy=remedy)
     if missing := rows_too_many(markers, spec, views[0].image_size):
         say(
             f"{place}: the pictures show room for the board's last {missing} rows and no marker there: is squares_y "

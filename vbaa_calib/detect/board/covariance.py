@@ -8,8 +8,6 @@ covariance is J⁻¹ A var(I) Aᵀ J⁻ᵀ. J is near M = −Σ w g gᵀ where t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.stats import norm
 
@@ -26,66 +24,42 @@ _LARGEST_SAMPLE = 40
 _DIFFERENCE_VARIANCE = 36.0
 
 
-@dataclass(frozen=True)
-class PictureNoise:
-    """Variance of a pixel's noise, linear in its grey level between black and white, as photons have it.
+def measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean grey levels (2,) of black and white squares, and the variance (2,) of the noise there, rounding included.
 
-    Attributes
-    ----------
-    black, white : mean grey levels of the squares.
-    black_variance, white_variance : of the noise there, grey levels squared, rounding included.
-    """
-
-    black: float
-    white: float
-    black_variance: float
-    white_variance: float
-
-    def variance(self, grey: np.ndarray) -> np.ndarray:
-        """Noise variance at grey levels of any shape."""
-        share = np.clip((grey - self.black) / max(self.white - self.black, 1.0), 0.0, 1.0)
-        return self.black_variance + share * (self.white_variance - self.black_variance)
-
-
-def measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray) -> PictureNoise:
-    """The noise in windows around chessboard corners (N, 2) px of half size (N,) in a picture (H, W) uint8, N ≥ 1.
-
+    Looked for in windows of half size (N,) around chessboard corners (N, 2) px of a picture (H, W) uint8, N ≥ 1.
     Neighbouring pixels are differenced twice along both axes, which blurred edges and uneven light do not survive.
     """
     chosen = np.linspace(0, len(corners_px) - 1, min(len(corners_px), _LARGEST_SAMPLE)).astype(int)
-    grey, rough = [], []
+    levels, share, rough = [], [], []
     for window in np.unique(windows[chosen]).tolist():
         centres = np.rint(corners_px[chosen[windows[chosen] == window]]).astype(int)
-        blocks = _blocks(image, centres, int(window) + 2)
-        grey.append(_box(blocks).reshape(len(blocks), -1))
-        rough.append(_second_difference(blocks).reshape(len(blocks), -1))
-    levels = [np.percentile(block, (8.0, 92.0), axis=1)[:, :, None] for block in grey]
-    black, white = (float(np.median(np.concatenate([level[i].ravel() for level in levels]))) for i in (0, 1))
-    share = np.concatenate([((g - b) / np.maximum(w - b, 1.0)).ravel() for g, (b, w) in zip(grey, levels, strict=True)])
-    squares = np.concatenate([block.ravel() for block in rough]) ** 2 / _DIFFERENCE_VARIANCE
-    everywhere = _trimmed(squares)
-    variances = [
-        max(_trimmed(flat) if len(flat) >= _LEAST_PIXELS else everywhere, QUANTISATION)
-        for flat in (squares[np.abs(share) < _FLAT], squares[np.abs(share - 1.0) < _FLAT])
-    ]
-    return PictureNoise(black, white, variances[0], variances[1])
+        blocks = _blocks(image, centres, -window - 2, window + 2)
+        grey = _folded(blocks, 1.0).reshape(len(blocks), -1) / 9.0
+        black, white = np.percentile(grey, (8.0, 92.0), axis=1)
+        levels.append([black, white])
+        share.append(((grey - black[:, None]) / np.maximum(white - black, 1.0)[:, None]).ravel())
+        rough.append(_folded(blocks, -2.0).ravel())
+    squares, shares = np.concatenate(rough) ** 2 / _DIFFERENCE_VARIANCE, np.concatenate(share)
+    everywhere, variances = _trimmed(squares), []
+    for side in (0.0, 1.0):
+        flat = squares[np.abs(shares - side) < _FLAT]
+        variances.append(max(_trimmed(flat) if len(flat) >= _LEAST_PIXELS else everywhere, QUANTISATION))
+    return np.median(np.concatenate(levels, axis=1), axis=1), np.array(variances)
 
 
-def _blocks(image: np.ndarray, centres: np.ndarray, reach: int) -> np.ndarray:
-    span = np.arange(-reach, reach + 1)
+def _blocks(image: np.ndarray, centres: np.ndarray, first: int, last: int) -> np.ndarray:
+    """(N, K, K) pixels from `first` to `last` around centres (N, 2); beyond the border the last pixel goes on."""
+    span = np.arange(first, last + 1)
     rows = np.clip(centres[:, 1, None] + span, 0, image.shape[0] - 1)
     columns = np.clip(centres[:, 0, None] + span, 0, image.shape[1] - 1)
     return image[rows[:, :, None], columns[:, None, :]].astype(np.float32)
 
 
-def _box(blocks: np.ndarray) -> np.ndarray:
-    rows = blocks[:, :-2] + blocks[:, 1:-1] + blocks[:, 2:]
-    return (rows[..., :-2] + rows[..., 1:-1] + rows[..., 2:]) / 9.0
-
-
-def _second_difference(blocks: np.ndarray) -> np.ndarray:
-    rows = blocks[:, :-2] - 2.0 * blocks[:, 1:-1] + blocks[:, 2:]
-    return rows[..., :-2] - 2.0 * rows[..., 1:-1] + rows[..., 2:]
+def _folded(blocks: np.ndarray, middle: float) -> np.ndarray:
+    """Blocks (N, K, K) with the kernel (1, middle, 1) along both axes, (N, K − 2, K − 2)."""
+    rows = blocks[:, :-2] + middle * blocks[:, 1:-1] + blocks[:, 2:]
+    return rows[..., :-2] + middle * rows[..., 1:-1] + rows[..., 2:]
 
 
 def _trimmed(squares: np.ndarray) -> float:
@@ -110,17 +84,20 @@ def corner_covariances(image: np.ndarray, corners_px: np.ndarray, windows: np.nd
     found = np.zeros((len(corners_px), 2, 2))
     if not len(corners_px):
         return found
-    noise = measure_noise(image, corners_px, windows)
+    (black, white), (in_black, in_white) = (each.tolist() for each in measure_noise(image, corners_px, windows))
     for window in np.unique(windows).tolist():
         chosen = np.flatnonzero(windows == window)
-        found[chosen] = _of_one_size(image, corners_px[chosen], window, noise)
+        base = np.floor(corners_px[chosen]).astype(int)
+        part = (corners_px[chosen] - base).astype(np.float32)[:, :, None, None]
+        pixels = _blocks(image, base, -window - 1, window + 2)
+        # photons' noise: linear in the grey level
+        share = np.clip((pixels - black) / max(white - black, 1.0), 0.0, 1.0)
+        found[chosen] = _of_one_size(pixels, part, window, in_black + share * (in_white - in_black))
     return found
 
 
-def _of_one_size(image: np.ndarray, corners_px: np.ndarray, window: int, noise: PictureNoise) -> np.ndarray:
-    base = np.floor(corners_px).astype(int)
-    part = (corners_px - base).astype(np.float32)[:, :, None, None]
-    pixels = _corner_blocks(image, base, window + 1)
+def _of_one_size(pixels: np.ndarray, part: np.ndarray, window: int, variance: np.ndarray) -> np.ndarray:
+    """Covariances from pixels (N, K + 3, K + 3) with their noise; part (N, 2, 1, 1) is what corners are off them."""
     samples = _bilinear(pixels, part)
     gradient = 0.5 * np.stack(
         [samples[:, 1:-1, 2:] - samples[:, 1:-1, :-2], samples[:, 2:, 1:-1] - samples[:, :-2, 1:-1]], axis=1
@@ -136,7 +113,7 @@ def _of_one_size(image: np.ndarray, corners_px: np.ndarray, window: int, noise: 
     by_sample = _differenced(by_gradient)
     by_pixel = _gathered(by_sample, part)
     by_shift = _products(by_sample, _slopes(pixels, part))
-    scatter = _products(noise.variance(pixels)[:, None] * by_pixel, by_pixel)
+    scatter = _products(variance[:, None] * by_pixel, by_pixel)
     return _sandwich(by_shift, curvature, scatter, window)
 
 
@@ -144,14 +121,6 @@ def _products(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(N, 2, 2) sums over the pixels of products of (N, 2, K, K) and (N, 2, K, K)."""
     shape = (len(first), 2, -1)
     return (first.reshape(shape) @ second.reshape(shape).transpose(0, 2, 1)).astype(float)
-
-
-def _corner_blocks(image: np.ndarray, base: np.ndarray, reach: int) -> np.ndarray:
-    """(N, 2 reach + 2, 2 reach + 2) pixels around base (N, 2); beyond the border the last pixel goes on."""
-    span = np.arange(-reach, reach + 2)
-    rows = np.clip(base[:, 1, None] + span, 0, image.shape[0] - 1)
-    columns = np.clip(base[:, 0, None] + span, 0, image.shape[1] - 1)
-    return image[rows[:, :, None], columns[:, None, :]].astype(np.float32)
 
 
 def _bilinear(pixels: np.ndarray, part: np.ndarray) -> np.ndarray:

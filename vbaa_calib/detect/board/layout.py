@@ -8,8 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-MISS_SQUARES = 0.6
-LARGEST_WIDTH = 60
+PAIRS_NEEDED = 6
+"""Pairs of markers that must agree before anything is concluded from them."""
+_MISS_SQUARES = 0.6
+_LARGEST_WIDTH = 60
 _RATIOS = (0.2, 1.0)
 _NEAR = 2
 # the unit square's outline in OpenCV's marker corner order, about its centre
@@ -59,9 +61,8 @@ class Markers:
 
     def below(self, count: int) -> Markers:
         """Those with ids under a count."""
-        return (
-            self if (self.ids < count).all() else Markers(self.ids[self.ids < count], self.outlines[self.ids < count])
-        )
+        low = self.ids < count
+        return self if low.all() else Markers(self.ids[low], self.outlines[low])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +85,19 @@ class Layout:
     fits: np.ndarray
 
     @property
+    def agreeing(self) -> int:
+        """Pairs that stand as the layout has them."""
+        return self.total - self.wrong
+
+    @property
     def share_wrong(self) -> float:
         """wrong / total."""
         return self.wrong / max(self.total, 1)
+
+    @property
+    def cells(self) -> np.ndarray:
+        """(count, 2) column and row of each id."""
+        return marker_cells(self.squares_x, self.on_even_squares, len(self.fits))
 
 
 def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> Layout:
@@ -96,72 +107,58 @@ def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, co
     Being local, this bears any lens. The marker's size against the square's is found from the same pairs.
     """
     cells = marker_cells(squares_x, on_even_squares, count)
-    ids, steps, offsets = _near_pairs([picture.below(count) for picture in pictures], cells)
-    ratio = _ratio(steps, offsets)
-    good = np.linalg.norm(ratio * offsets - steps, axis=1) < MISS_SQUARES
-    fits = np.bincount(ids[good], minlength=count)
+    ids, steps, offsets = [np.zeros(0, int)], [np.zeros((0, 2))], [np.zeros((0, 2))]
+    for picture in (picture.below(count) for picture in pictures):
+        step = cells[picture.ids][None] - cells[picture.ids][:, None]
+        near = (np.abs(step).max(axis=-1) <= _NEAR) & step.any(axis=-1)
+        ids.append(picture.ids[np.nonzero(near)[0]])
+        steps.append(step[near].astype(float))
+        offsets.append(picture.offsets[near])
+    step, offset = np.concatenate(steps), np.concatenate(offsets)
+    along = (step * offset).sum(axis=1)
+    ahead = along > 0.0
+    typical = np.median((step[ahead] ** 2).sum(axis=1) / along[ahead]) if ahead.any() else np.mean(_RATIOS)
+    ratio = float(np.clip(typical, *_RATIOS))
+    good = np.linalg.norm(ratio * offset - step, axis=1) < _MISS_SQUARES
+    fits = np.bincount(np.concatenate(ids)[good], minlength=count)
     return Layout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
 
 
-def _near_pairs(pictures: Sequence[Markers], cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First id (P,), step in squares (P, 2) and offset in marker sides (P, 2) of all pairs near in the layout."""
-    ids, steps, offsets = [np.zeros(0, int)], [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for picture in pictures:
-        step = cells[picture.ids][None] - cells[picture.ids][:, None]
-        first, second = np.nonzero((np.abs(step).max(axis=-1) <= _NEAR) & step.any(axis=-1))
-        ids.append(picture.ids[first])
-        steps.append(step[first, second].astype(float))
-        offsets.append(picture.offsets[first, second])
-    return np.concatenate(ids), np.concatenate(steps), np.concatenate(offsets)
-
-
-def _ratio(steps: np.ndarray, offsets: np.ndarray) -> float:
-    along = (steps * offsets).sum(axis=1)
-    ahead = along > 0.0
-    if not ahead.any():
-        return float(np.mean(_RATIOS))
-    return float(np.clip(np.median((steps[ahead] ** 2).sum(axis=1) / along[ahead]), *_RATIOS))
-
-
-def distinctive_pairs(pictures: Sequence[Markers], here: Layout, other: Layout, count: int) -> int:
-    """How many pairs of neighbouring markers fit one layout and stand differently in the other."""
-    cells = [marker_cells(layout.squares_x, layout.on_even_squares, count) for layout in (here, other)]
-    votes = 0
-    for whole in pictures:
-        picture = whole.below(count)
+def distinctive_pairs(pictures: Sequence[Markers], here: Layout, other: Layout) -> int:
+    """How many pairs of neighbouring markers fit one layout and stand differently in the other, of as many ids."""
+    cells, votes = (here.cells, other.cells), 0
+    for picture in (picture.below(len(here.fits)) for picture in pictures):
         step, rival = (layout[picture.ids][None] - layout[picture.ids][:, None] for layout in cells)
         near = (np.abs(step).max(axis=-1) <= _NEAR) & (step != rival).any(axis=-1)
-        votes += int((near & (np.linalg.norm(here.ratio * picture.offsets - step, axis=-1) < MISS_SQUARES)).sum())
+        votes += int((near & (np.linalg.norm(here.ratio * picture.offsets - step, axis=-1) < _MISS_SQUARES)).sum())
     return votes
 
 
-def best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool], least_pairs: int) -> Layout | None:
-    """The layout that the fewest pairs contradict; the preferred one where no other is better.
+def best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> Layout | None:
+    """The layout that the fewest pairs contradict; the preferred (squares_x, on_even_squares) where none is better.
 
-    prefer : (squares_x, on_even_squares). None where fewer than `least_pairs` pairs say anything, or one in ten
-    contradicts the best.
+    None where too few pairs say anything, or one in ten contradicts the best.
     """
     count = 1 + max((int(picture.ids.max(initial=-1)) for picture in pictures), default=-1)
-    every = [(squares_x, even) for squares_x in range(2, LARGEST_WIDTH + 1) for even in (False, True)]
+    every = [(squares_x, even) for squares_x in range(2, _LARGEST_WIDTH + 1) for even in (False, True)]
     best: Layout | None = None
     for squares_x, even in [prefer, *every]:
         layout = judge(pictures, squares_x, even, count)
-        enough = layout.total >= least_pairs and layout.total - layout.wrong >= least_pairs
-        if enough and (best is None or layout.share_wrong < best.share_wrong - 1e-9):
+        if layout.agreeing >= PAIRS_NEEDED and (best is None or layout.share_wrong < best.share_wrong - 1e-9):
             best = layout
     return best if best is not None and best.share_wrong <= 0.1 else None
 
 
 def vacant_below(picture: Markers, layout: Layout, row: int, image_size: tuple[int, int]) -> int:
     """How many markers of the row after `row` would stand well inside the picture, beside markers of `row` in it."""
-    cells = marker_cells(layout.squares_x, layout.on_even_squares, len(layout.fits))
-    picture = picture.below(len(cells))
-    last = cells[picture.ids, 1] == row
+    picture = picture.below(len(layout.fits))
+    column, its_row = layout.cells[picture.ids].T
+    last = its_row == row
     centres, per_square = picture.outlines.mean(axis=1)[last], picture.px_per_marker[last] / layout.ratio
-    column, vacant = cells[picture.ids, 0][last], 0
-    size_px = np.linalg.norm(per_square, axis=(1, 2))
+    size_px, vacant = np.linalg.norm(per_square, axis=(1, 2)), 0
     for side in (-1, 1):
         where = centres + per_square @ np.array([side, 1.0])
         room = np.minimum(where, np.array(image_size) - 1 - where).min(axis=1)
-        vacant += int(((room > size_px) & (column + side >= 0) & (column + side < layout.squares_x)).sum())
+        beside = column[last] + side
+        vacant += int(((room > size_px) & (beside >= 0) & (beside < layout.squares_x)).sum())
     return vacant

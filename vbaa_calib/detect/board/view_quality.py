@@ -26,7 +26,7 @@ class ViewQuality:
 
     Attributes
     ----------
-    corners : how many were found. collinear : whether they fix no homography, lying (all but one) on a line.
+    collinear : whether the corners fix no homography, lying (all but one) on a line.
     blur_px : standard deviation of the point spread, the pixel's own area included, along the board's x and y; NaN
         where no two neighbouring corners are seen. Right to a tenth up to half of `gap_px`, too small beyond, and too
         small where the camera sharpens.
@@ -38,7 +38,6 @@ class ViewQuality:
         about 0.75 after a display's gamma, more where clipped or overflowing white has grown over the edges.
     """
 
-    corners: int
     collinear: bool
     blur_px: tuple[float, float]
     direction_rad: float
@@ -75,16 +74,15 @@ def measure_quality(image: np.ndarray, ids: np.ndarray, corners_px: np.ndarray, 
     across = [_across(image, corners_px[pair], gap_px, spec) for pair in edges]
     blur = (across[0].blur_px, across[1].blur_px)
     wider = across[int(np.nan_to_num(blur[1]) > np.nan_to_num(blur[0]))]
-    seen = [one for one in across if np.isfinite(one.contrast)]
+    seen = [one for one in across if np.isfinite(one.contrast)] or [_Across()]
     return ViewQuality(
-        corners=len(ids),
         collinear=not fixes_homography(cells.astype(float)),
         blur_px=blur,
         direction_rad=wider.direction_rad,
         gap_px=gap_px,
-        contrast=float(np.mean([one.contrast for one in seen])) if seen else float("nan"),
-        saturated=max((one.saturated for one in seen), default=0.0),
-        edge_level=float(np.mean([one.edge_level for one in seen])) if seen else float("nan"),
+        contrast=float(np.mean([one.contrast for one in seen])),
+        saturated=max(one.saturated for one in seen),
+        edge_level=float(np.mean([one.edge_level for one in seen])),
     )
 
 

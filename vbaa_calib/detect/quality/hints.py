@@ -11,8 +11,7 @@ from vbaa_calib.detect.board.diagnosis import MIRRORED, explain_mismatch
 from vbaa_calib.detect.board.layout import Markers
 
 from .blur import blur_ellipse, edge_blur
-from .glare import Levels, blemishes, levels
-from .outline import BoardMap, board_map
+from .flat import BoardMap, Levels, blemishes, board_map, levels
 from .screen import CLIPPED, GROWN, LEAST_CORNERS, MOST_BLUR_PER_GAP, NOISY_PX, corner_std_px
 
 _NEAR_LIMIT = 0.7
@@ -31,12 +30,12 @@ def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[D
     Grave: its corners are missing or wrong, do not take it. The others cost accuracy, or may be meant so.
     """
     where = board_map(view, spec)
-    seen = None if where is None else levels(image, where, spec)
+    seen = None if where is None else levels(image, where)
     found = _blur(image, view, spec) + _light(view, seen)
-    if not any(one.name in ("motion_blur", "out_of_focus", "overexposed") for one in found):
-        found += _blemish(where, seen, spec)
     if where is not None:
-        found += _size(view, where, spec) + _edge(view, where, spec)
+        if seen is not None and not any(one.name in ("motion_blur", "out_of_focus", "overexposed") for one in found):
+            found += _blemish(where, seen)
+        found += _size(view, where) + _edge(view, where)
     if len(view.ids) < LEAST_CORNERS:
         found += _missing(image, view)
     return sorted(found, key=lambda one: not one.grave)
@@ -51,14 +50,11 @@ def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosi
     mismatch = explain_mismatch(lambda _: image, markers, spec, len(view.ids) >= LEAST_CORNERS)
     if mismatch is None:
         return None
+    name, words, remedy = "wrong_board", f"not the board named: {', '.join(mismatch.causes)}", mismatch.remedy
     if mismatch.causes == (MIRRORED,):
-        return Diagnosis(
-            "mirrored_picture",
-            "the board is found only in the mirror image",
-            "switch off mirroring at the camera, or mirror the pictures back",
-            grave=True,
-        )
-    return Diagnosis("wrong_board", f"not the board named: {', '.join(mismatch.causes)}", mismatch.remedy, grave=True)
+        name, words = "mirrored_picture", "the board is found only in the mirror image"
+        remedy = "switch off mirroring at the camera, or mirror the pictures back"
+    return Diagnosis(name, words, remedy, grave=True)
 
 
 def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
@@ -69,24 +65,24 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
         words = f"{seen} and {len(view.ids)} corners, at least {LEAST_CORNERS} are needed"
         missing = Diagnosis("few_corners", words, "show more of the board, nearer, sharp and evenly lit", grave=True)
     elif high < 0.5 * _DARK:
-        words, remedy = f"the picture is dark (its brightest parts: {high:.0f} of 255)", "add light, or expose longer"
-        return [Diagnosis("too_dark", words, remedy, grave=True)]
+        words = f"the picture is dark (its brightest parts: {high:.0f} of 255)"
+        return [Diagnosis("too_dark", words, "add light, or expose longer", grave=True)]
     elif low > 250.0:
-        words, remedy = "nearly all of the picture is clipped white", "less light, or expose for a shorter time"
-        return [Diagnosis("overexposed", words, remedy, grave=True)]
+        words = "nearly all of the picture is clipped white"
+        return [Diagnosis("overexposed", words, "less light, or expose for a shorter time", grave=True)]
     else:
         remedy = "show the whole board, near enough and sharp"
         missing = Diagnosis("no_board", "no marker of the board is seen", remedy, grave=True)
     edges = edge_blur(image)
-    if edges is None or edges.most_px < _UNSHARP_PX:
+    if edges is None or edges.long_px < _UNSHARP_PX:
         return [missing]
-    if view.marker_count and edges.most_px > _MOVED_EDGES * edges.least_px:
+    if view.marker_count and edges.long_px > _MOVED_EDGES * edges.short_px:
         # where no marker is seen it may well be other things' edges that are soft
-        words = f"edges are blurred by {edges.most_px:.1f} px {_direction(edges.direction_rad)}, others are sharp"
+        words = f"edges are blurred by {edges.long_px:.1f} px {_direction(edges.direction_rad)}, others are sharp"
         return [missing, Diagnosis("motion_blur", words, "if something moved: hold board and camera still")]
-    if edges.least_px < _UNSHARP_PX:
+    if edges.short_px < _UNSHARP_PX:
         return [missing]
-    words = f"nothing in the picture is sharp: its edges are blurred by {edges.least_px:.1f} px or more"
+    words = f"nothing in the picture is sharp: its edges are blurred by {edges.short_px:.1f} px or more"
     return [missing, Diagnosis("out_of_focus", words, "focus on the board, and hold it still", grave=True)]
 
 
@@ -97,8 +93,7 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis
     limit = MOST_BLUR_PER_GAP * quality.gap_px
     ellipse = blur_ellipse(image, view, spec)
     grave = quality.mean_blur_px > limit
-    moving = ellipse is not None and ellipse.motion > _MOVED and ellipse.long_px > _MOVED_LEAST_PX
-    if ellipse is not None and moving:
+    if ellipse is not None and ellipse.long_px > max(_MOVED * ellipse.short_px, _MOVED_LEAST_PX):
         smear = _SMEAR_PER_STD * np.sqrt(max(ellipse.long_px**2 - ellipse.short_px**2, 0.0))
         words = f"moved by about {smear:.0f} px {_direction(ellipse.direction_rad)} while it was taken"
         return [Diagnosis("motion_blur", words, "hold board and camera still, or add light", grave)]
@@ -136,15 +131,14 @@ def _light(view: BoardView, seen: Levels | None) -> list[Diagnosis]:
     return []
 
 
-def _blemish(where: BoardMap | None, seen: Levels | None, spec: BoardSpec) -> list[Diagnosis]:
+def _blemish(where: BoardMap, seen: Levels) -> list[Diagnosis]:
     """The largest patch of the board that has lost its black."""
-    patches = [] if seen is None or seen.white - seen.black < 0.5 * _PALE else blemishes(seen)
-    if where is None or not patches:
+    patch = max(blemishes(seen), key=lambda one: (one.shining, one.squares), default=None)
+    if patch is None or seen.white - seen.black < 0.5 * _PALE:
         return []
-    patch = max(patches, key=lambda one: (one.shining, one.squares))
-    place = _place(where, spec, np.array(patch.centre))
+    place = _place(where, np.array(patch.centre))
     many = f"{patch.squares} square{'s' if patch.squares > 1 else ''}"
-    grave = patch.squares > 0.25 * spec.squares_x * spec.squares_y
+    grave = patch.squares > 0.25 * seen.dark.size
     if patch.shining:
         words = f"light is reflected {place} of the board: {many} washed out"
         return [Diagnosis("reflection", words, "turn the board or move the lamp until the patch is gone", grave)]
@@ -152,37 +146,35 @@ def _blemish(where: BoardMap | None, seen: Levels | None, spec: BoardSpec) -> li
     return [Diagnosis("covered", words, "keep fingers and things off the squares", grave)]
 
 
-def _place(where: BoardMap, spec: BoardSpec, centre: np.ndarray) -> str:
+def _place(where: BoardMap, centre: np.ndarray) -> str:
     """Where on the board as it stands in the picture: "in the upper left"."""
-    outline, point = where.outline_px(spec), where.pixels(centre)[0]
+    outline, point = where.outline_px, where.pixels(centre)[0]
     low, high = outline.min(axis=0), outline.max(axis=0)
     u, v = (3.0 * (point - low) / np.maximum(high - low, 1e-9)).astype(int).clip(0, 2)
-    if u == v == 1:
-        return "in the middle"
-    words = [word for word in (("upper", "", "lower")[v], ("left", "", "right")[u]) if word]
-    if len(words) == 2:
-        return f"in the {words[0]} {words[1]}"
-    return {"upper": "at the top", "lower": "at the bottom"}.get(words[0], f"at the {words[0]}")
+    names = (
+        ("in the upper left", "at the top", "in the upper right"),
+        ("at the left", "in the middle", "at the right"),
+        ("in the lower left", "at the bottom", "in the lower right"),
+    )
+    return names[v][u]
 
 
-def _size(view: BoardView, where: BoardMap, spec: BoardSpec) -> list[Diagnosis]:
+def _size(view: BoardView, where: BoardMap) -> list[Diagnosis]:
     width, height = view.image_size
-    share = where.square_px(spec) ** 2 * spec.squares_x * spec.squares_y / (width * height)
-    if share >= _SMALL_SHARE and where.square_px(spec) >= _SMALL_SQUARE_PX:
+    share = where.square_px**2 * where.spec.squares_x * where.spec.squares_y / (width * height)
+    if share >= _SMALL_SHARE and where.square_px >= _SMALL_SQUARE_PX:
         return []
-    words = f"the board is small: {100 * share:.0f} % of the picture, squares of {where.square_px(spec):.0f} px"
+    words = f"the board is small: {100 * share:.0f} % of the picture, squares of {where.square_px:.0f} px"
     return [Diagnosis("board_small", words, "bring it nearer, until it fills a third of the picture or more")]
 
 
-def _edge(view: BoardView, where: BoardMap, spec: BoardSpec) -> list[Diagnosis]:
+def _edge(view: BoardView, where: BoardMap) -> list[Diagnosis]:
     """Pictures with the board across the border are welcome as long as half of it is seen."""
-    width, height = view.image_size
-    outline = where.outline_px(spec)
-    low, high = outline.min(axis=0), outline.max(axis=0)
-    beyond = np.array([-low[0], high[0] - width, -low[1], high[1] - height])
-    share = len(view.ids) / spec.corner_count
-    if beyond.max() <= 0.0 or share >= _FEW_SHARE:
+    low, high = where.outline_px.min(axis=0), where.outline_px.max(axis=0) - view.image_size
+    beyond = np.array([-low[0], high[0], -low[1], high[1]])
+    count, seen = where.spec.corner_count, len(view.ids)
+    if beyond.max() <= 0.0 or seen / count >= _FEW_SHARE:
         return []
     side = ("left", "right", "top", "bottom")[int(beyond.argmax())]
-    words = f"the board leaves the picture at the {side}: {len(view.ids)} of {spec.corner_count} corners are seen"
+    words = f"the board leaves the picture at the {side}: {seen} of {count} corners are seen"
     return [Diagnosis("board_outside", words, "bring it further in")]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,14 +29,12 @@ def screen_views(
 
     A view without `quality` or `covariance_px2` is judged by its corners alone.
     """
-    std_px = np.array([corner_std_px(view) for view in views])
-    typical = _Typical(
-        _median([view.quality.mean_blur_px for view in views if view.quality is not None]),
-        _median([view.quality.contrast for view in views if view.quality is not None]),
-        _median(std_px),
-    )
+    std_px = [corner_std_px(view) for view in views]
+    known = [view.quality for view in views if view.quality is not None]
+    blurs, contrasts = ([getattr(quality, name) for quality in known] for name in ("mean_blur_px", "contrast"))
+    typical = tuple(_median(values) for values in (blurs, contrasts, std_px))
     kept, dropped = [], []
-    for view, std in zip(views, std_px.tolist(), strict=True):
+    for view, std in zip(views, std_px, strict=True):
         reason = _too_few(view, min_corners) or (view.quality and _too_poor(view.quality, std, typical))
         if reason:
             dropped.append((view, reason))
@@ -53,18 +50,8 @@ def corner_std_px(view: BoardView) -> float:
     return float(np.sqrt(np.median(np.trace(view.covariance_px2, axis1=1, axis2=2))))
 
 
-@dataclass(frozen=True)
-class _Typical:
-    """The set's medians: blur px, contrast in grey levels, standard deviation of a corner px."""
-
-    blur_px: float
-    contrast: float
-    std_px: float
-
-
-def _median(values: Sequence[float] | np.ndarray) -> float:
-    known = np.asarray(values, float)
-    known = known[np.isfinite(known)]
+def _median(values: Sequence[float]) -> float:
+    known = np.array(values, float)[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")
 
 
@@ -78,17 +65,19 @@ def _too_few(view: BoardView, min_corners: int) -> str:
     return ""
 
 
-def _too_poor(quality: ViewQuality, std_px: float, typical: _Typical) -> str:
-    blur = quality.mean_blur_px
+def _too_poor(quality: ViewQuality, std_px: float, typical: tuple[float, ...]) -> str:
+    """typical : the set's medians: blur px, contrast in grey levels, standard deviation of a corner px."""
+    blur, (usual_blur, usual_contrast, usual_std) = quality.mean_blur_px, typical
+    blurred = f"blurred by {blur:.1f} px ({quality.blur_in_words})"
     if blur > MOST_BLUR_PER_GAP * quality.gap_px:
-        return f"blurred by {blur:.1f} px ({quality.blur_in_words}), the markers {quality.gap_px:.1f} px off run in"
+        return f"{blurred}, the markers {quality.gap_px:.1f} px off run in"
     if quality.saturated > CLIPPED and quality.edge_level > GROWN:
         return f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
-    if std_px > NOISIER * typical.std_px and std_px > NOISY_PX:
-        worse = f"its corners are uncertain by {std_px:.2f} px, the median view's by {typical.std_px:.2f} px"
-        if blur > _BLURRED * typical.blur_px:
-            return f"blurred by {blur:.1f} px ({quality.blur_in_words}): {worse}"
-        if quality.contrast < _PALE * typical.contrast:
-            return f"pale, black and white differ by {quality.contrast:.0f} grey levels: {worse}"
-        return f"noisy: {worse}"
-    return ""
+    if not std_px > max(NOISIER * usual_std, NOISY_PX):
+        return ""
+    cause = "noisy"
+    if blur > _BLURRED * usual_blur:
+        cause = blurred
+    elif quality.contrast < _PALE * usual_contrast:
+        cause = f"pale, black and white differ by {quality.contrast:.0f} grey levels"
+    return f"{cause}: its corners are uncertain by {std_px:.2f} px, the median view's by {usual_std:.2f} px"

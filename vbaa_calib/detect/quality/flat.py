@@ -1,0 +1,137 @@
+"""The board of a picture laid flat: where it lies, its grey levels, and the patches that have lost their black."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.layout import marker_cells
+from vbaa_calib.detect.board.view_quality import fixes_homography
+
+_TEXELS = 12
+"""Side of a square of the board laid flat."""
+_MOST_BENT = 0.3
+_FEWEST_MARKERS = 3
+# of a black square, and of a marker with some of its black border
+_MIDDLE, _MARKER = slice(_TEXELS // 4, _TEXELS - _TEXELS // 4), slice(_TEXELS // 6, _TEXELS - _TEXELS // 6)
+_CLIPPED = 250
+_WASHED_OUT, _BRIGHT, _COVERED = 0.5, 0.9, 0.25
+_OUTLINE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+
+
+@dataclass(frozen=True, eq=False)
+class BoardMap:
+    """The plane map from the board to a picture; the lens is taken as ideal.
+
+    homography : (3, 3) from squares along the board's x and y, origin at its outline's first corner, to px.
+    """
+
+    spec: BoardSpec
+    homography: np.ndarray
+
+    def pixels(self, squares: np.ndarray) -> np.ndarray:
+        """(N, 2) px of points (N, 2) in squares."""
+        return cv2.perspectiveTransform(np.asarray(squares, float).reshape(1, -1, 2), self.homography)[0]
+
+    @property
+    def outline_px(self) -> np.ndarray:
+        """(4, 2) px, the board's outline around."""
+        return self.pixels(_OUTLINE * (self.spec.squares_x, self.spec.squares_y))
+
+    @property
+    def square_px(self) -> float:
+        """Side of a square of the same area as the mean one, px."""
+        area = abs(float(cv2.contourArea(self.outline_px.astype(np.float32))))
+        return float(np.sqrt(area / (self.spec.squares_x * self.spec.squares_y)))
+
+
+def board_map(view: BoardView, spec: BoardSpec) -> BoardMap | None:
+    """From the corners where they fix it, else from three or more markers; None where neither do, or where the lens
+    bends the board by more than a third of a square."""
+    columns = spec.squares_x - 1
+    squares, seen = np.stack([view.ids % columns, view.ids // columns], axis=1) + 1.0, view.corners_px
+    if len(squares) < 6 or not fixes_homography(squares):
+        cells = marker_cells(spec.squares_x, spec.starts_with_marker, spec.marker_count)
+        known = view.marker_ids < len(cells)
+        corners = cells[view.marker_ids[known], None] + 0.5 + spec.marker_m / spec.square_m * (_OUTLINE - 0.5)
+        squares, seen = corners.reshape(-1, 2), view.marker_corners_px[known].reshape(-1, 2)
+        if len(squares) < _FEWEST_MARKERS * 4 or not fixes_homography(squares):
+            return None
+    found, _ = cv2.findHomography(squares, seen, cv2.LMEDS if len(squares) > 12 else 0)
+    if found is None or not np.isfinite(found).all():
+        return None
+    outline = np.vstack([_OUTLINE, [0.5, 0.5]]) * (spec.squares_x, spec.squares_y)
+    depth = found[2] @ np.column_stack([outline, np.ones(5)]).T
+    if not (np.all(depth > 0) or np.all(depth < 0)):
+        return None
+    mapped = BoardMap(spec, found)
+    off_px = np.median(np.linalg.norm(mapped.pixels(squares) - seen, axis=1))
+    return mapped if off_px < _MOST_BENT * mapped.square_px else None
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Grey levels on the board.
+
+    Attributes
+    ----------
+    dark : (squares_y, squares_x) median of each black square's middle, and of the darkest third of each marker; NaN
+        where the square is not wholly in the picture.
+    black, white : what is usual: the median black square, and the brighter ones of the white squares' rims.
+    """
+
+    dark: np.ndarray
+    black: float
+    white: float
+
+
+def levels(image: np.ndarray, where: BoardMap) -> Levels | None:
+    """Of a picture (H, W) uint8; None where no whole square of either colour is in it."""
+    columns, rows = where.spec.squares_x, where.spec.squares_y
+    from_texels = where.homography @ np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, _TEXELS]]) / _TEXELS
+    flags, size = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (columns * _TEXELS, rows * _TEXELS)
+    laid = cv2.warpPerspective(image, from_texels, size, flags=flags, borderMode=cv2.BORDER_CONSTANT)
+    flat = laid.reshape(rows, _TEXELS, columns, _TEXELS).swapaxes(1, 2)
+    nodes = np.stack(np.meshgrid(np.arange(columns + 1.0), np.arange(rows + 1.0)), axis=-1)
+    pixels = where.pixels(nodes.reshape(-1, 2))
+    last = np.array(image.shape[::-1]) - 1
+    inside = np.all((pixels >= 0) & (pixels <= last), axis=1).reshape(nodes.shape[:2])
+    whole = inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:] & inside[1:, 1:]
+    is_black = (np.indices(whole.shape).sum(axis=0) % 2 == 1) == where.spec.starts_with_marker
+    if not (whole & is_black).any() or not (whole & ~is_black).any():
+        return None
+    middle, marker = (flat[:, :, part, part].reshape(*whole.shape, -1) for part in (_MIDDLE, _MARKER))
+    dark = np.where(is_black, np.median(middle, axis=-1), np.percentile(marker, 100.0 / 6.0, axis=-1))
+    rim = flat[:, :, (1, _TEXELS - 2), _MIDDLE]
+    black, white = np.median(dark[whole & is_black]), np.percentile(rim[whole & ~is_black], 75.0)
+    return Levels(np.where(whole, dark, np.nan), float(black), float(white))
+
+
+class Blemish(NamedTuple):
+    """A connected patch of squares that are not black where they should be.
+
+    squares : how many. centre : (2,) of them, in squares along the board's x and y.
+    shining : clipped or as bright as paper: a reflection; else something covers the board, or a shadow's edge.
+    """
+
+    squares: int
+    centre: tuple[float, float]
+    shining: bool
+
+
+def blemishes(seen: Levels) -> list[Blemish]:
+    """Patches of squares whose black is gone: every square of a board has black in its middle."""
+    rise = (np.nan_to_num(seen.dark, nan=seen.black) - seen.black) / max(seen.white - seen.black, 1.0)
+    count, labels = cv2.connectedComponents((rise > _WASHED_OUT).astype(np.uint8), connectivity=8)
+    shining = (seen.dark >= _CLIPPED) | (rise >= _BRIGHT)
+    found = []
+    for label in range(1, count):
+        rows, columns = np.nonzero(labels == label)
+        centre = float(columns.mean()) + 0.5, float(rows.mean()) + 0.5
+        found.append(Blemish(len(rows), centre, bool(shining[rows, columns].mean() > _COVERED)))
+    return found
