@@ -107,7 +107,7 @@ def test_light() -> None:
 
 @pytest.mark.parametrize("radius_px", [60.0, 100.0])
 def test_a_reflection_is_found_with_its_place(radius_px: float) -> None:
-    board = drawn(0)
+    board = drawn(1)
     low, high = board.corners_px.min(axis=0), board.corners_px.max(axis=0)
     for side in np.ndindex(2, 2):
         centre = low + (high - low) * (0.2 + 0.6 * np.array(side))
