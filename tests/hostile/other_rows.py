@@ -54,6 +54,11 @@ ANSWERS: tuple[Row, ...] = (
     ("with its unit", d.content("antenna_length_mm: 240 mm\n"), "antenna_length_mm is '240 mm'"),
     ("a length of 5000 digits", d.content("antenna_length_mm: " + 5000 * "9"), "is not valid YAML"),
     ("a way that is none", d.content("plane_way: by eye\n"), "plane_way is 'by eye'"),
+    ("a row that is a number", d.content("noload_readings: [1, 2]\n"), "row 1", "is not a mapping", "pan_rad"),
+    ("a row with an unknown key", d.content("noload_readings: [{pan: 3}]\n"), "row 1", "unknown key 'pan'", "pan_deg"),
+    ("a load at the clamp", d.content("loads_readings: [{distance_mm: 0}]\n"), "row 1", "distance_m is 0"),
+    ("a picture twice", d.content("noload_readings: [{image: a.png}, {image: a.png}]\n"), "row 2", "stands twice"),
+    ("a picture of a number", d.content("noload_readings: [{image: 12}]\n"), "row 1", "image is no name"),
     ("a row with text", d.content("noload_readings: [{}, {pan_deg: 3°}]\n"), "row 2", "pan_deg is '3°'"),
     ("a row with two units", d.content("noload_readings: [{pan_deg: 3, pan_rad: 3}]\n"), "row 1", "give one of them"),
 )

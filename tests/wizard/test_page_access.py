@@ -103,28 +103,6 @@ def test_unknown_methods_and_known_paths_in_a_wrong_way(server: PageServer) -> N
     assert ask(server, "/picture?n=1.5").status == 400
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\r\n\r\n",
-        b"nonsense\r\n\r\n",
-        b"GET / HTTP/9.9\r\n\r\n",
-        b"GET " + b"/" * 70000 + b" HTTP/1.1\r\n\r\n",
-        b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 20000 + b"\r\n",
-        b"GET / HTTP/1.1\r\nA: " + b"b" * 70000 + b"\r\n\r\n",
-        b"GET / HTTP/1.1\r\n\xff\xfe: \x00\r\n\r\n",
-        b"GET / HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\r\n",
-    ],
-    ids=["TLS", "nonsense", "version", "long line", "many headers", "long header", "binary", "websocket"],
-)
-def test_what_is_no_request_is_refused_quietly(
-    server: PageServer, data: bytes, capfd: pytest.CaptureFixture[str]
-) -> None:
-    assert raw(server, data) in (0, 400, 421)
-    assert ask(server, "/").status == 200
-    assert capfd.readouterr() == ("", "")
-
-
 def test_every_answer_carries_the_policy(server: PageServer) -> None:
     server.show(state(), jpeg())
     replies = [ask(server, path) for path in ("/", "/page.js", "/state", "/picture?n=1", "/nowhere", "/report")]

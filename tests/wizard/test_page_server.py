@@ -180,23 +180,6 @@ def test_too_many_connections_are_refused_and_leave_room_again(
             time.sleep(0.1)
 
 
-def test_showing_never_waits_for_a_client_that_does_not_read(fresh: PageServer) -> None:
-    big = b"\xff\xd8" + b"x" * 5_000_000
-    fresh.show(state(), big)
-    with ExitStack() as stack:
-        for _ in range(4):
-            client = stack.enter_context(socket.create_connection(("127.0.0.1", fresh.port), timeout=30))
-            client.sendall(
-                f"GET /picture?n=1 HTTP/1.1\r\nHost: 127.0.0.1:{fresh.port}\r\n"
-                f"Cookie: {cookie(fresh)['Cookie']}\r\n\r\n".encode()
-            )
-            client.recv(10)
-        for _ in range(50):
-            fresh.show(state(), big)
-            fresh.take_commands()
-        assert ask(fresh, "/").status == 200
-
-
 def test_closing_ends_it_also_twice_and_with_clients_waiting() -> None:
     server = PageServer()
     number = server.show(state())

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
@@ -134,6 +134,7 @@ def test_a_video_that_a_server_keeps_is_no_stream(tmp_path: Path) -> None:
         server.shutdown()
 
 
+@settings(max_examples=40, deadline=None)
 @given(st.text(max_size=20), st.text(max_size=20))
 def test_no_password_is_ever_shown(user: str, password: str) -> None:
     secret = f"<{password}>"

@@ -171,56 +171,6 @@ def test_a_session_goes_on_and_a_picture_with_its_readings_is_typed(start: Start
     assert len(steps["plane"]["taken"]) == 1
 
 
-def close_after_all(wizard: PseudoTerminal, folder: str) -> None:
-    """Close a step once its last picture was taken, whether the wizard has asked already or not."""
-    wizard.until(f"as {folder}/{len(list((rendered() / folder).glob('*.png'))):04d}.png", 120)
-    wizard.type("enough")
-
-
-@pytest.mark.slow
-def test_all_is_typed_to_the_verdict(start: Start, tmp_path: Path) -> None:
-    source = rendered()
-    wizard = start("--no-page")
-    typed = answers(source) | {"board_reading_std_mm": 0.25}
-    wizard.until("Which board")
-    for key in ("board", "board_along_x_mm", "board_along_y_mm", "board_reading_std_mm"):
-        wizard.until(":")
-        wizard.type(str(typed[key]))
-        wizard.until(str(typed[key]))
-    wizard.until("2 of 7")
-    for key in ("source", "antenna_length_mm", "camera_distance_mm", "camera_inclination_deg"):
-        wizard.until("camera:0:" if key == "source" else "mm:" if key.endswith("mm") else "Enter for 0:")
-        wizard.type(str(typed[key]))
-    close_after_all(wizard, "intrinsics")
-    wizard.until("3 of 7")
-    wizard.until("Enter for jig:")
-    wizard.type("")
-    wizard.until("mm:")
-    wizard.type("28 61 -9")
-    for words, answer in (("x:", ""), ("-y:", ""), ("0, 0, 0:", "0, 0, 1"), ("0.1:", ""), ("0.1:", ""), ("0:", "")):
-        wizard.until(f"Enter for {words}")
-        wizard.type(answer)
-    close_after_all(wizard, "plane")
-    wizard.until("4 of 7")
-    wizard.until("mm:")
-    wizard.type("0.8")
-    for words in ("193:", "7900:", "-z:", "0.02:"):
-        wizard.until(f"Enter for {words}")
-        wizard.type("")
-    close_after_all(wizard, "noload")
-    wizard.until("5 of 7")
-    for words in ("5, 10, 20:", "0.5:", "0.5:"):
-        wizard.until(f"Enter for {words}")
-        wizard.type("")
-    close_after_all(wizard, "loads")
-    wizard.until("6 of 7")
-    wizard.until("7 of 7")
-    wizard.until("report", 240)
-    assert wizard.ended(240) == 0
-    assert (tmp_path / "rig" / "rig.json").exists()
-    assert (tmp_path / "rig" / "check.html").exists()
-
-
 def test_without_a_terminal_it_never_waits(tmp_path: Path) -> None:
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "TERM": "xterm"}
     command = [sys.executable, "-c", MAIN, "rig"]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import math
 import shutil
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
+from ..hostile import damage as d
+from ..hostile.case import Damage
 from .small_session import call
 from .tiny_wizard import Tiny, expect_refused, finished, pictures, tiny
 
@@ -50,45 +51,14 @@ def test_a_source(name: str, tiny: Tiny) -> None:
     expect_refused(tiny, call(tiny.session, "--reopen", "lens", "--lens-source", source(tiny)), *words)
 
 
-def changed(change: Callable[[dict[str, Any]], object]) -> Callable[[str], str]:
-    """wizard.json with something changed in it."""
-
-    def damage(text: str) -> str:
-        data = json.loads(text)
-        change(data)
-        return json.dumps(data)
-
-    return damage
-
-
-def first(step: str, **entries: object) -> Callable[[str], str]:
-    """wizard.json with these entries in the first picture of a step."""
-    return changed(lambda data: data["steps"][step]["taken"][0].update(entries))
-
-
-def reading(name: str, value: object) -> Callable[[str], str]:
-    """wizard.json with a reading of the first picture of the free antenna set."""
-    return changed(lambda data: data["steps"]["noload"]["taken"][0]["readings"].update({name: value}))
-
-
-def answer(key: str, value: object) -> Callable[[str], str]:
-    """wizard.json with an answer set."""
-    return changed(lambda data: data["answers"].update({key: value}))
-
-
-JOURNALS: dict[str, tuple[Callable[[str], str], str]] = {
-    "number": (lambda text: "3", "must be a JSON object"),
-    "key twice": (lambda text: text.replace('"schema"', '"schema": "", "schema"'), "'schema' stands twice"),
-    "no schema": (changed(lambda data: data.pop("schema")), "vbaa.wizard/1 is needed"),
-    "taken is a number": (changed(lambda data: data["steps"]["lens"].update(taken=3)), "damaged"),
-    "elsewhere": (first("lens", file="/etc/passwd"), "no file of this session"),
-    "zero byte": (first("lens", file="a\0b"), "no file of this session"),
-    "reading is NaN": (reading("pan_rad", float("nan")), "noload.taken.0.readings.pan_rad: "),
-    "no readings": (first("noload", readings={}), "has no pan_rad"),
-    "no force": (first("loads", readings={"pan_rad": 0, "tilt_rad": 0, "moment_Nm": 0}), "has no distance_m"),
-    "answer is null": (answer("board", None), "board is empty"),
-    "choice that is none": (answer("plane_way", "by eye"), "by eye"),
-    "scale is a list": (answer("measure_x_mm", [165.0]), "is not a number"),
+TAKEN = {"pan_rad": 0, "tilt_rad": 0, "moment_Nm": 0}
+JOURNALS: dict[str, tuple[Damage, str]] = {
+    "a zero byte": (d.at("steps.lens.taken.0.file", "a\0b"), "no file of this session"),
+    "reading is NaN": (d.at("steps.noload.taken.0.readings.pan_rad", math.nan), "noload.taken.0.readings.pan_rad: "),
+    "no readings": (d.at("steps.noload.taken.0.readings", {}), "has no pan_rad"),
+    "no force": (d.at("steps.loads.taken.0.readings", TAKEN), "has no distance_m"),
+    "answer is null": (d.at("answers.board", None), "board is empty"),
+    "scale is a list": (d.at("answers.measure_x_mm", [165.0]), "is not a number"),
 }
 
 
@@ -96,7 +66,7 @@ JOURNALS: dict[str, tuple[Callable[[str], str], str]] = {
 def test_a_damaged_journal(name: str, tiny: Tiny) -> None:
     damage, words = JOURNALS[name]
     file = tiny.session / "wizard.json"
-    file.write_text(damage(file.read_text()))
+    damage(file)
     before = file.read_bytes()
     expect_refused(tiny, call(tiny.session), "wizard.json", words)
     assert file.read_bytes() == before
