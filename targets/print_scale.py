@@ -56,15 +56,13 @@ def print_scale(
     reading_y_mm: float,
     reading_std_mm: float = READING_STD_MM,
 ) -> PrintScale:
-    """The scale of a print.
+    """The scale of a print. Raises ValueError for a reading that cannot be: not positive, of another unit, exchanged.
 
     Parameters
     ----------
     ruler_x_mm, ruler_y_mm : what the sheet's rulers say between the two lines that were measured.
     reading_x_mm, reading_y_mm : what a ruler or a caliper says.
     reading_std_mm : standard deviation of a reading, both its ends together: 0.25 with a ruler, 0.05 with a caliper.
-
-    Raises ValueError for a reading that cannot be: not a positive number, another unit, the two exchanged.
     """
     rulers, readings = (ruler_x_mm, ruler_y_mm), (reading_x_mm, reading_y_mm)
     _refuse_senseless(rulers, readings, reading_std_mm)

@@ -144,7 +144,6 @@ def test_the_wizards_journal(readings: list[dict[str, float]], why: str, length:
     journal = Journal(
         answers={"antenna_length_mm": length, "jig_turn_deg": turn, "source": "a folder"},
         steps={"noload": StepRecord(taken=taken, left=(refused,), closed="by hand")},
-        redone=("lens",),
     )
     back = passed("wizard.json", lambda path: write_json(path, journal.to_dict()), Journal.read)
     assert bits(back.to_dict()) == bits(journal.to_dict())

@@ -96,7 +96,7 @@ def test_a_state_becomes_json_whatever_is_in_it(fresh: PageServer) -> None:
     fresh.show(shown)
     shown["log"].append("third")
     sent = json.loads(ask(fresh, "/state?after=0").body)["state"]
-    assert [sent[key] for key in "abcdef"] == [0.5, [[1, 2]], [None, None], "x/y", [True, None], "a?.png"]
+    assert [sent[key] for key in "abcdef"] == [0.5, [[1, 2]], [None, None], "x/y", [True, None], "a\udcff.png"]
     assert sent["log"] == ["first", "second"]
 
 

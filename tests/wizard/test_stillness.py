@@ -127,7 +127,7 @@ def test_motion_is_measured() -> None:
     """Against the shift that the scene was made with: within a factor of 2 while small, and never under a half."""
     for shift_px in (0.5, 1.0, 2.0):
         frames = filmed(lambda at_s, px=shift_px: board_scene((px * at_s, 0.0)), np.arange(6.0), noise=2.0)
-        looks = [_features_of(image, time_s, None, None) for image, time_s in frames]
+        looks = [_features_of(image, time_s, np.zeros((0, 2)), np.zeros(0, int)) for image, time_s in frames]
         found = [_motion_px(here, there) for there, here in pairwise(looks)]
         assert shift_px / 2 < min(found)
         assert max(found) < 2 * shift_px

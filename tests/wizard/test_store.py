@@ -55,7 +55,6 @@ def test_redo_keeps_the_old_with_its_readings(store: Store) -> None:
     again = store.redo("noload")
     assert again not in (None, place)
     assert store.redo("noload") is None
-    assert on_disk(store).redone == ("noload", "noload", "noload")
 
 
 def test_only_what_is_half_written_is_swept_up(tmp_path: Path) -> None:

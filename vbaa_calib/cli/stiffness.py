@@ -96,7 +96,11 @@ def _stiffness_document(
     table: DeflectionTable, solution: StiffnessSolution, force_N: float, distance_m: float, moment_m4: float | None
 ) -> dict[str, Any]:
     """stiffness.json (docs/formats.md)."""
-    fit = solution.fit
+
+    def fields(of: object, *names: str) -> dict[str, Any]:
+        return {name: getattr(of, name) for name in names}
+
+    fit, rows = solution.fit, zip(table.x_m, table.deflection_m, solution.residuals_m, strict=True)
     document: dict[str, Any] = {
         "schema": SCHEMA,
         "force_N": force_N,
@@ -105,44 +109,33 @@ def _stiffness_document(
         "stiffness_Nm2": fit.stiffness_Nm2,
         "stiffness_std_Nm2": fit.std_Nm2,
         "stiffness_interval_95_Nm2": list(solution.interval_Nm2),
-        "clamp_share_std": solution.clamp_share_std,
-        "clamp_std_Nm2": solution.clamp_std_Nm2,
-        "offset_m": fit.offset_m,
-        "offset_std_m": fit.offset_std_m,
+        **fields(solution, "clamp_share_std", "clamp_std_Nm2"),
+        **fields(fit, "offset_m", "offset_std_m"),
         "offset_free": solution.offset_free,
         "rms_m": fit.rms_m,
         "residual_correlation": solution.correlation,
-        "correlation_length_m": solution.correlation_length_m,
-        "effective_readings": solution.effective_readings,
-        "model": solution.model,
-        "model_reason": solution.model_reason,
-        "slope_at_load": solution.slope_at_load,
+        **fields(solution, "correlation_length_m", "effective_readings", "model", "model_reason", "slope_at_load"),
         "linear_bias": solution.linear_bias,
         "rows": [
             {"x_m": float(x), "deflection_m": float(y), "residual_m": float(r), "outlier": index in solution.outliers}
-            for index, (x, y, r) in enumerate(zip(table.x_m, table.deflection_m, solution.residuals_m, strict=True))
+            for index, (x, y, r) in enumerate(rows)
         ],
         "alternatives": [],
     }
     other = "the gauge's offset held at 0" if solution.offset_free else "the gauge's offset free"
     for assumption, one in ((other, solution.other_offset), ("the clamp free to turn", solution.free_clamp)):
         if one is not None:
-            row = {
-                "assumption": assumption,
-                "stiffness_Nm2": one.stiffness_Nm2,
-                "stiffness_std_Nm2": one.std_Nm2,
-                "offset_m": one.offset_m,
-                "clamp_rotation_rad": one.clamp_rotation_rad,
-                "rms_m": one.rms_m,
-            }
+            row = {"assumption": assumption, "stiffness_Nm2": one.stiffness_Nm2, "stiffness_std_Nm2": one.std_Nm2}
+            row |= fields(one, "offset_m", "clamp_rotation_rad", "rms_m")
             if moment_m4 is not None:
                 row["youngs_modulus_Pa"] = one.stiffness_Nm2 / moment_m4
             document["alternatives"].append(row)
     if moment_m4 is not None:
         document["second_moment_m4"] = moment_m4
-        document["youngs_modulus_Pa"] = fit.stiffness_Nm2 / moment_m4
-        document["youngs_modulus_std_Pa"] = fit.std_Nm2 / moment_m4
-        document["youngs_modulus_interval_95_Pa"] = [bound / moment_m4 for bound in solution.interval_Nm2]
+        for name in ("", "_std", "_interval_95"):
+            value = document[f"stiffness{name}_Nm2"]
+            scaled = [bound / moment_m4 for bound in value] if isinstance(value, list) else value / moment_m4
+            document[f"youngs_modulus{name}_Pa"] = scaled
     document["not_separated"] = _not_separated(solution)
     document["warnings"] = _warnings(table, solution, document)
     return document
@@ -162,11 +155,8 @@ def _not_separated(solution: StiffnessSolution) -> list[str]:
             f"{100 * free.std_Nm2 / fit.stiffness_Nm2:.3g} %), at {1e3 * free.rms_m:.3g} mm rms; the better fit is no "
             "proof of it, for the turning takes up any other error that grows along the rod"
         )
-    return [
-        *sentences,
-        "force and distance: both are taken as exact; an error of 1 % in the force is 1 % in EI, in "
-        "the distance 1 to 1.5 %",
-    ]
+    exact = "force and distance: both are taken as exact; an error of 1 % in the force is 1 % in EI, in the distance"
+    return [*sentences, f"{exact} 1 to 1.5 %"]
 
 
 def _percent(fit: Fit, reference: Fit) -> str:
@@ -183,32 +173,22 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
     low, high = _PLAUSIBLE_MODULUS_PA
     modulus = document.get("youngs_modulus_Pa", low + 1.0)
     sagging = float(table.unloaded_y_m.max() - table.unloaded_y_m.min()) > 0.2 * float(abs(table.deflection_m).max())
+    few = f"{kept} readings are too few to see slips among them or whether neighbours err together"
+    together = (
+        f"neighbouring residuals err together (correlation {solution.correlation:.2f}): the {kept} readings fix EI "
+    )
+    together += f"no better than {solution.effective_readings:.1f} independent ones would; the interval allows for it"
+    turns = "the readings suggest a clamp that turns, or a clamp that is not where x = 0 is: check it"
+    inner = "no reading in the outer 40 % between clamp and load, where most of the bending shows"
+    sag = "the unloaded rod is not straight: with large deflections its sag does not cancel"
+    solid = f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section"
     rules = (
-        (
-            kept < _FEW_READINGS,
-            f"{kept} readings are too few to see slips among them or whether neighbours err together",
-        ),
-        (
-            solution.effective_readings < 0.5 * kept,
-            f"neighbouring residuals err together (correlation {solution.correlation:.2f}): the {kept} readings fix EI "
-            f"no better than {solution.effective_readings:.1f} independent ones would; the interval allows for it",
-        ),
-        (
-            free is not None and abs(free.stiffness_Nm2 - fit.stiffness_Nm2) > 2.0 * free.std_Nm2,
-            "the readings suggest a clamp that turns, or a clamp that is not where x = 0 is: check it",
-        ),
-        (
-            table.x_m[-1] < 0.6 * document["distance_m"],
-            "no reading in the outer 40 % between clamp and load, where most of the bending shows",
-        ),
-        (
-            solution.model == "elastica" and sagging,
-            "the unloaded rod is not straight: with large deflections its sag does not cancel",
-        ),
-        (
-            not low < modulus < high,
-            f"Young's modulus {modulus / 1e9:.3g} GPa is that of no solid: check the units and the section",
-        ),
+        (kept < _FEW_READINGS, few),
+        (solution.effective_readings < 0.5 * kept, together),
+        (free is not None and abs(free.stiffness_Nm2 - fit.stiffness_Nm2) > 2.0 * free.std_Nm2, turns),
+        (table.x_m[-1] < 0.6 * document["distance_m"], inner),
+        (solution.model == "elastica" and sagging, sag),
+        (not low < modulus < high, solid),
     )
     return warnings + [words for holds, words in rules if holds]
 

@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
+import csv
+import difflib
+import io
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from vbaa_calib.core.csv_rows import csv_rows, number, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_text
 from vbaa_calib.core.images import SUFFIXES
 
-from .rows import (
-    Frame,
-    Load,
-    Still,
-    SweepPicture,
-    joints,
-    picture,
-    reading,
-    refuse_misspelt,
-    refuse_repeated_pictures,
-    require,
-    still,
-    view,
-    wrong,
-)
+from .rows import Frame, Load, Still, SweepPicture, wrong
 from .settings import Session
 
 FOLDERS = ("intrinsics", "plane", "sweep", "over", "noload", "loads", "recording")
@@ -61,46 +53,60 @@ def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose:
             raise InputError(what, where=path, remedy="use one camera at one resolution throughout")
 
 
+_Row = TypeVar("_Row", SweepPicture, Still, Load)
 _MOMENTS = ("moment_Nm", "moment_z_Nm")
 """Columns of a recording that may be missing."""
 
 
 def read_sweep(session: Session) -> list[SweepPicture]:
     """sweep/sweep.csv: a board fixed in the world, seen while the joints move, a picture a row."""
-    path = session.root / "sweep" / "sweep.csv"
-    require(path, "it gives the joint angles of every picture of the sweep")
-    rows = read_csv(path, ("image", "pan_rad", "tilt_rad"))
-    pictures = [SweepPicture(image=picture(row, path), **joints(row, path)) for row in rows]
-    refuse_repeated_pictures([seen.image for seen in pictures], rows, path)
-    return pictures
+
+    def made(row: Mapping[str, str], path: Path) -> SweepPicture:
+        return SweepPicture(image=_picture(row, path), **_joints(row, path))
+
+    return _pictures(session, "sweep", "it gives the joint angles of every picture of the sweep", made)
 
 
 def read_noload(session: Session) -> list[Still]:
     """noload/noload.csv: the free antenna, a picture a row."""
-    path = session.root / "noload" / "noload.csv"
-    require(path, "calibration needs the free antenna")
-    rows = read_csv(path, ("image", "pan_rad", "tilt_rad", "moment_Nm"), ("time_s",))
-    stills = [Still(**still(row, path)) for row in rows]
-    refuse_repeated_pictures([seen.image for seen in stills], rows, path)
-    return stills
+
+    def made(row: Mapping[str, str], path: Path) -> Still:
+        return Still(**_view(row, path), moment_Nm=number(row, "moment_Nm", path))
+
+    return _pictures(session, "noload", "calibration needs the free antenna", made, "moment_Nm")
 
 
 def read_loads(session: Session) -> list[Load]:
     """loads/loads.csv: known loads, each on the antenna, a picture a row."""
-    path = session.root / "loads" / "loads.csv"
-    require(path, "calibration needs known loads, for the stiffness")
-    names = ("distance_m", "force_y_N", "force_z_N")
-    rows = read_csv(path, ("image", "pan_rad", "tilt_rad", "moment_Nm", *names), ("time_s",))
-    loads = [Load(**(still(row, path) | {name: number(row, name, path) for name in names})) for row in rows]
-    length_m = session.antenna.length_m
-    for row, load in zip(rows, loads, strict=True):
+    values, length_m = ("moment_Nm", "distance_m", "force_y_N", "force_z_N"), session.antenna.length_m
+
+    def made(row: Mapping[str, str], path: Path) -> Load:
+        load = Load(**(_view(row, path) | {name: number(row, name, path) for name in values}))
         if not 0 < load.distance_m <= length_m:
             what = f"distance_m is {load.distance_m:g}, the antenna {length_m:g} m long"
             raise wrong(row, path, what, "give metres from the clamp along the antenna")
         if load.force_y_N == load.force_z_N == 0:
             raise wrong(row, path, "the force is zero", "free frames belong into noload/")
-    refuse_repeated_pictures([load.image for load in loads], rows, path)
-    return loads
+        return load
+
+    return _pictures(session, "loads", "calibration needs known loads, for the stiffness", made, *values)
+
+
+def _pictures(
+    session: Session, name: str, why: str, made: Callable[[Mapping[str, str], Path], _Row], *values: str
+) -> list[_Row]:
+    """The rows of a table, each of a picture of its own, with its joints and the columns `values`."""
+    path = session.root / name / f"{name}.csv"
+    _require(path, why)
+    rows, lines = [], dict[Path | None, str]()
+    for row in read_csv(path, ("image", "pan_rad", "tilt_rad", *values), ("time_s",) if values else ()):
+        rows.append(made(row, path))
+        image = rows[-1].image
+        if image in lines:
+            what = f"the picture {row['image']} stands in line {lines[image]}, too"
+            raise wrong(row, path, what, "every row needs its own picture")
+        lines[image] = row["line"]
+    return rows
 
 
 def read_recording(session: Session) -> list[Frame]:
@@ -109,17 +115,17 @@ def read_recording(session: Session) -> list[Frame]:
     Moments may be missing, in a cell or as a column: the frame is then seen but not felt.
     """
     path = session.root / "recording" / "recording.csv"
-    require(path, "it names the frames of the recording")
+    _require(path, "it names the frames of the recording")
     with_images = not (path.parent / "centrelines.csv").exists()
     columns = ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad")
     rows = csv_rows(path, columns, _MOMENTS)
     first = next(rows)
-    refuse_misspelt(path, _MOMENTS[0], (*columns, *_MOMENTS))
+    _refuse_misspelt(path, _MOMENTS[0], (*columns, *_MOMENTS))
     frames: list[Frame] = []
     seen: set[int] = set()
     for row in chain([first], rows):
-        moments: dict[str, Any] = {name: reading(row, name, path) for name in _MOMENTS}
-        frame = Frame(**view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
+        moments: dict[str, Any] = {name: _reading(row, name, path) for name in _MOMENTS}
+        frame = Frame(**_view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
         if frame.frame in seen:
             raise wrong(row, path, f"frame {frame.frame} stands twice", "every frame needs its own number")
         if frames and frame.time_s < frames[-1].time_s:
@@ -127,3 +133,53 @@ def read_recording(session: Session) -> list[Frame]:
         seen.add(frame.frame)
         frames.append(frame)
     return frames
+
+
+def _joints(row: Mapping[str, str], path: Path) -> dict[str, float]:
+    """`pan_rad` and `tilt_rad`. Raises InputError for what can only be degrees."""
+    angles = {name: number(row, name, path) for name in ("pan_rad", "tilt_rad")}
+    for name, value in angles.items():
+        if abs(value) > 2 * np.pi:
+            raise wrong(row, path, f"{name} is {value:g}, more than a turn", "give radians")
+    return angles
+
+
+def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:
+    """Picture and joints; `time_s` where the table has that column."""
+    seen = {"image": _picture(row, path) if with_image else None, **_joints(row, path)}
+    return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
+
+
+def _reading(row: Mapping[str, str], column: str, path: Path) -> float:
+    """A sensor's reading; NaN where the cell is empty or the table has no such column: nothing was read."""
+    return number(row, column, path) if row.get(column) else np.nan
+
+
+def _picture(row: Mapping[str, str], path: Path) -> Path:
+    """The picture that a row names, relative to its table. Raises InputError when it is not there."""
+    if not row["image"]:
+        raise wrong(row, path, "image is empty", "name the picture")
+    image = path.parent / row["image"]
+    if not os.path.isfile(image):  # Path.is_file raises for a name that is too long
+        raise wrong(row, path, f"the picture {row['image']} is not there", f"put it at {image}")
+    return image
+
+
+def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
+    """Raises InputError for a table without the optional column `wanted`, but with one that can only be meant for it.
+
+    Left out in silence, such a slip would cost all its readings.
+    """
+    lines = ([cell.strip() for cell in cells] for cells in csv.reader(io.StringIO(read_text(path))))
+    header = next(cells for cells in lines if any(cells))
+    strange = {name.lower(): name for name in header if name not in known}
+    close = difflib.get_close_matches(wanted.lower(), strange, n=1, cutoff=0.75)
+    if close and wanted not in header:
+        what = f"column {wanted} is missing, but there is {strange[close[0]]}"
+        raise InputError(what, where=path, remedy=f"name it {wanted}, in SI units, or give it another name")
+
+
+def _require(path: Path, why: str) -> None:
+    """Raises InputError when a table is not there."""
+    if not os.path.lexists(path):  # a link that leads nowhere is told by who reads it
+        raise InputError("no such file", where=path, remedy=f"{why} (docs/formats.md)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from vbaa_calib.calibrate.faults.typed_loads import typed_load_diagnoses
@@ -77,42 +78,40 @@ def _load_doubts(state: SessionState, step: str, readings: Readings) -> list[Dia
     return typed_load_diagnoses([load], state.session.antenna) if isinstance(load, Load) else []
 
 
+@dataclass
 class Capture:
     """Takes a step's pictures. declined : whether more pictures were wanted although there are enough."""
 
-    def __init__(
-        self,
-        state: SessionState,
-        ui: Ui,
-        step: Step,
-        source: Source,
-        table: ReadingsTable | None = None,
-        declined: bool = False,
-    ) -> None:
-        self.state, self.ui, self.step, self.source, self.declined = state, ui, step, source, declined
-        self.table = table or ReadingsTable()
-        self.store = state.store
+    state: SessionState
+    ui: Ui
+    step: Step
+    source: Source
+    table: ReadingsTable = ReadingsTable()
+    declined: bool = False
+
+    def __post_init__(self) -> None:
+        self.store = self.state.store
         # a board is in a hand, the antenna on a stand
-        self.detector = StillnessDetector(None if step.name in ("lens", "plane") else ON_A_STAND)
+        self.detector = StillnessDetector(None if self.step.name in ("lens", "plane") else ON_A_STAND)
         # a jig is taken several times as it stands, all else in another pose
-        self.as_it_stands = self.store.folder(step.name) == "plane"
+        self.as_it_stands = self.store.folder(self.step.name) == "plane"
         self.progress: Progress | None = None
         self.pending: Picture | None = None
         self.by_hand, self.noted = False, 0
         self.refused_for: frozenset[str] | None = None
-        record = self.store.journal.of(step.name)
+        record = self.store.journal.of(self.step.name)
         self.taken_before = {one.source for one in record.taken}
         self.refused_before = {one.source for one in record.left}
 
     def run(self) -> str:
         """How it ended: "closed", or a command that leaves the step. Raises SourceLost, NoMorePictures, InputError."""
-        ended = None
-        while ended is None:
+        while True:
             try:
                 ended = self._once()
             except Interrupted as interrupt:
                 ended = self._obey(interrupt.command)
-        return ended
+            if ended is not None:
+                return ended
 
     def _once(self) -> str | None:
         """Commands, and one picture. Raises Interrupted for a command where something was asked."""
@@ -125,15 +124,13 @@ class Capture:
             if self.progress.enough and self._goes_on():
                 return self._close("enough")
         for command in self.ui.commands():
-            ended = self._obey(command)
-            if ended is not None:
+            if (ended := self._obey(command)) is not None:
                 return ended
         picture = self.pending or self.source.next(_WAIT_S)
-        if picture is not None:
-            if self.source.live and picture is not self.pending:
-                self._watch(picture)
-            else:
-                self._decide(picture)
+        if picture is not None and self.source.live and picture is not self.pending:
+            self._watch(picture)
+        elif picture is not None:
+            self._decide(picture)
         elif self.source.ended:
             self._pass_notes()
             return self._all_seen()

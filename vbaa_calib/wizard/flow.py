@@ -58,11 +58,7 @@ def walk(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
             if not ui.interactive or step.check is not None:
                 raise
             ui.wrong(str(error))
-            try:
-                ui.ask(_GO_BACK)
-                command = "back"
-            except Interrupted as interrupt:
-                command = interrupt.command
+            command = command_at(ui, _GO_BACK) or "back"
         if command == "quit":
             raise Quit
         if command == "back":
@@ -70,6 +66,15 @@ def walk(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
         elif command == "redo":
             redo(store, ui, step.name)
             store.offer_no_more(_ASKED_AGAIN.get(step.name, ()))
+
+
+def command_at(ui: Ui, question: Question) -> str:
+    """The command that was given in place of an answer; "" where it was answered."""
+    try:
+        ui.ask(question)
+    except Interrupted as interrupt:
+        return interrupt.command
+    return ""
 
 
 def _step_before(store: Store, ui: Ui, at: int) -> int:

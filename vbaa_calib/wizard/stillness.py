@@ -27,6 +27,7 @@ _FAR_PX = 16.0
 """What such a tile counts as, small pixels."""
 
 
+_NO_CORNERS, _NO_IDS = np.zeros((0, 2)), np.zeros(0, int)
 _X, _Y = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-1, 1, _TILE_PX, dtype=np.float32)]))
 _BENDS = (np.ones_like(_X), _X, _Y, _X**2, _Y**2)
 """How the light's factor may vary across a tile."""
@@ -42,7 +43,7 @@ class _FrameFeatures:
     basis : (T, P, 8) slope along u and v, then what a change of light does, in each tile.
     slope : (T,) root mean square slope of each tile, grey levels per small pixel.
     sharpness : slope over contrast, 1/px; light does not change it.
-    corners_px, ids : (N, 2), (N,) of a board; None where none was told.
+    corners_px, ids : (N, 2), (N,) of a board.
     """
 
     time_s: float
@@ -53,13 +54,11 @@ class _FrameFeatures:
     basis: np.ndarray
     slope: np.ndarray
     sharpness: float
-    corners_px: np.ndarray | None
-    ids: np.ndarray | None
+    corners_px: np.ndarray
+    ids: np.ndarray
 
 
-def _features_of(
-    image: np.ndarray, time_s: float, corners_px: np.ndarray | None, ids: np.ndarray | None
-) -> _FrameFeatures:
+def _features_of(image: np.ndarray, time_s: float, corners_px: np.ndarray, ids: np.ndarray) -> _FrameFeatures:
     """What motion of an (H, W) uint8 picture is measured by."""
     height, width = image.shape
     scale = max(1.0, max(width, height) / _SMALL_PX)
@@ -74,9 +73,8 @@ def _features_of(
     energy = (along**2 + down**2).mean(axis=1)
     contrast = float((light**2).mean())
     sharpness = float(np.sqrt(energy.mean() / contrast)) / scale if contrast > 0 else 0.0
-    corners = None if corners_px is None else np.asarray(corners_px, float).reshape(-1, 2)
-    noise = _noise(image) / scale
-    return _FrameFeatures(time_s, (width, height), scale, noise, tiles, basis, np.sqrt(energy), sharpness, corners, ids)
+    noise, slope = _noise(image) / scale, np.sqrt(energy)
+    return _FrameFeatures(time_s, (width, height), scale, noise, tiles, basis, slope, sharpness, corners_px, ids)
 
 
 def _motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
@@ -85,9 +83,9 @@ def _motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
     0 where no shift is larger than noise explains; up to twice too large while small. Those above some 2
     small pixels are not distinguished: they count as 16.
     """
-    shared = _shared_corners(frame, other)
-    if shared is not None:
-        return float(np.quantile(np.linalg.norm(shared[0] - shared[1], axis=1), 0.9))
+    _, here, there = np.intersect1d(frame.ids, other.ids, return_indices=True)
+    if len(here) >= _FEWEST_CORNERS:
+        return float(np.quantile(np.linalg.norm(frame.corners_px[here] - other.corners_px[there], axis=1), 0.9))
     slope = np.maximum(frame.slope, other.slope)
     noise = max(frame.noise, other.noise)
     least_slope = max(_LEAST_SLOPE, _LEAST_SLOPE_PER_NOISE * noise)
@@ -132,17 +130,6 @@ def _noise(image: np.ndarray) -> float:
     rows = image[::8].astype(np.int16)
     bends = np.abs(rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:])
     return float(np.quantile(bends, 0.25)) / (_QUARTILE_OF_NOISE * np.sqrt(6)) if bends.size else 0.0
-
-
-def _shared_corners(frame: _FrameFeatures, other: _FrameFeatures) -> tuple[np.ndarray, np.ndarray] | None:
-    """The corners that both frames show, (M, 2) each; None for fewer than 4."""
-    if frame.corners_px is None or other.corners_px is None:
-        return None
-    if frame.ids is None or other.ids is None:
-        same = len(frame.corners_px) == len(other.corners_px) >= _FEWEST_CORNERS
-        return (frame.corners_px, other.corners_px) if same else None
-    _, here, there = np.intersect1d(frame.ids, other.ids, return_indices=True)
-    return (frame.corners_px[here], other.corners_px[there]) if len(here) >= _FEWEST_CORNERS else None
 
 
 def _cut(small: np.ndarray) -> np.ndarray:
@@ -219,17 +206,12 @@ class StillnessDetector:
         self._taken, self._moved, self._hold = None, True, None
 
     def feed(
-        self,
-        image: np.ndarray,
-        time_s: float,
-        corners_px: np.ndarray | None = None,
-        ids: np.ndarray | None = None,
+        self, image: np.ndarray, time_s: float, corners_px: np.ndarray = _NO_CORNERS, ids: np.ndarray = _NO_IDS
     ) -> Stillness:
         """Judge the next frame, (H, W) uint8, by its time on any clock that runs on.
 
-        corners_px : (N, 2) of a board seen in it. Where this frame and the one it is held against share 4 or more,
-            motion is theirs, and the rest of the picture is not looked at.
-        ids : (N,) of the corners; without them corners are matched only where their number is the same.
+        corners_px, ids : (N, 2), (N,) of a board seen in it. Where this frame and the one it is held against share 4
+            or more, motion is theirs, and the rest of the picture is not looked at.
         """
         frame = _features_of(image, time_s, corners_px, ids)
         last, self._last = self._last, frame

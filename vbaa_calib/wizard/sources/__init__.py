@@ -1,6 +1,60 @@
 """Where the wizard's pictures come from: a folder that fills up, a camera, a video, a stream."""
 
-from .choose import open_source
-from .picture import Picture, Source, SourceLost
+from __future__ import annotations
+
+import stat
+from collections.abc import Container
+from pathlib import Path
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import SUFFIXES
+
+from .camera import CameraSettings, open_camera, parse_camera
+from .folder import FolderSource
+from .picture import Picture, Source, SourceLost, shown
+from .stream import open_stream
+from .video import VideoSource
 
 __all__ = ["Picture", "Source", "SourceLost", "open_source"]
+_LONGEST = 4096
+_KINDS = "name a folder of pictures, a video, a camera like camera:0, or a stream like rtsp://host/path"
+
+
+def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Source:
+    """The source that `text` means: "camera:0", "/dev/video0", the path of a folder or video, or a stream's URL.
+
+    seen : names that are not offered again. wait : a folder is watched for more pictures.
+    Raises InputError for what is not there, cannot be read or is none of these.
+    """
+    if not text.strip():
+        raise InputError("no source of pictures is named", remedy=_KINDS)
+    if len(text) > _LONGEST or "\0" in text:
+        raise InputError("is not a path that can be", where=shown(text), remedy=_KINDS)
+    if text.startswith("camera:"):
+        return open_camera(parse_camera(text.removeprefix("camera:")), seen)
+    if "://" in text:
+        return open_stream(text, seen)
+    path = Path(text)
+    mode = _mode(path, text)
+    if stat.S_ISDIR(mode):
+        return FolderSource(path, seen, wait)
+    if stat.S_ISCHR(mode):
+        return open_camera(CameraSettings(str(path.absolute())), seen)
+    if not stat.S_ISREG(mode):
+        raise InputError("is neither folder, video nor camera", where=shown(text), remedy=_KINDS)
+    if path.suffix.lower() in SUFFIXES:
+        raise InputError("is a single picture", where=shown(text), remedy="name the folder that holds the pictures")
+    return VideoSource(path, seen)
+
+
+def _mode(path: Path, text: str) -> int:
+    try:
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        if text.startswith("/dev/video"):
+            open_camera(CameraSettings(text))  # raises, with the cameras that are there
+        digits = f"for a camera write camera:{text}; or " if text.isdigit() and len(text) < 4 else ""
+        raise InputError("no such folder or video", where=shown(text), remedy=f"{digits}{_KINDS}") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be read ({why})", where=shown(text), remedy=_KINDS) from None

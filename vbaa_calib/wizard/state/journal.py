@@ -97,7 +97,6 @@ class Journal(_Model):
 
     answers: Annotated[dict[str, Any], AfterValidator(_answers)]
     steps: dict[Annotated[str, AfterValidator(_step)], StepRecord]
-    redone: tuple[str, ...] = ()
 
     def of(self, step: str) -> StepRecord:
         """The record of a step."""

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,22 @@ def scale_of(answers: Mapping[str, Any], require_square: bool = False) -> PrintS
 
 _GRAVITY_M_S2 = 9.80665
 _DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
+_UNITS = {
+    "antenna": {
+        "length_m": ("antenna_length_mm", 1e-3, 1e3),
+        "diameter_m": ("antenna_diameter_mm", 1e-3, 1e3),
+        "youngs_modulus_Pa": ("youngs_modulus_GPa", 1e9, 1e-9),
+        "density_kg_m3": ("density_kg_m3", 1.0, 1.0),
+    },
+    "moment_sensor": {"std_Nm": ("moment_std_mNm", 1e-3, 1e3)},
+    "load_readings": {
+        "distance_std_m": ("distance_std_mm", 1e-3, 1e3),
+        "force_std_relative": ("mass_std_percent", 1e-2, 1e2),
+    },
+}
+"""Section and key of session.yaml → the answer, its size in SI, and SI's size in its unit."""
+_PASSING = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
+"""Taken until they are answered, since they have no default."""
 
 
 def _session_data(
@@ -60,22 +77,14 @@ def _session_data(
     board : as it was printed. before : what session.yaml holds. print_scale_std : of the print's scale, relative.
     """
     value = {key: answers.get(key, question.default) for key, question in BY_KEY.items()}
-    data = dict(before) | {
-        "schema": SCHEMA,
-        "board": board.to_dict(),
-        "antenna": {
-            "length_m": 1e-3 * (value["antenna_length_mm"] or 100.0),
-            "diameter_m": 1e-3 * (value["antenna_diameter_mm"] or 1.0),
-            "youngs_modulus_Pa": 1e9 * value["youngs_modulus_GPa"],
-            "density_kg_m3": value["density_kg_m3"],
-        },
-        "moment_sensor": dict(before.get("moment_sensor") or {}) | {"std_Nm": 1e-3 * value["moment_std_mNm"]},
+    read = {
+        section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size, _) in keys.items()}
+        for section, keys in _UNITS.items()
     }
+    data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": read["antenna"]}
+    data["moment_sensor"] = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
     if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
-        data["load_readings"] = {
-            "distance_std_m": 1e-3 * value["distance_std_mm"],
-            "force_std_relative": 1e-2 * value["mass_std_percent"],
-        }
+        data["load_readings"] = read["load_readings"]
     if print_scale_std:
         data["print_scale_std"] = round(print_scale_std, 9)
     elif "board_given" not in answers:
@@ -161,27 +170,21 @@ def write_table(path: Path, folder: str, taken: Sequence[AcceptedPicture]) -> No
 def answers_of(session_yaml: Path) -> dict[str, Any]:
     """What a session.yaml that was written by hand answers already. Raises InputError where it is wrong."""
     session, data = load_session(session_yaml.parent), read_yaml(session_yaml)
-    ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
-    x_mm = 1e3 * session.board.square_m * session.board.squares_x
-    y_mm = 1e3 * session.board.square_m * session.board.squares_y
-    found: dict[str, Any] = {
-        "board": str(session_yaml),
-        "measure_x_mm": x_mm,
-        "measure_y_mm": y_mm,
-        "board_along_x_mm": x_mm,
-        "board_along_y_mm": y_mm,
-        "board_reading_std_mm": READING_STD_MM,
-        "antenna_length_mm": 1e3 * session.antenna.length_m,
-        "antenna_diameter_mm": 1e3 * session.antenna.diameter_m,
-        "youngs_modulus_GPa": 1e-9 * session.antenna.youngs_modulus_Pa,
-        "density_kg_m3": session.antenna.density_kg_m3,
-        "moment_std_mNm": 1e3 * session.moment_std_Nm,
-        "distance_std_mm": 1e3 * session.load_readings.distance_std_m,
-        "mass_std_percent": 1e2 * session.load_readings.force_std_relative,
-        "board_given": True,
-        "gravity_given": True,
-        "jig_given": ways["jig"],
-        "over_given": ways["over"],
+    sections = {
+        "antenna": session.antenna,
+        "moment_sensor": SimpleNamespace(std_Nm=session.moment_std_Nm),
+        "load_readings": session.load_readings,
     }
+    found: dict[str, Any] = {
+        name: per_si * getattr(sections[section], key)
+        for section, keys in _UNITS.items()
+        for key, (name, _, per_si) in keys.items()
+    }
+    for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
+        length_mm = 1e3 * session.board.square_m * squares
+        found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
+    ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
+    found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
+    found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
     way = next((way for way, there in ways.items() if there), None)
     return found if way is None else found | {"plane_way": way}

@@ -162,12 +162,12 @@ class Store:
 
         What it had is set aside, and the folder comes back; None where it had nothing.
         """
-        record, redone = self.journal.of(step), (*self.journal.redone, step)
+        record = self.journal.of(step)
         again = self.journal.with_answers(_without(self.journal.answers, forget))
-        again = again.model_copy(update={"steps": {**again.steps, step: StepRecord()}, "redone": redone})
+        again = again.model_copy(update={"steps": {**again.steps, step: StepRecord()}})
         place = None
         if record.taken:
-            place = self._new_aside(f"{step}-{redone.count(step)}")
+            place = self._new_aside(step)
             write_json(place / "was.json", record.model_dump(mode="json"))
         self.save(again)
         for taken in record.taken:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hmac
+import json
 import logging
 import queue
 import secrets
@@ -17,7 +18,7 @@ from typing import Annotated, Any, Literal
 
 import uvicorn
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import to_json, to_jsonable_python
+from pydantic_core import to_jsonable_python
 from starlette.applications import Starlette
 from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
@@ -166,10 +167,7 @@ class PageServer:
         return f"http://127.0.0.1:{self.port}/?token={self._token}"
 
     def show(self, state: Mapping[str, Any], jpeg: bytes | None = None) -> int:
-        """Make this what the page shows; its number, which commands given on seeing it carry.
-
-        What is not finite becomes null, what is no Unicode in a file name a question mark.
-        """
+        """Make this what the page shows; its number, which commands given on seeing it carry. NaN becomes null."""
         with self._lock:
             self._number += 1
             if jpeg is not None and (not self._pictures or self._pictures[-1][1] is not jpeg):
@@ -177,7 +175,7 @@ class PageServer:
             picture = None if jpeg is None else self._pictures[-1][0]
             sent = {"n": self._number, "picture": picture, "state": state}
             plain = to_jsonable_python(sent, inf_nan_mode="null", fallback=lambda array: array.tolist())
-            self._body = to_json(_unicode(plain))
+            self._body = json.dumps(plain).encode()
             self._report = str(state.get("report") or "")
         self._wake()
         return self._number
@@ -302,12 +300,3 @@ def _number_in(request: Request, name: str) -> int:
     if len(told) != 1 or not (told[0].isascii() and told[0].isdigit() and len(told[0]) <= 15):
         raise HTTPException(400, f"{name} is a whole number")
     return int(told[0])
-
-
-def _unicode(value: Any) -> Any:
-    """With a question mark for each lone surrogate, as in names of files that are no Unicode."""
-    if isinstance(value, str):
-        return value.encode("utf-8", "replace").decode()
-    if isinstance(value, dict):
-        return {key: _unicode(item) for key, item in value.items()}
-    return [_unicode(item) for item in value] if isinstance(value, list) else value
