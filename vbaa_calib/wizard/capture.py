@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from vbaa_calib.calibrate.faults.typed_loads import typed_load_diagnoses
@@ -86,7 +86,7 @@ class Capture:
     ui: Ui
     step: Step
     source: Source
-    table: ReadingsTable = ReadingsTable()
+    table: ReadingsTable = field(default_factory=ReadingsTable)
     declined: bool = False
 
     def __post_init__(self) -> None:

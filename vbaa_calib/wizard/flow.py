@@ -58,7 +58,11 @@ def walk(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
             if not ui.interactive or step.check is not None:
                 raise
             ui.wrong(str(error))
-            command = command_at(ui, _GO_BACK) or "back"
+            try:
+                ui.ask(_GO_BACK)
+                command = "back"
+            except Interrupted as interrupt:
+                command = interrupt.command
         if command == "quit":
             raise Quit
         if command == "back":
@@ -66,15 +70,6 @@ def walk(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
         elif command == "redo":
             redo(store, ui, step.name)
             store.offer_no_more(_ASKED_AGAIN.get(step.name, ()))
-
-
-def command_at(ui: Ui, question: Question) -> str:
-    """The command that was given in place of an answer; "" where it was answered."""
-    try:
-        ui.ask(question)
-    except Interrupted as interrupt:
-        return interrupt.command
-    return ""
 
 
 def _step_before(store: Store, ui: Ui, at: int) -> int:
