@@ -14,7 +14,7 @@ import pytest
 
 from vbaa_calib.cli import doctor as verb
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import opencv, packages
+from vbaa_calib.doctor import packages
 from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
 
 
@@ -91,10 +91,10 @@ def test_opencv_ill(wheels: dict[str, str], cv2: Any, problem: str) -> None:
             raise cv2
         return cv2
 
-    found = opencv.opencv(wheels, load)
+    found = packages.opencv(wheels, load)
     assert (found.status, names(found)) == (FAILS, [problem])
     assert "opencv-contrib-python-headless>=4.14,<5" in found.problems[0].remedy
-    assert opencv.opencv(RIGHT, fake_cv2).status == OK
+    assert packages.opencv(RIGHT, fake_cv2).status == OK
 
 
 def test_a_biased_detector(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +108,7 @@ def test_a_biased_detector(monkeypatch: pytest.MonkeyPatch) -> None:
         return type(view)(view.name, view.ids, view.corners_px + 0.5, view.image_size)
 
     monkeypatch.setitem(detector_test.DETECTORS, detector_test.OPENCV, half_a_pixel_off)
-    found = opencv.detector()
+    found = packages.detector()
     assert (found.status, names(found)) == (FAILS, ["detector_biased"])
     assert "(+0.4" in found.problems[0].words or "(+0.5" in found.problems[0].words
 

@@ -24,7 +24,7 @@ from vbaa_calib.core.files import read_yaml, write_json, write_text
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.sources.picture import Picture
-from vbaa_calib.wizard.state.catalogue import PICTURES
+from vbaa_calib.wizard.state.questions import PICTURES
 from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import LOCK
 from vbaa_calib.wizard.steps import verdict

@@ -7,8 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.state.catalogue import QUESTIONS, open_questions
-from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.questions import QUESTIONS, Question, open_questions
 
 RNG_SEED = 11
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.catalogue import QUESTIONS, SOURCES, TABLES
-from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.questions import QUESTIONS, SOURCES, TABLES, Question
 
 from .small_session import answers_file, call
 

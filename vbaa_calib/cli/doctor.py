@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import machine, opencv, packages
+from vbaa_calib.doctor import machine, packages
 from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
 
 CHECKS: dict[str, Callable[[], Finding]] = {
     "python": packages.python_version,
     "packages": packages.packages,
     "shadows": packages.shadows,
-    "opencv": opencv.opencv,
+    "opencv": packages.opencv,
     "torch": machine.torch,
     "drawing": machine.drawing,
     "cameras": machine.cameras,
@@ -24,7 +24,7 @@ CHECKS: dict[str, Callable[[], Finding]] = {
     "disk": machine.disk,
     "computing": machine.computing,
     "terminal": machine.terminal,
-    "detector": opencv.detector,
+    "detector": packages.detector,
 }
 """The order of the table. What may end the process comes last, when the rest has been said."""
 _WIDTH = 118

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.core.errors import InputError, VbaaError
-from vbaa_calib.wizard.state.catalogue import BOARD_ANSWERS, BY_KEY, SOURCES, STEPS
-from vbaa_calib.wizard.state.questions import Question
+from vbaa_calib.wizard.state.questions import BOARD_ANSWERS, BY_KEY, SOURCES, STEPS, Question
 from vbaa_calib.wizard.state.readings import ReadingsTable, read_table, table_of
 from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.state.store import Store
@@ -16,8 +15,7 @@ from vbaa_calib.wizard.steps import antenna, board, lens, plane, verdict
 from vbaa_calib.wizard.steps.step import Step
 from vbaa_calib.wizard.ui.base import Interrupted, Ui
 
-from .adopting import set_unlisted_aside
-from .asking import answer_all, take_back
+from .asking import answer_all, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture, NoMorePictures
 from .sources import Source, SourceLost, open_source
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.wizard.state.catalogue import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES
+from vbaa_calib.wizard.state.questions import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES
 
 if TYPE_CHECKING:
     from vbaa_calib.wizard.state.store import Store
@@ -106,8 +106,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _run(args: argparse.Namespace, store: Store, given: Mapping[str, Any]) -> dict[str, Any]:
-    from vbaa_calib.wizard.adopting import adopt, set_unlisted_aside
-    from vbaa_calib.wizard.asking import check_together
+    from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
     from vbaa_calib.wizard.flow import STEP_BY_NAME, Quit, redo, walk
     from vbaa_calib.wizard.state.session_state import SessionState
     from vbaa_calib.wizard.steps.verdict import REPORT

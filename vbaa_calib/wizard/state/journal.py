@@ -12,8 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FiniteFloat, Validat
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 
-from .catalogue import QUESTIONS, READINGS, SOURCES, STEPS, TABLES
-from .questions import Question
+from .questions import QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
 
 SCHEMA = "vbaa.wizard/1"
 _REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"

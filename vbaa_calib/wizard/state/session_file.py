@@ -20,8 +20,8 @@ from vbaa_calib.core.files import read_yaml, write_text
 from vbaa_calib.core.yaml_text import UniqueKeyDumper
 from vbaa_calib.session import SCHEMA, Session, has_sweep, load_session, session_from
 
-from .catalogue import BY_KEY, READINGS
 from .journal import AcceptedPicture
+from .questions import BY_KEY, READINGS
 from .store import Store
 
 _MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")

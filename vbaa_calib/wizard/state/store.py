@@ -22,8 +22,8 @@ from vbaa_calib.core.files import replacing, sha256, write_json
 from vbaa_calib.core.images import SUFFIXES
 from vbaa_calib.wizard.sources.picture import Picture
 
-from .catalogue import PICTURES
 from .journal import AcceptedPicture, Journal, RefusedPicture, StepRecord
+from .questions import PICTURES
 
 NAME = "wizard.json"
 ASIDE = "aside"

@@ -12,8 +12,7 @@ from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.session import Load
 from vbaa_calib.wizard.state.session_state import SessionState
 
-from .pictures import check_antenna
-from .step import ENOUGH, Number, Progress, Step, counted
+from .step import ENOUGH, Number, Progress, Step, check_antenna, counted
 
 _FREE_LEAST, _FREE_ENOUGH, _LOADS_LEAST = 2, 5, 2
 _GOAL = 0.01

@@ -14,8 +14,7 @@ from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.wizard.sources.picture import Picture
 from vbaa_calib.wizard.state.session_state import SessionState
 
-from .pictures import check_board
-from .step import ENOUGH, Number, PictureCheck, Progress, Readings, Step, Target, counted
+from .step import ENOUGH, Number, PictureCheck, Progress, Readings, Step, Target, check_board, counted
 
 _GOAL_M = 1e-4
 _LEAST = 3

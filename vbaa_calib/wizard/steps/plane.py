@@ -10,8 +10,7 @@ from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.wizard.sources.picture import Picture
 from vbaa_calib.wizard.state.session_state import SessionState
 
-from .pictures import check_board
-from .step import ENOUGH, Number, PictureCheck, Progress, Readings, Step, counted
+from .step import ENOUGH, Number, PictureCheck, Progress, Readings, Step, check_board, counted
 
 _LEAST = {"plane": 1, "sweep": 5, "over": 1}
 _ENOUGH = {"sweep": 10, "over": 3}

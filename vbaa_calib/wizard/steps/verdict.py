@@ -11,7 +11,7 @@ from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import doubts, rig_document
 from vbaa_calib.core.files import write_json, write_text
 from vbaa_calib.session import load_session
-from vbaa_calib.wizard.state.catalogue import PICTURES
+from vbaa_calib.wizard.state.questions import PICTURES
 from vbaa_calib.wizard.state.session_state import SessionState
 
 from .step import Progress, Step

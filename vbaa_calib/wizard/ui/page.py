@@ -9,8 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vbaa_calib.wizard.state.catalogue import STEPS
-from vbaa_calib.wizard.state.questions import typed
+from vbaa_calib.wizard.state.questions import STEPS, typed
 from vbaa_calib.wizard.state.session_state import SessionState
 from vbaa_calib.wizard.steps.step import counted
 

@@ -12,8 +12,7 @@ import time
 from collections.abc import Iterator
 from typing import Any, TextIO
 
-from vbaa_calib.wizard.state.catalogue import STEPS
-from vbaa_calib.wizard.state.questions import Question, typed
+from vbaa_calib.wizard.state.questions import STEPS, Question, typed
 
 from .base import COMMANDS, LivePicture, Ui, View, progress_lines
 
