@@ -13,7 +13,6 @@ import pytest
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli import convert as convert_cli
 from vbaa_calib.convert import FORMATS
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from ..calibrate.checked_rigs import rig_of, scene
@@ -54,12 +53,3 @@ def test_a_rig_there_and_back(name: str, rig: Path, tmp_path: Path, capsys: pyte
         pose = FORMATS["vbaa"].read(tmp_path / "camera.json", None).T_reference_camera
         assert pose is not None
         np.testing.assert_allclose(pose.matrix, ours.T_antenna_camera.matrix, atol=1e-14)
-
-
-def test_nothing_is_overwritten(rig: Path, tmp_path: Path) -> None:
-    (tmp_path / "there").write_text("x")
-    with pytest.raises(InputError, match="exists already"):
-        convert(rig, "--to", "ros", "-o", tmp_path / "there")
-    with pytest.raises(InputError, match="is an input of this command"):
-        convert(rig, "--to", "ros", "-o", rig, "--force")
-    convert(rig, "--to", "ros", "-o", tmp_path / "there", "--force")

@@ -203,16 +203,6 @@ def test_colmap_counts_pixels_from_their_corner() -> None:
     assert pinhole.matrix[:2, 2].tolist() == [1535.5, 1151.5]
 
 
-@pytest.mark.parametrize("name", ["kalibr", "colmap"])
-def test_of_several_cameras_one_must_be_named(name: str, tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    path.write_text(SAMPLES[name])
-    with pytest.raises(InputError, match="--camera"):
-        FORMATS[name].read(path, None)
-    with pytest.raises(InputError, match="holds no"):
-        FORMATS[name].read(path, "cam9")
-
-
 @settings(max_examples=150, deadline=None)
 @given(
     name=st.sampled_from(sorted(SAMPLES)),

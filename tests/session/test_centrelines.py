@@ -73,13 +73,6 @@ def test_the_same_numbers_however_they_are_written(tmp_path: Path, change) -> No
     assert_same(read(tmp_path, change(text(ORDERED))), grouped(ORDERED))
 
 
-@pytest.mark.usefixtures("block")
-def test_points_may_be_scattered_over_the_file(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    rows = [ORDERED[index] for index in rng.permutation(len(ORDERED))]
-    assert_same(read(tmp_path, text(rows)), grouped(rows))
-
-
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
@@ -139,12 +132,6 @@ def test_a_line_without_an_end_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
     for whole in (text(ORDERED) + "1" * 500, "1" * 500):
         with pytest.raises(InputError, match="a line of more than"):
             read(tmp_path, whole)
-
-
-def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
-    for content in (text(ORDERED).encode() + b"\xff,1,2,3\n", b"\xff\xfe" + text(ORDERED).encode("utf-16-le")):
-        with pytest.raises(InputError, match="is not UTF-8 text"):
-            read(tmp_path, content)
 
 
 def test_a_file_that_changes_meanwhile_is_noticed(tmp_path: Path) -> None:

@@ -70,13 +70,6 @@ class TestRecording:
         assert math.isnan(first.moment_Nm)
         assert math.isnan(second.moment_z_Nm)
 
-    @pytest.mark.parametrize("name", ["moment", "moment_mNm", "Moment_Nm", "moment_Nmm"])
-    def test_a_moment_under_another_name_is_not_left_out_in_silence(self, root: Path, name: str) -> None:
-        path = root / "recording" / "recording.csv"
-        path.write_text(RECORDING.replace("moment_Nm", name))
-        text = complaint(lambda: read_recording(load_session(root)), path)
-        assert f"column moment_Nm is missing, but there is {name}; name it moment_Nm, in SI units" in text
-
 
 def test_pictures_are_checked_before_the_work(root: Path) -> None:
     pictures = [root / "noload" / "a.png", root / "noload" / "b.png"]

@@ -6,7 +6,6 @@ import shutil
 import signal
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -128,10 +127,3 @@ def test_strangers_that_come_meanwhile(tiny: Tiny, monkeypatch: pytest.MonkeyPat
     on_picture(monkeypatch, "loads", 1, lambda: (tiny.session / "intrinsics" / "late.png").write_bytes(b"late"))
     assert call(tiny.session, "--redo", "loads")[0] == 0
     assert "intrinsics/late.png" not in tree(tiny.session)
-
-
-def test_paths_hold_wherever_it_is_called(tiny: Tiny, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.chdir(tiny.source.parent)
-    assert call("session", "--reopen", "lens", "--source", tiny.source.name)[0] == 0
-    monkeypatch.chdir("/")
-    assert call(tiny.session, "--reopen", "lens")[0] == 0

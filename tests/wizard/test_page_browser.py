@@ -128,11 +128,6 @@ def test_choices_yes_and_no_and_texts(browser: Browser, server: PageServer) -> N
     page.click("#asked label:nth-of-type(2)")
     page.click("#answer")
     assert given(server).value == {"sure": False}
-    many = {**QUESTION, "key": "dictionary", "kind": "choice", "choices": [f"d{i}" for i in range(20)], "default": "d7"}
-    server.show(state(question=many))
-    page.until("document.querySelector('#asked select')")
-    page.click("#answer")
-    assert given(server).value == {"dictionary": "d7"}
     server.show(state(question={**QUESTION, "key": "name", "kind": "text", "default": "rig"}))
     page.until("document.getElementById('field')?.value === 'rig'")
     page.type("rig <b>")

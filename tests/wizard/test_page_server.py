@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from vbaa_calib.wizard.ui import server as module
-from vbaa_calib.wizard.ui.server import BODY_LIMIT, COMMANDS_KEPT, PICTURES_KEPT, PageCommand, PageServer
+from vbaa_calib.wizard.ui.server import BODY_LIMIT, PageCommand, PageServer
 
-from .page_client import ask, command, cookie, jpeg, raw, state
+from .page_client import ask, command, cookie, raw, state
 
 
 def test_commands_arrive_in_order_and_as_they_are(server: PageServer) -> None:
@@ -74,15 +74,6 @@ def test_a_command_is_small_and_json(server: PageServer) -> None:
     assert server.take_commands() == []
 
 
-def test_too_many_commands_wait_their_turn(server: PageServer) -> None:
-    for _ in range(COMMANDS_KEPT):
-        server._commands.put_nowait(PageCommand(kind="take"))
-    assert command(server, b'{"kind": "take"}').status == 503
-    assert len(server.take_commands()) == COMMANDS_KEPT
-    assert command(server, b'{"kind": "take"}').status == 202
-    assert len(server.take_commands()) == 1
-
-
 def test_a_state_becomes_json_whatever_is_in_it(fresh: PageServer) -> None:
     """NumPy, paths, what is not finite, names of files that are no Unicode; later changes do not reach the page."""
     shown = state(
@@ -120,18 +111,6 @@ def test_state_is_held_until_there_is_news(fresh: PageServer, monkeypatch: pytes
     monkeypatch.setattr(module, "NEWS_S", 0.05)
     reply = ask(fresh, f"/state?after={number + 1}")
     assert (reply.status, reply.body) == (204, b"")
-
-
-def test_the_picture_belongs_to_the_state_and_is_kept_for_a_while(fresh: PageServer) -> None:
-    assert ask(fresh, "/picture?n=1").status == 404
-    same = jpeg()
-    assert [fresh.show(state(), picture) for picture in (same, same, None, same)] == [1, 2, 3, 4]
-    assert json.loads(ask(fresh, "/state?after=0").body)["picture"] == 1
-    for level in range(PICTURES_KEPT):
-        fresh.show(state(), jpeg(level))
-    reply = ask(fresh, "/picture?n=5")
-    assert (reply.body, reply.headers["Content-Type"]) == (jpeg(0), "image/jpeg")
-    assert ask(fresh, "/picture?n=1").body == jpeg(PICTURES_KEPT - 1), "no longer kept: the newest instead"
 
 
 def test_the_report_and_no_other_file(fresh: PageServer, tmp_path: Path) -> None:

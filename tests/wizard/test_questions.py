@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.state.questions import QUESTIONS, Question, open_questions
+from vbaa_calib.wizard.state.questions import QUESTIONS, Question
 
 RNG_SEED = 11
 
@@ -30,13 +30,3 @@ def test_answers_can_be_kept() -> None:
             )
         )
         assert question.read(json.loads(json.dumps(value))) == value
-
-
-def test_each_way_to_plane_c_asks_for_what_it_needs() -> None:
-    asked = {way: {q.key for q in open_questions("plane", {"plane_way": way})} for way in ("jig", "sweep", "over")}
-    assert "jig_translation_mm" in asked["jig"]
-    assert asked["sweep"] == set()
-    assert asked["over"] == {"over_height_mm"}
-    given = {"plane_way": "jig", "jig_given": True}
-    assert open_questions("plane", given) == []
-    assert "jig_board_x" in {q.key for q in open_questions("plane", given | {"jig_translation_mm": [0, 0, 0]})}

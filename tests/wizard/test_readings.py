@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.readings import UNITS, ReadingsTable, asked, complete, in_si, read_table, table_of
+from vbaa_calib.wizard.state.readings import UNITS, ReadingsTable, complete, in_si, read_table, table_of
 
 DOWN = np.array([0.0, 0.0, -9.80665])
 
@@ -39,17 +38,6 @@ def test_a_mass_is_its_weight() -> None:
             [by_force[k] for k in by_mass if "force" in k]
         )
         assert by_mass["distance_m"] == pytest.approx(0.2)
-
-
-def test_each_folder_has_what_it_needs() -> None:
-    assert complete("plane", {}, DOWN, 0.24, None) == {}
-    for folder in ("sweep", "noload", "loads"):
-        typed = {question.key: 1.0 for question in asked(folder)}
-        whole = complete(folder, typed, DOWN, 0.24, None)
-        for key in typed:
-            with pytest.raises(InputError, match=r"is missing|neither a mass nor a force"):
-                complete(folder, {k: v for k, v in typed.items() if k != key}, DOWN, 0.24, None)
-        assert all(math.isfinite(value) for value in whole.values())
 
 
 def test_rows_by_name_and_in_order(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.wizard.sources import Picture, Source, open_source
 
 FRAMES = 25
@@ -53,16 +52,6 @@ def test_two_runs_give_the_same_bytes_and_seen_frames_are_left_out(video: Path) 
     assert first.keys() - again.keys() == {"frame 0", "frame 7"}
     assert again.items() <= first.items()
     assert frames(open_source(str(video), first)) == []
-
-
-def test_a_frame_is_stored_in_colour_and_grey_is_what_is_read_back(video: Path, tmp_path: Path) -> None:
-    offered = open_source(str(video)).next(0.5)
-    assert offered is not None
-    path = tmp_path / f"x{offered.suffix}"
-    path.write_bytes(offered.data)
-    np.testing.assert_array_equal(read_gray(path), offered.image)
-    np.testing.assert_array_equal(read_picture(path), offered.content)
-    assert offered.data is offered.data
 
 
 @pytest.mark.parametrize("kept", [0, 300, 4000])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 
 from .small_session import call
 from .tiny_wizard import Tiny, expect_refused, finished, tiny
@@ -22,17 +21,11 @@ TABLES: dict[str, tuple[str, str | bytes, tuple[str, ...]]] = {
         ("2.png", "readings of the picture", "noload-readings"),
     ),
     "a picture twice": ("noload", FREE + "1.png,0,0,0\n1.png,0,0,0\n", ("line 3", "1.png stands twice")),
-    "no name": ("noload", FREE + ",0,0,0\n", ("line 2", "image is empty")),
-    "NaN": ("noload", FREE + "1.png,0,0,0\n2.png,0,nan,0\n", ("line 3", "tilt_rad is 'nan'", "give a number")),
     "decimal comma": ("noload", FREE + '1.png,0,"0,3",0\n', ("line 2", "the decimal sign is a point")),
     "degrees": ("noload", FREE + "1.png,0,20,0\n2.png,0,0,0\n", ("1.png", "more than a turn", "degrees?")),
-    "both units": ("noload", "image,pan_rad,pan_deg\n1.png,0,0\n", ("line 2", "pan_rad and pan_deg", "give one")),
     "empty cell": ("noload", FREE + "1.png,,0,0\n2.png,0,0,0\n", ("1.png", "pan_rad is missing")),
     "mass and force": ("loads", LOAD + "1.png,0,0,1,100,5,0,-49\n", ("1.png", "both mass and force")),
     "neither": ("loads", LOAD + "1.png,0,0,1,100,,,\n", ("1.png", "neither a mass nor a force", "mass_g")),
-    "no force": ("loads", LOAD + "1.png,0,0,1,100,,0,0\n", ("1.png", "the force is zero")),
-    "negative mass": ("loads", LOAD + "1.png,0,0,1,100,-5,,\n", ("line 2", "mass_kg is -0.005")),
-    "no distance": ("loads", LOAD + "1.png,0,0,1,,5,,\n", ("1.png", "distance_m is missing", "distance_mm")),
     "beyond the tip": ("loads", LOAD + "1.png,0,0,1,300,5,,\n", ("1.png", "distance_m is 0.3", "0.24 m long")),
     "along the antenna": ("loads", LOAD + "1.png,0,90,1,100,5,,\n", ("1.png", "of the weight pull along", "level")),
 }
@@ -45,22 +38,6 @@ def test_a_table(name: str, tiny: Tiny, tmp_path: Path) -> None:
     table.write_bytes(content if isinstance(content, bytes) else content.encode())
     outcome = call(tiny.session, "--redo", step, f"--{step}-readings", table)
     expect_refused(tiny, outcome, *words)
-
-
-def test_a_mass_without_gravity(tiny: Tiny, tmp_path: Path) -> None:
-    (tmp_path / "readings.csv").write_text(LOAD + "1.png,0,0,1,100,5,,\n")
-    argv = ("--redo", "loads", "--loads-readings", tmp_path / "readings.csv", "--gravity", "none")
-    expect_refused(tiny, call(tiny.session, *argv), "pulls nowhere without gravity", "force_y_N")
-
-
-@pytest.mark.parametrize("step", ["noload", "loads"])
-def test_rows_of_an_answers_file(step: str, tiny: Tiny, tmp_path: Path) -> None:
-    """Rows without names are for the pictures as they come; one too few is told at its picture."""
-    row = {"pan_deg": 0, "tilt_deg": 0, "moment_mNm": 1} | ({"distance_mm": 100} if step == "loads" else {})
-    file = tmp_path / "rows.yaml"
-    file.write_text(yaml.safe_dump({f"{step}_readings": [row]}))
-    words = ("1.png", "neither a mass nor a force") if step == "loads" else ("2.png", "readings of the picture")
-    expect_refused(tiny, call(tiny.session, "--redo", step, "--answers", file), *words)
 
 
 def test_mended_it_goes_on(tiny: Tiny, tmp_path: Path) -> None:

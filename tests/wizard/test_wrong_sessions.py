@@ -17,8 +17,6 @@ __all__ = ["finished", "tiny"]
 
 ANSWERS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "readings in cm": (("--board-along-x-mm=16.51", "--board-along-y-mm=12"), ("x_mm is 16.51", "centimetres")),
-    "readings in inches": (("--board-along-x-mm=6.5", "--board-along-y-mm=4.7244"), ("board_along_x_mm", "inch")),
-    "readings exchanged": (("--board-along-x-mm=120", "--board-along-y-mm=165"), ("board_along_x_mm", "exchange")),
     "stretched one way": (("--board-along-x-mm=165", "--board-along-y-mm=118"), ("board_along_x_mm", "%")),
     "axes parallel": (("--jig-board-x=y",), ("jig_board_x, jig_board_y", "right angles")),
     "board is a folder": (("--board=/tmp",), ("/tmp", "is a folder")),
@@ -38,9 +36,7 @@ def inside(tiny: Tiny) -> str:
 
 
 SOURCES: dict[str, tuple[Callable[[Tiny], str], tuple[str, ...]]] = {
-    "missing": (lambda tiny: str(tiny.source / "none"), ("none", "no such folder or video")),
     "in the session": (inside, ("lies inside the session", "another folder")),
-    "the session": (lambda tiny: str(tiny.session), ("lies inside the session", "another folder")),
     "no camera": (lambda tiny: "camera:97", ("camera",)),
 }
 
@@ -85,9 +81,7 @@ def test_what_a_damaged_journal_says_helps(tiny: Tiny) -> None:
 
 FOLDERS: dict[str, tuple[Callable[[Tiny], object], str]] = {
     "a file": (lambda tiny: tiny.answers, "File exists"),
-    "in a file": (lambda tiny: tiny.answers / "s", "Not a directory"),
     "too long": (lambda tiny: tiny.source / ("s" * 300), "File name too long"),
-    "zero byte": (lambda tiny: "a\0b", "null byte"),
     "where nothing can be": (lambda tiny: "/proc/session", "cannot be made"),
 }
 

@@ -24,7 +24,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _suite() -> ModuleType:
-    """`benchmarks.cli` of the checkout that this package runs from."""
     checkout = Path(vbaa_calib.__file__).parents[1]
     if not (checkout / "benchmarks" / "cli.py").is_file():
         raise InputError(

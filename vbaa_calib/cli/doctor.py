@@ -65,7 +65,6 @@ def _examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
 
 
 def _verdict(counts: Mapping[str, int]) -> str:
-    """One sentence."""
     if counts[FAILS]:
         return (
             f"not healthy: {counts[FAILS]} of {sum(counts.values())} fail; do what stands beside them, and look again"
@@ -76,7 +75,6 @@ def _verdict(counts: Mapping[str, int]) -> str:
 
 
 def _as_lines(finding: Finding) -> list[str]:
-    """A line of the table, and under it what is wrong and what to do."""
     head = f"{finding.status:<6}{finding.name:<11}"
     if not finding.problems:
         return textwrap.wrap(finding.words, _WIDTH, initial_indent=head, subsequent_indent=" " * len(head))

@@ -95,7 +95,6 @@ def _second_moment(diameter_m: float | None, second_moment_m4: float | None, dis
 def _stiffness_document(
     table: DeflectionTable, solution: StiffnessSolution, force_N: float, distance_m: float, moment_m4: float | None
 ) -> dict[str, Any]:
-    """stiffness.json (docs/formats.md)."""
 
     def fields(of: object, *names: str) -> dict[str, Any]:
         return {name: getattr(of, name) for name in names}

@@ -99,7 +99,6 @@ def _origin(name: str) -> Path | None:
 
 
 def _home(distribution: str) -> Path | None:
-    """The folder that a distribution was installed into."""
     try:
         return Path(str(metadata.distribution(distribution).locate_file("")))
     except metadata.PackageNotFoundError:
@@ -146,7 +145,6 @@ _NAMES = frozenset(
 
 
 def _wheels() -> dict[str, str]:
-    """Name → version of every wheel that brings a cv2."""
     found = {}
     for each in metadata.distributions():
         name = re.sub(r"[-_.]+", "-", each.metadata["Name"] or "").lower()

@@ -98,13 +98,11 @@ class Centrelines(Mapping[int, np.ndarray]):
         return points if len(first) == len(points) else points[np.sort(first)]
 
     def _of(self, frame: int) -> np.ndarray:
-        """(K, 3) the runs of one frame."""
         first, last = np.searchsorted(self._runs[:, 0], [frame, frame + 1])
         return self._runs[first:last]
 
 
 def _state(stream: BinaryIO) -> tuple[int, ...]:
-    """What tells a file from one that was written since."""
     status = os.fstat(stream.fileno())
     return status.st_ino, status.st_size, status.st_mtime_ns
 
@@ -218,7 +216,6 @@ def _pieces(stream: BinaryIO) -> Iterator[bytes]:
 
 
 def _cells(lines: _Lines, path: Path) -> Iterator[list[str]]:
-    """The cells of each row that is not blank."""
     reader = csv.reader(lines, strict=True)
     try:
         for row in reader:

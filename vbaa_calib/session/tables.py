@@ -145,7 +145,6 @@ def _joints(row: Mapping[str, str], path: Path) -> dict[str, float]:
 
 
 def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:
-    """Picture and joints; `time_s` where the table has that column."""
     seen = {"image": _picture(row, path) if with_image else None, **_joints(row, path)}
     return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
 
@@ -180,6 +179,5 @@ def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
 
 
 def _require(path: Path, why: str) -> None:
-    """Raises InputError when a table is not there."""
     if not os.path.lexists(path):  # a link that leads nowhere is told by who reads it
         raise InputError("no such file", where=path, remedy=f"{why} (docs/formats.md)")

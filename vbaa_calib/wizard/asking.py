@@ -142,7 +142,6 @@ def check_together(answers: Mapping[str, Any]) -> None:
 
 
 def _facts(answers: Mapping[str, Any]) -> dict[str, Any]:
-    """What questions name in their words."""
     new = answers.get("board", "new") == "new"
     return {
         "measured_x": "the ruler along the sheet's lower edge" if new else "the pattern along x, from edge to edge",

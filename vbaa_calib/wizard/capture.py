@@ -73,7 +73,6 @@ def _completed(state: SessionState, step: str, typed: Mapping[str, Any], where: 
 
 
 def _load_doubts(state: SessionState, step: str, readings: Readings) -> list[Diagnosis]:
-    """What was typed for a load that cannot be, or hardly, before anything is solved."""
     load = still_of(step, None, readings) if step == "loads" else None
     return typed_load_diagnoses([load], state.session.antenna) if isinstance(load, Load) else []
 
@@ -174,7 +173,6 @@ class Capture:
         return None
 
     def _watch(self, picture: Picture) -> None:
-        """A live frame: shown, and taken when it is held still or wanted."""
         height, width = picture.image.shape
         if (width, height) != self.state.live_size:
             # the pose to show next is suggested for pictures of this size
@@ -237,7 +235,6 @@ class Capture:
         return "closed"
 
     def _all_seen(self) -> str:
-        """The source has no more."""
         progress = self.step.progress(self.state)
         self.ui.show(self.step, progress)
         if not progress.usable:

@@ -10,15 +10,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.wizard.state.questions import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES
+from vbaa_calib.wizard.state.questions import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES, Question
 
 if TYPE_CHECKING:
     from vbaa_calib.wizard.state.store import Store
-    from vbaa_calib.wizard.ui.base import Ui
 
 _OPTIONS = (*QUESTIONS, *SOURCES, *TABLES)
 _PATHS = {"board", "source"} | {question.key for question in (*SOURCES, *TABLES)}
 _LAST_PORT = 65535
+_READ = Question("read", "", "Press Enter when you have read the report", kind="text", default="done")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -105,12 +105,12 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-def _run(args: argparse.Namespace, store: Store, given: Mapping[str, Any]) -> dict[str, Any]:
+def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[str, Any]:
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
     from vbaa_calib.wizard.flow import STEP_BY_NAME, Quit, redo, walk
     from vbaa_calib.wizard.state.session_state import SessionState
     from vbaa_calib.wizard.steps.verdict import REPORT
-    from vbaa_calib.wizard.ui.base import Ui
+    from vbaa_calib.wizard.ui.base import Interrupted, Ui
     from viz.report import check as report
 
     state, ui, url = SessionState(store), Ui(), ""
@@ -127,13 +127,22 @@ def _run(args: argparse.Namespace, store: Store, given: Mapping[str, Any]) -> di
         ui.greet(_greeting(store, args.session, url, titles))
         adopt(store, ui)
         # first: a picture that was changed is unlisted from then on
-        _forget_lost(store, ui)
+        if lost := store.forget_lost():
+            names = ", ".join(one.file for one in lost[:5]) + (" ..." if len(lost) > 5 else "")
+            ui.say(f"{len(lost)} pictures are gone or have changed, the wizard goes on without them: {names}")
         set_unlisted_aside(store, ui)
-        check_together(_merged(store.journal.answers, given))
-        _redo_what_changes(store, ui, given)
+        before = store.journal.answers
+        keys = ("board", "paper") if given.get("board", before.get("board")) == "new" else ("board",)
+        other_board = "measure_x_mm" in before and any(
+            given.get(key, before.get(key)) != before.get(key) for key in keys
+        )
+        stale = BOARD_ANSWERS if other_board else ()
+        check_together({key: value for key, value in before.items() if key not in stale} | given)
+        other_way = given.get("plane_way", before.get("plane_way")) != before.get("plane_way")
         # before the answers: they are meant for the step as it starts again
-        if args.redo:
-            redo(store, ui, args.redo)
+        again = ["plane"] if other_way and store.journal.of("plane").taken else []
+        for step in [*again, *(["board"] if other_board else []), *([args.redo] if args.redo else [])]:
+            redo(store, ui, step)
         store.answer(given)
         if args.reopen:
             store.close(args.reopen, "")
@@ -143,8 +152,9 @@ def _run(args: argparse.Namespace, store: Store, given: Mapping[str, Any]) -> di
             ui.say(f"stopped; `vbaa wizard {args.session}` goes on here")
             return _result(store, None)
         ui.done(document, str(store.root / REPORT))
-        if url:
-            _wait_until_read(ui)
+        if url:  # the page stays until it was read
+            with contextlib.suppress(Interrupted):
+                ui.ask(_READ)
         return _result(store, document)
     finally:
         ui.close()
@@ -173,46 +183,7 @@ def _greeting(store: Store, session: Path, url: str, titles: Mapping[str, str]) 
     return [*lines, "Type an answer, or Enter for the one in brackets; help lists the commands, quit stops."]
 
 
-def _redo_what_changes(store: Store, ui: Ui, given: Mapping[str, Any]) -> None:
-    """Another board, or another way to plane C, starts that step again."""
-    from vbaa_calib.wizard.flow import redo
-
-    before = store.journal.answers
-    if given.get("plane_way", before.get("plane_way")) != before.get("plane_way") and store.journal.of("plane").taken:
-        redo(store, ui, "plane")
-    if _is_another_board(before, given):
-        redo(store, ui, "board")
-
-
-def _is_another_board(before: Mapping[str, Any], given: Mapping[str, Any]) -> bool:
-    keys = ("board", "paper") if given.get("board", before.get("board")) == "new" else ("board",)
-    return "measure_x_mm" in before and any(key in given and given[key] != before.get(key) for key in keys)
-
-
-def _merged(before: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """All answers as they will be; what was measured on another board is none of them."""
-    stale = BOARD_ANSWERS if _is_another_board(before, given) else ()
-    return {key: value for key, value in before.items() if key not in stale} | dict(given)
-
-
-def _forget_lost(store: Store, ui: Ui) -> None:
-    lost = store.forget_lost()
-    if lost:
-        names = ", ".join(one.file for one in lost[:5]) + (" ..." if len(lost) > 5 else "")
-        ui.say(f"{len(lost)} pictures are gone or have changed, the wizard goes on without them: {names}")
-
-
-def _wait_until_read(ui: Ui) -> None:
-    """Keep the page up until it was read."""
-    from vbaa_calib.wizard.state.questions import Question
-    from vbaa_calib.wizard.ui.base import Interrupted
-
-    with contextlib.suppress(Interrupted):
-        ui.ask(Question("read", "", "Press Enter when you have read the report", kind="text", default="done"))
-
-
 def _result(store: Store, document: Mapping[str, Any] | None) -> dict[str, Any]:
-    """For --json."""
     from vbaa_calib.wizard.steps.verdict import REPORT, RIG
 
     steps = {

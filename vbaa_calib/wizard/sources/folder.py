@@ -190,7 +190,6 @@ class FolderSource:
         return name not in self._given and name not in self._seen
 
     def _status(self, name: str) -> os.stat_result | None:
-        """None for what is no file, or is gone."""
         try:
             status = os.stat(os.path.join(self._folder, name))
         except OSError:

@@ -141,7 +141,6 @@ class LiveSource:
             return frame
 
     def _run(self) -> None:
-        """The thread: open, read until it breaks, open again as long as patience lasts."""
         retries = iter(self._patience.retries_s)
         while not self._stop.is_set():
             fault, frames = self._read_until_it_breaks()

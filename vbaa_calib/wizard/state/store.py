@@ -236,7 +236,6 @@ class Store:
                 return place
 
     def _remove_half_written(self) -> None:
-        """Temporary files of a wizard that was stopped while writing."""
         for folder in (self.root, *(self.root / name for name in (*FOLDERS.values(), *WAYS.values()))):
             for path in folder.iterdir() if folder.is_dir() else ():
                 if _HALF_WRITTEN.fullmatch(path.name):

@@ -49,7 +49,6 @@ def print_instructions(store: Store, answers: Mapping[str, Any]) -> str:
 
 
 def _progress(state: SessionState) -> Progress:
-    """The board as it was printed."""
     spec, scale = state.board, state.scale
     seen = [f"board {board_id(state.nominal_board)}: {size_words(spec)}"]
     if scale is None:

@@ -95,7 +95,6 @@ class Page(View):
         self._number = self._server.show(state, self._jpeg)
 
     def _possible(self, ui: Ui) -> list[str]:
-        """The commands that make sense now."""
         if ui.document:
             return ["quit"]
         name = ui.step.name if ui.step else STEPS[0]
@@ -107,7 +106,6 @@ class Page(View):
         return [*(["take"] if watching else []), "redo", *taken, *leave]
 
     def _look(self, ui: Ui, view: LivePicture) -> None:
-        """A live picture with what was found in it."""
         height, width = view.image.shape
         check, target = view.check, ui.progress.target
         u, v = self._state.lens_corners().T

@@ -95,8 +95,6 @@ class PageCommand(BaseModel):
 
 
 class _Connection(H11Protocol):
-    """A connection with an end."""
-
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._end = self.loop.call_later(CONNECTION_S, transport.abort)
@@ -238,7 +236,6 @@ class PageServer:
         return None
 
     def _is_token(self, text: str) -> bool:
-        """In a time that does not tell how much of it was right."""
         return hmac.compare_digest(text.encode("utf-8", "replace"), self._token.encode())
 
     async def _file(self, request: Request) -> Response:

@@ -38,7 +38,6 @@ def wrapped(text: str, width: int, indent: str = "", hang: str | None = None) ->
 
 
 def _clipped(text: str, width: int) -> str:
-    """A text on one line that the terminal does not break."""
     return text if len(text) <= width else text[: max(width - 1, 0)] + "…"
 
 
@@ -214,7 +213,6 @@ class Terminal(View):
 
 
 def _live_words(view: LivePicture) -> str:
-    """A live picture in a line: how long it is held, what is seen, what to change."""
     full = round(4 * view.held)
     check, parts = view.check, []
     if len(check.corners_px):
