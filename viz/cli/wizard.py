@@ -133,14 +133,12 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         set_unlisted_aside(store, ui)
         before = store.journal.answers
         keys = ("board", "paper") if given.get("board", before.get("board")) == "new" else ("board",)
-        other_board = "measure_x_mm" in before and any(
-            given.get(key, before.get(key)) != before.get(key) for key in keys
-        )
+        changed = {key for key, value in given.items() if before.get(key) != value}
+        other_board = "measure_x_mm" in before and not changed.isdisjoint(keys)
         stale = BOARD_ANSWERS if other_board else ()
         check_together({key: value for key, value in before.items() if key not in stale} | given)
-        other_way = given.get("plane_way", before.get("plane_way")) != before.get("plane_way")
         # before the answers: they are meant for the step as it starts again
-        again = ["plane"] if other_way and store.journal.of("plane").taken else []
+        again = ["plane"] if "plane_way" in changed and store.journal.of("plane").taken else []
         for step in [*again, *(["board"] if other_board else []), *([args.redo] if args.redo else [])]:
             redo(store, ui, step)
         store.answer(given)
