@@ -28,12 +28,13 @@ def test_shapes_kinds_and_precision_are_kept(name, shape):
         again, seen = camera.project(rays)
         ideal, _ = camera.unproject_normalized(given)
         assert type(rays) is type(again) is type(given)
-        assert rays.dtype == again.dtype == ideal.dtype == camera.jacobian(given).dtype == given.dtype
+        points, slopes, _ = camera.normalized_with_slopes(given)
+        assert rays.dtype == again.dtype == ideal.dtype == slopes.dtype == given.dtype
         assert tuple(rays.shape) == (*shape, 3)
         assert tuple(valid.shape) == tuple(seen.shape) == shape
         assert tuple(again.shape) == tuple(ideal.shape) == (*shape, 2)
-        assert tuple(camera.jacobian(given).shape) == (*shape, 2, 2)
-        assert tuple(camera.lens_jacobian(given).shape) == (*shape, 2, len(camera.parameters))
+        assert tuple(slopes.shape) == (*shape, 2, 2)
+        assert tuple(camera.lens_slopes_at(points).shape) == (*shape, 2, len(camera.parameters))
         np.testing.assert_allclose(np.asarray(again), pixels, atol=1e-3)
 
 
@@ -68,7 +69,7 @@ def test_parameters_are_in_the_order_of_their_names_and_move_as_such(name):
     ],
 )
 def test_wrong_pixels_are_refused(pixels, says):
-    for method in (REAL["gopro five"].unproject, REAL["gopro five"].unproject_normalized, REAL["gopro five"].jacobian):
+    for method in (REAL["gopro five"].unproject, REAL["gopro five"].normalized_with_slopes):
         with pytest.raises(InputError, match=says):
             method(pixels)
 

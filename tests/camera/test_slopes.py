@@ -10,8 +10,7 @@ import torch
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import lens_of
-from vbaa_calib.camera.projection import ray_derivatives
-from vbaa_calib.camera.slopes import by_lens_of_points, by_pixel_of_points
+from vbaa_calib.camera.slopes import by_lens_of_points, by_pixel_of_points, ray_derivatives
 
 from .lenses import LENSES, border_and_grid
 from .lenses import camera as camera_of
@@ -20,30 +19,13 @@ EACH_KIND = ["pinhole", "tele", "gopro five", "barrel", "gopro rational", "ratio
 EACH_KIND += ["only tilted", "fisheye equidistant", "fisheye 200"]
 
 
-def by_rays(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes by pixel and by parameter, the long way: X/Z by the derivatives of the rays. NaN where not valid."""
+def by_rays(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Slopes by pixel the long way: X/Z by the derivatives of the rays. NaN where not valid."""
     with np.errstate(all="ignore"):
         moved = ray_derivatives(camera.intrinsics, pixels)
         depth = moved.rays[..., 2, None, None]
-        ideal = moved.rays[..., :2, None] / depth
-        valid = (moved.valid & (moved.rays[..., 2] > 1e-12))[..., None, None]
-        normalized = [(by[..., :2, :] - ideal * by[..., 2:, :]) / depth for by in (moved.by_pixel, moved.by_parameter)]
-    by_pixel, by_parameter = (np.where(valid, by, np.nan) for by in normalized)
-    return by_pixel, by_parameter
-
-
-def close(found: np.ndarray, expected: np.ndarray, relative: float) -> None:
-    """Column by column, relative to each matrix's largest entry in that column."""
-    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
-    scale = np.nanmax(np.abs(expected), axis=-2, keepdims=True, initial=1e-300)
-    assert np.nanmax(np.abs(found - expected) / scale, initial=0.0) < relative
-
-
-def ordinary(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Those pixels at which the inverse is not about to end: there slopes have no digits left."""
-    slopes, _ = by_rays(camera, pixels)
-    sizes = np.linalg.norm(slopes, axis=(-1, -2))
-    return pixels[sizes < 30.0 * np.nanmin(sizes)]
+        by_pixel = (moved.by_pixel[..., :2, :] - moved.rays[..., :2, None] / depth * moved.by_pixel[..., 2:, :]) / depth
+    return np.where((moved.valid & (moved.rays[..., 2] > 1e-12))[..., None, None], by_pixel, np.nan)
 
 
 @pytest.mark.parametrize("name", sorted(LENSES))
@@ -55,21 +37,14 @@ def test_one_inversion_says_what_two_said(name):
     np.testing.assert_array_equal(valid, known)
     np.testing.assert_allclose(points, expected, rtol=1e-13, atol=1e-15)
     np.testing.assert_array_equal(np.isnan(slopes), np.broadcast_to(~valid[:, None, None], slopes.shape))
-    inner = ordinary(camera, pixels)
-    close(camera.normalized_with_slopes(inner)[1], by_rays(camera, inner)[0], 1e-10)
-
-
-@pytest.mark.parametrize("name", sorted(LENSES))
-def test_lens_slopes_need_no_pixel(name):
-    camera = LENSES[name]
-    pixels = ordinary(camera, border_and_grid(camera))
-    points, _ = camera.unproject_normalized(pixels)
-    slopes = camera.lens_slopes_at(points)
-    assert slopes.shape == (len(pixels), 2, len(camera.parameter_names))
-    close(slopes, by_rays(camera, pixels)[1], 1e-10)
-    projected, seen = camera.project(np.c_[points, np.ones(len(points))])
-    assert seen.all()
-    close(slopes, camera.lens_jacobian(projected), 1e-10)
+    by_pixel = by_rays(camera, pixels[:-3])
+    np.testing.assert_array_equal(np.isnan(by_pixel), np.isnan(slopes[:-3]))
+    # where the inverse is about to end slopes have no digits left
+    sizes = np.linalg.norm(by_pixel, axis=(-1, -2))
+    inner = sizes < 30.0 * np.nanmin(sizes)
+    scale = np.abs(by_pixel[inner]).max(axis=-2, keepdims=True)
+    assert inner.mean() > 0.2
+    assert (np.abs(slopes[:-3][inner] - by_pixel[inner]) / scale).max() < 1e-10
 
 
 @pytest.mark.parametrize("name", EACH_KIND)
@@ -89,14 +64,8 @@ def test_slopes_are_difference_quotients(name):
     by_lens = camera.lens_slopes_at(points)
     for index in range(len(camera.parameter_names)):
         step = 1e-3 if index < 4 else 1e-6
-        ends = []
-        for sign in (1, -1):
-            matrix, distortion = camera.matrix.copy(), camera.distortion.copy()
-            if index < 4:
-                matrix[(0, 1, 0, 1)[index], (0, 1, 2, 2)[index]] += sign * step
-            else:
-                distortion[index - 4] += sign * step
-            ends.append(Camera(camera.model, camera.image_size, matrix, distortion).unproject_normalized(pixels)[0])
+        moves = [sign * step * np.eye(len(camera.parameters))[index] for sign in (1, -1)]
+        ends = [camera.moved(move).unproject_normalized(pixels)[0] for move in moves]
         np.testing.assert_allclose(by_lens[..., index], quotient(ends, step), rtol=1e-6, atol=3e-9)
 
 
@@ -121,7 +90,7 @@ def test_behind_a_tilted_sensor_there_is_nothing():
     assert np.isfinite(steep.lens_slopes_at(points)).all(axis=(-1, -2)).tolist() == [True, False]
 
 
-@pytest.mark.parametrize("name", ["gopro five", "gopro rational", "barrel folding", "tilted", "fisheye 170"])
+@pytest.mark.parametrize("name", ["barrel folding", "tilted"])
 def test_many_points_in_pieces_are_the_same(name):
     camera = LENSES[name]
     few = border_and_grid(camera)

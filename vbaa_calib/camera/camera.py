@@ -222,29 +222,17 @@ class Camera:
         """Ideal X/Z, Y/Z (..., 2) of pixels (..., 2), and validity (...). Rays at 90° and beyond are not valid."""
         return self._answer(pixel_to_normalized, pixels, 2, "pixels")
 
-    def jacobian(self, pixels: ArrayT) -> ArrayT:
-        """d(X/Z, Y/Z)/d(u, v), (..., 2, 2), at pixels (..., 2); NaN where not valid.
-
-        It carries pixel noise to normalized coordinates.
-        """
-        return self.normalized_with_slopes(pixels)[1]
-
     def normalized_with_slopes(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT, ArrayT]:
-        """`unproject_normalized` and `jacobian` in one call: points (..., 2), slopes (..., 2, 2), valid (...).
+        """`unproject_normalized` with its slopes d(X/Z, Y/Z)/d(u, v): points (..., 2), slopes (..., 2, 2), valid (...).
 
-        Both are NaN where not valid. Tensors come back without gradients.
+        They carry pixel noise to normalized coordinates. NaN where not valid. Tensors come back without gradients.
         """
         work = working(pixels, 2, "pixels")
         points, slopes, valid = pixel_to_normalized_with_slopes(self.intrinsics, work.values)
         return work.restore(points), work.restore(slopes), valid
 
-    def lens_jacobian(self, pixels: ArrayT) -> ArrayT:
-        """d(X/Z, Y/Z)/d(parameters) of fixed pixels (..., 2), (..., 2, 4 + k) in `parameter_names` order; NaN where
-        not valid."""
-        return self.lens_slopes_at(self.normalized_with_slopes(pixels)[0])
-
     def lens_slopes_at(self, points: ArrayT) -> ArrayT:
-        """`lens_jacobian` at the pixels of ideal normalized points (..., 2), which need not be found: (..., 2, 4 + k).
+        """d(X/Z, Y/Z)/d(parameters), (..., 2, 4 + k), of the fixed pixels of ideal normalized points (..., 2).
 
         NaN where the lens does not see the point one to one. Tensors come back without gradients.
         """

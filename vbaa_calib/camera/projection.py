@@ -145,12 +145,8 @@ def pixel_to_normalized(intrinsics: Intrinsics, pixels: Array) -> tuple[Array, A
     """Ideal (X/Z, Y/Z), (..., 2), of pixels (..., 2), and validity."""
     xp = namespace(pixels)
     x, y, valid = pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
-    if intrinsics.model.chart.is_normalized:
-        return xp.stack([x, y], -1), valid
-    X, Y, Z = intrinsics.model.chart.to_ray(xp, x, y)
-    valid = valid & (Z > 1e-12)
-    depth = xp.where(valid, Z, 1.0)
-    return xp.stack([X / depth, Y / depth], -1), valid
+    X, Y, _, ahead = intrinsics.model.chart.normalized(xp, x, y)
+    return xp.stack([X, Y], -1), valid & ahead
 
 
 def point_to_pixel(intrinsics: Intrinsics, points: Array) -> tuple[Array, Array]:
@@ -161,56 +157,3 @@ def point_to_pixel(intrinsics: Intrinsics, points: Array) -> tuple[Array, Array]
     x, y, seen = intrinsics.model.chart.to_plane(xp, X, Y, Z)
     u, v, valid = chart_to_pixel(intrinsics, x, y)
     return xp.stack([u, v], -1), valid & seen
-
-
-@dataclass(frozen=True, eq=False)
-class _RayDerivatives:
-    """Unit rays and how they move.
-
-    Attributes
-    ----------
-    rays : (..., 3), the axis where not valid.
-    by_pixel : (..., 3, 2) d(ray)/d(u, v).
-    by_parameter : (..., 3, 4 + k) d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel.
-    valid : (...)
-    """
-
-    rays: Array
-    by_pixel: Array
-    by_parameter: Array
-    valid: Array
-
-
-def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:
-    """Rays of pixels (..., 2) with their derivatives in closed form. The intrinsics must be floats."""
-    xp, model, c = namespace(pixels), intrinsics.model, intrinsics.separate
-    chart_by_sensor, chart_by_coefficient, x, y, valid, sensor = _chart_derivatives(xp, intrinsics, pixels)
-    chart_by_pixel = chart_by_sensor / xp.stack([0.0 * x + intrinsics.fx, 0.0 * x + intrinsics.fy], -1)[..., None, :]
-    by_matrix = xp.concatenate([-chart_by_pixel * sensor[..., None, :], -chart_by_pixel], -1)
-    by_chart = model.chart.ray_jacobian(xp, x, y)
-    chart_by_parameter = xp.concatenate([by_matrix, chart_by_coefficient], -1) if len(c) else by_matrix
-    rays = xp.stack(model.chart.to_ray(xp, x, y), -1)
-    return _RayDerivatives(rays, by_chart @ chart_by_pixel, by_chart @ chart_by_parameter, valid)
-
-
-def _chart_derivatives(
-    xp: ModuleType, intrinsics: Intrinsics, pixels: Array
-) -> tuple[Array, Array | None, Array, Array, Array, Array]:
-    model, c = intrinsics.model, intrinsics.separate
-    sensor_x = (pixels[..., 0] - intrinsics.cx) / intrinsics.fx
-    sensor_y = (pixels[..., 1] - intrinsics.cy) / intrinsics.fy
-    angles = model.tilt(c)
-    x, y = sensor_x, sensor_y
-    if angles is not None:
-        x, y, front = remove_tilt(x, y, angles)
-    x, y, valid = invert(model, x, y, intrinsics.coefficients)
-    _, _, xx, xy, yx, yy = (entry + 0.0 * x for entry in model.linearize(x, y, c))
-    determinant = xx * yy - xy * yx
-    inverse = matrix(xp, [[yy, -xy], [-yx, xx]]) / determinant[..., None, None]
-    columns = model.by_coefficient(x, y, c)
-    by_coefficient = -inverse @ matrix(xp, [[d[k] for d in columns] for k in range(2)]) if columns else None
-    if angles is not None:
-        by_sensor, by_angles = remove_tilt_jacobians(xp, sensor_x, sensor_y, angles)
-        by_coefficient = xp.concatenate([by_coefficient, inverse @ by_angles], -1)
-        inverse, valid = inverse @ by_sensor, valid & front
-    return inverse, by_coefficient, x, y, valid, xp.stack([sensor_x, sensor_y], -1)

@@ -65,15 +65,15 @@ class ImageCurves:
         return ((a * t + b) * t + d0) * t + p0, ((3 * a * t + 2 * b) * t + d0) / span[:, None]
 
 
-def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray) -> SeenPoints:
+def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray, with_lens: bool = False) -> SeenPoints:
     """Undistort (N, 2) pixels with standard deviations (N,); points where the lens has no inverse are left out.
 
-    Their dependence on the lens comes with them where the camera knows its own covariance.
+    Their dependence on the lens comes with them where asked for, or where the camera knows its own covariance.
     """
     points, jacobian, valid = camera.normalized_with_slopes(points_px)
     covariance = sigma_px[:, None, None] ** 2 * jacobian @ np.swapaxes(jacobian, -1, -2)
     valid &= np.isfinite(covariance).all(axis=(-1, -2))
-    by_lens = None if camera.covariance is None else camera.lens_slopes_at(points)
+    by_lens = camera.lens_slopes_at(points) if with_lens or camera.covariance is not None else None
     return SeenPoints(points, covariance, by_lens).picked(valid)
 
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.calibrate.antenna.session_rig import BOW_STD_PER_M, CLAMP_GIVE_STD_M, LOG_MASS_STD, nominal_parameters
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.over_board.measure import BoardLine
 from vbaa_calib.detect.over_board.search import PlaneAbove
 from vbaa_calib.geometry import Pose
-from vbaa_calib.rig.reprojection import SeenPoints, see
+from vbaa_calib.rig.reprojection import SeenPoints
 from vbaa_calib.session import NominalAntenna
 
 LENGTH_STD_M = 3e-4
@@ -99,12 +98,6 @@ def nominal_free_antenna(
         np.diag(np.square(std)),
         np.asarray(gravity_m_s2, float),
     )
-
-
-def see_with_lens(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray) -> SeenPoints:
-    """`reprojection.see` of points (N, 2), with their dependence on the lens whether or not its covariance is known."""
-    valid = camera.normalized_with_slopes(points_px)[2]
-    return replace(see(camera, points_px[valid], sigma_px[valid]), by_lens=camera.lens_jacobian(points_px[valid]))
 
 
 _TOO_LONG = 1.15

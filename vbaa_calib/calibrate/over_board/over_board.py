@@ -22,6 +22,7 @@ from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.over_board.measure import BoardLine, find_over_board
 from vbaa_calib.detect.over_board.search import PlaneAbove
 from vbaa_calib.geometry import Pose
+from vbaa_calib.rig.reprojection import see
 
 from .fit import OverFit, OverProblem, solve_over
 from .free_antenna import (
@@ -35,7 +36,6 @@ from .free_antenna import (
     refuse_shadowed,
     refuse_too_long,
     refuse_touching,
-    see_with_lens,
 )
 
 _WAY = "over board"
@@ -118,7 +118,7 @@ def solve_over_board(
     line = from_clamp(line, plane, guess, clamp, where)
     refuse_too_long(line, plane, antenna, where)
     marks = _marks(line, camera, antenna, clamp, where)
-    seen = see_with_lens(camera, line.points_px, line.sigma_px)
+    seen = see(camera, line.points_px, line.sigma_px, with_lens=True)
     problem = OverProblem(seen, marks, board, height_m, setup.height_std_m, antenna, toward)
     fit = solve_over(problem, _start(line, plane, antenna, clamp))
     refuse_scattered(fit.noise_scale, where)
@@ -172,10 +172,10 @@ def _marks(line: BoardLine, camera: Camera, antenna: FreeAntenna, clamp: ClampMa
     marks = []
     tip = line.ends[1]
     if tip is not None:
-        seen = see_with_lens(camera, tip.point_px[None], np.array([tip.std_px]))
+        seen = see(camera, tip.point_px[None], np.array([tip.std_px]), with_lens=True)
         marks.append(Mark(-1, seen, antenna.length_std_m))
     if clamp is not None:
-        marks.append(Mark(0, see_with_lens(camera, clamp.point_px[None], np.array([clamp.std_px])), 0.0))
+        marks.append(Mark(0, see(camera, clamp.point_px[None], np.array([clamp.std_px]), with_lens=True), 0.0))
     if not marks:
         raise InputError(
             "the antenna's tip is not in the picture, and its clamp is not marked",

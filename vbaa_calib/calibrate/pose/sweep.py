@@ -1,20 +1,16 @@
 """Plane C by the actuator sweep: both joints move camera and antenna in front of a board that is fixed in the world.
 
-What the pictures show. Each shows where the camera stands relative to the board, and all of them together how each
-joint moves the camera. Pan alone gives one line in the camera frame, the pan axis: the camera's turn about it and its
-place along it stay open, for the unknown board can follow both. Tilt alone leaves the same open for the tilt axis. Two
-lines that are not parallel leave nothing open: their common perpendicular is the actuator frame's x, its foot on the
-tilt axis the origin. The angle between the lines and their distance are two numbers more than a pose needs: the joints'
-skew and offset. The least motion is a cross, pan and tilt moved one after the other, to either side of the middle.
+Pan alone shows one line in the camera frame, the pan axis: the camera's turn about it and its place along it stay open,
+for the unknown board can follow both. Tilt alone leaves the same open for the tilt axis. Two lines that are not
+parallel leave nothing open: their common perpendicular is the actuator frame's x, its foot on the tilt axis the origin;
+their angle and distance are the joints' skew and offset. The least motion is a cross.
 
-What they cannot show.
-- The zero of the pan: turning world and board together about the pan axis changes no picture. It is the world's
-  heading, and the camera's pose on the antenna does not depend on it.
-- The zero of the tilt: an encoder that reads zero elsewhere turns the camera on the actuator about the tilt axis, and
-  changes no picture either. The covariance holds `tilt_zero_std_rad` along `tilt_zero_tangent`; another way to plane C,
-  fused with this one, finds the zero.
-- The sense of a joint: with the sign of all its angles turned round, a camera that is half a turn away on the actuator
-  fits the pictures as well. Only the comparison with another way shows it.
+What the pictures cannot show.
+- The zero of the pan: turning world and board together about the pan axis changes no picture, nor the camera's pose.
+- The zero of the tilt: another one turns the camera about the tilt axis, and changes no picture either. The covariance
+  holds the doubt about it; another method, fused with this one, finds the zero.
+- The sense of a joint: with all its angles negated, a camera half a turn away on the actuator fits the pictures as
+  well. Only the comparison with another method shows it.
 - Where on the attachment the antenna is: that is T_actuator_antenna, from the session, taken as exact.
 """
 
@@ -41,8 +37,8 @@ from .sweep_model import AXES, CAMERA, SweepCorners, SweepState, initial_state, 
 from .sweep_solve import SweepFit, SweepProblem
 
 _LEAST_PICTURES = 5
-"""A cross: the middle, and either side of both joints. Three fix the pose, but fewer than five do not show how far
-the readings scatter: with four, and 0.3 mrad, 14 of 120 sweeps were off by over six of their standard deviations."""
+"""A cross. Three fix the pose, but fewer than five do not show how far the readings scatter: with four, and 0.3 mrad,
+14 of 120 sweeps were off by over six of their standard deviations."""
 
 _LEAST_TURN_RAD = 0.01
 _GROSS_PICTURE = 5.0
@@ -79,19 +75,15 @@ def _usable_pictures(
 
 def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
     """Raises InputError unless both joints moved in the pictures that can be used."""
-    spans = {
-        "pan": np.ptp([reading.pan_rad for reading in readings]),
-        "tilt": np.ptp([reading.tilt_rad for reading in readings]),
-    }
-    still = [name for name, span in spans.items() if span < _LEAST_TURN_RAD]
-    if len(still) == 2:
+    spans = np.ptp([[reading.pan_rad, reading.tilt_rad] for reading in readings], axis=0)
+    if (spans < _LEAST_TURN_RAD).all():
         raise InputError("neither joint moved in the pictures of the sweep", remedy=_CROSS)
-    if still:
-        moved = "tilt" if still == ["pan"] else "pan"
+    if (spans < _LEAST_TURN_RAD).any():
+        moved, still = ("tilt", "pan") if spans[0] < spans[1] else ("pan", "tilt")
         raise InputError(
             f"only the {moved} moved in the sweep: the camera's turn about the {moved} axis and its place along it "
             "stay open",
-            remedy=f"add pictures with the {still[0]} turned by 0.1 rad and more",
+            remedy=f"add pictures with the {still} turned by 0.1 rad and more",
         )
 
 
@@ -206,8 +198,8 @@ def _left_out_reason(
 
 _AXIS_SKEW_STD_RAD = 5e-3
 _AXIS_OFFSET_STD_M = 5e-4
-"""How near to the given skew and offset a careful workshop keeps the axes. To hold them exactly there is not honest:
-0.3 mrad and 0.02 mm, which a good sweep hardly sees, then put the camera seven of its standard deviations off."""
+"""How near to the given skew and offset a careful workshop keeps the axes. Held exactly there, 0.3 mrad and 0.02 mm,
+which a good sweep hardly sees, put the camera seven of its standard deviations off."""
 
 _CONTRADICTED = 0.05
 _LOOSE_RAD = 0.02
@@ -222,23 +214,16 @@ class SweepSolution:
     Attributes
     ----------
     estimate : the camera's pose in the antenna frame. Its covariance holds the doubt about the tilt's zero.
-    tilt_zero_tangent : (6,) how that pose moves (`Pose.retract`'s tangent, antenna frame) for each radian by which
-        `Kinematics.tilt_zero_rad` is larger than was assumed.
-    tilt_zero_std_rad : the doubt that the covariance holds along it.
     kinematics : as given, with the axes as solved.
     axes_covariance : (3, 3) of skew, offset and tilt zero. axes_with_pose : (3, 6) their covariance with the estimate.
     axes_free : whether the axes were solved without regard to where they were given, because the data contradict it.
     axis_skew_rad, axis_offset_m : as the pictures alone show them, with their standard deviations.
-    T_world_board : pose of the board in the world.
-    rms_px : reprojection error over the corners used, angles put right.
-    corners, outliers : how many corners were used, and how many left out as wrong.
+    rms_px : reprojection error over the corners used, angles corrected.
     angle_std_rad : scatter of the joint angles' readings as the pictures show it; 0 where they count as exact.
     pictures : how many were used. left_out : the others, each with its reason.
     """
 
     estimate: PoseEstimate
-    tilt_zero_tangent: np.ndarray
-    tilt_zero_std_rad: float
     kinematics: Kinematics
     axes_covariance: np.ndarray
     axes_with_pose: np.ndarray
@@ -249,8 +234,6 @@ class SweepSolution:
     axis_offset_std_m: float
     T_world_board: Pose
     rms_px: float
-    corners: int
-    outliers: int
     angle_std_rad: float
     pictures: int
     left_out: tuple[DroppedView, ...]
@@ -293,13 +276,11 @@ def solve_sweep(
         for index, view in enumerate(seen)
         if not kept[index]
     ]
-    estimate, tangent, with_pose = _estimate(chosen, kinematics.T_actuator_antenna, tilt_zero_std_rad)
+    estimate, with_pose = _estimate(chosen, kinematics.T_actuator_antenna, tilt_zero_std_rad)
     state, measured = chosen.state, free.state
     skew_std, offset_std = np.sqrt(np.diag(free.covariance[AXES, AXES]))
     return SweepSolution(
         estimate=estimate,
-        tilt_zero_tangent=tangent,
-        tilt_zero_std_rad=tilt_zero_std_rad,
         kinematics=replace(kinematics, axis_skew_rad=state.axis_skew_rad, axis_offset_m=state.axis_offset_m),
         axes_covariance=block_diag(chosen.covariance[AXES, AXES], tilt_zero_std_rad**2),
         axes_with_pose=with_pose,
@@ -310,8 +291,6 @@ def solve_sweep(
         axis_offset_std_m=float(offset_std),
         T_world_board=Pose(np.eye(3), kinematics.position_world_m) @ state.T_foot_board,
         rms_px=float(np.sqrt(np.mean(np.sum(chosen.residuals_px[used] ** 2, axis=1)))),
-        corners=int(used.sum()),
-        outliers=int((kept[corners.picture] & ~used).sum()),
         angle_std_rad=chosen.angle_std_rad,
         pictures=int(kept.sum()),
         left_out=(*dropped, *left_out),
@@ -355,21 +334,19 @@ def _refuse_loose(found: SweepFit) -> None:
         )
 
 
-def _estimate(
-    found: SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float
-) -> tuple[PoseEstimate, np.ndarray, np.ndarray]:
-    """The camera in the antenna frame, how an error of the tilt's zero moves it, (6,) a radian, and its covariance
-    (3, 6) with skew, offset and zero."""
+def _estimate(found: SweepFit, T_actuator_antenna: Pose, tilt_zero_std_rad: float) -> tuple[PoseEstimate, np.ndarray]:
+    """The camera in the antenna frame, and its covariance (3, 6) with skew, offset and the tilt's zero."""
     T_actuator_camera = found.state.T_actuator_camera
     to_antenna = np.kron(np.eye(2), T_actuator_antenna.rotation.T)
+    # another zero of the tilt turns the camera about the tilt axis
     tilt_axis = np.array([0.0, 1.0, 0.0])
-    tangent = to_antenna @ np.concatenate([tilt_axis, np.cross(tilt_axis, T_actuator_camera.translation_m)])
-    covariance = to_antenna @ found.covariance[CAMERA, CAMERA] @ to_antenna.T
+    by_zero = to_antenna @ np.concatenate([tilt_axis, np.cross(tilt_axis, T_actuator_camera.translation_m)])
     estimate = PoseEstimate(
-        way="sweep",
-        T_antenna_camera=T_actuator_antenna.inverse() @ T_actuator_camera,
-        covariance=covariance + tilt_zero_std_rad**2 * np.outer(tangent, tangent),
-        lens_sensitivity=to_antenna @ found.by_lens[CAMERA],
+        "sweep",
+        T_actuator_antenna.inverse() @ T_actuator_camera,
+        to_antenna @ found.covariance[CAMERA, CAMERA] @ to_antenna.T
+        + tilt_zero_std_rad**2 * np.outer(by_zero, by_zero),
+        to_antenna @ found.by_lens[CAMERA],
     )
     of_axes = found.covariance[AXES, CAMERA] @ to_antenna.T
-    return estimate, tangent, np.vstack([of_axes, tilt_zero_std_rad**2 * tangent])
+    return estimate, np.vstack([of_axes, tilt_zero_std_rad**2 * by_zero])

@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
@@ -20,7 +19,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
-from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
 from vbaa_calib.session import SweepPicture
 
 from .board_pose import mirrored
@@ -30,9 +29,7 @@ CAMERA, BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
 
 STATE = 14
 _OUT_OF_SIGHT_PX = 1e3
-_Y = np.array([0.0, 1.0, 0.0])
-_Z = np.array([0.0, 0.0, 1.0])
-_X = np.array([1.0, 0.0, 0.0])
+_Y, _Z = np.eye(3)[1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,53 +105,36 @@ class Linearised:
 
 def _turns_actuator_foot(corners: SweepCorners, axis_skew_rad: float) -> np.ndarray:
     """(P, 3, 3) Ry(tilt)·Rx(−skew)·Rz(−pan): directions of the world seen from the moving attachment."""
-    tilt = Rotation.from_rotvec(corners.tilt_rad[:, None] * _Y)
-    pan = Rotation.from_rotvec(-corners.pan_rad[:, None] * _Z)
-    return (tilt * Rotation.from_rotvec(-axis_skew_rad * _X) * pan).as_matrix()
+    return np.swapaxes(rotation_world_antenna(corners.pan_rad, corners.tilt_rad, axis_skew_rad), -1, -2)
 
 
-def _T_camera_foot(state: SweepState, corners: SweepCorners, picture: int) -> Pose:
-    """Where one picture's camera sees the foot on the pan axis, the world's directions."""
-    turn = _turns_actuator_foot(corners, state.axis_skew_rad)[picture]
-    tilt = corners.tilt_rad[picture]
-    foot = -state.axis_offset_m * np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
-    return state.T_actuator_camera.inverse() @ Pose(turn, foot)
+def _tilted_x(corners: SweepCorners) -> np.ndarray:
+    """(P, 3) the panned x axis seen from the moving attachment."""
+    return np.stack([np.cos(corners.tilt_rad), np.zeros(corners.pictures), -np.sin(corners.tilt_rad)], axis=1)
 
 
 def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> Linearised:
     """Residuals and derivatives of all corners at a state."""
     X, B = state.T_actuator_camera, state.T_foot_board
-    whole = _turns_actuator_foot(corners, state.axis_skew_rad)
-    tilts = Rotation.from_rotvec(corners.tilt_rad[:, None] * _Y).as_matrix()
-    # directions of the foot frame, and of the frame between the joints, seen from the camera: (N, 3, 3)
-    camera_foot = (X.rotation.T @ whole)[corners.picture]
-    camera_tilted = (X.rotation.T @ tilts)[corners.picture]
+    world = _turns_actuator_foot(corners, state.axis_skew_rad)[corners.picture]
+    across = _tilted_x(corners)[corners.picture]
     lever = corners.points_m @ B.rotation.T
-    at_foot = lever + B.translation_m
-    at_actuator = np.einsum("nij,nj->ni", whole[corners.picture], at_foot)
-    at_actuator -= state.axis_offset_m * (tilts @ _X)[corners.picture]
-    points = (at_actuator - X.translation_m) @ X.rotation
-    pixels, by_lens, by_point = _projected(camera, points)
-    # moving a point by ω × q changes the pixel by g·(ω × q) = ω·(q × g)
-    by_actuator = by_point @ X.rotation.T
-    by_foot = np.einsum("nkj,njl->nkl", by_point, camera_foot)
-    by_tilted = np.einsum("nkj,njl->nkl", by_point, camera_tilted)
-    at_tilted = np.einsum("nji,nj->ni", tilts[corners.picture], at_actuator)
-    by_tilt = np.cross(at_actuator[:, None], by_actuator) @ _Y
-    by_state = np.concatenate(
-        [
-            -np.cross((at_actuator - X.translation_m)[:, None], by_actuator),
-            -by_actuator,
-            np.cross(lever[:, None], by_foot),
-            by_foot,
-            -np.cross(at_tilted[:, None], by_tilted)[..., :1],
-            -by_tilted[..., :1],
-        ],
-        axis=-1,
-    )
-    by_pan = -np.cross(at_foot[:, None], by_foot) @ _Z
-    by_angles = np.stack([by_pan, by_tilt], axis=-1)
-    return Linearised(corners.pixels - pixels, by_state, by_angles, by_lens)
+    from_foot = np.einsum("nij,nj->ni", world, lever + B.translation_m)
+    at = from_foot - state.axis_offset_m * across
+    pixels, by_lens, by_point = _projected(camera, (at - X.translation_m) @ X.rotation)
+    # how each step, then pan and tilt, moves the point as seen from the attachment: (N, 16, 3)
+    moves = [
+        np.cross((at - X.translation_m)[:, None], np.eye(3)),
+        np.broadcast_to(-np.eye(3), world.shape),
+        np.cross(np.eye(3), lever[:, None]) @ np.swapaxes(world, -1, -2),
+        np.swapaxes(world, -1, -2),
+        np.cross(at, across)[:, None],
+        -across[:, None],
+        np.cross(from_foot, world[..., 2])[:, None],
+        np.cross(_Y, at)[:, None],
+    ]
+    by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
+    return Linearised(corners.pixels - pixels, by_state[..., :STATE], by_state[..., STATE:], by_lens)
 
 
 def _projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -196,10 +176,8 @@ def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics)
         return (X, B), np.linalg.norm(X @ seen - known @ B, axis=(1, 2))
 
     X, B = _least_absolute(turns, len(which), _SHARP_RAD)
-    offset = kinematics.axis_offset_m * np.stack(
-        [np.cos(corners.tilt_rad), np.zeros(corners.pictures), -np.sin(corners.tilt_rad)], axis=1
-    )
-    right = -offset[which] - np.array([pose.translation_m for pose in poses]) @ X.T
+    seen_from = np.array([pose.translation_m for pose in poses]) @ X.T
+    right = -kinematics.axis_offset_m * _tilted_x(corners)[which] - seen_from
     design = np.concatenate([np.broadcast_to(np.eye(3), known.shape), -known], axis=-1)
 
     def places(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -213,7 +191,8 @@ def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics)
 
 def turned_over(state: SweepState, corners: SweepCorners) -> SweepState:
     """The same with the board leaning to the other side of the line of sight, which looks much alike."""
-    camera_foot = _T_camera_foot(state, corners, 0)
+    turn = _turns_actuator_foot(corners, state.axis_skew_rad)[0]
+    camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
     other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
     return replace(state, T_foot_board=camera_foot.inverse() @ other)
 
