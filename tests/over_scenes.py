@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.calibrate.over_board.free_antenna import FreeAntenna, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, OverSetup, solve_over_board
+from vbaa_calib.calibrate.over_board.free_antenna import FreeAntenna, OverSetup, nominal_free_antenna
+from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import print_sheet
@@ -103,7 +103,7 @@ def shown(view: View, seed: int = 0, wires: int = 2) -> Shown:
         view = replace(view, over=replace(view.over, shadow=0.0))
     picture = render_over(scene, place, print_sheet(scene.board), view.over, drawn, np.random.default_rng(seed))
     lens = scene.lens
-    nominal = nominal_free_antenna(scene.antenna, scene.gravity_world_m_s2, LENGTH_STD_M)
+    nominal = nominal_free_antenna(scene.antenna, scene.gravity_world_m_s2)
     std = [0.0, 0.0, CLAMP_ABOUT_Y_STD, 0.0, BOW_Y_STD, BOW_Z_STD, LOG_STIFFNESS_STD, 0.0, 0.0]
     antenna = replace(nominal, covariance=np.diag(np.square(std)))
     return Shown(scene, view.over, picture, Camera(lens.model, lens.image_size, lens.matrix, lens.distortion), antenna)
@@ -131,9 +131,3 @@ def drawn_view(seed: int, paint: float) -> View:
         bow=(BOW_Y_STD * rng.normal(), BOW_Z_STD * rng.normal()),
         stiffness=float(np.exp(LOG_STIFFNESS_STD * rng.normal())),
     )
-
-
-def tangent(measured: Pose, true: Pose) -> np.ndarray:
-    """(6,) step from the true pose to the measured one, as `Pose.retract` takes it."""
-    turn = Pose(measured.rotation @ true.rotation.T, np.zeros(3)).rotvec_rad
-    return np.concatenate([turn, measured.translation_m - true.translation_m])

@@ -47,8 +47,8 @@ def test_the_chain_is_the_one_in_the_docstring(pan: float, tilt: float) -> None:
 
 def test_skew_and_offset_are_the_angle_and_the_distance_of_the_axes() -> None:
     skew, offset = 0.25, 0.03
-    kinematics = Kinematics(MOUNT, FOOT, axis_skew_rad=skew, axis_offset_m=offset)
-    here, tilted = kinematics.T_world_actuator(0.7, 0.0), kinematics.T_world_actuator(0.7, 0.5)
+    kinematics = Kinematics(Pose.identity(), FOOT, axis_skew_rad=skew, axis_offset_m=offset)
+    here, tilted = kinematics.T_world_antenna(0.7, 0.0), kinematics.T_world_antenna(0.7, 0.5)
     # the tilt axis: y of the attachment through its origin, which tilting leaves alone
     np.testing.assert_allclose(tilted.translation_m, here.translation_m, atol=1e-16)
     np.testing.assert_allclose(tilted.rotation[:, 1], here.rotation[:, 1], atol=1e-15)

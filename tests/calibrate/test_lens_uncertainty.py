@@ -23,7 +23,7 @@ from vbaa_calib.calibrate.lens.uncertainty import (
     ray_covariance,
     turn_jacobian,
 )
-from vbaa_calib.calibrate.lens.validation import AGREE, SplitHalf, compare_split_half, held_out_squares, solved_squares
+from vbaa_calib.calibrate.lens.validation import AGREE, compare_split_half, held_out_squares, solved_squares
 
 RIG = rigs()[0]
 GRID = (5, 4)
@@ -110,7 +110,8 @@ def test_pixels_without_a_ray_have_no_uncertainty() -> None:
     assert np.isfinite(std[6, 8])
 
 
-def halves_of(views: list[Observation], poses: np.ndarray) -> SplitHalf | None:
+def halves_of(views: list[Observation], poses: np.ndarray) -> tuple[float | None, float | None]:
+    """Deviations and p-value."""
     bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, poses), views)
     known = information(bundle, views)
     assert known is not None
@@ -121,35 +122,30 @@ def test_halves_of_two_cameras_do_not_agree() -> None:
     """The second half is shown through a lens of another focal length, zoomed in between."""
     given = draw(RIG, 44)
     views = observations_of(given.views, BOARD)
-    good = halves_of(views, given.poses)
-    assert good is not None
-    assert good.p_value > AGREE
+    deviations, p_value = halves_of(views, given.poses)
+    assert p_value > AGREE
     zoomed = [
         view if index % 2 else Observation(view.points_m, view.pixels + 6e-3 * (view.pixels - RIG.intrinsics[2:4]))
         for index, view in enumerate(views)
     ]
-    spoilt = halves_of(zoomed, given.poses)
-    assert spoilt is not None
-    assert spoilt.p_value < AGREE
-    assert spoilt.deviations > 2.0 * good.deviations
-    assert halves_of(views[:5], given.poses[:5]) is None
+    spoilt, chance = halves_of(zoomed, given.poses)
+    assert chance < AGREE
+    assert spoilt > 2.0 * deviations
+    assert halves_of(views[:5], given.poses[:5]) == (None, None)
 
 
 def test_halves_of_good_views_differ_as_often_as_chance_has_it() -> None:
     """P-values are uniform, and the deviations' mean square is one."""
-    seen = []
-    for seed in range(500, 540):
-        given = draw(RIG, seed)
-        halves = halves_of(observations_of(given.views, BOARD), given.poses)
-        assert halves is not None
-        seen.append(halves)
+    drawn = [draw(RIG, seed) for seed in range(500, 540)]
+    found = [halves_of(observations_of(given.views, BOARD), given.poses) for given in drawn]
+    deviations, p_values = np.array(found).T
     # forty draws: the share below one half has a standard deviation of 0.08
-    assert np.mean([halves.p_value < 0.5 for halves in seen]) == pytest.approx(0.5, abs=0.2)
-    assert np.mean([halves.deviations**2 for halves in seen]) == pytest.approx(1.0, abs=0.5)
-    assert min(halves.p_value for halves in seen) > AGREE
+    assert np.mean(p_values < 0.5) == pytest.approx(0.5, abs=0.2)
+    assert np.mean(deviations**2) == pytest.approx(1.0, abs=0.5)
+    assert p_values.min() > AGREE
 
 
-@pytest.mark.parametrize("index", [0, 2, 3])
+@pytest.mark.parametrize("index", [0, 2])
 def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> None:
     rig = rigs()[index]
     given = draw(rig, 46)
@@ -166,7 +162,6 @@ def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> No
 @pytest.mark.parametrize(
     ("index", "count", "allowed"),
     [
-        (0, 40, 0.10),
         (2, 25, 0.12),
         *(pytest.param(index, 150, 0.05, marks=pytest.mark.slow) for index in range(len(rigs()))),
     ],

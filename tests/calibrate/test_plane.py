@@ -47,19 +47,13 @@ def facing(rotvec: list[float], distance_m: float = 0.12) -> Pose:
     return Pose(turned.rotation, np.array([0.0, 0.0, distance_m]) - turned.rotation @ CENTRE)
 
 
-def tangent(measured: Pose, true: Pose) -> np.ndarray:
-    """(6,) step from the true pose to the measured one, as `Pose.retract` takes it."""
-    turn = Pose(measured.rotation @ true.rotation.T, np.zeros(3)).rotvec_rad
-    return np.concatenate([turn, measured.translation_m - true.translation_m])
-
-
 @pytest.mark.parametrize("name", CAMERAS)
 @pytest.mark.parametrize("seed", range(3))
 def test_exact_corners_give_the_exact_pose(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     true = pose_towards(rng, 0.1 * CAMERAS[name][0] / 600, 0.9, offset=0.3)
     solved = solve_board_pose(pictures(name, true, rng, 0.0), SPEC, camera_of(name, CAMERAS[name]))
-    assert np.abs(tangent(solved.T_camera_board, true)).max() < 1e-8
+    assert np.abs(solved.T_camera_board.tangent_from(true)).max() < 1e-8
     assert solved.rms_px < 1e-5
 
 
@@ -69,7 +63,7 @@ def test_exact_corners_give_the_exact_pose(name: str, seed: int) -> None:
 def test_a_board_parallel_to_the_picture_is_solved(rotvec: list[float]) -> None:
     rng, true = np.random.default_rng(3), facing(rotvec)
     solved = solve_board_pose(pictures("rational", true, rng, 0.05), SPEC, camera_of("rational", WIDE))
-    assert np.linalg.norm(tangent(solved.T_camera_board, true)[3:]) < 5e-4
+    assert np.linalg.norm(solved.T_camera_board.tangent_from(true)[3:]) < 5e-4
     assert solved.T_camera_board.translation_m[2] > 0
 
 
@@ -80,7 +74,7 @@ def test_the_covariance_is_that_of_repeated_noise(name: str) -> None:
     normalized = []
     for _ in range(30):
         solved = solve_board_pose(pictures(name, true, rng, 0.2), SPEC, camera)
-        step = tangent(solved.T_camera_board, true)
+        step = solved.T_camera_board.tangent_from(true)
         normalized.append(step @ np.linalg.solve(solved.covariance, step))
     # six degrees of freedom; the mean of 30 draws has a standard deviation of 0.63
     assert np.mean(normalized) == pytest.approx(6.0, abs=2.0)
@@ -111,7 +105,7 @@ def test_a_gross_corner_does_not_pull() -> None:
     spoilt = view.corners_px.copy()
     spoilt[[3, 17]] += np.array([25.0, -12.0])
     solved = solve_board_pose([dataclasses.replace(view, corners_px=spoilt)], SPEC, camera)
-    step = tangent(solved.T_camera_board, true)
+    step = solved.T_camera_board.tangent_from(true)
     assert solved.left_out == 2
     assert step @ np.linalg.solve(solved.covariance, step) < 25
 
@@ -127,7 +121,9 @@ def test_the_second_solution_of_a_distant_board_is_reported() -> None:
     assert solved.second_ratio is not None
     assert solved.second_ratio >= 1.0
     assert solved.is_ambiguous
-    turns = [np.linalg.norm(tangent(pose, true)[:3]) for pose in (solved.T_camera_board, solved.second.T_camera_board)]
+    turns = [
+        np.linalg.norm(pose.tangent_from(true)[:3]) for pose in (solved.T_camera_board, solved.second.T_camera_board)
+    ]
     assert min(turns) < 0.05
     assert max(turns) > 0.4
 
@@ -138,7 +134,7 @@ def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_board() -> None:
     solved = solve_board_pose(views, SPEC, camera)
     change = np.array([0.3, -0.2, 0.4, 0.25, 1e-4, -1e-4, 1e-5, 2e-5, 0.0, 0.0, 0.0, 0.0])
     moved = solve_board_pose(views, SPEC, camera_of("rational", WIDE + change))
-    step = tangent(moved.T_camera_board, solved.T_camera_board)
+    step = moved.T_camera_board.tangent_from(solved.T_camera_board)
     np.testing.assert_allclose(step, solved.lens_sensitivity @ change, atol=0.02 * np.abs(step).max())
 
 
@@ -157,9 +153,9 @@ def test_a_bent_board_is_predicted_bent() -> None:
     sagittas = np.array([8e-4, -3e-4])
     view = bent_picture(true, sagittas, rng, 0.0)
     solved = solve_board_pose([view], SPEC, camera, Bend(sagittas, np.zeros((2, 2))))
-    assert np.abs(tangent(solved.T_camera_board, true)).max() < 1e-8
+    assert np.abs(solved.T_camera_board.tangent_from(true)).max() < 1e-8
     flat = solve_board_pose([view], SPEC, camera)
-    assert np.linalg.norm(tangent(flat.T_camera_board, true)[3:]) > 1e-4
+    assert np.linalg.norm(flat.T_camera_board.tangent_from(true)[3:]) > 1e-4
     assert flat.rms_px > 0.3
 
 
@@ -173,7 +169,7 @@ def test_the_covariance_carries_how_well_the_bend_is_known() -> None:
         solve_board_pose([view], SPEC, camera, Bend(sagittas + step, spread))
         for step in np.array([[1, 0], [0, 1]]) * 1e-6
     ]
-    by_sagitta = np.stack([tangent(other.T_camera_board, known.T_camera_board) / 1e-6 for other in moved], axis=1)
+    by_sagitta = np.stack([other.T_camera_board.tangent_from(known.T_camera_board) / 1e-6 for other in moved], axis=1)
     gained = known.covariance - exact.covariance
     expected = by_sagitta @ spread @ by_sagitta.T
     np.testing.assert_allclose(gained, expected, atol=0.02 * np.abs(expected).max())
@@ -202,6 +198,6 @@ def test_real_views_get_the_pose_of_the_joint_solve(name: str, model: str) -> No
         good = ~np.isin(view.ids, used.outlier_ids)
         inliers = replace(view, ids=view.ids[good], corners_px=view.corners_px[good])
         solved = solve_board_pose([inliers], spec, solution.camera)
-        assert np.abs(tangent(solved.T_camera_board, used.T_camera_board)).max() < 1e-4
+        assert np.abs(solved.T_camera_board.tangent_from(used.T_camera_board)).max() < 1e-4
         assert solved.rms_px == pytest.approx(used.rms_px, rel=1e-3)
         assert solved.corners == used.corners <= len(corner_points(spec))

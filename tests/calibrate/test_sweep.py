@@ -34,12 +34,7 @@ def solve(taken: Sweep, rig: Kinematics = RIG, lens: Camera | None = None, zero_
 
 def error(solved: SweepSolution) -> np.ndarray:
     """(6,) step from the true pose to the one found."""
-    return tangent(solved.estimate.T_antenna_camera, T_ANTENNA_CAMERA)
-
-
-def tangent(found: Pose, true: Pose) -> np.ndarray:
-    turn = Pose(found.rotation @ true.rotation.T, np.zeros(3)).rotvec_rad
-    return np.concatenate([turn, found.translation_m - true.translation_m])
+    return solved.estimate.T_antenna_camera.tangent_from(T_ANTENNA_CAMERA)
 
 
 def squared(solved: SweepSolution) -> float:
@@ -54,23 +49,23 @@ class TestExact:
         rig = replace(RIG, axis_skew_rad=0.004, axis_offset_m=-0.002, tilt_zero_rad=0.05)
         solved = solve(sweep(rig, sigma_px=0.0, lens=lens), replace(RIG, tilt_zero_rad=0.05), camera(lens))
         assert np.abs(error(solved)).max() < 1e-8
-        assert np.abs(tangent(solved.T_world_board, T_world_board())).max() < 1e-8
+        assert np.abs(solved.T_world_board.tangent_from(T_world_board())).max() < 1e-8
         assert solved.kinematics.axis_skew_rad == pytest.approx(0.004, abs=1e-8)
         assert solved.kinematics.axis_offset_m == pytest.approx(-0.002, abs=1e-8)
         assert solved.rms_px < 1e-6
         assert solved.estimate.way == "sweep"
-        assert (solved.pictures, solved.left_out, solved.outliers) == (len(GRID), (), 0)
+        assert (solved.pictures, solved.left_out) == (len(GRID), ())
 
     def test_opencv_finds_the_same_from_the_poses_alone(self) -> None:
         """The closed form of Robot-World/Hand-Eye calibration, from the boards' true poses."""
         views = [(RIG.T_world_antenna(*at) @ T_ANTENNA_CAMERA).inverse() @ T_world_board() for at in GRID]
-        joints = [RIG.T_world_actuator(*at).inverse() for at in GRID]
+        joints = [(RIG.T_world_antenna(*at) @ RIG.T_actuator_antenna.inverse()).inverse() for at in GRID]
         arrays = [[pose.rotation for pose in views], [pose.translation_m for pose in views]]
         arrays += [[pose.rotation for pose in joints], [pose.translation_m for pose in joints]]
         _, _, turn, shift = cv2.calibrateRobotWorldHandEye(*arrays)
         theirs = RIG.T_actuator_antenna.inverse() @ Pose(turn, shift.ravel()).inverse()
         solved = solve(sweep(sigma_px=0.0))
-        assert np.abs(tangent(solved.estimate.T_antenna_camera, theirs)).max() < 1e-6
+        assert np.abs(solved.estimate.T_antenna_camera.tangent_from(theirs)).max() < 1e-6
 
     def test_the_derivatives_are_those_of_the_residuals(self) -> None:
         views, pictures = sweep(angles=FEW)
@@ -102,11 +97,11 @@ def assert_as_predicted(solutions: list[SweepSolution]) -> None:
 class TestUncertainty:
     def test_the_covariance_is_that_of_repeated_noise_and_of_the_doubt_about_the_zero(self) -> None:
         doubt, rng = 5e-4, np.random.default_rng(11)
-        rigs = [replace(RIG, tilt_zero_rad=doubt * rng.standard_normal()) for _ in range(60)]
+        rigs = [replace(RIG, tilt_zero_rad=doubt * rng.standard_normal()) for _ in range(36)]
         taken = [sweep(rig, FEW, seed=100 + seed) for seed, rig in enumerate(rigs)]
         assert_as_predicted([solve(one, zero_std=doubt) for one in taken])
 
-    @pytest.mark.parametrize("rounds", [40, pytest.param(300, marks=pytest.mark.slow)])
+    @pytest.mark.parametrize("rounds", [16, pytest.param(300, marks=pytest.mark.slow)])
     def test_angles_that_scatter_count_a_picture_once(self, rounds: int) -> None:
         solutions = [solve(sweep(angle_std_rad=5e-4, seed=seed)) for seed in range(rounds)]
         assert_as_predicted(solutions)
@@ -120,20 +115,19 @@ class TestUncertainty:
 
     def test_an_error_of_the_tilts_zero_moves_the_camera_along_its_tangent(self) -> None:
         taken, off = sweep(sigma_px=0.0), 1e-4
-        true, moved = solve(taken), solve(taken, replace(RIG, tilt_zero_rad=off))
-        step = tangent(moved.estimate.T_antenna_camera, true.estimate.T_antenna_camera)
-        np.testing.assert_allclose(step, off * true.tilt_zero_tangent, atol=2e-8)
+        true, doubtful, moved = solve(taken), solve(taken, zero_std=0.01), solve(taken, replace(RIG, tilt_zero_rad=off))
+        along = doubtful.axes_with_pose[2] / 1e-4
+        step = moved.estimate.T_antenna_camera.tangent_from(true.estimate.T_antenna_camera)
+        np.testing.assert_allclose(step, off * along, atol=2e-8)
         assert moved.rms_px < 1e-6
-        doubtful = solve(sweep(), zero_std=0.01)
-        along = doubtful.tilt_zero_tangent
-        extra = doubtful.estimate.covariance - solve(sweep()).estimate.covariance
+        extra = doubtful.estimate.covariance - true.estimate.covariance
         np.testing.assert_allclose(extra, 1e-4 * np.outer(along, along), atol=1e-12)
 
     def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_camera(self) -> None:
         taken = sweep()
         change = 0.1 * np.array([0.3, -0.2, 0.4, 0.25, 1e-4, -1e-4, 1e-5, 2e-5])
         true, moved = solve(taken), solve(taken, lens=camera(change=change))
-        step = tangent(moved.estimate.T_antenna_camera, true.estimate.T_antenna_camera)
+        step = moved.estimate.T_antenna_camera.tangent_from(true.estimate.T_antenna_camera)
         expected = true.estimate.lens_sensitivity @ change
         np.testing.assert_allclose(step, expected, atol=0.03 * np.abs(expected).max())
 
@@ -156,7 +150,7 @@ class TestAxes:
         assert wrong.rms_px == pytest.approx(right.rms_px, rel=0.02)
         half_turn = Pose(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
         expected = RIG.T_actuator_antenna.inverse() @ half_turn @ RIG.T_actuator_antenna @ T_ANTENNA_CAMERA
-        assert np.abs(tangent(wrong.estimate.T_antenna_camera, expected)).max() < 3e-3
+        assert np.abs(wrong.estimate.T_antenna_camera.tangent_from(expected)).max() < 3e-3
 
 
 class TestWrongRows:
@@ -189,7 +183,6 @@ class TestWrongRows:
             for view, which in zip(views, wrong, strict=True)
         ]
         solved = solve((spoilt, pictures))
-        assert solved.outliers == sum(which.sum() for which in wrong)
         assert squared(solved) < 25
 
 
@@ -247,10 +240,10 @@ def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: Scene, tmp_path: Pat
     views = detect_files([picture.image for picture in pictures], scene.board)
     lens = Camera(scene.lens.model, scene.lens.image_size, scene.lens.matrix, scene.lens.distortion)
     solved = solve_sweep(views, pictures, scene.board, lens, scene.kinematics, 0.0)
-    off = tangent(solved.estimate.T_antenna_camera, scene.T_antenna_camera)
+    off = solved.estimate.T_antenna_camera.tangent_from(scene.T_antenna_camera)
     assert off @ np.linalg.solve(solved.estimate.covariance, off) < 25
     assert np.linalg.norm(off[3:]) < 3e-4
-    assert np.linalg.norm(tangent(solved.T_world_board, true_board)[3:]) < 3e-4
+    assert np.linalg.norm(solved.T_world_board.tangent_from(true_board)[3:]) < 3e-4
     assert solved.rms_px < 0.1
     assert not solved.left_out
 

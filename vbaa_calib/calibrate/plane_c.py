@@ -11,8 +11,8 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from vbaa_calib.calibrate.lens.board_flex import BoardFlex
-from vbaa_calib.calibrate.over_board.free_antenna import ClampMark, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, OverSetup, solve_over_board
+from vbaa_calib.calibrate.over_board.free_antenna import OverSetup, nominal_free_antenna
+from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
@@ -20,6 +20,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import list_images, read_gray
 from vbaa_calib.detect.board.corners import BoardView, detect_files, detect_folder
+from vbaa_calib.detect.over_board.measure import LineEnd
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import conditioned
 from vbaa_calib.session import OverBoard, Session, has_over, has_sweep, read_sweep
@@ -153,7 +154,7 @@ def _over(
     rotation = session.kinematics.T_world_antenna(over.pan_rad, over.tilt_rad).rotation
     antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
     guess = fused(known) if known else None
-    mark = None if over.clamp_px is None else ClampMark(np.array(over.clamp_px), over.clamp_std_px)
+    mark = None if over.clamp_px is None else LineEnd(np.array(over.clamp_px), over.clamp_std_px)
     setup = OverSetup(session.board, camera, antenna, over.height_m, over.height_std_m, mark)
     return solve_over_board(images, setup, guess)
 

@@ -12,6 +12,7 @@ import numpy as np
 from vbaa_calib.core.arrays import ArrayT, masked, working
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
+from vbaa_calib.geometry.independent_axes import is_covariance
 
 from .lens import lens_of
 from .models import MODELS, LensModel
@@ -58,10 +59,7 @@ def _checked_covariance(covariance: Any, count: int) -> np.ndarray:
     values = _numbers(covariance, "the covariance")
     if values.shape != (count, count):
         raise InputError(f"the covariance has the shape {values.shape}", remedy=f"give it as ({count}, {count})")
-    deviation = np.sqrt(np.maximum(np.diag(values), 0.0))
-    scale = np.where(deviation > 0, deviation, 1.0)
-    correlation = values / np.outer(scale, scale)
-    if np.abs(correlation - correlation.T).max() > 1e-6 or np.linalg.eigvalsh(correlation).min() < -1e-6 * count:
+    if not is_covariance(values):
         raise InputError("the covariance is not symmetric and positive", remedy="calibrate again")
     return values
 
@@ -84,8 +82,6 @@ _SAMPLES_PER_SIDE = 64
 class ValidRegion:
     """Where a lens maps one to one, around its axis.
 
-    Attributes
-    ----------
     ideal_radius : largest radius of X/Z, Y/Z (angle from the axis in rad for the fisheye) trusted in every direction.
     distorted_radius : what it becomes on the sensor's normalized plane. Both are inf where nothing ends.
     half_angle_rad : the same as an angle from the axis.
@@ -109,8 +105,6 @@ class Camera:
     NumPy in gives NumPy out, torch gives torch (differentiable); float32 and float64 stay what they are, and torch
     stays on its device. Points that have no answer are NaN and False, never a wrong number.
 
-    Attributes
-    ----------
     model : "opencv" (0, 4, 5, 8, 12 or 14 coefficients) or "fisheye" (4).
     image_size : (width, height) in pixels.
     matrix : (3, 3), no skew.
@@ -118,9 +112,7 @@ class Camera:
     covariance : (4 + k, 4 + k) of `parameter_names`, or None where unknown.
     parameter_names : fx, fy, cx, cy and the coefficients; filled in when left empty.
 
-    Raises
-    ------
-    InputError : for an unknown model, a wrong number of coefficients, or a matrix that is no camera's.
+    Raises InputError for an unknown model, a wrong number of coefficients, or a matrix that is no camera's.
     """
 
     model: str

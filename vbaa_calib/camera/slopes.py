@@ -85,7 +85,7 @@ def by_lens_of_points(
     chart = lens.model.chart
     x, y = (X, Y) if chart.is_normalized else chart.to_plane(xp, X, Y, xp.ones_like(X))[:2]
     by_chart = None if chart.is_normalized else chart.normalized(xp, x, y)[2]
-    _, columns, front = _by_sensor_and_lens(xp, intrinsics, lens, (x, y), by_chart)
+    columns, front = _by_sensor_and_lens(xp, intrinsics, lens, (x, y), by_chart)[1:]
     return *(column[row] for row in range(2) for column in columns), lens.contains(xp, x, y) & front, False
 
 

@@ -1,4 +1,4 @@
-"""Steps along which uncertain numbers vary independently, and what some of them tell of the others."""
+"""Covariances: whether a matrix is one, steps that vary independently, what some numbers tell of the others."""
 
 from __future__ import annotations
 
@@ -28,3 +28,16 @@ def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndar
     _, factor = np.linalg.qr(independent_axes(covariance).T)
     slopes = solve_triangular(factor[:first, :first], factor[:first, first:]).T
     return slopes, np.linalg.norm(factor[first:, first:], axis=0)
+
+
+def is_covariance(matrix: np.ndarray) -> bool:
+    """Symmetric and positive semidefinite, whatever the units of its rows."""
+    variance = np.diag(matrix)
+    if (variance < 0).any():
+        return False
+    deviation = np.sqrt(np.where(variance > 0, variance, 1.0))
+    with np.errstate(over="ignore"):
+        correlation = matrix / deviation / deviation[:, None]
+    if np.abs(correlation).max() > 1 + 1e-6 or np.abs(correlation - correlation.T).max() > 1e-6:
+        return False
+    return bool(np.linalg.eigvalsh(correlation).min() > -1e-6)

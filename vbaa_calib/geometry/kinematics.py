@@ -43,12 +43,9 @@ class Kinematics:
     """Where the joints carry the antenna frame. Eqs. (19) and (21), and what a real pair of axes adds to them.
 
     T_world_actuator = Trans(position)·Rz(pan)·Trans(offset along x)·Rx(skew)·Ry(−(tilt + tilt zero)). The pan axis is
-    the world's z through `position_world_m`. The panned x axis is the common perpendicular of the two axes; its
-    foot on the tilt axis is the actuator frame's origin, whose y runs along that axis. The paper's axes cross at right
-    angles.
+    the world's z through `position_world_m`. The panned x axis is the common perpendicular of the two axes; its foot
+    on the tilt axis is the actuator frame's origin, whose y runs along that axis. The paper's cross at right angles.
 
-    Attributes
-    ----------
     T_actuator_antenna : pose of the antenna frame on the moving attachment.
     position_world_m : (3,) crossing point of the two joint axes in the world, Eq. (21). Where they pass each other, the
         foot of their common perpendicular on the pan axis.
@@ -68,19 +65,15 @@ class Kinematics:
     axes_std: np.ndarray = field(default_factory=lambda: np.zeros(3))
     axes_by_pose: np.ndarray = field(default_factory=lambda: np.zeros((3, 6)))
 
-    def T_world_actuator(self, pan_rad: float, tilt_rad: float) -> Pose:
-        """Pose of the moving attachment in the world at the encoders' readings."""
-        turn = rotation_world_antenna(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
-        return Pose(turn, self.position_world_m + self.axis_offset_m * _panned_x(np.asarray(pan_rad, float)))
-
     def T_world_antenna(self, pan_rad: float, tilt_rad: float) -> Pose:
-        """Pose of the antenna frame in the world; `T_world_antenna @ p_antenna` is Eq. (19)."""
-        return self.T_world_actuator(pan_rad, tilt_rad) @ self.T_actuator_antenna
+        """Pose of the antenna frame in the world at the readings; `T_world_antenna @ p_antenna` is Eq. (19)."""
+        return Pose(*self.world_antenna(pan_rad, tilt_rad))
 
-    def world_antenna(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def world_antenna(self, pan_rad: ArrayLike, tilt_rad: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (B, 3, 3) and translations (B, 3) of `T_world_antenna` at many readings (B,)."""
+        pan_rad, tilt_rad = np.asarray(pan_rad, float), np.asarray(tilt_rad, float)
         turn = rotation_world_antenna(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
-        origin = self.position_world_m + self.axis_offset_m * _panned_x(np.asarray(pan_rad, float))
+        origin = self.position_world_m + self.axis_offset_m * _panned_x(pan_rad)
         mount = self.T_actuator_antenna
         return turn @ mount.rotation, turn @ mount.translation_m + origin
 

@@ -9,13 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """The points x with normal·x = offset_m, in one frame.
-
-    Attributes
-    ----------
-    normal : (3,) unit vector.
-    offset_m : signed distance of the plane from the frame's origin.
-    """
+    """The points x with normal·x = offset_m, in one frame; the normal (3,) is a unit vector."""
 
     normal: np.ndarray
     offset_m: float

@@ -12,13 +12,7 @@ from scipy.spatial.transform import Rotation
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A rotation and a translation, so that `(T_a_b @ T_b_c) @ p_c == T_a_b @ (T_b_c @ p_c)`.
-
-    Attributes
-    ----------
-    rotation : (3, 3) orthonormal matrix, determinant +1.
-    translation_m : (3,) metres.
-    """
+    """A rotation (3, 3), determinant +1, and a translation (3,): `(T_a_b @ T_b_c) @ p_c == T_a_b @ (T_b_c @ p_c)`."""
 
     rotation: np.ndarray
     translation_m: np.ndarray

@@ -14,14 +14,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.models import Number
 from vbaa_calib.geometry import Kinematics, Pose
 
-POSE_PARAMETERS = (
-    "camera_about_x_rad",
-    "camera_about_y_rad",
-    "camera_about_z_rad",
-    "camera_x_m",
-    "camera_y_m",
-    "camera_z_m",
-)
+POSE_PARAMETERS = (*(f"camera_about_{axis}_rad" for axis in "xyz"), *(f"camera_{axis}_m" for axis in "xyz"))
 SENSOR_PARAMETERS = ("moment_gain", "moment_offset_Nm")
 RIG_PARAMETERS = POSE_PARAMETERS + ANTENNA_PARAMETERS + SENSOR_PARAMETERS
 """Order of the joint covariance, before the lens. The pose's six are the tangent of `T_antenna_camera.retract`."""
@@ -80,31 +73,20 @@ class AntennaImage:
 
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
-    weights : (b, g, r) that make the plane of a colour picture on which it stands out; None for the grey level.
+    weights_bgr : that make the plane of a colour picture on which it stands out; None for the grey level.
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
     """
 
     noise_px: Annotated[Number, Field(ge=1e-6, le=1e3)]
     noise_scale: Annotated[Number, Field(ge=1e-3, le=1e3)]
     bright: Annotated[bool, Strict()]
-    weights: Annotated[
-        tuple[_Weight, _Weight, _Weight] | None,
-        Field(alias="weights_bgr", description="of a colour picture's channels; null: grey level"),
+    weights_bgr: Annotated[
+        tuple[_Weight, _Weight, _Weight] | None, Field(description="of a colour picture's channels; null: grey level")
     ] = None
     height: Annotated[
         Annotated[Number, Field(ge=1e-6, le=1e6)] | None,
         Field(description="of the free antenna's line above its background, grey levels"),
     ] = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The mapping `image` of rig.json."""
-        return {
-            "noise_px": self.noise_px,
-            "noise_scale": self.noise_scale,
-            "bright": self.bright,
-            "weights_bgr": None if self.weights is None else list(self.weights),
-            "height": self.height,
-        }
 
 
 def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:

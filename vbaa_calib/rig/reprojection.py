@@ -127,11 +127,6 @@ def whitened_with_lens(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarra
     return residuals, np.einsum("ni,nip->np", unit, seen.by_lens)
 
 
-def residuals_by_lens(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
-    """(N, P) change of the whitened residuals from the first curve with the lens' parameters; (N, 0) if it is exact."""
-    return whitened_with_lens(seen, curves)[1]
-
-
 def with_slopes_on_curve(seen: SeenPoints, camera: Camera, image: ImageCurves) -> SeenPoints:
     """The points with their slopes by the lens taken at their feet on the first predicted curve.
 

@@ -14,6 +14,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
+from vbaa_calib.geometry.independent_axes import is_covariance
 from vbaa_calib.session import DRIFTS, Drift, MomentSensor
 
 from .parts import (
@@ -41,30 +42,15 @@ def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.
             remedy="run vbaa calibrate again",
         )
     covariance = np.array(rows, float)
-    if not _is_covariance(covariance):
+    if not is_covariance(covariance):
         raise InputError("joint.covariance is not a covariance", where=where, remedy="run vbaa calibrate again")
     return covariance
-
-
-def _is_covariance(matrix: np.ndarray) -> bool:
-    """Symmetric and positive semidefinite, whatever the units of its rows."""
-    variance = np.diag(matrix)
-    if (variance < 0).any():
-        return False
-    deviation = np.sqrt(np.where(variance > 0, variance, 1.0))
-    with np.errstate(over="ignore"):
-        correlation = matrix / deviation / deviation[:, None]
-    if np.abs(correlation).max() > 1 + 1e-6 or np.abs(correlation - correlation.T).max() > 1e-6:
-        return False
-    return bool(np.linalg.eigvalsh(correlation).min() > -1e-6)
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
     """A calibrated rig.
 
-    Attributes
-    ----------
     T_antenna_camera : pose of the camera in the antenna frame.
     covariance : (17 + P, 17 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
         `parameter_names` order; (17, 17) where the lens counts as exact.
@@ -205,7 +191,7 @@ class Rig:
             **({} if second is None else {"second_moment_sensor": asdict(second)}),
             "kinematics": kinematics_to_dict(self.kinematics),
             "gravity_world": self.gravity_world_m_s2.tolist(),
-            "image": self.image.to_dict(),
+            "image": asdict(self.image),
             "drift": asdict(self.drift),
             "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }

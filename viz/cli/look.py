@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     other = replace(rig, image=replace(rig.image, bright=not rig.image.bright))
     other_way = not line.found and detect(other, frame, picture).found
     taken, opposite = ("brighter", "darker") if rig.image.bright else ("darker", "brighter")
-    taken += "" if rig.image.weights is None else " in its colour"
+    taken += "" if rig.image.weights_bgr is None else " in its colour"
     hint = f"; taken for {opposite} it is found: is this the rig's picture?" if other_way else ""
     words = f"looked for as {taken} than its surroundings, as the rig says{hint}"
     say(f"verdict  {line.verdict}" + (f": {line.reason}" if line.reason else ""))

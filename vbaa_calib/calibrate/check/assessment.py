@@ -183,7 +183,7 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -
             current = with_jig_pose(rig, pose.jig)
     stills: list[CheckedStill] = []
     if inputs.stills:
-        paint = Paint(rig.image.bright, rig.image.weights)
+        paint = Paint(rig.image.bright, rig.image.weights_bgr)
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
         expected = ExpectedAntenna(session.antenna, *where, paint)
         seen = observe(session, rig.kinematics, inputs.stills, expected, "antenna")

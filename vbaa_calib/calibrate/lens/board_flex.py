@@ -32,14 +32,10 @@ class Bend:
 class BoardFlex:
     """How far the board is bent, and whether the lens was solved with it.
 
-    Attributes
-    ----------
     sagittas_m : (2,) along the board's x and y: how far the outer corners lie behind the middle (+z, away from the
-        viewer). Reported also when they were not used.
-    covariance_m2 : (2, 2) of them; None where the views leave them open.
+        viewer), with their covariance (2, 2), None where the views leave them open.
     p_value : chance of sagittas this large on a flat board.
-    flat_held_out_rms_px, bent_held_out_rms_px : error on views that only had their poses
-        fitted; None where the sagittas are not significant.
+    flat_held_out_rms_px, bent_held_out_rms_px : error on held-out views; None where the sagittas are not significant.
     used : whether the lens was solved with a bent board. reason : why, in words.
     """
 
@@ -64,16 +60,13 @@ class BoardFlex:
     @property
     def sagitta_mm(self) -> float:
         """How far the board's most raised and most sunken corners lie apart."""
-        rise = [value for value in self.sagittas_m if value > 0.0]
-        fall = [value for value in self.sagittas_m if value < 0.0]
-        return 1e3 * float(sum(rise) - sum(fall))
+        return 1e3 * float(np.abs(self.sagittas_m).sum())
 
 
 def bend(spec: BoardSpec) -> np.ndarray:
     """(corner_count, 2) rise along z of each corner for a metre of each sagitta: u² − 1/3, u = ±1 at the outer corners.
 
-    Two parabolas about the board's middle. Their mean over the board is nil, so that the board's frame stays in its
-    mean plane.
+    Their mean over the board is nil, so that the board's frame stays in its mean plane.
     """
     plane = corner_points(spec)[:, :2]
     low, high = plane.min(axis=0), plane.max(axis=0)
@@ -106,8 +99,7 @@ def judge_flex(bundle: Bundle, observations: Sequence[Observation], square_pixel
     without = information(flat, observations)
     assert without is not None, "a flat board leaves open no more than a bent one"
     squares = [held_out_squares(flat, observations, without), held_out_squares(bent, observations, known)]
-    flat_rms, bent_rms = (rms_over(errors, observations) for errors in squares)
-    gain = excess_in_errors(*squares)
+    (flat_rms, bent_rms), gain = (rms_over(errors, observations) for errors in squares), excess_in_errors(*squares)
     errors = f"{bent_rms:.3f} px on held-out views against {flat_rms:.3f} px flat, {gain:.1f} standard errors"
     extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
     most, used = np.abs(sagittas).max(), False

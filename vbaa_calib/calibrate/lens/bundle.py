@@ -97,14 +97,10 @@ _FEW_STEPS = replace(CONVERGED, iterations=2, tolerance=1e-4)
 class Bundle:
     """A lens with the poses of its views: a start, or a solution.
 
-    Attributes
-    ----------
-    model : of the lens.
-    intrinsics : (4 + k,) fx, fy, cx, cy, distortion.
+    intrinsics : (4 + k,) fx, fy, cx, cy, distortion. sagittas_m : (2,) of the board along its x and y.
     poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
     directions : (4 + k + 2, p) from `free_directions`: what is solved for besides the poses.
     residuals_px : per view (N, 2), observed minus projected; none at a start.
-    sagittas_m : (2,) of the board along its x and y.
     unfolding : what keeps the lens from folding, where that was needed.
     """
 
@@ -139,7 +135,7 @@ class Bundle:
     @property
     def rms_px(self) -> float:
         """Root mean square distance between observed and projected corners, over all corners."""
-        return float(np.sqrt(np.mean(np.concatenate([np.sum(r**2, axis=1) for r in self.residuals_px]))))
+        return float(np.sqrt(np.mean(np.sum(np.concatenate(self.residuals_px) ** 2, axis=1))))
 
     @property
     def view_rms_px(self) -> np.ndarray:
@@ -149,7 +145,7 @@ class Bundle:
     @property
     def sigma_px(self) -> float:
         """Noise per axis as the median corner has it: half of the corners may be wrong."""
-        return radial_std(np.concatenate([np.linalg.norm(r, axis=1) for r in self.residuals_px]))
+        return radial_std(np.linalg.norm(np.concatenate(self.residuals_px), axis=1))
 
 
 def free_directions(model: LensModel, square_pixels: bool = False, flex: bool = False) -> np.ndarray:
@@ -159,10 +155,9 @@ def free_directions(model: LensModel, square_pixels: bool = False, flex: bool = 
     """
     size = 4 + model.distortion_count
     unit = np.eye(size + FLEX)
-    columns = [unit[index] for index in (2, 3, *(4 + index for index in model.free))]
-    columns += [unit[size], unit[size + 1]] if flex else []
-    focal = [unit[0] + unit[1]] if square_pixels else [unit[0], unit[1]]
-    return np.stack([*focal, *columns], axis=1)
+    rest = [2, 3, *(4 + index for index in model.free), *((size, size + 1) if flex else ())]
+    focal = unit[:, :1] + unit[:, 1:2] if square_pixels else unit[:, :2]
+    return np.hstack([focal, unit[:, rest]])
 
 
 def refine(

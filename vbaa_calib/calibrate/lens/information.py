@@ -19,15 +19,12 @@ class Information:
     """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views together have unit
     information. To first order everything that the views say, alone or in groups, follows from it without a new solve.
 
-    Attributes
-    ----------
     half : (4 + k + 2, p) change of intrinsics and sagittas for a unit of each z.
     blocks : (V, p, p) information of each view, gradients : (V, p) what it pulls with, squares : (V,) its squared
         residuals, px²; its own pose eliminated.
     roots : (V, p + 1, p + 1) triangular factors R of the views' own problems: the first p columns, rᵀr of which is the
         information, then the residuals. Sums of information lose half the digits, stacked factors do not.
-    prior : (p, p) information of what holds the lens from folding.
-    counts : (V,) corner coordinates of each view.
+    prior : (p, p) information of what holds the lens from folding. counts : (V,) corner coordinates of each view.
     """
 
     half: np.ndarray

@@ -24,13 +24,8 @@ _UNFOLDING_DEVIATIONS = 20.0
 
 @dataclass(frozen=True)
 class LensOptions:
-    """The options of a lens solve.
-
-    Attributes
-    ----------
-    image_size : (width, height) px. model : "auto" or a name in `LENS_MODELS`.
-    min_corners : that a view must have. square_pixels : keep fx = fy.
-    """
+    """The options of a lens solve: picture (width, height) px, "auto" or a name in `LENS_MODELS`, the fewest corners
+    of a view, and whether fx = fy."""
 
     image_size: tuple[int, int]
     model: str = "auto"

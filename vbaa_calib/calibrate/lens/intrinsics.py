@@ -105,12 +105,8 @@ _OUTLYING = 3.5
 class UsedView:
     """A view the lens rests on.
 
-    Attributes
-    ----------
-    name : of the picture. corners : how many were used. left_out : how many are outliers and were not.
+    corners : how many were used. left_out : how many are outliers and were not, outlier_ids their corner ids.
     rms_px : reprojection error. outlying : it stands out (median + 3.5 scaled MAD), but was kept.
-    T_camera_board : pose of the board.
-    outlier_ids : (left_out,) their corner ids.
     """
 
     name: str
@@ -126,18 +122,12 @@ class UsedView:
 class LensSolution:
     """A lens with its uncertainty and the evidence.
 
-    Attributes
-    ----------
     camera : with the covariance of (fx, fy, cx, cy, distortion), poses and board marginalised, scaled by the residual
         variance.
-    model : name of the lens model.
     rms_px : recomputed from the parameters returned, over all corners of the views used, outliers too: what other tools
         call RMS. rms_inliers_px : without the outliers, which is what was minimised.
     comparison : the lens models that were assessed: all that `auto` compared, or the one that was given.
-    monotonic : whether the lens maps the whole picture without folding.
-    board_flex : how far the board is bent, and whether the lens was solved with that.
-    views, dropped : in the order of their names.
-    verdict : what to make of it, in words. warnings : what the user ought to know, in words.
+    monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
     """
 
     camera: Camera
@@ -165,14 +155,9 @@ def solve_intrinsics(
     Views with fewer than `min_corners` corners, or whose corners fix no homography, are dropped. Outlier corners are
     left out (`outliers`), views that are wrong as a whole are dropped; milder ones are kept and flagged.
 
-    Parameters
-    ----------
-    model : "auto" or a name in `LENS_MODELS`.
-    square_pixels : hold fx = fy.
+    model : "auto" or a name in `LENS_MODELS`. square_pixels : hold fx = fy.
 
-    Raises
-    ------
-    InputError : fewer than 3 usable views, views that leave a parameter of the lens open, or an unknown model.
+    Raises InputError for fewer than 3 usable views, views that leave a parameter of the lens open, an unknown model.
     """
     if model != "auto" and model not in LENS_MODELS:
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
@@ -196,14 +181,13 @@ def solve_intrinsics(
     camera = replace(camera, covariance=fit.information.covariance[:-FLEX, :-FLEX])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
     chosen = next((candidate for candidate in fit.comparison if candidate.model == lens.name), None)
-    good = fit.inliers.of(observations)
+    good, whole = fit.inliers.of(observations), [observations[index] for index in fit.inliers.views]
     warnings = _warnings(chosen, lens.name, camera, monotonic, np.concatenate([view.pixels for view in good]))
-    whole = [observations[index] for index in fit.inliers.views.tolist()]
-    distances = np.concatenate([np.linalg.norm(residual, axis=1) for residual in residuals_px(bundle, whole)])
+    squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
     return LensSolution(
         camera=camera,
         model=lens.name,
-        rms_px=float(np.sqrt((distances**2).mean())),
+        rms_px=float(np.sqrt(squares.mean())),
         rms_inliers_px=bundle.rms_px,
         views=_used(fit, usable),
         dropped=tuple(dropped),
@@ -246,8 +230,7 @@ def _require_enough(observations: Sequence[Observation], dropped: Sequence[Dropp
 
 def _used(fit: LensFit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:
     rms = fit.bundle.view_rms_px
-    spread = mad_std(rms - np.median(rms))
-    limit = np.median(rms) + _OUTLYING * spread
+    limit = np.median(rms) + _OUTLYING * mad_std(rms - np.median(rms))
     return tuple(
         UsedView(
             name=usable[index].name,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -15,16 +14,8 @@ from vbaa_calib.camera.models import MODELS
 
 @dataclass(frozen=True)
 class LensModel:
-    """A lens model: which distortion coefficients it has, and which of them are free.
-
-    Attributes
-    ----------
-    name : as `--model` takes it.
-    camera_model : "opencv" or "fisheye".
-    distortion_count : coefficients stored, in OpenCV's order.
-    free : indices of those that are solved for; the others stay zero.
-    simpler : the model whose solution is a good start for this one.
-    """
+    """A lens model: a name as `--model` takes it, "opencv" or "fisheye", how many distortion coefficients it stores, in
+    OpenCV's order, which of them are free (the others stay zero), and the model whose solution is a good start."""
 
     name: str
     camera_model: str
@@ -55,7 +46,7 @@ LENS_MODELS = {
 }
 """By name, from simple to rich."""
 
-Projection = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+_Projected = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
@@ -64,28 +55,21 @@ def camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
-def _project_opencv(
-    points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _project_opencv(points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> _Projected:
     distortion = intrinsics[4:] if len(intrinsics) > 4 else np.zeros(4)
     pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], camera_matrix(intrinsics), distortion)
     return pixels.reshape(-1, 2), jacobian[:, 6 : 6 + len(intrinsics)], jacobian[:, :6]
 
 
-def _project_fisheye(
-    points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _project_fisheye(points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> _Projected:
+    turn, shift, distortion = pose[:3, None], pose[3:, None], intrinsics[4:, None]
     pixels, jacobian = cv2.fisheye.projectPoints(
-        points.reshape(-1, 1, 3),
-        pose[:3].reshape(3, 1),
-        pose[3:].reshape(3, 1),
-        camera_matrix(intrinsics),
-        intrinsics[4:].reshape(4, 1),
+        points.reshape(-1, 1, 3), turn, shift, camera_matrix(intrinsics), distortion
     )
     return pixels.reshape(-1, 2), jacobian[:, :8], jacobian[:, 8:14]
 
 
-PROJECTIONS: dict[str, Projection] = {"opencv": _project_opencv, "fisheye": _project_fisheye}
+PROJECTIONS = {"opencv": _project_opencv, "fisheye": _project_fisheye}
 """Camera model → projection of points (N, 3), pose (6,) = rotation vector and translation, intrinsics (4 + k,), to
 pixels (N, 2) and the derivatives of the interleaved pixels by intrinsics (2N, 4 + k) and by the pose (2N, 6)."""
 
@@ -109,11 +93,8 @@ _NEARLY, _BEFORE_POLE, _FAR = 0.02, 0.95, 1e-6
 class Unfolding:
     """What is added to a cost so that the lens does not fold inside the picture.
 
-    Attributes
-    ----------
     least_slope : of the distorted radius by the ideal one (by the angle, for a fisheye), wherever the picture reaches.
-    weight_px2 : cost of a slope of nil at one of the radii looked at.
-    image_size : (width, height) px.
+    weight_px2 : cost of a slope of nil at one of the radii looked at. image_size : (width, height) px.
     """
 
     least_slope: float
@@ -171,10 +152,8 @@ def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
 
     intrinsics : (4 + k,); decentring, which moves the corner a little, is left out.
     """
-    fx, fy, cx, cy = intrinsics[:4]
-    x = np.array([-0.5, image_size[0] - 0.5]) - cx
-    y = np.array([-0.5, image_size[1] - 0.5]) - cy
-    return _BEYOND_CORNER * float(np.hypot(np.abs(x).max() / fx, np.abs(y).max() / fy))
+    furthest = np.maximum(np.array(image_size) - 0.5 - intrinsics[2:4], intrinsics[2:4] + 0.5)
+    return _BEYOND_CORNER * float(np.hypot(*(furthest / intrinsics[:2])))
 
 
 def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:

@@ -30,13 +30,10 @@ _MONOTONIC_MAY_COST = 1.1
 class Candidate:
     """How one lens model does.
 
-    Attributes
-    ----------
-    model : its name. free_parameters : of the lens, focal lengths and principal point included.
+    free_parameters : of the lens, focal lengths and principal point included.
     rms_px : over the corners it was fitted to. held_out_rms_px : over views that only had their poses fitted.
     monotonic : whether it maps the whole picture without folding.
-    halves : how far the lenses of two halves of the views differ (`Halves.deviations`), and halves_p_value the chance
-        of that; None where they cannot be compared.
+    halves, halves_p_value : as `compare_split_half` gives them.
     """
 
     model: str
@@ -58,15 +55,15 @@ def _assess(
 ) -> tuple[Candidate, np.ndarray]:
     """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
     squares = held_out_squares(bundle, observations, known)
-    halves = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
+    halves, chance = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
     candidate = Candidate(
         model=bundle.model.name,
         free_parameters=int(np.any(bundle.directions[:-FLEX] != 0.0, axis=0).sum()),
         rms_px=bundle.rms_px,
         held_out_rms_px=rms_over(squares, observations),
         monotonic=is_monotonic(bundle.model, bundle.intrinsics, image_size),
-        halves=None if halves is None else halves.deviations,
-        halves_p_value=None if halves is None else halves.p_value,
+        halves=halves,
+        halves_p_value=chance,
     )
     return candidate, squares
 
@@ -133,13 +130,9 @@ _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to te
 
 @dataclass(frozen=True, eq=False)
 class LensFit:
-    """A lens over the good corners, with all that was decided about it.
+    """A lens over the good corners of all observations, one pose for each good view, and what was decided about it.
 
-    Attributes
-    ----------
-    inliers : the good corners among all observations. bundle : the solution over them, one pose for each good view.
-    information : of the corners at that solution; None where they leave the lens open.
-    comparison : the lens models that were assessed.
+    comparison : the lens models that were assessed. information : None where the corners leave the lens open.
     """
 
     bundle: Bundle

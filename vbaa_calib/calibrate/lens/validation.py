@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from vbaa_calib.core.robust import chi_square_p
 
@@ -23,9 +22,8 @@ _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that i
 def held_out_squares(bundle: Bundle, observations: Sequence[Observation], known: Information) -> np.ndarray:
     """(V,) sum of squared distances of each view's corners, px², under a lens fitted without a fifth of the views.
 
-    The pose of a held-out view is solved for, lens and board are not. One Gauss–Newton step from the solution over all
-    views gives the lens without them; where the held-out errors are much larger than the residuals, the step may be
-    too long to be trusted and the lens is solved anew.
+    The pose of a held-out view is solved for, lens and board are not. The lens is one Gauss–Newton step from the
+    solution over all views; where held-out errors are much larger than the residuals it is solved anew.
     """
     stepped = _stepped_squares(known)
     if stepped.sum() <= _LITTLE_MORE * known.squares.sum():
@@ -83,32 +81,18 @@ _LEAST_VIEWS = 6
 _GRID = (9, 7)
 
 
-@dataclass(frozen=True)
-class SplitHalf:
-    """How far the lenses of two halves of the views differ.
-
-    Attributes
-    ----------
-    deviations : the difference over its predicted deviation, rms over the picture; about 1 when all is well.
-    p_value : chance of this much. One weak direction of the lens may make up all of the difference, so that 2.5
-        deviations are sometimes much and sometimes little.
-    """
-
-    deviations: float
-    p_value: float
-
-
 def compare_split_half(
     model: LensModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
-) -> SplitHalf | None:
-    """The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all views.
+) -> tuple[float | None, float | None]:
+    """How far the lenses of two halves of the views differ over the predicted deviation, and the chance of this much.
 
-    intrinsics : (4 + k,) of all views. What a turn of the camera explains is left out, and so is what holds
-    the lens from folding. None with under 6 views, or when
-    a half leaves the lens open.
+    rms over the picture; about 1 when all is well. One weak direction of the lens may make up all of the difference, so
+    that 2.5 deviations are sometimes much and sometimes little. The views are dealt out in turn; each half's lens is
+    one Gauss–Newton step from that of all views, intrinsics (4 + k,). What a turn of the camera explains is left out,
+    and so is what holds the lens from folding. None with under 6 views, or when a half leaves the lens open.
     """
     if len(known.squares) < _LEAST_VIEWS:
-        return None
+        return None, None
     difference, covariance = np.zeros(known.half.shape[1]), np.zeros_like(known.prior)
     for first, sign in ((0, 1.0), (1, -1.0)):
         size = known.half.shape[1]
@@ -116,8 +100,8 @@ def compare_split_half(
         own, pull = factor[:size, :size], factor[:size, size]
         freedom = known.counts[first::2].sum() - size - 6 * len(known.counts[first::2])
         if freedom <= 0 or np.linalg.cond(own) > _OPEN:
-            return None
-        inverse = solve_triangular(own, np.eye(size))
+            return None, None
+        inverse = np.linalg.inv(own)
         variance = factor[size, size] ** 2 / freedom
         difference += sign * (inverse @ pull)
         covariance += variance * (inverse @ inverse.T)
@@ -125,11 +109,11 @@ def compare_split_half(
     jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-FLEX]
     jacobian = jacobian[np.isfinite(jacobian).all(axis=(-1, -2))]
     if not len(jacobian):
-        return None
+        return None, None
     predicted = np.trace(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2), axis1=-2, axis2=-1)
     seen = jacobian / np.sqrt(predicted * len(jacobian))[:, None, None]
     form = np.einsum("nki,nkj->ij", seen, seen)
     square = float(difference @ form @ difference)
     # a sum of squares of unequal share, by the chi-squared law with its mean, which is 1, and its variance
     freedom = 1.0 / float(np.sum((form @ covariance) * (form @ covariance).T))
-    return SplitHalf(float(np.sqrt(square)), chi_square_p(square * freedom, freedom))
+    return float(np.sqrt(square)), chi_square_p(square * freedom, freedom)

@@ -15,25 +15,19 @@ import numpy as np
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
 from vbaa_calib.calibrate.pose.board_pose import BoardPose
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Linearised, Rules, minimise
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
-from vbaa_calib.rig.reprojection import (
-    ImageCurves,
-    SeenPoints,
-    feet,
-    image_curves,
-    residuals_by_lens,
-    whitened_residuals,
-)
+from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, whitened_with_lens
 
-from .free_antenna import FreeAntenna, Mark
+from .free_antenna import OverSetup
 
-_IN_PLANE, BOARD, HEIGHT, _SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len(PARAMETERS))
+_IN_PLANE, _BOARD, _HEIGHT, _SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len(PARAMETERS))
 """Angle (rad) and clamp (x, y; m) in the board frame; then, whitened: board's tangent, height, antenna's parameters."""
-UNKNOWNS = 10 + len(PARAMETERS)
-_STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (UNKNOWNS - 3)])
+_UNKNOWNS = 10 + len(PARAMETERS)
+_STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (_UNKNOWNS - 3)])
 _RULES = Rules(iterations=40, standstill=1e-12)
 _ENOUGH = 1e-6
 _PASSES, _CONVERGED = 10, 1e-5
@@ -43,40 +37,36 @@ _LEAST_POINTS = 20
 
 
 @dataclass(frozen=True, eq=False)
-class OverFit:
-    """The solved frame.
+class Mark:
+    """A point of the antenna that is known along it, its tip (end −1) or its clamp (end 0).
 
-    Attributes
-    ----------
-    T_antenna_camera : pose of the camera.
-    covariance, lens_sensitivity : as in `PoseEstimate`.
-    noise_scale : scatter of the points over what their standard deviations predict.
-    points : how many took part. reach_m : arc lengths of the first and the last.
+    seen : the one point, its covariance across and along; std_m : how well its place along the antenna is known.
     """
 
-    T_antenna_camera: Pose
-    covariance: np.ndarray
-    lens_sensitivity: np.ndarray
-    noise_scale: float
-    points: int
-    reach_m: tuple[float, float]
+    end: int
+    seen: SeenPoints
+    std_m: float
+
+    def along(self, curves: ImageCurves) -> np.ndarray:
+        """(1, 2) the first curve's direction there over the mark's standard deviation along it."""
+        slope = curves.slopes[0, self.end]
+        unit = slope / np.linalg.norm(slope)
+        variance = unit @ self.seen.covariance[0] @ unit + (self.std_m * np.linalg.norm(slope)) ** 2
+        return unit[None] / np.sqrt(variance)
 
 
 @dataclass(frozen=True, eq=False)
 class OverProblem:
     """What was seen and what is known.
 
-    Attributes
-    ----------
     toward : +1 where the antenna frame's z points from plane C to the camera's side, −1 where away.
+    noise_scale : scatter of the points over what their standard deviations predict.
     """
 
+    setup: OverSetup
+    board: BoardPose
     seen: SeenPoints
     marks: Sequence[Mark]
-    board: BoardPose
-    height_m: float
-    height_std_m: float
-    antenna: FreeAntenna
     toward: float
     noise_scale: float = 1.0
 
@@ -85,87 +75,65 @@ class OverProblem:
         angle, x, y = unknowns[_IN_PLANE]
         cos, sin, up = np.cos(angle), np.sin(angle), self.toward
         rotation = np.array([[cos, up * sin, 0.0], [sin, -up * cos, 0.0], [0.0, 0.0, -up]])
-        height = self.height_m + self.height_std_m * unknowns[HEIGHT]
-        step = np.linalg.cholesky(self.board.covariance) @ unknowns[BOARD]
+        height = self.setup.height_m + self.setup.height_std_m * unknowns[_HEIGHT]
+        step = np.linalg.cholesky(self.board.covariance) @ unknowns[_BOARD]
         return self.board.T_camera_board.retract(step) @ Pose(rotation, np.array([x, y, -height]))
 
     def curves(self, unknowns: np.ndarray) -> ImageCurves:
-        """The antenna in the picture for each of (K, 18) unknowns."""
-        parameters = self.antenna.parameters + unknowns[:, _SHAPE] @ independent_axes(self.antenna.covariance).T
-        return image_curves(self.antenna.curves(parameters), [self.T_camera_antenna(row) for row in unknowns])
+        """The antenna in the picture for each of (K, 19) unknowns."""
+        antenna = self.setup.antenna
+        parameters = antenna.parameters + unknowns[:, _SHAPE] @ independent_axes(antenna.covariance).T
+        return image_curves(antenna.curves(parameters), [self.T_camera_antenna(row) for row in unknowns])
 
     def linearised(self, unknowns: np.ndarray) -> Linearised:
-        """Whitened residuals (R,), Huber's of the points, then marks and priors; their Jacobian (R, 18)."""
+        """Whitened residuals (R,), Huber's of the points, then marks and priors; their Jacobian (R, 19)."""
         curves = self.curves(np.vstack([unknowns, unknowns + np.diag(_STEPS)]))
-        rows = [whitened_residuals(self.seen, curves) / self.noise_scale]
-        rows += [
-            _mark_direction(mark, curves) @ (mark.seen.points.T - curves.nodes[:, mark.end].T) for mark in self.marks
-        ]
+        rows = [whitened_with_lens(self.seen, curves)[0] / self.noise_scale]
+        rows += [one.along(curves) @ (one.seen.points.T - curves.nodes[:, one.end].T) for one in self.marks]
         values = np.vstack(rows)
         jacobian = (values[:, 1:] - values[:, :1]) / _STEPS
-        prior = np.eye(UNKNOWNS)[_IN_PLANE.stop :]
-        certain = len(self.marks) + len(prior)
-        return Linearised(
-            unknowns, np.concatenate([values[:, 0], prior @ unknowns]), np.vstack([jacobian, prior]), certain
-        )
+        prior = np.eye(_UNKNOWNS)[_IN_PLANE.stop :]
+        residuals, certain = np.concatenate([values[:, 0], prior @ unknowns]), len(self.marks) + len(prior)
+        return Linearised(unknowns, residuals, np.vstack([jacobian, prior]), certain)
 
     def by_lens(self, curves: ImageCurves) -> np.ndarray:
-        """(R, P) change of the residuals with the lens, board and frame held where they are."""
-        rows = [residuals_by_lens(self.seen, curves) / self.noise_scale]
-        rows += [_mark_direction(mark, curves) @ _of_lens(mark.seen)[0] for mark in self.marks]
+        """(R, P) change of the residuals with the lens, board and frame fixed."""
+        rows = [whitened_with_lens(self.seen, curves)[1] / self.noise_scale]
+        rows += [one.along(curves) @ one.seen.by_lens[0] for one in self.marks if one.seen.by_lens is not None]
         points = np.vstack(rows)
-        return np.vstack([points, np.zeros((UNKNOWNS - _IN_PLANE.stop, points.shape[1]))])
+        return np.vstack([points, np.zeros((_UNKNOWNS - _IN_PLANE.stop, points.shape[1]))])
 
 
-def solve_over(problem: OverProblem, start: np.ndarray) -> OverFit:
+def solve_over(problem: OverProblem, start: np.ndarray) -> tuple[PoseEstimate, float, tuple[float, float]]:
     """Solve from a start (angle, x, y) in the board frame.
 
-    Raises SolveError when the solver does not converge, or too few points lie on the antenna between clamp and tip.
+    Returns the camera's pose, the scatter of the points over what is predicted, and the arc lengths of the first and
+    the last of them. Raises SolveError when the solver does not converge, or too few points lie on the antenna.
     """
-    unknowns = np.concatenate([start, np.zeros(UNKNOWNS - 3)])
+    unknowns = np.concatenate([start, np.zeros(_UNKNOWNS - 3)])
     for _ in range(_PASSES):
         unknowns = _descended(problem, unknowns)
         problem = _trimmed(problem, unknowns)
-        points, curves = len(problem.seen), problem.curves(unknowns[None])
         # squares that disturb alike are few: points that scatter little by chance get no more weight
-        scale = max(noise_scale([whitened_residuals(problem.seen, curves)[:, 0]]), 1.0)
-        converged = abs(scale / problem.noise_scale - 1.0) < _CONVERGED
+        residuals = whitened_with_lens(problem.seen, problem.curves(unknowns[None]))[0][:, 0]
+        before, scale = problem.noise_scale, max(noise_scale([residuals]), 1.0)
         problem = replace(problem, noise_scale=scale)
-        if converged:
+        if abs(scale / before - 1.0) < _CONVERGED:
             break
     unknowns = _descended(problem, unknowns)
     solution, curves = problem.linearised(unknowns), problem.curves(unknowns[None])
     weight, inverse = solution.weights, solution.covariance()
-    pose = problem.T_camera_antenna(unknowns).inverse()
-    by_unknowns = _tangents(problem, unknowns)
     # the lens moves the board's pose, too
     by_board = np.linalg.solve(np.linalg.cholesky(problem.board.covariance), problem.board.lens_sensitivity)
-    pull = (problem.by_lens(curves) + solution.jacobian[:, BOARD] @ by_board) * weight[:, None]
-    pull[-(UNKNOWNS - 3) :] = 0.0
+    pull = (problem.by_lens(curves) + solution.jacobian[:, _BOARD] @ by_board) * weight[:, None]
+    pull[-(_UNKNOWNS - 3) :] = 0.0
     by_lens = -inverse @ ((solution.jacobian * weight[:, None]).T @ pull)
-    by_lens[BOARD] += by_board
-    foot = feet(problem.seen, curves)
+    by_lens[_BOARD] += by_board
+    by_unknowns = _tangents(problem, unknowns)
     covariance = by_unknowns @ inverse @ by_unknowns.T
-    return OverFit(
-        pose,
-        0.5 * (covariance + covariance.T),
-        by_unknowns @ by_lens,
-        problem.noise_scale,
-        points,
-        (float(foot.min()), float(foot.max())),
-    )
-
-
-def _mark_direction(mark: Mark, curves: ImageCurves) -> np.ndarray:
-    """(1, 2) the first curve's direction at the mark over the mark's standard deviation along it."""
-    slope = curves.slopes[0, mark.end]
-    unit = slope / np.linalg.norm(slope)
-    variance = unit @ mark.seen.covariance[0] @ unit + (mark.std_m * np.linalg.norm(slope)) ** 2
-    return unit[None] / np.sqrt(variance)
-
-
-def _of_lens(seen: SeenPoints) -> np.ndarray:
-    return np.zeros((len(seen), 2, 0)) if seen.by_lens is None else seen.by_lens
+    pose, foot = problem.T_camera_antenna(unknowns).inverse(), feet(problem.seen, curves)
+    estimate = PoseEstimate("over board", pose, 0.5 * (covariance + covariance.T), by_unknowns @ by_lens)
+    return estimate, problem.noise_scale, (float(foot.min()), float(foot.max()))
 
 
 def _descended(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
@@ -177,19 +145,17 @@ def _descended(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
 
 def _trimmed(problem: OverProblem, unknowns: np.ndarray) -> OverProblem:
     """Without the points beyond the clamp and the tip."""
-    foot = feet(problem.seen, problem.curves(unknowns[None]))
-    length = problem.antenna.length_m
-    inside = (foot > _END_MARGIN * length) & (foot < (1 - _END_MARGIN) * length)
+    share = feet(problem.seen, problem.curves(unknowns[None])) / problem.setup.antenna.length_m
+    inside = (share > _END_MARGIN) & (share < 1 - _END_MARGIN)
     if inside.sum() < _LEAST_POINTS:
         raise SolveError(f"only {int(inside.sum())} points of the antenna lie between its clamp and its tip")
     return replace(problem, seen=problem.seen.picked(inside))
 
 
 def _tangents(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
-    """(6, 18) derivative of the camera pose's tangent in the antenna frame by the unknowns."""
+    """(6, 19) derivative of the camera pose's tangent in the antenna frame by the unknowns."""
     columns = []
     for step in np.diag(_STEPS):
         ahead, back = (problem.T_camera_antenna(unknowns + sign * step).inverse() for sign in (1, -1))
-        turn = Pose(ahead.rotation @ back.rotation.T, np.zeros(3)).rotvec_rad
-        columns.append(np.concatenate([turn, ahead.translation_m - back.translation_m]) / (2 * step.sum()))
+        columns.append(ahead.tangent_from(back) / (2 * step.sum()))
     return np.stack(columns, axis=1)

@@ -1,4 +1,4 @@
-"""Whether what is seen over the board can be the antenna, and which of its ends is the clamped one."""
+"""The free antenna over a board: what is known of it, whether what is seen can be it, and which end is clamped."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from targets.board import BoardSpec
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.calibrate.antenna.session_rig import BOW_STD_PER_M, CLAMP_GIVE_STD_M, LOG_MASS_STD, nominal_parameters
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.over_board.measure import BoardLine
+from vbaa_calib.detect.over_board.measure import BoardLine, LineEnd
 from vbaa_calib.detect.over_board.search import PlaneAbove
 from vbaa_calib.geometry import Pose
-from vbaa_calib.rig.reprojection import SeenPoints
 from vbaa_calib.session import NominalAntenna
 
-LENGTH_STD_M = 3e-4
-_CLAMP_OUT_OF_PLANE_STD_RAD = 0.01
-LOG_STIFFNESS_STD = 0.15
+_LENGTH_STD_M, _CLAMP_OUT_OF_PLANE_STD_RAD, _LOG_STIFFNESS_STD = 3e-4, 0.01, 0.15
 """What a nominal antenna is trusted with besides the priors of bundle adjustment: its length to a ruler's reading,
 its clamp's tangent to be as parallel to the board as a gauge makes it, and its stiffness to four per cent of the
 diameter."""
+_TOO_LONG = 1.15
+_AMBIGUOUS_SIDE = 0.6
+_ALONG = 0.5
+_MOVED = 0.6
+_HARD_SHADOW = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class FreeAntenna:
     """What is known of the free antenna before the picture.
 
-    Attributes
-    ----------
-    length_m, length_std_m : from the clamp to the tip.
-    diameter_m : of the wire.
-    parameters : (9,) `antenna.shape.PARAMETERS` in the frame that is looked for. With clamp offsets and angles of zero
-        that frame is the clamp's own.
-    covariance : (9, 9) of the parameters.
+    length_m, length_std_m : from the clamp to the tip. diameter_m : of the wire.
+    parameters : (9,) `antenna.shape.PARAMETERS` in the frame that is looked for, with their covariance (9, 9). With
+        clamp offsets and angles of zero that frame is the clamp's own.
     gravity_m_s2 : (3,) antenna frame, at the joints' angles of the pictures.
     """
 
@@ -54,88 +54,57 @@ class FreeAntenna:
         return bend(parameters, self.length_m, gravity, half, np.zeros((count, 2)), sweeps=4)
 
 
-@dataclass(frozen=True, eq=False)
-class Mark:
-    """A point of the antenna that is known along it, its tip (end 1) or its clamp (end 0).
-
-    Attributes
-    ----------
-    end : node of the curve, 0 or −1.
-    seen : one seen point, its covariance from the pixel's standard deviation.
-    std_m : how well its place along the antenna is known.
-    """
-
-    end: int
-    seen: SeenPoints
-    std_m: float
-
-
-@dataclass(frozen=True, eq=False)
-class ClampMark:
-    """Where a person, or a detector, sees the clamp's edge: pixel (2,) and its standard deviation along the antenna.
-
-    A rough mark, of many pixels, still shows which end of the antenna is the clamped one.
-    """
-
-    point_px: np.ndarray
-    std_px: float
-
-
-def nominal_free_antenna(
-    antenna: NominalAntenna, gravity_m_s2: np.ndarray, length_std_m: float = LENGTH_STD_M
-) -> FreeAntenna:
-    """A straight antenna of nominal stiffness and mass, clamped in the frame that is looked for.
-
-    gravity_m_s2 : (3,) antenna frame.
-    """
-    shape = [BOW_STD_PER_M, BOW_STD_PER_M, LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
+def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> FreeAntenna:
+    """A straight antenna of nominal stiffness and mass, clamped in the frame that is looked for; gravity (3,) in it."""
+    shape = [BOW_STD_PER_M, BOW_STD_PER_M, _LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
     std = [0.0, 0.0, _CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
-    return FreeAntenna(
-        antenna.length_m,
-        length_std_m,
-        antenna.diameter_m,
-        nominal_parameters(antenna),
-        np.diag(np.square(std)),
-        np.asarray(gravity_m_s2, float),
-    )
+    known = antenna.length_m, _LENGTH_STD_M, antenna.diameter_m, nominal_parameters(antenna), np.diag(np.square(std))
+    return FreeAntenna(*known, np.asarray(gravity_m_s2, float))
 
 
-_TOO_LONG = 1.15
-_AMBIGUOUS_SIDE = 0.6
-_ALONG = 0.5
-_MOVED = 0.6
-_HARD_SHADOW = 0.2
-_MOST_SCATTER = 5.0
+@dataclass(frozen=True, eq=False)
+class OverSetup:
+    """The antenna over the board, as described.
+
+    spec : the board, flat on plane C. antenna : the free antenna above it.
+    height_m, height_std_m : of the antenna's axis at the clamp above the print.
+    clamp : the clamp's visible edge, where it is known.
+    """
+
+    spec: BoardSpec
+    camera: Camera
+    antenna: FreeAntenna
+    height_m: float
+    height_std_m: float
+    clamp: LineEnd | None = None
 
 
-def refuse_touching(antenna: FreeAntenna, height_m: float, toward: float) -> None:
+def refuse_touching(setup: OverSetup, toward: float) -> None:
     """Raises InputError when the free antenna would rest on the board; `toward` as in `OverProblem`."""
+    antenna, free_m = setup.antenna, setup.height_m - 0.5 * setup.antenna.diameter_m
     rise = toward * antenna.curves(antenna.parameters[None]).points_m[0, :, 2]
     lowest = max(-float(rise.min()), 0.0)
-    if not height_m > 0.5 * antenna.diameter_m or lowest > height_m - 0.5 * antenna.diameter_m:
+    if not free_m > 0.0 or lowest > free_m:
         raise InputError(
-            f"the antenna's axis is {1e3 * height_m:.1f} mm above the board, and sags by {1e3 * lowest:.1f} mm",
+            f"the antenna's axis is {1e3 * setup.height_m:.1f} mm above the board, and sags by {1e3 * lowest:.1f} mm",
             remedy="hold it higher: an antenna that rests on the board is not free",
         )
 
 
-def refuse_shadowed(line: BoardLine, where: str) -> None:
-    """Raises InputError for a dark antenna beside its own hard shadow: the two cannot be distinguished."""
+def refuse_other_lines(line: BoardLine, plane: PlaneAbove, antenna: FreeAntenna, where: str) -> None:
+    """Raises InputError for a line longer than the antenna, or a dark one beside its own hard shadow."""
     if not line.bright and line.shadow > _HARD_SHADOW:
         raise InputError(
             f"a band {100 * line.shadow:.0f} % darker runs beside the dark antenna: its shadow",
             where=where,
             remedy="light it from several sides or through a sheet of paper, or paint the antenna white",
         )
-
-
-def refuse_scattered(noise_scale: float, where: str) -> None:
-    """Raises InputError when the points of the line are not those of one antenna."""
-    if noise_scale > _MOST_SCATTER:
+    seen = float(np.linalg.norm(np.diff(plane.to_plane(line.points_px[[0, -1]])[0], axis=0)))
+    if seen > _TOO_LONG * antenna.length_m:
         raise InputError(
-            f"the antenna's points scatter {noise_scale:.1f} times as far as the picture's noise explains",
+            f"the line found is {1e3 * seen:.0f} mm long, the antenna {1e3 * antenna.length_m:.0f} mm",
             where=where,
-            remedy="clear the board of other things, light it softly, and check the board's description",
+            remedy="is it the antenna? check its length and the board's square size",
         )
 
 
@@ -144,14 +113,11 @@ def refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: Bo
     along = np.gradient(line.points_px, axis=0)
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     normal *= (line.width_px + 3.0) / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    at = (line.points_px + np.array([-1, 0, 1])[:, None, None] * normal).astype(np.float32)
 
     def height(image: np.ndarray) -> float:
         grey = image.astype(np.float32)
-        levels = []
-        for side in (-1, 0, 1):
-            at = (line.points_px + side * normal).astype(np.float32)
-            levels.append(cv2.remap(grey, at[:, 0], at[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0])
-        left, middle, right = levels
+        left, middle, right = cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return float(np.median(middle - 0.5 * (left + right)))
 
     usual = height(picture)
@@ -166,15 +132,11 @@ def refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: Bo
 
 def outermost(line: BoardLine) -> np.ndarray:
     """(2, 2) the two ends of what is seen of the line, px."""
-    first, last = line.ends
-    return np.stack(
-        [line.points_px[0] if first is None else first.point_px, line.points_px[-1] if last is None else last.point_px]
-    )
+    pairs = zip(line.ends, line.points_px[[0, -1]], strict=True)
+    return np.stack([point if end is None else end.point_px for end, point in pairs])
 
 
-def from_clamp(
-    line: BoardLine, plane: PlaneAbove, guess: Pose | None, clamp: ClampMark | None, where: str
-) -> BoardLine:
+def from_clamp(line: BoardLine, plane: PlaneAbove, guess: Pose | None, clamp: LineEnd | None, where: str) -> BoardLine:
     """The line with its clamped end first. Raises InputError where nothing shows which end that is."""
     ends = outermost(line)
     if clamp is not None:
@@ -200,14 +162,3 @@ def from_clamp(
             remedy="give over.clamp_px in session.yaml: where the clamp's edge shows",
         )
     return line if line.ends[0] is None else line.reversed()
-
-
-def refuse_too_long(line: BoardLine, plane: PlaneAbove, antenna: FreeAntenna, where: str) -> None:
-    """Raises InputError when the line is longer than the antenna."""
-    seen = float(np.linalg.norm(np.diff(plane.to_plane(line.points_px[[0, -1]])[0], axis=0)))
-    if seen > _TOO_LONG * antenna.length_m:
-        raise InputError(
-            f"the line found is {1e3 * seen:.0f} mm long, the antenna {1e3 * antenna.length_m:.0f} mm",
-            where=where,
-            remedy="is it the antenna? check its length and the board's square size",
-        )

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
+from targets.board import corner_points
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, require_size, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
@@ -24,23 +23,12 @@ from vbaa_calib.detect.over_board.search import PlaneAbove
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig.reprojection import see
 
-from .fit import OverFit, OverProblem, solve_over
-from .free_antenna import (
-    ClampMark,
-    FreeAntenna,
-    Mark,
-    from_clamp,
-    outermost,
-    refuse_moved,
-    refuse_scattered,
-    refuse_shadowed,
-    refuse_too_long,
-    refuse_touching,
-)
+from .fit import Mark, OverProblem, solve_over
+from .free_antenna import OverSetup, from_clamp, outermost, refuse_moved, refuse_other_lines, refuse_touching
 
-_WAY = "over board"
 _CORNER_REACH_PX = 12.0
 """A corner this near to the antenna was sharpened in a window that shows the antenna."""
+_MOST_SCATTER = 5.0
 _NAMED = 3
 
 
@@ -48,38 +36,16 @@ _NAMED = 3
 class OverBoardSolution:
     """The camera's pose by the antenna over the board.
 
-    Attributes
-    ----------
     estimate : the pose with its covariance. The frame is the antenna's own; a jig that holds the same frame only as
         well as the clamp repeats differs by the clamp's scatter.
-    board : the board's pose, with the second solution that a plane allows.
-    line : the antenna in the picture, from clamp to tip.
-    fit : the numbers of the fit: scatter, where on the antenna the points lie.
+    board : the board's pose, with the second solution that a plane allows. line : the antenna, from clamp to tip.
+    reach_m : arc lengths of the first and the last point that took part.
     """
 
     estimate: PoseEstimate
     board: BoardPose
     line: BoardLine
-    fit: OverFit
-
-
-@dataclass(frozen=True, eq=False)
-class OverSetup:
-    """The antenna over the board, as described.
-
-    Attributes
-    ----------
-    spec : the board, flat on plane C. antenna : the free antenna above it.
-    height_m, height_std_m : of the antenna's axis at the clamp above the print.
-    clamp : the clamp's visible edge, where it is known.
-    """
-
-    spec: BoardSpec
-    camera: Camera
-    antenna: FreeAntenna
-    height_m: float
-    height_std_m: float
-    clamp: ClampMark | None = None
+    reach_m: tuple[float, float]
 
 
 def solve_over_board(
@@ -101,29 +67,31 @@ def solve_over_board(
     SolveError : the antenna could not be fitted.
     """
     if not images:
-        raise InputError("there are no pictures of the antenna over the board", remedy="take one, or leave the way out")
-    camera, antenna, height_m, clamp = setup.camera, setup.antenna, setup.height_m, setup.clamp
+        raise InputError("there are no pictures of the antenna over the board", remedy="take one, or remove over/")
     toward = 1.0 if guess is None else float(np.sign(guess.translation_m[2]) or 1.0)
-    refuse_touching(antenna, height_m, toward)
+    refuse_touching(setup, toward)
     for name, image in images.items():
-        require_size(image.shape[1::-1], camera, name)
+        require_size(image.shape[1::-1], setup.camera, name)
     views = [detect_corners(image, setup.spec, name) for name, image in images.items()]
     # the pictures' median: less noise, and one disturbed picture does not change it
     picture = np.median(np.stack(list(images.values())), axis=0).astype(np.float32)
     board, line = _board_and_line(picture, views, setup, bright)
     refuse_moved(images, picture, line)
     where = ", ".join(list(images)[:_NAMED]) + (" …" if len(images) > _NAMED else "")
-    refuse_shadowed(line, where)
-    plane = PlaneAbove(camera, board.T_camera_board, height_m)
-    line = from_clamp(line, plane, guess, clamp, where)
-    refuse_too_long(line, plane, antenna, where)
-    marks = _marks(line, camera, antenna, clamp, where)
-    seen = see(camera, line.points_px, line.sigma_px, with_lens=True)
-    problem = OverProblem(seen, marks, board, height_m, setup.height_std_m, antenna, toward)
-    fit = solve_over(problem, _start(line, plane, antenna, clamp))
-    refuse_scattered(fit.noise_scale, where)
-    estimate = PoseEstimate(_WAY, fit.T_antenna_camera, fit.covariance, fit.lens_sensitivity)
-    return OverBoardSolution(estimate, board, line, fit)
+    plane = PlaneAbove(setup.camera, board.T_camera_board, setup.height_m)
+    refuse_other_lines(line, plane, setup.antenna, where)
+    line = from_clamp(line, plane, guess, setup.clamp, where)
+    marks = _marks(line, setup, where)
+    seen = see(setup.camera, line.points_px, line.sigma_px, with_lens=True)
+    problem = OverProblem(setup, board, seen, marks, toward)
+    estimate, scatter, reach_m = solve_over(problem, _start(line, plane, setup))
+    if scatter > _MOST_SCATTER:
+        raise InputError(
+            f"the antenna's points scatter {scatter:.1f} times as far as the picture's noise explains",
+            where=where,
+            remedy="clear the board of other things, light it softly, and check the board's description",
+        )
+    return OverBoardSolution(estimate, board, line, reach_m)
 
 
 def _board_and_line(
@@ -168,14 +136,13 @@ def _line(
     return line
 
 
-def _marks(line: BoardLine, camera: Camera, antenna: FreeAntenna, clamp: ClampMark | None, where: str) -> list[Mark]:
-    marks = []
-    tip = line.ends[1]
-    if tip is not None:
-        seen = see(camera, tip.point_px[None], np.array([tip.std_px]), with_lens=True)
-        marks.append(Mark(-1, seen, antenna.length_std_m))
-    if clamp is not None:
-        marks.append(Mark(0, see(camera, clamp.point_px[None], np.array([clamp.std_px]), with_lens=True), 0.0))
+def _marks(line: BoardLine, setup: OverSetup, where: str) -> list[Mark]:
+    known = (-1, line.ends[1], setup.antenna.length_std_m), (0, setup.clamp, 0.0)
+    marks = [
+        Mark(end, see(setup.camera, at.point_px[None], np.array([at.std_px]), with_lens=True), std_m)
+        for end, at, std_m in known
+        if at is not None
+    ]
     if not marks:
         raise InputError(
             "the antenna's tip is not in the picture, and its clamp is not marked",
@@ -185,12 +152,12 @@ def _marks(line: BoardLine, camera: Camera, antenna: FreeAntenna, clamp: ClampMa
     return marks
 
 
-def _start(line: BoardLine, plane: PlaneAbove, antenna: FreeAntenna, clamp: ClampMark | None) -> np.ndarray:
+def _start(line: BoardLine, plane: PlaneAbove, setup: OverSetup) -> np.ndarray:
     """(3,) angle and clamp as if the antenna were straight."""
     ends = plane.to_plane(outermost(line))[0]
     along = np.diff(ends, axis=0)[0]
     unit = along / np.linalg.norm(along)
-    origin = ends[1] - antenna.length_m * unit
-    if line.ends[1] is None and clamp is not None:
-        origin = plane.to_plane(clamp.point_px[None])[0][0]
+    origin = ends[1] - setup.antenna.length_m * unit
+    if line.ends[1] is None and setup.clamp is not None:
+        origin = plane.to_plane(setup.clamp.point_px[None])[0][0]
     return np.array([np.arctan2(unit[1], unit[0]), *origin])

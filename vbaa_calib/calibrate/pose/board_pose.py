@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
@@ -95,15 +94,11 @@ class PoseCandidate:
 class BoardPose:
     """Where the board is, seen from the camera. The board frame lies on the printed face; its thickness is the jig's.
 
-    Attributes
-    ----------
-    T_camera_board : pose of the board.
     covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the camera frame, the lens
         held fixed, scaled by the residual variance; the uncertainty of the board's bend is in it where one was given.
     lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
         lens' covariance C the whole covariance is `covariance + S C Sᵀ`, and `S C` its covariance with the lens.
-    rms_px : reprojection error over the corners used.
-    corners : how many were used, averaged over the pictures. left_out : how many were grossly wrong.
+    rms_px : reprojection error over the corners used. corners : how many. left_out : how many were grossly wrong.
     second : the other solution that a plane allows, where there is one.
     """
 
@@ -135,12 +130,9 @@ def solve_board_pose(
     and only then is it part of the residual variance.
 
     bent : the board's shape, where the lens solve found it bent (`BoardFlex.bend`). The pose is that of its mean plane.
-        How its uncertainty goes with the lens' is left out.
 
-    Raises
-    ------
-    InputError : no usable board in the pictures, a picture size that is not the camera's, or a board that moved.
-    SolveError : no start led to a pose.
+    Raises InputError for no usable board in the pictures, a picture size that is not the camera's, or a board that
+    moved; SolveError when no start led to a pose.
     """
     for view in views:
         require_size(view.image_size, camera, view.name)
@@ -166,19 +158,17 @@ def solve_board_pose(
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     first = _refined(first, camera, points, pixels, SQUARES)
     by_pose, by_lens = _derivatives(first, camera, points)
-    basis, factor = np.linalg.qr(by_pose)
-    inverse = solve_triangular(factor, np.eye(6))
-    residual = _residual(first, camera, points, pixels)
+    inverse, residual = np.linalg.pinv(by_pose), _residual(first, camera, points, pixels)
     covariance = inverse @ inverse.T * float(residual @ residual) / max(residual.size - 6, 1)
     if bent is not None:
         # a sagitta moves each corner along the board's normal
         by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation[:, 2]
-        by_sagitta = inverse @ basis.T @ (by_point[..., None] * rise[inliers][:, None]).reshape(-1, 2)
+        by_sagitta = inverse @ (by_point[..., None] * rise[inliers][:, None]).reshape(-1, 2)
         covariance = covariance + by_sagitta @ bent.covariance_m2 @ by_sagitta.T
     return BoardPose(
         first,
         covariance,
-        -inverse @ (basis.T @ by_lens),
+        -inverse @ by_lens,
         _rms(residual),
         len(points),
         int((~inliers).sum()),
@@ -208,8 +198,7 @@ def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
             )
     # one wrong corner must not spoil the mean
     near = np.linalg.norm(stack - middle, axis=-1) <= _MOVED_PX
-    total = np.where(near[..., None], stack, 0.0).sum(axis=0)
-    count = near.sum(axis=0)
+    total, count = np.where(near[..., None], stack, 0.0).sum(axis=0), near.sum(axis=0)
     return ids[count > 0], total[count > 0] / count[count > 0, None]
 
 
@@ -250,8 +239,7 @@ def _refined(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: n
 
 def _inliers(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(_residual(T_camera_board, camera, points, pixels).reshape(-1, 2), axis=1)
-    sigma = radial_std(distance)
-    return distance <= max(_GROSS_CORNER * sigma, _GROSS_LEAST_PX)
+    return distance <= max(_GROSS_CORNER * radial_std(distance), _GROSS_LEAST_PX)
 
 
 def _second(
@@ -266,9 +254,7 @@ def _second(
 
 def _derivatives(T_camera_board: Pose, camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
-    intrinsics = camera.parameters
-    vector = T_camera_board.vector
-    _, by_lens, by_vector = PROJECTIONS[camera.model](points, vector, intrinsics)
+    _, by_lens, by_vector = PROJECTIONS[camera.model](points, T_camera_board.vector, camera.parameters)
     by_position = by_vector[:, 3:].reshape(-1, 2, 3)
     # turning by w about the board's origin moves a point by w × lever
     by_turn = np.cross((points @ T_camera_board.rotation.T)[:, None], by_position)
@@ -280,11 +266,7 @@ def _derivatives(T_camera_board: Pose, camera: Camera, points: np.ndarray) -> tu
 def jig_estimate(
     board_pose: BoardPose, T_antenna_board: Pose, translation_std_m: float = 0.0, rotation_std_rad: float = 0.0
 ) -> PoseEstimate:
-    """The camera's pose in the antenna frame.
-
-    The standard deviations are the jig's own: how far the board's origin, and its turn about each axis, may be off
-    from `T_antenna_board`.
-    """
+    """The camera's pose in the antenna frame; the standard deviations are those of `T_antenna_board`, per axis."""
     T_camera_board = board_pose.T_camera_board
     T_antenna_camera = T_antenna_board @ T_camera_board.inverse()
     rotation = T_antenna_camera.rotation

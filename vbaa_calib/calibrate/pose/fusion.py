@@ -16,12 +16,8 @@ from vbaa_calib.geometry import Pose
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
-    """The camera's pose by one method.
+    """The camera's pose in the antenna frame by one method; `way` is its name, as reports print it.
 
-    Attributes
-    ----------
-    way : its name, as reports print it.
-    T_antenna_camera : pose of the camera in the antenna frame.
     covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the antenna frame, the lens
         held fixed.
     lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
@@ -40,11 +36,8 @@ CONTRADICTION = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """The difference of two estimates.
+    """The difference of two estimates, by their names.
 
-    Attributes
-    ----------
-    ways : their names.
     step : (6,) from the first pose to the second, `Pose.retract`'s tangent. covariance : (6, 6) of it.
     """
 
