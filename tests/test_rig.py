@@ -20,7 +20,7 @@ from estimator.table.contacts import LOCATED, STATUSES
 from tests.estimator.drawn_frames import path_px, rig_of, shape
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
+from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
 
 SIZE = len(RIG_PARAMETERS)
@@ -90,55 +90,6 @@ def test_keys_of_later_versions_are_ignored_everywhere(good: dict[str, Any], pat
     expected = Rig.from_dict(good).to_dict()
     at(good, path)["added_by_a_later_version"] = {"any": "thing"}
     assert Rig.from_dict(good).to_dict() == expected
-
-
-@pytest.mark.parametrize(
-    "path",
-    [
-        *((key,) for key in make_rig().to_dict() if key != "drift"),
-        *(("camera", key) for key in ("schema", "model", "image_size", "matrix", "distortion")),
-        *(("T_antenna_camera", key) for key in ("translation_m", "rotation_xyzw")),
-        *(("antenna", key) for key in ("length_m", "diameter_m", "stiffness_Nm2", "mass_per_length_kg_m", "noload")),
-        *(("antenna", "noload", key) for key in ("clamp_offset_yz_m", "clamp_rotation_yz_rad", "bow_yz_per_m")),
-        *(("moment_sensor", key) for key in ("gain", "offset_Nm", "std_Nm")),
-        *(("image", key) for key in ("noise_px", "noise_scale", "bright")),
-        *(("joint", key) for key in ("parameters", "covariance")),
-    ],
-)
-def test_every_missing_key_is_named(good: dict[str, Any], path: tuple[str, ...]) -> None:
-    del at(good, path[:-1])[path[-1]]
-    refused(good, path[-1])
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "words"),
-    [
-        (("schema",), "vbaa.camera/1", "schema is 'vbaa.camera/1'; vbaa.rig/1 is needed here"),
-        (("camera", "schema"), "vbaa.camera/9", "camera.schema"),
-        (("camera", "image_size"), [640, 480.5], "camera.image_size.1"),
-        (("camera", "distortion"), [0.1], "camera: distortion has the shape (1,)"),
-        (("camera", "matrix"), [[0, 0, 1], [0, 1, 1], [0, 0, 1]], "camera.matrix.0.0: 0 is not between 1 and 1e+07"),
-        (("camera", "matrix"), [[1, 0, 0], [0, 1, 0]], "camera.matrix"),
-        (("T_antenna_camera", "rotation_xyzw"), [0, 0, 0, 2.0], "T_antenna_camera.rotation_xyzw has length 2"),
-        (("antenna", "length_m"), 0, "antenna.length_m"),
-        (("antenna", "noload", "bow_yz_per_m"), [0.0], "antenna.noload.bow_yz_per_m"),
-        (("gravity_world",), [0, 0, 10**400], "gravity_world.2 is not a finite number"),
-        (("kinematics", "T_actuator_antenna"), {}, "kinematics.T_actuator_antenna"),
-        (("joint", "covariance", 3, 3), 1e300, "joint.covariance.3.3: 1e+300 is not between -1e+12 and 1e+12"),
-        (("camera", "matrix", 1, 1), -1e3, "camera.matrix.1.1: -1000.0 is not between 1 and 1e+07"),
-        (("camera", "distortion", 0), 1e300, "camera.distortion.0: 1e+300 is not between"),
-        (("antenna", "diameter_m"), 0.8, "antenna.diameter_m: 0.8 is not between 1e-06 and 0.1"),
-        (("antenna", "noload", "bow_yz_per_m", 1), 1e9, "antenna.noload.bow_yz_per_m.1: 1000000000.0 is not between"),
-        (("antenna", "noload", "clamp_offset_yz_m", 0), 12, "clamp_offset_yz_m.0: 12 is not between -1 and 1"),
-        (("moment_sensor", "gain"), -1e-300, "moment_sensor.gain: -1e-300 is not between"),
-        (("moment_sensor", "offset_Nm"), -1e300, "moment_sensor.offset_Nm: -1e+300 is not between"),
-        (("T_antenna_camera", "translation_m"), [0.12, 0.0, -1.0], "T_antenna_camera: the antenna is nowhere 1 mm"),
-        (("image", "height"), -1, "image.height: -1 is not between 1e-06 and 1e+06"),
-    ],
-)
-def test_every_wrong_value_is_named(good: dict[str, Any], path: tuple[str, ...], value: Any, words: str) -> None:
-    at(good, path[:-1])[path[-1]] = value
-    refused(good, words)
 
 
 def test_what_is_no_covariance_is_refused(good: dict[str, Any]) -> None:
@@ -213,12 +164,12 @@ def fate(path: Path, pixels: np.ndarray) -> Contact | None:
 
 
 def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(tmp_path: Path) -> None:
-    """300 rigs with one to three values changed: an InputError or a status, never a traceback or a NaN in a contact."""
+    """Rigs with one to three values changed: an InputError or a status, never a traceback or a NaN in a contact."""
     rig = replace(rig_of((320, 240)), second_moment_sensor=MomentSensor(1.0, 0.0, 2e-5))
     pixels, data, rng = path_px(rig, shape(rig))[::20], rig.to_dict(), np.random.default_rng(6)
     places = np.array(leaves(data), object)
     path, refusals = tmp_path / "rig.json", 0
-    for _ in range(300):
+    for _ in range(60):
         changed = copy.deepcopy(data)
         for place in rng.choice(places, rng.integers(1, 4), replace=False):
             at(changed, place[:-1])[place[-1]] = mutant(at(data, place), rng)
@@ -232,7 +183,7 @@ def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(tmp_pa
             numbers = [contact.distance_m, contact.distance_std_m, *contact.force_N, *contact.point_world_m]
             assert np.isfinite([*numbers, *contact.covariance_world_m2.flat]).all()
             assert contact.distance_m > 0
-    assert 100 < refusals < 270
+    assert 20 < refusals < 54
 
 
 def test_standard_deviations(good: dict[str, Any]) -> None:
@@ -245,26 +196,3 @@ def test_standard_deviations(good: dict[str, Any]) -> None:
     assert (sensor["gain_std"], sensor["offset_std_Nm"]) == (rig.std("moment_gain"), rig.std("moment_offset_Nm"))
     with pytest.raises(ValueError, match="not in tuple"):
         rig.std("colour")
-
-
-def by_hand(rig: Rig, pixels: np.ndarray, plane: Plane) -> np.ndarray:
-    """(N, 3) where the rays of pixels (N, 2) meet a plane of the antenna frame."""
-    rays, _ = rig.camera.unproject(pixels)
-    directions = rays @ rig.T_antenna_camera.rotation.T
-    eye = rig.T_antenna_camera.translation_m
-    reach = (plane.offset_m - plane.normal @ eye) / (directions @ plane.normal)
-    return eye + reach[:, None] * directions
-
-
-def test_the_metric_layer_meets_plane_c() -> None:
-    rig = make_rig()
-    pixels = np.array([[476.5, 363.2], [30.0, 40.0], [930.0, 60.0], [500.0, 700.0]])
-    expected = by_hand(rig, pixels, PLANE_C)
-    assert np.abs(expected[:, 2]).max() < 1e-15
-    plane_xy, valid = rig.camera_on_plane().project(pixels)
-    assert np.asarray(valid).all()
-    np.testing.assert_allclose(np.asarray(plane_xy), expected[:, :2], atol=1e-12)
-    # and back: the points' own pixels are where they were taken
-    T_camera_antenna = rig.T_antenna_camera.inverse()
-    seen, _ = rig.camera.project(T_camera_antenna @ expected)
-    np.testing.assert_allclose(seen, pixels, atol=1e-9)

@@ -76,7 +76,7 @@ def test_predicted_standard_deviations_are_those_of_repeated_noise(name: str) ->
     poses = np.array([[*v.T_camera_board.rotvec_rad, *v.T_camera_board.translation_m] for v in exact.views])
     clean = [Observation(corner_points(SPEC)[v.ids], v.corners_px) for v in views_through(name, seed=5, count=10)]
     draws, predicted = [], []
-    for _ in range(200):
+    for _ in range(120):
         noisy = [Observation(v.points_m, v.pixels + 0.2 * rng.normal(size=v.pixels.shape)) for v in clean]
         bundle = refine(Bundle.start(model, truth, poses), noisy)
         known = information(bundle, noisy)
@@ -96,7 +96,7 @@ def test_square_pixels_hold_the_aspect() -> None:
     assert np.all(covariance[[6, 7]] == 0.0), "p1 and p2 are held at zero"
 
 
-@pytest.mark.parametrize(("size", "focal"), [((2048, 2048), 9000.0), ((2048, 2048), 2500.0), ((640, 480), 300.0)])
+@pytest.mark.parametrize(("size", "focal"), [((2048, 2048), 9000.0), ((640, 480), 300.0)])
 def test_long_and_short_lenses_start_right(size: tuple[int, int], focal: float) -> None:
     rng = np.random.default_rng(7)
     truth = np.array([focal, focal, size[0] / 2 - 8, size[1] / 2 + 5, -0.1, 0.05, 2e-4, 1e-4, 0.0])

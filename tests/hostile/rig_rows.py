@@ -21,6 +21,8 @@ RIG: tuple[Row, ...] = (
     ("no camera", d.at("camera", d.REMOVED), "camera"),
     ("no covariance", d.at("joint", d.REMOVED), "joint"),
     ("kilometres", d.at("antenna.length_m", 1e3), "antenna.length_m: 1000.0 is not between 0.001 and 10"),
+    ("a diameter of 0.8 m", d.at("antenna.diameter_m", 0.8), "antenna.diameter_m: 0.8 is not between 1e-06 and 0.1"),
+    ("a bow of a nanometre's radius", d.at("antenna.noload.bow_yz_per_m.1", 1e9), "antenna.noload.bow_yz_per_m.1"),
     ("no gain", d.at("moment_sensor.gain", 0), "moment_sensor.gain: 0 is not between"),
     ("gain is NaN", d.at("moment_sensor.gain", NAN), "moment_sensor.gain is not a finite number"),
     ("gain of 400 digits", d.at("moment_sensor.gain", 10**400), "moment_sensor.gain"),

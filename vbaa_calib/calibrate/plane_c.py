@@ -32,11 +32,8 @@ a line, and light and blur move them differently. On rendered pictures it is 0.0
 
 @dataclass(frozen=True, eq=False)
 class PlaneC:
-    """The camera's pose by every method that was measured.
+    """The camera's pose by every method that was measured, and the differences of every pair.
 
-    Attributes
-    ----------
-    estimates : one per method. differences : of every pair.
     jig, sweep, over : what each found, None where the session has no pictures for it.
     kinematics : the session's, with what the sweep found of the joints.
     """
@@ -61,28 +58,26 @@ class PlaneC:
 
     def to_dict(self) -> dict[str, Any]:
         """For rig.json."""
-        return {
-            "ways": [
-                {
-                    "way": estimate.way,
-                    "T_antenna_camera": estimate.T_antenna_camera.to_dict(),
-                    "std": np.sqrt(np.diag(estimate.covariance)).tolist(),
-                }
-                for estimate in self.estimates
-            ],
-            "differences": [difference.to_dict() for difference in self.differences],
-            "boards": {
-                way: {"rms_px": board.rms_px, "second_solution_ratio": board.second_ratio}
-                for way, board in self.boards.items()
-            },
-            "sweep": self.sweep and _sweep_document(self.sweep),
+        ways = [
+            {
+                "way": one.way,
+                "T_antenna_camera": one.T_antenna_camera.to_dict(),
+                "std": np.sqrt(np.diag(one.covariance)).tolist(),
+            }
+            for one in self.estimates
+        ]
+        boards = {
+            way: {"rms_px": board.rms_px, "second_solution_ratio": board.second_ratio}
+            for way, board in self.boards.items()
         }
+        apart, sweep = [one.to_dict() for one in self.differences], self.sweep and _sweep_document(self.sweep)
+        return {"ways": ways, "differences": apart, "boards": boards, "sweep": sweep}
 
 
 def _sweep_document(sweep: SweepSolution) -> dict[str, Any]:
     names = ("rms_px", "pictures", "left_out", "angle_std_rad", "axes_free", "axis_skew_rad", "axis_skew_std_rad")
     numbers = {name: getattr(sweep, name) for name in (*names, "axis_offset_m", "axis_offset_std_m")}
-    left_out = [{"name": view.name, "reason": view.reason} for view in sweep.left_out]
+    left_out = [vars(view) for view in sweep.left_out]
     return numbers | {"left_out": left_out, "T_world_board": sweep.T_world_board.to_dict()}
 
 
@@ -111,11 +106,11 @@ def picture_folders(session: Session) -> list[str]:
 
 def read_views(session: Session) -> PlaneViews:
     """Find the boards. Raises InputError where a picture shows none, or not the one described."""
-    folders, sweep = picture_folders(session), None
-    jig = detect_folder(session.root / "plane", session.board) if "plane" in folders else None
+    folders, jig, sweep, over = picture_folders(session), None, None, None
+    if "plane" in folders:
+        jig = detect_folder(session.root / "plane", session.board)
     if "sweep" in folders:
         sweep = detect_files([picture.image for picture in read_sweep(session)], session.board)
-    over = None
     if "over" in folders:
         over = {str(path): read_gray(path) for path in list_images(session.root / "over")}
     return PlaneViews(jig, sweep, over)
@@ -139,8 +134,8 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
         estimates.append(sweep.estimate)
     if views.over is not None and session.over is not None:
         over = _over(session, session.over, camera, views.over, estimates)
-        doubt = _clamp_doubt(over, session.over, session.board) if estimates else None
-        estimates.append(over.estimate if doubt is None else inflated(over.estimate, *doubt))
+        doubt = _clamp_doubt(over, session.over, session.board)
+        estimates.append(inflated(over.estimate, *doubt) if estimates else over.estimate)
     estimates = [inflated(estimate, *corner_bias(estimate, camera)) for estimate in estimates]
     estimates = [inflated(estimate, *_print_doubt(estimate, session)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
