@@ -17,7 +17,10 @@ from ..readme_table import table_in_readme, table_of
 FILES = ("rig.json", "contacts.csv", "object.vtp", "scene.html", "report.html", "summary.json")
 
 
-@pytest.fixture(scope="module", params=SCENES)
+HARD = [pytest.param(name, marks=pytest.mark.slow) for name in SCENES[1:]]
+
+
+@pytest.fixture(scope="module", params=[SCENES[0], *HARD])
 def demo(request, tmp_path_factory) -> Path:
     """A finished demo's folder."""
     out = tmp_path_factory.mktemp("demo") / request.param

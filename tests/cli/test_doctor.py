@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata as metadata
+import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,8 +16,9 @@ import pytest
 
 from vbaa_calib.cli import doctor as verb
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import packages
+from vbaa_calib.doctor import machine, packages
 from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
+from vbaa_calib.doctor.machine import Tried
 
 
 def names(found: Finding) -> list[str]:
@@ -31,70 +34,92 @@ def test_this_machine_has_what_it_needs() -> None:
     assert {each.name for each in found} == set(verb.CHECKS) - set(slow)
 
 
-def test_an_old_python_is_told_with_its_remedy() -> None:
-    old = packages.python_version((3, 9, 2))
-    assert (old.status, names(old)) == (FAILS, ["python_too_old"])
-    assert "3.11" in old.problems[0].words
-    assert packages.python_version((3, 11, 0)).status == OK
+def ends(code: int | None, out: str = "", err: str = "") -> Callable[[Sequence[str], float], Tried]:
+    """A process that ends like this."""
+    return lambda arguments, seconds: Tried(code, out, err)
 
 
-def versions(**known: str) -> Callable[[str], str]:
-    """A fake `metadata.version`."""
+def installed(*asked: str, **known: str) -> Finding:
+    """The check of packages where these are known."""
 
     def version(name: str) -> str:
         if name not in known:
             raise metadata.PackageNotFoundError(name)
         return known[name]
 
-    return version
+    return packages.packages(list(asked), version)
 
 
-def test_packages_missing_or_out_of_range() -> None:
-    """Each by name, with the command that mends it."""
-    asked = ["numpy>=2.0,<3", "scipy>=1.13,<2", "tqdm"]
-    well = packages.packages(asked, versions(numpy="2.4.6", scipy="1.13", tqdm="1"))
-    assert (well.status, well.numbers["versions"]["numpy"]) == (OK, "2.4.6")
-    ill = packages.packages(asked, versions(numpy="1.26.4", tqdm="1"))
-    assert (ill.status, names(ill)) == (FAILS, ["package_version", "package_missing"])
-    assert ill.problems[0].words == "numpy is 1.26.4, and <3,>=2.0 is needed"
-    assert 'pip install "numpy<3,>=2.0"' in ill.problems[0].remedy
-    assert ill.problems[1].words == "scipy is not installed"
+def cv2(
+    wheels: dict[str, str], version: str = "4.14.0", charuco: bool = True, error: Exception | None = None
+) -> Finding:
+    """The check of OpenCV with as much of it as is asked."""
+
+    def load() -> Any:
+        if error is not None:
+            raise error
+        aruco = SimpleNamespace(CharucoDetector=object) if charuco else SimpleNamespace()
+        return SimpleNamespace(__version__=version, aruco=aruco, getBuildInformation=lambda: "  GUI:      NONE\n")
+
+    return packages.opencv(wheels, load)
 
 
-def fake_cv2(version: str = "4.14.0", charuco: bool = True, gui: str = "NONE") -> Any:
-    """As much of OpenCV as is asked."""
-    aruco = SimpleNamespace(CharucoDetector=object) if charuco else SimpleNamespace()
-    return SimpleNamespace(
-        __version__=version, aruco=aruco, getBuildInformation=lambda: f"  GUI:      {gui}\n  Other: 1\n"
-    )
+def camera(devices: Sequence[str], readable: bool, attempt: Any) -> Finding:
+    """The check for cameras with everything replaced."""
+    return machine.cameras(devices, lambda path: readable, attempt, "linux")
 
 
 RIGHT = {"opencv-contrib-python-headless": "4.14.0.94"}
+TWO = RIGHT | {"opencv-python": "4.10.0.84"}
+WEBCAM, TWO_CAMERAS = ["/dev/video0"], ["/dev/video0", "/dev/video1"]
+threads = partial(machine.computing, lambda: 2**40)
 
 
 @pytest.mark.parametrize(
-    ("wheels", "cv2", "problem"),
+    ("check", "status", "problems", "words"),
     [
-        (RIGHT | {"opencv-python": "4.10.0.84"}, fake_cv2(), "several_opencv"),
-        (RIGHT, fake_cv2("5.0.0"), "opencv_major"),
-        ({"opencv-python-headless": "4.14.0.94"}, fake_cv2(charuco=False), "opencv_without_charuco"),
-        (RIGHT, fake_cv2("4.10.0"), "opencv_other"),
-        (RIGHT, ImportError("libGL.so.1: cannot open shared object file"), "opencv_broken"),
-        ({}, ModuleNotFoundError("No module named 'cv2'"), "opencv_broken"),
+        (partial(packages.python_version, (3, 11, 0)), OK, [], ""),
+        (partial(packages.python_version, (3, 9, 2)), FAILS, ["python_too_old"], "3.11"),
+        (partial(installed, "numpy>=2.0,<3", "tqdm", numpy="2.4.6", tqdm="1"), OK, [], ""),
+        (partial(installed, "numpy>=2,<3", numpy="1.26"), FAILS, ["package_version"], "numpy is 1.26, and <3,>=2"),
+        (partial(installed, "scipy>=1.13,<2"), FAILS, ["package_missing"], "scipy is not installed"),
+        (partial(cv2, RIGHT), OK, [], ""),
+        (partial(cv2, TWO), FAILS, ["several_opencv"], "opencv-contrib-python-headless>=4.14,<5"),
+        (partial(cv2, RIGHT, "5.0.0"), FAILS, ["opencv_major"], "opencv-contrib-python-headless>=4.14,<5"),
+        (partial(cv2, {"opencv-python-headless": "4.14.0.94"}, charuco=False), FAILS, ["opencv_without_charuco"], ""),
+        (partial(cv2, RIGHT, "4.10.0"), FAILS, ["opencv_other"], "opencv-contrib-python-headless>=4.14,<5"),
+        (partial(cv2, RIGHT, error=ImportError("libGL.so.1")), FAILS, ["opencv_broken"], "libGL.so.1"),
+        (partial(machine.computing, lambda: 2**30, {}), LOOK, ["memory_low"], ""),
+        (partial(machine.computing, lambda: None, {"OMP_NUM_THREADS": "1"}), OK, [], ""),
+        (partial(threads, {"OMP_NUM_THREADS": "two"}), LOOK, ["threads_wrong"], ""),
+        (partial(threads, {"OMP_NUM_THREADS": "99999"}), LOOK, ["threads_many"], ""),
+        (partial(machine.disk, free_bytes=10**12), OK, [], ""),
+        (partial(machine.disk, free_bytes=10**9), LOOK, ["disk_low"], ""),
+        (partial(machine.disk, free_bytes=10**7), FAILS, ["disk_low"], ""),
+        (partial(machine.terminal, {"stdout": SimpleNamespace(encoding=None)}), LOOK, ["not_utf8"], "PYTHONUTF8=1"),
+        (partial(machine.drawing, ends(0)), OK, [], ""),
+        (partial(machine.drawing, ends(1)), LOOK, ["no_drawing"], "found no OpenGL that works"),
+        (partial(machine.drawing, ends(1, err="Traceback\nImportError: no vtk")), LOOK, ["no_drawing"], "no vtk"),
+        (partial(machine.drawing, ends(-11)), LOOK, ["no_drawing"], "was ended by signal 11"),
+        (partial(machine.drawing, ends(None)), LOOK, ["no_drawing"], "took longer than 90 s"),
+        (partial(camera, [], True, ends(1)), OK, [], ""),
+        (partial(camera, WEBCAM, False, ends(0)), LOOK, ["camera_not_readable"], "usermod -aG video"),
+        (partial(camera, TWO_CAMERAS, True, ends(0, "[0, [640, 480]]\n[1, null]\n")), OK, [], ""),
+        (partial(camera, WEBCAM, True, ends(0, "[0, null]\n")), LOOK, ["camera_silent"], ""),
+        (partial(camera, TWO_CAMERAS, True, ends(None, "[0, [640, 480]]\n")), LOOK, ["camera_stuck"], "camera 1"),
+        (partial(camera, WEBCAM, True, ends(-11)), LOOK, ["camera_stuck"], ""),
+        (partial(machine.torch, ends(0, "1.5 2.13.0 2 False\n")), OK, [], ""),
+        (partial(machine.torch, ends(0, "55.0 2.13.0 2 False\n")), LOOK, ["torch_slow"], ""),
+        (partial(machine.torch, ends(1, err="OSError: [WinError 126] c10.dll")), FAILS, ["torch_broken"], "c10.dll"),
+        (partial(machine.torch, ends(None)), FAILS, ["torch_broken"], ""),
     ],
 )
-def test_opencv_ill(wheels: dict[str, str], cv2: Any, problem: str) -> None:
-    """The classic ones; each remedy installs the right wheel. The right one alone is well."""
-
-    def load() -> Any:
-        if isinstance(cv2, Exception):
-            raise cv2
-        return cv2
-
-    found = packages.opencv(wheels, load)
-    assert (found.status, names(found)) == (FAILS, [problem])
-    assert "opencv-contrib-python-headless>=4.14,<5" in found.problems[0].remedy
-    assert packages.opencv(RIGHT, fake_cv2).status == OK
+def test_what_is_well_and_what_is_not(
+    check: Callable[[], Finding], status: str, problems: list[str], words: str
+) -> None:
+    found = check()
+    assert (found.status, names(found)) == (status, problems)
+    assert words in " ".join(problem.words + problem.remedy for problem in found.problems)
 
 
 def test_a_biased_detector(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,37 +146,52 @@ def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "yaml.py").write_text("")
     waiting = packages.shadows(tmp_path)
     assert (waiting.status, names(waiting)) == (LOOK, ["name_taken", "name_taken"])
-    assert str(tmp_path / "targets") in waiting.problems[0].words
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("targets", "yaml"):
         monkeypatch.delitem(sys.modules, name)
     taken = packages.shadows(tmp_path)
     assert (taken.status, names(taken)) == (FAILS, ["package_shadowed", "package_shadowed"])
     assert f"targets is taken from {tmp_path / 'targets'}" in taken.problems[0].words
-    assert "rename" in taken.problems[0].remedy
 
 
-def run(monkeypatch: pytest.MonkeyPatch, checks: dict[str, Callable[[], Finding]]) -> dict[str, Any]:
-    """The verb with these checks."""
-    monkeypatch.setattr(verb, "CHECKS", checks)
-    return verb.run(argparse.Namespace(skip=[]))
+def test_folders_that_cannot_be_written(tmp_path: Path) -> None:
+    """A file in place of a folder stops root too; none at all; the cache is not needed."""
+    (tmp_path / "file").write_text("")
+    found = machine.writable({"current": tmp_path / "file", "temporary": None, "cache": tmp_path / "absent"})
+    assert names(found) == ["folder_not_writable"] * 3
+    assert [problem.grave for problem in found.problems] == [True, True, False]
+    assert machine.writable({"current": tmp_path}).status == OK
+    assert list(tmp_path.iterdir()) == [tmp_path / "file"]
 
 
-def test_the_table(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """A line each; problems with their remedies; a check that breaks is told and stops nothing."""
+def test_a_process_may_crash_or_hang() -> None:
+    """Real ones: the doctor outlives them, and keeps what they had said."""
+    crashed = machine.try_python(["-c", "import os; os.abort()"], 20)
+    assert crashed.code is not None
+    assert crashed.code != 0
+    hung = machine.try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
+    assert (hung.code, hung.out.strip()) == (None, "[0, null]")
+
+
+def test_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Problems with their remedies, on a terminal without signs, too; a check that breaks is told and stops nothing."""
 
     def breaks() -> Finding:
         raise RuntimeError("two\nlines")
 
+    def well() -> Finding:
+        return Finding("a", "a is well")
+
+    printed = io.BytesIO()
+    latin = io.TextIOWrapper(printed, encoding="latin-1")
+    monkeypatch.setattr(sys, "stderr", latin)
     look = Finding("b", "b is", (Diagnosis("odd", "b is odd", "turn it"),))
-    result = run(monkeypatch, {"a": lambda: Finding("a", "a is well"), "b": lambda: look, "c": breaks})
+    monkeypatch.setattr(verb, "CHECKS", {"c": breaks, "a": well, "b": lambda: look})
+    result = verb.run(argparse.Namespace(skip=[]))
     assert (result["healthy"], result["exit_code"], result["counts"]) == (False, 1, {OK: 1, LOOK: 1, FAILS: 1})
-    said = capsys.readouterr().err
-    assert "ok    a          a is well\n" in said
-    assert "look  b          b is odd\n                 → turn it\n" in said
-    assert "fails c" in said
-    assert "RuntimeError: two lines" in said
-    assert "not healthy: 1 of 3 fail" in said
-    healthy = run(monkeypatch, {"a": lambda: Finding("a", "a is well"), "b": lambda: look})
+    latin.flush()
+    for words in (b"RuntimeError: two lines", b"a is well", b"turn it", b"not healthy: 1 of 3 fail"):
+        assert words in printed.getvalue()
+    monkeypatch.setattr(verb, "CHECKS", {"a": well, "b": lambda: look})
+    healthy = verb.run(argparse.Namespace(skip=[]))
     assert (healthy["healthy"], healthy["exit_code"]) == (True, 0)
-    assert "healthy; 1 of 2 deserve a look" in capsys.readouterr().err

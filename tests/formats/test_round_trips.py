@@ -16,7 +16,6 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.files import read_json, read_yaml, write_json, write_text
 from vbaa_calib.core.yaml_text import UniqueKeyDumper
 from vbaa_calib.rig import Antenna, Rig
@@ -30,7 +29,6 @@ EXTREME = st.sampled_from(
     [0.0, -0.0, 5e-324, -5e-324, 2.2250738585072014e-308, 1.7976931348623157e308, 0.1 + 0.2, 1e22]
 )
 NUMBER = ANY | EXTREME
-LENGTH = st.floats(1e-3, 9.0, exclude_max=True)
 WORD = st.text(st.characters(codec="utf-8", exclude_categories=["Cs", "Cc"]), max_size=12) | st.sampled_from(
     ["1e5", "1.0e5", "yes", "null", "~", "0x1f", "1:30", "2026-01-01", "", " ", "=", "<<", ".5e3", "+1e1"]
 )
@@ -68,38 +66,11 @@ NESTED = st.recursive(
 
 @QUICK
 @given(data=st.dictionaries(WORD, NESTED, min_size=1, max_size=4))
-def test_json(data: dict[str, Any]) -> None:
+def test_json_and_yaml(data: dict[str, Any]) -> None:
+    """YAML as the wizard writes session.yaml."""
     assert bits(passed("a.json", lambda path: write_json(path, data), read_json)) == bits(data)
-
-
-@QUICK
-@given(data=st.dictionaries(WORD, NESTED, min_size=1, max_size=4))
-def test_yaml(data: dict[str, Any]) -> None:
-    """As the wizard writes session.yaml."""
     text = yaml.dump(data, Dumper=UniqueKeyDumper, sort_keys=False, default_flow_style=None, allow_unicode=True)
     assert bits(passed("a.yaml", lambda path: write_text(path, text), read_yaml)) == bits(data)
-
-
-CORE = st.floats(1.0, 1e5)
-COEFFICIENTS = st.sampled_from([0, 4, 5, 8, 12, 14]).flatmap(
-    lambda count: st.lists(st.floats(-1e-3, 1e-3) | st.sampled_from([0.0, 1e-200]), min_size=count, max_size=count)
-)
-
-
-@st.composite
-def cameras(draw: st.DrawFn, covariance: bool = True) -> Camera:
-    fx, fy, cx, cy = draw(CORE), draw(CORE), draw(CORE), draw(CORE)
-    distortion = np.array(draw(COEFFICIENTS))
-    spread = None
-    if covariance and draw(st.booleans()):
-        factor = np.array(
-            draw(st.lists(st.floats(1e-9, 1e3), min_size=4 + distortion.size, max_size=4 + distortion.size))
-        )
-        spread = np.diag(factor**2)
-    return Camera("opencv", (640, 480), np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), distortion, spread)
-
-
-"""Format → how many coefficients it holds as they are."""
 
 
 @settings(max_examples=8, deadline=None, derandomize=True, database=None)

@@ -16,7 +16,9 @@ from estimator.table.files import write_contacts
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
+from viz.scene.scene import Scene
 
+from .scenes import full_scene
 from .touching import cylinder, touch
 
 
@@ -90,6 +92,11 @@ def truth(table: ContactTable) -> dict[str, Any]:
             )
         ],
     }
+
+
+@pytest.fixture(scope="session")
+def scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
+    return full_scene(table, rig, truth)
 
 
 @pytest.fixture

@@ -9,8 +9,7 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
-from viz.scene.build import build_scene
-from viz.scene.scene import DrawnEstimate, ObjectMesh, Scene
+from viz.scene.scene import ObjectMesh, Scene, build_scene
 from viz.scene.truth import true_object
 
 RED, GREEN = (250, 20, 10), (10, 240, 20)
@@ -25,11 +24,8 @@ def full_scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
     mesh = ObjectMesh(points, normals, triangles, np.empty((0, 2), int), np.linspace(1e-4, 5e-4, 90))
     return replace(
         build_scene(table, rig, truth=true_object(truth), mesh=mesh),
-        estimate=DrawnEstimate(np.arange(90), normals, 0.3, ("Friction <is> told.",)),
+        normals=normals,
+        cone_rad=0.3,
+        facts=("Friction <is> told.",),
         pictures=(*[red] * 60, *[green] * 31, None),
     )
-
-
-def bare_scene(table: ContactTable, estimate: DrawnEstimate | None = None) -> Scene:
-    """The contacts alone."""
-    return replace(build_scene(table), estimate=estimate)

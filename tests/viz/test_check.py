@@ -5,15 +5,13 @@ from __future__ import annotations
 import copy
 import json
 import re
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.cli.main import main
-from viz.pages.page import prose
+from viz.pages.page import _environment, prose
 from viz.pages.tables import fixed, listing, number, records, with_std
 from viz.report.check import LEVEL_COLOURS, page
 
@@ -22,12 +20,14 @@ from ..calibrate.checked_rigs import QUALITY, month_later, rig_of, scene
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
-    """A rig.json, a whole session, and what the check says of them."""
+    """A rig.json, a whole session, and what the command says of them."""
     folder = tmp_path_factory.mktemp("check")
-    (folder / "rig.json").write_text(json.dumps(rig_of(scene()).to_dict() | {"quality": QUALITY}))
+    rig, html, out = (folder / name for name in ("rig.json", "report.html", "check.json"))
+    rig.write_text(json.dumps(rig_of(scene()).to_dict() | {"quality": QUALITY}))
     session = month_later(scene(), folder / "session")
-    document = assess(folder / "rig.json", session).to_dict()
-    return SimpleNamespace(folder=folder, rig=folder / "rig.json", session=session, document=document)
+    argv = ["check", str(rig), str(session), "--html", str(html), "-o", str(out)]
+    assert main(argv) == 0
+    return SimpleNamespace(argv=argv, rig=rig, html=html.read_text(), document=json.loads(out.read_text()))
 
 
 def figures(text: str) -> list[str]:
@@ -36,7 +36,7 @@ def figures(text: str) -> list[str]:
 
 
 def test_the_page_stands_alone_and_holds_everything(made: SimpleNamespace) -> None:
-    text = page(made.document)
+    text = made.html
     assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//|@import|url\((?!#)|<script""", text)
     assert not re.search(r"\bnan\b|\binf\b|None", re.sub(r"base64,[^\"]*", "", text))
     assert "This rig holds." in text
@@ -49,62 +49,45 @@ def test_the_page_stands_alone_and_holds_everything(made: SimpleNamespace) -> No
     assert "opencv5" in text
 
 
-def test_the_page_of_a_rig_alone(made: SimpleNamespace) -> None:
-    text = page(assess(made.rig).to_dict())
+def test_the_page_of_a_rig_alone_whatever_its_quality_section(made: SimpleNamespace) -> None:
+    quality = {"lens": 3, "plane": [1], "stills": "x", "checks": {"<b>": "<i>"}}
+    text = page(assess(made.rig).to_dict() | {"quality": quality})
     assert "Judged by rig.json alone" in text
     assert len(figures(text)) == 2
     assert "Is it still right?" not in text
-
-
-def test_the_verdict_and_its_remedy_come_first(made: SimpleNamespace) -> None:
-    document = copy.deepcopy(made.document)
-    document["session_findings"][2] |= {"level": "does not hold", "remedy": "run `vbaa calibrate` <now>"}
-    document |= {"verdict": "does not hold", "headline": "This rig does not hold."}
-    head = page(document).partition("</header>")[0]
-    assert "This rig does not hold." in head
-    assert "run <code>vbaa calibrate</code> &lt;now&gt;" in head
-    assert LEVEL_COLOURS["does not hold"] in head
-
-
-def test_parts_that_were_not_given_say_so(made: SimpleNamespace) -> None:
-    document = copy.deepcopy(made.document)
-    document["session"] |= {"boards": [], "camera_pose": None, "noload": [], "loads": []}
-    text = page(document)
-    assert text.count("not given: ") == 4
-    assert len(figures(text)) == 2
-
-
-@pytest.mark.parametrize("quality", [{}, {"lens": 3, "plane": [1], "stills": "x", "checks": {"<b>": "<i>"}}])
-def test_a_page_of_any_quality_section(made: SimpleNamespace, quality: dict[str, Any]) -> None:
-    text = page(made.document | {"quality": quality})
     assert "not recorded" in text
     assert "<i>" not in text
 
 
-def test_the_command_writes_what_it_prints(
-    made: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_verdict_comes_first_and_parts_that_were_not_given_say_so(made: SimpleNamespace) -> None:
+    document = copy.deepcopy(made.document)
+    document["session_findings"][2] |= {"level": "does not hold", "remedy": "run `vbaa calibrate` <now>"}
+    document |= {"verdict": "does not hold", "headline": "This rig does not hold."}
+    document["session"] |= {"boards": [], "camera_pose": None, "noload": [], "loads": []}
+    text = page(document)
+    head = text.partition("</header>")[0]
+    assert "This rig does not hold." in head
+    assert "run <code>vbaa calibrate</code> &lt;now&gt;" in head
+    assert LEVEL_COLOURS["does not hold"] in head
+    assert text.count("not given: ") == 4
+    assert len(figures(text)) == 2
+
+
+def test_the_command_prints_what_it_writes_and_overwrites_nothing(
+    made: SimpleNamespace, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    html, out = tmp_path / "report.html", tmp_path / "check.json"
-    argv = ["check", str(made.rig), str(made.session), "--html", str(html), "-o", str(out), "--json"]
-    assert main(argv) == 0
+    assert main([*made.argv[:2], "--json"]) == 0
     said = capsys.readouterr()
-    assert json.loads(said.out) == json.loads(out.read_text())
-    assert json.loads(said.out)["verdict"] == "holds"
+    assert json.loads(said.out)["findings"] == made.document["findings"]
     assert "verdict        holds" in said.err
-    assert html.read_text() == page(json.loads(out.read_text()))
-    assert main(argv) == 2
+    assert main(made.argv) == 2
     assert "exists already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("distance", "at"), [(0.0, 0.0), (3.75, 100.0), (1e6, 200.0)])
-def test_the_gauge_stays_in_its_frame(made: SimpleNamespace, distance: float, at: float) -> None:
-    document = copy.deepcopy(made.document)
-    document["session_findings"][0]["evidence"] |= {
-        "distance_std": distance,
-        "look_from_std": 3.0,
-        "fails_from_std": 5.0,
-    }
-    gauge = page(document).partition('class="gauge"')[2].partition("</svg>")[0]
+def test_the_gauge_stays_in_its_frame(distance: float, at: float) -> None:
+    evidence = {"distance_std": distance, "look_from_std": 3.0, "fails_from_std": 5.0}
+    gauge = _environment().get_template("blocks.html.j2").module.gauge(evidence)
     assert float(re.findall(r'<line x1="([\d.]+)"', gauge)[0]) == at
 
 

@@ -13,21 +13,12 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from estimator.table.contacts import ContactTable
-from vbaa_calib.rig import Rig
 from viz.parts import all_parts
 from viz.render import page, render
 from viz.scene.colours import MODES
 from viz.scene.scene import Scene
 
-from .scenes import full_scene
-
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-
-
-@pytest.fixture(scope="module")
-def scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
-    return full_scene(table, rig, truth)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +54,6 @@ def test_the_page_s_story_fits_the_scene(scene: Scene, written: Path) -> None:
     assert story["pictures"] == [0] * 60 + [1] * 31 + [None]
     assert [mode["name"] for mode in story["modes"]] == list(MODES)
     plane = next(part for part in story["parts"] if part["name"] == "plane")
-    assert scene.rig is not None
     np.testing.assert_allclose(np.reshape(plane["poses"][7], (4, 4)).T, scene.rig.poses[7], atol=1e-6)
     assert plane["poses"][90] is None
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import pyvista as pv
 
 from estimator.table.contacts import ContactTable
-from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
 from viz.parts import Part, all_parts
@@ -18,14 +16,7 @@ from viz.parts.contacts import MOST_SPREADS, contact_parts
 from viz.parts.part import ball, stamp
 from viz.parts.true_object import truth_mesh
 from viz.scene.readable import thinned
-from viz.scene.scene import ObjectMesh, Scene
-
-from .scenes import bare_scene, full_scene
-
-
-@pytest.fixture(scope="module")
-def scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
-    return full_scene(table, rig, truth)
+from viz.scene.scene import ObjectMesh, Scene, build_scene
 
 
 def named(parts: list[Part], name: str) -> Part:
@@ -75,12 +66,12 @@ def test_degenerate_covariances_and_missing_numbers_are_drawn_or_left_out(table:
     covariance, force = table.covariance_world_m2.copy(), table.force_world_N.copy()
     covariance[0], covariance[1], covariance[2] = 0.0, np.diag([1e-8, 0.0, 0.0]), np.nan
     force[0], force[1] = 0.0, np.nan
-    parts = contact_parts(bare_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
+    parts = contact_parts(build_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
     assert all(np.isfinite(part.mesh.points).all() for part in parts)
     assert all(np.isfinite(part.mesh.point_data["Normals"]).all() for part in parts)
     assert len(named(parts, "forces").contact) == 88
     nothing = replace(table, covariance_world_m2=0 * covariance, force_world_N=np.full_like(force, np.nan))
-    assert {part.name for part in contact_parts(bare_scene(nothing))} == {"contacts", "now"}
+    assert {part.name for part in contact_parts(build_scene(nothing))} == {"contacts", "now"}
 
 
 def test_cones_open_by_the_friction_angle_around_the_normals(scene: Scene) -> None:
@@ -98,15 +89,11 @@ def test_an_instant_shows_the_contacts_up_to_then_and_its_own_antenna(scene: Sce
     parts = all_parts(scene)
     contacts, now, antenna = (named(parts, name) for name in ("contacts", "now", "antenna"))
     each = contacts.mesh.n_cells // 90
-    assert contacts.span is not None
-    assert now.span is not None
-    assert antenna.span is not None
     np.testing.assert_array_equal(contacts.span[:, 1] // each, np.minimum(np.arange(92) + 1, 90))
     np.testing.assert_array_equal((now.span[:, 1] - now.span[:, 0]) // each, [1] * 90 + [0, 0])
     for instant in (0, 37):
         first, last = antenna.span[instant]
         points = antenna.mesh.points[np.unique(antenna.mesh.regular_faces[first:last])]
-        assert scene.rig is not None
         off = np.linalg.norm(points[:, None] - scene.rig.bent_m[instant][None], axis=2).min(axis=1)
         assert off.max() < 0.006  # nodes are up to 9 mm apart
     # nothing says where the antenna was then

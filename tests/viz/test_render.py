@@ -15,22 +15,14 @@ import pytest
 import pyvista as pv
 
 from estimator.table.contacts import ContactTable
-from vbaa_calib.rig import Rig
 from viz.parts import LOOK, all_parts
 from viz.parts.part import ANTENNA, CAMERA, CONE
 from viz.render import render, sheet
 from viz.render.stage import Stage
 from viz.render.window import Controls
 from viz.scene.colours import MODES
-from viz.scene.scene import Scene
+from viz.scene.scene import Scene, build_scene
 from viz.scene.views import look_at_contacts, view_direction
-
-from .scenes import bare_scene, full_scene
-
-
-@pytest.fixture(scope="module")
-def scene(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> Scene:
-    return full_scene(table, rig, truth)
 
 
 @pytest.fixture
@@ -85,10 +77,10 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
 
 
 def test_a_view_shows_the_touched_side(table: ContactTable) -> None:
-    scene = bare_scene(table)
+    scene = build_scene(table)
     outward = scene.contacts.force_N.sum(axis=0)
     assert view_direction(scene, height=0.4, liking=0.0)[:2] @ outward[:2] > 0
-    blind = bare_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
+    blind = build_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
     assert np.isfinite(view_direction(blind, height=0.4, liking=0.0)).all()
 
 
@@ -100,7 +92,6 @@ def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_open
     stage.show(29, everything=False)
     assert shown["contacts"].mapper.dataset.n_cells == pytest.approx(whole * 30 / 90)
     pose = np.array(shown["plane"].user_matrix)
-    assert scene.rig is not None
     np.testing.assert_allclose(pose, scene.rig.poses[29])
     # without joints nobody knows where the rig is
     stage.show(90)

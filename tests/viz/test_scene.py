@@ -21,15 +21,10 @@ from viz.scene.truth import true_object
 
 def test_every_frame_is_an_instant_with_its_words(table: ContactTable) -> None:
     instants = instants_of(table, phase=np.where(table.located, "sliding", "free"))
-    assert len(instants) == 92
     np.testing.assert_allclose(instants.time_s, table.time_s - table.time_s[0])
-    assert instants.main == np.nanargmax(np.linalg.norm(table.force_world_N, axis=1))
-    assert instants.words[90] == "no contact"
-    assert instants.words[91] == "failed"
-    first = instants.words[0]
-    assert first.startswith("sliding: ")
-    assert f"{1e3 * table.distance_m[0]:.1f} ± 0.4 mm from the clamp" in first
-    assert "50.0 mN" in first
+    distance = f"{1e3 * table.distance_m[0]:.1f} ± 0.4 mm from the clamp"
+    assert instants.words[0] == f"sliding: {distance}, 50.0 mN"
+    assert instants.words[90:] == ("no contact", "failed")
 
 
 @pytest.mark.parametrize(("column", "value"), [("force_world_N", 1e300), ("point_world_m", -1e6)])
@@ -114,11 +109,11 @@ BUMP = {"direction_world": [0.0, 0.0, 1.0], "height_m": 0.002, "width_m": 0.008}
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"center_world_m": [0, 1]}, "object.center_world_m is"),
+        ({"center_world_m": [0, 1]}, "object.center_world_m"),
         ({"shape": "box_edge", "wedge_world": None}, "object.wedge_world is"),
-        ({"shape": "freeform", "bumps": "many"}, "object.bumps is"),
-        ({"shape": "freeform", "bumps": [BUMP | {"height_m": 0.1}]}, r"object.bumps\[0\].*too steep"),
-        ({"shape": "freeform", "bumps": [BUMP, {}]}, r"object.bumps\[1\]"),
+        ({"shape": "freeform", "bumps": "many"}, "object.bumps"),
+        ({"shape": "freeform", "bumps": [BUMP | {"height_m": 0.1}]}, r"object.bumps.0.*too steep"),
+        ({"shape": "freeform", "bumps": [BUMP, {}]}, r"object.bumps.1"),
     ],
 )
 def test_a_wrong_truth_is_refused(truth: dict[str, Any], change: dict[str, Any], complaint: str) -> None:

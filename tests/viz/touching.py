@@ -18,15 +18,6 @@ def cylinder(angle_rad: np.ndarray, height_m: np.ndarray, radius_m: float = 0.01
     return np.array([0.16, 0.05, 0.0]) + radius_m * normals + np.outer(height_m, [0.0, 0.0, 1.0]), normals
 
 
-def sphere(
-    rng: np.random.Generator, count: int, cap_rad: float, radius_m: float = 0.02
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points and outward normals on a sphere's cap that faces −y."""
-    lean, turn = cap_rad * np.sqrt(rng.uniform(size=count)), rng.uniform(0, 2 * np.pi, count)
-    normals = np.stack([np.sin(lean) * np.cos(turn), -np.cos(lean), np.sin(lean) * np.sin(turn)], axis=1)
-    return np.array([0.16, 0.05, 0.0]) + radius_m * normals, normals
-
-
 def touch(
     surface_m: np.ndarray,
     normals: np.ndarray,

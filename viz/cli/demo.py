@@ -7,7 +7,6 @@ import os
 import shlex
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate, calibrate, estimate, reconstruct, view; then compare with the truth."""
+    from vbaa_calib.cli.main import run_verb
     from viz.render.render import can_render
 
     started = time.perf_counter()
@@ -50,7 +50,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not drawable:
         say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")
     for command in _commands(out, args.scene, screenshot=drawable):
-        _step(command)
+        say(f"\n$ vbaa {shlex.join(command)}")
+        begun = time.perf_counter()
+        run_verb([*command, "--force"])
+        say(f"  ({time.perf_counter() - begun:.1f} s)")
     result = _finish(out, time.perf_counter() - started, args.argv)
     say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")
     return result
@@ -86,22 +89,6 @@ def _commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
     ]
 
 
-def _step(command: list[str]) -> None:
-    """Print one command line and run it."""
-    from vbaa_calib.cli.main import run_verb
-
-    say(f"\n$ vbaa {shlex.join(command)}")
-    begun = time.perf_counter()
-    run_verb([*command, "--force"])
-    say(f"  ({time.perf_counter() - begun:.1f} s)")
-
-
-def _table(errors: dict[str, Any], length_m: float) -> list[tuple[str, float, str, float | None]]:
-    """Rows (name, error, unit, goal) in units that people use."""
-    goals = {"distance_rmse_m": 1e3 * _DISTANCE_GOAL * length_m}
-    return [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in _GOALS]
-
-
 def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     """Score, table, report.html and summary.json. `argv` is the demo's command line, told in the report."""
     from estimator.table.files import read_contacts
@@ -113,28 +100,19 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
 
     rig, contacts = Rig.load(out / "rig.json"), read_contacts(out / "contacts.csv")
     truth = read_json(out / "session" / "truth.json")
-    errors = asdict(score(rig, contacts, truth))
-    rows = _table(errors, rig.antenna.length_m)
+    errors = score(rig, contacts, truth)
+    goals = {"distance_rmse_m": 1e3 * _DISTANCE_GOAL * rig.antenna.length_m}
+    rows = [(name, factor * errors[key], unit, goals.get(key, goal)) for name, key, factor, unit, goal in _GOALS]
     say(f"\n{'error against truth':<20}{'':>10}     goal")
     for name, value, unit, goal in rows:
         say(f"{name:<20}{value:>10.3f} {unit:<3} {'' if goal is None else f'≤ {goal:g}'}")
     say(f"{'error² over predicted variance':<31}{errors['nees']:.1f} (1 is honest)")
     say(f"{'frames right':<20}{errors['frames_ok']:>6} of {errors['frames']}")
     session, picture = out / "session", out / "scene.png"
-    make_report(
-        out / "report.html",
-        Sources(
-            out / "contacts.csv",
-            out / "rig.json",
-            session,
-            session / "truth.json",
-            picture if picture.exists() else None,
-        ),
-        title=f"vbaa demo: {truth.get('scene', 'scene')}",
-        argv=argv,
-        summary=rows,
-        force=True,
-    )
+    shown = picture if picture.exists() else None
+    sources = Sources(out / "contacts.csv", out / "rig.json", session, session / "truth.json", shown)
+    title = f"vbaa demo: {truth.get('scene', 'scene')}"
+    make_report(out / "report.html", sources, title=title, argv=argv, summary=rows, force=True)
     result = {"session": str(session), "seconds": round(seconds, 2), **errors}
     write_json(out / "summary.json", result, force=True)
     return result

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,33 +14,15 @@ from vbaa_calib.rig import Rig
 from viz.scene.truth import true_contacts
 
 
-@dataclass(frozen=True)
-class Score:
+def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> dict[str, Any]:
     """Root mean square errors over the frames that were located, and the calibration's errors. SI units.
 
-    Attributes
-    ----------
-    frames, frames_ok : all frames, and those whose status is right: located where there is contact, free where not.
-    force_rmse_relative : of the force across the antenna (y, z), over its true size.
-    direction_rmse_rad : of that force's direction in the yz plane.
-    nees : mean squared contact point error over its own covariance, per degree of freedom; 1 is honest.
+    `frames_ok` counts the frames whose status is right: located where there is contact, free where not. Force and
+    direction are those across the antenna (y, z), the force's error over its true size. `nees` is the mean squared
+    error of the contact point over its own covariance, per degree of freedom; 1 is honest.
+
+    truth : truth.json's mapping.
     """
-
-    frames: int
-    frames_ok: int
-    contact_point_rmse_m: float
-    distance_rmse_m: float
-    force_rmse_relative: float
-    direction_rmse_rad: float
-    stiffness_relative_error: float
-    focal_relative_error: float
-    camera_position_error_m: float
-    camera_rotation_error_rad: float
-    nees: float
-
-
-def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> Score:
-    """Compare with truth.json's mapping."""
     true = true_contacts(contacts, truth)
     touching = np.isfinite(true.distance_m)
     right = np.where(touching, contacts.located, contacts.status == "no_contact")
@@ -54,19 +35,19 @@ def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> Score:
     matrix, true_matrix = rig.camera.matrix, np.array(truth["camera"]["matrix"])
     T_true = Pose.from_dict(truth["T_antenna_camera"])
     rotation = Rotation.from_matrix(rig.T_antenna_camera.rotation @ T_true.rotation.T).magnitude()
-    return Score(
-        frames=len(contacts),
-        frames_ok=int(right.sum()),
-        contact_point_rmse_m=_rms(np.linalg.norm(off, axis=1)),
-        distance_rmse_m=_rms((contacts.distance_m - true.distance_m)[both]),
-        force_rmse_relative=_rms(np.linalg.norm(found - force, axis=1) / np.linalg.norm(force, axis=1)),
-        direction_rmse_rad=_rms(np.arctan2(across, (force * found).sum(axis=1))),
-        stiffness_relative_error=abs(rig.antenna.stiffness_Nm2 / truth["stiffness_Nm2"] - 1),
-        focal_relative_error=float(np.abs(np.diag(matrix)[:2] / np.diag(true_matrix)[:2] - 1).max()),
-        camera_position_error_m=float(np.linalg.norm(rig.T_antenna_camera.translation_m - T_true.translation_m)),
-        camera_rotation_error_rad=float(rotation),
-        nees=float((off * weighted).sum(axis=1).mean() / 3),
-    )
+    return {
+        "frames": len(contacts),
+        "frames_ok": int(right.sum()),
+        "contact_point_rmse_m": _rms(np.linalg.norm(off, axis=1)),
+        "distance_rmse_m": _rms((contacts.distance_m - true.distance_m)[both]),
+        "force_rmse_relative": _rms(np.linalg.norm(found - force, axis=1) / np.linalg.norm(force, axis=1)),
+        "direction_rmse_rad": _rms(np.arctan2(across, (force * found).sum(axis=1))),
+        "stiffness_relative_error": abs(rig.antenna.stiffness_Nm2 / truth["stiffness_Nm2"] - 1),
+        "focal_relative_error": float(np.abs(np.diag(matrix)[:2] / np.diag(true_matrix)[:2] - 1).max()),
+        "camera_position_error_m": float(np.linalg.norm(rig.T_antenna_camera.translation_m - T_true.translation_m)),
+        "camera_rotation_error_rad": float(rotation),
+        "nees": float((off * weighted).sum(axis=1).mean() / 3),
+    }
 
 
 def _rms(values: np.ndarray) -> float:

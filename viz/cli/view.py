@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,14 +51,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises InputError for wrong input, a file in the way, or no display for a window; OpenGLError where none works.
     """
     from viz.files.outputs import refuse_output
-    from viz.render.display import require_display
 
     outputs: dict[str, Path] = {name: path for name in OUTPUTS if (path := getattr(args, name)) is not None}
     for name, path in outputs.items():
         inputs = (args.contacts, args.rig, args.object, args.truth, args.picture)
         refuse_output(path, OUTPUTS[name], args.force, inputs)
-    if not outputs:
-        require_display()
+    unseen = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    if not outputs and unseen and sys.platform.startswith("linux"):
+        raise _no_display()
 
     from vbaa_calib.core.console import say
     from viz.render.render import require_opengl, screenshot, show, write_gltf, write_page
@@ -75,15 +77,22 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for name, path in outputs.items():
         opens = ", opens offline in any browser" if name == "html" else ""
         say(f"{path}: {path.stat().st_size / 1e6:.1f} MB{opens}")
-    if not outputs:
-        show(scene, mode=args.color)
+    if not outputs and not show(scene, mode=args.color):
+        raise _no_display()
     return {
         "contacts": len(scene.contacts.points_m),
         "frames": frames,
         "moments": len(scene.instants),
-        "facts": [] if scene.estimate is None else list(scene.estimate.facts),
+        "facts": list(scene.facts),
         **{name: str(outputs[name]) if name in outputs else None for name in OUTPUTS},
     }
+
+
+def _no_display() -> Exception:
+    from vbaa_calib.core.errors import InputError
+
+    remedy = "give --screenshot PNG, --html PAGE or --gltf FILE"
+    return InputError("there is no display to open a window on", remedy=remedy)
 
 
 def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
@@ -97,9 +106,9 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig
     from viz.files.object_file import read_object
-    from viz.scene.build import build_scene
     from viz.scene.instants import refuse_out_of_reach
     from viz.scene.rig_items import session_pictures, small_picture
+    from viz.scene.scene import build_scene
     from viz.scene.truth import true_object
 
     table = read_contacts(args.contacts)
@@ -119,12 +128,12 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
         except InputError as error:
             say(f"no object is drawn: {error}")
     scene = build_scene(table, rig, estimate, truth, mesh)
-    for fact in () if scene.estimate is None else scene.estimate.facts:
+    for fact in scene.facts:
         say(f"  {fact}")
     if rig is not None and args.session is not None:
         pictures = session_pictures(args.session, scene.instants.frame, rig.camera.image_size)
-        scene = replace(scene, pictures=pictures)
     elif rig is not None and args.picture is not None:
         pictures = (small_picture(args.picture, rig.camera.image_size),) * len(scene.instants)
-        scene = replace(scene, pictures=pictures)
-    return scene, len(table)
+    else:
+        pictures = ()
+    return replace(scene, pictures=pictures), len(table)

@@ -58,12 +58,17 @@ def fixed(value: float, decimals: int) -> str:
     return text.removeprefix("-") if float(text) == 0 else text.replace("-", "−")
 
 
+def decimals_of(std: float) -> int:
+    """Decimals that show two digits of a standard deviation."""
+    return int(np.clip(1 - np.floor(np.log10(std)), 0, 12))
+
+
 def with_std(value: float, std: float | None, scale: float = 1.0) -> str:
     """With the digits that the standard deviation leaves it, and that; as HTML."""
     value, std = scale * value, None if std is None else scale * std
     if std is None or not np.isfinite(std) or std <= 0:
         return number(value, 6)
-    digits = int(np.clip(1 - np.floor(np.log10(std)), 0, 12))
+    digits = decimals_of(std)
     return Markup(f"{value:.{digits}f} <small>± {std:.{digits}f}</small>".replace("-", "−"))
 
 

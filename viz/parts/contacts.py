@@ -51,16 +51,17 @@ def _spreads(scene: Scene, reach: float) -> list[Part]:
 
 
 def _cones(scene: Scene, reach: float) -> list[Part]:
-    normals = scene.normals
-    chosen = thinned(np.flatnonzero(np.isfinite(normals).all(axis=1)), MOST_CONES)
-    if scene.estimate is None or scene.estimate.cone_rad is None or not len(chosen):
+    if scene.normals is None or scene.cone_rad is None:
+        return []
+    chosen = thinned(np.flatnonzero(np.isfinite(scene.normals).all(axis=1)), MOST_CONES)
+    if not len(chosen):
         return []
     # steep cones are drawn shorter, for the rim to stay as near
-    half = min(scene.estimate.cone_rad, 1.5)
+    half = min(scene.cone_rad, 1.5)
     height = 0.42 * reach * np.cos(half)
     stretch = np.diag([height, height * np.tan(half), height * np.tan(half)])
-    note = f"half angle {np.degrees(scene.estimate.cone_rad):.1f}°"
-    return [_stamped(scene, "cones", chosen, cone(), along(normals[chosen]) @ stretch, opacity=0.28, note=note)]
+    note = f"half angle {np.degrees(scene.cone_rad):.1f}°"
+    return [_stamped(scene, "cones", chosen, cone(), along(scene.normals[chosen]) @ stretch, opacity=0.28, note=note)]
 
 
 def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, linear: np.ndarray, **look: Any) -> Part:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pyvista as pv
 
-from viz.scene.scene import RigItems, Scene
+from viz.scene.rig_items import RigItems
+from viz.scene.scene import Scene
 
 from .part import Part, joined, triangles, wire, wires
 

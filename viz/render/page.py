@@ -84,7 +84,7 @@ def scene_page(viewer_html: str, scene: Scene, parts: list[Part], title: str, da
         object_scale=object_scale(scene),
         rig=scene.rig is not None,
         layers=layers_of(parts),
-        facts=() if scene.estimate is None else scene.estimate.facts,
+        facts=scene.facts,
         last=len(scene.instants) - 1,
         data=data,
     )

@@ -35,7 +35,6 @@ from viz.scene.scene import Scene
 from viz.scene.views import look_at_all, look_at_contacts
 
 from . import gltf, sheet, window
-from .display import no_display
 from .page import page_data, scene_page
 from .stage import Stage
 
@@ -130,21 +129,19 @@ def write_gltf(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
         temporary.write_bytes(made)
 
 
-def show(scene: Scene, *, mode: str = "force") -> None:
-    """Open a window and wait until it is closed.
-
-    Raises InputError where there is no display, OpenGLError where nothing can be drawn.
-    """
+def show(scene: Scene, *, mode: str = "force") -> bool:
+    """Open a window and wait until it is closed; False where none opens. Raises OpenGLError."""
     require_opengl()
     with _quiet():
         plotter, stage = _staged(scene, all_parts(scene), mode, (1400, 1000), off_screen=False)
     # VTK turns to drawing unseen where no window opens
     if plotter.render_window.GetOffScreenRendering():
         plotter.close()
-        raise no_display()
+        return False
     window.add_controls(plotter, stage, mode)
     look_at_all(plotter, scene)
     plotter.show()
+    return True
 
 
 def _staged(

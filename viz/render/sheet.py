@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -81,7 +80,7 @@ def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
         label = "antenna at the greatest force" if part.name == "antenna" else part.label
         sheet.text(x + 24, height, label, size=11.5, color=INK, va="center")
     below = y - 42 - 29 * half - 8
-    facts = scene.estimate.facts if scene.estimate is not None else ()
+    facts = scene.facts
     lines = [line for fact in facts for line in textwrap.wrap(fact, 82)][: max((below - 16) // 23, 0)]
     for index, line in enumerate(lines):
         sheet.text(36, below - 23 * index, line, size=11.5, color=QUIET, va="center")
@@ -89,10 +88,8 @@ def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
 
 def _colour_bar(axes: Axes, scale: Scale) -> None:
     axes.axis("on")
-    colours = LinearSegmentedColormap.from_list("scale", scale.stops)
-    axes.imshow(
-        np.linspace(0, 1, 256)[None], aspect="auto", cmap=colours, extent=(scale.ticks[0], scale.ticks[-1], 0, 1)
-    )
+    ends = (scale.ticks[0], scale.ticks[-1], 0, 1)
+    axes.imshow(np.linspace(0, 1, 256)[None], aspect="auto", cmap=scale.colormap, extent=ends)
     axes.set_yticks([])
     axes.set_xticks(scale.ticks, [f"{tick:.4g}" for tick in scale.ticks])
     axes.tick_params(labelsize=12, color=INK, labelcolor=INK, length=3)

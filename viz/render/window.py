@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pyvista as pv
 
 from viz.parts.part import INK
-from viz.scene.colours import MODES, Scale, contact_scale
+from viz.scene.colours import MODES, contact_scale
 
 from .stage import Stage
 
@@ -41,23 +40,18 @@ class Controls:
         """Draw what is chosen and say it in words."""
         instants, now = self.stage.scene.instants, self.instant
         self.stage.show(now, everything=self.everything)
-        scale = contact_scale(self.stage.scene, self.mode)
         words = (
             f"{instants.time_s[now]:.2f} s, frame {instants.frame[now]}: {instants.words[now]}\n"
             f"contacts and forces coloured by {self.mode}\n{_HELP}"
         )
         self.plotter.add_text(words, position="upper_left", font_size=10, color=INK, name="words")
-        self._colour_bar(scale)
-
-    def _colour_bar(self, scale: Scale) -> None:
+        scale = contact_scale(self.stage.scene, self.mode)
         if self._bar is not None:
             self.plotter.remove_scalar_bar(self._bar)
         self._bar = f"{scale.ends[1]}\n"
         # the contacts bring their own colours: the bar has a mapper of its own
         mapper = pv.DataSetMapper()
-        mapper.lookup_table = pv.LookupTable(
-            values=_between(scale.stops), scalar_range=(scale.ticks[0], scale.ticks[-1])
-        )
+        mapper.lookup_table = pv.LookupTable(scale.colormap, scalar_range=(scale.ticks[0], scale.ticks[-1]))
         self.plotter.add_scalar_bar(
             self._bar,
             mapper=mapper,
@@ -71,14 +65,6 @@ class Controls:
             title_font_size=16,
             label_font_size=14,
         )
-
-
-def _between(stops: tuple[str, ...], count: int = 128) -> np.ndarray:
-    """(count, 4) uint8 RGBA along hex colours."""
-    rgb = np.array([pv.Color(stop).int_rgb for stop in stops], float)
-    place = np.linspace(0, len(stops) - 1, count)
-    mixed = np.stack([np.interp(place, np.arange(len(stops)), channel) for channel in rgb.T], axis=1)
-    return np.column_stack([mixed.round(), np.full(count, 255)]).astype(np.uint8)
 
 
 def add_controls(plotter: pv.Plotter, stage: Stage, mode: str) -> Controls:

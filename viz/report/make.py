@@ -64,7 +64,7 @@ def make_report(
 
     from .pictures import scene_from_file, scene_picture, seen_picture
     from .recording import Report, page
-    from .words import object_findings, origin
+    from .words import object_found, origin
 
     refuse_output(path, PAGES, force)
     table = read_contacts(sources.contacts)
@@ -73,13 +73,14 @@ def make_report(
         joint_angles(rig.kinematics, table)  # refuses another rig's contacts
     contents = None if sources.truth is None else read_json(sources.truth)
     truth = None if contents is None else true_contacts(table, contents, sources.truth)
-    findings = object_findings(table, rig)
+    estimate, track, facts = object_found(table, rig)
     if sources.picture is None:
-        pictures = [scene_picture(table, rig, findings.estimate, contents, sources.session)]
+        pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
     else:
         pictures = [scene_from_file(sources.picture)]
     if sources.session is not None and rig is not None:
         pictures.append(seen_picture(table, rig, sources.session, sources.background))
     files = {name: getattr(sources, name) for name in ("contacts", "rig", "session", "truth")}
     rows = origin(files, rig, argv)
-    write_text(path, page(Report(title, table, findings, rig, truth, summary, pictures, rows, sources.drift)), force)
+    made = Report(title, table, rig, estimate, track, facts, truth, summary, pictures, rows, sources.drift)
+    write_text(path, page(made), force)

@@ -64,8 +64,8 @@ def scene_picture(
 ) -> Picture:
     """The scene as `vbaa view --screenshot` draws it, or why there is none. `truth` is truth.json's contents."""
     from viz.render.render import can_render, screenshot
-    from viz.scene.build import build_scene
     from viz.scene.rig_items import session_pictures
+    from viz.scene.scene import build_scene
     from viz.scene.truth import true_object
 
     if not table.located.any():

@@ -17,14 +17,16 @@ from viz.figures.drawing import RAMP, svg
 from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals
 from viz.pages.page import render
 from viz.pages.tables import Table, fixed, with_std
+from viz.scene.facts import Fact
 from viz.scene.readable import thinned
 from viz.scene.truth import TrueContacts
 
 from .pictures import Picture
-from .words import MODELS, PHASES, SYMBOLS, ObjectFindings, dotted, frame_facts, glossary, headline, shown_unit
+from .words import MODELS, PHASES, SYMBOLS, dotted, frame_facts, glossary, headline, shown_unit
 
 if TYPE_CHECKING:
-    from estimator.object.track import Event
+    from estimator.object.estimate import ObjectEstimate
+    from estimator.object.track import Event, Track
 
 ALONG, ACROSS, RESIDUAL, RINGING = "#0072b2", "#c2410c", "#334155", "#7c3aed"
 MOST_ROWS = 500
@@ -39,8 +41,8 @@ class Report:
 
     Attributes
     ----------
-    title : of the page. table : the contacts, at least one row.
-    findings : what the contacts say together. rig : adds the moment residual in the sensor's deviations.
+    table : the contacts, at least one row. rig : adds the moment residual in the sensor's deviations.
+    estimate, track, facts : what the contacts say together; None where it is undetermined.
     truth : drawn beside the estimates. summary : errors against truth, or other numbers with a goal each.
     pictures : the scene, the recording.
     origin : names and text or HTML of what the page was made from.
@@ -49,8 +51,10 @@ class Report:
 
     title: str
     table: ContactTable
-    findings: ObjectFindings
     rig: Rig | None = None
+    estimate: ObjectEstimate | None = None
+    track: Track | None = None
+    facts: Sequence[Fact] = ()
     truth: TrueContacts | None = None
     summary: Sequence[SummaryRow] = ()
     pictures: Sequence[Picture] = ()
@@ -60,22 +64,22 @@ class Report:
 
 def page(report: Report) -> str:
     """The whole report as HTML."""
-    table, findings = report.table, report.findings
+    table, track = report.table, report.track
     words, colour = headline(table)
     return render(
         "recording.html.j2",
         title=report.title,
         headline=words,
         colour=colour,
-        facts=[*frame_facts(table, report.rig), *findings.facts],
+        facts=[*frame_facts(table, report.rig), *report.facts],
         pictures=report.pictures,
         times=_over_time(report),
         crowded=len(table) > MOST_DOTS,
-        events=_events_table(() if findings.track is None else findings.track.events),
+        events=_events_table(() if track is None else track.events),
         **_contacts(report),
         summary=_summary_table(report.summary),
         drift=_drift_table(report.drift),
-        contacts=contacts_table(table, None if findings.track is None else findings.track.phase.tolist()),
+        contacts=_contacts_table(table, None if track is None else track.phase.tolist()),
         glossary=glossary(),
         origin=Table((), report.origin),
     )
@@ -83,23 +87,19 @@ def page(report: Report) -> str:
 
 def _over_time(report: Report) -> list[Markup]:
     """The figures over time, one under the other."""
-    table, rig, track = report.table, report.rig, report.findings.track
+    table, rig, track = report.table, report.rig, report.track
     events = () if track is None else tuple((event.time_s, event.words) for event in track.events)
     clock = TimeAxis.of(table.time_s, events)
     drawn = [lanes(clock, "status", table.status.tolist(), STATUS_COLOURS)]
     if track is not None:
-        drawn.append(
-            lanes(clock, "phase", track.phase.tolist(), {name: colour for name, (colour, _) in PHASES.items()})
-        )
+        drawn.append(lanes(clock, "phase", track.phase.tolist(), _colours(PHASES)))
         if track.ringing.any():
             ringing = np.where(track.ringing, "ringing", "").tolist()
             drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": RINGING}))
     drawn += [curve(clock, *quantity) for quantity in _quantities(report)]
     if track is not None and np.isfinite(track.slip_std_m_s).any():
-        slip = (
-            ("along the antenna", ALONG, 1e3 * track.longitudinal_m_s),
-            ("across it", ACROSS, 1e3 * track.lateral_m_s),
-        )
+        along, across = 1e3 * track.longitudinal_m_s, 1e3 * track.lateral_m_s
+        slip = [("along the antenna", ALONG, along), ("across it", ACROSS, across)]
         title = "slip of the antenna on the object, mm/s"
         drawn.append(signals(clock, title, slip, 1e3 * track.slip_std_m_s, "the noise, at most"))
     title, residual = "moment: read less predicted by the fit", table.moment_residual_Nm
@@ -111,13 +111,17 @@ def _over_time(report: Report) -> list[Markup]:
         title += ", in std of the sensor's noise"
         scaled = [("residual", RESIDUAL, residual / rig.moment_sensor.std_Nm)]
         drawn.append(signals(clock, title, scaled, np.ones(len(table)), "the sensor"))
-    model, colours = np.where(table.located, table.model, "").tolist(), {name: one for name, (one, _) in MODELS.items()}
-    drawn.append(lanes(clock, "model chosen for a located contact", model, colours, last=True))
+    model = np.where(table.located, table.model, "").tolist()
+    drawn.append(lanes(clock, "model chosen for a located contact", model, _colours(MODELS), last=True))
     return [clock.svg(axes) for axes in drawn]
 
 
-def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray | None, str]]:
-    """Title with its unit, value, deviation, truth and meaning of what was estimated of each frame."""
+def _colours(kinds: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    return {name: colour for name, (colour, _) in kinds.items()}
+
+
+def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray | None]]:
+    """Title with its unit, value, deviation and truth of what was estimated of each frame."""
     table, truth, located = report.table, report.truth, report.table.located
     found = []
     for name, words in (
@@ -128,7 +132,7 @@ def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.nd
         unit, scale = shown_unit(name)
         value, std = (np.where(located, scale * one, np.nan) for one in (getattr(table, name), _std(table, name)))
         true = None if truth is None else scale * getattr(truth, name)
-        found.append((f"{words}, {unit}", value, std, true, "estimate ± 2 std"))
+        found.append((f"{words}, {unit}", value, std, true))
     y, z = table.force_y_N, table.force_z_N
     size = np.where(located, np.hypot(y, z), np.nan)
     y_part, z_part = np.abs(y) * table.force_y_std_N, np.abs(z) * table.force_z_std_N
@@ -136,8 +140,7 @@ def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.nd
     crossed = np.where(np.isfinite(table.force_covariance_yz_N2), y * z * table.force_covariance_yz_N2, y_part * z_part)
     std = np.sqrt(np.clip(y_part**2 + z_part**2 + 2 * crossed, 0.0, None)) / np.where(size > 0, size, np.nan)
     true = None if truth is None else scale * np.hypot(truth.force_y_N, truth.force_z_N)
-    title = f"force across the antenna, |f|, {unit}"
-    return [*found, (title, scale * size, scale * std, true, "estimate ± 2 std")]
+    return [*found, (f"force across the antenna, |f|, {unit}", scale * size, scale * std, true)]
 
 
 def _std(table: ContactTable, name: str) -> np.ndarray:
@@ -150,7 +153,7 @@ def _std(table: ContactTable, name: str) -> np.ndarray:
 
 def _contacts(report: Report) -> dict[str, Any]:
     """Map, forces, friction cone and indentation; nothing without a located contact."""
-    table, estimate, truth = report.table, report.findings.estimate, report.truth
+    table, estimate, truth = report.table, report.estimate, report.truth
     if not table.located.any():
         return {"maps": [], "indentation": None}
     contacts = table.picked(table.located)
@@ -187,17 +190,11 @@ def _summary_table(rows: Sequence[SummaryRow]) -> Table:
 
 def _drift_table(drift: Mapping[str, Any] | None) -> Table:
     """What has changed of the rig, parameter by parameter, beside what was thought possible."""
-    parameters = {} if drift is None else drift["parameters"]
-    beyond = () if drift is None else drift["beyond"]
+    drift = drift or {"parameters": {}, "beyond": ()}
+    marks = dict.fromkeys(drift["beyond"], "beyond")
     rows = [
-        (
-            name,
-            f"{one['change']:.3g}",
-            f"{one['std']:.2g}",
-            f"{one['prior_std']:.2g}",
-            "beyond" if name in beyond else "",
-        )
-        for name, one in parameters.items()
+        (name, f"{one['change']:.3g}", f"{one['std']:.2g}", f"{one['prior_std']:.2g}", marks.get(name, ""))
+        for name, one in drift["parameters"].items()
     ]
     return Table(("parameter", "change", "std", "thought possible, std", ""), rows, ("parameter",))
 
@@ -218,7 +215,7 @@ def _events_table(events: Sequence[Event]) -> Table:
     return Table(("event", "in words", "time, s", "decided after, s", "frame"), rows, ("event", "in words"), cut)
 
 
-def contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
+def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
     """A row for every frame, evenly thinned where there are more than a page holds; its columns are `SYMBOLS`."""
     shown = thinned(np.arange(len(table)), MOST_ROWS)
     part = table.picked(shown)

@@ -6,7 +6,6 @@ import platform
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +21,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from viz.figures.drawing import AMBER, SLATE, TEAL
-from viz.pages.tables import Table, number
+from viz.pages.tables import Table, decimals_of, number
 from viz.scene.facts import Fact, object_facts, sentence
 
 if TYPE_CHECKING:
@@ -72,38 +71,30 @@ def shown_unit(column: str) -> tuple[str, float]:
     return _UNITS[COLUMNS[column].unit]
 
 
-@dataclass(frozen=True, eq=False)
-class ObjectFindings:
-    """What the contacts say together. What is None is undetermined; `facts` say why.
+def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate | None, Track | None, tuple[Fact, ...]]:
+    """What the contacts say together: the object, phases and events of the frames, and both in words.
 
-    `track` holds phases, slip and events of the table's frames, also without any contact.
+    What is None is undetermined, and the facts say why.
     """
-
-    estimate: ObjectEstimate | None = None
-    track: Track | None = None
-    facts: tuple[Fact, ...] = ()
-
-
-def object_findings(table: ContactTable, rig: Rig | None) -> ObjectFindings:
-    """Estimate the object. Where that is impossible, the facts say why; events in time may still be known."""
     from estimator.object.estimate import estimate_object
     from estimator.object.track import follow
 
     try:
-        return findings_of(estimate_object(table, rig))
+        estimate = estimate_object(table, rig)
     except InputError as error:
         why = Fact("The object", f"Nothing can be said of it: {str(error).rstrip('.')}.", "undetermined")
+    else:
+        return estimate, estimate.track, facts_of(estimate)
     try:
         track = follow(table, rig)
     except InputError:
-        return ObjectFindings(facts=(why,))
-    return ObjectFindings(track=track, facts=(_event_fact(track), why))
+        return None, None, (why,)
+    return None, track, (_event_fact(track), why)
 
 
-def findings_of(estimate: ObjectEstimate) -> ObjectFindings:
+def facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
     """An object estimate in words."""
-    facts = (_event_fact(estimate.track), *object_facts(estimate), _shape_fact(estimate.surface))
-    return ObjectFindings(estimate, estimate.track, facts)
+    return _event_fact(estimate.track), *object_facts(estimate), _shape_fact(estimate.surface)
 
 
 def _event_fact(track: Track) -> Fact:
@@ -115,15 +106,10 @@ def _event_fact(track: Track) -> Fact:
     contacts = [event for event in track.events if event.kind in names]
     words = [f"{names[event.kind]} {_time(event.time_s, event.time_std_s)}" for event in contacts[:_MOST_TIMES]]
     words += [f"{len(contacts) - _MOST_TIMES} more"] if len(contacts) > _MOST_TIMES else []
-    others = Counter(event.kind for event in track.events if event.kind not in names)
-    words += [_counted(kind, others[kind]) for kind in sorted(others, reverse=True)]
+    for kind, verb in (("slip_start", "began"), ("slip_end", "ended")):
+        count = sum(event.kind == kind for event in track.events)
+        words += [f"{count} slip{'s' * (count != 1)} {verb}"] if count else []
     return Fact("In time", " ".join([sentence("; ".join(words)), *notes]))
-
-
-def _counted(kind: str, count: int) -> str:
-    """How often an event happened: "3 slips began"."""
-    verb = {"slip_start": "began", "slip_end": "ended"}.get(kind)
-    return f"{count} slip{'s' * (count != 1)} {verb}" if verb else f"{kind} {count} time{'s' * (count != 1)}"
 
 
 def _time(time_s: float, std_s: float) -> str:
@@ -131,7 +117,7 @@ def _time(time_s: float, std_s: float) -> str:
         return "at an unknown time"
     if not (np.isfinite(std_s) and std_s > 0):
         return f"at {time_s:.3f} s"
-    digits = int(np.clip(1 - np.floor(np.log10(std_s)), 0, 6))
+    digits = min(decimals_of(std_s), 6)
     return f"at {time_s:.{digits}f} ± {std_s:.{digits}f} s"
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.colors import LinearSegmentedColormap
 
 from .scene import Scene
 
@@ -30,6 +31,11 @@ class Scale:
     ticks: tuple[float, ...]
     rgb: np.ndarray
     stops: tuple[str, ...]
+
+    @property
+    def colormap(self) -> LinearSegmentedColormap:
+        """The scale for matplotlib and pyvista."""
+        return LinearSegmentedColormap.from_list("scale", self.stops)
 
     @property
     def gradient(self) -> str:

@@ -1,4 +1,4 @@
-"""Facts about an object estimate in words, for reports and legends, and what a scene draws of it."""
+"""Facts about an object estimate in words, for reports and legends."""
 
 from __future__ import annotations
 
@@ -7,13 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .scene import DrawnEstimate
-
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
-
-_VAGUE_RAD = np.radians(20)
-"""A normal less well known than this is not drawn: it would show the force's direction, not the object's."""
 
 
 @dataclass(frozen=True)
@@ -41,24 +36,9 @@ def object_facts(estimate: ObjectEstimate) -> tuple[Fact, Fact]:
         words = f"μ = {friction.mu:.3f} ± {friction.std:.3f} (95 %: {low:.3f} to {high:.3f}), cone half angle α = "
         slides = Fact("Friction", "; ".join(filter(None, [f"{words}{alpha:.1f}°", friction.reason.rstrip(".")])) + ".")
     low, high = compliance.interval_N_m
-    bound = np.isfinite(low) and low > 0
-    words = compliance.reason if bound else f"Undetermined: {compliance.reason}"
-    yields = Fact("Stiffness", sentence(words), "undetermined")
     if compliance.determined:
         most = f"to {high:.4g} N/m" if np.isfinite(high) else "upwards"
-        yields = Fact("Stiffness", f"{compliance.stiffness_N_m:.4g} N/m (95 %: {low:.4g} {most}).")
-    return slides, yields
-
-
-def drawn_estimate(estimate: ObjectEstimate) -> DrawnEstimate:
-    """Normals that are well known, the friction cone if it is determined, and sentences."""
-    normals, friction = estimate.normals, estimate.friction
-    return DrawnEstimate(
-        row=friction.row,
-        normals=np.where((normals.std_rad < _VAGUE_RAD)[:, None], normals.normal, np.nan),
-        cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
-        facts=(
-            *(f"{fact.label}: {fact.words}" for fact in object_facts(estimate)),
-            *map(sentence, estimate.surface.notes),
-        ),
-    )
+        return slides, Fact("Stiffness", f"{compliance.stiffness_N_m:.4g} N/m (95 %: {low:.4g} {most}).")
+    bound = np.isfinite(low) and low > 0
+    words = compliance.reason if bound else f"Undetermined: {compliance.reason}"
+    return slides, Fact("Stiffness", sentence(words), "undetermined")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -19,11 +20,35 @@ from vbaa_calib.session import load_session, read_recording
 
 from .instants import Instants
 from .readable import thinned
-from .scene import RigItems
 
 _GHOSTS = 6
 _PICTURE_GRID = (10, 13)
 """Nodes down and across of the drawn picture: between them the lens counts as straight."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigItems:
+    """The rig at each of M instants; NaN where its joints are not known.
+
+    Attributes
+    ----------
+    poses : (M, 4, 4) T_world_antenna.
+    bent_m : (M, N, 3) the antenna; free_m (M, N, 3): where it would be without the object.
+    ghosts : (G,) the instants whose antennas are drawn faintly.
+    antenna_radius_m : of the wire.
+    plane_m : (4, 3) antenna frame: corners of the drawn patch of plane C.
+    camera_m : (3,) antenna frame: the camera's centre.
+    picture_m : (H, W, 3) antenna frame: where the picture is drawn, as the lens sees it; rows down, columns right.
+    """
+
+    poses: np.ndarray
+    bent_m: np.ndarray
+    free_m: np.ndarray
+    ghosts: np.ndarray
+    antenna_radius_m: float
+    plane_m: np.ndarray
+    camera_m: np.ndarray
+    picture_m: np.ndarray
 
 
 def rig_items(rig: Rig, table: ContactTable, instants: Instants) -> RigItems:

@@ -2,43 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimator.table.contacts import ContactTable
+from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .instants import Instants
+from .facts import object_facts, sentence
+from .instants import Instants, instants_of
+from .rig_items import RigItems, rig_items
 
 if TYPE_CHECKING:
+    from estimator.object.estimate import ObjectEstimate
     from estimator.object.surface import Surface
 
-
-@dataclass(frozen=True, eq=False)
-class RigItems:
-    """The rig at each of M instants; NaN where its joints are not known.
-
-    Attributes
-    ----------
-    poses : (M, 4, 4) T_world_antenna.
-    bent_m : (M, N, 3) the antenna; free_m (M, N, 3): where it would be without the object.
-    ghosts : (G,) the instants whose antennas are drawn faintly.
-    antenna_radius_m : of the wire.
-    plane_m : (4, 3) antenna frame: corners of the drawn patch of plane C.
-    camera_m : (3,) antenna frame: the camera's centre.
-    picture_m : (H, W, 3) antenna frame: where the picture is drawn, as the lens sees it; rows down, columns right.
-    """
-
-    poses: np.ndarray
-    bent_m: np.ndarray
-    free_m: np.ndarray
-    ghosts: np.ndarray
-    antenna_radius_m: float
-    plane_m: np.ndarray
-    camera_m: np.ndarray
-    picture_m: np.ndarray
+_VAGUE_RAD = np.radians(20)
+"""A normal less well known than this is not drawn: it would show the force's direction, not the object's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,27 +92,15 @@ class ObjectMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnEstimate:
-    """What the contacts say together of the object, beside its shape.
-
-    Attributes
-    ----------
-    row : (K,) index into the contact table of each contact; normals (K, 3): the object's, NaN where undetermined.
-    cone_rad : half angle of the friction cone; None where friction is undetermined.
-    facts : sentences on friction, stiffness and shape, or on why they are undetermined.
-    """
-
-    row: np.ndarray
-    normals: np.ndarray
-    cone_rad: float | None = None
-    facts: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
 class Scene:
     """Everything that is drawn; what is None or empty is left out.
 
-    `pictures` holds what the camera saw at each instant, (H, W, 3) uint8 RGB all of one size, None where there is none.
+    Attributes
+    ----------
+    normals : (P, 3) the object's outward normal at each contact, NaN where it is undetermined; None for none.
+    cone_rad : half angle of the friction cone; None where friction is undetermined.
+    facts : sentences on friction, stiffness and shape, or on why they are undetermined.
+    pictures : what the camera saw at each instant, (H, W, 3) uint8 RGB all of one size, None where there is none.
     """
 
     contacts: Contacts
@@ -138,24 +108,48 @@ class Scene:
     rig: RigItems | None = None
     object: ObjectMesh | None = None
     truth: TouchObject | None = None
-    estimate: DrawnEstimate | None = None
-    pictures: tuple[np.ndarray | None, ...] = field(default=())
+    normals: np.ndarray | None = None
+    cone_rad: float | None = None
+    facts: tuple[str, ...] = ()
+    pictures: tuple[np.ndarray | None, ...] = ()
 
     @property
     def bounding_ball_m(self) -> tuple[np.ndarray, float]:
         """Centre (3,) and radius of a ball around what was touched."""
-        points = [self.contacts.points_m]
+        points = self.contacts.points_m
         if self.object is not None:
-            points.append(self.object.points_m)
-        stacked = np.concatenate(points)
-        centre = (stacked.min(axis=0) + stacked.max(axis=0)) / 2
-        return centre, max(float(np.linalg.norm(stacked - centre, axis=1).max()), 5e-3)
+            points = np.concatenate([points, self.object.points_m])
+        centre = (points.min(axis=0) + points.max(axis=0)) / 2
+        return centre, max(float(np.linalg.norm(points - centre, axis=1).max()), 5e-3)
 
-    @property
-    def normals(self) -> np.ndarray:
-        """(P, 3) the object's outward normal at each contact; NaN where it is not known."""
-        normals = np.full_like(self.contacts.points_m, np.nan)
-        if self.estimate is not None:
-            _, here, there = np.intersect1d(self.contacts.row, self.estimate.row, return_indices=True)
-            normals[here] = self.estimate.normals[there]
-        return normals
+
+def build_scene(
+    table: ContactTable,
+    rig: Rig | None = None,
+    estimate: ObjectEstimate | None = None,
+    truth: TouchObject | None = None,
+    mesh: ObjectMesh | None = None,
+) -> Scene:
+    """The scene without the camera's pictures; the object is that of the estimate, or else `mesh`.
+
+    Raises InputError when nothing is located, or the contacts are not of this rig.
+    """
+    instants = instants_of(table, None if estimate is None else estimate.track.phase)
+    items = None if rig is None else rig_items(rig, table, instants)
+    contacts = Contacts.of(table)
+    if estimate is None:
+        return Scene(contacts, instants, items, mesh, truth)
+    friction, known = estimate.friction, estimate.normals.std_rad < _VAGUE_RAD
+    normals = np.full((len(table), 3), np.nan)
+    normals[friction.row[known]] = estimate.normals.normal[known]
+    said = [f"{fact.label}: {fact.words}" for fact in object_facts(estimate)]
+    return Scene(
+        contacts,
+        instants,
+        items,
+        ObjectMesh.of(estimate.surface),
+        truth,
+        normals=normals[contacts.row],
+        cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
+        facts=(*said, *map(sentence, estimate.surface.notes)),
+    )

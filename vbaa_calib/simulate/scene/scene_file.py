@@ -149,6 +149,10 @@ def _touch_object(read: _Object) -> TouchObject:
     )
 
 
+FileObject = Annotated[TouchObject, ReadAs(_Object, _touch_object)]
+"""The object as scene files and truth.json hold it."""
+
+
 @dataclass(frozen=True)
 class _Antenna:
     length_m: AnyLength
@@ -205,7 +209,7 @@ class SceneFile(FileModel):
     moment_sensor: MomentSensor
     kinematics: _Kinematics = Field(default_factory=_Kinematics)
     gravity_world: Annotated[np.ndarray, ArrayOf(3)]
-    object: Annotated[TouchObject, ReadAs(_Object, _touch_object)]
+    object: FileObject
     picture: PictureSpec = Field(default_factory=PictureSpec)
     intrinsics: IntrinsicsSpec
     noload: Annotated[list[Joints], Strict(), Field(min_length=1)]
