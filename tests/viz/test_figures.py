@@ -47,14 +47,14 @@ def sound(axes: Axes) -> str:
 
 
 def clock(number: int, step_s: float = 0.1, start_s: float = 0.0) -> TimeAxis:
-    return TimeAxis.of(start_s + step_s * np.arange(number))
+    return TimeAxis(start_s + step_s * np.arange(number))
 
 
 def test_a_figure_is_the_same_every_time_and_says_its_tips_escaped() -> None:
     value = np.arange(5.0)
     texts = []
     for _ in range(2):
-        axes = TimeAxis.of(value, [(2.0, "<touch> & go")])
+        axes = TimeAxis(value, [(2.0, "<touch> & go")])
         texts.append(axes.svg(curve(axes, "force, mN", value, value)))
     assert texts[0] == texts[1]
     assert "<title>&lt;touch&gt; &amp; go</title>" in texts[0]
@@ -95,12 +95,12 @@ def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray
 def test_columns_keep_the_extremes_of_every_number_of_frames() -> None:
     rng = np.random.default_rng(1)
     time_s, value = np.sort(rng.uniform(0, 10, 20_000)), rng.normal(size=20_000)
-    x, low, middle, high = TimeAxis.of(time_s).gathered(time_s, value, value)
+    x, low, middle, high = TimeAxis(time_s).gathered(time_s, value, value)
     assert len(x) <= 960
     assert (low.min(), high.max()) == (value.min(), value.max())
     assert ((low <= middle) & (middle <= high)).all()
     assert np.median(np.abs(middle)) < 0.4
-    assert len(sound(curve(TimeAxis.of(time_s), "x", value, np.ones(20_000), value))) < 3e5
+    assert len(sound(curve(TimeAxis(time_s), "x", value, np.ones(20_000), value))) < 3e5
 
 
 def test_one_bad_frame_of_very_many_is_still_seen() -> None:

@@ -24,7 +24,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken picture or rig, a wrong size or angle, or a file in the way.
     """
-    _check(args)
+    import math
+
+    from vbaa_calib.core.errors import InputError
+    from viz.files.outputs import refuse_output
+
+    for name, value in (("pan", args.pan), ("tilt", args.tilt)):
+        if not abs(value) <= 2 * math.pi:
+            raise InputError(f"--{name} is {value:g}", where="vbaa look", remedy="give radians, less than a turn")
+    if args.output is not None:
+        refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))
 
     from dataclasses import replace
 
@@ -86,17 +95,3 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "image": str(args.image),
         "picture": None if args.output is None else str(args.output),
     }
-
-
-def _check(args: argparse.Namespace) -> None:
-    import math
-
-    from vbaa_calib.core.errors import InputError
-    from viz.files.outputs import refuse_output
-
-    for name in ("pan", "tilt"):
-        value = getattr(args, name)
-        if not abs(value) <= 2 * math.pi:
-            raise InputError(f"--{name} is {value:g}", where="vbaa look", remedy="give radians, less than a turn")
-    if args.output is not None:
-        refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))

@@ -19,29 +19,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa view`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, help="rig.json: draws the antenna, plane C and the camera, too")
-    parser.add_argument(
-        "--object",
-        type=Path,
-        help="object.vtp, .ply or .glb, as vbaa reconstruct writes it, instead of estimating it",
-    )
-    parser.add_argument(
-        "--plain", action="store_true", help="only what stands in the files: find no object, no friction"
-    )
+    parser.add_argument("--object", type=Path, help="object.vtp, .ply or .glb, instead of estimating it")
+    parser.add_argument("--plain", action="store_true", help="only what stands in the files: no object, no friction")
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: draws the true object")
     pictures = parser.add_mutually_exclusive_group()
     pictures.add_argument("--session", type=Path, help="the recording's session: its pictures hang before the camera")
     pictures.add_argument("--picture", type=Path, help="one picture of the camera, for all moments")
-    parser.add_argument(
-        "--color",
-        choices=("force", "time", "uncertainty"),
-        default="force",
-        help="what the contacts are coloured by (default: force); page and window can change it",
-    )
+    colour = "what the contacts are coloured by (default: force); page and window can change it"
+    parser.add_argument("--color", choices=("force", "time", "uncertainty"), default="force", help=colour)
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help="write a picture instead of opening a window")
     parser.add_argument("--html", type=Path, metavar="PAGE", help="write a page with a time slider that opens offline")
-    parser.add_argument(
-        "--gltf", type=Path, metavar="FILE", help="write scene.glb or scene.gltf for other 3-D programs"
-    )
+    parser.add_argument("--gltf", type=Path, metavar="FILE", help="write a .glb or .gltf for other 3-D programs")
     parser.add_argument("--title", default="Contacts of the active antenna", help="title of the page")
 
 
@@ -53,8 +41,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.files.outputs import refuse_output
 
     outputs: dict[str, Path] = {name: path for name in OUTPUTS if (path := getattr(args, name)) is not None}
+    inputs = (args.contacts, args.rig, args.object, args.truth, args.picture)
     for name, path in outputs.items():
-        inputs = (args.contacts, args.rig, args.object, args.truth, args.picture)
         refuse_output(path, OUTPUTS[name], args.force, inputs)
     unseen = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     if not outputs and unseen and sys.platform.startswith("linux"):

@@ -88,9 +88,10 @@ def _contour_levels(low: float, high: float, most: int = 6) -> list[float]:
 
 
 @style
-def coverage(corners_px: np.ndarray, image_size: Sequence[float]) -> Axes:
-    """Where corners (N, 2) lie, and how many in each of 8 × 6 fields."""
+def coverage(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> Axes:
+    """Where the corners lie, and how many in each of 8 × 6 fields."""
     axes, size = _picture_axes("where the corners lie", image_size), np.array(image_size, float)
+    corners_px = _joined(boards)[0]
     cells = np.clip((corners_px + 0.5) / size * _CELLS, 0, np.array(_CELLS) - 1).astype(int)
     counts = np.zeros(_CELLS, int)
     np.add.at(counts, tuple(cells.T), 1)
@@ -107,14 +108,13 @@ def coverage(corners_px: np.ndarray, image_size: Sequence[float]) -> Axes:
 @style
 def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[float]) -> Axes:
     """Residuals as arrows from predicted to seen, enlarged alike."""
-    lengths = np.concatenate([np.linalg.norm(_pairs(view["residuals_px"]), axis=1) for view in boards])
+    lengths = np.linalg.norm(_joined(boards)[1], axis=1)
     long_px = max(float(np.quantile(lengths, 0.95)), 1e-6)
     factor = round_down(0.045 * float(image_size[0]) / long_px)
     every = -(-len(lengths) // _MOST_ARROWS)
     axes = _picture_axes(f"residuals, {factor:g} times enlarged", image_size)
     for view in boards:
-        corners, residuals = _pairs(view["corners_px"])[::every], _pairs(view["residuals_px"])[::every]
-        good = np.array(view["good"], bool)[::every]
+        corners, residuals, good = (values[::every] for values in _joined([view]))
         for chosen, colour in ((good, AMBER if view["folder"] == "plane" else TEAL), (~good, RED)):
             start = corners[chosen]
             arrows = np.stack([start, start + factor * residuals[chosen]], axis=1)
@@ -127,16 +127,18 @@ def residual_arrows(boards: Sequence[Mapping[str, Any]], image_size: Sequence[fl
     return axes
 
 
-def _pairs(rows: Sequence[Sequence[float]]) -> np.ndarray:
-    return np.array(rows, float).reshape(-1, 2)
+def _joined(boards: Sequence[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners (N, 2), residuals (N, 2) and which of them are good (N,), of all views."""
+    names = ("corners_px", "residuals_px", "good")
+    corners, residuals, good = ([row for view in boards for row in view[name]] for name in names)
+    return np.array(corners, float).reshape(-1, 2), np.array(residuals, float).reshape(-1, 2), np.array(good, bool)
 
 
 @style
 def residuals_by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence[float]) -> Axes:
     """Residuals along the radius over the distance from the lens' centre, with their mean over rings."""
-    away = np.concatenate([_pairs(view["corners_px"]) for view in boards]) - np.array(centre_px)
-    residuals = np.concatenate([_pairs(view["residuals_px"]) for view in boards])
-    good = np.concatenate([np.array(view["good"], bool) for view in boards])
+    corners, residuals, good = _joined(boards)
+    away = corners - centre_px
     radius = np.linalg.norm(away, axis=1)
     outward = (residuals * away).sum(axis=1) / np.maximum(radius, 1e-9)
     reach = 1.1 * float(np.abs(outward[good]).max()) if good.any() else 1.0
@@ -150,8 +152,7 @@ def residuals_by_radius(boards: Sequence[Mapping[str, Any]], centre_px: Sequence
     edges = np.quantile(radius[good], np.linspace(0, 1, 11)) if good.any() else np.zeros(0)
     rings = [good & (radius >= low) & (radius <= high) for low, high in pairwise(edges)]
     rings = [ring for ring in rings if ring.sum() >= 3]
-    middle = np.array([radius[ring].mean() for ring in rings])
-    mean = np.array([outward[ring].mean() for ring in rings])
+    middle, mean = (np.array([values[ring].mean() for ring in rings]) for values in (radius, outward))
     error = np.array([2 * outward[ring].std() / np.sqrt(ring.sum()) for ring in rings])
     bars(axes, middle, mean - error, mean + error, INK, 1.6)
     axes.plot(middle, mean, color=INK, lw=2)

@@ -181,10 +181,10 @@ def legend(axes: Axes, entries: Sequence[tuple[str, str, str]]) -> None:
 def _mark(colour: str, mark: str) -> Line2D | Patch:
     if mark == "band":
         return Patch(fc=colour, alpha=0.35)
-    if mark in ("dot", "ring"):
-        face = colour if mark == "dot" else "white"
-        return Line2D([], [], ls="", marker="o", ms=6.5, mfc=face, mec=colour, mew=1.5 if mark == "ring" else 0)
-    return Line2D([], [], color=colour, lw=2, ls="-" if mark == "line" else (0, (2, 1.5)))
+    if mark in ("line", "dashes"):
+        return Line2D([], [], color=colour, lw=2, ls="-" if mark == "line" else (0, (2, 1.5)))
+    face, edge = (colour, 0) if mark == "dot" else ("white", 1.5)
+    return Line2D([], [], ls="", marker="o", ms=6.5, mfc=face, mec=colour, mew=edge)
 
 
 def limits(*values: np.ndarray | Sequence[float]) -> tuple[float, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
@@ -19,39 +18,24 @@ _GAP = 3.0
 """Frames farther apart than so many usual steps are not joined."""
 
 
-@dataclass(frozen=True, eq=False)
 class TimeAxis:
-    """The time axis that all figures over time share.
+    """The time axis that all figures over time share. Times (B,), B ≥ 1, that begin far from 0 count from the first.
 
     Attributes
     ----------
     time_s : (B,) since `start_s`, rising. step_s : the usual time between frames; 1 for a single frame.
+    ends_s : half a step before the first frame and after the last. pixel_s : what a pixel's width is.
     events_s : times of events, with words: drawn through every figure.
     """
 
-    time_s: np.ndarray
-    start_s: float
-    step_s: float
-    events_s: tuple[tuple[float, str], ...] = ()
-
-    @staticmethod
-    def of(time_s: np.ndarray, events_s: Sequence[tuple[float, str]] = ()) -> TimeAxis:
-        """From the frames' times (B,), B ≥ 1. Times that do not begin near 0 count from the first frame."""
-        start = 0.0 if 0 <= time_s[0] <= 1e4 else float(time_s[0])
-        steps = np.diff(time_s)
-        step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-        shown = tuple((at - start, words) for at, words in events_s if np.isfinite(at))
-        return TimeAxis(time_s - start, start, step, shown if len(shown) <= MOST_EVENTS else ())
-
-    @property
-    def label(self) -> str:
-        """What stands under the time axis."""
-        return "time, s" if self.start_s == 0 else f"time after {self.start_s:.15g} s, s"
-
-    @property
-    def ends_s(self) -> tuple[float, float]:
-        """Half a step before the first frame and after the last."""
-        return float(self.time_s[0]) - 0.5 * self.step_s, float(self.time_s[-1]) + 0.5 * self.step_s
+    def __init__(self, time_s: np.ndarray, events_s: Sequence[tuple[float, str]] = ()) -> None:
+        self.start_s = 0.0 if 0 <= time_s[0] <= 1e4 else float(time_s[0])
+        self.time_s, steps = time_s - self.start_s, np.diff(time_s)
+        self.step_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+        self.ends_s = float(self.time_s[0]) - 0.5 * self.step_s, float(self.time_s[-1]) + 0.5 * self.step_s
+        self.pixel_s = (self.ends_s[1] - self.ends_s[0]) / (WIDTH - LEFT - RIGHT)
+        shown = [(at - self.start_s, words) for at, words in events_s if np.isfinite(at)]
+        self.events_s = shown if len(shown) <= MOST_EVENTS else []
 
     def axes(self, title: str, y: tuple[float, float], height: float = 190.0, bottom: float = 24.0) -> Axes:
         """Axes over the whole recording."""
@@ -152,7 +136,8 @@ def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str
     axes = clock.axes(title, (count, 0.0), TOP + 17.0 * count + bottom, bottom)
     axes.grid(axis="y", visible=False)
     axes.set_yticks(np.arange(len(names)) + 0.5, [f"{name} ({int((given == name).sum())})" for name in names])
-    axes.set_xlabel(clock.label if last else "")
+    if last:
+        axes.set_xlabel("time, s" if clock.start_s == 0 else f"time after {clock.start_s:.15g} s, s")
     for row, name in enumerate(names):
         start, end, share = _stretches(clock, given == name)
         base, lane = row + 0.88, 0.76
@@ -165,8 +150,7 @@ def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str
 
 def _stretches(clock: TimeAxis, here: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start, end and share (0 to 1) of each stretch of a lane; no share is too small to be seen."""
-    first, last = clock.ends_s
-    pixel = (last - first) / (WIDTH - LEFT - RIGHT)
+    first, pixel = clock.ends_s[0], clock.pixel_s
     if len(here) > MOST_DOTS:
         column = clock.columns(clock.time_s)
         frames, own = np.bincount(column), np.bincount(column, weights=here.astype(float))
@@ -189,7 +173,7 @@ def _bands(axes: Axes, clock: TimeAxis, low: np.ndarray, high: np.ndarray, colou
     x, low, high, step = clock.time_s[known], low[known], high[known], clock.step_s
     if len(x) > MOST_DOTS:
         x, low, _, high = clock.gathered(x, low, high)
-        step = max(step, (clock.ends_s[1] - clock.ends_s[0]) / (WIDTH - LEFT - RIGHT))
+        step = max(step, clock.pixel_s)
     for run in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) > _GAP * step) + 1):
         if len(run):
             wide = np.concatenate([[x[run[0]] - 0.4 * step], x[run], [x[run[-1]] + 0.4 * step]])

@@ -33,12 +33,8 @@ def to_mesh(surface: Surface) -> pv.PolyData:
     """
     used = np.union1d(surface.triangles, surface.lines)
     loose = np.setdiff1d(np.arange(len(surface.points_m)), used)
-    mesh = pv.PolyData(
-        surface.points_m,
-        verts=_cells(loose[:, None]),
-        lines=_cells(surface.lines),
-        faces=_cells(surface.triangles),
-    )
+    vertices, lines, faces = map(_cells, (loose[:, None], surface.lines, surface.triangles))
+    mesh = pv.PolyData(surface.points_m, verts=vertices, lines=lines, faces=faces)
     mesh.point_data["Normals"] = surface.normals.astype(np.float32)
     for name in ("std_m", "std_across_m", "patch"):
         mesh.point_data[name] = getattr(surface, name)

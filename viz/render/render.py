@@ -171,13 +171,9 @@ def _packed(plotter: pv.Plotter) -> bytes:
     initialize_serializers()
     context, window = SynchronizationContext(), plotter.render_window
     state = serialize(None, window, reference_id(window), context, 0)
-    camera = plotter.camera
-    state["extra"] = {
-        "vtkRefId": reference_id(window),
-        "centerOfRotation": list(camera.focal_point),
-        "camera": reference_id(camera),
-    }
-    _make_textures_replaceable(state)
+    centre, camera = list(plotter.camera.focal_point), reference_id(plotter.camera)
+    state["extra"] = {"vtkRefId": reference_id(window), "centerOfRotation": centre, "camera": camera}
+    _let_textures_change(state)
     arrays = {
         entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
         for entry in extract_array_hash(state)
@@ -188,12 +184,12 @@ def _packed(plotter: pv.Plotter) -> bytes:
     return archive.getvalue()
 
 
-def _make_textures_replaceable(state: dict[str, Any]) -> None:
+def _let_textures_change(state: dict[str, Any]) -> None:
     """Let the viewer's textures be written again, for the camera's picture to change with time."""
     if state.get("type") == "vtkTexture":
         state["properties"]["resizable"] = True
     for child in state.get("dependencies", []):
-        _make_textures_replaceable(child)
+        _let_textures_change(child)
 
 
 @contextmanager

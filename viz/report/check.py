@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from matplotlib.axes import Axes
-
 from viz.figures import check as figures
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, svg
 from viz.pages.page import render
@@ -20,6 +17,10 @@ def page(document: Mapping[str, Any]) -> str:
     """The whole report as HTML, from what `Assessment.to_dict` makes."""
     findings = [*document["session_findings"], *document["findings"]]
     maps, numbers, session = document["maps"], document["numbers"], document["session"]
+    rays, size = {"has_ray": maps["has_ray"]}, numbers["lens"]["image_size"]
+    drawn = [figures.heat_map("on plane C, mm", maps["plane"] | rays, size, maps["along_antenna"])]
+    if maps["projection"] is not None:
+        drawn.append(figures.heat_map("of the projection, px", maps["projection"] | rays, size))
     along = [[f"{1e3 * row['arclength_m']:.0f}", number(row["std_mm"], 3)] for row in maps["along_antenna"]]
     return render(
         "check.html.j2",
@@ -32,7 +33,7 @@ def page(document: Mapping[str, Any]) -> str:
         session_findings=document["session_findings"],
         own_findings=document["findings"],
         session=session,
-        maps=[svg(drawn) for drawn in _maps(maps, numbers["lens"]["image_size"])],
+        maps=[svg(axes) for axes in drawn],
         lens_map_recorded=maps["projection"] is not None,
         along_antenna=Table(("along the antenna, mm", "± on plane C, mm"), along, ("along the antenna, mm",)),
         numbers=numbers,
@@ -40,14 +41,6 @@ def page(document: Mapping[str, Any]) -> str:
         **_quality(document["quality"]),
         **({} if session is None else _session(session, numbers)),
     )
-
-
-def _maps(maps: Mapping[str, Any], size: list[int]) -> list[Axes]:
-    rays = {"has_ray": maps["has_ray"]}
-    drawn = [figures.heat_map("on plane C, mm", maps["plane"] | rays, size, maps["along_antenna"])]
-    if maps["projection"] is not None:
-        drawn.append(figures.heat_map("of the projection, px", maps["projection"] | rays, size))
-    return drawn
 
 
 _LOADS = (
@@ -89,9 +82,8 @@ def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str
     lens, boards, free, loads = numbers["lens"], session["boards"], session["noload"], session["loads"]
     over_boards, antenna = [], []
     if boards:
-        corners = np.concatenate([np.array(view["corners_px"], float).reshape(-1, 2) for view in boards])
         over_boards = [
-            figures.coverage(corners, lens["image_size"]),
+            figures.coverage(boards, lens["image_size"]),
             figures.residual_arrows(boards, lens["image_size"]),
             figures.residuals_by_radius(boards, lens["values"][2:4]),
             figures.views_rms(boards, session["boards_expected_rms_px"]),
@@ -118,11 +110,8 @@ def _motion(pose: Mapping[str, Any] | None) -> Table | None:
         return None
     rows = [
         [f"{what} {axis}", fixed(value, 3), fixed(std, 3), f"{abs(value) / std:.1f}", unit]
-        for what, unit, values, stds in (
-            ("shift", "mm", pose["shift_mm"], pose["shift_std_mm"]),
-            ("turn about", "mrad", pose["turn_mrad"], pose["turn_std_mrad"]),
-        )
-        for axis, value, std in zip("xyz", values, stds, strict=True)
+        for what, key, unit in (("shift", "shift", "mm"), ("turn about", "turn", "mrad"))
+        for axis, value, std in zip("xyz", pose[f"{key}_{unit}"], pose[f"{key}_std_{unit}"], strict=True)
     ]
     head = ("motion since the calibration", "seen", "± predicted", "in std", "unit")
     return Table(head, rows, head[:1])
@@ -133,20 +122,17 @@ def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
     lens, pose, antenna, sensor = (numbers[key] for key in ("lens", "camera_pose", "antenna", "moment_sensor"))
     lens_std = lens["std"] or [None] * len(lens["values"])
     nominal = antenna["nominal_stiffness_Nm2"]
+    places = zip("xyz", pose["translation_m"], pose["translation_std_m"], strict=True)
+    turns = zip("xyz", pose["rotation_std_rad"], strict=True)
+    coefficients = zip(lens["parameters"], lens["values"], lens_std, strict=True)
     tables = {
         "Camera in the antenna's frame": [
-            *(
-                [f"position {axis}", with_std(value, own, 1e3), "mm"]
-                for axis, value, own in zip("xyz", pose["translation_m"], pose["translation_std_m"], strict=True)
-            ),
-            *(
-                [f"turn about {axis}", f"± {number(1e3 * own, 2)}", "mrad"]
-                for axis, own in zip("xyz", pose["rotation_std_rad"], strict=True)
-            ),
+            *([f"position {axis}", with_std(value, own, 1e3), "mm"] for axis, value, own in places),
+            *([f"turn about {axis}", f"± {number(1e3 * own, 2)}", "mrad"] for axis, own in turns),
         ],
         f"Lens ({lens['model']}, {lens['image_size'][0]} × {lens['image_size'][1]} px)": [
             [name, with_std(value, own), "px" if name in ("fx", "fy", "cx", "cy") else ""]
-            for name, value, own in zip(lens["parameters"], lens["values"], lens_std, strict=True)
+            for name, value, own in coefficients
         ],
         "Antenna": [
             _row("EI", antenna, "stiffness", "_Nm2", 1e3, "mN·m²"),
@@ -170,10 +156,9 @@ def _row(words: str, data: Mapping[str, Any], name: str, suffix: str, scale: flo
 
 
 def _shape_row(row: Mapping[str, Any]) -> list[str]:
-    name = str(row["name"])
     kinds = (("_per_m", 1.0, "1/m"), ("_rad", 1e3, "mrad"), ("_m", 1e3, "mm"), ("", 1e3, "mm"))
-    end, scale, unit = next(kind for kind in kinds if name.endswith(kind[0]))
-    return [name.removesuffix(end).replace("_", " "), with_std(row["value"], row["std"], scale), unit]
+    end, scale, unit = next(kind for kind in kinds if row["name"].endswith(kind[0]))
+    return [row["name"].removesuffix(end).replace("_", " "), with_std(row["value"], row["std"], scale), unit]
 
 
 def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:

@@ -35,12 +35,8 @@ class Picture:
 
 
 def scene_from_file(path: Path) -> Picture:
-    """The scene as it was drawn already. Raises InputError when the file cannot be read or is no picture."""
-    try:
-        data = np.frombuffer(Path(path).read_bytes(), np.uint8)
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=path, remedy="write the picture first") from None
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    """The scene as `vbaa view --screenshot` has drawn it. Raises InputError when the file is no picture."""
+    image = cv2.imread(str(path))
     if image is None:
         raise InputError("is not a picture", where=path, remedy="give the PNG that vbaa view --screenshot wrote")
     return Picture(_packed(image), _CAPTION)

@@ -89,7 +89,7 @@ def _over_time(report: Report) -> list[Markup]:
     """The figures over time, one under the other."""
     table, rig, track = report.table, report.rig, report.track
     events = () if track is None else tuple((event.time_s, event.words) for event in track.events)
-    clock = TimeAxis.of(table.time_s, events)
+    clock = TimeAxis(table.time_s, events)
     drawn = [lanes(clock, "status", table.status.tolist(), STATUS_COLOURS)]
     if track is not None:
         drawn.append(lanes(clock, "phase", track.phase.tolist(), _colours(PHASES)))

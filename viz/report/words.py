@@ -172,10 +172,8 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
     residual = table.moment_residual_Nm[np.isfinite(table.moment_residual_Nm)]
     if rig is not None and len(residual):
         rms = float(np.sqrt(np.mean((residual / rig.moment_sensor.std_Nm) ** 2)))
-        words = (
-            f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms): `vbaa check` asks why."
-        )
-        facts += [Fact("To look at", words, "look")] if rms > _LARGE_RESIDUAL else []
+        words = f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms)"
+        facts += [Fact("To look at", f"{words}: `vbaa check` asks why.", "look")] if rms > _LARGE_RESIDUAL else []
     return facts
 
 
@@ -211,11 +209,9 @@ def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str
             rows.append((name, Markup("{}{}").format(path, digest)))
     if rig is not None:
         length, diameter = number(1e3 * rig.antenna.length_m), number(1e3 * rig.antenna.diameter_m)
-        width, height = rig.camera.image_size
-        words = (
-            f"antenna of {length} mm × {diameter} mm, EI = {1e3 * rig.antenna.stiffness_Nm2:.4g} mN·m²; camera of "
-            f"{width} × {height} px; moment sensor's noise {1e6 * rig.moment_sensor.std_Nm:.3g} µN·m"
-        )
-        rows.append(("antenna and camera", words))
+        antenna = f"antenna of {length} mm × {diameter} mm, EI = {1e3 * rig.antenna.stiffness_Nm2:.4g} mN·m²"
+        camera = "camera of {} × {} px".format(*rig.camera.image_size)
+        noise = f"moment sensor's noise {1e6 * rig.moment_sensor.std_Nm:.3g} µN·m"
+        rows.append(("antenna and camera", "; ".join([antenna, camera, noise])))
     versions = f"vbaa-calib {vbaa_calib.__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
     return [*rows, ("versions", versions), ("written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]

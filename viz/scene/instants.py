@@ -48,14 +48,15 @@ def instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int 
             "no frame has a located contact (status ok or tip_contact)", remedy="see the reason column of contacts.csv"
         )
     # tables of other makers may have points without forces
-    strongest = int(np.argmax(np.where(table.located, np.nan_to_num(_force_N(table)), -1.0)))
+    force = np.linalg.norm(table.force_world_N, axis=1)
+    strongest = int(np.argmax(np.where(table.located, np.nan_to_num(force), -1.0)))
     rows = np.union1d(thinned(np.arange(len(table)), most), strongest)
     return Instants(
         row=rows,
         time_s=table.time_s[rows] - table.time_s[0],
         frame=table.frame[rows],
         main=int(np.searchsorted(rows, strongest)),
-        words=tuple(_words(table, int(row), "" if phase is None else str(phase[row])) for row in rows),
+        words=tuple(_words(table, int(row), "" if phase is None else str(phase[row]), force[row]) for row in rows),
     )
 
 
@@ -68,18 +69,14 @@ def refuse_out_of_reach(table: ContactTable, where: object = None) -> None:
             raise InputError(what, where=where, remedy="estimate it again: no antenna reaches that far")
 
 
-def _force_N(table: ContactTable) -> np.ndarray:
-    return np.linalg.norm(table.force_world_N, axis=1)
-
-
-def _words(table: ContactTable, row: int, phase: str) -> str:
+def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
     """For example "sliding: 157.4 ± 0.2 mm from the clamp, 69.1 mN"."""
     status = str(table.status[row]).replace("_", " ")
     known = [phase] if phase not in ("", "unknown", "free") else []
     head = ", ".join(known if known and status == "ok" else [*known, "located" if status == "ok" else status])
     if not table.located[row]:
         return head
-    distance, std, force = table.distance_m[row], table.distance_std_m[row], _force_N(table)[row]
+    distance, std = table.distance_m[row], table.distance_std_m[row]
     parts = []
     if np.isfinite(distance):
         spread = f" ± {1e3 * std:.2g}" if np.isfinite(std) else ""

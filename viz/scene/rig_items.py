@@ -14,14 +14,13 @@ from vbaa_calib.antenna.shape import bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 
 from .instants import Instants
 from .readable import thinned
 
-_GHOSTS = 6
+_GHOSTS, _WIDEST_PX = 6, 360
 _PICTURE_GRID = (10, 13)
 """Nodes down and across of the drawn picture: between them the lens counts as straight."""
 
@@ -56,7 +55,10 @@ def rig_items(rig: Rig, table: ContactTable, instants: Instants) -> RigItems:
 
     Raises InputError when the contacts are not of this rig.
     """
-    poses = _poses_at(rig.kinematics, table, instants.row)
+    angles = (angle[instants.row] for angle in joint_angles(rig.kinematics, table))
+    poses = np.tile(np.eye(4), (len(instants), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = rig.kinematics.world_antenna(*angles)
+    poses[~np.isfinite(poses).all(axis=(1, 2))] = np.nan
     located = np.flatnonzero(table.located[instants.row])
     spread = thinned(located, _GHOSTS)
     length = rig.antenna.length_m
@@ -72,18 +74,6 @@ def rig_items(rig: Rig, table: ContactTable, instants: Instants) -> RigItems:
         camera_m=centre,
         picture_m=rig.T_antenna_camera @ _picture_grid(rig.camera, 0.4 * length),
     )
-
-
-def _poses_at(kinematics: Kinematics, table: ContactTable, rows: np.ndarray) -> np.ndarray:
-    """(M, 4, 4) T_world_antenna in these rows of the table; NaN where neither joints nor contact are known.
-
-    Raises InputError when the contacts are not of this rig.
-    """
-    rotation, translation = kinematics.world_antenna(*(angle[rows] for angle in joint_angles(kinematics, table)))
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = rotation, translation
-    poses[~np.isfinite(poses).all(axis=(1, 2))] = np.nan
-    return poses
 
 
 def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, share: float) -> np.ndarray:
@@ -120,9 +110,6 @@ def _picture_grid(camera: Camera, depth_m: float) -> np.ndarray:
     straight = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.matrix).T
     rays = np.where((valid & (rays[:, 2] > 0.1))[:, None], rays, straight)
     return (depth_m * rays / rays[:, 2:]).reshape(rows, columns, 3)
-
-
-_WIDEST_PX = 360
 
 
 def session_pictures(folder: Path, frames: np.ndarray, image_size: tuple[int, int]) -> tuple[np.ndarray | None, ...]:
