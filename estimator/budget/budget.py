@@ -31,7 +31,7 @@ from .space import JOINT_AXES, LENS, ErrorSpace
 from .touches import Touches, ordinary_touches, unknowns_of
 
 
-class Cause(NamedTuple):
+class _Cause(NamedTuple):
     """Of errors: its name and colour in tables and figures, and what to do about it."""
 
     name: str
@@ -50,22 +50,22 @@ _FORCE = "give the moment reading: the picture alone hardly holds the force here
 _POLISH = "polish or grease the antenna, and say with --friction how slippery it is"
 _WEIGH = "weigh the antenna, or take more pictures of it free at several tilts"
 CAUSES = {
-    PIXELS: Cause("pixel noise", "#0f766e", _CAMERA),
-    MOMENT_NOISE: Cause("moment noise", "#b45309", _SENSOR),
-    FRICTION: Cause("friction angle", "#6d28d9", _POLISH),
-    LENS: Cause("lens", "#1d4ed8", _LENS),
-    "camera_rotation": Cause("camera rotation", "#0ea5e9", _JIG),
-    "camera_position": Cause("camera position", "#7dd3fc", _JIG),
-    "clamp_angle": Cause("clamp angle", "#15803d", _NO_LOAD),
-    "clamp_offset": Cause("clamp offset", "#4ade80", _NO_LOAD),
-    "clamp_give": Cause("clamp give", "#a3e635", _LOADS + "; or stiffen the clamp"),
-    "bow": Cause("bow", "#facc15", _NO_LOAD),
-    "stiffness": Cause("stiffness EI", "#dc2626", _LOADS),
-    "mass": Cause("mass", "#fda4af", _WEIGH),
-    "moment_gain": Cause("moment gain", "#f97316", _LOADS),
-    "moment_offset": Cause("moment offset", "#fdba74", "take more readings without a load"),
-    JOINT_AXES: Cause("joint axes", "#78716c", _AXES),
-    FORCE_PRIOR: Cause("likely force", "#cbd5e1", _FORCE),
+    PIXELS: _Cause("pixel noise", "#0f766e", _CAMERA),
+    MOMENT_NOISE: _Cause("moment noise", "#b45309", _SENSOR),
+    FRICTION: _Cause("friction angle", "#6d28d9", _POLISH),
+    LENS: _Cause("lens", "#1d4ed8", _LENS),
+    "camera_rotation": _Cause("camera rotation", "#0ea5e9", _JIG),
+    "camera_position": _Cause("camera position", "#7dd3fc", _JIG),
+    "clamp_angle": _Cause("clamp angle", "#15803d", _NO_LOAD),
+    "clamp_offset": _Cause("clamp offset", "#4ade80", _NO_LOAD),
+    "clamp_give": _Cause("clamp give", "#a3e635", _LOADS + "; or stiffen the clamp"),
+    "bow": _Cause("bow", "#facc15", _NO_LOAD),
+    "stiffness": _Cause("stiffness EI", "#dc2626", _LOADS),
+    "mass": _Cause("mass", "#fda4af", _WEIGH),
+    "moment_gain": _Cause("moment gain", "#f97316", _LOADS),
+    "moment_offset": _Cause("moment offset", "#fdba74", "take more readings without a load"),
+    JOINT_AXES: _Cause("joint axes", "#78716c", _AXES),
+    FORCE_PRIOR: _Cause("likely force", "#cbd5e1", _FORCE),
 }
 """Every cause, in the order in which figures stack them."""
 ADVISED = ("distance_m", "force_N", "point_m")  # results that the advice is about

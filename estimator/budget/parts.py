@@ -29,9 +29,8 @@ _EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any,
 class Linearization:
     """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes.
 
-    `points` and `readings` (B, K, K) are the information in the picture and in the readings, `prior` (B, K) the weight
-    of the squares, `results` (B, 6, K) how distance, f_y, f_z and the world point follow the unknowns (T), `beyond`
-    (B, 6, S) their errors that no frame determines (D), `usable` (B,) how many points the picture shows.
+    `points` and `readings` (B, K, K) are the information in picture and readings, `prior` (B, K) the weights P,
+    `results` (B, 6, K) is T, `beyond` (B, 6, S) is D, `usable` (B,) how many points the picture shows.
     """
 
     points: np.ndarray

@@ -20,12 +20,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ObjectEstimate:
-    """An object felt with the antenna.
-
-    `track` says when the antenna touched, stuck and slid, for every frame of the table; `surface` is the object's
-    shape, with its compliance; `friction` between antenna and object, per touch of the surface; `shared` what the
-    frames' errors have in common.
-    """
+    """An object: when the antenna touched, stuck and slid, for every frame; its shape, with its compliance; friction,
+    per touch of the surface; and what the frames' errors have in common."""
 
     track: Track
     surface: Surface
@@ -79,18 +75,12 @@ class ObjectEstimate:
 
 
 def estimate_object(table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None) -> ObjectEstimate:
-    """What the contacts of one object that stood still say of it.
+    """What the contacts of one object that stood still say of it; the frames are in order of time.
 
-    Parameters
-    ----------
-    table : the frames in order of time.
-    rig : that the contacts were made with. Without it the antenna has no radius, and which of the errors are common
-        is not known: the shape takes them for each frame's own, friction for both.
-    friction_rad : what the contacts were estimated with, see `ContactEstimator`; by default what the table says.
-
-    Raises
-    ------
-    InputError : no frame has a contact point with its force; contacts that are not of this rig.
+    Without the rig that they were made with the antenna has no radius, and which of the errors are common is not known:
+    the shape takes them for each frame's own, friction for both. `friction_rad` is what the contacts were estimated
+    with, by default what the table says. Raises InputError where no frame has a contact point with its force, or where
+    the contacts are not of this rig.
     """
     touches_of(table)  # says what is missing before any work
     friction_rad = table.assumed_friction_rad if friction_rad is None else friction_rad

@@ -5,10 +5,10 @@ z/y = f_z/f_y everywhere, and with κ = tanφ·f_z/f_y the true position is x = 
 part alike. The moment sensor closes it: κ·l·f_y = τ_y·tanφ. For two curved points that is a quintic in κ, for two
 straight ones κ cancels, Eq. (30); `inclined_roots` solves all cases as one, exactly where the paper's sextic is not.
 
-NumPy or torch; arguments broadcast, and the work is in float64. The last axis of `xp_m` and `y_m` holds the two points.
-Since |y| grows along the antenna whatever κ is, it tells which of the two is nearer to the clamp. At strong tilts and
-large slopes two points may admit more than one contact: all are found, the one with the smallest slope is taken, and
-`solutions` says how many there were. Where there is none the numbers are NaN and the part is `Part.NONE`.
+NumPy or torch; arguments broadcast, and the work is in float64. The last axis of `xp_m` and `y_m` holds the two points;
+|y| tells which of them is nearer to the clamp. At strong tilts and large slopes two points may admit more than one
+contact: the one with the smallest slope is taken, and `solutions` says how many there were. Where there is none the
+numbers are NaN and the part is `Part.NONE`.
 """
 
 from __future__ import annotations
@@ -23,19 +23,16 @@ from vbaa_calib.core.arrays import Array, namespace
 
 from .two_point import Part, bending, elasticity, floats, in_pieces, relative_contact
 
-_CLOSE = 1e-9
-"""A step of Newton's, relative, after which one more reaches rounding."""
-_ENDLESS = 1e15
-"""l/x2 of deflections as if under a pure moment."""
-_HALVINGS = 36
+_CLOSE = 1e-9  # a step of Newton's, relative, after which one more reaches rounding
+_ENDLESS = 1e15  # l/x2 of deflections as if under a pure moment
+_HALVINGS, _ROUNDING = 36, 1e-9
 
 
 def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
     """Part, l, x1 and x2 (n, 3) of every contact: the first and second not straight, and the straight one; or NaN.
 
     The straight one is Eq. (30), its points lie at Eq. (26), mended to invert Eq. (25), whose depth is Eqs. (27), (28).
-
-    The point nearer to the clamp is the first; `ratio` is y2/y1, `torque` τ_y·tanφ/2EI.
+    `ratio` is y2/y1, `torque` τ_y·tanφ/2EI.
     """
     xp = namespace(ratio)
     drop = ratio * xp1 - xp2
@@ -103,10 +100,7 @@ def _turn(place: Array, ratio: Array, first: Array, last: Array, fold: Array) ->
 
 
 def _root(function: Callable[[Array], tuple[Array, Array]], above: Array, below: Array, start: Array) -> Array:
-    """Root between `above`, where the function (value and slope) is positive, and `below`; NaN where one of them is.
-
-    Newton's steps, held by the bracket.
-    """
+    """Root between `above`, where the function (value and slope) is positive, and `below`, by Newton's held steps."""
     xp = namespace(above)
     v, middle = start, 0.5 * (above + below)
     v = xp.where((v - above) * (v - below) < 0.0, v, middle)
@@ -125,21 +119,13 @@ def _root(function: Callable[[Array], tuple[Array, Array]], above: Array, below:
     return xp.where((newton - above) * (newton - below) <= 0.0, newton, v)
 
 
-_ROUNDING = 1e-9
-
-
 @dataclass(frozen=True, eq=False)
 class InclinedContact:
-    """What two points seen by the tilted camera and the moment tell.
+    """What two points seen by the tilted camera and the moment tell, (...) each.
 
-    Attributes
-    ----------
-    part : (...) a `Part` each.
-    contact_m, force_y_N, force_z_N : (...) contact distance l and force components.
-    x_m : (..., 2) where the two points really are along the antenna, the nearer one first.
-    solutions : (...) number of different admissible contacts; more than one is an ambiguity, not an answer.
-    condition_contact, condition_force : (...) largest relative error of l, and of f_y, per relative error of y1, y2,
-        x_p1, x_p2 and the moment.
+    `x_m` (..., 2) is where the points really are along the antenna, the nearer one first. `solutions` is the number of
+    admissible contacts; more than one is an ambiguity, not an answer. The conditions are the largest relative errors of
+    l and of f_y per relative error of y1, y2, x_p1, x_p2 and the moment.
     """
 
     part: Array
@@ -177,8 +163,8 @@ def eq29_baseline(
 ) -> np.ndarray:
     """Contact distance (...) for two curved points as the paper has it, Eq. (29): for comparison only, it is biased.
 
-    With γ = τ_y·tanφ/6EI, as its coefficients demand (2EI is printed). It gives the *curved* points the depth of the
-    straight part. Smallest root in 0 < l ≤ L, NaN where there is none. NumPy alone.
+    With γ = τ_y·tanφ/6EI (2EI is printed). It gives the *curved* points the depth of the straight part. Smallest root
+    in 0 < l ≤ L, NaN where there is none. NumPy alone.
     """
     given = (xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
     with np.errstate(all="ignore"):

@@ -1,12 +1,11 @@
 """The paper's two-point formulas for the upright camera, which sees (x, y) of the antenna on plane C.
 
-Two points x1 < x2 and the deflections y1, y2 there fix the contact distance l and the force component f_y. The ratio
-y2/y1 depends on l alone and grows with it: from x2/x1 (l → 0) over (3x2 − x1)/2x1 (l = x1) and
-2x2³/((3x2 − x1)x1²) (l = x2) to (x2/x1)² (l → ∞). So exactly one of the three cases holds, and the ratio says which.
+Of two points x1 < x2 with deflections y1, y2 the ratio y2/y1 depends on l alone and grows with it, from x2/x1 (l → 0)
+over (3x2 − x1)/2x1 (l = x1) and 2x2³/((3x2 − x1)x1²) (l = x2) to (x2/x1)² (l → ∞). So exactly one of the three cases
+holds, and the ratio says which.
 
 NumPy or torch; arguments broadcast, and the work is in float64. The last axis of `x_m` and `y_m` holds the two points,
-in either order. Where no contact 0 < l ≤ L explains them the numbers are NaN and the part is `Part.NONE`: coincident
-points, deflections of opposite sign or zero, a straight line through the clamp, points at or behind the clamp.
+in either order. Where no contact 0 < l ≤ L explains them the numbers are NaN and the part is `Part.NONE`.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ import torch
 
 from vbaa_calib.core.arrays import Array, like, namespace, widest_float
 
-_PIECE = {np: 16384, torch: 65536}
-"""Frames worked on at a time: few enough for the cache, for torch enough to share among its threads."""
+_PIECE = {np: 16384, torch: 65536}  # frames at a time: few enough for the cache, enough for torch's threads
+_ROUNDING, _ROUNDS = 1e-9, 3
 
 
 def floats(*values: Any) -> list[Array]:
@@ -38,10 +37,9 @@ def floats(*values: Any) -> list[Array]:
 
 
 def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *values: Array) -> list[Array]:
-    """Results (...) of a function of points (n, 2) and numbers (n,), worked out in pieces that stay in a cache.
+    """Results (...) of a function of points (n, 2) and numbers (n,), in pieces; the point nearer to the clamp is first.
 
-    Two points x, y (..., 2) and values (...) broadcast; single numbers are handed on as they are. The point of the
-    smaller `|y|` comes first: it is the nearer to the clamp. Warnings about NaN are off.
+    Two points x, y (..., 2) and values (...) broadcast; single numbers are handed on. Warnings about NaN are off.
     """
     xp = namespace(y_m)
     batch = np.broadcast_shapes(x_m.shape[:-1], y_m.shape[:-1], *(value.shape for value in values))
@@ -59,9 +57,6 @@ def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *v
     return [xp.concat(list(column)).reshape(batch) for column in zip(*pieces, strict=True)]
 
 
-_ROUNDING = 1e-9
-
-
 class Part(IntEnum):
     """Which parts of the antenna the two points lie on: the paper's cases (i), (ii), (iii)."""
 
@@ -73,14 +68,7 @@ class Part(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class TwoPointContact:
-    """What two points on plane C tell.
-
-    Attributes
-    ----------
-    part : (...) a `Part` each.
-    contact_m, force_y_N : (...) contact distance l and force component f_y.
-    x_m : (..., 2) the two points, as they were given.
-    """
+    """What two points on plane C, given at `x_m` (..., 2), tell: a `Part`, contact distance l and f_y, (...) each."""
 
     part: Array
     contact_m: Array
@@ -106,10 +94,8 @@ class TwoPointContact:
 def two_point_contact(x_m: Any, y_m: Any, stiffness_Nm2: Any, length_m: Any = np.inf) -> TwoPointContact:
     """Contact distance and f_y from two points (..., 2), by the one case that is consistent with its own solution.
 
-    Curved points solve Eqs. (8)–(11), straight ones Eqs. (12)–(15), of which Eq. (14) is mended: as printed the force
-    has not even the unit of a force.
-
-    `length_m` (...) is the antenna's length L; a contact beyond it is inadmissible.
+    Curved points solve Eqs. (8)–(11), straight ones Eqs. (12)–(15), of which Eq. (14) is mended. A contact beyond the
+    antenna's length L, `length_m` (...), is inadmissible.
     """
     x, y, stiffness, length = floats(x_m, y_m, stiffness_Nm2, length_m)
     part, contact, force = in_pieces(_solved, x, y, stiffness, length)
@@ -133,10 +119,7 @@ def contact_position(contact_m: Any, force_y_N: Any, force_z_N: Any, stiffness_N
 
 
 def conditions(elasticity_1: Array, elasticity_2: Array) -> tuple[Array, Array]:
-    """Condition numbers (...) of l and of f_y in y1 and y2, from each point's e_i = ∂ln y_i/∂ln l at constant force.
-
-    ln y_i moves by d ln f + e_i·d ln l. Solved for l and f, with both errors at their worst signs.
-    """
+    """Condition numbers (...) of l and f_y, each point's ln y_i moving by d ln f + e_i·d ln l."""
     gap = abs(elasticity_2 - elasticity_1)
     return 2.0 / gap, (abs(elasticity_1) + abs(elasticity_2)) / gap
 
@@ -191,8 +174,8 @@ def _part(spread: Array, ratio: Array) -> Array:
 def _mixed_root(spread: Array, known: Array) -> Array:
     """l/x2 = λ in [q, 1] with λ²(3 − λ) = k(3λ − q), k = q²r: the middle one of three real roots.
 
-    With 3 − λ interpolated between the ends of k's range it is a quadratic, right to 6 %. Newton's four steps from
-    there reach rounding for every q: Cardano's formula would lose half the digits where two roots meet (q → 0).
+    With 3 − λ interpolated it is a quadratic, right to 6 %; Newton's four steps from there reach rounding for every q,
+    where Cardano's formula would lose half the digits as two roots meet (q → 0).
     """
     xp = namespace(spread)
     lowest, highest = 0.5 * spread * (3.0 - spread), 2.0 / (3.0 - spread)
@@ -203,9 +186,6 @@ def _mixed_root(spread: Array, known: Array) -> Array:
         residual = root**2 * (3.0 - root) - known * (3.0 * root - spread)
         root = root - residual / (3.0 * (root * (2.0 - root) - known))
     return xp.minimum(xp.maximum(root, spread), xp.ones_like(root))
-
-
-_ROUNDS = 3
 
 
 def straight_line_contact(

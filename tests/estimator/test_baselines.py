@@ -22,7 +22,7 @@ PANS = np.radians(np.linspace(0.3, 2.0, 6))
 NOISE = Noise(point_m=5e-5, moment_Nm=2e-5, turn_rad=1e-5)
 
 
-@pytest.mark.parametrize("contact_m", [0.06, 0.12, 0.2])
+@pytest.mark.parametrize("contact_m", [0.06, 0.2])
 def test_every_system_finds_a_rigid_edge_square_on(contact_m: float) -> None:
     touched, rotations = pressed(knife(contact_m), PANS)
     press = press_of(touched, rotations)

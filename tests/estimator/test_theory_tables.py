@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup
 from benchmarks.estimator.shapes import elastica_shapes, rod_shapes
+from estimator import ContactEstimator
 from estimator.contact.motion import inertia
 from vbaa_calib.rig import Rig
 
@@ -135,3 +137,37 @@ def test_ringing_that_is_seen() -> None:
     for mine, theirs in zip(found, table_below("theory_estimator.md", "seen only as far as"), strict=True):
         assert float(mine[1]) == pytest.approx(float(theirs[1].split()[0]), abs=0.5)
         np.testing.assert_allclose([float(cell) for cell in mine[2:]], [float(c) for c in theirs[2:]], atol=0.011)
+
+
+@pytest.mark.parametrize(("tilt_deg", "factor"), [(0.0, 0.5), (30.0, 2.0)])
+@pytest.mark.parametrize("blind", [False, True])
+def test_a_wrong_stiffness_hides(blind: bool, factor: float, tilt_deg: float) -> None:
+    """docs/limits.md: what is seen of the force follows EI, what is read does not; the distance hardly moves."""
+    rig = rig_of(max(tilt_deg, 30.0 * blind))
+    given = rubbed(rig, [0.4, 0.6, 0.8], [20.0 if blind else 8.0] * 3, 0.0, 0.6, made_by=elastica_shapes)
+    parameters = rig.antenna.parameters + np.log(factor) * (np.arange(9) == 6)
+    wrong = ContactEstimator(replace(rig, antenna=replace(rig.antenna, parameters=parameters)))
+    moment = None if blind else given.moment_Nm
+    found = wrong.estimate_batch(given.points_px, moment, given.pan_rad, given.tilt_rad, sigma_px=0.1)
+    assert blind or (found.status == "ok").all()
+    force = (found.force_N / given.force_N)[:, 1:]
+    np.testing.assert_allclose(force, np.full((3, 2), [factor, factor if blind else 1.0]), rtol=0.03 if blind else 0.08)
+    np.testing.assert_allclose(found.distance_m, given.distance_m, rtol=2e-3 if blind else 0.01)
+
+
+@pytest.mark.slow
+def test_neighbours_that_err_together() -> None:
+    """A correlation of 0.5 between neighbours: as if of each three points there were one, so √3 off in deviations."""
+    rng, count, off, loud = np.random.default_rng(6), 200, [], []
+    for together in (0.0, 0.5):
+        reach, slope, roll = rng.uniform(0.3, 0.8, count), rng.uniform(6.0, 20.0, count), rng.uniform(-0.9, 0.9, count)
+        given = rubbed(rig_of(), reach, slope, 0.0, roll, made_by=elastica_shapes)
+        noise = rng.normal(size=given.points_px.shape)
+        for index in range(1, noise.shape[1]):
+            noise[:, index] = together * noise[:, index - 1] + np.sqrt(1 - together**2) * noise[:, index]
+        found = answered(replace(given, points_px=given.points_px + 0.1 * noise), "elastica", friction=0.0)
+        off.append(float(np.sqrt(np.nanmean(scene_deviations(found, given)[:, 0] ** 2))))
+        loud.append(float(np.mean(found.numbers.second_gain > 18.0)))
+        print(f"correlation {together}: l off by {off[-1]:.2f} deviations rms, second force in {100 * loud[-1]:.1f} %")
+    np.testing.assert_allclose(off, [1.0, 3.0**0.5], rtol=0.15)
+    assert max(loud) < 0.03

@@ -12,18 +12,11 @@ from estimator.contact.common_errors import CommonErrors
 from estimator.object.track import follow, smooth
 from estimator.object.track.smooth import kalman_smooth, smoothable_pieces, walk_intensity
 from estimator.table.contacts import ContactTable
-from vbaa_calib.rig import Rig
 
 from .track_tables import Rubbed, rubbed, rubbed_table
 
 RIG = Setup(real=True, exact=True).rig()
 COUNT = 50
-
-
-def known(table: ContactTable, common_m: float) -> CommonErrors:
-    """A calibration error that moves all points alike, told apart from the table's covariance."""
-    modes = np.tile(common_m * np.eye(3), (len(table), 1, 1))
-    return CommonErrors(modes, 0.0 * modes, 0.0 * modes, table.covariance_world_m2 - common_m**2 * np.eye(3))
 
 
 def swaying() -> Rubbed:
@@ -33,12 +26,12 @@ def swaying() -> Rubbed:
     return rubbed(along, 0.012 + aside, walk)
 
 
-def seen(truth: Rubbed, seed: int, common_m: float = 2e-3, rig: Rig = RIG) -> tuple[ContactTable, CommonErrors]:
-    """A table whose covariances hold a common error, and what is shared."""
-    rng = np.random.default_rng(seed)
-    table = rubbed_table(truth, rng)
-    table = replace(table, covariance_world_m2=table.covariance_world_m2 + common_m**2 * np.eye(3))
-    return table, known(table, common_m)
+def seen(truth: Rubbed, seed: int) -> tuple[ContactTable, CommonErrors]:
+    """A table whose covariances hold a common error that moves all points alike, and what is shared."""
+    table = rubbed_table(truth, np.random.default_rng(seed))
+    modes = np.tile(2e-3 * np.eye(3), (COUNT, 1, 1))
+    shared = CommonErrors(modes, 0.0 * modes, 0.0 * modes, table.covariance_world_m2)
+    return replace(table, covariance_world_m2=table.covariance_world_m2 + 4e-6 * np.eye(3)), shared
 
 
 def test_smoothed_points_are_nearer_and_worth_what_they_say() -> None:
@@ -91,16 +84,10 @@ def test_a_break_is_not_smoothed_over() -> None:
     assert abs(several[1][0] - 25) <= 3
     moved = table.point_world_m + np.where(np.arange(COUNT) >= several[1][0], 0.01, 0.0)[:, None] * [0.0, 0.0, 1.0]
     before, after = (
-        smooth(replace(table, point_world_m=points, point_antenna_m=_in_antenna(table, points)), RIG, shared, track)
-        for points in (table.point_world_m, moved)
+        smooth(replace(table, point_world_m=at), RIG, shared, track) for at in (table.point_world_m, moved)
     )
     np.testing.assert_array_equal(before.point_world_m[several[0]], after.point_world_m[several[0]])
     assert (before.point_world_m[several[1]] != after.point_world_m[several[1]]).any()
-
-
-def _in_antenna(table: ContactTable, points_m: np.ndarray) -> np.ndarray:
-    rotation, origin = RIG.kinematics.world_antenna(table.pan_rad, table.tilt_rad)
-    return np.einsum("bji,bj->bi", rotation, points_m - origin)
 
 
 def test_without_a_walk_the_smoother_is_the_straight_line() -> None:

@@ -83,6 +83,8 @@ def test_torch_agrees_with_numpy_whatever_the_pieces() -> None:
         np.testing.assert_allclose(getattr(found, name).numpy()[good], getattr(expected, name)[good], rtol=1e-10)
     one_by_one = [two_point_contact(*pair, EI, LENGTH).contact_m for pair in zip(x[:50], y[:50], strict=True)]
     np.testing.assert_array_equal(one_by_one, expected.contact_m[:50])
+    backward = two_point_contact(x[:60, ::-1].reshape(3, 20, 2), y[:60, ::-1].reshape(3, 20, 2), EI, LENGTH)
+    np.testing.assert_array_equal(backward.contact_m, expected.contact_m[:60].reshape(3, 20))
     assert two_point_contact(x[:0], y[:0], EI).contact_m.shape == (0,)
 
 
@@ -106,30 +108,16 @@ def test_condition_numbers_against_perturbation(part: Part) -> None:
     np.testing.assert_allclose(swing_force[smooth], found.condition_force[smooth], rtol=2e-3)
 
 
-def test_order_of_the_points_and_broadcasting() -> None:
-    x, y, contact, _, _ = scenes(60, 7)
-    reversed_points = two_point_contact(x[:, ::-1], y[:, ::-1], EI)
-    np.testing.assert_array_equal(reversed_points.contact_m, two_point_contact(x, y, EI).contact_m)
-    grid = two_point_contact(x.reshape(3, 20, 2), y.reshape(3, 20, 2), EI)
-    np.testing.assert_allclose(grid.contact_m, contact.reshape(3, 20), rtol=1e-9)
-    one = two_point_contact(x[0], y[0], EI)
-    assert one.contact_m == pytest.approx(contact[0])
-    assert one.part.shape == ()
-
-
 @pytest.mark.parametrize(
     ("x", "y"),
     [
-        ((0.1, 0.1), (0.001, 0.001)),  # coincident
         ((0.1, 0.1), (0.001, 0.002)),  # one position, two deflections
         ((0.1, 0.2), (0.001, -0.002)),  # bent both ways
-        ((0.1, 0.2), (0.0, 0.002)),
         ((0.1, 0.2), (0.0, 0.0)),  # no load
         ((0.1, 0.2), (0.001, 0.002)),  # straight through the clamp: l → 0
         ((0.1, 0.2), (0.001, 0.0019)),  # bent back
         ((0.1, 0.2), (0.001, 0.0041)),  # more than any point load can
         ((-0.1, 0.2), (0.001, 0.003)),
-        ((0.0, 0.2), (0.0, 0.003)),
         ((0.1, 0.2), (np.nan, 0.003)),
         ((np.inf, 0.2), (0.001, 0.003)),
         ((0.05, 0.1), tuple(linear.deflection(np.array([0.05, 0.1]), 0.3, 0.1, EI))),  # beyond the tip

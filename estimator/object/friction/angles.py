@@ -56,8 +56,8 @@ class Axes:
     @staticmethod
     def of(normal: np.ndarray, tangent: np.ndarray, at_tip: np.ndarray) -> Axes:
         """From unit vectors (P, 3), and where (P,) the tip touches."""
-        lateral = unit(np.cross(normal, tangent))
-        flat = unit(np.cross(tangent, lateral))
+        lateral = _unit(np.cross(normal, tangent))
+        flat = _unit(np.cross(tangent, lateral))
         return Axes(
             np.where(at_tip[:, None], normal, flat),
             np.where(at_tip[:, None], np.cross(lateral, normal), tangent),
@@ -69,13 +69,13 @@ class Axes:
         return np.einsum("pi,pij,pj->p", self.lateral, covariance, self.lateral)
 
 
-def unit(vectors: np.ndarray) -> np.ndarray:
+def _unit(vectors: np.ndarray) -> np.ndarray:
     """(..., 3) of length 1; NaN in place of nothing."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 1e-9, length, np.nan)
 
 
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(P,) of vectors (P, 3)."""
     return np.sum(a * b, axis=1)
 
@@ -83,9 +83,9 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes) -> Angles:
     """Of the forces in these rows (P,), from the normal about the antenna, positive along `Axes.lateral`."""
     force = table.force_world_N[rows]
-    across = np.hypot(dot(force, axes.normal), dot(force, axes.lateral))
+    across = np.hypot(_dot(force, axes.normal), _dot(force, axes.lateral))
     across, whole = np.where(across > 0.0, across, np.nan), _roll_std_rad(table)[rows]
-    angle = np.arctan2(dot(force, axes.lateral), dot(force, axes.normal))
+    angle = np.arctan2(_dot(force, axes.lateral), _dot(force, axes.normal))
     if shared.point_m.shape[2]:
         modes = np.einsum("pi,pis->ps", axes.lateral, shared.force_N[rows]) / across[:, None]
         own = np.sqrt(np.maximum(whole**2 - np.sum(modes**2, axis=1), (_LEAST_OWN * whole) ** 2))
@@ -166,12 +166,12 @@ def friction_touches(
 
 def _sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
     """(B,) bool: frames, at times (B,), in the midst of sliding one way."""
-    sliding, way = track.phase == "sliding", np.nan_to_num(unit(track.slip_velocity_m_s))
+    sliding, way = track.phase == "sliding", np.nan_to_num(_unit(track.slip_velocity_m_s))
     result = sliding.copy()
     for step in range(-_NEIGHBOURS, _NEIGHBOURS + 1):
         at = np.arange(len(sliding)) + step
         there = np.clip(at, 0, len(sliding) - 1)
-        alike = (at == there) & sliding[there] & (dot(way, way[there]) > _SAME_WAY)
+        alike = (at == there) & sliding[there] & (_dot(way, way[there]) > _SAME_WAY)
         result &= alike | ((abs(step) > 1) & (np.abs(time_s[there] - time_s) > _NEAR_S))
     return result
 
@@ -191,7 +191,7 @@ def _friction_angles(
     if not shared.point_m.shape[2]:
         return Angles(np.where(seen, angle, np.nan), whole, np.nan_to_num(whole)[:, None] * [0.0, 0.0, 1.0])
     force = table.force_world_N[rows]
-    across = np.hypot(dot(force, axes.normal), dot(force, axes.lateral))[:, None]
+    across = np.hypot(_dot(force, axes.normal), _dot(force, axes.lateral))[:, None]
     turned = -np.einsum("pi,pis->ps", axes.along, shared.force_N[rows]) / np.where(across > 0, across, np.nan)
     # the last common error is the prior's, which was taken out: to first order, so that half of that is in doubt
     doubt = np.stack([np.zeros(len(rows)), 0.5 * (angle - estimated)], axis=1)
@@ -203,7 +203,7 @@ def _friction_angles(
 def _slip(track: Track, rows: np.ndarray, axes: Axes) -> tuple[np.ndarray, np.ndarray]:
     """Unit slip (P, 2), lateral and longitudinal, and the deviation (P,) of its direction; NaN where it has none."""
     velocity, std = track.slip_velocity_m_s[rows], track.slip_std_m_s[rows]
-    parts = np.stack([dot(velocity, axes.lateral), dot(velocity, axes.along)], axis=1)
+    parts = np.stack([_dot(velocity, axes.lateral), _dot(velocity, axes.along)], axis=1)
     speed = np.linalg.norm(parts, axis=1)
     with np.errstate(invalid="ignore"):
         directed = speed > _SLIPS * std

@@ -154,7 +154,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class _Profile:
     """The common errors that explain the angles best, for each of G values of μ.
 
     `cost` (G,) is the negative log-likelihood with the common errors profiled out, `evidence` (G,) integrated out;
@@ -169,14 +169,14 @@ class Profile:
     covariance: np.ndarray
     off: np.ndarray
 
-    def select(self, which: np.ndarray | slice) -> Profile:
+    def select(self, which: np.ndarray | slice) -> _Profile:
         """Those of some values."""
-        return Profile(**{each.name: getattr(self, each.name)[which] for each in fields(Profile)})
+        return _Profile(**{each.name: getattr(self, each.name)[which] for each in fields(_Profile)})
 
     @staticmethod
-    def concatenate(parts: Sequence[Profile]) -> Profile:
+    def concatenate(parts: Sequence[_Profile]) -> _Profile:
         """One after the other."""
-        return Profile(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Profile)})
+        return _Profile(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(_Profile)})
 
 
 def _student_t_losses(off: np.ndarray) -> np.ndarray:
@@ -187,7 +187,7 @@ def _student_t_weights(off: np.ndarray) -> np.ndarray:
     return (_FREEDOM + 1.0) / (_FREEDOM + off**2)
 
 
-def _profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> Profile:
+def _profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None) -> _Profile:
     """At values of μ (G,), from common errors (K,) on: weighted least squares, a dead zone where nothing need slide."""
     modes = evidence.angles.modes_rad
     z = np.tile(np.zeros(modes.shape[1]) if start is None else start, (len(mu), 1))
@@ -221,7 +221,7 @@ def _profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None
             break
     hessian = hessian_of(off)
     _, volume = np.linalg.slogdet(hessian)
-    return Profile(mu, cost, cost + 0.5 * volume, z, np.linalg.inv(hessian), off)
+    return _Profile(mu, cost, cost + 0.5 * volume, z, np.linalg.inv(hessian), off)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +246,7 @@ class Coefficient:
     wrong: float
     strain: float
     axes: np.ndarray
-    fits: Profile
+    fits: _Profile
     weight: np.ndarray
 
 
@@ -284,7 +284,7 @@ def coefficient(evidence: Evidence) -> Coefficient:
     )
 
 
-def _profile_on_grids(evidence: Evidence) -> Profile:
+def _profile_on_grids(evidence: Evidence) -> _Profile:
     """At a coarse grid of μ, and at a fine one where that finds the likely values."""
     grid = np.tan(np.linspace(0.0, np.arctan(_LARGEST), _COARSE))
     coarse = _profile(evidence, grid)
@@ -293,10 +293,10 @@ def _profile_on_grids(evidence: Evidence) -> Profile:
     first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, _COARSE - 1)
     between = np.linspace(grid[first], grid[last], _FINE)[1:-1]
     fine = _profile(evidence, between, coarse.modes[best])
-    return Profile.concatenate([coarse.select(slice(0, first + 1)), fine, coarse.select(slice(last, None))])
+    return _Profile.concatenate([coarse.select(slice(0, first + 1)), fine, coarse.select(slice(last, None))])
 
 
-def _cost_without_worst(evidence: Evidence, found: Profile) -> np.ndarray:
+def _cost_without_worst(evidence: Evidence, found: _Profile) -> np.ndarray:
     """(G,) the costs without the touches farthest outside the cone."""
     outside = np.sort(_student_t_losses(found.off[:, ~evidence.slides]), axis=1)
     return found.cost - outside[:, max(outside.shape[1] - _SPARED, 0) :].sum(axis=1)
@@ -312,7 +312,7 @@ def _shortest(grid: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.array([low[best], high[best]])
 
 
-def _bounds(evidence: Evidence, found: Profile) -> np.ndarray:
+def _bounds(evidence: Evidence, found: _Profile) -> np.ndarray:
     """(2,) where the profile likelihood rises above its least by `_BOUND`, below and above it."""
     cost = _cost_without_worst(evidence, found)
     dear, best = cost > cost.min() + _BOUND, int(np.argmin(cost))

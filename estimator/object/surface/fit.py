@@ -27,7 +27,7 @@ _STEEPEST, _SHARPEST_M = 3.0, 3e-4  # on the way no larger slope is believed, no
 
 
 @dataclass(frozen=True, eq=False)
-class FitState:
+class _FitState:
     """Where the turns have come to: normals (P, 3), the compliance in the points, slopes and bends as `LocalTouches`',
     each patch's prior and slack, and the factor on each touch's own covariance; `vague` touches are not used."""
 
@@ -52,7 +52,7 @@ class Fit:
     touches: Touches
     patches: tuple[Patch, ...]
     solution: Solution
-    state: FitState
+    state: _FitState
     point_m: np.ndarray
     normals: Normals
 
@@ -80,7 +80,7 @@ class Fit:
         return points, joint[pair[:, :, None], pair[:, None, :]]
 
 
-def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], FitState]:
+def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], _FitState]:
     """The patches, and where to begin: slopes from the forces' directions, a rigid object, nothing left out."""
     count, normal = len(touches), facing(touches.force_N, touches.tangent, touches.point_m)
     points = touches.point_m - antenna_radius_m * normal
@@ -94,7 +94,7 @@ def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...],
             slope[members] = np.clip(-np.stack([along, across], axis=1) / np.maximum(up, 0.3)[:, None], -2, 2)
     nothing = (None,) * len(patches)
     widened = np.where(vague, IGNORED, 1.0)
-    return tuple(patches), FitState(normal, 0.0, slope, np.zeros((count, 2, 2)), nothing, widened, vague)
+    return tuple(patches), _FitState(normal, 0.0, slope, np.zeros((count, 2, 2)), nothing, widened, vague)
 
 
 def _poorly_located(touches: Touches, normal: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ def _poorly_located(touches: Touches, normal: np.ndarray) -> np.ndarray:
     return along > max(_VAGUE_FACTOR * float(np.median(along)), _VAGUE_M)
 
 
-def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: FitState, yielding: bool) -> Fit:
+def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: _FitState, yielding: bool) -> Fit:
     """Turns from a state on; `yielding`: with a compliance."""
     if not yielding:
         state = replace(state, compliance_m_N=0.0)
@@ -137,7 +137,7 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
 
 
 def _surface_points(
-    touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: FitState
+    touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], state: _FitState
 ) -> tuple[np.ndarray, list[LocalTouches]]:
     """(P, 3) points of the unpressed surface, world, and the touches of each patch in its frame."""
     normal, compliance = state.normal, state.compliance_m_N
@@ -170,7 +170,9 @@ def _surface_points(
     return points, seen
 
 
-def _next_shape(patches: tuple[Patch, ...], seen: list[LocalTouches], solution: Solution, state: FitState) -> FitState:
+def _next_shape(
+    patches: tuple[Patch, ...], seen: list[LocalTouches], solution: Solution, state: _FitState
+) -> _FitState:
     """What a solve says of slopes, bends and compliance."""
     slope, bend = state.slope.copy(), state.bend_per_m.copy()
     for index, (patch, given) in enumerate(zip(patches, seen, strict=True)):
@@ -187,7 +189,7 @@ def _next_shape(patches: tuple[Patch, ...], seen: list[LocalTouches], solution: 
     return replace(state, slope=slope, bend_per_m=bend, compliance_m_N=compliance)
 
 
-def _widened(patches: tuple[Patch, ...], solution: Solution, state: FitState) -> np.ndarray:
+def _widened(patches: tuple[Patch, ...], solution: Solution, state: _FitState) -> np.ndarray:
     """(P,) the factors on the touches' covariances, after those that do not belong were found."""
     far, residual = np.zeros(len(state.widened)), np.abs(solution.leave_one_out_residuals)
     for patch, start in zip(patches, solution.start, strict=True):

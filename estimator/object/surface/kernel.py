@@ -11,10 +11,7 @@ from scipy.spatial.distance import cdist
 
 @dataclass(frozen=True, eq=False)
 class Functionals:
-    """N linear views of C independent functions h_c at places x (N, D), m: Σ value_c · h_c(x) + slope_c · ∇h_c(x).
-
-    `value` is (N, C), `slope` (N, C, D).
-    """
+    """N views Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions at x (N, D), m: value (N, C), slope (N, C, D)."""
 
     x: np.ndarray
     value: np.ndarray

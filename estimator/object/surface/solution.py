@@ -35,7 +35,7 @@ class PatchModel:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Of all patches; their equations begin at `start` (patches,).
+    """Of all patches, whose equations begin at `start` (patches,).
 
     `lower` (M, M) is the Cholesky factor of the covariance of y, weights (M,) is covariance⁻¹ (y − compliance · force),
     lift (M,) is covariance⁻¹ force. The compliance is beyond what was taken into the points, zero where it is left out.

@@ -109,7 +109,7 @@ _OWN_SHARE, _RELATIVE = 0.5, 0.03  # how much of a force's deviation differs bet
 
 
 @dataclass(frozen=True, eq=False)
-class Growth:
+class _Growth:
     """What surrounds a change, in order of time; a loss is looked at backwards.
 
     `time_s`, `evidence` (N,) are of frames before and after, `free_evidence` (K,) of frames that are free for certain,
@@ -126,7 +126,7 @@ class Growth:
     latest_s: float
 
 
-def instant(growth: Growth) -> tuple[float, float]:
+def _instant(growth: _Growth) -> tuple[float, float]:
     """t₀ and its standard deviation, s."""
     low, high = growth.earliest_s, growth.latest_s
     mean, std = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
@@ -146,13 +146,13 @@ def instant(growth: Growth) -> tuple[float, float]:
     return mean, float(np.hypot(std, _HIDDEN * _common(growth) / _rate(growth, mean)))
 
 
-def _common(growth: Growth) -> float:
+def _common(growth: _Growth) -> float:
     """The common error in deviations."""
     level, noise = _free_level(growth.free_evidence)
     return float(np.sqrt(max(2.0 * level - 3.0 * noise, 0.0)))
 
 
-def _rate(growth: Growth, instant_s: float) -> float:
+def _rate(growth: _Growth, instant_s: float) -> float:
     """Deviations per second, by the last frame whose evidence can be trusted or, beyond, is known to be more."""
     after = np.flatnonzero((growth.time_s > instant_s) & np.isfinite(growth.evidence))
     if len(after) == 0:
@@ -172,7 +172,7 @@ def _free_level(evidence: np.ndarray) -> tuple[float, float]:
     return mean, max((2.0 * mean - np.sqrt(inside)) / 3.0, 0.01)
 
 
-def _by_evidence(growth: Growth, at: np.ndarray) -> np.ndarray:
+def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
     """(A,) log-likelihood of t₀ by the evidence, up to the first frame of which it is only known to be much."""
     much = np.flatnonzero(growth.evidence > _TRUSTED)
     end = int(much[0]) + 1 if len(much) else len(growth.evidence)
@@ -202,7 +202,7 @@ def _by_evidence(growth: Growth, at: np.ndarray) -> np.ndarray:
     return logsumexp(log + np.log(_SHARES)[:, None], axis=(1, 2, 3))
 
 
-def _by_force(growth: Growth, at: np.ndarray) -> np.ndarray:
+def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
     """(A,) log-likelihood of t₀ by forces on a line from zero, its slope free, a bend and a common error allowed."""
     if len(growth.force_N) < 2 or not growth.force_time_s[-1] > at[-1]:
         return np.zeros(len(at))
@@ -258,7 +258,7 @@ def _change(table: ContactTable, contacting: ContactStates, change: Change, told
             time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
             how = "between two frames, no evidence tells it closer"
         else:
-            time, std = instant(growth)
+            time, std = _instant(growth)
             time = time if change.begins else -time
             how = "seen in several frames together" if change.pooled else "seen in one frame"
     if not std > 0.0:
@@ -268,7 +268,7 @@ def _change(table: ContactTable, contacting: ContactStates, change: Change, told
     return Event(kind, frame, float(time), float(std), float(delay), words)
 
 
-def _growth(table: ContactTable, contacting: ContactStates, change: Change, told: np.ndarray) -> Growth | None:
+def _growth(table: ContactTable, contacting: ContactStates, change: Change, told: np.ndarray) -> _Growth | None:
     """The frames about a change, of those that tell (T,); of a loss turned round in time."""
     state, time = contacting.state, table.time_s
     place = int(np.searchsorted(told, change.row))
@@ -293,7 +293,7 @@ def _growth(table: ContactTable, contacting: ContactStates, change: Change, told
     std = np.hypot(table.force_y_N * table.force_y_std_N, table.force_z_N * table.force_z_std_N)[located]
     sound = np.isfinite(size) & (size > 0.0) & np.isfinite(std)
     level = table.evidence[free]
-    return Growth(
+    return _Growth(
         time_s=sign * time[rows],
         evidence=table.evidence[rows],
         free_evidence=level[np.isfinite(level)],

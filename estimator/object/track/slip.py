@@ -32,8 +32,7 @@ _UPRIGHT_RAD = 0.8  # a slip farther from the plane across the force does not te
 
 
 def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.ndarray) -> list[np.ndarray]:
-    """Rows of a table, split at gaps in time, at clocks that stand still, where a frame between is free (B,), and at
-    times (K,)."""
+    """Rows of a table, split at gaps in time, at clocks that stand still, at free frames (B,) and at times (K,)."""
     if len(rows) == 0:
         return []
     time = table.time_s[rows]
@@ -69,10 +68,7 @@ def own_noise(table: ContactTable, rows: np.ndarray, shared: CommonErrors | None
 
 
 def _path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """(D,) standard deviation by which a smooth path (P, D) scatters from frame to frame; NaN for a short one.
-
-    By the median of the second differences: steps such as those of a slip do not count.
-    """
+    """(D,) standard deviation by which a smooth path (P, D) scatters, from its second differences' median; or NaN."""
     if len(path) < _LEAST_SECONDS + 2:
         return np.full(path.shape[1], np.nan)
     before, after = np.diff(time_s)[:-1, None], np.diff(time_s)[1:, None]
@@ -152,7 +148,7 @@ def slip(
 ) -> Slip:
     """The slip in each frame of a stroke, rows (P,) of the table; NaN in strokes of fewer than three frames.
 
-    `normal` (P, 3), where known, are the object's outward normals; otherwise the force tells them, and the slip itself.
+    Where the object's outward normals (P, 3) are not known, the force and the slip itself determine them.
     """
     time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
     material = _without_walk(point[..., None], tangent, table.distance_m[rows, None])[..., 0]
@@ -202,8 +198,9 @@ def _slopes(time_s: np.ndarray) -> csr_array:
     after = np.searchsorted(time_s, time_s + HALF_WINDOW_S + 1e-9, side="right") - 1 - row
     half = np.maximum(np.minimum(before, after), _LEAST_HALF)
     low, high = np.maximum(row - half, 0), np.minimum(row + half, count - 1)
-    low, high = np.where(high - low < 2, np.clip(low, 0, count - 3), low), np.where(high - low < 2, low + 2, high)
-    high = np.minimum(high, count - 1)
+    short = high - low < 2
+    high = np.minimum(np.where(short, low + 2, high), count - 1)
+    low = np.where(short, np.clip(low, 0, count - 3), low)
     size = high - low + 1
     rows = np.repeat(row, size)
     columns = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size) + np.repeat(low, size)
