@@ -17,9 +17,12 @@ from vbaa_calib.rig import Rig
 from .parts import (
     FORCE_PRIOR,
     FRICTION,
+    JOINT_AXES,
+    LENS,
     MOMENT_NOISE,
     PIXELS,
     RESULTS,
+    ErrorSpace,
     Linearization,
     correlated_variance,
     linearize,
@@ -27,7 +30,6 @@ from .parts import (
     propagate,
     variance_by_cause,
 )
-from .space import JOINT_AXES, LENS, ErrorSpace
 from .touches import Touches, ordinary_touches, unknowns_of
 
 

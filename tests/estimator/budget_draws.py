@@ -13,8 +13,7 @@ from benchmarks.estimator.scenes import Scenes, scenes
 from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup, moved
 from benchmarks.estimator.shapes import Shapes, ShapesOf
 from estimator import ContactEstimator
-from estimator.budget.parts import Linearization, linearize
-from estimator.budget.space import ErrorSpace
+from estimator.budget.parts import ErrorSpace, Linearization, linearize
 from estimator.budget.touches import Touches
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna.nodes import CONTACT

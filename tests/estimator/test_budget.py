@@ -10,8 +10,18 @@ import pytest
 from benchmarks.estimator.shapes import ShapesOf, rod_shapes
 from estimator import ContactEstimator
 from estimator.budget.budget import Budget, error_budget
-from estimator.budget.parts import FRICTION, MOMENT_NOISE, PIXELS, propagate, variance_by_cause
-from estimator.budget.space import JOINT_AXES, LENS, RIG_CAUSES, split, subsets
+from estimator.budget.parts import (
+    FRICTION,
+    JOINT_AXES,
+    LENS,
+    MOMENT_NOISE,
+    PIXELS,
+    RIG_CAUSES,
+    propagate,
+    split,
+    subsets,
+    variance_by_cause,
+)
 from estimator.budget.touches import touch_of_force
 from estimator.contact.common_errors import shared_errors
 from estimator.contact.noise_free import MOST_POINTS

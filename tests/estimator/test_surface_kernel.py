@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.object.surface.equations import Equations
-from estimator.object.surface.kernel import (
-    Functionals,
-    Prior,
-    covariance,
-    pairs,
-    slopes_at,
-    values_at,
-    variance,
-)
+from estimator.object.surface.kernel import Functionals, Prior, covariance, pairs, slopes_at, values_at, variance
 from estimator.object.surface.solution import PatchModel, solve
 
 PRIOR = Prior(length_m=0.02, amplitude_m=0.004, offset_m=0.1, incline=1.5)

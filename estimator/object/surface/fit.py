@@ -10,8 +10,7 @@ from .equations import IGNORED, LocalTouches, Patch, curve, height_field
 from .kernel import Prior
 from .normals import Normals, estimate_normals
 from .patches import facing, group, tangent_frame
-from .prior import learn_prior
-from .solution import PatchModel, Solution, solve
+from .solution import PatchModel, Solution, learn_prior, solve
 from .touches import Touches
 
 _ROUNDS, _LEARNING, _MOST_ROUNDS = 3, 2, 15  # turns at least, those in which smoothness is learned anew, turns at most
