@@ -20,7 +20,7 @@ RIG = Setup(real=True, exact=False, tilt_rad=0.5).rig()
 BALL = TouchObject("sphere", np.array([0.16, 0.0, -0.05]), np.zeros(3), 0.04, 0.04)
 
 
-def stroked(mu: float, seed: int, frames: int = 14) -> tuple[Recorded, ContactTable]:
+def stroked(mu: float, seed: int, frames: int = 12) -> tuple[Recorded, ContactTable]:
     """The ball there and back, by a rig that is off as much as its covariance says."""
     rng = np.random.default_rng([seed, int(100 * mu)])
     sweeps = [Sweep("tilt", -1, frames, 6, 0.05, (0.05, 0.08), 1.5, (-way, way)) for way in (0.12, -0.12)]

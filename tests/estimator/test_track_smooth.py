@@ -82,10 +82,9 @@ def test_a_break_is_not_smoothed_over() -> None:
     several = smoothable_pieces(table, track)
     assert len(several) == 2
     assert abs(several[1][0] - 25) <= 3
-    moved = table.point_world_m + np.where(np.arange(COUNT) >= several[1][0], 0.01, 0.0)[:, None] * [0.0, 0.0, 1.0]
-    before, after = (
-        smooth(replace(table, point_world_m=at), RIG, shared, track) for at in (table.point_world_m, moved)
-    )
+    step = np.where(np.arange(COUNT) >= several[1][0], 0.01, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    points = {"point_world_m": table.point_world_m + step, "point_antenna_m": table.point_antenna_m + step}
+    before, after = (smooth(each, RIG, shared, track) for each in (table, replace(table, **points)))
     np.testing.assert_array_equal(before.point_world_m[several[0]], after.point_world_m[several[0]])
     assert (before.point_world_m[several[1]] != after.point_world_m[several[1]]).any()
 

@@ -231,11 +231,11 @@ class Coefficient:
     Attributes
     ----------
     interval : (2,) the shortest that holds 95 %. bounds : (2,) one-sided at 95 %, 0 and inf where there is none.
-    scatter : the own residuals in own standard deviations (median); the deviations were widened by it where above 1.
+    scatter : median of the own residuals; the deviations were widened by it where above 1.
     wrong : share of the sliding touches that are not believed.
-    strain : probability that common errors as large as the best fit asks for are an accident.
-    axes : (L, K) the combinations of the K common errors that the angles tell apart; `fits` are in these.
-    fits, weight : at G values of μ, and their probabilities (G,).
+    strain : probability that common errors as large as the best fit's are an accident.
+    axes : (L, K) the combinations of the K common errors that the angles determine; `fits` are in these, at G values
+        of μ with probabilities `weight` (G,).
     """
 
     mu: float

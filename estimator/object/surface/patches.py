@@ -74,8 +74,7 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
 def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
     """Centre (3,) of a patch; rows (3, 3) its long direction, its short one, its mean normal; whether it is an area.
 
-    Points (N, 3) count by how well they are known along the surface, and their own scatter (N, 3, 3) is taken off:
-    the antenna tells where along itself it is touched least of all. Right-handed.
+    Points (N, 3) count by how well they are known along the surface, and their own scatter (N, 3, 3) is taken off.
     """
     up = normals.sum(axis=0)
     up = up / np.linalg.norm(up)

@@ -186,10 +186,8 @@ def slip(
 
 
 def _slopes(time_s: np.ndarray) -> csr_array:
-    """(P, P) rows that make the slope at each time of the straight line through its neighbours; NaN rows for P < 3.
-
-    As many neighbours on either side, so that a steady acceleration does not count; at the ends what there is.
-    """
+    """(P, P) rows that make the slope at each time of the line through its neighbours, as many on either side where
+    there are; NaN rows for P < 3."""
     count = len(time_s)
     if count < 3:
         return csr_array(np.full((count, count), np.nan))

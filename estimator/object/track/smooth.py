@@ -67,10 +67,8 @@ def kalman_smooth(
 
 
 def walk_intensity(time_s: np.ndarray, values: np.ndarray, variance: np.ndarray) -> float:
-    """Intensity of the velocity's random walk in a path (P,) with noise of these variances (P,), unit²/s³.
-
-    The mean over trial intensities, evenly on a logarithmic scale, under the likelihood. NaN where nothing can be said.
-    """
+    """Intensity of the velocity's random walk in a path (P,) with noise of these variances (P,), unit²/s³: the mean
+    over trials, evenly on a logarithmic scale, under the likelihood; NaN where nothing can be said."""
     sound = np.isfinite(values).all() and np.isfinite(variance).all() and (variance > 0.0).all()
     if not (sound and len(values) >= 4 and (np.diff(time_s) > 0.0).all()):
         return np.nan

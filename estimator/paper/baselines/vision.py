@@ -88,10 +88,8 @@ def _two_points(press: Press, frame: int) -> np.ndarray | None:
 
 
 def _propagate(solve: _Formula, given: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Results (Q,) of one input (K,), and what independent noise of these deviations (K,) moves them by, (Q, K).
-
-    A column is half the difference over ± one deviation; NaN where the noise reaches out of what has a solution.
-    """
+    """Results (Q,) of one input (K,), and what independent noise of these deviations (K,) moves them by, (Q, K): half
+    the difference over ± one deviation; NaN where that reaches out of what has a solution."""
     values = solve(given + np.concatenate([np.zeros((1, len(given))), np.diag(std), -np.diag(std)]))
     up, down = np.split(values[1:], 2)
     return values[0], 0.5 * (up - down).T
@@ -133,9 +131,8 @@ def _answer(press: Press, solve: _Formula, points: np.ndarray | None, moment_Nm:
 def compliance_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
     """1/k in m/N and its deviation from −f and u (n, 2), with covariances (n, 2, 2): a line with both in error.
 
-    Most likely is the slope that makes Σ (u − u₀ − slope·(−f))²/variance of that least; the variance hangs on the
-    slope, since the errors of f and u go together. The deviation grows with the scatter about the line where that is
-    more than the noise; without a known noise it is the scatter's.
+    Least is Σ (u − u₀ − slope·(−f))²/variance of that, which depends on the slope, since the errors of f and u go
+    together. The deviation grows with the scatter where that is more than the noise, or where no noise is known.
     """
     force, given = values.T
     if len(values) < _FEWEST_FRAMES or not np.ptp(force) > 0.0:
