@@ -82,6 +82,8 @@ _SAMPLES_PER_SIDE = 64
 class ValidRegion:
     """Where a lens maps one to one, around its axis.
 
+    Attributes
+    ----------
     ideal_radius : largest radius of X/Z, Y/Z (angle from the axis in rad for the fisheye) trusted in every direction.
     distorted_radius : what it becomes on the sensor's normalized plane. Both are inf where nothing ends.
     half_angle_rad : the same as an angle from the axis.
@@ -105,6 +107,8 @@ class Camera:
     NumPy in gives NumPy out, torch gives torch (differentiable); float32 and float64 stay what they are, and torch
     stays on its device. Points that have no answer are NaN and False, never a wrong number.
 
+    Attributes
+    ----------
     model : "opencv" (0, 4, 5, 8, 12 or 14 coefficients) or "fisheye" (4).
     image_size : (width, height) in pixels.
     matrix : (3, 3), no skew.

@@ -46,6 +46,8 @@ class Kinematics:
     the world's z through `position_world_m`. The panned x axis is the common perpendicular of the two axes; its foot
     on the tilt axis is the actuator frame's origin, whose y runs along that axis. The paper's cross at right angles.
 
+    Attributes
+    ----------
     T_actuator_antenna : pose of the antenna frame on the moving attachment.
     position_world_m : (3,) crossing point of the two joint axes in the world, Eq. (21). Where they pass each other, the
         foot of their common perpendicular on the pan axis.

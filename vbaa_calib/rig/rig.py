@@ -51,6 +51,8 @@ def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.
 class Rig:
     """A calibrated rig.
 
+    Attributes
+    ----------
     T_antenna_camera : pose of the camera in the antenna frame.
     covariance : (17 + P, 17 + P) joint covariance of `RIG_PARAMETERS` and the P parameters of the lens, in
         `parameter_names` order; (17, 17) where the lens counts as exact.

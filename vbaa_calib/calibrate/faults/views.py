@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.board_flex import observations_of
-from vbaa_calib.calibrate.lens.bundle import FLEX, Stack, State, free_directions, rows
+from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, free_directions, rows
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.core.errors import Diagnosis
@@ -106,24 +106,25 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
     model = LENS_MODELS[solution.model]
     kept = [~np.isin(view.ids, used[view.name].outlier_ids) for view in chosen]
     observations = [one.picked(mask) for one, mask in zip(observations_of(chosen, spec), kept, strict=True)]
-    stack = Stack.of(observations)
     flex, intrinsics = solution.board_flex, solution.camera.parameters
     poses = np.array([used[view.name].T_camera_board.vector for view in chosen])
     sagittas = flex.sagittas_m if flex.used else np.zeros(FLEX)
-    residuals, by_shared, by_pose = rows(model, State(np.concatenate([intrinsics, sagittas]), poses), stack)
     directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), flex=True)
-    rotations = Rotation.from_rotvec(poses[:, :3]).as_matrix()
+    bundle = Bundle(model, intrinsics, poses, directions, sagittas_m=sagittas)
+    residuals, by_shared, by_pose, bounds = rows(bundle, observations)
+    rotations = np.repeat(Rotation.from_rotvec(poses[:, :3]).as_matrix(), np.diff(bounds), axis=0)
+    points_m = np.concatenate([view.points_m for view in observations])
     own = np.stack(
         [
             by_shared[..., 0] * intrinsics[0] + by_shared[..., 1] * intrinsics[1],
             by_shared[..., 2],
             by_shared[..., 3],
-            np.einsum("nij,nj->ni", by_pose[..., 3:], rotations[stack.view, :, 1] * stack.points_m[:, 1:2]),
+            np.einsum("nij,nj->ni", by_pose[..., 3:], rotations[:, :, 1] * points_m[:, 1:2]),
         ],
         axis=-1,
     )
     every = np.concatenate([by_shared @ directions, own, residuals[..., None]], axis=-1)
-    flat = np.vstack(without_own(every, by_pose, stack.bounds))
+    flat = np.vstack(without_own(every, by_pose, bounds))
     shared = flat[:, : directions.shape[1]]
     norms = np.linalg.norm(shared, axis=0)
     vectors, values, _ = np.linalg.svd(shared[:, norms > 0.0] / norms[norms > 0.0], full_matrices=False)
@@ -137,7 +138,7 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
         flat[:, -1],
         flat[:, directions.shape[1] : -1],
         basis,
-        2 * stack.bounds,
+        2 * bounds,
         (float(intrinsics[0]), float(intrinsics[1])),
         float(rest @ rest) / freedom,
     )

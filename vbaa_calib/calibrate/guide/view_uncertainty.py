@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_flex import bend, observations_of
-from vbaa_calib.calibrate.lens.bundle import FLEX, Observation, Stack, State, rows
+from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, Observation, rows
 from vbaa_calib.calibrate.lens.initialization import start_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
@@ -95,10 +95,9 @@ class LensDesign:
     sigma_px: float
     sagittas_m: np.ndarray
 
-    @property
-    def shared(self) -> np.ndarray:
-        """(4 + k + 2,) intrinsics and sagittas."""
-        return np.concatenate([self.intrinsics, self.sagittas_m])
+    def bundle(self, poses: np.ndarray) -> Bundle:
+        """With the board at poses (V, 6)."""
+        return replace(Bundle.start(self.model, self.intrinsics, poses), sagittas_m=self.sagittas_m)
 
     @property
     def camera(self) -> Camera:
@@ -173,9 +172,8 @@ def _largest_shift(model: LensModel, intrinsics: np.ndarray, image_size: tuple[i
     rays = rays[valid & (rays[:, 2] > 0.05)]
     if not len(rays):
         return np.zeros(len(intrinsics))
-    stack = Stack.of([Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))])
-    state = State(np.concatenate([intrinsics, np.zeros(FLEX)]), np.zeros((1, 6)))
-    by_shared = rows(model, state, stack)[1]
+    seen = Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))
+    by_shared = rows(Bundle.start(model, intrinsics, np.zeros((1, 6))), [seen])[1]
     return np.linalg.norm(by_shared, axis=1).max(axis=0)[:-FLEX]
 
 
@@ -186,11 +184,10 @@ def view_blocks(
 
     The views' own poses are eliminated.
     """
-    stack = Stack.of(observations)
-    residuals, by_shared, by_pose = rows(design.model, State(design.shared, np.asarray(poses, float)), stack)
+    residuals, by_shared, by_pose, bounds = rows(design.bundle(np.asarray(poses, float)), observations)
     whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
     count = design.scale.shape[1]
-    blocks = np.array([left.T @ left for left in without_own(whole, by_pose, stack.bounds)])
+    blocks = np.array([left.T @ left for left in without_own(whole, by_pose, bounds)])
     return blocks[:, :count, :count], blocks[:, :count, count]
 
 
@@ -219,8 +216,7 @@ def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> 
 
 
 def _slopes(design: LensDesign, pose: Pose, view: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    vector = pose.vector[None]
-    _, by_shared, by_pose = rows(design.model, State(design.shared, vector), Stack.of([view]))
+    _, by_shared, by_pose, _ = rows(design.bundle(pose.vector[None]), [view])
     return by_shared @ design.scale, by_pose, by_pose[:, :, 3:]
 
 

@@ -34,56 +34,29 @@ class Observation:
         return Observation(self.points_m[which], self.pixels[which], bend)
 
 
-@dataclass(frozen=True, eq=False)
-class Stack:
-    """All corners one after the other: view `i` has rows bounds[i] to bounds[i + 1]."""
+def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals (N, 2) px of all corners, their negative derivatives by intrinsics and sagittas (N, 2, 4 + k + 2) and
+    by the views' poses (N, 2, 6), and the views' bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1].
 
-    points_m: np.ndarray
-    pixels: np.ndarray
-    bend: np.ndarray
-    view: np.ndarray
-    bounds: np.ndarray
-
-    @staticmethod
-    def of(observations: Sequence[Observation]) -> Stack:
-        counts = [len(view.pixels) for view in observations]
-        return Stack(
-            np.concatenate([view.points_m for view in observations]),
-            np.concatenate([view.pixels for view in observations]),
-            np.concatenate([np.zeros((len(v.pixels), FLEX)) if v.bend is None else v.bend for v in observations]),
-            np.repeat(np.arange(len(counts)), counts),
-            np.concatenate([[0], np.cumsum(counts)]),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """Where the descent is: what all views share (4 + k + 2,), and the poses (V, 6)."""
-
-    shared: np.ndarray
-    poses: np.ndarray
-
-    def moved(self, shared: np.ndarray, poses: np.ndarray) -> State:
-        """Poses turn about the board's origin by a rotation vector in the camera frame, and shift."""
-        turned = Rotation.from_rotvec(poses[:, :3]) * Rotation.from_rotvec(self.poses[:, :3])
-        return State(self.shared + shared, np.hstack([turned.as_rotvec(), self.poses[:, 3:] + poses[:, 3:]]))
-
-
-def rows(model: LensModel, state: State, stack: Stack) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals (N, 2) and their negative derivatives by what is shared (N, 2, 4 + k + 2) and the poses (N, 2, 6)."""
-    intrinsics, sagittas = state.shared[:-FLEX], state.shared[-FLEX:]
-    rotations = Rotation.from_rotvec(state.poses[:, :3]).as_matrix()[stack.view]
-    rise = stack.bend @ sagittas
-    turned = np.einsum("nij,nj->ni", rotations, stack.points_m) + rise[:, None] * rotations[:, :, 2]
-    points = turned + state.poses[stack.view, 3:]
-    pixels, by_intrinsics, by_pose = PROJECTIONS[model.camera_model](points, np.zeros(6), intrinsics)
+    Poses turn about the board's origin by a rotation vector in the camera frame, and shift.
+    """
+    counts = [len(view.pixels) for view in observations]
+    bounds, of_view = np.concatenate([[0], np.cumsum(counts)]), np.repeat(np.arange(len(counts)), counts)
+    points_m = np.concatenate([view.points_m for view in observations])
+    bend = np.concatenate([np.zeros((len(v.pixels), FLEX)) if v.bend is None else v.bend for v in observations])
+    rotations = Rotation.from_rotvec(bundle.poses[:, :3]).as_matrix()[of_view]
+    rise = bend @ bundle.sagittas_m
+    turned = np.einsum("nij,nj->ni", rotations, points_m) + rise[:, None] * rotations[:, :, 2]
+    points = turned + bundle.poses[of_view, 3:]
+    pixels, by_intrinsics, by_pose = PROJECTIONS[bundle.model.camera_model](points, np.zeros(6), bundle.intrinsics)
     by_point = by_pose[:, 3:].reshape(-1, 2, 3)
     # gᵀ(ω × q) = ωᵀ(q × g)
     (x, y, z), (a, b, c) = turned.T[:, :, None], np.moveaxis(by_point, -1, 0)
     by_turn = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
-    by_sagitta = (by_point @ rotations[:, :, 2:]) * stack.bend[:, None, :]
+    by_sagitta = (by_point @ rotations[:, :, 2:]) * bend[:, None, :]
     by_shared = np.concatenate([by_intrinsics.reshape(len(points), 2, -1), by_sagitta], axis=-1)
-    return stack.pixels - pixels, by_shared, np.concatenate([by_turn, by_point], axis=-1)
+    residuals = np.concatenate([view.pixels for view in observations]) - pixels
+    return residuals, by_shared, np.concatenate([by_turn, by_point], axis=-1), bounds
 
 
 CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
@@ -127,10 +100,15 @@ class Bundle:
         sagittas = self.sagittas_m if flex else np.zeros(FLEX)
         return replace(self, directions=free_directions(self.model, square_pixels, flex), sagittas_m=sagittas)
 
-    @property
-    def state(self) -> State:
-        """Where a descent from here begins."""
-        return State(np.concatenate([self.intrinsics, self.sagittas_m]), self.poses)
+    def moved(self, shared: np.ndarray, poses: np.ndarray) -> Bundle:
+        """By steps of intrinsics and sagittas (4 + k + 2,), and of the poses (V, 6) as in `rows`."""
+        turned = Rotation.from_rotvec(poses[:, :3]) * Rotation.from_rotvec(self.poses[:, :3])
+        return replace(
+            self,
+            intrinsics=self.intrinsics + shared[:-FLEX],
+            poses=np.hstack([turned.as_rotvec(), self.poses[:, 3:] + poses[:, 3:]]),
+            sagittas_m=self.sagittas_m + shared[-FLEX:],
+        )
 
     @property
     def rms_px(self) -> float:
@@ -167,25 +145,18 @@ def refine(
 
     robust : weigh corners down by Cauchy's loss, so that gross errors do not pull.
     """
-    stack, state = Stack.of(observations), start.state
-    problem = _Problem(start.model, stack, np.ones(len(stack.pixels)), start.directions, start.unfolding)
+    problem = _Problem(observations, np.ones(sum(len(view.pixels) for view in observations)))
     if robust:
-        weights = cauchy_weights(np.linalg.norm(rows(start.model, state, stack)[0], axis=1))
+        at, weights = start, cauchy_weights(np.linalg.norm(rows(start, observations)[0], axis=1))
         for _ in range(_REWEIGHTINGS):
             problem = replace(problem, weights=weights)
-            system = problem.descended(state, _FEW_STEPS)
-            state, weights = system.state, cauchy_weights(np.linalg.norm(system.residuals_px, axis=1))
+            system = problem.descended(at, _FEW_STEPS)
+            at, weights = system.bundle, cauchy_weights(np.linalg.norm(system.residuals_px, axis=1))
             if np.abs(weights - problem.weights).max() < _CONVERGED_WEIGHTS:
                 break
-        problem = replace(problem, weights=weights)
-    system = problem.descended(state, rules)
-    return replace(
-        start,
-        intrinsics=system.state.shared[:-FLEX],
-        poses=system.state.poses,
-        residuals_px=tuple(np.split(system.residuals_px, stack.bounds[1:-1])),
-        sagittas_m=system.state.shared[-FLEX:],
-    )
+        start, problem = at, replace(problem, weights=weights)
+    system = problem.descended(start, rules)
+    return replace(system.bundle, residuals_px=tuple(np.split(system.residuals_px, system.bounds[1:-1])))
 
 
 def polished(bundle: Bundle, observations: Sequence[Observation]) -> Bundle:
@@ -199,45 +170,45 @@ def polished(bundle: Bundle, observations: Sequence[Observation]) -> Bundle:
 
 def residuals_px(bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:
     """Per view (N, 2), observed minus projected, of any corners of the bundle's views."""
-    stack = Stack.of(observations)
-    return np.split(rows(bundle.model, bundle.state, stack)[0], stack.bounds[1:-1])
+    residuals, _, _, bounds = rows(bundle, observations)
+    return np.split(residuals, bounds[1:-1])
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """What is minimised: the weighted corners, and what keeps the lens from folding."""
 
-    model: LensModel
-    stack: Stack
+    observations: Sequence[Observation]
     weights: np.ndarray
-    directions: np.ndarray
-    unfolding: Unfolding | None
 
-    def linearised(self, state: State) -> _System:
-        residuals, by_shared, by_pose = rows(self.model, state, self.stack)
-        columns = np.concatenate([by_shared @ self.directions, residuals[..., None], by_pose], axis=-1)
-        blocks = view_products(columns * np.sqrt(self.weights)[:, None, None], self.stack.bounds)
+    def linearised(self, bundle: Bundle) -> _System:
+        residuals, by_shared, by_pose, bounds = rows(bundle, self.observations)
+        columns = np.concatenate([by_shared @ bundle.directions, residuals[..., None], by_pose], axis=-1)
+        blocks = view_products(columns * np.sqrt(self.weights)[:, None, None], bounds)
         total = blocks[:, :-6, :-6].sum(axis=0)
-        if self.unfolding is not None:
-            lacking, by_lens = self.unfolding.rows(self.model, state.shared[:-FLEX])
-            held = np.column_stack([by_lens @ self.directions[:-FLEX], lacking])
+        if bundle.unfolding is not None:
+            lacking, by_lens = bundle.unfolding.rows(bundle.model, bundle.intrinsics)
+            held = np.column_stack([by_lens @ bundle.directions[:-FLEX], lacking])
             total = total + held.T @ held
-        return _System(state, residuals, float(total[-1, -1]), total, blocks[:, -6:, :-6], blocks[:, -6:, -6:])
+        cost, coupling, poses = float(total[-1, -1]), blocks[:, -6:, :-6], blocks[:, -6:, -6:]
+        return _System(bundle, residuals, bounds, cost, total, coupling, poses)
 
     def moved(self, system: _System, step: np.ndarray) -> _System:
-        shared, poses = np.split(step, [self.directions.shape[1]])
-        return self.linearised(system.state.moved(self.directions @ shared, poses.reshape(-1, 6)))
+        directions = system.bundle.directions
+        shared, poses = np.split(step, [directions.shape[1]])
+        return self.linearised(system.bundle.moved(directions @ shared, poses.reshape(-1, 6)))
 
-    def descended(self, state: State, rules: Rules) -> _System:
-        return levenberg_marquardt(self.linearised(state), _step, self.moved, rules).at
+    def descended(self, bundle: Bundle, rules: Rules) -> _System:
+        return levenberg_marquardt(self.linearised(bundle), _step, self.moved, rules).at
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The normal equations at a state; the last row and column of `total` and `coupling` are the residuals'."""
+    """The normal equations at a bundle; the last row and column of `total` and `coupling` are the residuals'."""
 
-    state: State
+    bundle: Bundle
     residuals_px: np.ndarray
+    bounds: np.ndarray
     cost: float
     total: np.ndarray
     coupling: np.ndarray

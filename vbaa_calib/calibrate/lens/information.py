@@ -9,7 +9,7 @@ import numpy as np
 
 from vbaa_calib.core.least_squares import without_own
 
-from .bundle import FLEX, Bundle, Observation, Stack, rows
+from .bundle import FLEX, Bundle, Observation, rows
 
 _OPEN = 1e-10
 
@@ -55,9 +55,8 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     counts = np.array([view.pixels.size for view in observations])
     if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
         return None
-    stack = Stack.of(observations)
-    residuals, by_shared, by_pose = rows(bundle.model, bundle.state, stack)
-    left = without_own(by_shared @ bundle.directions, by_pose, stack.bounds)
+    residuals, by_shared, by_pose, bounds = rows(bundle, observations)
+    left = without_own(by_shared @ bundle.directions, by_pose, bounds)
     jacobian = np.vstack(left)
     norms = np.linalg.norm(jacobian, axis=0)
     if not np.all(np.isfinite(norms)) or not np.all(norms > 0.0):
@@ -68,7 +67,7 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     free = (basis.T / values) / norms[:, None]
     half = bundle.directions @ free
     by_view = [flat @ free for flat in left]
-    own = [residual.ravel() for residual in np.split(residuals, stack.bounds[1:-1])]
+    own = [residual.ravel() for residual in np.split(residuals, bounds[1:-1])]
     held = np.zeros((0, half.shape[1]))
     if bundle.unfolding is not None:
         held = bundle.unfolding.rows(bundle.model, bundle.intrinsics)[1] @ half[:-FLEX]

@@ -16,18 +16,11 @@ from vbaa_calib.camera.slopes import ray_derivatives
 from vbaa_calib.core.errors import InputError
 
 GRID = (17, 13)
-_COMPENSATING = 3
 
 
 @dataclass(frozen=True, eq=False)
 class ProjectionUncertainty:
-    """Over a grid of pixels.
-
-    Attributes
-    ----------
-    pixels : (R, C, 2). covariance_px2 : (R, C, 2, 2) of the projection of the fixed ray that each pixel has; NaN where
-        the lens has no ray.
-    """
+    """Over a grid of pixels (R, C, 2), covariance (R, C, 2, 2) of the projection of each one's fixed ray; NaN without."""
 
     pixels: np.ndarray
     covariance_px2: np.ndarray
@@ -46,9 +39,7 @@ def projection_uncertainty(
 ) -> ProjectionUncertainty:
     """Covariance of the projection over the whole picture, on `grid` = (columns, rows).
 
-    compensated : what a turn of the camera explains is left out.
-
-    Raises InputError when the camera has no covariance.
+    compensated : without what a turn of the camera explains. Raises InputError when the camera has no covariance.
     """
     pixels = pixel_grid(camera.image_size, grid)
     jacobian = projection_jacobian(camera, pixels)
@@ -79,18 +70,14 @@ def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     By the camera's (fx, fy, cx, cy, distortion); NaN where the pixel has no ray.
     """
     moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
-    jacobian = -_pseudo_inverse(moved.by_pixel, moved.valid) @ moved.by_parameter
-    return np.where(moved.valid[..., None, None], jacobian, np.nan)
+    return _by_ray(moved.by_pixel, moved.valid) @ -moved.by_parameter
 
 
 def turn_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """(..., 2, 3) how the projection of each pixel's ray moves when the ray is turned by a rotation vector, per rad."""
     moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
-    x, y, z = np.moveaxis(moved.rays, -1, 0)
-    zero = np.zeros_like(x)
-    # ω × r = −[r]× ω
-    turned = -np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
-    return np.where(moved.valid[..., None, None], _pseudo_inverse(moved.by_pixel, moved.valid) @ turned, np.nan)
+    turned = np.cross(np.eye(3), moved.rays[..., None, :])
+    return _by_ray(moved.by_pixel, moved.valid) @ np.swapaxes(turned, -1, -2)
 
 
 def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
@@ -100,19 +87,17 @@ def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray) -> np.n
     """
     turn = turn_jacobian(camera, pixels)
     known = np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
-    left = np.full_like(jacobian, np.nan)
-    if known.any():
-        design = turn[known].reshape(-1, _COMPENSATING)
-        met = np.linalg.lstsq(design, jacobian[known].reshape(len(design), -1), rcond=None)[0]
-        left[known] = jacobian[known] - turn[known] @ met
-    return left
+    if not known.any():
+        return np.full_like(jacobian, np.nan)
+    design = turn[known].reshape(-1, 3)
+    return jacobian - turn @ np.linalg.lstsq(design, jacobian[known].reshape(len(design), -1), rcond=None)[0]
 
 
-def _pseudo_inverse(by_pixel: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """(..., 2, 3) from a tangent of the ray sphere to pixels."""
+def _by_ray(by_pixel: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """(..., 2, 3) from a tangent of the ray sphere to pixels; NaN where not valid."""
     safe = np.where(valid[..., None, None], by_pixel, np.eye(3)[:, :2])
     transposed = np.swapaxes(safe, -1, -2)
-    return np.linalg.solve(transposed @ safe, transposed)
+    return np.where(valid[..., None, None], np.linalg.solve(transposed @ safe, transposed), np.nan)
 
 
 def _carried(jacobian: np.ndarray, camera: Camera) -> np.ndarray:
