@@ -20,7 +20,6 @@ from vbaa_calib.calibrate.lens.uncertainty import (
     pixel_grid,
     projection_jacobian,
     projection_uncertainty,
-    ray_covariance,
     turn_jacobian,
 )
 from vbaa_calib.calibrate.lens.validation import AGREE, compare_split_half, held_out_squares, solved_squares
@@ -88,18 +87,6 @@ def test_jacobians_are_finite_differences(index: int) -> None:
         turned = Rotation.from_rotvec(turn).apply(rays.reshape(-1, 3)).reshape(rays.shape)
         numeric = (camera.project(turned)[0] - pixels) / 1e-7
         np.testing.assert_allclose(by_turn[..., number], numeric, rtol=1e-3, atol=0.05)
-
-
-def test_ray_covariance_is_across_the_ray_and_matches_the_projection() -> None:
-    _, covariance = solved(43, 1)
-    camera = dataclasses.replace(RIG.camera, covariance=covariance)
-    pixels = np.array([[200.0, 150.0], [645.0, 352.0]])
-    rays, _ = camera.unproject(pixels)
-    spread = ray_covariance(camera, pixels)
-    assert np.einsum("ni,nij,nj->n", rays, spread, rays) == pytest.approx([0.0, 0.0], abs=1e-18)
-    jacobian = projection_jacobian(camera, pixels)
-    middle_px = np.sqrt(np.trace(jacobian[1] @ covariance @ jacobian[1].T))
-    assert np.sqrt(np.trace(spread[1])) == pytest.approx(middle_px / 900.0, rel=0.01)
 
 
 def test_pixels_without_a_ray_have_no_uncertainty() -> None:

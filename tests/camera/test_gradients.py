@@ -12,8 +12,7 @@ from vbaa_calib.camera.slopes import ray_derivatives
 
 from .lenses import LENSES
 
-NAMES = ["pinhole", "zero coefficients", "barrel", "decentred", "rational", "prism strong", "tilted", "only tilted"]
-NAMES += ["fisheye 200", "fisheye equidistant", "gopro rational"]
+NAMES = ["pinhole", "barrel", "decentred", "rational", "tilted", "fisheye 200"]
 
 
 def differentiable(name, count=6):

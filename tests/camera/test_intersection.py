@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from vbaa_calib.camera import in_plane_axes, intersect_hinge_plane, intersect_plane
+from vbaa_calib.camera import intersect_hinge_plane, intersect_plane
 from vbaa_calib.geometry import PLANE_C, Plane, hinge_plane
 
 RNG = np.random.default_rng(0)
@@ -79,12 +79,3 @@ def test_a_camera_in_the_hinge_plane_sees_nothing_on_it():
     origin = 0.3 * np.array([0.0, np.cos(roll), np.sin(roll)]) + [0.1, 0, 0]
     _, valid = intersect_hinge_plane(origin, unit(RNG.normal(size=(50, 3))), np.array(roll))
     assert not valid.any()
-
-
-def test_axes_on_the_plane():
-    np.testing.assert_allclose(in_plane_axes(PLANE_C), np.eye(3)[:2])
-    np.testing.assert_allclose(in_plane_axes(hinge_plane(0.3)), [[1, 0, 0], [0, np.cos(0.3), np.sin(0.3)]], atol=1e-15)
-    for normal in (*np.eye(3), *-np.eye(3), *unit(RNG.normal(size=(20, 3)))):
-        axes = in_plane_axes(Plane(normal, 0.1))
-        np.testing.assert_allclose(axes @ axes.T, np.eye(2), atol=1e-12)
-        np.testing.assert_allclose(np.cross(axes[0], axes[1]), normal, atol=1e-12)

@@ -91,16 +91,6 @@ def test_the_path_is_the_cheapest():
     assert camera("opencv", (64, 48), 50, 50, 32, 24, (0.1, -0.2, 0, 0, 0.1)).path == "radial"
 
 
-def test_shortcuts_change_nothing():
-    pixels = border_and_grid(LENSES["barrel"])
-    radial, _ = LENSES["barrel"].unproject(pixels)
-    nearly = camera("opencv", (1280, 720), 900, 909, 643.2, 355.1, (-0.25, 0.09, 1e-15, 0, -0.01))
-    assert nearly.path == "full"
-    full, valid = nearly.unproject(pixels)
-    assert valid.all()
-    np.testing.assert_allclose(full, radial, atol=1e-13)
-
-
 def around_the_rim(lens: Camera, rng: np.random.Generator, count: int) -> np.ndarray:
     """Pixels on both sides of the valid region's rim, where other branches are close."""
     radius = lens.valid_region().distorted_radius

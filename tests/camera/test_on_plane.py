@@ -33,6 +33,12 @@ def test_points_on_the_plane_are_found_again(name, plane):
     points, valid = layer.points(pixels)
     assert valid.mean() > 0.3
     np.testing.assert_allclose((points @ plane.normal)[valid], plane.offset_m, atol=1e-12)
+    # coordinates on the plane keep its distances, and on plane C they are x and y
+    plane_xy = layer.project(pixels)[0][valid]
+    apart = np.linalg.norm(np.diff(points[valid], axis=0), axis=1)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(plane_xy, axis=0), axis=1), apart, atol=1e-12)
+    if plane is PLANE_C:
+        np.testing.assert_allclose(plane_xy, points[valid][:, :2], atol=1e-15)
     again, seen = camera.project(POSE.inverse() @ points[valid])
     assert seen.all()
     np.testing.assert_allclose(again, pixels[valid], atol=1e-8)

@@ -20,7 +20,7 @@ GRID = (17, 13)
 
 @dataclass(frozen=True, eq=False)
 class ProjectionUncertainty:
-    """Over a grid of pixels (R, C, 2), covariance (R, C, 2, 2) of the projection of each one's fixed ray; NaN without."""
+    """Over a grid of pixels (R, C, 2), covariance (R, C, 2, 2) of the projection of each one's fixed ray; or NaN."""
 
     pixels: np.ndarray
     covariance_px2: np.ndarray

@@ -90,10 +90,8 @@ def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
 def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[SweepState, np.ndarray, np.ndarray]:
     """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px.
 
-    A picture is taken back where its angles are no further off than those of the others scatter.
-
-    Raises InputError when the angles belong to hardly more than half of the pictures, or one row is wrong and nothing
-    shows which.
+    A picture is taken back where its angles are no further off than those of the others scatter. Raises InputError when
+    the angles belong to hardly more than half of the pictures, or one row is wrong and nothing shows which.
     """
     corners = problem.corners
     state = _initial_state(SweepProblem.of(problem.camera, corners, axes=False), state)
@@ -128,16 +126,13 @@ def _picture_errors_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarr
 
 def _taken_back(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> np.ndarray:
     corners = problem.corners
-    readings = np.stack([corners.pan_rad, corners.tilt_rad], axis=1)
     for _ in range(_ROUNDS):
         if kept.all():
             break
         found, _ = problem.inlying(state, kept[corners.picture])
+        own = [_own_angles(problem, found.state, index) for index in np.flatnonzero(~kept).tolist()]
         back = kept.copy()
-        for index in np.flatnonzero(~kept):
-            angles = _own_angles(problem, found.state, int(index))
-            if angles is not None:
-                back[index] = np.abs(angles - readings[index]).max() <= _GROSS_ANGLE * found.angle_std_rad
+        back[~kept] = np.abs(own - corners.angles_rad[~kept]).max(axis=1) <= _GROSS_ANGLE * found.angle_std_rad
         if np.array_equal(back, kept):
             break
         state, kept = found.state, back
@@ -165,35 +160,27 @@ def _without_the_odd_one(problem: SweepProblem, state: SweepState, kept: np.ndar
     return (fits[agree[0]].state, others[agree[0]]) if agree else (whole.state, kept)
 
 
-def _own_angles(problem: SweepProblem, state: SweepState, picture: int) -> np.ndarray | None:
-    """(2,) pan and tilt at which one picture's corners would fit a state best; None where no angles near by do."""
-    corners = problem.corners
+def _own_angles(problem: SweepProblem, state: SweepState, picture: int) -> np.ndarray:
+    """(2,) pan and tilt at which one picture's corners would fit a state best; NaN where no angles near by do."""
+    corners, angles = problem.corners, problem.corners.angles_rad[picture]
     mine = corners.picture == picture
-    angles = np.array([corners.pan_rad[picture], corners.tilt_rad[picture]])
+    alone = SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
     for _ in range(_OWN_STEPS):
-        alone = SweepCorners(
-            corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[:1], angles[1:]
-        )
-        moved = linearise(problem.camera, state, alone)
-        design, left = moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel()
-        angles = angles + np.clip(np.linalg.lstsq(design, left, rcond=None)[0], -_OWN_STEP_RAD, _OWN_STEP_RAD)
+        moved = linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
+        step = np.linalg.lstsq(moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel(), rcond=None)[0]
+        angles = angles + np.clip(step, -_OWN_STEP_RAD, _OWN_STEP_RAD)
     error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
-    return angles if error < _OWN_FIT_PX else None
+    return angles if error < _OWN_FIT_PX else np.full(2, np.nan)
 
 
-def _left_out_reason(
-    problem: SweepProblem, state: SweepState, index: int, error_px: float, tilt_zero_rad: float
-) -> str:
+def _left_out_reason(problem: SweepProblem, state: SweepState, index: int, error_px: float, zero_rad: float) -> str:
     """Why a picture was left out, with the angles at which it would fit."""
     what = f"its corners lie {error_px:.1f} px from where its angles put them"
     angles = _own_angles(problem, state, index)
-    if angles is None:
+    if np.isnan(angles).any():
         return f"{what}; did the board or the camera move?"
-    pan, tilt = problem.corners.pan_rad[index], problem.corners.tilt_rad[index] - tilt_zero_rad
-    return (
-        f"{what}: it looks like pan {angles[0]:.3f}, tilt {angles[1] - tilt_zero_rad:.3f}, its row says {pan:.3f}, "
-        f"{tilt:.3f}"
-    )
+    (pan, tilt), (said_pan, said_tilt) = angles - [0, zero_rad], problem.corners.angles_rad[index] - [0, zero_rad]
+    return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {said_pan:.3f}, {said_tilt:.3f}"
 
 
 _AXIS_SKEW_STD_RAD = 5e-3
@@ -211,8 +198,6 @@ _LOOSE_ANGLES_RAD = 0.02
 class SweepSolution:
     """The result of a sweep.
 
-    Attributes
-    ----------
     estimate : the camera's pose in the antenna frame. Its covariance holds the doubt about the tilt's zero.
     kinematics : as given, with the axes as solved.
     axes_covariance : (3, 3) of skew, offset and tilt zero. axes_with_pose : (3, 6) their covariance with the estimate.
@@ -249,18 +234,13 @@ def solve_sweep(
 ) -> SweepSolution:
     """The camera's pose in the antenna frame from a sweep.
 
-    Parameters
-    ----------
     views : the board as each picture shows it. pictures : the joints' readings, in the same order.
     kinematics : how the antenna is mounted. Its skew and offset count as known to within _AXIS_SKEW_STD_RAD and
         _AXIS_OFFSET_STD_M, and not at all where the pictures contradict that (5 % level).
     tilt_zero_std_rad : how well the tilt encoder's zero is known.
 
-    Raises
-    ------
-    InputError : too few usable pictures, only one joint moved, both too little, angles that do not belong to the
-        pictures, or a picture size that is not the camera's.
-    SolveError : the corners of hardly a picture are those of the board.
+    Raises InputError for too few usable pictures, a joint that did not move or both too little, angles that do not
+    belong to the pictures, or another picture size; SolveError when hardly any corners are those of the board.
     """
     seen, readings, dropped = _usable_pictures(views, pictures, spec, camera)
     _refuse_one_joint(readings)

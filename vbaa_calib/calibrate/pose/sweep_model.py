@@ -36,17 +36,14 @@ _Y, _Z = np.eye(3)[1:]
 class SweepCorners:
     """All corners of all pictures, one after the other.
 
-    Attributes
-    ----------
     points_m : (N, 3) board frame. pixels : (N, 2). picture : (N,) which picture each is of.
-    pan_rad, tilt_rad : (P,) readings of the P pictures, the tilt with its zero.
+    angles_rad : (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero.
     """
 
     points_m: np.ndarray
     pixels: np.ndarray
     picture: np.ndarray
-    pan_rad: np.ndarray
-    tilt_rad: np.ndarray
+    angles_rad: np.ndarray
 
     @staticmethod
     def of(
@@ -58,14 +55,13 @@ class SweepCorners:
             np.concatenate([points[view.ids] for view in views]),
             np.concatenate([view.corners_px for view in views]),
             np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
-            np.array([seen.pan_rad for seen in pictures]),
-            np.array([seen.tilt_rad for seen in pictures]) + kinematics.tilt_zero_rad,
+            np.array([[seen.pan_rad, seen.tilt_rad + kinematics.tilt_zero_rad] for seen in pictures]),
         )
 
     @property
     def pictures(self) -> int:
         """How many pictures there are."""
-        return len(self.pan_rad)
+        return len(self.angles_rad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +87,6 @@ class SweepState:
 class Linearised:
     """Residuals and their negative derivatives.
 
-    Attributes
-    ----------
     residuals_px : (N, 2) observed less predicted; far off where the lens does not see the point.
     by_state : (N, 2, 14). by_angles : (N, 2, 2) by the picture's own pan and tilt. by_lens : (N, 2, 4 + k).
     """
@@ -105,12 +99,14 @@ class Linearised:
 
 def _turns_actuator_foot(corners: SweepCorners, axis_skew_rad: float) -> np.ndarray:
     """(P, 3, 3) Ry(tilt)·Rx(−skew)·Rz(−pan): directions of the world seen from the moving attachment."""
-    return np.swapaxes(rotation_world_antenna(corners.pan_rad, corners.tilt_rad, axis_skew_rad), -1, -2)
+    pan, tilt = corners.angles_rad.T
+    return np.swapaxes(rotation_world_antenna(pan, tilt, axis_skew_rad), -1, -2)
 
 
 def _tilted_x(corners: SweepCorners) -> np.ndarray:
     """(P, 3) the panned x axis seen from the moving attachment."""
-    return np.stack([np.cos(corners.tilt_rad), np.zeros(corners.pictures), -np.sin(corners.tilt_rad)], axis=1)
+    tilt = corners.angles_rad[:, 1]
+    return np.stack([np.cos(tilt), np.zeros_like(tilt), -np.sin(tilt)], axis=1)
 
 
 def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> Linearised:

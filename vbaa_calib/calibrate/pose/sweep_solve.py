@@ -13,13 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.least_squares import (
-    Rules,
-    levenberg_marquardt,
-    schur_complement,
-    solve_scaled,
-    view_products,
-)
+from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
 from vbaa_calib.core.robust import radial_std, soft_l1_weights
 
 from .sweep_model import STATE, Linearised, SweepCorners, SweepState, linearise
@@ -41,8 +35,6 @@ _LEAST_PX = 0.25
 class SweepFit:
     """A minimum and its uncertainty.
 
-    Attributes
-    ----------
     angle_ratio : (rad/px)² variance of the joint angles over that of a corner's coordinate.
     variance_px2 : of a corner's coordinate. residuals_px : (N, 2) once the pictures' angles are corrected.
     covariance : (14, 14) of the state's step, zero where it was fixed. by_lens : (14, 4 + k) derivative of the step.
@@ -180,8 +172,6 @@ def _without_angles(blocks: np.ndarray, angle_ratio: float) -> np.ndarray:
 def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
     """Variance of the joint angles over that of a corner's coordinate, (rad/px)², by restricted likelihood.
 
-    Parameters
-    ----------
     blocks : (P, m, m) columns: free steps, residual, angles. rows : how many residuals there are.
     """
     freedom = rows - (blocks.shape[-1] - 3)
