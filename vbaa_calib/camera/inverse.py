@@ -58,11 +58,8 @@ _NO_RADIUS = 1e-15
 
 
 class _Inverted(NamedTuple):
-    """Points undistorted, and the lens's Jacobian there.
+    """Points (...) undistorted, in the model's chart; anything where not valid.
 
-    Attributes
-    ----------
-    x, y : ideal point (...) in the model's chart; anything where not valid.
     valid : inside the region that hangs together with the axis, residual at the rounding, finite.
     jacobian : d(distorted)/d(ideal): (xx, xy, yx, yy), arrays (...) or numbers where it is the same everywhere.
     put_off : which of those that are not valid might still be found by more effort.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from vbaa_calib.camera.models.model import Coefficients, Path
+from vbaa_calib.camera.models.model import Coefficients
 from vbaa_calib.core.arrays import Array
 
 from .limits import Sectors, definite, sectors
@@ -24,16 +24,12 @@ from .radial import RadialTable, radial_table
 class Lens:
     """A lens model with its coefficients, and all that is worked out once for them.
 
-    Attributes
-    ----------
-    path : "none", "radial" (one unknown) or "full" (two): what the map before the sensor's tilt needs.
     table : start values and the end of the monotonic branch; None on the path "none".
     sectors : the trusted region; only on the path "full".
     """
 
     model: LensModel
     coefficients: tuple[float, ...]
-    path: Path
     table: RadialTable | None
     sectors: Sectors | None
 
@@ -68,12 +64,12 @@ def _prepare(name: str, coefficients: tuple[float, ...]) -> Lens:
     with np.errstate(all="ignore"):
         path = model.path(coefficients)
         if path == "none":
-            return Lens(model, coefficients, path, None, None)
+            return Lens(model, coefficients, None, None)
         table = radial_table(model, coefficients)
         if path == "radial":
-            return Lens(model, coefficients, path, table, None)
+            return Lens(model, coefficients, table, None)
         # never past the radial part's own fold or pole: what lies beyond a pole is another branch
-        return Lens(model, coefficients, path, table, sectors(model, coefficients, table.ideal_limit))
+        return Lens(model, coefficients, table, sectors(model, coefficients, table.ideal_limit))
 
 
 def lens_of(model: LensModel, c: Coefficients | torch.Tensor) -> Lens:

@@ -28,8 +28,6 @@ _HALVINGS = 30
 class _Rim:
     """A closed curve around the axis, as a radius in each of evenly spaced directions from −π on.
 
-    Attributes
-    ----------
     radii, steps : radius in each direction, and from it to the next.
     inner : the smallest of them.
     """
@@ -62,8 +60,6 @@ class _Rim:
 class Sectors:
     """The trusted region of a lens.
 
-    Attributes
-    ----------
     ideal : its rim.
     reach : nothing inside is distorted to a point outside this rim.
     distorted_radius : smallest distorted radius on the region's rim.

@@ -21,21 +21,13 @@ from .slopes import ray_derivatives
 _GRAZING_RAD = 1e-3
 """Rays that meet a plane at a smaller angle are not intersected: an error of 0.001 rad would move them without end."""
 
-NEAREST_M = 1e-9
+_NEAREST_M = 1e-9
 """A plane closer to the rays' origin than this passes through it."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Crossing:
-    """Intersection of rays with a plane, every number finite.
-
-    Attributes
-    ----------
-    points : (..., 3); harmless where not valid.
-    range_m : (...) from the origin, in lengths of the direction vector.
-    slant : (...) cosine between direction and normal, times the direction's length; 1 where not valid.
-    valid : (...)
-    """
+    """Where rays meet a plane, (..., 3), how far along, and the cosine of direction and normal (...); all finite."""
 
     points: Array
     range_m: Array
@@ -43,7 +35,7 @@ class _Crossing:
     valid: Array
 
 
-def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> _Crossing:
+def _cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> _Crossing:
     """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast.
 
     Not valid: parallel or grazing, behind the origin, a plane through the origin, not finite.
@@ -51,7 +43,7 @@ def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -
     xp = namespace(directions)
     slant = (normals * directions).sum(-1)
     height = offsets_m - (normals * origins).sum(-1)
-    valid = (xp.abs(slant) > math.sin(_GRAZING_RAD)) & (xp.abs(height) > NEAREST_M) & (height * slant > 0)
+    valid = (xp.abs(slant) > math.sin(_GRAZING_RAD)) & (xp.abs(height) > _NEAREST_M) & (height * slant > 0)
     slant = xp.where(valid, slant, 1.0)
     range_m = xp.where(valid, height, 0.0) / slant
     return _Crossing(origins + range_m[..., None] * directions, range_m, slant, valid)
@@ -60,7 +52,7 @@ def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -
 def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[ArrayT, ArrayT]:
     """Points (..., 3) where rays meet a plane, and validity (...). All in the plane's frame.
 
-    origins (..., 3) m and unit directions (..., 3) broadcast. Invalid rays (NaN) stay invalid.
+    Origins (..., 3) m and unit directions (..., 3) broadcast. Invalid rays (NaN) stay invalid.
     """
     return _finished(origins, directions, like(directions, plane.normal), plane.offset_m)
 
@@ -95,7 +87,7 @@ def _finished(origins: Array, directions: Array, normals: Array, offset_m: float
     xp = namespace(directions)
     finite = xp.isfinite(directions).all(-1) & xp.isfinite(origins).all(-1)
     safe = xp.where(finite[..., None], directions, 0.0)
-    crossing = cross(xp.where(finite[..., None], origins, 0.0), safe, normals, offset_m)
+    crossing = _cross(xp.where(finite[..., None], origins, 0.0), safe, normals, offset_m)
     return masked(crossing.points, crossing.valid), crossing.valid
 
 
@@ -196,12 +188,12 @@ class CameraOnPlane(torch.nn.Module):
 
     def _crossing(self, rays: torch.Tensor) -> tuple[torch.Tensor, _Crossing]:
         directions = rays @ self.rotation.to(rays).T
-        return directions, cross(self.translation_m.to(rays), directions, self.normal.to(rays), self.offset_m.to(rays))
+        return directions, _cross(self.translation_m.to(rays), directions, self.normal.to(rays), self.offset_m.to(rays))
 
     def _answer(self, pixels: ArrayT, wanted: Callable[[_Crossing], torch.Tensor]) -> tuple[ArrayT, ArrayT]:
         work = working(pixels, 2, "pixels")
         values = as_tensor(work.values)
-        K, c = (value.to(values) for value in (self.matrix, self.distortion))
+        K, c = self.matrix.to(values), self.distortion.to(values)
         intrinsics = Intrinsics(MODELS[self.camera.model], K[0, 0], K[1, 1], K[0, 2], K[1, 2], c)
         rays, seen = pixel_to_ray(intrinsics, values)
         _, crossing = self._crossing(rays)
@@ -219,11 +211,9 @@ class CameraOnPlane(torch.nn.Module):
 
     def _sliding(self, pixels: torch.Tensor, by_parameter: bool) -> torch.Tensor:
         """How a point slides on the plane while its ray turns and its origin moves."""
-        K = self.matrix
-        numbers = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
-        moved = ray_derivatives(
-            Intrinsics(MODELS[self.camera.model], *numbers, tuple(self.distortion.tolist())), pixels
-        )
+        (fx, _, cx), (_, fy, cy), _ = self.matrix.tolist()
+        intrinsics = Intrinsics(MODELS[self.camera.model], fx, fy, cx, cy, tuple(self.distortion.tolist()))
+        moved = ray_derivatives(intrinsics, pixels)
         directions, crossing = self._crossing(moved.rays)
         # the origin moved by a step moves the point by (1 − m nᵀ/(n·m)) times it; the direction moved, by t times that
         identity, normal = torch.eye(3).to(pixels), self.normal.to(pixels)

@@ -27,8 +27,6 @@ _TABLE_STEPS = 12
 class RadialTable:
     """r at even steps of ρ/(1 + ρ), over the branch on which ρ grows.
 
-    Attributes
-    ----------
     ideal_limit, distorted_limit : where the branch ends.
     nodes, steps : r at each node, and from it to the next.
     nodes_per_unit : nodes for each unit of ρ/(1 + ρ).

@@ -23,8 +23,6 @@ _LEAST_DEPTH = 1e-12
 class Chart:
     """One layout of directions.
 
-    Attributes
-    ----------
     to_plane : (xp, X, Y, Z) → (x, y, seen): any length of the vector; x = y = 0 where not seen.
     to_ray : (xp, x, y) → unit vector (X, Y, Z).
     ray_jacobian : (xp, x, y) → d(unit vector)/d(x, y), (..., 3, 2).

@@ -43,8 +43,6 @@ Path = Literal["none", "radial", "full"]
 class LensModel:
     """A camera model as data.
 
-    Attributes
-    ----------
     name : as it stands in camera.json.
     chart : where its ideal points live.
     coefficient_names : of the longest vector, in file order.
