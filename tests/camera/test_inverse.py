@@ -82,15 +82,6 @@ def test_a_pole_is_not_crossed():
     assert not valid.any()
 
 
-def test_the_path_is_the_cheapest():
-    assert LENSES["pinhole"].path == LENSES["zero coefficients"].path == LENSES["fisheye equidistant"].path == "none"
-    assert LENSES["barrel"].path == LENSES["rational radial"].path == LENSES["fisheye 170"].path == "radial"
-    for name in ("decentred", "rational", "only prism", "only tilted", "tilted"):
-        assert LENSES[name].path == "full"
-    # k1 + k2 + k3 = 0 and k1 + 2 k2 + 3 k3 = 0: no distortion at r = 1, but elsewhere
-    assert camera("opencv", (64, 48), 50, 50, 32, 24, (0.1, -0.2, 0, 0, 0.1)).path == "radial"
-
-
 def around_the_rim(lens: Camera, rng: np.random.Generator, count: int) -> np.ndarray:
     """Pixels on both sides of the valid region's rim, where other branches are close."""
     radius = lens.valid_region().distorted_radius

@@ -197,12 +197,6 @@ class Camera:
             "parameters": list(self.parameter_names),
         }
 
-    @property
-    def path(self) -> str:
-        """How this lens is inverted: "none", "radial" (one unknown a point) or "full" (two)."""
-        model, c = self.intrinsics.model, self.intrinsics.separate
-        return model.path(c) if model.tilt(c) is None else "full"
-
     def unproject(self, pixels: ArrayT) -> tuple[ArrayT, ArrayT]:
         """Unit rays (..., 3) in the camera frame of pixels (..., 2), and whether each is valid (...)."""
         return self._answer(pixel_to_ray, pixels, 2, "pixels")

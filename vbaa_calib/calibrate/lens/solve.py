@@ -143,7 +143,7 @@ class LensFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Screened:
+class _Screened:
     """The good corners under a first lens, that lens' solution over them, and solutions of others to start from."""
 
     inliers: Inliers
@@ -151,7 +151,7 @@ class Screened:
     warm: dict[str, Bundle]
 
 
-def screen(observations: Sequence[Observation], options: LensOptions) -> Screened:
+def screen(observations: Sequence[Observation], options: LensOptions) -> _Screened:
     """The good corners under the lens given, or under the best of `_SCREENING` for "auto"; the board may be bent.
 
     The best lens is that with the least median error in a robust fit, which outliers do not move.
@@ -166,10 +166,10 @@ def screen(observations: Sequence[Observation], options: LensOptions) -> Screene
     best = min(robust, key=lambda name: robust[name].sigma_px)
     inliers, bundle = fit_without_outliers(robust[best], observations, options.min_corners)
     warm = {name: replace(fit, poses=fit.poses[inliers.views]) for name, fit in (known | robust).items()}
-    return Screened(inliers, bundle, warm)
+    return _Screened(inliers, bundle, warm)
 
 
-def decide(start: Screened, observations: Sequence[Observation], options: LensOptions) -> LensFit:
+def decide(start: _Screened, observations: Sequence[Observation], options: LensOptions) -> LensFit:
     """Bend of the board, lens model, and once more the outliers under them, until neither decision changes."""
     inliers, bundle, warm = start.inliers, start.bundle, start.warm
     comparison: tuple[Candidate, ...] = ()

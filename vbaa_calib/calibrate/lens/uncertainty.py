@@ -19,7 +19,7 @@ GRID = (17, 13)
 
 
 @dataclass(frozen=True, eq=False)
-class ProjectionUncertainty:
+class _ProjectionUncertainty:
     """Over a grid of pixels (R, C, 2), covariance (R, C, 2, 2) of the projection of each one's fixed ray; or NaN."""
 
     pixels: np.ndarray
@@ -36,7 +36,7 @@ class ProjectionUncertainty:
 
 def projection_uncertainty(
     camera: Camera, compensated: bool = True, grid: tuple[int, int] = GRID
-) -> ProjectionUncertainty:
+) -> _ProjectionUncertainty:
     """Covariance of the projection over the whole picture, on `grid` = (columns, rows).
 
     compensated : without what a turn of the camera explains. Raises InputError when the camera has no covariance.
@@ -45,7 +45,7 @@ def projection_uncertainty(
     jacobian = projection_jacobian(camera, pixels)
     if compensated:
         jacobian = compensate(camera, pixels, jacobian)
-    return ProjectionUncertainty(pixels, _carried(jacobian, camera))
+    return _ProjectionUncertainty(pixels, _carried(jacobian, camera))
 
 
 def ray_covariance(camera: Camera, pixels: np.ndarray) -> np.ndarray:

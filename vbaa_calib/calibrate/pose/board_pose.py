@@ -83,7 +83,7 @@ _OUT_OF_SIGHT_PX = 1e3
 
 
 @dataclass(frozen=True, eq=False)
-class PoseCandidate:
+class _PoseCandidate:
     """A pose that explains the corners, and how well."""
 
     T_camera_board: Pose
@@ -108,7 +108,7 @@ class BoardPose:
     rms_px: float
     corners: int
     left_out: int
-    second: PoseCandidate | None
+    second: _PoseCandidate | None
 
     @property
     def second_ratio(self) -> float | None:
@@ -244,11 +244,11 @@ def _inliers(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: n
 
 def _second(
     first: Pose, others: Sequence[Pose], camera: Camera, points: np.ndarray, pixels: np.ndarray
-) -> PoseCandidate | None:
+) -> _PoseCandidate | None:
     for start in others:
         T_camera_board = _refined(start, camera, points, pixels, SQUARES)
         if _turn_between(T_camera_board, first) > _SAME_RAD and bool(camera.project(T_camera_board @ points)[1].all()):
-            return PoseCandidate(T_camera_board, _rms(_residual(T_camera_board, camera, points, pixels)))
+            return _PoseCandidate(T_camera_board, _rms(_residual(T_camera_board, camera, points, pixels)))
     return None
 
 
