@@ -55,15 +55,13 @@ def test_wrong_calls(vbaa: Call, argv: list[str], words: str) -> None:
     assert said.err.count("\n") == 1
 
 
-def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path, tmp_path: Path) -> None:
-    contacts = tmp_path / "contacts.csv"
-    quiet = vbaa("estimate", made / "session", "--rig", made / "rig.json", "-o", contacts)
-    assert quiet.code == 0
-    assert quiet.out == ""
-    assert "wrote" in quiet.err
-    loud = vbaa("estimate", made / "session", "--rig", made / "rig.json", "-o", contacts, "--force", "--json")
+def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path) -> None:
+    call = ("look", made / "session" / "noload" / "noload_001.png", "--rig", made / "rig.json")
+    quiet, loud = vbaa(*call), vbaa(*call, "--json")
+    assert (quiet.code, quiet.out) == (0, "")
+    assert "verdict" in quiet.err
     assert loud.out.count("\n") == 1
-    assert loud.result["frames"] == 4
+    assert loud.result["verdict"] == "ok"
     assert loud.err == quiet.err
 
 

@@ -22,15 +22,21 @@ def left(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.fixture
+def drawn(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> Call:
+    """`vbaa estimate` of the session to contacts.csv with an overlay."""
+    call = ("estimate", session, "--rig", rig, "--no-report", "-o", tmp_path / "contacts.csv", "--overlay")
+    return lambda *more: vbaa(*call, *more)
+
+
 def test_every_frame_has_its_picture_and_its_place_on_the_page(
-    vbaa: Call, session: Path, rig: Path, tmp_path: Path
+    vbaa: Call, drawn: Call, session: Path, rig: Path, tmp_path: Path
 ) -> None:
     repaint(PICTURES["recording"], noise)(session)
     target, contacts, plain = tmp_path / "seen", tmp_path / "contacts.csv", tmp_path / "plain.csv"
-    call = ("estimate", session, "--rig", rig, "--no-report", "-o")
-    said = vbaa(*call, contacts, "--overlay", target, "--json")
+    said = drawn(target, "--json")
     assert said.code == 0, said.err
-    assert vbaa(*call, plain).code == 0
+    assert vbaa("estimate", session, "--rig", rig, "--no-report", "-o", plain).code == 0
     assert plain.read_bytes() == contacts.read_bytes()
     assert said.result["overlay"] == str(target)
     with contacts.open(newline="") as stream:
@@ -49,31 +55,28 @@ def test_every_frame_has_its_picture_and_its_place_on_the_page(
         assert f'<input type="radio" name="status" id="only-{status}"' in page
 
 
-def test_a_folder_in_the_way_is_refused_and_only_ours_is_replaced(
-    vbaa: Call, session: Path, rig: Path, tmp_path: Path
-) -> None:
-    call = ("estimate", session, "--rig", rig, "--no-report", "-o", tmp_path / "contacts.csv", "--overlay")
-    assert vbaa(*call, tmp_path / "seen").code == 0
+def test_a_folder_in_the_way_is_refused_and_only_ours_is_replaced(drawn: Call, rig: Path, tmp_path: Path) -> None:
+    assert drawn(tmp_path / "seen").code == 0
     (tmp_path / "seen" / "old.jpg").write_bytes(b"x")
     (tmp_path / "contacts.csv").unlink()
-    refused(vbaa(*call, tmp_path / "seen"), "seen: exists already", "--force")
+    refused(drawn(tmp_path / "seen"), "seen: exists already", "--force")
     assert "old.jpg" in left(tmp_path / "seen")
-    assert vbaa(*call, tmp_path / "seen", "--force").code == 0
+    assert drawn(tmp_path / "seen", "--force").code == 0
     assert "old.jpg" not in left(tmp_path / "seen")
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "index.html").write_text("<p>my own page</p>")
-    refused(vbaa(*call, mine, "--force"), "mine: holds other things")
-    refused(vbaa(*call, rig, "--force"), "is not a folder")
-    refused(vbaa(*call, tmp_path / "nowhere" / "seen", "--force"), "its folder does not exist")
+    refused(drawn(mine, "--force"), "mine: holds other things")
+    refused(drawn(rig, "--force"), "is not a folder")
+    refused(drawn(tmp_path / "nowhere" / "seen", "--force"), "its folder does not exist")
     (tmp_path / "link").symlink_to(tmp_path / "seen")
-    refused(vbaa(*call, tmp_path / "link", "--force"), "is not a folder")
+    refused(drawn(tmp_path / "link", "--force"), "is not a folder")
     assert left(mine) == {"index.html"}
 
 
 @pytest.mark.parametrize("when", ["before the work", "in its middle"])
 def test_nothing_is_left_behind(
-    when: str, vbaa: Call, session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    when: str, drawn: Call, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if when == "before the work":
         truncate(PICTURES["recording"])(session)
@@ -89,37 +92,17 @@ def test_nothing_is_left_behind(
         write = overlay_folder._write
         monkeypatch.setattr(overlay_folder, "_write", full)
     before = left(tmp_path)
-    said = vbaa(
-        "estimate",
-        session,
-        "--rig",
-        rig,
-        "--no-report",
-        "-o",
-        tmp_path / "contacts.csv",
-        "--overlay",
-        tmp_path / "seen",
-    )
+    said = drawn(tmp_path / "seen")
     assert said.code == 2
     assert said.err.count("\n") == 1
     assert left(tmp_path) == before
 
 
-def test_recording_without_pictures_is_drawn_too(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
+def test_recording_without_pictures_is_drawn_too(drawn: Call, session: Path, tmp_path: Path) -> None:
     u = np.linspace(150.0, 300.0, 200)
     lines = [f"0,{x:.3f},{181.0 + 1e-4 * (x - 150) ** 2:.3f},0.05" for x in u]
     (session / "recording" / "centrelines.csv").write_text("\n".join(["frame,u_px,v_px,sigma_px", *lines]) + "\n")
-    said = vbaa(
-        "estimate",
-        session,
-        "--rig",
-        rig,
-        "--no-report",
-        "-o",
-        tmp_path / "contacts.csv",
-        "--overlay",
-        tmp_path / "seen",
-    )
+    said = drawn(tmp_path / "seen")
     assert said.code == 0, said.err
     assert len(left(tmp_path / "seen")) == 2 + len((tmp_path / "contacts.csv").read_text().splitlines()) - 1
 

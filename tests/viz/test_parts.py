@@ -14,7 +14,7 @@ from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
 from viz.parts import Part, all_parts
 from viz.parts.contacts import MOST_SPREADS, contact_parts
 from viz.parts.part import ball, stamp
-from viz.parts.true_object import truth_mesh
+from viz.parts.true_object import _truth_mesh
 from viz.scene.readable import thinned
 from viz.scene.scene import ObjectMesh, Scene, build_scene
 
@@ -122,7 +122,7 @@ def test_true_objects_lie_on_what_was_simulated(shape: str) -> None:
     bumps = BUMPS if shape == "freeform" else ()
     radius = 0.02 if shape == "freeform" else 0.002
     body = TouchObject(shape, CENTRE, AXIS, radius, 0.05, wedge_world=WEDGE, bumps=bumps)
-    mesh = truth_mesh(body)
+    mesh = _truth_mesh(body)
     points = np.asarray(mesh.points, float)
     # the caps' middles and the blade's back lie inside
     off, _ = body.signed_distance(points[::7])
@@ -134,7 +134,7 @@ def test_true_objects_lie_on_what_was_simulated(shape: str) -> None:
 
 
 def test_the_box_is_closed_and_as_large_as_its_faces() -> None:
-    mesh = truth_mesh(TouchObject("box_edge", CENTRE, AXIS, 1e-6, 0.05, wedge_world=WEDGE))
+    mesh = _truth_mesh(TouchObject("box_edge", CENTRE, AXIS, 1e-6, 0.05, wedge_world=WEDGE))
     assert isinstance(mesh, pv.PolyData)
     # a right-angled triangle, 100 mm long
     assert mesh.volume == pytest.approx(0.5 * BOX_FACE_M**2 * 0.1, rel=1e-3)

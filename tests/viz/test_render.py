@@ -22,7 +22,7 @@ from viz.render.stage import Stage
 from viz.render.window import Controls
 from viz.scene.colours import MODES
 from viz.scene.scene import Scene, build_scene
-from viz.scene.views import look_at_contacts, view_direction
+from viz.scene.views import _view_direction, look_at_contacts
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
     """A square of known size, drawn in the close-up's projection, is as many pixels wide as the sheet takes it for."""
     plotter = pv.Plotter(off_screen=True, window_size=list(sheet.NEAR_SIZE))
     centre, radius = scene.bounding_ball_m
-    direction = view_direction(scene, height=0.45, liking=0.0)
+    direction = _view_direction(scene, height=0.45, liking=0.0)
     plotter.add_mesh(
         pv.Plane(center=centre, direction=direction, i_size=radius, j_size=radius), color="black", lighting=False
     )
@@ -79,9 +79,9 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
 def test_a_view_shows_the_touched_side(table: ContactTable) -> None:
     scene = build_scene(table)
     outward = scene.contacts.force_N.sum(axis=0)
-    assert view_direction(scene, height=0.4, liking=0.0)[:2] @ outward[:2] > 0
+    assert _view_direction(scene, height=0.4, liking=0.0)[:2] @ outward[:2] > 0
     blind = build_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
-    assert np.isfinite(view_direction(blind, height=0.4, liking=0.0)).all()
+    assert np.isfinite(_view_direction(blind, height=0.4, liking=0.0)).all()
 
 
 def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_opengl: None) -> None:

@@ -13,21 +13,15 @@ if TYPE_CHECKING:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa check`."""
     parser.add_argument("rig", type=Path, help="rig.json, as vbaa calibrate writes it")
-    parser.add_argument(
-        "session",
-        type=Path,
-        nargs="?",
-        help="a session to hold it against; with --board or --free the one that the rig was calibrated from, for its "
-        "board and jig alone, if rig.json does not record them",
-    )
+    against = "a session to hold it against; with --board or --free the one that the rig was calibrated from, for its "
+    against += "board and jig alone, if rig.json does not record them"
+    parser.add_argument("session", type=Path, nargs="?", help=against)
     new = parser.add_argument_group("new pictures")
     new.add_argument("--board", type=Path, metavar="PICTURE", help="the board in its jig, as it is now")
     new.add_argument("--free", type=Path, metavar="PICTURE", help="the free antenna, as it is now")
     new.add_argument("--pan", type=float, metavar="RAD", help="the pan's reading with --free (default: 0)")
     new.add_argument("--tilt", type=float, metavar="RAD", help="the tilt's reading with --free (default: 0)")
-    new.add_argument(
-        "--moment", type=float, metavar="NM", help="the moment sensor's reading with --free, N·m (default: not noted)"
-    )
+    new.add_argument("--moment", type=float, metavar="NM", help="the moment's reading with --free (default: not noted)")
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
     parser.add_argument("-o", "--output", type=Path, metavar="CHECK", help="check.json to write")
 
@@ -73,6 +67,5 @@ def _new_pictures(args: argparse.Namespace) -> NewPictures | None:
         raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")
     if args.board is None and args.free is None:
         return None
-    return NewPictures(
-        args.board, args.free, with_free.get("pan", 0.0), with_free.get("tilt", 0.0), with_free.get("moment")
-    )
+    pan, tilt, moment = with_free.get("pan", 0.0), with_free.get("tilt", 0.0), with_free.get("moment")
+    return NewPictures(args.board, args.free, pan, tilt, moment)

@@ -13,14 +13,9 @@ if TYPE_CHECKING:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa reconstruct`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
-    parser.add_argument(
-        "--rig",
-        type=Path,
-        help="rig.json: its antenna's radius lies between contact and object, its errors are common to all contacts",
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="OBJECT", help="object.vtp, object.ply or object.glb"
-    )
+    why = "rig.json: its antenna's radius lies between contact and object, its errors are common to all contacts"
+    parser.add_argument("--rig", type=Path, help=why)
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OBJECT", help="a .vtp, .ply or .glb")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

@@ -13,9 +13,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, help="rig.json: friction, stiffness, and the rig in the picture need it")
     parser.add_argument("--session", type=Path, help="the session folder: adds a picture of its recording; needs --rig")
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: drawn beside the estimates")
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="PAGE", help="the page to write (default: report.html beside the contacts)"
-    )
+    parser.add_argument("-o", "--output", type=Path, metavar="PAGE", help="the page (default: beside the contacts)")
     parser.add_argument("--title", default="Contacts of the antenna", help="title of the page")
 
 

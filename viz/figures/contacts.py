@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from estimator.object.friction import Friction
     from estimator.object.surface import Surface
 
-VIEWS = (("from above", 0, 1), ("from the side, along y", 0, 2), ("from the side, along x", 1, 2))
+_VIEWS = (("from above", 0, 1), ("from the side, along y", 0, 2), ("from the side, along x", 1, 2))
 """Name, and which world axes run to the right and up."""
 MOST_ELLIPSES, MOST_POINTS, MOST_TRIANGLES = 300, 1500, 3000
 SIDE_PX, SEEN_PX = 276.0, 5.0
@@ -46,7 +46,7 @@ _SIZE = (480.0, 440.0)
 
 
 def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.ndarray) -> tuple[list[Axes], int]:
-    """The `VIEWS` of located contacts with their ellipses, the object and true points (Q, 3), equal scales in mm.
+    """Three views of located contacts with their ellipses, the object and true points (Q, 3), equal scales in mm.
 
     Also returns how many times larger ellipses are drawn, so that the usual one can be seen; 1 where it can.
     """
@@ -56,7 +56,7 @@ def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.nd
     std_mm = 1e3 * np.sqrt(np.trace(contacts.covariance_world_m2, axis1=1, axis2=2))
     factor = enlargement(SIDE_PX / half * std_mm, SEEN_PX)
     ends = middle[:, None] + half * np.array([-1.0, 1.0])
-    return [_contact_map(contacts, surface, truth_m, ends, view, factor) for view in VIEWS], factor
+    return [_contact_map(contacts, surface, truth_m, ends, view, factor) for view in _VIEWS], factor
 
 
 @style

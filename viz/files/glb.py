@@ -47,16 +47,11 @@ def glb_bytes(mesh: ObjectMesh) -> bytes:
     }
     numbers = {name: _add(made, blob, np.asarray(values, "<f4"), 5126) for name, values in attributes.items()}
     loose = np.setdiff1d(np.arange(count), np.union1d(mesh.triangles, mesh.lines))
-    primitives = [
-        {
-            "attributes": numbers,
-            "material": 0,
-            "mode": mode,
-            "indices": _add(made, blob, indices.astype("<u4").ravel(), 5125),
-        }
-        for mode, indices in ((_TRIANGLES, mesh.triangles), (_LINES, mesh.lines), (_POINTS, loose))
-        if len(indices)
-    ]
+    primitives = []
+    for mode, indices in ((_TRIANGLES, mesh.triangles), (_LINES, mesh.lines), (_POINTS, loose)):
+        if len(indices):
+            added = _add(made, blob, indices.astype("<u4").ravel(), 5125)
+            primitives.append({"attributes": numbers, "material": 0, "mode": mode, "indices": added})
     legend = {"colour": scale.title, "unit": scale.unit, "low": scale.ticks[0], "high": scale.ticks[-1]}
     made["meshes"] = [{"name": _NAME, "primitives": primitives, "extras": legend}]
     return packed(made, bytes(blob), ".glb")

@@ -26,7 +26,7 @@ SUFFIXES = (".vtp", ".ply", ".glb")
 _UNREADABLE = (struct.error, ValueError, KeyError, IndexError, TypeError, StopIteration, AttributeError)
 
 
-def to_mesh(surface: Surface) -> pv.PolyData:
+def _to_mesh(surface: Surface) -> pv.PolyData:
     """Triangles, lines, and loose points as vertices, with the point arrays Normals, std_m, std_across_m and patch.
 
     What is known of each contact, of the stiffness, and the notes, are field arrays: contact_*, compliance_*, notes.
@@ -73,12 +73,12 @@ def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
     suffix, mesh = path.suffix.lower(), ObjectMesh.of(surface)
     with replacing(path, force) as temporary:
         if suffix == ".vtp":
-            temporary.write_text(vtp_text(to_mesh(surface)), encoding="utf-8")
+            temporary.write_text(_vtp_text(_to_mesh(surface)), encoding="utf-8")
         else:
             temporary.write_bytes(ply_bytes(mesh) if suffix == ".ply" else glb_bytes(mesh))
 
 
-def vtp_text(mesh: pv.PolyData) -> str:
+def _vtp_text(mesh: pv.PolyData) -> str:
     """The file's contents. VTK's own writing says nothing when the disk is full, and leaves half a file."""
     writer = vtkXMLPolyDataWriter()
     writer.SetInputData(mesh)

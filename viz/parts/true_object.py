@@ -16,11 +16,11 @@ _ARC = 12
 
 def truth_part(truth: TouchObject) -> Part:
     """The true object, to look through."""
-    mesh = truth_mesh(truth).compute_normals(cell_normals=False, split_vertices=True, feature_angle=40)
+    mesh = _truth_mesh(truth).compute_normals(cell_normals=False, split_vertices=True, feature_angle=40)
     return Part("truth", triangles(mesh.points, mesh.regular_faces, mesh.point_data["Normals"]), opacity=0.22)
 
 
-def truth_mesh(truth: TouchObject) -> pv.PolyData:
+def _truth_mesh(truth: TouchObject) -> pv.PolyData:
     """The true object; of a box its two faces as deep as simulated pictures show them.
 
     Of a knife, as much of the blade as the edge is half as long."""

@@ -12,7 +12,7 @@ from trame_vtk.modules.vtk.serializers import reference_id
 
 from viz.pages.page import render
 from viz.parts import Part, layers_of
-from viz.scene.colours import MODES, contact_scale, object_scale
+from viz.scene.colours import MODES, Scale, contact_scale, object_scale
 from viz.scene.scene import Scene
 
 from .stage import Stage
@@ -34,19 +34,16 @@ def page_data(stage: Stage, mode: str, views: list[tuple[np.ndarray, np.ndarray]
         "frames": instants.frame.tolist(),
         "words": list(instants.words),
         "parts": [_part(part, reference_id(actor)) for part, actor in zip(stage.parts, stage.actors, strict=True)],
-        "modes": [
-            {
-                "name": name,
-                "rgb": base64.b64encode(scale.rgb.tobytes()).decode(),
-                "gradient": scale.gradient,
-                "ends": scale.ends,
-            }
-            for name, scale in ((name, contact_scale(scene, name)) for name in MODES)
-        ],
+        "modes": [_mode(name, contact_scale(scene, name)) for name in MODES],
         "views": [{"position": list(map(float, at)), "focus": list(map(float, to))} for at, to in views],
         "seen": seen,
         "pictures": pictures,
     }
+
+
+def _mode(name: str, scale: Scale) -> dict[str, Any]:
+    rgb = base64.b64encode(scale.rgb.tobytes()).decode()
+    return {"name": name, "rgb": rgb, "gradient": scale.gradient, "ends": scale.ends}
 
 
 def _part(part: Part, identity: str) -> dict[str, Any]:

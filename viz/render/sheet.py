@@ -26,12 +26,7 @@ QUIET = "#64748b"
 
 
 def compose(
-    path: Path,
-    scene: Scene,
-    parts: list[Part],
-    mode: str,
-    near: tuple[np.ndarray, float],
-    rig: np.ndarray | None,
+    path: Path, scene: Scene, parts: list[Part], mode: str, near: tuple[np.ndarray, float], rig: np.ndarray | None
 ) -> None:
     """Write the PNG.
 

@@ -10,7 +10,7 @@ from .scene import Scene
 
 def look_at_all(plotter: pv.Plotter, scene: Scene) -> None:
     """The whole rig, from beside and above, on the side that was touched."""
-    plotter.view_vector(view_direction(scene, height=0.75, liking=0.8), viewup=(0, 0, 1))
+    plotter.view_vector(_view_direction(scene, height=0.75, liking=0.8), viewup=(0, 0, 1))
     camera = plotter.camera
     focus = np.array(camera.focal_point)
     camera.position = focus + (np.array(camera.position) - focus) / 1.15
@@ -22,7 +22,7 @@ def look_at_contacts(plotter: pv.Plotter, scene: Scene, *, parallel: bool = True
     centre, radius = scene.bounding_ball_m
     half = 1.3 * radius
     away = half / np.tan(np.radians(15))
-    direction = view_direction(scene, height=0.45, liking=0.35)
+    direction = _view_direction(scene, height=0.45, liking=0.35)
     plotter.camera_position = [centre + away * direction, centre, (0.0, 0.0, 1.0)]
     plotter.camera.view_angle = 30
     if parallel:
@@ -32,7 +32,7 @@ def look_at_contacts(plotter: pv.Plotter, scene: Scene, *, parallel: bool = True
     return half
 
 
-def view_direction(scene: Scene, height: float, liking: float) -> np.ndarray:
+def _view_direction(scene: Scene, height: float, liking: float) -> np.ndarray:
     """(3,) towards the viewer: from the side of the touched surface that shows it and its forces best, and from above.
 
     `liking` is how much to stay beside the antenna, on either side.
