@@ -10,8 +10,8 @@ import numpy as np
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.table.contacts import ContactTable
 
-from .friction import NORMAL_KNOWN_RAD, Friction, Normals, friction
-from .surface import Compliance, Surface, reconstruct, touches_of
+from .friction import NORMAL_KNOWN_RAD, Friction, friction
+from .surface import Compliance, Normals, Surface, reconstruct, touches_of
 from .track import Track, follow
 
 if TYPE_CHECKING:
@@ -88,11 +88,10 @@ def estimate_object(table: ContactTable, rig: Rig | None = None, friction_rad: f
     radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
     surface = reconstruct(touches_of(table, shared), radius_m)
     # the shape's normals where it tells them, NaN elsewhere
-    std = np.sqrt(np.maximum(np.linalg.eigvalsh(surface.touched_normal_covariance)[:, -1], 0.0))
-    known = std < NORMAL_KNOWN_RAD
+    known = Normals(surface.touched_normal, surface.touched_normal_covariance).std_rad < NORMAL_KNOWN_RAD
     normals = np.full((len(table), 3), np.nan)
     normals[surface.touched_row[known]] = surface.touched_normal[known]
-    track = follow(table, rig, None if rig is None else shared, normals)
+    track = follow(table, rig, shared, normals)
     return ObjectEstimate(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 
@@ -21,19 +22,6 @@ if TYPE_CHECKING:
 
 
 _UNKNOWN_MU = 1.0  # of an object whose friction is not known the force is thought to lean as far as this allows
-
-
-@dataclass(frozen=True, eq=False)
-class Normals:
-    """At P touches, world frame: normal (P, 3), unit, out of the object; covariance (P, 3, 3), rad²."""
-
-    normal: np.ndarray
-    covariance: np.ndarray
-
-    @property
-    def std_rad(self) -> np.ndarray:
-        """(P,) the larger of the deviations in the two directions in which a normal can turn."""
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import eigh
@@ -19,17 +19,21 @@ _MODES = 24  # common errors of the normals that are kept apart; the rest counts
 
 @dataclass(frozen=True, eq=False)
 class Normals:
-    """At P touches: unit, outward (P, 3); covariance (P, 3, 3), rad²; modes (P, 3, K), the common part of that."""
+    """At P touches, world frame: unit, outward (P, 3); covariance (P, 3, 3), rad²; modes (P, 3, K), its common part."""
 
     normal: np.ndarray
     covariance: np.ndarray
-    modes: np.ndarray
+    modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 0)))
+
+    @property
+    def std_rad(self) -> np.ndarray:
+        """(P,) the larger of the deviations in the two directions in which a normal can turn."""
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
 
     def best(self, touches: Touches) -> np.ndarray:
         """(P, 3) with the force's direction where the shape says less than that."""
         force = touches.force_N / np.linalg.norm(touches.force_N, axis=1, keepdims=True)
-        worst_rad = np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
-        trust = 1.0 / (1.0 + (worst_rad / _FORCE_STD_RAD) ** 4)
+        trust = 1.0 / (1.0 + (self.std_rad / _FORCE_STD_RAD) ** 4)
         mixed = trust[:, None] * self.normal + (1 - trust)[:, None] * force
         return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
 

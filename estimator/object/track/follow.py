@@ -71,8 +71,8 @@ def follow(
     `shared_errors(rig, table)`, where it is known already, `normal_world` (B, 3) the object's outward normals where
     something better than the forces' direction is known; NaN elsewhere.
     """
-    if shared is None and rig is not None:
-        shared = shared_errors(rig, table)
+    if shared is None:
+        shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table)
     ringing = ringing_frames(table)
     contact = contact_states(table, ringing)
     kinematics, radius = (Kinematics(), _RADIUS_M) if rig is None else (rig.kinematics, 0.5 * rig.antenna.diameter_m)
@@ -117,7 +117,7 @@ def _after_onset(
     return phase
 
 
-def _notes(table: ContactTable, contact: ContactStates, shared: CommonErrors | None) -> list[str]:
+def _notes(table: ContactTable, contact: ContactStates, shared: CommonErrors) -> list[str]:
     notes = []
     located = table.located
     if not np.isfinite(table.evidence).any():

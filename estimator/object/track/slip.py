@@ -11,7 +11,6 @@ differences but for how the joints turn them; what differs from frame to frame c
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeGuard
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -57,14 +56,9 @@ def median_step(time_s: np.ndarray) -> float:
     return float(np.median(steps)) if len(steps) else np.inf
 
 
-def tells_calibration(shared: CommonErrors | None) -> TypeGuard[CommonErrors]:
+def tells_calibration(shared: CommonErrors) -> bool:
     """Whether there are common errors to tell from noise."""
-    return shared is not None and shared.point_m.shape[-1] > 0
-
-
-def own_noise(table: ContactTable, rows: np.ndarray, shared: CommonErrors | None) -> np.ndarray:
-    """(P, 3, 3) what differs from frame to frame; the whole covariance where calibration is not told apart from it."""
-    return shared.own_m2[rows] if tells_calibration(shared) else table.covariance_world_m2[rows]
+    return shared.point_m.shape[-1] > 0
 
 
 def _path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
@@ -142,7 +136,7 @@ class Slip:
 def slip(
     table: ContactTable,
     rows: np.ndarray,
-    shared: CommonErrors | None,
+    shared: CommonErrors,
     kinematics: Kinematics,
     normal: np.ndarray | None = None,
 ) -> Slip:
@@ -152,10 +146,9 @@ def slip(
     """
     time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
     material = _without_walk(point[..., None], tangent, table.distance_m[rows, None])[..., 0]
-    modes = np.zeros((len(rows), 3, 0)) if shared is None else np.nan_to_num(shared.point_m[rows])
+    modes, own = np.nan_to_num(shared.point_m[rows]), shared.own_m2[rows]
     # what moves a contact along the antenna moves its distance too
     modes = _without_walk(modes, tangent, np.einsum("pi,pis->ps", tangent, modes))
-    own = own_noise(table, rows, shared)
     noise = _material_noise(material, time, tangent, own, tells_calibration(shared))
     kernel = _slopes(time)
     moved, modes = kernel @ material, _sloped(kernel, modes)

@@ -20,7 +20,7 @@ from vbaa_calib.rig import Rig
 
 from .follow import follow
 from .result import LOSS, SLIP_END, SLIP_START, Track
-from .slip import own_noise, runs
+from .slip import runs
 
 # trial intensities of the walk, about the one that would move the path by its own noise in its mean step
 _DECADES, _TRIALS = (-8.0, 4.0), 37
@@ -113,10 +113,9 @@ def smooth(
     shared = shared_errors(rig, table) if shared is None else shared
     track = follow(table, rig, shared) if track is None else track
     changed = {name: getattr(table, name).copy() for name in _CHANGED}
-    own = own_noise(table, np.arange(len(table)), shared)
     rotation, _ = rig.kinematics.world_antenna(*joint_angles(rig.kinematics, table))
     for rows in smoothable_pieces(table, track):
-        _smooth_piece(table, rows, own[rows], shared, rotation[rows], changed)
+        _smooth_piece(table, rows, shared.own_m2[rows], shared, rotation[rows], changed)
     return replace(table, **changed)
 
 
