@@ -103,13 +103,7 @@ noise = changed(lambda data: np.random.default_rng(1).bytes(min(len(data), 4096)
 
 def text(old: str, new: str) -> Damage:
     """One place of a text changed."""
-
-    def damage(path: Path) -> None:
-        before = path.read_text()
-        assert old in before, old
-        put(path, before.replace(old, new, 1).encode())
-
-    return damage
+    return changed(lambda data: data.replace(old.encode(), new.encode(), 1))
 
 
 def cell(line: int, column: str, value: str) -> Damage:
@@ -123,16 +117,6 @@ def cell(line: int, column: str, value: str) -> Damage:
     return damage
 
 
-def _set(data: Any, key: str, value: Any) -> None:
-    *way, last = (int(part) if part.lstrip("-").isdigit() else part for part in key.split("."))
-    for part in way:
-        data = data[part]
-    if value is REMOVED:
-        del data[last]
-    else:
-        data[last] = value
-
-
 REMOVED = object()
 """In place of a value: the key is taken out."""
 
@@ -141,37 +125,34 @@ def at(key: str, value: Any) -> Damage:
     """A value of a YAML or JSON file set; `key` as "board.square_m" or "gravity_world.0"."""
 
     def damage(path: Path) -> None:
-        data = json.loads(path.read_text()) if path.suffix == ".json" else read_yaml(path)
-        _set(data, key, value)
+        data = place = json.loads(path.read_text()) if path.suffix == ".json" else read_yaml(path)
+        *way, last = (int(part) if part.lstrip("-").isdigit() else part for part in key.split("."))
+        for part in way:
+            place = place[part]
+        if value is REMOVED:
+            del place[last]
+        else:
+            place[last] = value
         put(path, (json.dumps(data) if path.suffix == ".json" else yaml.safe_dump(data)).encode())
 
     return damage
 
 
-def painted(change: Callable[[np.ndarray], np.ndarray]) -> Damage:
-    """A picture changed; where a folder is named, all that lie in it."""
+def encoded(suffix: str, change: Callable[[np.ndarray], np.ndarray] = np.copy, *options: int) -> Damage:
+    """The picture, or all of a folder, changed and encoded in another format, under the same name."""
 
     def damage(path: Path) -> None:
         for one in sorted(path.glob("*.png")) if path.is_dir() else [path]:
-            encoded(".png", change)(one)
+            done, data = cv2.imencode(suffix, change(cv2.imread(str(one), cv2.IMREAD_UNCHANGED)), list(options))
+            assert done
+            put(one, data.tobytes())
 
     return damage
 
 
-grey = painted(lambda picture: np.full_like(picture, 90))
-specks = painted(lambda picture: np.random.default_rng(1).normal(90, 12, picture.shape).clip(0, 255).astype(np.uint8))
-halved = painted(lambda picture: cv2.resize(picture, (picture.shape[1] // 2, picture.shape[0] // 2)))
-
-
-def encoded(suffix: str, change: Callable[[np.ndarray], np.ndarray], *options: int) -> Damage:
-    """The picture changed and encoded in another format, under the same name."""
-
-    def damage(path: Path) -> None:
-        done, data = cv2.imencode(suffix, change(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)), list(options))
-        assert done
-        put(path, data.tobytes())
-
-    return damage
+grey = encoded(".png", lambda picture: np.full_like(picture, 90))
+specks = encoded(".png", lambda one: np.random.default_rng(1).normal(90, 12, one.shape).clip(0, 255).astype(np.uint8))
+halved = encoded(".png", lambda picture: cv2.resize(picture, (picture.shape[1] // 2, picture.shape[0] // 2)))
 
 
 def png(width: int, height: int, rows: bytes, *, bits: int = 8, colour: int = 0, extra: bytes = b"") -> bytes:
@@ -186,11 +167,7 @@ def png(width: int, height: int, rows: bytes, *, bits: int = 8, colour: int = 0,
 
 def copy(source: str) -> Damage:
     """Another file of the folder in its place; `source` relative to the file's folder."""
-
-    def damage(path: Path) -> None:
-        put(path, (path.parent / source).read_bytes())
-
-    return damage
+    return lambda path: put(path, (path.parent / source).read_bytes())
 
 
 def several(*damages: Damage) -> Damage:

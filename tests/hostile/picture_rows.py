@@ -24,7 +24,7 @@ def jpeg_of(width: int, height: int) -> d.Damage:
         at = data.index(b"\xff\xc0") + 5
         return data[:at] + struct.pack(">HH", height, width) + data[at + 4 :]
 
-    return d.several(d.encoded(".jpg", lambda picture: picture), d.changed(change))
+    return d.several(d.encoded(".jpg"), d.changed(change))
 
 
 def tiff(*tags: tuple[int, int, int]) -> bytes:
@@ -58,8 +58,8 @@ ROWS: tuple[Row, ...] = (
     ("a chunk of 2 GB", d.changed(lambda data: data[:33] + b"\x7f\xff\xff\xff" + data[37:]), NOT_WHOLE),
     ("no end", d.changed(lambda data: data[:-12]), NOT_WHOLE),
     ("half a header", d.content(d.png(480, 360, b"")[:20]), NOT_WHOLE),
-    ("a JPEG cut short", d.several(d.encoded(".jpg", lambda picture: picture), d.cut(0.6)), NOT_WHOLE),
-    ("a TIFF cut short", d.several(d.encoded(".tiff", lambda picture: picture), d.cut(0.3)), ""),
+    ("a JPEG cut short", d.several(d.encoded(".jpg"), d.cut(0.6)), NOT_WHOLE),
+    ("a TIFF cut short", d.several(d.encoded(".tiff"), d.cut(0.3)), ""),
     ("a TIFF whose directory lies beyond its end", d.content(b"II*\0\xff\xff\xff\x7f" + bytes(20)), NONE),
     ("a TIFF of floats", d.encoded(".tiff", float_tiff), "holds pixels of type float32"),
     ("a video", d.content(b"\0\0\0\x18ftypmp42" + bytes(100)), NONE),

@@ -132,7 +132,7 @@ PICTURES: tuple[tuple[str, Damage, float], ...] = (
     ("alpha", by_pillow("PNG", of_mode("RGBA")), 0.0),
     ("grey with alpha", by_pillow("PNG", of_mode("LA")), 0.0),
     ("a palette", by_pillow("PNG", lambda picture: picture.convert("RGB").quantize(256)), 0.1),
-    ("a BMP named .png", d.encoded(".bmp", lambda picture: picture), 0.0),
+    ("a BMP named .png", d.encoded(".bmp"), 0.0),
     ("a WebP named .png", by_pillow("WEBP", of_mode("RGB"), lossless=True), 0.0),
     ("a TIFF of several pages", by_pillow("TIFF", frames, save_all=True, append_images=[BLACK]), 0.0),
     ("a PNG that moves", by_pillow("PNG", frames, save_all=True, append_images=[BLACK]), 0.0),

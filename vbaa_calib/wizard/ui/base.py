@@ -23,7 +23,7 @@ COMMANDS = {
     "quit": "stop here; run the wizard again to go on",
     "help": "this list",
 }
-_TICK_S = 0.1
+_TICK_S = 0.03
 
 
 class Interrupted(Exception):
