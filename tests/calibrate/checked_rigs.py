@@ -180,11 +180,15 @@ def _sheet(spec: BoardSpec) -> Sheet:
 
 
 @cache
-def _studio(lens: tuple[bytes, ...], bench: int) -> Studio:
-    """Of the scene with this lens: working out the ray of each pixel takes longer than the pictures."""
-    seen, matrix, distortion = scene(), *(np.frombuffer(part) for part in lens)
-    own = replace(seen.lens, matrix=matrix.reshape(3, 3), distortion=distortion)
-    return studio(own, seen.picture, np.random.default_rng(bench))
+def _studio(matrix: bytes, distortion: bytes, seed: int, bench: int | None) -> Studio:
+    """Of the scene with this lens: working out the ray of each pixel takes longer than the pictures.
+
+    bench : what lies behind; None for what the scene has of this seed.
+    """
+    seen = replace(scene(), seed=seed)
+    own = replace(seen.lens, matrix=np.frombuffer(matrix).reshape(3, 3), distortion=np.frombuffer(distortion))
+    rng = stream(seen, "bench") if bench is None else np.random.default_rng(bench)
+    return studio(own, seen.picture, rng)
 
 
 def one_picture_each(scene: Scene, folder: Path) -> NewPictures:
@@ -200,7 +204,7 @@ def one_picture_each(scene: Scene, folder: Path) -> NewPictures:
         BoardShot("board.png", Joints(0.0, 0.0), in_jig),
         AntennaShot("free.png", joints, shape.arclength_m[0], shape.points_m[0]),
     )
-    place = _studio((scene.lens.matrix.tobytes(), scene.lens.distortion.tobytes()), scene.seed % 4)
+    place = _studio(scene.lens.matrix.tobytes(), scene.lens.distortion.tobytes(), 0, scene.seed % 4)
     for index, shot in enumerate(shots):
         picture = render_shot(scene, place, _sheet(scene.board), shot, stream(scene, "pictures", index))
         cv2.imwrite(str(folder / shot.path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -211,15 +215,15 @@ def one_picture_each(scene: Scene, folder: Path) -> NewPictures:
 
 def month_later(scene: Scene, folder: Path, parts: tuple[str, ...] = PARTS) -> Path:
     """A session of the scene as it now is, with some of its parts."""
-    planned, place, sheet = plan(scene), studio(scene.lens, scene.picture, stream(scene, "bench")), None
+    planned = plan(scene)
+    place = _studio(scene.lens.matrix.tobytes(), scene.lens.distortion.tobytes(), scene.seed, None)
     folder.mkdir()
     (folder / "session.yaml").write_text(session_yaml(scene))
     for index, shot in enumerate(planned.shots):
         part = shot.path.partition("/")[0]
         if part in parts:
             (folder / part).mkdir(exist_ok=True)
-            sheet = sheet or print_sheet(scene.board)
-            picture = render_shot(scene, place, sheet, shot, stream(scene, "pictures", index))
+            picture = render_shot(scene, place, _sheet(scene.board), shot, stream(scene, "pictures", index))
             cv2.imwrite(str(folder / shot.path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     for name, rows in planned.tables.items():
         if name.partition("/")[0] in parts:

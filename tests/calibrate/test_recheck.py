@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +18,9 @@ import pytest
 import yaml
 
 from vbaa_calib.calibrate.check.assessment import assess
+from vbaa_calib.calibrate.check.finding import Checked
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.scene import Scene
 
 from .checked_rigs import (
@@ -65,6 +68,16 @@ def test_a_rig_that_is_right_holds(made: SimpleNamespace) -> None:
     assert np.mean(np.square(distances)) < 8
 
 
+def number_in(found: Checked, question: str) -> float:
+    """The first number with a sign in an answer's words."""
+    words = next(one.words for one in found.findings if one.name == question)
+    return float(re.findall(r"[+-][\d.]+", words)[0])
+
+
+def step_of(pose: dict[str, Any]) -> np.ndarray:
+    return 1e-3 * np.concatenate([pose["turn_mrad"], pose["shift_mm"]])
+
+
 MOVED = np.array([0.0, np.radians(0.3), 0.0, 5e-4, 0.0, 0.0])
 SENSED = ("plane", "noload", "loads")
 CHANGES: dict[str, tuple[Callable[[Scene], Scene], tuple[str, ...], set[str]]] = {
@@ -87,11 +100,11 @@ CAUSES = {
     "refocus, one board": ("camera_pose", "refocus"),
 }
 SIZES: dict[str, tuple[Callable[[Any], Any], Any, float]] = {
-    "camera": (lambda found: found.pose.step, MOVED, 2e-3),
-    "refocus": (lambda found: found.lens.change.step[:2] / np.diag(scene().lens.matrix)[:2], 0.005, 1.5e-3),
-    "offset": (lambda found: found.antenna.offset.step, 2e-4, 6e-5),
-    "gain": (lambda found: found.antenna.gain.step / scene().moment.gain, 0.05, 0.01),
-    "stiffness": (lambda found: found.antenna.stiffness.step, np.log(1.03), 2e-3),
+    "camera": (lambda found: step_of(found.document["camera_pose"]), MOVED, 2e-3),
+    "refocus": (lambda found: number_in(found, "lens_focus") / 100, 0.005, 1.5e-3),
+    "offset": (lambda found: number_in(found, "sensor_offset") / 1e3, 2e-4, 6e-5),
+    "gain": (lambda found: number_in(found, "sensor_gain") / scene().moment.gain, 0.05, 0.01),
+    "stiffness": (lambda found: number_in(found, "stiffness") / 100, np.log(1.03), 2e-3),
 }
 """What the check measures of a change, what it is, and how near the two are."""
 
@@ -115,7 +128,8 @@ def test_a_change_is_found_and_nothing_else_is_blamed(made: SimpleNamespace, tmp
         measured, size, near = SIZES[name]
         np.testing.assert_allclose(measured(found.session), size, atol=near)
     if name == "camera":
-        moved = found.session.current_rig.T_antenna_camera.tangent_from(scene().T_antenna_camera)
+        recorded = found.session.document["camera_pose"]["T_antenna_camera"]
+        moved = Pose.from_dict(recorded).tangent_from(scene().T_antenna_camera)
         np.testing.assert_allclose(moved, MOVED, atol=1e-3)
 
 

@@ -38,11 +38,11 @@ def test_the_map_on_plane_c_is_what_sampling_gives() -> None:
     jacobian = rig.camera_on_plane().calibration_jacobian(pixels)
     own = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
     np.testing.assert_allclose(worst_std, np.sqrt(np.linalg.eigvalsh(own)[:, -1]), rtol=0.12)
-    grid = plane_map(rig)
+    grid_px, std_mm = plane_map(rig)
     row, column = 18, 24
-    again = rig.camera_on_plane().calibration_jacobian(grid.pixels[row, column][None])[0]
+    again = rig.camera_on_plane().calibration_jacobian(grid_px[row, column][None])[0]
     expected = 1e3 * np.sqrt(np.linalg.eigvalsh(again @ covariance @ again.T)[-1])
-    assert grid.std[row, column] == pytest.approx(expected)
+    assert std_mm[row, column] == pytest.approx(expected)
 
 
 def moved(rig: Rig, draw: np.ndarray) -> Rig:

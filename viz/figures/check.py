@@ -38,7 +38,7 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
 
     Parameters
     ----------
-    data : as `PictureMap.to_dict` makes it, and `has_ray`, where the lens has a ray.
+    data : a map of check.json, and `has_ray`, where the lens has a ray.
     extra : rows of `along_antenna`: the antenna's axis is drawn through them.
     """
     axes = _picture_axes(title, image_size, right=96.0)

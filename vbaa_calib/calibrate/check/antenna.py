@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -14,7 +14,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Load
 
 from .change import Change, Information, estimate_change, joint_covariance
-from .finding import HOLDS, Evidence, Finding, judged, not_given, plus_minus
+from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
 from .stills import BOTH, MOMENT, POINTS, CheckedStill, free_shape_moved_mm, information, tip_std_mm
 
 _CLAMP, _BOW, _STIFFNESS = (ANTENNA.start + np.arange(4), ANTENNA.start + np.arange(4, 6), ANTENNA.start + 6)
@@ -28,25 +28,16 @@ _UNSEEN_MM = 2.0
 """Standard deviation of the tip in a direction that the pictures do not show."""
 
 
-@dataclass(frozen=True, eq=False)
-class AntennaCheck:
-    """Changes of antenna and sensor; None where no still could show them.
-
-    free, loaded : the stills. stiffness : change of log EI. offset, gain : of the moment sensor.
-    stiffness_by_load : change of log EI by each load alone, and its standard deviation.
-    findings : on free shape, stiffness, offset and gain.
-    """
-
-    free: Sequence[CheckedStill]
-    loaded: Sequence[CheckedStill]
-    stiffness: Change | None
-    offset: Change | None
-    gain: Change | None
-    stiffness_by_load: Sequence[tuple[float, float]]
-    findings: tuple[Finding, ...]
+_NO_FREE, _NO_LOADS = "no picture of the free antenna (noload/)", "no known loads (loads/)"
+_NUMBERS = {
+    "stiffness": ("EI {} % against the rig", 100.0, 100.0, "% of EI"),
+    "sensor_offset": ("offset {} mN·m against the rig", 1e3, 1e3, "mN·m"),
+    "sensor_gain": ("gain {} against the rig", 1.0, 100.0, "% of the reading"),
+}
+"""What is said of a change, the factor of the number in it, and factor and unit of its size."""
 
 
-def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> AntennaCheck:
+def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
     """Free shape, then stiffness, then offset, then gain; what has changed is free in the estimates after it.
 
     camera_known : the camera's pose was checked by a board.
@@ -66,26 +57,32 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     by_load = [change(data + information([one], POINTS, len(covariance)), [_STIFFNESS]) for one in loaded]
     # the points of the loads come in again with their readings, of which they share the errors
     bent = data + information(loaded, POINTS, len(covariance))
-    stiffness = change(bent, [_STIFFNESS]) if loaded else None
-    stiffness_found = _stiffness_finding(stiffness, len(loaded))
-    changed += [_STIFFNESS] if stiffness_found.is_bad else []
+    remedy = "check the loads' mass and place first; then the clamp; then calibrate again"
+    found = change(bent, [_STIFFNESS]) if loaded else _NO_LOADS
+    stiffness = _number_finding("stiffness", found, _NO_LOADS, _STIFFNESS_FLOOR_PERCENT, remedy)
+    if stiffness.evidence is not None:
+        stiffness = replace(stiffness, words=f"{stiffness.words}, by {len(loaded)} load{'s' * (len(loaded) > 1)}")
+    changed += [_STIFFNESS] if stiffness.is_bad else []
     read = [one for one in free if one.has_moment]
     zero = information(read, MOMENT, len(covariance))
-    offset = change(bent + zero, [OFFSET]) if read else None
-    offset_found = _offset_finding(rig, free, offset)
-    changed += [OFFSET] if offset is None or offset_found.is_bad else []
-    whole = data + zero + information(loaded, BOTH, len(covariance))
-    gain = change(whole, [GAIN]) if loaded else None
-    findings = (shape, stiffness_found, offset_found, _gain_finding(gain))
-    alone = [(float(one.step[0]), float(one.std[0])) for one in by_load]
-    return AntennaCheck(free, loaded, stiffness, offset, gain, alone, findings)
+    unread = "no reading was given with the picture of the free antenna (--moment)" if free else _NO_FREE
+    found, floor = change(bent + zero, [OFFSET]) if read else unread, 1e3 * rig.moment_sensor.std_Nm
+    offset = _number_finding("sensor_offset", found, _NO_FREE, floor, _offset_remedy(rig, read))
+    changed += [OFFSET] if not read or offset.is_bad else []
+    found = change(data + zero + information(loaded, BOTH, len(covariance)), [GAIN]) if loaded else _NO_LOADS
+    hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
+    remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
+    gain = _number_finding("sensor_gain", found, hidden, _GAIN_FLOOR_PERCENT, remedy)
+    rows = [_load_row(one, float(own.step[0]), float(own.std[0])) for one, own in zip(loaded, by_load, strict=True)]
+    document = {"noload": [_free_row(rig.antenna.length_m, one) for one in free], "loads": rows}
+    return Checked((shape, stiffness, offset, gain), document)
 
 
 def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Change], camera_known: bool) -> Finding:
     """changes : of clamp and bow together, and of each with the other fixed."""
     shape, clamp, bow = changes
     if shape.freedom == 0:
-        return not_given("free_antenna", "no picture of the free antenna (noload/)")
+        return not_given("free_antenna", _NO_FREE)
     moved_mm = free_shape_moved_mm(rig, np.concatenate([shape.significant, [0.0, 0.0, 0.0]]))
     evidence = Evidence(shape.distance_std, shape.freedom, moved_mm, _FREE_FLOOR_MM, "mm along the antenna")
     words = f"off by at most {moved_mm:.2f} mm" if moved_mm > 0 else "no difference beyond its uncertainty"
@@ -107,90 +104,62 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Cha
     return judged("free_antenna", words, remedy, evidence)
 
 
-def _stiffness_finding(change: Change | None, loads: int) -> Finding:
-    if change is None or change.freedom == 0:
-        return not_given("stiffness", "no known loads (loads/)")
-    size = plus_minus(100 * change.step[0], 100 * change.std[0])
-    words = f"EI {size} % against the rig, by {loads} load{'s' * (loads > 1)}"
-    remedy = "check the loads' mass and place first; then the clamp; then calibrate again"
-    return judged("stiffness", words, remedy, _one_number(change, 100, _STIFFNESS_FLOOR_PERCENT, "% of EI"))
+def _number_finding(name: str, change: Change | str, hidden: str, floor: float, remedy: str) -> Finding:
+    """change : of one number; or why there is none. hidden : why the data may not show it."""
+    if isinstance(change, str) or change.freedom == 0:
+        return not_given(name, change if isinstance(change, str) else hidden)
+    words, shown, factor, unit = _NUMBERS[name]
+    said = words.format(plus_minus(shown * change.step[0], shown * change.std[0]))
+    size = factor * abs(float(change.step[0]))
+    return judged(name, said, remedy, Evidence(change.distance_std, 1, size, floor, unit))
 
 
-def _offset_finding(rig: Rig, free: Sequence[CheckedStill], change: Change | None) -> Finding:
-    name, sensor = "sensor_offset", rig.moment_sensor
-    if change is None and free:
-        return not_given(name, "no reading was given with the picture of the free antenna (--moment)")
-    if change is None or change.freedom == 0:
-        return not_given(name, "no picture of the free antenna (noload/)")
-    words = f"offset {plus_minus(1e3 * change.step[0], 1e3 * change.std[0])} mN·m against the rig"
-    remedy = (
+def _offset_remedy(rig: Rig, stills: Sequence[CheckedStill]) -> str:
+    """stills : of the free antenna, with their readings."""
+    read = np.array([one.still.moment_Nm for one in stills])
+    expected = read - [one.moment_residual_Nm for one in stills]
+    noise = 10.0 * rig.moment_sensor.std_Nm + 0.1 * np.abs(expected)
+    if (np.abs(1e-3 * read - expected) < noise).all() and (np.abs(read - expected) > 100.0 * noise).all():
+        return "the reading would fit in mN·m: give it in N·m (1 mN·m is 0.001), and check again"
+    return (
         "let the sensor warm up, tare it, and calibrate again if the offset stays; a wire of another weight or length "
         "reads like this, too"
     )
-    read = np.array([one.still.moment_Nm for one in free if one.has_moment])
-    expected = read - [one.moment_residual_Nm for one in free if one.has_moment]
-    noise = 10.0 * sensor.std_Nm + 0.1 * np.abs(expected)
-    if (np.abs(1e-3 * read - expected) < noise).all() and (np.abs(read - expected) > 100.0 * noise).all():
-        remedy = "the reading would fit in mN·m: give it in N·m (1 mN·m is 0.001), and check again"
-    return judged(name, words, remedy, _one_number(change, 1e3, 1e3 * sensor.std_Nm, "mN·m"))
 
 
-def _gain_finding(change: Change | None) -> Finding:
-    name = "sensor_gain"
-    if change is None or change.freedom == 0:
-        hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
-        return not_given(name, "no known loads (loads/)" if change is None else hidden)
-    words = f"gain {plus_minus(change.step[0], change.std[0])} against the rig"
-    remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
-    return judged(name, words, remedy, _one_number(change, 100, _GAIN_FLOOR_PERCENT, "% of the reading"))
+def _load_row(one: CheckedStill, step: float, std: float) -> dict[str, Any]:
+    """A load in check.json: prediction against observation. step, std : change of log EI by it alone."""
+    load, residual = cast(Load, one.still), one.moment_residual_Nm
+    wrong = abs(step) > max(_WRONG_ROW_STD * std, 0.02) or abs(residual) > _WRONG_ROW_STD * one.moment_std_Nm
+    return {
+        "image": one.name,
+        "distance_mm": 1e3 * load.distance_m,
+        "force_y_mN": 1e3 * load.force_y_N,
+        "force_z_mN": 1e3 * load.force_z_N,
+        "predicted_deflection_mm": 1e3 * one.deflection_m,
+        # the deflection goes as 1 / EI
+        "seen_deflection_mm": 1e3 * one.deflection_m * float(np.exp(-step)),
+        "stiffness_percent": 100 * step,
+        "stiffness_std_percent": 100 * std,
+        "rms_std": one.rms_std,
+        "moment_predicted_mNm": 1e3 * (load.moment_Nm - residual),
+        "moment_read_mNm": 1e3 * load.moment_Nm,
+        "moment_residual_mNm": 1e3 * residual,
+        "look_at": bool(wrong),
+    }
 
 
-def _one_number(change: Change, factor: float, floor: float, unit: str) -> Evidence:
-    return Evidence(change.distance_std, 1, factor * abs(float(change.step[0])), floor, unit)
-
-
-def loads_table(check: AntennaCheck) -> list[dict[str, Any]]:
-    """A row of check.json per load: prediction against observation."""
-    rows = []
-    for one, (step, std) in zip(check.loaded, check.stiffness_by_load, strict=True):
-        load, residual = cast(Load, one.still), one.moment_residual_Nm
-        wrong = abs(step) > max(_WRONG_ROW_STD * std, 0.02) or abs(residual) > _WRONG_ROW_STD * one.moment_std_Nm
-        rows.append(
-            {
-                "image": one.name,
-                "distance_mm": 1e3 * load.distance_m,
-                "force_y_mN": 1e3 * load.force_y_N,
-                "force_z_mN": 1e3 * load.force_z_N,
-                "predicted_deflection_mm": 1e3 * one.deflection_m,
-                # the deflection goes as 1 / EI
-                "seen_deflection_mm": 1e3 * one.deflection_m * float(np.exp(-step)),
-                "stiffness_percent": 100 * step,
-                "stiffness_std_percent": 100 * std,
-                "rms_std": one.rms_std,
-                "moment_predicted_mNm": 1e3 * (load.moment_Nm - residual),
-                "moment_read_mNm": 1e3 * load.moment_Nm,
-                "moment_residual_mNm": 1e3 * residual,
-                "look_at": bool(wrong),
-            }
-        )
-    return rows
-
-
-def free_table(rig: Rig, check: AntennaCheck) -> list[dict[str, Any]]:
-    """A row of check.json per picture of the free antenna, with its residuals in fifty places along the antenna."""
-    rows, edges = [], np.linspace(0.0, rig.antenna.length_m, 51)
-    for one in check.free:
-        place = np.digitize(one.arclength_m, edges)
-        bins = [place == index for index in range(1, len(edges)) if (place == index).sum() >= 2]
-        rows.append(
-            {
-                "image": one.name,
-                "tilt_deg": float(np.degrees(one.still.tilt_rad)),
-                "rms_std": one.rms_std,
-                "arclength_mm": [1e3 * float(np.median(one.arclength_m[inside])) for inside in bins],
-                "residual_mm": [float(np.median(one.residual_mm[inside])) for inside in bins],
-                "moment_read_mNm": 1e3 * one.still.moment_Nm if one.has_moment else None,
-                "moment_residual_mNm": 1e3 * one.moment_residual_Nm if one.has_moment else None,
-            }
-        )
-    return rows
+def _free_row(length_m: float, one: CheckedStill) -> dict[str, Any]:
+    """A picture of the free antenna in check.json, with its residuals in fifty places along the antenna."""
+    edges = np.linspace(0.0, length_m, 51)
+    place = np.digitize(one.arclength_m, edges)
+    bins = [place == index for index in range(1, len(edges)) if (place == index).sum() >= 2]
+    return {
+        "image": one.name,
+        "tilt_deg": float(np.degrees(one.still.tilt_rad)),
+        "rms_std": one.rms_std,
+        "arclength_mm": [1e3 * float(np.median(one.arclength_m[inside])) for inside in bins],
+        "residual_mm": [float(np.median(one.residual_mm[inside])) for inside in bins],
+        "moment_read_mNm": 1e3 * one.still.moment_Nm if one.has_moment else None,
+        "moment_residual_mNm": 1e3 * one.moment_residual_Nm if one.has_moment else None,
+    }

@@ -7,19 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, observe
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
-from vbaa_calib.detect.board.corners import BoardView, detect_files
+from vbaa_calib.detect.board.corners import detect_files
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, check_pictures, load_session
 
-from .antenna import AntennaCheck, check_antenna, free_table, loads_table
-from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding, not_given, worst
+from .antenna import check_antenna
+from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Checked, Finding, worst
 from .inputs import (
     PARTS,
     CheckInputs,
@@ -30,9 +28,9 @@ from .inputs import (
     recorded_session,
     refuse_calibration_pictures,
 )
-from .lens import LensCheck, check_lens, lens_findings
-from .pose import PoseCheck, check_pose, pose_finding, with_jig_pose
-from .rig import along_antenna, number_at, plane_map, projection_map, rig_findings, rig_numbers
+from .lens import check_lens
+from .pose import check_pose
+from .rig import number_at, rig_findings, rig_maps, rig_numbers
 from .stills import CheckedStill, check_stills
 
 SCHEMA = "vbaa.check/1"
@@ -42,37 +40,6 @@ _VERDICTS = {
     FAILS: "This rig does not hold.",
     NOT_GIVEN: "There is nothing to judge this rig by.",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class SessionCheck:
-    """A rig against new pictures.
-
-    parts : those of `inputs.PARTS` that there are pictures of. current_rig : what the antenna was checked with: where
-        the camera has moved, it is where the board in the jig puts it.
-    """
-
-    parts: tuple[str, ...]
-    findings: tuple[Finding, ...]
-    lens: LensCheck | None
-    pose: PoseCheck | None
-    current_rig: Rig
-    antenna: AntennaCheck
-
-    def to_dict(self) -> dict[str, Any]:
-        """For check.json."""
-        lens, pose = self.lens, self.pose
-        return {
-            "given": list(self.parts),
-            "not_given": [part for part in PARTS if part not in self.parts],
-            "boards": [] if lens is None else [view.to_dict() for view in lens.views],
-            "boards_dropped": [] if lens is None else [{"name": d.name, "reason": d.reason} for d in lens.dropped],
-            "boards_rms_px": None if lens is None else lens.rms_px,
-            "boards_expected_rms_px": None if lens is None else lens.expected_px,
-            "camera_pose": None if pose is None else pose.to_dict(),
-            "noload": free_table(self.current_rig, self.antenna),
-            "loads": loads_table(self.antenna),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +54,7 @@ class Assessment:
     path: Path
     findings: tuple[Finding, ...]
     quality: Mapping[str, Any]
-    session: SessionCheck | None
+    session: Checked | None
     nominal_Nm2: float | None = None
 
     @property
@@ -110,7 +77,6 @@ class Assessment:
 
     def to_dict(self) -> dict[str, Any]:
         """check.json: the report is made from this alone."""
-        projection, plane = projection_map(self.rig), plane_map(self.rig)
         return {
             "schema": SCHEMA,
             "rig": str(self.path),
@@ -119,15 +85,10 @@ class Assessment:
             "words": self.words,
             "findings": [finding.to_dict() for finding in self.findings],
             "numbers": rig_numbers(self.rig, self.nominal_Nm2),
-            "maps": {
-                "projection": None if projection is None else projection.to_dict(),
-                "plane": plane.to_dict(),
-                "has_ray": np.asarray(self.rig.camera.unproject(plane.pixels)[1]).tolist(),
-                "along_antenna": along_antenna(self.rig),
-            },
+            "maps": rig_maps(self.rig),
             "quality": dict(self.quality),
             "session_findings": [finding.to_dict() for finding in self.session.findings] if self.session else [],
-            "session": None if self.session is None else self.session.to_dict(),
+            "session": None if self.session is None else dict(self.session.document),
         }
 
 
@@ -160,37 +121,28 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
     return Assessment(rig, path, tuple(own), quality, checked, nominal)
 
 
-def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -> SessionCheck:
+def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -> Checked:
     """The lens, then the camera's pose, then the antenna and the sensor, each after those before."""
     check_pictures(progress(inputs.pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
-    session = inputs.session
+    session, parts, bent = inputs.session, inputs.parts, recorded_bend(quality)
     boards = [(part, view) for part, paths in inputs.boards.items() for view in detect_files(paths, session.board)]
     recorded = number_at(quality, "lens", "rms_inliers_px") or number_at(quality, "lens_rms_px")
-    bent = recorded_bend(quality)
-    lens = check_lens(rig.camera, boards, session.board, bent, recorded) if boards else None
-    why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
-    findings = lens_findings(lens, rig.camera, why)
-    in_jig: list[BoardView] = [view for part, view in boards if part == "plane"]
-    pose, current = None, rig
-    if not in_jig:
-        pose_found = not_given("camera_pose", "no picture of the board in the jig (plane/)")
-    elif session.T_antenna_board is None:
-        pose_found = not_given("camera_pose", inputs.no_jig)
-    else:
-        pose = check_pose(rig, in_jig, session.board, session.T_antenna_board, bent)
-        pose_found = pose_finding(pose, lens_holds=not any(finding.is_bad for finding in findings))
-        if pose_found.is_bad:
-            current = with_jig_pose(rig, pose.jig)
+    lens = check_lens(rig.camera, boards, session.board, bent, recorded)
+    lens_holds = not any(finding.is_bad for finding in lens.findings)
+    in_jig = [view for part, view in boards if part == "plane"]
+    pose, current = check_pose(rig, in_jig, inputs, bent, lens_holds)
     stills: list[CheckedStill] = []
     if inputs.stills:
-        paint = Paint(rig.image.bright, rig.image.weights_bgr)
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
-        expected = ExpectedAntenna(session.antenna, *where, paint)
+        expected = ExpectedAntenna(session.antenna, *where, Paint(rig.image.bright, rig.image.weights_bgr))
         seen = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
-    antenna = check_antenna(current, stills, camera_known=pose is not None)
-    findings += [pose_found, *antenna.findings]
-    return SessionCheck(inputs.parts, tuple(findings), lens, pose, current, antenna)
+    antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)
+    document = {"given": list(parts), "not_given": [part for part in PARTS if part not in parts]}
+    return Checked(
+        (*lens.findings, *pose.findings, *antenna.findings),
+        {**document, **lens.document, **pose.document, **antenna.document},
+    )
 
 
 def _refuse_other_antenna(rig: Rig, session: Session) -> None:

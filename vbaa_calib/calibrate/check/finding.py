@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -91,6 +91,14 @@ class Finding:
         """For check.json."""
         evidence = None if self.evidence is None else self.evidence.to_dict()
         return {**vars(self), "question": _QUESTIONS[self.name], "evidence": evidence}
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """What new pictures say of a part of the rig, or of all of it: answers, and entries of check.json's `session`."""
+
+    findings: tuple[Finding, ...]
+    document: Mapping[str, Any]
 
 
 def judged(name: str, words: str, remedy: str, evidence: Evidence) -> Finding:

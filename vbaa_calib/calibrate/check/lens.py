@@ -20,7 +20,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
 from .change import Change, Information, estimate_change
-from .finding import Evidence, Finding, judged, not_given, plus_minus
+from .finding import Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _MIN_CORNERS = 6
 _FOCUS = 4
@@ -63,99 +63,96 @@ class _CheckedView:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class LensCheck:
-    """All pictures of the board together, under the rig's lens.
-
-    views : those that could be used. dropped : the others, each with its reason.
-    rms_px : of the good corners, per degree of freedom. expected_px : from the calibration's rms and the lens'
-        covariance; None where the calibration's is not recorded.
-    change : of fx, fy, cx, cy. change_px : rms motion over the picture by its significant part, a turn of the camera
-        compensated.
-    """
-
-    views: tuple[_CheckedView, ...]
-    dropped: tuple[DroppedView, ...]
-    rms_px: float
-    expected_px: float | None
-    freedom: int
-    change: Change
-    change_px: float
-
-
 def check_lens(
     camera: Camera,
     boards: Sequence[tuple[str, BoardView]],
     spec: BoardSpec,
     bent: Bend | None,
     recorded_rms_px: float | None,
-) -> LensCheck | None:
-    """The lens against pictures of the board, each with its folder's name; None where no picture can be used.
+) -> Checked:
+    """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed.
 
-    bent : the board's shape, as the calibration found it.
+    bent : the board's shape, as the calibration found it. recorded_rms_px : the calibration's.
     """
     points_m = corner_points(spec)
     if bent is not None:
         points_m[:, 2] += bend(spec) @ bent.sagittas_m
-    views, dropped = _posed(camera, boards, spec, points_m, bent)
+    views, dropped = _posed(camera, boards, spec, points_m, bent) if boards else ([], [])
     if not views:
-        return None
+        why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
+        return Checked(
+            (not_given("lens_fit", why), not_given("lens_focus", why)),
+            {"boards": [], "boards_dropped": [], "boards_rms_px": None, "boards_expected_rms_px": None},
+        )
     blocks = [_pose_projected_out(camera, view, points_m[view.ids]) for view in views]
     jacobian = np.concatenate([block[0] for block in blocks])
     residuals = np.concatenate([block[1] for block in blocks])
     freedom = len(residuals) - 6 * len(views)
     count = len(camera.parameter_names)
     covariance = np.zeros((count, count)) if camera.covariance is None else camera.covariance
+    rms_px = float(np.sqrt(2.0 * (residuals @ residuals) / freedom))
+    expected_px = None
+    if recorded_rms_px is not None:
+        by_lens = 2.0 * float(np.einsum("np,pq,nq->", jacobian, covariance, jacobian)) / freedom
+        expected_px = float(np.sqrt(recorded_rms_px**2 + by_lens))
     noise_px = np.sqrt(_CORRELATED) * _noise_px(jacobian, residuals, freedom)
     data = Information.of(jacobian / noise_px, residuals / noise_px)
     focal = _NOTICEABLE_FOCAL * camera.matrix[[0, 1], [0, 1]]
     scale = np.concatenate([focal, [_NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
     change = estimate_change(data, covariance, np.arange(_FOCUS), scale)
-    expected = None
-    if recorded_rms_px is not None:
-        by_lens = 2.0 * float(np.einsum("np,pq,nq->", jacobian, covariance, jacobian)) / freedom
-        expected = float(np.sqrt(recorded_rms_px**2 + by_lens))
-    rms_px = float(np.sqrt(2.0 * (residuals @ residuals) / freedom))
+    fit = _fit_finding(rms_px, expected_px, freedom, len(views))
+    return Checked(
+        (fit, _focus_finding(camera, change, len(views))),
+        {
+            "boards": [view.to_dict() for view in views],
+            "boards_dropped": [{"name": one.name, "reason": one.reason} for one in dropped],
+            "boards_rms_px": rms_px,
+            "boards_expected_rms_px": expected_px,
+        },
+    )
+
+
+def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: int) -> Finding:
+    """rms_px : of the good corners, per degree of freedom. expected_px : by the calibration's and the covariance."""
+    words = f"rms {rms_px:.3f} px in {_pictures(views)}"
+    if expected_px is None:
+        return not_given("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
+    ratio = rms_px / max(expected_px, 1e-9)
+    distance_std = max(ratio**2 - 1.0, 0.0) / float(np.sqrt(2.0 / freedom))
+    evidence = Evidence(distance_std, 1, 100 * max(ratio - 1.0, 0.0), _MORE_RMS_PERCENT, "% more rms")
+    words += f", {expected_px:.3f} px expected from the calibration"
+    remedy = "shoot sharper and better lit pictures of a flat board; if it stays so, calibrate the lens again"
+    return judged("lens_fit", words, remedy, evidence)
+
+
+def _focus_finding(camera: Camera, change: Change, views: int) -> Finding:
+    """change : of fx, fy, cx, cy."""
+    if change.freedom == 0:
+        why = f"{_pictures(views)} cannot tell: a board that fills the picture, tilted by 30 to 45 degrees, would"
+        return not_given("lens_focus", why)
     # the motion over the picture by what is significant, a turn of the camera compensated
     pixels = pixel_grid(camera.image_size)
     by_focus = projection_jacobian(camera, pixels)[..., :_FOCUS] @ change.significant
     moved = compensate(camera, pixels, by_focus[..., None])[..., 0]
     change_px = float(np.sqrt(np.nanmean((moved**2).sum(axis=-1))))
-    return LensCheck(tuple(views), tuple(dropped), rms_px, expected, freedom, change, change_px)
-
-
-def lens_findings(check: LensCheck | None, camera: Camera, why_not: str) -> list[Finding]:
-    """Whether the pictures fit, and whether focal length or centre have changed."""
-    if check is None:
-        return [not_given("lens_fit", why_not), not_given("lens_focus", why_not)]
-    pictures = f"{len(check.views)} picture{'s' * (len(check.views) > 1)}"
-    words = f"rms {check.rms_px:.3f} px in {pictures}"
-    if check.expected_px is None:
-        fit = not_given("lens_fit", f"{words}; the calibration's is not recorded in rig.json")
-    else:
-        ratio = check.rms_px / max(check.expected_px, 1e-9)
-        distance_std = max(ratio**2 - 1.0, 0.0) / float(np.sqrt(2.0 / check.freedom))
-        evidence = Evidence(distance_std, 1, 100 * max(ratio - 1.0, 0.0), _MORE_RMS_PERCENT, "% more rms")
-        words += f", {check.expected_px:.3f} px expected from the calibration"
-        remedy = "shoot sharper and better lit pictures of a flat board; if it stays so, calibrate the lens again"
-        fit = judged("lens_fit", words, remedy, evidence)
-    change = check.change
-    if change.freedom == 0:
-        why = f"{pictures} cannot tell: a board that fills the picture, tilted by 30 to 45 degrees, would"
-        return [fit, not_given("lens_focus", why)]
     focal, mean = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]), np.array([0.5, 0.5])
     relative = 100 * float(mean @ change.step[:2]) / focal
     relative_std = 100 * float(np.sqrt(mean @ change.covariance[:2, :2] @ mean)) / focal
     words = (
         f"focal length {plus_minus(relative, relative_std)} %, centre ({plus_minus(change.step[2], change.std[2])}, "
-        f"{plus_minus(change.step[3], change.std[3])}) px against the rig; beyond doubt {check.change_px:.2f} px in "
+        f"{plus_minus(change.step[3], change.std[3])}) px against the rig; beyond doubt {change_px:.2f} px in "
         "the picture"
     )
     if change.freedom < _FOCUS:
-        words = f"{pictures} show{'s' * (len(check.views) == 1)} {change.freedom} of its {_FOCUS} numbers: {words}"
+        words = f"{_pictures(views)} show{'s' * (views == 1)} {change.freedom} of its {_FOCUS} numbers: {words}"
     remedy = "lock focus, zoom and autofocus, then calibrate again: `vbaa calibrate`"
-    evidence = Evidence(change.distance_std, change.freedom, check.change_px, _FLOOR_PX, "px")
-    return [fit, judged("lens_focus", words, remedy, evidence)]
+    return judged(
+        "lens_focus", words, remedy, Evidence(change.distance_std, change.freedom, change_px, _FLOOR_PX, "px")
+    )
+
+
+def _pictures(count: int) -> str:
+    return f"{count} picture{'s' * (count > 1)}"
 
 
 def _posed(

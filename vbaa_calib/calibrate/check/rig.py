@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,41 +24,50 @@ _NOMINAL_LOOK = 0.15
 _GAIN_LOOK, _GAIN_FAIL = 0.02, 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class PictureMap:
-    """Standard deviation in the worst direction, (R, C), over pixels (R, C, 2); NaN where there is no answer."""
+def rig_maps(rig: Rig) -> dict[str, Any]:
+    """For check.json: deviations of the projection, a turn of the camera compensated, and on plane C.
 
-    pixels: np.ndarray
-    std: np.ndarray
-    unit: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """For check.json; None where there is no answer."""
-        known = self.std[np.isfinite(self.std)]
-        return {
-            "unit": self.unit,
-            "columns_px": self.pixels[0, :, 0].tolist(),
-            "rows_px": self.pixels[:, 0, 1].tolist(),
-            "std": [[_rounded(value) for value in row] for row in self.std.tolist()],
-            "median": float(np.median(known)) if len(known) else None,
-            "largest": float(known.max()) if len(known) else None,
-        }
-
-
-def projection_map(rig: Rig) -> PictureMap | None:
-    """Of the projection, a turn of the camera compensated; None where the lens has no covariance."""
-    if rig.camera.covariance is None:
-        return None
-    found = projection_uncertainty(rig.camera, compensated=True, grid=_GRID)
-    return PictureMap(found.pixels, found.std_px, "px")
+    projection : None where the lens has no covariance. plane : by lens and camera pose together. has_ray : whether the
+    lens has a ray for each of its pixels. along_antenna : on plane C, at some places of the antenna's axis.
+    """
+    camera, projection = rig.camera, None
+    if camera.covariance is not None:
+        found = projection_uncertainty(camera, compensated=True, grid=_GRID)
+        projection = _map_document(found.pixels, found.std_px, "px")
+    pixels, std_mm = plane_map(rig)
+    places = [
+        {"arclength_m": float(s), "u_px": _rounded(u), "v_px": _rounded(v), "std_mm": _rounded(1e3 * std)}
+        for s, (u, v), std in zip(*_along(rig), strict=True)
+    ]
+    return {
+        "projection": projection,
+        "plane": _map_document(pixels, std_mm, "mm"),
+        "has_ray": np.asarray(camera.unproject(pixels)[1]).tolist(),
+        "along_antenna": places,
+    }
 
 
-def plane_map(rig: Rig) -> PictureMap:
-    """Of the point on plane C that each pixel shows, by lens and camera pose together."""
+def plane_map(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (R, C, 2), and the deviation (R, C), mm, in the worst direction, of the point on plane C that each shows.
+
+    NaN where no point that the antenna reaches is seen.
+    """
     pixels = pixel_grid(rig.camera.image_size, _GRID)
     points, seen = rig.camera_on_plane().project(pixels)
     near = seen & (np.linalg.norm(np.nan_to_num(points), axis=-1) <= _REACH_LENGTHS * rig.antenna.length_m)
-    return PictureMap(pixels, np.where(near, 1e3 * _plane_std_m(rig, pixels), np.nan), "mm")
+    return pixels, np.where(near, 1e3 * _plane_std_m(rig, pixels), np.nan)
+
+
+def _map_document(pixels: np.ndarray, std: np.ndarray, unit: str) -> dict[str, Any]:
+    known = std[np.isfinite(std)]
+    return {
+        "unit": unit,
+        "columns_px": pixels[0, :, 0].tolist(),
+        "rows_px": pixels[:, 0, 1].tolist(),
+        "std": [[_rounded(value) for value in row] for row in std.tolist()],
+        "median": float(np.median(known)) if len(known) else None,
+        "largest": float(known.max()) if len(known) else None,
+    }
 
 
 def _along(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -70,14 +78,6 @@ def _along(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     std = np.full(len(s), np.nan)
     std[inside] = _plane_std_m(rig, pixels[inside])
     return s, np.where(inside[:, None], pixels, np.nan), std
-
-
-def along_antenna(rig: Rig) -> list[dict[str, Any]]:
-    """For check.json: deviation on plane C, in the worst direction, at some places of the antenna's axis."""
-    return [
-        {"arclength_m": float(s), "u_px": _rounded(u), "v_px": _rounded(v), "std_mm": _rounded(1e3 * std)}
-        for s, (u, v), std in zip(*_along(rig), strict=True)
-    ]
 
 
 def _plane_std_m(rig: Rig, pixels: np.ndarray) -> np.ndarray:
