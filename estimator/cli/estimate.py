@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def check_outputs(args: argparse.Namespace) -> None:
     """Raises InputError for outputs that cannot be written, before any work."""
-    from estimator.contact.overlay_folder import refuse_folder
+    from estimator.contact.overlay import refuse_folder
     from estimator.table.files import check_format
     from vbaa_calib.core.files import refuse_overwrite
     from vbaa_calib.session import refuse_measured
@@ -138,7 +138,7 @@ def _rows(
     """A row for every frame, each drawn into the overlay folder on its way where one is asked for."""
     from contextlib import ExitStack
 
-    from estimator.contact.overlay_folder import overlaid
+    from estimator.contact.overlay import overlaid
     from estimator.contact.recording import estimate_recording, read_ground
     from estimator.table.contacts import ContactRow
     from vbaa_calib.core.console import progress

@@ -1,20 +1,27 @@
-"""The debug picture of one estimated frame: what was seen of the antenna, and what was made of it."""
+"""Debug pictures: what was seen of the antenna in a frame and what was made of it, and a page that shows them all."""
 
 from __future__ import annotations
 
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
+import jinja2
 import numpy as np
 
 from estimator.table.contacts import LOCATED, STATUSES, Contact
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import replacing_folder
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour, stacked
+from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour
 from vbaa_calib.detect.drawing.legend import Key, strip
 from vbaa_calib.detect.drawing.overlay import (
     background,
-    brightened,
     described,
     draw_centreline,
     draw_clamp,
@@ -80,17 +87,17 @@ def seen(item: FrameContact) -> str:
 
 
 CONTACT: Colour = (60, 220, 255)
-UNFITTED = ("no_contact", "no_antenna")
+_UNFITTED = ("no_contact", "no_antenna")
 """Statuses without a shape beside the free one to show."""
-RADIUS_95 = 2.448
+_RADIUS_95 = 2.448
 """In deviations: the ellipse of this size holds 95 % of a plane's normal distribution."""
-FORCE_SHARE = 0.15
+_FORCE_SHARE = 0.15
 """Length of the force's arrow, of the antenna's."""
-CLOSE_UP, CLOSE_UP_PX = 0.3, (8.0, 80.0)
+_CLOSE_UP, _CLOSE_UP_PX = 0.3, (8.0, 80.0)
 """The close-up's side, of the picture's shorter side, and how far it shows the contact's surroundings, px."""
-CLOSE_UP_LIGHT = 1.2
+_CLOSE_UP_LIGHT = 1.2
 """Factor on its grey levels."""
-SLOPE_STEP = 1e-5
+_SLOPE_STEP = 1e-5
 """Of the finite differences by a point, of its distance from the camera."""
 
 
@@ -150,7 +157,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
         [numbers(contact), contact.reason, seen(item)],
         [*keys(item.line, where), *_keys(found)],
     )
-    return stacked([canvas.image, legend])
+    return np.vstack([canvas.image, legend])
 
 
 def marks(estimator: ContactEstimator, item: FrameContact) -> Marks:
@@ -162,7 +169,7 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> Marks:
     width = width_px(rig.camera, T_camera_antenna, points, rig.antenna.diameter_m) if len(points) else 0.0
     if contact.status not in LOCATED:
         return Marks(shape, width, np.full(2, np.nan), np.empty((0, 2)), np.full(2, np.nan))
-    head = contact.point_antenna_m + FORCE_SHARE * rig.antenna.length_m * contact.force_N / max(
+    head = contact.point_antenna_m + _FORCE_SHARE * rig.antenna.length_m * contact.force_N / max(
         float(np.linalg.norm(contact.force_N)), 1e-300
     )
     ends, _ = rig.camera.project(T_camera_antenna @ np.stack([contact.point_antenna_m, head]))
@@ -176,7 +183,7 @@ def _fitted_m(estimator: ContactEstimator, item: FrameContact) -> np.ndarray:
     The fit is done again, as it was: a picture is not worth keeping every fit of a recording for.
     """
     points = None
-    if item.contact.status not in UNFITTED:
+    if item.contact.status not in _UNFITTED:
         points = estimator.shape(item.measured)
     if points is None:
         return np.empty((0, 3))
@@ -191,13 +198,13 @@ def ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> n
     slopes = _slopes(rig.camera, point) @ turn
     sizes, axes = np.linalg.eigh(slopes @ contact.covariance_world_m2 @ slopes.T)
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
-    circle = RADIUS_95 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    circle = _RADIUS_95 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return np.asarray(rig.camera.project(point[None])[0][0] + circle * np.sqrt(np.clip(sizes, 0.0, None)) @ axes.T)
 
 
 def _slopes(camera: Camera, point_m: np.ndarray) -> np.ndarray:
     """(2, 3) px/m: how a camera-frame point's pixel moves with it."""
-    step = SLOPE_STEP * float(np.linalg.norm(point_m))
+    step = _SLOPE_STEP * float(np.linalg.norm(point_m))
     ahead, behind = (camera.project(point_m + sign * step * np.eye(3))[0] for sign in (1.0, -1.0))
     return np.asarray((ahead - behind) / (2.0 * step)).T
 
@@ -222,10 +229,10 @@ def draw(canvas: Canvas, item: FrameContact, found: Marks, *, close: bool = Fals
 def _close_up(canvas: Canvas, grey: np.ndarray, item: FrameContact, found: Marks) -> None:
     """The contact's surroundings enlarged, in the corner that is farthest from the antenna."""
     rows, columns = canvas.image.shape[:2]
-    size = int(CLOSE_UP * min(rows, columns))
+    size = int(_CLOSE_UP * min(rows, columns))
     reach = float(np.abs(found.ellipse - found.contact).max()) if len(found.ellipse) else 0.0
-    radius = float(np.clip(max(2.0 * reach, 3.0 * found.width), *CLOSE_UP_PX))
-    part = brightened(canvas.cut(grey, found.contact, radius, size), CLOSE_UP_LIGHT)
+    radius = float(np.clip(max(2.0 * reach, 3.0 * found.width), *_CLOSE_UP_PX))
+    part = canvas.cut(cv2.convertScaleAbs(grey, alpha=_CLOSE_UP_LIGHT), found.contact, radius, size)
     draw(part, item, found, close=True)
     corner = found.contact + np.array([-radius, radius])
     part.words(f"contact, {part.scale / canvas.scale:.0f} times larger", corner, CONTACT, (6.0, -6.0))
@@ -249,3 +256,93 @@ def _keys(found: Marks) -> list[Key]:
     if found.located:
         drawn += [Key("contact, 95 % ellipse", CONTACT, "ring"), Key("force on the antenna", CONTACT, "arrow")]
     return drawn
+
+
+_PAGE = "index.html"
+_OURS = '<meta name="generator" content="vbaa estimate --overlay">'
+"""A folder whose page has this line may be replaced."""
+_THUMBNAILS, _THUMBNAIL_WIDTH = "thumbnails", 320
+_JPEG = [
+    *(cv2.IMWRITE_JPEG_QUALITY, 92),
+    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),  # thin coloured lines stay sharp
+]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One frame's line on the page: `name` of its picture without suffix, and what it says."""
+
+    frame: int
+    time_s: float
+    status: str
+    name: str
+    words: str
+
+
+def refuse_folder(path: Path, force: bool) -> None:
+    """Raises InputError unless debug pictures may be written to `path`; a folder of other things is never replaced."""
+    parent = Path(os.path.realpath(path)).parent
+    if not parent.is_dir():
+        raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise InputError("its folder is read-only", where=path, remedy="write somewhere else")
+    if not os.path.lexists(path):
+        return
+    if not path.is_dir() or path.is_symlink():
+        raise InputError("is not a folder", where=path, remedy="take another name")
+    if not force:
+        raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
+    page = path / _PAGE
+    ours = page.is_file() and _OURS.encode() in page.read_bytes()[:500]
+    if any(path.iterdir()) and not ours:
+        raise InputError("holds other things than debug pictures", where=path, remedy="take another name")
+
+
+@contextmanager
+def overlaid(
+    found: Iterable[FrameContact], estimator: ContactEstimator, path: Path, force: bool
+) -> Iterator[Iterator[FrameContact]]:
+    """The same frames, each drawn into the folder as it passes; the folder is there once all went well."""
+    refuse_folder(path, force)
+    with replacing_folder(path) as folder:
+        (folder / _THUMBNAILS).mkdir()
+        entries: list[Entry] = []
+        yield _drawn(found, estimator, folder, entries)
+        (folder / _PAGE).write_text(page(entries), encoding="utf-8")
+
+
+def _drawn(
+    found: Iterable[FrameContact], estimator: ContactEstimator, folder: Path, entries: list[Entry]
+) -> Iterator[FrameContact]:
+    for item in found:
+        frame, status = item.frame, item.contact.status
+        entry = Entry(frame.frame, frame.time_s, status, f"frame_{frame.frame:06d}_{status}", in_brief(item.contact))
+        _write(frame_picture(estimator, item), estimator.rig.camera.image_size, folder, entry.name)
+        entries.append(entry)
+        yield item
+
+
+def _write(image: np.ndarray, image_size: tuple[int, int], folder: Path, name: str) -> None:
+    """The picture, and a thumbnail of its part above the legend."""
+    rows = round(image.shape[1] * image_size[1] / image_size[0])
+    small = (_THUMBNAIL_WIDTH, max(1, round(_THUMBNAIL_WIDTH * rows / image.shape[1])))
+    thumbnail = cv2.resize(image[:rows], small, interpolation=cv2.INTER_AREA)
+    for place, drawn in ((folder, image), (folder / _THUMBNAILS, thumbnail)):
+        (place / f"{name}.jpg").write_bytes(cv2.imencode(".jpg", drawn, _JPEG)[1].tobytes())
+
+
+def page(entries: list[Entry]) -> str:
+    """The page: thumbnails in the order of the frames, and buttons that show one status alone. No scripts."""
+    loader = jinja2.PackageLoader("estimator.contact", package_path="")
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    counts = Counter(entry.status for entry in entries)
+    return environment.get_template("overlay.html.j2").render(
+        generator=_OURS,
+        entries=sorted(entries, key=lambda entry: entry.frame),
+        counts={status: counts[status] for status in STATUS_COLOURS if counts[status]},
+        meanings=STATUSES,
+        colours=STATUS_COLOURS,
+        thumbnails=_THUMBNAILS,
+    )

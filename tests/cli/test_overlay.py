@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.contact import overlay_folder
+from estimator.contact import overlay
 
 from .conftest import Call
 from .damage import PICTURES, grey, noise, refused, repaint, smaller, truncate
@@ -89,8 +89,8 @@ def test_nothing_is_left_behind(
                 raise OSError(28, "No space left on device", str(folder / name))
             write(image, image_size, folder, name)
 
-        write = overlay_folder._write
-        monkeypatch.setattr(overlay_folder, "_write", full)
+        write = overlay._write
+        monkeypatch.setattr(overlay, "_write", full)
     before = left(tmp_path)
     said = drawn(tmp_path / "seen")
     assert said.code == 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -13,25 +12,22 @@ Colour = tuple[int, int, int]
 
 WHITE: Colour = (255, 255, 255)
 BLACK: Colour = (0, 0, 0)
-WIDEST, NARROWEST = 1920.0, 960.0
+_WIDEST, _NARROWEST = 1920.0, 960.0
 """Widths, in canvas pixels, that a picture is reduced or enlarged to."""
-PARTS_BITS = 4
+_PARTS_BITS = 4
 """Canvas coordinates are drawn to a sixteenth of a pixel."""
-FARTHEST = 8000.0
+_FARTHEST = 8000.0
 """Coordinates are cut off here: OpenCV's are of few bits."""
-FONT = cv2.FONT_HERSHEY_SIMPLEX
-ASCII = {"±": "+-", "°": " deg", "µ": "u", "·": ".", "–": "-", "→": "->", "≤": "<=", "ξ": "xi", "×": "x", "²": "^2"}
-"""OpenCV's fonts have ASCII only."""
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_ASCII = {"±": "+-", "°": " deg", "µ": "u", "·": ".", "–": "-", "→": "->", "≤": "<=", "ξ": "xi", "×": "x", "²": "^2"}
+"""OpenCV's fonts have _ASCII only."""
 
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
     """A picture being drawn on. Points are given in the camera's pixels (centres at whole numbers) and drawn in place.
 
-    Attributes
-    ----------
-    image : (H, W, 3) uint8, blue, green, red.
-    scale : canvas pixels per camera pixel.
+    image : (H, W, 3) uint8, blue, green, red. scale : canvas pixels per camera pixel.
     origin_px : (2,) camera pixel at the middle of the canvas' upper left pixel, if `scale` is 1.
     unit : thickness of a plain line, canvas pixels.
     """
@@ -45,7 +41,7 @@ class Canvas:
     def over(grey: np.ndarray) -> Canvas:
         """A canvas with a grey picture (H, W) uint8 in it, a whole number of times as large where that is small."""
         width = grey.shape[1]
-        scale = WIDEST / width if width > WIDEST else float(max(1, round(NARROWEST / width)))
+        scale = _WIDEST / width if width > _WIDEST else float(max(1, round(_NARROWEST / width)))
         size = (max(1, round(scale * width)), max(1, round(scale * grey.shape[0])))
         large = cv2.resize(grey, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST)
         return Canvas(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), scale, unit=float(np.clip(size[0] / 1100.0, 1.0, 1.8)))
@@ -67,7 +63,7 @@ class Canvas:
         """A polyline through points (M, 2); those that are not finite are left out."""
         places = self._places(points_px)
         if len(places) >= 2:
-            cv2.polylines(self.image, [places], False, colour, self._thickness(thick), cv2.LINE_AA, PARTS_BITS)
+            cv2.polylines(self.image, [places], False, colour, self._thickness(thick), cv2.LINE_AA, _PARTS_BITS)
 
     def dashes(self, points_px: np.ndarray, colour: Colour, thick: float = 1.0, dash: float = 9.0) -> None:
         """The same, dashed: as long on as off, in canvas pixels."""
@@ -76,7 +72,7 @@ class Canvas:
         if len(points) < 2:
             return
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]) * self.scale
-        for begin in np.arange(0.0, min(along[-1], FARTHEST), 2.0 * dash * self.unit):
+        for begin in np.arange(0.0, min(along[-1], _FARTHEST), 2.0 * dash * self.unit):
             at = np.linspace(begin, min(begin + dash * self.unit, along[-1]), 4)
             piece = np.stack([np.interp(at, along, points[:, i]) for i in range(2)], axis=1)
             self.line(piece, colour, thick)
@@ -87,7 +83,7 @@ class Canvas:
         near = np.hypot(*np.diff(points_px, axis=0).T) <= gap_px if len(points_px) > 1 else np.zeros(0, bool)
         for index, (place, colour) in enumerate(zip(places, colours.tolist(), strict=True)):
             end = places[index + 1] if index < len(near) and near[index] else place
-            cv2.line(self.image, tuple(place), tuple(end), colour, self._thickness(thick), cv2.LINE_AA, PARTS_BITS)
+            cv2.line(self.image, tuple(place), tuple(end), colour, self._thickness(thick), cv2.LINE_AA, _PARTS_BITS)
 
     def ring(self, point_px: np.ndarray, radius: float, colour: Colour, thick: float = 1.5) -> None:
         """A circle of a radius in canvas pixels."""
@@ -115,7 +111,8 @@ class Canvas:
         spot = self.at(np.asarray(at_px)) + np.array(aside) * self.unit - [width if aside[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
         spot = np.clip(spot, [3, height + 3], [max(3, columns - width - 4), max(height + 3, rows - 5)])
-        put(self.image, text, (int(spot[0]), int(spot[1])), 0.5 * self.unit, colour, edged=True)
+        for ink, thick in ((BLACK, 4), (colour, 1)):
+            put(self.image, text, (int(spot[0]), int(spot[1])), 0.5 * self.unit, ink, thick)
 
     def _thickness(self, thick: float) -> int:
         return max(1, round(thick * self.unit))
@@ -124,34 +121,24 @@ class Canvas:
         """Canvas coordinates (M, 2) as OpenCV's whole numbers of parts."""
         points = np.asarray(points_px, float).reshape(-1, 2)
         good = points if keep else points[np.isfinite(points).all(axis=1)]
-        limit = np.clip(np.nan_to_num(self.at(good)), -FARTHEST, FARTHEST)
-        return np.rint(limit * (1 << PARTS_BITS)).astype(np.int32)
+        limit = np.clip(np.nan_to_num(self.at(good)), -_FARTHEST, _FARTHEST)
+        return np.rint(limit * (1 << _PARTS_BITS)).astype(np.int32)
 
 
 def ascii_text(text: str) -> str:
     """The text in the letters that OpenCV can draw."""
-    return "".join(ASCII.get(letter, letter) for letter in text).encode("ascii", "replace").decode()
+    return "".join(_ASCII.get(letter, letter) for letter in text).encode("ascii", "replace").decode()
 
 
 def text_size(text: str, size: float, thick: int = 1) -> tuple[int, int]:
     """Width and height of a text in canvas pixels."""
-    (width, height), _ = cv2.getTextSize(ascii_text(text), FONT, size, thick)
+    (width, height), _ = cv2.getTextSize(ascii_text(text), _FONT, size, thick)
     return int(width), int(height)
 
 
-def put(
-    image: np.ndarray,
-    text: str,
-    at: tuple[int, int],
-    size: float,
-    colour: Colour,
-    *,
-    thick: int = 1,
-    edged: bool = False,
-) -> None:
+def put(image: np.ndarray, text: str, at: tuple[int, int], size: float, colour: Colour, thick: int = 1) -> None:
     """Write on an image (H, W, 3), from the lower left corner `at`."""
-    for ink, more in ([(BLACK, 3)] if edged else []) + [(colour, 0)]:
-        cv2.putText(image, ascii_text(text), at, FONT, size, ink, thick + more, cv2.LINE_AA)
+    cv2.putText(image, ascii_text(text), at, _FONT, size, colour, thick, cv2.LINE_AA)
 
 
 def wrapped(text: str, width: float, size: float) -> list[str]:
@@ -165,8 +152,3 @@ def wrapped(text: str, width: float, size: float) -> list[str]:
         else:
             lines.append(word)
     return lines
-
-
-def stacked(images: Sequence[np.ndarray]) -> np.ndarray:
-    """Images (H, W, 3) of one width, one under the other."""
-    return np.vstack(list(images))

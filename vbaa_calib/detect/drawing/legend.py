@@ -11,11 +11,11 @@ import numpy as np
 
 from .canvas import BLACK, WHITE, Canvas, Colour, put, text_size, wrapped
 
-GROUND: Colour = (30, 26, 24)
-SOFT: Colour = (190, 182, 176)
-TEXT_SIZE = 0.5
-LINE_HEIGHT = 22
-MARGIN = 14
+_GROUND: Colour = (30, 26, 24)
+_SOFT: Colour = (190, 182, 176)
+_TEXT_SIZE = 0.5
+_LINE_HEIGHT = 22
+_MARGIN = 14
 
 
 @dataclass(frozen=True)
@@ -37,23 +37,24 @@ def strip(
     keys: Sequence[Key],
 ) -> np.ndarray:
     """An image (H, width, 3): the badge, headings to the left and the right, wrapped paragraphs, and the keys."""
-    margin, step, size = round(MARGIN * unit), round(LINE_HEIGHT * unit), TEXT_SIZE * unit
+    margin, step, size = round(_MARGIN * unit), round(_LINE_HEIGHT * unit), _TEXT_SIZE * unit
     inner = width - 2 * margin
     paragraphs = [wrapped(line, inner, size) for line in lines if line]
     rows = _in_rows(keys, inner, unit)
     height = 2 * margin + round(1.5 * step) + step * (sum(map(len, paragraphs)) + len(rows)) + step // 2
-    image = np.full((height, width, 3), GROUND, np.uint8)
+    image = np.full((height, width, 3), _GROUND, np.uint8)
     below = _headed(image, badge, heading, margin, unit)
     for index, paragraph in enumerate(paragraphs):
         for line in paragraph:
             below += step
-            put(image, line, (margin, below), size, WHITE if index == 0 else SOFT)
+            put(image, line, (margin, below), size, WHITE if index == 0 else _SOFT)
     below += step // 2
     for row in rows:
         below += step
         across = margin
         for key in row:
-            across = _keyed(image, key, (across, below), unit)
+            _draw_key(image, key, (across, below), unit)
+            across += _key_width(key, unit)
     return image
 
 
@@ -65,25 +66,27 @@ def _headed(image: np.ndarray, badge: tuple[str, Colour], heading: tuple[str, st
     base = margin + height + pad // 2
     cv2.rectangle(image, (margin, margin - pad // 2), (margin + width + 2 * pad, base + pad), colour, cv2.FILLED)
     ink = BLACK if np.dot(colour, (0.114, 0.587, 0.299)) > 110 else WHITE
-    put(image, word, (margin + pad, base), size, ink, thick=max(1, round(1.4 * unit)))
+    put(image, word, (margin + pad, base), size, ink, max(1, round(1.4 * unit)))
     size, left = 0.56 * unit, margin + width + 4 * pad
     put(image, heading[0], (left, base), size, WHITE)
     left += text_size(heading[0], size)[0] + 3 * pad
     room = image.shape[1] - margin - left
     for line in wrapped(heading[1], room, size)[:1] if room > 0 else []:
-        put(image, line, (image.shape[1] - margin - text_size(line, size)[0], base), size, SOFT)
+        put(image, line, (image.shape[1] - margin - text_size(line, size)[0], base), size, _SOFT)
     return base + pad // 2
 
 
 def _key_width(key: Key, unit: float) -> int:
-    return round((44 if key.mark != "scale" else 100) * unit) + text_size(key.words, 0.9 * TEXT_SIZE * unit)[0]
+    """From where a key starts to where the next one does."""
+    sample = round((44 if key.mark != "scale" else 100) * unit)
+    return sample + text_size(key.words, 0.9 * _TEXT_SIZE * unit)[0] + round(18 * unit)
 
 
 def _in_rows(keys: Sequence[Key], inner: int, unit: float) -> list[list[Key]]:
     rows: list[list[Key]] = [[]]
     used = 0
     for key in keys:
-        width = _key_width(key, unit) + round(18 * unit)
+        width = _key_width(key, unit)
         if rows[-1] and used + width > inner:
             rows.append([])
             used = 0
@@ -92,8 +95,8 @@ def _in_rows(keys: Sequence[Key], inner: int, unit: float) -> list[list[Key]]:
     return rows
 
 
-def _keyed(image: np.ndarray, key: Key, at: tuple[int, int], unit: float) -> int:
-    """Draw one key with its sample; returns where the next one starts."""
+def _draw_key(image: np.ndarray, key: Key, at: tuple[int, int], unit: float) -> None:
+    """One key with its sample."""
     left, base = at
     middle = base - round(5 * unit)
     canvas = Canvas(image, 1.0, unit=unit)
@@ -112,5 +115,4 @@ def _keyed(image: np.ndarray, key: Key, at: tuple[int, int], unit: float) -> int
         canvas.arrow(ends[0], ends[1], key.colour)
     else:
         canvas.line(ends, key.colour, 2.0)
-    put(image, key.words, (left + long + round(8 * unit), base), 0.9 * TEXT_SIZE * unit, SOFT)
-    return left + _key_width(key, unit) + round(18 * unit)
+    put(image, key.words, (left + long + round(8 * unit), base), 0.9 * _TEXT_SIZE * unit, _SOFT)

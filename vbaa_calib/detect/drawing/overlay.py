@@ -2,56 +2,49 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor, normals
 
-from .canvas import WHITE, Canvas, Colour, stacked
+from .canvas import WHITE, Canvas, Colour
 from .legend import Key, strip
 
-CORRIDOR: Colour = (150, 128, 112)
-FREE: Colour = (255, 150, 90)
+_CORRIDOR: Colour = (150, 128, 112)
+_FREE: Colour = (255, 150, 90)
 HIDDEN: Colour = (40, 140, 255)
 OUTSIDE: Colour = (150, 150, 150)
 OTHER_LINE: Colour = (70, 70, 255)
-SIGMA_RANGE_PX = (0.02, 0.5)
+_SIGMA_RANGE_PX = (0.02, 0.5)
 """Deviations that have the ends of the colour scale: the same in every picture, so that pictures compare."""
-SURE, UNSURE = np.array([255.0, 255.0, 0.0]), np.array([255.0, 0.0, 255.0])
+_SURE, _UNSURE = np.array([255.0, 255.0, 0.0]), np.array([255.0, 0.0, 255.0])
 """Its ends: cyan and magenta, which colour-blind people can tell, too."""
-BRIGHTEST = 150.0
+_BRIGHTEST = 150.0
 """Grey level that the picture's bright end is drawn at, so that the marks stand out from it."""
-ASIDE = 0.5
+_ASIDE = 0.5
 """The picture outside the corridor is drawn darker by this factor."""
-LEAST_SPAN = 48.0
+_LEAST_SPAN = 48.0
 """A picture with less between its dark and its bright end is not stretched any further: it would be all noise."""
-GAMMA = 0.75
+_GAMMA = 0.75
 """Exponent of grey levels: what is dark is still to be made out."""
-VERDICT_COLOURS: dict[str, Colour] = {
-    "ok": (136, 148, 13),
-    "no_antenna": (139, 116, 100),
-    "too_little": (11, 158, 245),
-    "ambiguous": (38, 38, 220),
+_VERDICTS: dict[str, tuple[Colour, str]] = {
+    "ok": ((136, 148, 13), "the antenna was found"),
+    "no_antenna": ((139, 116, 100), "there is no antenna, or it cannot be made out"),
+    "too_little": ((11, 158, 245), "too little of the antenna is seen"),
+    "ambiguous": ((38, 38, 220), "two lines could be the antenna"),
 }
-VERDICT_MEANINGS = {
-    "ok": "the antenna was found",
-    "no_antenna": "there is no antenna, or it cannot be made out",
-    "too_little": "too little of the antenna is seen",
-    "ambiguous": "two lines could be the antenna",
-}
-END_WORDS = {"tip": "tip", "hidden": "hidden from here", "border": "leaves the picture", "none": ""}
+"""The badge's colour, and what it means."""
+_END_WORDS = {"tip": "tip", "hidden": "hidden from here", "border": "leaves the picture", "none": ""}
 
 
 def background(image: np.ndarray, where: Corridor | None) -> np.ndarray:
     """(H, W) uint8: a grey picture (H, W), any number type, darkened, more so outside the corridor."""
     grey = np.nan_to_num(np.asarray(image, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
     low, high = np.percentile(grey[::3, ::3], (1.0, 99.8))
-    grey = BRIGHTEST * np.clip((grey - low) / max(high - low, LEAST_SPAN), 0.0, 1.0) ** GAMMA
+    grey = _BRIGHTEST * np.clip((grey - low) / max(high - low, _LEAST_SPAN), 0.0, 1.0) ** _GAMMA
     if where is not None and len(where.axis_px) >= 2:
-        grey = np.where(corridor_mask(where, (grey.shape[1], grey.shape[0])) > 0, grey, ASIDE * grey)
+        grey = np.where(corridor_mask(where, (grey.shape[1], grey.shape[0])) > 0, grey, _ASIDE * grey)
     return grey.astype(np.uint8)
 
 
@@ -65,10 +58,10 @@ def centreline_picture(
     draw_centreline(canvas, line)
     if where is not None:
         draw_clamp(canvas, where)
-    badge = (line.verdict, VERDICT_COLOURS[line.verdict])
-    words = [line.reason, described(line), note]
-    heading = (VERDICT_MEANINGS[line.verdict], title)
-    return stacked([canvas.image, strip(canvas.image.shape[1], canvas.unit, badge, heading, words, keys(line, where))])
+    colour, meaning = _VERDICTS[line.verdict]
+    words, width = [line.reason, described(line), note], canvas.image.shape[1]
+    legend = strip(width, canvas.unit, (line.verdict, colour), (meaning, title), words, keys(line, where))
+    return np.vstack([canvas.image, legend])
 
 
 def corridor_mask(where: Corridor, image_size: tuple[int, int]) -> np.ndarray:
@@ -90,8 +83,8 @@ def _corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
 def draw_corridor(canvas: Canvas, where: Corridor) -> None:
     """The corridor's outline, the predicted free antenna in its middle, and the clamp."""
     left, right = _corridor_sides(where)
-    canvas.line(np.concatenate([left, right[::-1], left[:1]]), CORRIDOR)
-    canvas.dashes(where.axis_px, FREE, 1.5)
+    canvas.line(np.concatenate([left, right[::-1], left[:1]]), _CORRIDOR)
+    canvas.dashes(where.axis_px, _FREE, 1.5)
 
 
 def draw_clamp(canvas: Canvas, where: Corridor) -> None:
@@ -112,33 +105,32 @@ def draw_centreline(canvas: Canvas, line: Centreline, *, named: bool = True) -> 
         colour = WHITE if line.end == "tip" else HIDDEN if line.end == "hidden" else OUTSIDE
         canvas.ring(line.end_px, 6.0, colour)
         if named:
-            canvas.words(END_WORDS[line.end], line.end_px, colour, (9.0, -9.0) if line.end == "tip" else (-2.0, -14.0))
+            canvas.words(_END_WORDS[line.end], line.end_px, colour, (9.0, -9.0) if line.end == "tip" else (-2.0, -14.0))
 
 
 def sigma_colours(sigma_px: np.ndarray) -> np.ndarray:
     """(N, 3) uint8 colours of deviations (N,) px: cyan is sure, magenta is not."""
-    low, high = np.log(SIGMA_RANGE_PX)
+    low, high = np.log(_SIGMA_RANGE_PX)
     share = (np.log(np.maximum(np.nan_to_num(sigma_px, nan=np.inf), 1e-6)) - low) / (high - low)
     share = np.clip(share, 0.0, 1.0)[:, None]
-    return np.rint((1.0 - share) * SURE + share * UNSURE).astype(np.uint8)
+    return np.rint((1.0 - share) * _SURE + share * _UNSURE).astype(np.uint8)
 
 
 def keys(line: Centreline | None, where: Corridor | None) -> list[Key]:
     """The legend of what these functions draw, without what is not there."""
-    low, high = SIGMA_RANGE_PX
+    low, high = _SIGMA_RANGE_PX
     scale = sigma_colours(np.geomspace(low, high, 64))
-    found: list[Key] = []
-    if line is None or len(line.points_px):
-        found.append(Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale))
-    if line is not None and (np.isin(line.visibility, (Visibility.HIDDEN, Visibility.BEYOND))).any():
-        found.append(Key("hidden, or not measured", HIDDEN, "dashes"))
-    if line is not None and (np.asarray(line.visibility) == Visibility.OUTSIDE).any():
-        found.append(Key("outside the picture", OUTSIDE, "dashes"))
-    if line is not None and len(line.other_line_px):
-        found.append(Key("the other line", OTHER_LINE))
-    if where is not None:
-        found += [Key("free antenna, predicted", FREE, "dashes"), Key("where it may be", CORRIDOR)]
-    return found
+    points = Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale)
+    shown = set() if line is None else set(np.asarray(line.visibility).tolist())
+    there = (
+        (line is None or len(line.points_px) > 0, points),
+        (bool(shown & {Visibility.HIDDEN, Visibility.BEYOND}), Key("hidden, or not measured", HIDDEN, "dashes")),
+        (Visibility.OUTSIDE in shown, Key("outside the picture", OUTSIDE, "dashes")),
+        (line is not None and len(line.other_line_px) > 0, Key("the other line", OTHER_LINE)),
+        (where is not None, Key("free antenna, predicted", _FREE, "dashes")),
+        (where is not None, Key("where it may be", _CORRIDOR)),
+    )
+    return [key for is_drawn, key in there if is_drawn]
 
 
 def described(line: Centreline) -> str:
@@ -155,14 +147,9 @@ def described(line: Centreline) -> str:
         parts.append(f"{100 * hidden:.0f} % hidden between seen parts")
     if line.end != "none":
         u, v = line.end_px
-        parts.append(f"visible end at ({u:.1f}, {v:.1f}) px: {END_WORDS[line.end]}")
+        parts.append(f"visible end at ({u:.1f}, {v:.1f}) px: {_END_WORDS[line.end]}")
     if line.amplitude and line.noise:
         parts.append(f"{line.amplitude:.0f} grey levels over its surroundings, noise {line.noise:.1f}")
     if line.breadth and abs(line.breadth - 1.0) > 0.2:
         parts.append(f"{line.breadth:.1f} times as broad as in focus")
     return "; ".join(parts)
-
-
-def brightened(canvas: Canvas, factor: float) -> Canvas:
-    """The same canvas with its picture made brighter, for a close look."""
-    return replace(canvas, image=cv2.convertScaleAbs(canvas.image, alpha=factor))
