@@ -6,7 +6,6 @@ import os
 import platform
 from collections.abc import Collection, Sequence
 from importlib.metadata import version
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -90,8 +89,7 @@ def prior_doubts(joint: BundleAdjustment, said: Collection[str] = ()) -> list[st
 
 def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[str]:
     """EI against E·πd⁴/64, equal compliance (assumption 4), and the density that the sag requires."""
-    found = []
-    difference = rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2 - 1
+    found, difference = [], rig.antenna.stiffness_Nm2 / nominal.stiffness_Nm2 - 1
     if abs(difference) > max(_STIFFNESS_DOUBT, _SIGNIFICANT * rig.std("log_stiffness_Nm2")):
         found.append(
             f"EI is {100 * difference:+.0f} % off E·πd⁴/64 = {nominal.stiffness_Nm2:.4g} N·m²: check diameter, loads "
@@ -104,9 +102,8 @@ def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[st
             f"{'y' if uneven.value > 0 else 'z'}: it is not equally compliant (assumption 4), is it round?"
         )
     mass, known = checks.mass_per_length_kg_m, nominal.mass_per_length_kg_m
-    doubt = 0.0 if mass is None else _SIGNIFICANT * float(np.hypot(mass.std, LOG_MASS_STD * known))
-    if mass is not None and abs(mass.value - known) > doubt:
-        area = nominal.mass_per_length_kg_m / nominal.density_kg_m3
+    if mass is not None and abs(mass.value - known) > _SIGNIFICANT * np.hypot(mass.std, LOG_MASS_STD * known):
+        area = known / nominal.density_kg_m3
         found.append(
             f"the sag requires a density of {mass.value / area:.0f} ± {mass.std / area:.0f} kg/m³, the session says "
             f"{nominal.density_kg_m3:.0f}: check diameter, density and the direction of gravity"
@@ -169,21 +166,20 @@ def doubts(calibration: Calibration) -> list[str]:
 
 def report(calibration: Calibration, warnings: Sequence[str]) -> None:
     """The result in a few lines of prose."""
-    rig, antenna = calibration.rig, calibration.rig.antenna
+    rig, stiffness, sensor = calibration.rig, calibration.rig.antenna.stiffness_Nm2, calibration.rig.moment_sensor
     x, y, z = 1e3 * rig.T_antenna_camera.translation_m
     off = 1e3 * np.sqrt(np.diag(rig.covariance)[:6])
-    std = [rig.std(name) for name in ("log_stiffness_Nm2", "moment_gain", "moment_offset_Nm")]
-    say(f"lens       {calibration.lens.model}: rms {calibration.lens.rms_px:.3f} px")
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
+    say(f"lens       {calibration.lens.model}: rms {calibration.lens.rms_px:.3f} px")
     say(
         f"plane C    camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, "
         f"± {off[3:].max():.2g} mm, ± {off[:3].max():.2g} mrad (by {ways})"
     )
     for difference in calibration.plane.differences:
         say(f"           {difference}")
-    say(f"antenna    EI = {antenna.stiffness_Nm2:.5g} ± {antenna.stiffness_Nm2 * std[0]:.2g} N·m²")
-    sensor = rig.moment_sensor
-    say(f"sensor     gain {sensor.gain:.4f} ± {std[1]:.4f}, offset {1e3 * sensor.offset_Nm:.3f} mN·m")
+    say(f"antenna    EI = {stiffness:.5g} ± {stiffness * rig.std('log_stiffness_Nm2'):.2g} N·m²")
+    gain = f"gain {sensor.gain:.4f} ± {rig.std('moment_gain'):.4f}"
+    say(f"sensor     {gain}, offset {1e3 * sensor.offset_Nm:.3f} mN·m")
     for line in warnings:
         say(f"look at    {line}")
 
@@ -283,11 +279,6 @@ def _uncertainty_document(camera: Camera) -> dict[str, Any]:
     `std_px` has what a turn of the camera explains taken out, `std_fixed_camera_px` has not.
     """
     maps = [projection_uncertainty(camera, compensated) for compensated in (True, False)]
-    columns, rows = maps[0].pixels[0, :, 0], maps[0].pixels[:, 0, 1]
-    std = [[[value if isfinite(value) else None for value in row] for row in one.std_px.tolist()] for one in maps]
-    return {
-        "columns_px": columns.tolist(),
-        "rows_px": rows.tolist(),
-        "std_px": std[0],
-        "std_fixed_camera_px": std[1],
-    }
+    columns, rows = maps[0].pixels[0, :, 0].tolist(), maps[0].pixels[:, 0, 1].tolist()
+    std = [np.where(np.isfinite(one.std_px), one.std_px, np.array(None)).tolist() for one in maps]
+    return {"columns_px": columns, "rows_px": rows, "std_px": std[0], "std_fixed_camera_px": std[1]}

@@ -147,18 +147,18 @@ def solve_board_pose(
             remedy="take the picture again with the board sharp, lit and wholly in view",
         )
     starts = start_poses(flat[seen], rays[seen, :2] / rays[seen, 2:])
-    found = [_refined(pose, camera, points, pixels, SOFT_L1) for pose in starts]
-    found += [_refined(mirrored(pose, points), camera, points, pixels, SOFT_L1) for pose in found[:1]]
-    first, *others = sorted(
-        found, key=lambda pose: float(soft_l1_losses(_residual(pose, camera, points, pixels)).sum())
-    )
-    inliers = _inliers(first, camera, points, pixels)
-    points, pixels = points[inliers], pixels[inliers]
-    if not fixes_homography(points[:, :2]):
+    whole = _Corners(camera, points, pixels)
+    found = [whole.refined(pose, SOFT_L1) for pose in starts]
+    found.append(whole.refined(mirrored(found[0], points), SOFT_L1))
+    first, *others = sorted(found, key=lambda pose: float(soft_l1_losses(whole.residual(pose)).sum()))
+    distance = np.linalg.norm(whole.residual(first).reshape(-1, 2), axis=1)
+    inliers = distance <= max(_GROSS_CORNER * radial_std(distance), _GROSS_LEAST_PX)
+    if not fixes_homography(points[inliers, :2]):
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
-    first = _refined(first, camera, points, pixels, SQUARES)
-    by_pose, by_lens = _derivatives(first, camera, points)
-    inverse, residual = np.linalg.pinv(by_pose), _residual(first, camera, points, pixels)
+    good = _Corners(camera, points[inliers], pixels[inliers])
+    first = good.refined(first, SQUARES)
+    by_pose, by_lens = good.derivatives(first)
+    inverse, residual = np.linalg.pinv(by_pose), good.residual(first)
     covariance = inverse @ inverse.T * float(residual @ residual) / max(residual.size - 6, 1)
     if bent is not None:
         # a sagitta moves each corner along the board's normal
@@ -170,9 +170,9 @@ def solve_board_pose(
         covariance,
         -inverse @ by_lens,
         _rms(residual),
-        len(points),
+        len(good.points),
         int((~inliers).sum()),
-        _second(first, others, camera, points, pixels),
+        good.second(first, others),
     )
 
 
@@ -202,11 +202,6 @@ def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
     return ids[count > 0], total[count > 0] / count[count > 0, None]
 
 
-def _residual(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    projected, valid = camera.project(T_camera_board @ points)
-    return np.where(valid[:, None], projected - pixels, _OUT_OF_SIGHT_PX).ravel()
-
-
 def _rms(residual: np.ndarray) -> float:
     return float(np.sqrt(2.0 * np.mean(residual**2)))
 
@@ -223,44 +218,52 @@ class _Point:
         return self.rows.cost
 
 
-def _refined(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray, loss: Loss) -> Pose:
-    def linearised(pose: Pose) -> _Point:
-        residual, (by_pose, _) = _residual(pose, camera, points, pixels), _derivatives(pose, camera, points)
-        return _Point(pose, Linearised(np.zeros(6), residual, by_pose, 0, loss=loss))
+@dataclass(frozen=True, eq=False)
+class _Corners:
+    """Points (N, 3) of the board and where a camera sees them, pixels (N, 2)."""
 
-    def step(at: _Point, damping: float) -> tuple[np.ndarray, float]:
-        return at.rows.step(damping)
+    camera: Camera
+    points: np.ndarray
+    pixels: np.ndarray
 
-    def moved(at: _Point, move: np.ndarray) -> _Point:
-        return linearised(at.pose.retract(move))
+    def residual(self, T_camera_board: Pose) -> np.ndarray:
+        """(2N,) px."""
+        projected, valid = self.camera.project(T_camera_board @ self.points)
+        return np.where(valid[:, None], projected - self.pixels, _OUT_OF_SIGHT_PX).ravel()
 
-    return levenberg_marquardt(linearised(T_camera_board), step, moved, _RULES).at.pose
+    def derivatives(self, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray]:
+        """Of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
+        project, camera = PROJECTIONS[self.camera.model], self.camera
+        _, by_lens, by_vector = project(self.points, T_camera_board.vector, camera.parameters)
+        by_position = by_vector[:, 3:].reshape(-1, 2, 3)
+        # turning by w about the board's origin moves a point by w × lever
+        by_turn = np.cross((self.points @ T_camera_board.rotation.T)[:, None], by_position)
+        seen = camera.project(T_camera_board @ self.points)[1]
+        by_pose = np.concatenate([by_turn, by_position], axis=-1)
+        return np.where(seen[:, None, None], by_pose, 0.0).reshape(-1, 6), by_lens
 
+    def refined(self, T_camera_board: Pose, loss: Loss) -> Pose:
+        """The pose of least cost near by."""
 
-def _inliers(T_camera_board: Pose, camera: Camera, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    distance = np.linalg.norm(_residual(T_camera_board, camera, points, pixels).reshape(-1, 2), axis=1)
-    return distance <= max(_GROSS_CORNER * radial_std(distance), _GROSS_LEAST_PX)
+        def linearised(pose: Pose) -> _Point:
+            rows = Linearised(np.zeros(6), self.residual(pose), self.derivatives(pose)[0], 0, loss=loss)
+            return _Point(pose, rows)
 
+        def step(at: _Point, damping: float) -> tuple[np.ndarray, float]:
+            return at.rows.step(damping)
 
-def _second(
-    first: Pose, others: Sequence[Pose], camera: Camera, points: np.ndarray, pixels: np.ndarray
-) -> _PoseCandidate | None:
-    for start in others:
-        T_camera_board = _refined(start, camera, points, pixels, SQUARES)
-        if _turn_between(T_camera_board, first) > _SAME_RAD and bool(camera.project(T_camera_board @ points)[1].all()):
-            return _PoseCandidate(T_camera_board, _rms(_residual(T_camera_board, camera, points, pixels)))
-    return None
+        def moved(at: _Point, move: np.ndarray) -> _Point:
+            return linearised(at.pose.retract(move))
 
+        return levenberg_marquardt(linearised(T_camera_board), step, moved, _RULES).at.pose
 
-def _derivatives(T_camera_board: Pose, camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the interleaved pixels by the pose's tangent (2N, 6) and by the lens' parameters (2N, 4 + k)."""
-    _, by_lens, by_vector = PROJECTIONS[camera.model](points, T_camera_board.vector, camera.parameters)
-    by_position = by_vector[:, 3:].reshape(-1, 2, 3)
-    # turning by w about the board's origin moves a point by w × lever
-    by_turn = np.cross((points @ T_camera_board.rotation.T)[:, None], by_position)
-    by_pose = np.concatenate([by_turn, by_position], axis=-1)
-    seen = camera.project(T_camera_board @ points)[1]
-    return np.where(seen[:, None, None], by_pose, 0.0).reshape(-1, 6), by_lens
+    def second(self, first: Pose, others: Sequence[Pose]) -> _PoseCandidate | None:
+        """Another pose that explains the corners."""
+        for start in others:
+            pose = self.refined(start, SQUARES)
+            if _turn_between(pose, first) > _SAME_RAD and self.camera.project(pose @ self.points)[1].all():
+                return _PoseCandidate(pose, _rms(self.residual(pose)))
+        return None
 
 
 def jig_estimate(
