@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.board_flex import bend
+from vbaa_calib.calibrate.lens.information import bend
 from vbaa_calib.detect.board.corners import BoardView
 
 BOARD = BoardSpec(squares_x=11, squares_y=8, square_m=0.015, marker_m=0.011)

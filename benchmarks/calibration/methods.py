@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from targets.board import corner_points
-from vbaa_calib.calibrate.lens.board_flex import observations_of
 from vbaa_calib.calibrate.lens.bundle import Bundle, refine
+from vbaa_calib.calibrate.lens.information import observations_of
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import camera_of
 from vbaa_calib.camera import Camera

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.boards import BARREL, BOARD, HD, MILD, VGA, WIDE
 from benchmarks.calibration.judge import pose_by, rms_on_plane_mm
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.guide.poses import visible_corners
-from vbaa_calib.calibrate.guide.suggestion import Suggestion
+from vbaa_calib.calibrate.guide.suggestion import Suggestion, visible_corners
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.bundle import Observation
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of

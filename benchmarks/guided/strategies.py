@@ -8,8 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.calibrate.guide.next_view import lens_progress
-from vbaa_calib.calibrate.guide.poses import coarse_poses, observation, view_candidates
-from vbaa_calib.calibrate.guide.suggestion import FURTHEST, NEAREST
+from vbaa_calib.calibrate.guide.suggestion import FURTHEST, NEAREST, coarse_poses, observation, view_candidates
 from vbaa_calib.calibrate.guide.view_uncertainty import LensInformation, view_blocks
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.detect.board.corners import BoardView

@@ -13,8 +13,7 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
-from vbaa_calib.calibrate.check.assessment import Assessment
-from vbaa_calib.calibrate.check.inputs import NewPictures
+from vbaa_calib.calibrate.check.assessment import Assessment, NewPictures
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.simulate.plan.plan import AntennaShot, BoardShot, plan, stream

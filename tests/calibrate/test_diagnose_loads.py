@@ -10,10 +10,9 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
-from vbaa_calib.calibrate.faults.fit_quality import solve_free
-from vbaa_calib.calibrate.faults.load_rows import row_diagnoses, wrong_rows
+from vbaa_calib.calibrate.faults.explanations import solve_free
+from vbaa_calib.calibrate.faults.loads import row_diagnoses, typed_load_diagnoses, wrong_rows
 from vbaa_calib.calibrate.faults.stills import _failure_causes, still_diagnoses
-from vbaa_calib.calibrate.faults.typed_loads import typed_load_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load
 

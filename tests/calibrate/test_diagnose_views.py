@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from targets.board import corner_points
-from vbaa_calib.calibrate.faults.variety import resolution_changed, same_pose
 from vbaa_calib.calibrate.faults.views import (
-    OwnScores,
     SetScores,
     centre_moved,
     find_change,
     print_aspect,
+    resolution_changed,
+    same_pose,
     set_scores,
     steps,
     view_set_diagnoses,
@@ -78,7 +78,7 @@ def test_the_size_of_a_step_is_off_by_what_its_deviation_says(unflat_m: float) -
     off, at = [], steps(16)[6:7]
     for seed in range(16):
         scores = scores_of(pictures(seed, np.repeat([1.0, 1.003], 8), unflat_m=unflat_m))
-        change = find_change(scores.of(SetScores.FOCAL), at, scores.variance_px2)
+        change = find_change(*scores.own_scores(SetScores.FOCAL), at, scores.variance_px2)
         assert change is not None
         off.append((change.size - 0.003) / change.std)
     assert np.mean(off) == pytest.approx(0.0, abs=0.6)
@@ -119,8 +119,8 @@ def test_the_chance_of_a_change_is_what_it_says() -> None:
         for _ in range(120):
             strength = rng.uniform(0.2, 3.0, 12)
             information = np.diag(strength**2)
-            own = OwnScores(factor * strength * rng.normal(size=12), information)
-            change = find_change(own, steps(12), 1e-12)
+            score = factor * strength * rng.normal(size=12)
+            change = find_change(score, information, steps(12), 1e-12)
             assert change is not None
             chances.append(change.chance)
         assert np.mean(np.array(chances) < 0.1) == pytest.approx(0.1, abs=0.06)

@@ -11,9 +11,15 @@ from scipy.stats import chi2
 
 from benchmarks.calibration.methods import solve_ours
 from benchmarks.calibration.rigs import BOARD, draw, rigs
-from vbaa_calib.calibrate.lens.board_flex import observations_of
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
-from vbaa_calib.calibrate.lens.information import information
+from vbaa_calib.calibrate.lens.information import (
+    AGREE,
+    compare_split_half,
+    held_out_squares,
+    information,
+    observations_of,
+    solved_squares,
+)
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.lens.uncertainty import (
     compensate,
@@ -22,7 +28,6 @@ from vbaa_calib.calibrate.lens.uncertainty import (
     projection_uncertainty,
     turn_jacobian,
 )
-from vbaa_calib.calibrate.lens.validation import AGREE, compare_split_half, held_out_squares, solved_squares
 
 RIG = rigs()[0]
 GRID = (5, 4)

@@ -9,8 +9,7 @@ import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
-from vbaa_calib.calibrate.guide.load_uncertainty import StiffnessForecast
-from vbaa_calib.calibrate.guide.next_load import load_progress
+from vbaa_calib.calibrate.guide.next_load import StiffnessForecast, load_progress
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, LoadReadings
 

@@ -10,8 +10,14 @@ import pytest
 from benchmarks.guided.rigs import Rig, true_error_mm
 from targets.board import corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
-from vbaa_calib.calibrate.guide.poses import coarse_poses, view_candidates
-from vbaa_calib.calibrate.guide.suggestion import best_next, pose_match, seen_as, tilt_words
+from vbaa_calib.calibrate.guide.suggestion import (
+    best_next,
+    coarse_poses,
+    pose_match,
+    seen_as,
+    tilt_words,
+    view_candidates,
+)
 from vbaa_calib.calibrate.guide.view_uncertainty import (
     LensDesign,
     LensInformation,

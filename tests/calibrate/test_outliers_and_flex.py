@@ -10,9 +10,8 @@ import pytest
 from benchmarks.calibration.judge import error_mm
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
 from benchmarks.calibration.rigs import BOARD, draw, rigs
-from vbaa_calib.calibrate.lens.board_flex import judge_flex, observations_of
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
-from vbaa_calib.calibrate.lens.information import information
+from vbaa_calib.calibrate.lens.information import information, judge_flex, observations_of
 from vbaa_calib.calibrate.lens.initialization import LensOptions, fit_lens, unfolded
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, is_monotonic
 

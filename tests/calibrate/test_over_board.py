@@ -10,7 +10,7 @@ import pytest
 from vbaa_calib.calibrate.plane_c import corner_bias
 from vbaa_calib.calibrate.pose.fusion import inflated
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.over_board.measure import LineEnd
+from vbaa_calib.detect.over_board.line import LineEnd
 from vbaa_calib.geometry import Pose
 
 from ..over_scenes import HEIGHT_STD_M, LENGTH_STD_M, Shown, View, drawn_view, shown

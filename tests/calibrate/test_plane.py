@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from targets.board import corner_points
-from vbaa_calib.calibrate.lens.board_flex import Bend
+from vbaa_calib.calibrate.lens.information import Bend
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose

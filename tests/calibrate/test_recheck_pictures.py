@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.check.assessment import Assessment, assess
+from vbaa_calib.calibrate.check.assessment import Assessment, NewPictures, assess
 from vbaa_calib.calibrate.check.finding import Finding
-from vbaa_calib.calibrate.check.inputs import NewPictures
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.simulate.write import session_yaml

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.check.assessment import assess
-from vbaa_calib.calibrate.check.inputs import NewPictures
+from vbaa_calib.calibrate.check.assessment import NewPictures, assess
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.scene import Scene
 

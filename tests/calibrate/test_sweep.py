@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
-from vbaa_calib.calibrate.pose.sweep_model import SweepCorners, SweepState, linearise
+from vbaa_calib.calibrate.pose.sweep_fit import SweepCorners, SweepState, linearise
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import detect_files

@@ -10,10 +10,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from targets.board import BoardSpec, opencv_board
-from vbaa_calib.detect.over_board.measure import BoardLine, LineEnd, find_over_board
-from vbaa_calib.detect.over_board.picture import board_picture, pattern_texture
-from vbaa_calib.detect.over_board.profile import Paint, Profiles, fit
-from vbaa_calib.detect.over_board.search import PlaneAbove
+from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
+from vbaa_calib.detect.over_board.profile import Paint, Profiles, board_picture, fit, pattern_texture
 
 from ..over_scenes import Shown, View, shown
 

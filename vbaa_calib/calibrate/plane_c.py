@@ -10,9 +10,13 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
-from vbaa_calib.calibrate.lens.board_flex import BoardFlex
-from vbaa_calib.calibrate.over_board.free_antenna import OverSetup, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
+from vbaa_calib.calibrate.lens.information import BoardFlex
+from vbaa_calib.calibrate.over_board.over_board import (
+    OverBoardSolution,
+    OverSetup,
+    nominal_free_antenna,
+    solve_over_board,
+)
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
@@ -20,7 +24,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import list_images, read_gray
 from vbaa_calib.detect.board.corners import BoardView, detect_files, detect_folder
-from vbaa_calib.detect.over_board.measure import LineEnd
+from vbaa_calib.detect.over_board.line import LineEnd
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import conditioned
 from vbaa_calib.session import OverBoard, Session, has_over, has_sweep, read_sweep

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from vbaa_calib.calibrate.faults.typed_loads import typed_load_diagnoses
+from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.session import Load, Still, gravity_antenna
 from vbaa_calib.wizard.state.questions import Question

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vbaa_calib.calibrate.check.inputs import NewPictures
+    from vbaa_calib.calibrate.check.assessment import NewPictures
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _new_pictures(args: argparse.Namespace) -> NewPictures | None:
-    from vbaa_calib.calibrate.check.inputs import NewPictures
+    from vbaa_calib.calibrate.check.assessment import NewPictures
     from vbaa_calib.core.errors import InputError
 
     with_free = {name: getattr(args, name) for name in ("pan", "tilt", "moment") if getattr(args, name) is not None}

@@ -1,26 +1,34 @@
-"""Faults of a set of pictures of the board, once the lens is solved: focus, lens centre, print, coverage, poses."""
+"""Faults of pictures of the board: focus, lens centre, print, coverage, poses; one picture against those before it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from targets.board import BoardSpec
-from vbaa_calib.calibrate.lens.board_flex import observations_of
+from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, free_directions, rows
+from vbaa_calib.calibrate.lens.information import observations_of
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.view_quality import fixes_homography
+from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 
-from .variety import little_variety, poorly_covered
-
+_SAME_SHAPE = 0.01
+_MOVED_SQUARES = 0.5
+"""A board that moved by less than so many of its squares is in the same place."""
+_RESHAPED = 0.006
+"""Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°."""
+_FEWEST_VIEWS = 5
+_TILTED_DEG = 15.0
+_LEAST_HULL, _REPEATED = 0.5, 0.5
 _OPEN = 1e-9
 _ASPECT_VIEWS, _CHANGE_VIEWS, _SIDE_VIEWS = 6, 6, 2
 """Fewest views that show the print's aspect, a change between views, and that lie on either side of it."""
@@ -35,24 +43,106 @@ _NOTICEABLE, _GRAVE = 1e-3, 3e-3
 """Changes of the focal length, relative; of the centre, over the focal length in px."""
 
 
-@dataclass(frozen=True, eq=False)
-class OwnScores:
-    """Scores and information of a parameter that each of V views has to itself, to first order.
+def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnosis | None:
+    """Why a picture of `size` (width, height) px differs from the first one in size; None where it does not."""
+    if tuple(size) == tuple(first):
+        return None
+    wide, high = size[0] / first[0], size[1] / first[1]
+    remedy = "set the camera to the mode of the first picture, or begin anew in this one: the lens is another for it"
+    if (size[1], size[0]) == tuple(first):
+        name, cause = "picture_turned", "width and height are exchanged"
+        remedy = "hold the camera as before, and switch off that pictures are turned upright"
+    elif abs(wide - high) < _SAME_SHAPE * high:
+        name, cause = "picture_scaled", f"it is scaled by {wide:.3g}"
+        remedy = "set the camera to the resolution of the first picture, and copy originals, no previews"
+    elif wide <= 1.0 and high <= 1.0:
+        name, cause = "picture_cropped", "it is cropped, or the camera is in another mode"
+    else:
+        name = "picture_cropped"
+        cause = "the camera is in another mode, which may cut off a border or use other pixels"
+    seen = f"the picture is {size[0]}x{size[1]} px, the first one {first[0]}x{first[1]} px"
+    return Diagnosis(name, f"{seen}: {cause}", remedy, grave=True)
 
-    score : (V,) gradient of the cost, px². Its covariance is the residuals' variance times `information`.
-    information : (V, V) px², the poses and all that the views share eliminated.
+
+def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: BoardSpec) -> Diagnosis | None:
+    """The nearest earlier view that shows the board in (nearly) the same pose, if one does."""
+    near = [(distance, other) for other in earlier if (distance := _apart_px(view, other, spec)) is not None]
+    if not near:
+        return None
+    distance, other = min(near, key=lambda one: one[0])
+    return Diagnosis(
+        "same_pose",
+        f"the board is as in {other.name}, its corners {distance:.1f} px from there",
+        "tilt it differently, or move it to another part of the picture",
+    )
+
+
+def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | None:
+    """Rms distance of the corners that both show, px, where the pose counts as the same; else None."""
+    ids, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
+    if len(ids) < LEAST_CORNERS or 2 * len(ids) < max(len(view.ids), len(other.ids)):
+        return None
+    plane = corner_points(spec)[ids, :2]
+    if view.image_size != other.image_size or not fixes_homography(plane):
+        return None
+    here, there = view.corners_px[mine], other.corners_px[theirs]
+    moved_px = float(np.sqrt(((here - there) ** 2).sum(axis=1).mean()))
+    extent_px = float(np.sqrt(((here - here.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    extent_m = float(np.sqrt(((plane - plane.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    square_px = spec.square_m * extent_px / extent_m
+    # what a shift, a turn in the picture and a change of scale leave
+    first, second = ((points - points.mean(axis=0)) @ np.array([1.0, 1.0j]) for points in (here, there))
+    factor = np.vdot(first, second) / np.vdot(first, first)
+    reshaped_px = float(np.sqrt(np.mean(np.abs(second - factor * first) ** 2)))
+    same = moved_px < _MOVED_SQUARES * square_px and reshaped_px < _RESHAPED * 2.0 * extent_px
+    return moved_px if same else None
+
+
+def poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
+    """Whether the corners leave out much of the picture, and which of its corners: a quarter of its width by a third.
+
+    views : of one picture size, at least one.
     """
+    size, pixels = np.array(views[0].image_size), np.concatenate([view.corners_px for view in views])
+    hull = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / size.prod() if len(pixels) > 2 else 0.0
+    column, row = np.clip((pixels + 0.5) / size * (4, 3), 0, (3, 2)).astype(int).T
+    places = {"upper left": (0, 0), "upper right": (3, 0), "lower left": (0, 2), "lower right": (3, 2)}
+    empty = [name for name, (x, y) in places.items() if not ((column == x) & (row == y)).any()]
+    if hull >= _LEAST_HULL and len(empty) < 2:
+        return None
+    where = f", none in the {', '.join(empty)}" if empty else ""
+    return Diagnosis(
+        "border_empty",
+        f"the corners reach over {100 * hull:.0f} % of the picture{where}",
+        f"show the board in the {empty[0] if empty else 'picture’s corners'}, also partly outside",
+    )
 
-    score: np.ndarray
-    information: np.ndarray
 
-    @cached_property
-    def whitened(self) -> tuple[np.ndarray, np.ndarray]:
-        """(R, V) map W and (R,) W s: independent, of the residuals' variance; W maps a contrast h to W⁺ᵀ h."""
-        values, vectors = np.linalg.eigh(self.information)
-        kept = values > _OPEN * max(float(values[-1]), 1e-300)
-        root = np.sqrt(values[kept])
-        return (vectors[:, kept] * root).T, (vectors[:, kept] / root).T @ self.score
+def little_variety(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
+    """Poses that repeat, boards that are never tilted, or about one axis only."""
+    found: list[Diagnosis] = []
+    kept: list[BoardView] = []
+    for view in views:
+        if all(_apart_px(view, other, spec) is None for other in kept):
+            kept.append(view)
+    if len(views) - len(kept) >= _REPEATED * len(views):
+        words = f"{len(views)} pictures show the board in {len(kept)} poses only"
+        remedy = "one picture of each pose is enough: turn and move the board between them"
+        found.append(Diagnosis("same_poses", words, remedy))
+    # boards whose normals hardly spread, or along one line only
+    normals = np.array([view.T_camera_board.rotation[:, 2] for view in solution.views])
+    axes = np.linalg.svd(normals)[2]
+    around = np.arctan2(normals @ axes[1:].T, np.abs(normals @ axes[:1].T))
+    narrow, wide = np.degrees(sorted(np.ptp(around, axis=0)))
+    if wide < _TILTED_DEG:
+        words = f"the board's directions differ by {wide:.0f}° at most"
+        remedy = "tilt it by 30° to 45° in several pictures, each time another edge towards the camera"
+        found.append(Diagnosis("never_tilted", words, remedy))
+    elif narrow < _TILTED_DEG:
+        words = f"the board is tilted about one axis only: by {wide:.0f}°, about the other by {narrow:.0f}°"
+        remedy = "tilt it about the other axis, too: a neighbouring edge towards the camera"
+        found.append(Diagnosis("tilted_one_way", words, remedy))
+    return found if len(solution.views) >= _FEWEST_VIEWS else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,20 +167,16 @@ class SetScores:
 
     FOCAL, CENTRE_X, CENTRE_Y, ASPECT = range(4)
 
-    def common(self, parameter: int) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (2N,) by a parameter common to all views, and residuals (2N,) px; the basis projected out."""
-        both = np.stack([self.own[:, parameter], self.residuals], axis=1)
-        both = both - self.basis @ (self.basis.T @ both)
-        return both[:, 0], both[:, 1]
-
-    def of(self, parameter: int) -> OwnScores:
-        """Of one of the own parameters."""
+    def own_scores(self, parameter: int) -> tuple[np.ndarray, np.ndarray]:
+        """Score (V,) of a parameter that each view has to itself, the gradient of the cost, px²; and its information
+        (V, V) px², which times the residuals' variance is the score's covariance. What the views share is eliminated.
+        """
         column, basis = self.own[:, parameter], self.basis
         left = self.residuals - basis @ (basis.T @ self.residuals)
         starts = self.bounds[:-1]
         shared = np.add.reduceat(basis * column[:, None], starts, axis=0)
         information = np.diag(np.add.reduceat(column**2, starts)) - shared @ shared.T
-        return OwnScores(np.add.reduceat(column * left, starts), information)
+        return np.add.reduceat(column * left, starts), information
 
 
 def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> SetScores | None:
@@ -150,7 +236,8 @@ def print_aspect(scores: SetScores) -> tuple[float, float] | None:
     From all views, with lens and poses free; None where they are too few. The deviation is the larger of that from the
     corners' scatter and that from the scatter between the views.
     """
-    direction, residuals = scores.common(SetScores.ASPECT)
+    both = np.stack([scores.own[:, SetScores.ASPECT], scores.residuals], axis=1)
+    direction, residuals = (both - scores.basis @ (scores.basis.T @ both)).T
     information, count = float(direction @ direction), len(scores.names)
     if count < _ASPECT_VIEWS or not information > 0.0:
         return None
@@ -194,15 +281,21 @@ def steps(count: int) -> np.ndarray:
     return (np.arange(count) >= np.arange(_SIDE_VIEWS, count - _SIDE_VIEWS + 1)[:, None]).astype(float)
 
 
-def find_change(own: OwnScores, patterns: np.ndarray, variance_px2: float) -> Change | None:
+def find_change(score: np.ndarray, information: np.ndarray, patterns: np.ndarray, variance_px2: float) -> Change | None:
     """The pattern (K, V) that a parameter's values over the views follow best; None with too few views.
+
+    score, information : (V,), (V, V) from `SetScores.own_scores`.
 
     The scatter of the views about the pattern sets the scale, not the corners' noise: a print that is not flat, or a
     lens that is not quite the model's, moves whole views. The chance is that of normal scatter of any size, by drawing.
     """
-    if len(own.score) < _CHANGE_VIEWS:
+    if len(score) < _CHANGE_VIEWS:
         return None
-    white, score = own.whitened
+    values, vectors = np.linalg.eigh(information)
+    kept = values > _OPEN * max(float(values[-1]), 1e-300)
+    root = np.sqrt(values[kept])
+    # independent, of the residuals' variance
+    white, score = (vectors[:, kept] * root).T, (vectors[:, kept] / root).T @ score
     shapes = patterns @ white.T
     strength = np.linalg.norm(shapes, axis=1)
     seen = strength > 1e-9 * max(float(np.linalg.norm(white)), 1e-300)
@@ -233,9 +326,9 @@ def _focus_changed(scores: SetScores) -> Diagnosis | None:
 
     It is observed by perspective, that is from tilted views alone: a face-on board that looks larger may be nearer.
     """
-    names, own = scores.names, scores.of(SetScores.FOCAL)
-    step = find_change(own, steps(len(names)), scores.variance_px2)
-    crept = find_change(own, np.linspace(0.0, 1.0, len(names))[None], scores.variance_px2)
+    names, own = scores.names, scores.own_scores(SetScores.FOCAL)
+    step = find_change(*own, steps(len(names)), scores.variance_px2)
+    crept = find_change(*own, np.linspace(0.0, 1.0, len(names))[None], scores.variance_px2)
     clear = [one for one in (step, crept) if one is not None and one.chance < _CHANCE and abs(one.size) > _NOTICEABLE]
     if not clear:
         return None
@@ -257,7 +350,7 @@ def centre_moved(scores: SetScores) -> Diagnosis | None:
     for axis, (parameter, sides) in enumerate(
         ((SetScores.CENTRE_X, ("to the left", "to the right")), (SetScores.CENTRE_Y, ("up", "down")))
     ):
-        change = find_change(scores.of(parameter), steps(len(scores.names)), scores.variance_px2)
+        change = find_change(*scores.own_scores(parameter), steps(len(scores.names)), scores.variance_px2)
         if change is not None and change.chance < _CHANCE and abs(change.size) > _NOTICEABLE * scores.focal_px[axis]:
             found.append((change, sides[change.size > 0]))
     if not found:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.board_flex import bend, observations_of
 from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, Observation, rows
+from vbaa_calib.calibrate.lens.information import bend, observations_of
 from vbaa_calib.calibrate.lens.initialization import start_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of

@@ -1,17 +1,32 @@
-"""What the corners say of what all views share: view by view, the poses eliminated; and from it the covariance."""
+"""What the corners say of what all views share, lens and bend of the board: information, held-out errors, halves."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.lens.bundle import CONVERGED, FLEX, Bundle, Observation, refine, rows
+from vbaa_calib.calibrate.lens.models import LensModel, camera_of, is_monotonic
+from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian
 from vbaa_calib.core.least_squares import without_own
-
-from .bundle import FLEX, Bundle, Observation, rows
+from vbaa_calib.core.robust import chi_square, chi_square_p
+from vbaa_calib.detect.board.corners import BoardView
 
 _OPEN = 1e-10
+_FOLDS = 5
+_LITTLE_MORE = 1.1
+_NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
+AGREE = 1e-4
+"""Halves of good data differ by so much that chance explains it with less than this about once in ten thousand."""
+_HALF_OPEN = 1e6
+"""A half leaves the lens open where one of its directions is seen so many times worse than another, of those that all
+views see alike."""
+_LEAST_VIEWS = 6
+_GRID = (9, 7)
+_SIGNIFICANCE, _GAIN, _LARGEST_PER_EXTENT = 1e-3, 3.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +83,10 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     half = bundle.directions @ free
     by_view = [flat @ free for flat in left]
     own = [residual.ravel() for residual in np.split(residuals, bounds[1:-1])]
+    roots = []
+    for flat, residual in zip(by_view, own, strict=True):
+        upper = np.linalg.qr(np.column_stack([flat, residual]), mode="r")
+        roots.append(np.pad(upper, ((0, flat.shape[1] + 1 - len(upper)), (0, 0))))
     held = np.zeros((0, half.shape[1]))
     if bundle.unfolding is not None:
         held = bundle.unfolding.rows(bundle.model, bundle.intrinsics)[1] @ half[:-FLEX]
@@ -76,15 +95,217 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
         blocks=np.array([flat.T @ flat for flat in by_view]),
         gradients=np.array([flat.T @ residual for flat, residual in zip(by_view, own, strict=True)]),
         squares=np.array([residual @ residual for residual in own]),
-        roots=np.array([_root(flat, residual) for flat, residual in zip(by_view, own, strict=True)]),
+        roots=np.array(roots),
         prior=held.T @ held,
         counts=counts,
     )
 
 
-def _root(flat: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """(p + 1, p + 1) triangular factor of rows (N, p) and their residuals (N,)."""
-    factor = np.zeros((flat.shape[1] + 1,) * 2)
-    upper = np.linalg.qr(np.column_stack([flat, residual]), mode="r")
-    factor[: len(upper)] = upper
-    return factor
+def held_out_squares(bundle: Bundle, observations: Sequence[Observation], known: Information) -> np.ndarray:
+    """(V,) sum of squared distances of each view's corners, px², under a lens fitted without a fifth of the views.
+
+    The pose of a held-out view is solved for, lens and board are not. The lens is one Gauss–Newton step from the
+    solution over all views; where held-out errors are much larger than the residuals it is solved anew.
+    """
+    squares = known.squares.copy()
+    for held in _folds(len(squares)):
+        rest = known.blocks[~held].sum(axis=0) + known.prior
+        step = np.linalg.lstsq(rest, -known.gradients[held].sum(axis=0), rcond=1e-12)[0]
+        squares[held] += step @ known.blocks[held] @ step - 2.0 * known.gradients[held] @ step
+    return squares if squares.sum() <= _LITTLE_MORE * known.squares.sum() else solved_squares(bundle, observations)
+
+
+def _folds(views: int) -> list[np.ndarray]:
+    """(V,) masks of the views held out in turn."""
+    folds = min(_FOLDS, views)
+    return [np.arange(views) % folds == fold for fold in range(folds)]
+
+
+def solved_squares(bundle: Bundle, observations: Sequence[Observation]) -> np.ndarray:
+    """(V,) as `held_out_squares`, each lens solved for."""
+    squares = np.zeros(len(observations))
+    for held in _folds(len(observations)):
+        seen = [view for view, out in zip(observations, held, strict=True) if not out]
+        unseen = [view for view, out in zip(observations, held, strict=True) if out]
+        lens = refine(replace(bundle, poses=bundle.poses[~held]), seen, _NEAR)
+        tested = refine(replace(lens.poses_only, poses=bundle.poses[held]), unseen, _NEAR)
+        squares[held] = [np.sum(residual**2) for residual in tested.residuals_px]
+    return squares
+
+
+def rms_over(squares: np.ndarray, observations: Sequence[Observation]) -> float:
+    """Root mean square distance, px, out of each view's sum of squares (V,)."""
+    return float(np.sqrt(squares.sum() / sum(len(view.pixels) for view in observations)))
+
+
+def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
+    """By how many standard errors, over views, squared errors (V,) exceed those of a reference."""
+    excess = squares - reference
+    standard_error = np.sqrt(len(excess)) * np.std(excess, ddof=1)
+    return float(excess.sum() / standard_error) if standard_error > 0.0 else 0.0
+
+
+def compare_split_half(
+    model: LensModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
+) -> tuple[float | None, float | None]:
+    """How far the lenses of two halves of the views differ over the predicted deviation, and the chance of this much.
+
+    rms over the picture; about 1 when all is well. One weak direction of the lens may make up all of the difference, so
+    that 2.5 deviations are sometimes much and sometimes little. The views are dealt out in turn; each half's lens is
+    one Gauss–Newton step from that of all views, intrinsics (4 + k,). What a turn of the camera explains is left out,
+    and so is what holds the lens from folding. None with under 6 views, or when a half leaves the lens open.
+    """
+    if len(known.squares) < _LEAST_VIEWS:
+        return None, None
+    difference, covariance = np.zeros(known.half.shape[1]), np.zeros_like(known.prior)
+    for first, sign in ((0, 1.0), (1, -1.0)):
+        size = known.half.shape[1]
+        _, factor = np.linalg.qr(known.roots[first::2].reshape(-1, size + 1))
+        own, pull = factor[:size, :size], factor[:size, size]
+        freedom = known.counts[first::2].sum() - size - 6 * len(known.counts[first::2])
+        if freedom <= 0 or np.linalg.cond(own) > _HALF_OPEN:
+            return None, None
+        inverse = np.linalg.inv(own)
+        variance = factor[size, size] ** 2 / freedom
+        difference += sign * (inverse @ pull)
+        covariance += variance * (inverse @ inverse.T)
+    camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, _GRID)
+    jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-FLEX]
+    jacobian = jacobian[np.isfinite(jacobian).all(axis=(-1, -2))]
+    if not len(jacobian):
+        return None, None
+    predicted = np.trace(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2), axis1=-2, axis2=-1)
+    seen = jacobian / np.sqrt(predicted * len(jacobian))[:, None, None]
+    form = np.einsum("nki,nkj->ij", seen, seen)
+    square = float(difference @ form @ difference)
+    # a sum of squares of unequal share, by the chi-squared law with its mean, which is 1, and its variance
+    freedom = 1.0 / float(np.sum((form @ covariance) * (form @ covariance).T))
+    return float(np.sqrt(square)), chi_square_p(square * freedom, freedom)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """How one lens model does.
+
+    free_parameters : of the lens, focal lengths and principal point included.
+    rms_px : over the corners it was fitted to. held_out_rms_px : over views that only had their poses fitted.
+    monotonic : whether it maps the whole picture without folding.
+    halves, halves_p_value : as `compare_split_half` gives them.
+    """
+
+    model: str
+    free_parameters: int
+    rms_px: float
+    held_out_rms_px: float
+    monotonic: bool
+    halves: float | None = None
+    halves_p_value: float | None = None
+
+    @property
+    def split_half_agrees(self) -> bool:
+        """Whether the halves differ no more than predicted, or cannot be compared."""
+        return self.halves_p_value is None or self.halves_p_value >= AGREE
+
+
+def assess(
+    bundle: Bundle, observations: Sequence[Observation], image_size: tuple[int, int], known: Information
+) -> tuple[Candidate, np.ndarray]:
+    """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
+    squares = held_out_squares(bundle, observations, known)
+    free = int(np.any(bundle.directions[:-FLEX] != 0.0, axis=0).sum())
+    monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
+    halves = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
+    held_out_px = rms_over(squares, observations)
+    return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
+
+
+@dataclass(frozen=True, eq=False)
+class Bend:
+    """A board's shape as a solve found it: sagittas (2,) m along x and y (`BoardFlex`), their covariance (2, 2) m²."""
+
+    sagittas_m: np.ndarray
+    covariance_m2: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class BoardFlex:
+    """How far the board is bent, and whether the lens was solved with it.
+
+    sagittas_m : (2,) along the board's x and y: how far the outer corners lie behind the middle (+z, away from the
+        viewer), with their covariance (2, 2), None where the views leave them open.
+    p_value : chance of sagittas this large on a flat board.
+    flat_held_out_rms_px, bent_held_out_rms_px : error on held-out views; None where the sagittas are not significant.
+    used : whether the lens was solved with a bent board. reason : why, in words.
+    """
+
+    sagittas_m: np.ndarray
+    covariance_m2: np.ndarray | None
+    p_value: float
+    flat_held_out_rms_px: float | None
+    bent_held_out_rms_px: float | None
+    used: bool
+    reason: str
+
+    @property
+    def std_m(self) -> np.ndarray | None:
+        """(2,) standard deviations of the sagittas; None where the views leave them open."""
+        return None if self.covariance_m2 is None else np.sqrt(np.diag(self.covariance_m2))
+
+    @property
+    def bend(self) -> Bend | None:
+        """The shape that the lens was solved with; None where that was a flat board."""
+        return Bend(self.sagittas_m, self.covariance_m2) if self.used and self.covariance_m2 is not None else None
+
+    @property
+    def sagitta_mm(self) -> float:
+        """How far the board's most raised and most sunken corners lie apart."""
+        return 1e3 * float(np.abs(self.sagittas_m).sum())
+
+
+def bend(spec: BoardSpec) -> np.ndarray:
+    """(corner_count, 2) rise along z of each corner for a metre of each sagitta: u² − 1/3, u = ±1 at the outer corners.
+
+    Their mean over the board is nil, so that the board's frame stays in its mean plane.
+    """
+    plane = corner_points(spec)[:, :2]
+    low, high = plane.min(axis=0), plane.max(axis=0)
+    half = 0.5 * (high - low)
+    centred = (plane - 0.5 * (low + high)) / np.where(half > 0.0, half, 1.0)
+    return np.where(half > 0.0, centred**2 - 1.0 / 3.0, 0.0)
+
+
+def observations_of(views: Sequence[BoardView], spec: BoardSpec) -> list[Observation]:
+    """The corners of views beside the board points they show."""
+    points, rise = corner_points(spec), bend(spec)
+    return [Observation(points[view.ids], view.corners_px, rise[view.ids]) for view in views]
+
+
+def judge_flex(bundle: Bundle, observations: Sequence[Observation], square_pixels: bool = False) -> BoardFlex:
+    """Whether the views require a bent board: significant, better on held-out views, and not absurd.
+
+    bundle : a solution of the lens, with or without a bent board.
+    """
+    bent = refine(bundle.freed(square_pixels, flex=True), observations)
+    sagittas, known = bent.sagittas_m, information(bent, observations)
+    if known is None:
+        return BoardFlex(sagittas, None, 1.0, None, None, False, "the views do not tell a bent board from a flat one")
+    spread = known.covariance[-FLEX:, -FLEX:]
+    p_value = chi_square_p(chi_square(sagittas, spread), FLEX)
+    if p_value > _SIGNIFICANCE:
+        reason = f"a flat board explains the corners (chance of this much by noise: {p_value:.2g})"
+        return BoardFlex(sagittas, spread, p_value, None, None, False, reason)
+    flat = refine(bundle.freed(square_pixels, flex=False), observations)
+    without = information(flat, observations)
+    assert without is not None, "a flat board leaves open no more than a bent one"
+    squares = [held_out_squares(flat, observations, without), held_out_squares(bent, observations, known)]
+    (flat_rms, bent_rms), gain = (rms_over(errors, observations) for errors in squares), excess_in_errors(*squares)
+    errors = f"{bent_rms:.3f} px on held-out views against {flat_rms:.3f} px flat, {gain:.1f} standard errors"
+    extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
+    most, used = np.abs(sagittas).max(), False
+    if most > _LARGEST_PER_EXTENT * extent:
+        reason = f"{1e3 * most:.1f} mm is more than a board bends: another error looks like it"
+    elif gain <= _GAIN:
+        reason = f"a bent board does not predict views clearly better ({errors})"
+    else:
+        reason, used = f"it predicts views better ({errors})", True
+    return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, used, reason)

@@ -1,8 +1,8 @@
-"""The lens from views of the board."""
+"""The lens from views of the board: outliers, the bend of the board, and the lens model are decided together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,91 +14,36 @@ from vbaa_calib.core.robust import mad_std
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
-from .board_flex import BoardFlex, observations_of
-from .bundle import FLEX, Observation, residuals_px
-from .initialization import LensOptions
+from .bundle import CONVERGED, FLEX, Bundle, Observation, polished, refine, residuals_px
+from .information import (
+    BoardFlex,
+    Candidate,
+    Information,
+    assess,
+    excess_in_errors,
+    information,
+    judge_flex,
+    observations_of,
+)
+from .initialization import LensOptions, fit_lens, rough_lens, unfolded
 from .models import LENS_MODELS, camera_of, is_monotonic
-from .outliers import DroppedView, usable_views
-from .solve import Candidate, LensFit, decide, screen
-
-_VAGUE_FOCAL = 0.02
-_COVERED = 0.5
-
-
-def _verdict(
-    chosen: Candidate | None, comparison: Sequence[Candidate], flex: BoardFlex, warnings: Sequence[str]
-) -> str:
-    """Two to five sentences: is the lens to be trusted, why this model, do halves agree, is the board flat."""
-    sentences = ["Look at the warnings before you trust this lens." if warnings else "This lens can be trusted."]
-    if chosen is not None:
-        sentences += [_why(chosen, comparison), _split_half_words(chosen)]
-    bent = f"{1e3 * flex.sagittas_m[0]:+.2f} mm along x, {1e3 * flex.sagittas_m[1]:+.2f} mm along y"
-    sentences.append(
-        f"The board is bent ({bent}); the lens was solved with that." if flex.used else "The board counts as flat."
-    )
-    return " ".join(sentences)
-
-
-def _why(chosen: Candidate, comparison: Sequence[Candidate]) -> str:
-    if len(comparison) < 2:
-        return (
-            f"The lens model {chosen.model} was given; it misses views that it has not seen by "
-            f"{chosen.held_out_rms_px:.3f} px rms."
-        )
-    best = min(comparison, key=lambda candidate: candidate.held_out_rms_px)
-    if best.model == chosen.model:
-        return f"{chosen.model} predicts views that it has not seen best of all ({chosen.held_out_rms_px:.3f} px rms)."
-    errors = f"{chosen.held_out_rms_px:.3f} px rms against {best.held_out_rms_px:.3f} px"
-    if not best.monotonic:
-        return f"{chosen.model} was taken ({errors}) since {best.model} folds inside the picture."
-    if not best.split_half_agrees:
-        return f"{chosen.model} was taken ({errors}) since {best.model} differs between halves of the views."
-    return f"{chosen.model} is the simplest that predicts unseen views as well as {best.model} does ({errors})."
-
-
-def _split_half_words(chosen: Candidate) -> str:
-    if chosen.halves is None:
-        return "There are too few views to compare halves of them."
-    agree = "agree within their uncertainty" if chosen.split_half_agrees else "differ by more than their uncertainty"
-    return f"Two halves of the views {agree} ({chosen.halves:.1f} predicted deviations)."
-
-
-def _warnings(
-    chosen: Candidate | None, name: str, camera: Camera, monotonic: bool, pixels: np.ndarray
-) -> tuple[str, ...]:
-    """Folds, disagreement, a vague focal length, poor coverage. pixels : (N, 2) all good corners."""
-    warnings = []
-    if not monotonic:
-        warnings.append(f"the {name} lens folds inside the picture: directions near its border are not to be trusted")
-    if chosen is not None and not chosen.split_half_agrees:
-        warnings.append(
-            f"two halves of the views give lenses that differ by {chosen.halves:.1f} times what is predicted: "
-            "the uncertainty is larger than stated by about as much"
-        )
-    assert camera.covariance is not None
-    focal_std = np.sqrt(np.diag(camera.covariance)[:2]) / camera.parameters[:2]
-    if focal_std.max() > _VAGUE_FOCAL:
-        warnings.append(
-            f"the focal length is known to {100 * focal_std.max():.1f} % only: "
-            "add views of the board tilted by 30 to 45 degrees"
-        )
-    share = _covered_share(pixels, camera.image_size)
-    if share < _COVERED:
-        warnings.append(
-            f"the corners cover {100 * share:.0f} % of the picture: add views with the board near its border"
-        )
-    return tuple(warnings)
-
-
-def _covered_share(pixels: np.ndarray, image_size: tuple[int, int]) -> float:
-    """Share of an 8 x 6 grid over the picture in which a corner was seen."""
-    cells = np.clip((pixels + 0.5) / np.array(image_size) * (8, 6), 0, (7, 5)).astype(int)
-    return len(np.unique(cells, axis=0)) / 48
-
+from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
 
 MIN_CORNERS = 6
 _MIN_VIEWS = 3
 _OUTLYING = 3.5
+_VAGUE_FOCAL = 0.02
+_COVERED = 0.5
+_CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
+"""What `auto` compares, from simple to rich. Thin-prism and tilted lenses are compared only when named."""
+_SCREENING = ("opencv5", "fisheye", "rational")
+"""Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
+_CENTRED, _DECENTRED = ("none", "radial"), "opencv4"
+_EXCESS, _SMALL_EXCESS = 1.0, 2.0
+_NEGLIGIBLE, _SMALL, _CLEARLY = 1.002, 1.05, 1.01
+_AGREEMENT_MAY_COST, _MONOTONIC_MAY_COST = 1.005, 1.1
+_ROUNDS = 3
+_ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to tell good corners from bad
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +113,12 @@ def solve_intrinsics(
     observations = observations_of(usable, spec)
     _require_enough(observations, dropped, model)
     options = LensOptions(usable[0].image_size, model, min_corners, square_pixels)
-    start = screen(observations, options)
-    _require_enough(start.inliers.of(observations), [*dropped, *_contradicting(usable, start.inliers.views)], model)
-    fit = decide(start, observations, options)
+    inliers, rough, warm = _screened(observations, options)
+    _require_enough(inliers.of(observations), [*dropped, *_contradicting(usable, inliers.views)], model)
+    fit = _decided(inliers, rough, warm, observations, options)
+    good, bundle, lens = fit.inliers.of(observations), fit.bundle, fit.bundle.model
     dropped += _contradicting(usable, fit.inliers.views)
-    _require_enough(fit.inliers.of(observations), dropped, model)
-    bundle, lens = fit.bundle, fit.bundle.model
+    _require_enough(good, dropped, model)
     if fit.information is None:
         raise InputError(
             f"the pictures leave the {lens.name} lens open",
@@ -183,8 +128,8 @@ def solve_intrinsics(
     camera = replace(camera, covariance=fit.information.covariance[:-FLEX, :-FLEX])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
     chosen = next((candidate for candidate in fit.comparison if candidate.model == lens.name), None)
-    good, whole = fit.inliers.of(observations), [observations[index] for index in fit.inliers.views]
     warnings = _warnings(chosen, lens.name, camera, monotonic, np.concatenate([view.pixels for view in good]))
+    whole = [observations[index] for index in fit.inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
     return LensSolution(
         camera=camera,
@@ -196,7 +141,7 @@ def solve_intrinsics(
         comparison=fit.comparison,
         monotonic=monotonic,
         board_flex=fit.flex,
-        verdict=_verdict(chosen, fit.comparison, fit.flex, warnings),
+        verdict=_verdict(chosen, fit, warnings),
         warnings=warnings,
     )
 
@@ -230,7 +175,128 @@ def _require_enough(observations: Sequence[Observation], dropped: Sequence[Dropp
         )
 
 
-def _used(fit: LensFit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:
+def _screened(
+    observations: Sequence[Observation], options: LensOptions
+) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
+    """The good corners under the lens given, or under the best of `_SCREENING` for "auto"; the board may be bent.
+
+    Besides them that lens' solution over them, and solutions of other lenses to start from. The best lens is that with
+    the least median error in a robust fit, which outliers do not move.
+    """
+    known: dict[str, Bundle] = {}
+    robust = {}
+    for name in ("opencv4", *_SCREENING) if options.model == "auto" else (options.model,):
+        known[name] = rough_lens(LENS_MODELS[name], observations, options, known)
+        if name in _SCREENING or name == options.model:
+            free = known[name].freed(options.square_pixels, flex=True)
+            robust[name] = refine(free, observations, _ROUGHLY, robust=True)
+    best = min(robust, key=lambda name: robust[name].sigma_px)
+    inliers, bundle = fit_without_outliers(robust[best], observations, options.min_corners)
+    return inliers, bundle, _posed(known | robust, inliers.views)
+
+
+def _posed(fits: Mapping[str, Bundle], views: np.ndarray) -> Mapping[str, Bundle]:
+    return {name: replace(fit, poses=fit.poses[views]) for name, fit in fits.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A lens over the good corners, one pose for each good view, and what was decided; information : None if open."""
+
+    bundle: Bundle
+    inliers: Inliers
+    flex: BoardFlex
+    comparison: tuple[Candidate, ...]
+    information: Information | None
+
+
+def _decided(
+    inliers: Inliers,
+    bundle: Bundle,
+    warm: Mapping[str, Bundle],
+    observations: Sequence[Observation],
+    options: LensOptions,
+) -> _Fit:
+    """Bend of the board, lens model, and once more the outliers under them, until neither decision changes."""
+    comparison: tuple[Candidate, ...] = ()
+    decided, judged = None, None
+    for _ in range(_ROUNDS):
+        good, name = inliers.of(observations), bundle.model.name
+        corners = sum(len(view.pixels) for view in good)
+        if judged != (name, corners):
+            flex = judge_flex(bundle, good, options.square_pixels)
+            judged = (name, corners)
+        if decided == (name, flex.used):
+            break
+        if options.model == "auto":
+            bundle, comparison = _choose_lens(good, options, flex.used, warm)
+        else:
+            bundle = fit_lens(bundle.model, good, options, flex.used, {name: bundle})
+        decided = (bundle.model.name, flex.used)
+        whole = [observations[index] for index in inliers.views]
+        within, bundle = fit_without_outliers(bundle, whole, options.min_corners, inliers.masks)
+        inliers, warm = Inliers(inliers.views[within.views], within.masks), _posed(warm, within.views)
+    good = inliers.of(observations)
+    bundle = polished(unfolded(bundle, good, options.image_size), good)
+    known = information(bundle, good)
+    if options.model != "auto" and known is not None:
+        comparison = (assess(bundle, good, options.image_size, known)[0],)
+    return _Fit(bundle, inliers, flex, comparison, known)
+
+
+def _choose_lens(
+    observations: Sequence[Observation], options: LensOptions, flex: bool, warm: Mapping[str, Bundle]
+) -> tuple[Bundle, tuple[Candidate, ...]]:
+    """The solution of the lens model that the views require, and the comparison it rests on.
+
+    Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. Taken is
+    the first in order of complexity whose held-out error is within one standard error (over views) of the best, two
+    where that is under 5 %, or within 0.2 %. A lens without decentring must also beat the one with it, by over 1 %.
+    Models that fold inside the picture are passed over unless every other is 10 % worse, those whose halves disagree
+    unless every other is 0.5 % worse; one that the views leave open is left out.
+
+    warm : solutions by model name for nearly the same corners, to start from.
+    """
+    fits: dict[str, Bundle] = {}
+    errors, candidates = {}, []
+    for name in _CANDIDATES:
+        bundle = fit_lens(LENS_MODELS[name], observations, options, flex, {**fits, **warm})
+        fits[name] = bundle = unfolded(bundle, observations, options.image_size)
+        known = information(bundle, observations)
+        if known is not None:
+            candidate, errors[name] = assess(bundle, observations, options.image_size, known)
+            candidates.append(candidate)
+    chosen = _simplest_good(candidates, errors) if candidates else _CANDIDATES[0]
+    return fits[chosen], tuple(candidates)
+
+
+def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:
+    allowed = _unless_too_dear(candidates, [c for c in candidates if c.monotonic], _MONOTONIC_MAY_COST)
+    allowed = _unless_too_dear(allowed, [c for c in allowed if c.split_half_agrees], _AGREEMENT_MAY_COST)
+    rows = {candidate.model: candidate for candidate in allowed}
+    best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
+    for candidate in allowed:
+        own = errors[candidate.model]
+        if candidate.model in _CENTRED and _DECENTRED in rows:
+            # every lens is a little off its axis: to deny that takes evidence, and more than chance gives
+            worse = rows[_DECENTRED].held_out_rms_px > _CLEARLY * candidate.held_out_rms_px
+            if not worse or excess_in_errors(errors[_DECENTRED], own) <= _EXCESS:
+                continue
+        loss = candidate.held_out_rms_px / best.held_out_rms_px
+        tolerated = _SMALL_EXCESS if loss <= _SMALL else _EXCESS
+        if loss <= _NEGLIGIBLE or excess_in_errors(own, errors[best.model]) <= tolerated:
+            return candidate.model
+    return best.model
+
+
+def _unless_too_dear(
+    every: Sequence[Candidate], preferred: Sequence[Candidate], may_cost: float
+) -> Sequence[Candidate]:
+    least = min(candidate.held_out_rms_px for candidate in every)
+    return preferred if any(candidate.held_out_rms_px <= may_cost * least for candidate in preferred) else every
+
+
+def _used(fit: _Fit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:
     rms = fit.bundle.view_rms_px
     limit = np.median(rms) + _OUTLYING * mad_std(rms - np.median(rms))
     return tuple(
@@ -245,3 +311,64 @@ def _used(fit: LensFit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:
         )
         for index, mask, error, pose in zip(fit.inliers.views, fit.inliers.masks, rms, fit.bundle.poses, strict=True)
     )
+
+
+def _verdict(chosen: Candidate | None, fit: _Fit, warnings: Sequence[str]) -> str:
+    """Two to five sentences: is the lens to be trusted, why this model, do halves agree, is the board flat."""
+    sentences = ["Look at the warnings before you trust this lens." if warnings else "This lens can be trusted."]
+    if chosen is not None:
+        halves = "There are too few views to compare halves of them."
+        if chosen.halves is not None:
+            agree = "agree within" if chosen.split_half_agrees else "differ by more than"
+            halves = f"Two halves of the views {agree} their uncertainty ({chosen.halves:.1f} predicted deviations)."
+        sentences += [_why(chosen, fit.comparison), halves]
+    bent = "{:+.2f} mm along x, {:+.2f} mm along y".format(*(1e3 * fit.flex.sagittas_m))
+    flat = "The board counts as flat."
+    return " ".join(
+        [*sentences, f"The board is bent ({bent}); the lens was solved with that." if fit.flex.used else flat]
+    )
+
+
+def _why(chosen: Candidate, comparison: Sequence[Candidate]) -> str:
+    name, own_px = chosen.model, chosen.held_out_rms_px
+    if len(comparison) < 2:
+        return f"The lens model {name} was given; it misses views that it has not seen by {own_px:.3f} px rms."
+    best = min(comparison, key=lambda candidate: candidate.held_out_rms_px)
+    if best.model == name:
+        return f"{name} predicts views that it has not seen best of all ({own_px:.3f} px rms)."
+    errors = f"{own_px:.3f} px rms against {best.held_out_rms_px:.3f} px"
+    if not best.monotonic:
+        return f"{name} was taken ({errors}) since {best.model} folds inside the picture."
+    if not best.split_half_agrees:
+        return f"{name} was taken ({errors}) since {best.model} differs between halves of the views."
+    return f"{name} is the simplest that predicts unseen views as well as {best.model} does ({errors})."
+
+
+def _warnings(
+    chosen: Candidate | None, name: str, camera: Camera, monotonic: bool, pixels: np.ndarray
+) -> tuple[str, ...]:
+    """Folds, disagreement, a vague focal length, poor coverage. pixels : (N, 2) all good corners."""
+    assert camera.covariance is not None
+    focal_std = float((np.sqrt(np.diag(camera.covariance)[:2]) / camera.parameters[:2]).max())
+    # of an 8 x 6 grid over the picture, those in which a corner was seen
+    cells = np.clip((pixels + 0.5) / np.array(camera.image_size) * (8, 6), 0, (7, 5)).astype(int)
+    share = len(np.unique(cells, axis=0)) / 48
+    differ = f"{chosen.halves:.1f}" if chosen is not None and not chosen.split_half_agrees else ""
+    rules = (
+        (not monotonic, f"the {name} lens folds inside the picture: directions near its border are not to be trusted"),
+        (
+            bool(differ),
+            f"two halves of the views give lenses that differ by {differ} times what is predicted: "
+            "the uncertainty is larger than stated by about as much",
+        ),
+        (
+            focal_std > _VAGUE_FOCAL,
+            f"the focal length is known to {100 * focal_std:.1f} % only: "
+            "add views of the board tilted by 30 to 45 degrees",
+        ),
+        (
+            share < _COVERED,
+            f"the corners cover {100 * share:.0f} % of the picture: add views with the board near its border",
+        ),
+    )
+    return tuple(words for holds, words in rules if holds)

@@ -14,6 +14,7 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
+from vbaa_calib.calibrate.over_board.over_board import OverSetup
 from vbaa_calib.calibrate.pose.board_pose import BoardPose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.core.errors import SolveError
@@ -21,8 +22,6 @@ from vbaa_calib.core.least_squares import Linearised, Rules, minimise
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, whitened_with_lens
-
-from .free_antenna import OverSetup
 
 _IN_PLANE, _BOARD, _HEIGHT, _SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len(PARAMETERS))
 """Angle (rad) and clamp (x, y; m) in the board frame; then, whitened: board's tangent, height, antenna's parameters."""

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.board_flex import Bend, bend
+from vbaa_calib.calibrate.lens.information import Bend, bend
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError

@@ -24,6 +24,17 @@ from scipy.linalg import block_diag
 
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
+from vbaa_calib.calibrate.pose.sweep_fit import (
+    AXES,
+    CAMERA,
+    SweepCorners,
+    SweepFit,
+    SweepProblem,
+    SweepState,
+    initial_state,
+    linearise,
+    turned_over,
+)
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square, chi_square_p
@@ -33,8 +44,6 @@ from vbaa_calib.session import SweepPicture
 
 from .board_pose import require_size
 from .fusion import PoseEstimate
-from .sweep_model import AXES, CAMERA, SweepCorners, SweepState, initial_state, linearise, turned_over
-from .sweep_solve import SweepFit, SweepProblem
 
 _LEAST_PICTURES = 5
 """A cross. Three fix the pose, but fewer than five do not show how far the readings scatter: with four, and 0.3 mrad,

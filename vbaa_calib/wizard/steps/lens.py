@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vbaa_calib.calibrate.faults.variety import same_pose
-from vbaa_calib.calibrate.faults.views import view_set_diagnoses
+from vbaa_calib.calibrate.faults.views import same_pose, view_set_diagnoses
 from vbaa_calib.calibrate.guide.next_view import LensProgress, lens_progress
 from vbaa_calib.calibrate.guide.suggestion import pose_match
 from vbaa_calib.core.errors import VbaaError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.calibrate.guide.jig_views import plane_progress
+from vbaa_calib.calibrate.guide.next_view import plane_progress
 from vbaa_calib.calibrate.plane_c import PlaneC
 from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.wizard.sources.picture import Picture

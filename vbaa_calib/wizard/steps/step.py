@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vbaa_calib.calibrate.faults.variety import resolution_changed
+from vbaa_calib.calibrate.faults.views import resolution_changed
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import picture_from_bytes
 from vbaa_calib.detect.board.corners import BoardView, detect_corners

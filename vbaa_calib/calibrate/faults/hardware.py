@@ -1,0 +1,395 @@
+"""Faults of the clamp, the wire, gravity and joint readings, and the moment sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vbaa_calib.antenna.shape import PARAMETERS
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, linearised, noise_scale
+from vbaa_calib.calibrate.antenna.problem import ANTENNA
+from vbaa_calib.calibrate.antenna.residual_checks import Estimate
+from vbaa_calib.calibrate.faults.explanations import Further, StillRows, fits, scatter_with_change
+from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.robust import huber_losses, mad_std
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.session import Load, Still, gravity_antenna
+
+_USUAL = 3.0
+"""A bow is reported beyond so many standard deviations of a careful builder's wire."""
+_LEAST_CHI_SQUARE = 50.0
+"""A change between stills above this is no chance, however many places were tried."""
+_LEAST = {"turn": 4e-3, "place": 3e-4, "bow": 0.04}
+"""Least changes that are reported, rad, m and per m: a millimetre at the tip of 240 mm. Half a millimetre on the ruler
+and half a per cent on the balance look like a quarter of that."""
+_MOST = {"turn": 0.15, "place": 5e-3, "bow": 1.5}
+"""Beyond these, rows are wrong, or gravity."""
+_PRIOR_STD = {"turn": 0.05, "place": 1e-3, "bow": 0.3}
+_CLEARER = 1.5
+"""Ratio of χ² of a slip and of a bend from which only one of the two is named."""
+_CLEAR_STD = 4.0
+_GIVE_STD = 3.0
+_KINDS = {
+    "turn": ("clamp_about_y_rad", "clamp_about_z_rad"),
+    "place": ("clamp_y_m", "clamp_z_m"),
+    "bow": ("bow_about_y_per_m", "bow_about_z_per_m"),
+}
+_CHANGE_UNITS = {"turn": ("° about", np.rad2deg(1.0)), "place": (" mm along", 1e3), "bow": (" per m about", 1.0)}
+
+
+def _indices(kind: str) -> list[int]:
+    """Of a kind's parameters in the joint solve."""
+    return [ANTENNA.start + PARAMETERS.index(name) for name in _KINDS[kind]]
+
+
+def bow_diagnosis(joint: BundleAdjustment) -> Diagnosis | None:
+    """A bow beyond the ordinary."""
+    length, which = joint.problem.length_m, _indices("bow")
+    found = Further(joint.parameters[which], joint.covariance[np.ix_(which, which)])
+    bow, prior = found.values, joint.problem.prior.std[np.array(which) - ANTENNA.start]
+    if not (np.abs(bow) > _USUAL * np.maximum(prior, found.std)).any():
+        return None
+    return Diagnosis(
+        "antenna_bent",
+        f"the free antenna is bowed by {_words('bow', found)}: "
+        f"{0.5e3 * float(np.linalg.norm(bow)) * length**2:.0f} mm at the tip of {1e3 * length:.0f} mm",
+        "straighten or replace the wire, or set it with its bow in plane C, and check gravity_world",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A lasting change of a kind, from the still `first` on; `after` are the stills after it, in time."""
+
+    kind: str
+    first: int
+    found: Further
+    after: tuple[int, ...]
+
+
+def _steps(rows: StillRows) -> list[_Step]:
+    """For each kind the change, at the place in time, that explains most; stills without times count in order."""
+    times = [one.still.time_s for one in rows.joint.noted]
+    whole = list(range(len(times)))
+    if not any(time is None for time in times):
+        whole = np.argsort(np.array(times, float), kind="stable").tolist()
+    order = [index for index in whole if rows.moments[index] >= 0]
+    best = []
+    for kind in _KINDS:
+        columns = rows.solution.jacobian[:, _indices(kind)]
+        found = []
+        for split in range(1, len(order)):
+            change = rows.further(np.where(rows.of_stills(order[split:])[:, None], columns, 0.0), _PRIOR_STD[kind])
+            if change is not None:
+                found.append(_Step(kind, order[split], change, tuple(whole[whole.index(order[split]) :])))
+        if found:
+            best.append(max(found, key=lambda step: step.found.chi_square))
+    return best
+
+
+def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float) -> Diagnosis | None:
+    """A slip of the clamp or a bend of the antenna between two stills, whichever explains the pictures better.
+
+    own_scatter : of the points, see `picture_scatter`. None where neither explains all of the residuals.
+    """
+    found = sorted(_steps(rows), key=lambda step: step.found.chi_square, reverse=True)
+    if not found or found[0].found.chi_square < _LEAST_CHI_SQUARE:
+        return None
+    best = found[0]
+    if not _LEAST[best.kind] <= float(np.linalg.norm(best.found.values)) <= _MOST[best.kind]:
+        return None
+    if fits(joint.noise_scale, own_scatter) and not (np.abs(best.found.values) > _CLEAR_STD * best.found.std).any():
+        # the stills fit as they are: only a change that is clear in itself is one
+        return None
+    scatter = scatter_with_change(joint, _indices(best.kind), best.after, _PRIOR_STD[best.kind])
+    if not fits(scatter, own_scatter):
+        return None
+    rivals = [step for step in found[1:] if step.found.chi_square * _CLEARER > best.found.chi_square]
+    still = joint.noted[best.first].still
+    kind = "load" if isinstance(still, Load) else "no-load frame"
+    named = f"{kind} {still.image.name}" if still.image else f"a {kind} at tilt {np.rad2deg(still.tilt_rad):.0f}°"
+    since = f"from {named} on"
+    if best.kind == "bow" and not rivals:
+        return Diagnosis(
+            "antenna_bent_between",
+            f"the antenna is bent by {_words(best.kind, best.found)} more {since} than before",
+            "a load has bent it for good: straighten or replace the wire, then take no-load frames and loads anew, "
+            "with lighter loads",
+            grave=True,
+        )
+    slip = next((step for step in found if step.kind != "bow"), best)
+    other = ", or the antenna was bent" if any(step.kind == "bow" for step in (*rivals, best)) else ""
+    moved = "moved" if slip.kind == "place" else "turned"
+    return Diagnosis(
+        "clamp_slipped_or_antenna_bent" if other else "clamp_slipped",
+        f"the clamp has {moved} by {_words(slip.kind, slip.found)} {since}, which the loads do not explain{other}",
+        "tighten the clamp, then take no-load frames and loads anew",
+        grave=True,
+    )
+
+
+def soft_clamp(rows: StillRows) -> Diagnosis | None:
+    """A clamp that turns elastically, by more than one that is screwed tight does."""
+    index = ANTENNA.start + PARAMETERS.index("clamp_give_m")
+    parameters, covariance = rows.estimate()
+    value, std = float(parameters[index]), float(np.sqrt(covariance[index, index]))
+    usual = float(rows.joint.problem.prior.std[index - ANTENNA.start])
+    if value < _GIVE_STD * max(usual, std):
+        return None
+    return Diagnosis(
+        "clamp_soft",
+        f"the clamp turns with the load as {1e3 * value:.2f} ± {1e3 * std:.2f} mm more of the antenna would, a tight "
+        f"one by {1e3 * usual:.1f} mm at most",
+        "clamp it over a longer piece, between metal, and check where the distances are measured from",
+    )
+
+
+def _words(kind: str, found: Further) -> str:
+    unit, factor = _CHANGE_UNITS[kind]
+    (y, z), (y_std, z_std) = factor * found.values, factor * found.std
+    return f"{y:.2f} ± {y_std:.2f}{unit} y and {z:.2f} ± {z_std:.2f}{unit} z"
+
+
+_STANDARD_GRAVITY_M_S2 = 9.80665
+_STEPS, _CONVERGED = 8, 0.02
+"""Gauss-Newton steps under another gravity: it is compared roughly, not to the last digit."""
+_LEAST_GAIN, _LEAST_PART = 60.0, 0.1
+"""Decrease of χ² that another gravity must bring, in units of the scatter that it leaves and as a part."""
+_ALIKE_PART = 0.1
+"""Others within this part of the gain fit as well."""
+_SAME_M_S2 = 0.5
+"""Gravities that differ by less in every frame are the same."""
+_AXES = {
+    f"{sign}{name}": value * np.eye(3)[axis] for axis, name in enumerate("xyz") for sign, value in (("+", 1), ("−", -1))
+}
+
+_JOINT_SLIPS = (
+    ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
+    ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
+    ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
+    ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
+    ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
+    ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
+)
+"""How the joints would have moved, what to correct, and the matrix (2, 2) that puts (pan, tilt) right."""
+
+
+_Hypothesis = tuple[Diagnosis, np.ndarray]
+"""What would be wrong with the session's record, and gravity (F, 3) in the frames if it were, antenna frame."""
+
+
+def gravity_diagnosis(
+    free: BundleAdjustment, kinematics: Kinematics, gravity_world_m_s2: np.ndarray, own_scatter: float
+) -> Diagnosis | None:
+    """Another direction of gravity, or another reading of the joints, under which the pictures fit.
+
+    One that fits better, but not well, is not named: many fit a slipping clamp or a kink better.
+    free : joint solution of the no-load frames, or of all stills, without the moment sensor.
+    gravity_world_m_s2 : (3,) of the session. own_scatter : of the points, see `picture_scatter`.
+    """
+    observations = free.problem.observations
+    noted = np.array([one.gravity_m_s2 for one in observations])
+    now, scatter = _refitted(free, noted)
+    if fits(scatter, own_scatter):
+        return None
+    others = _hypotheses([one.still for one in observations], kinematics, gravity_world_m_s2, noted)
+    tried = sorted(((*_refitted(free, pull), other) for other, pull in others), key=lambda one: one[0])
+    if not tried:
+        return None
+    least, scatter, best = tried[0]
+    gain = now - least
+    if not fits(scatter, own_scatter) or gain < max(_LEAST_GAIN * max(scatter, 1.0) ** 2, _LEAST_PART * now):
+        return None
+    # several may do as well: what they have in common is that the noted one is wrong
+    alike = [other.words for left, _, other in tried[1:] if left < least + _ALIKE_PART * gain]
+    words = " or ".join([best.words, *alike[:2]])
+    return replace(best, words=f"the free antenna sags as if {words}, and not as noted")
+
+
+def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, float]:
+    """χ² and scatter of the points, over claimed deviations, with all solved again under a gravity (F, 3)."""
+    problem = free.problem
+    observations = [
+        replace(one, gravity_m_s2=pull) for one, pull in zip(problem.observations, gravity_m_s2, strict=True)
+    ]
+    kept = np.ones(len(observations), bool)
+    problem = replace(problem, observations=observations, noise_scale=1.0, kept=kept)
+    now = linearised(problem, problem.begin)
+    for _ in range(_STEPS):
+        # without robust weights: far from the antenna nearly all points would count as outliers
+        scale = np.linalg.norm(now.jacobian, axis=0)
+        step = -np.linalg.lstsq(now.jacobian / scale, now.residuals, rcond=None)[0] / scale
+        try:
+            moved = linearised(problem, now.parameters + step)
+        except ValueError:
+            # an impossible gravity winds the antenna up: no further
+            break
+        before, after = float(now.residuals @ now.residuals), float(moved.residuals @ moved.residuals)
+        if not after < before:
+            break
+        now = moved
+        if after > (1 - _CONVERGED) * before:
+            break
+    blocks, _ = problem.evaluate(now.parameters)
+    # the points' own: a bow that is not ordinary is no sign of another gravity
+    points = now.residuals[: -now.certain]
+    return 2.0 * float(huber_losses(points).sum()), noise_scale([block[:, 0] for block in blocks])
+
+
+def _hypotheses(
+    stills: Sequence[Still], kinematics: Kinematics, gravity_world_m_s2: np.ndarray, noted_m_s2: np.ndarray
+) -> list[_Hypothesis]:
+    """What could be wrong with gravity_world (3,) and with the joint readings, where it makes a difference.
+
+    noted_m_s2 : (F, 3) antenna frame, by what was noted.
+    """
+    size = float(np.linalg.norm(gravity_world_m_s2)) or _STANDARD_GRAVITY_M_S2
+    worlds = {f"gravity pointed to {name} of the world": size * axis for name, axis in _AXES.items()}
+    if gravity_world_m_s2.any():
+        worlds["there were no gravity"] = np.zeros(3)
+    found = []
+    for words, gravity in worlds.items():
+        numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
+        remedy = f"gravity_world: [{numbers}] in session.yaml would fit; check where the world's axes point"
+        pull = gravity_antenna(kinematics, gravity, stills)
+        found.append((Diagnosis("gravity_direction", words, remedy, grave=True), pull))
+    for words, what, turn in _JOINT_SLIPS:
+        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in stills]
+        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(stills, angles, strict=True)]
+        pull = gravity_antenna(kinematics, gravity_world_m_s2, moved)
+        found.append((Diagnosis("joint_readings_wrong", words, f"correct {what}, in all tables", grave=True), pull))
+    different: list[_Hypothesis] = []
+    for other, pull in found:
+        if all(np.abs(pull - known).max() > _SAME_M_S2 for known in (noted_m_s2, *(pull for _, pull in different))):
+            different.append((other, pull))
+    return different
+
+
+_LEAST_SPREAD_STD = 30.0
+"""Range of the moments, in the sensor's deviations, from which its gain can be judged."""
+_UNITS = (
+    ("N·mm", 1e3, "divide the readings by 1000"),
+    ("mN·m", 1e3, "divide the readings by 1000"),
+    ("N·cm", 1e2, "divide the readings by 100"),
+    ("kgf·m", 1 / 9.80665, "multiply the readings by 9.80665"),
+    ("kgf·cm", 100 / 9.80665, "divide the readings by 10.197"),
+    ("gf·cm", 1e5 / 9.80665, "divide the readings by 10197"),
+    ("kN·m", 1e-3, "multiply the readings by 1000"),
+    ("decimetres for metres", 1e1, "divide the readings by 10"),
+)
+_UNIT_REACH = 0.15
+"""Logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated."""
+_USUAL_GAIN = (0.5, 2.0)
+_DEAD_GAIN = 0.1
+_EXPLAINED = 0.5
+"""Part of the readings' spread that a working sensor's gain and offset explain at least."""
+_SIGNIFICANT_STD = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """Readings (F,), the moments (F,) that they should be, and the robust line through both.
+
+    gain_std : of the gain, by the scatter about the line.
+    """
+
+    read_Nm: np.ndarray
+    true_Nm: np.ndarray
+    gain: float
+    offset_Nm: float
+    gain_std: float
+
+    @staticmethod
+    def of(joint: BundleAdjustment, std_Nm: float) -> _Readings | None:
+        """Of the stills that took part; None with fewer than 3, or where no moment was read."""
+        _, moments = joint.problem.evaluate(joint.solution.parameters)
+        kept = joint.kept
+        read = np.array([one.still.moment_Nm for one in joint.noted])[kept]
+        true = moments[kept, 0]
+        if len(read) < 3 or not np.isfinite(read).all():
+            return None
+        # Theil and Sen's medians
+        i, j = np.triu_indices(len(true), 1)
+        far = np.abs(true[j] - true[i]) > 0.2 * np.ptp(true)
+        gain = float(np.median((read[j] - read[i])[far] / (true[j] - true[i])[far]))
+        offset = float(np.median(read - gain * true))
+        scatter = max(mad_std(read - gain * true - offset), std_Nm)
+        spread = float(np.sqrt(((true - true.mean()) ** 2).sum()))
+        return _Readings(read, true, gain, offset, scatter / max(spread, 1e-12))
+
+    @property
+    def follow(self) -> bool:
+        """Whether the line explains the readings' spread, by medians."""
+        about = np.median(np.abs(self.read_Nm - np.median(self.read_Nm)))
+        left = np.median(np.abs(self.read_Nm - self.gain * self.true_Nm - self.offset_Nm))
+        return float(1.0 - left / max(about, 1e-15)) > _EXPLAINED
+
+    @property
+    def units(self) -> list[tuple[str, str]]:
+        """Units, with their remedies, in which the gain would be 1."""
+        if self.gain <= 0:
+            return []
+        return [(unit, remedy) for unit, factor, remedy in _UNITS if abs(np.log(self.gain / factor)) < _UNIT_REACH]
+
+
+def sensor_diagnoses(
+    joint: BundleAdjustment, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool
+) -> list[Diagnosis]:
+    """What is wrong with the sensor; at most one of wiring, sign, unit and drift.
+
+    drift : of its readings, N·m `per` s or row; None where it is not known.
+    moments_known : the loads are what was noted. If not, only an unconnected sensor can be recognised.
+    """
+    readings = _Readings.of(joint, std_Nm)
+    if readings is None or float(np.ptp(readings.true_Nm) / std_Nm) < _LEAST_SPREAD_STD:
+        return []
+    gain, std, follow, units = readings.gain, readings.gain_std, readings.follow, readings.units
+    spread = f"while the true moments span {1e3 * np.ptp(readings.true_Nm):.3g} mN·m"
+    known = f"gain {gain:.3g} ± {std:.2g}"
+    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follow and units)
+    far = follow and gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]
+    words = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
+    drifts = drift is not None and abs(drift.in_std) > _SIGNIFICANT_STD and follow
+    moved = "" if drift is None else f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}"
+    rules = (
+        (
+            np.ptp(readings.read_Nm) <= 1e-3 * std_Nm,
+            "sensor_not_connected",
+            f"all {len(readings.read_Nm)} moment readings are {readings.read_Nm[0]:.4g} N·m, {spread}",
+            "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in",
+        ),
+        (
+            moments_known and (weak or np.ptp(readings.read_Nm) < _SIGNIFICANT_STD * 2 * std_Nm),
+            "sensor_not_connected",
+            f"the moment readings do not follow the loads: {known}, {spread}",
+            "check that the sensor is connected, sits between clamp and base, and that each row has its own reading",
+        ),
+        (
+            moments_known and follow and gain <= -_SIGNIFICANT_STD * std,
+            "sensor_sign",
+            f"the moment sensor reads with the wrong sign: {known}",
+            "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too",
+        ),
+        (
+            moments_known and far and bool(units),
+            "sensor_unit",
+            f"{words}, as if it were read in {' or '.join(unit for unit, _ in units)}",
+            f"{units[0][1] if units else ''}: moment_Nm is in N·m",
+        ),
+        (
+            moments_known and far,
+            "sensor_gain",
+            f"{words}, far from 1",
+            "check its calibration and the unit of moment_Nm",
+        ),
+        (
+            moments_known and drifts,
+            "sensor_drift",
+            f"the moment readings drift by {moved}, or a few readings are wrong",
+            "let it warm up, zero it again before a recording, and check that it is not at the end of its range",
+        ),
+    )
+    grave = ("sensor_not_connected", "sensor_unit")
+    return [Diagnosis(name, said, remedy, name in grave) for holds, name, said, remedy in rules if holds][:1]
