@@ -8,13 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.calibrate.over_board.over_board import (
-    FreeAntenna,
-    OverBoardSolution,
-    OverSetup,
-    nominal_free_antenna,
-    solve_over_board,
-)
+from vbaa_calib.calibrate.over_board.fit import FreeAntenna, OverSetup, nominal_free_antenna
+from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import print_sheet

@@ -11,12 +11,8 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from vbaa_calib.calibrate.lens.information import BoardFlex
-from vbaa_calib.calibrate.over_board.over_board import (
-    OverBoardSolution,
-    OverSetup,
-    nominal_free_antenna,
-    solve_over_board,
-)
+from vbaa_calib.calibrate.over_board.fit import OverSetup, nominal_free_antenna
+from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep

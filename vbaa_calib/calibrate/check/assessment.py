@@ -246,7 +246,7 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -
     lens = check_lens(rig.camera, boards, session.board, bent, recorded)
     lens_holds = not any(finding.is_bad for finding in lens.findings)
     in_jig = [view for part, view in boards if part == "plane"]
-    pose, current = check_pose(rig, in_jig, inputs, bent, lens_holds)
+    pose, current = check_pose(rig, in_jig, session, inputs.no_jig, bent, lens_holds)
     stills: list[CheckedStill] = []
     if inputs.stills:
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters

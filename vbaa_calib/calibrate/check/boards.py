@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.check.assessment import CheckInputs
 from vbaa_calib.calibrate.check.change import Change, Information, estimate_change, joint_covariance
 from vbaa_calib.calibrate.check.finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
 from vbaa_calib.calibrate.lens.information import Bend, bend
@@ -24,6 +23,7 @@ from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
+from vbaa_calib.session import Session
 
 _MIN_CORNERS = 6
 _FOCUS = 4
@@ -210,15 +210,17 @@ _POSE, _LENS = slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)
 
 
 def check_pose(
-    rig: Rig, views: Sequence[BoardView], inputs: CheckInputs, bent: Bend | None, lens_holds: bool
+    rig: Rig, views: Sequence[BoardView], session: Session, no_jig: str, bent: Bend | None, lens_holds: bool
 ) -> tuple[Checked, Rig]:
     """Whether the camera has moved, by the board in the jig; and the rig, with the camera where it is now.
 
+    no_jig : why the jig's place is not known, where it is not.
+
     Raises InputError for pictures of another size or without a usable board, SolveError where no pose explains it.
     """
-    spec, T_antenna_board = inputs.session.board, inputs.session.T_antenna_board
+    spec, T_antenna_board = session.board, session.T_antenna_board
     if not views or T_antenna_board is None:
-        why = inputs.no_jig if views else "no picture of the board in the jig (plane/)"
+        why = no_jig if views else "no picture of the board in the jig (plane/)"
         return Checked((not_given("camera_pose", why),), {"camera_pose": None}), rig
     board = solve_board_pose(views, spec, rig.camera, bent)
     jig = jig_estimate(board, T_antenna_board)

@@ -12,16 +12,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.antenna.shape import PARAMETERS
+from targets.board import BoardSpec
+from vbaa_calib.antenna.shape import PARAMETERS, Curves, bend
 from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
-from vbaa_calib.calibrate.over_board.over_board import OverSetup
+from vbaa_calib.calibrate.antenna.session_rig import BOW_STD_PER_M, CLAMP_GIVE_STD_M, LOG_MASS_STD, nominal_parameters
 from vbaa_calib.calibrate.pose.board_pose import BoardPose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Linearised, Rules, minimise
+from vbaa_calib.detect.over_board.line import LineEnd
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, whitened_with_lens
+from vbaa_calib.session import NominalAntenna
 
 _IN_PLANE, _BOARD, _HEIGHT, _SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 + len(PARAMETERS))
 """Angle (rad) and clamp (x, y; m) in the board frame; then, whitened: board's tangent, height, antenna's parameters."""
@@ -33,6 +37,60 @@ _PASSES, _CONVERGED = 10, 1e-5
 _END_MARGIN = 0.004
 """Points this part of the length off the clamp or the tip are left out: the holder's edge and the tip's round end."""
 _LEAST_POINTS = 20
+_LENGTH_STD_M, _CLAMP_OUT_OF_PLANE_STD_RAD, _LOG_STIFFNESS_STD = 3e-4, 0.01, 0.15
+"""What a nominal antenna is trusted with besides the priors of bundle adjustment: its length to a ruler's reading,
+its clamp's tangent to be as parallel to the board as a gauge makes it, and its stiffness to four per cent of the
+diameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreeAntenna:
+    """What is known of the free antenna before the picture.
+
+    length_m, length_std_m : from the clamp to the tip. diameter_m : of the wire.
+    parameters : (9,) `antenna.shape.PARAMETERS` in the frame that is looked for, with their covariance (9, 9). With
+        clamp offsets and angles of zero that frame is the clamp's own.
+    gravity_m_s2 : (3,) antenna frame, at the joints' angles of the pictures.
+    """
+
+    length_m: float
+    length_std_m: float
+    diameter_m: float
+    parameters: np.ndarray
+    covariance: np.ndarray
+    gravity_m_s2: np.ndarray
+
+    def curves(self, parameters: np.ndarray) -> Curves:
+        """The free antenna with each of K parameter vectors (K, 9)."""
+        count = len(parameters)
+        gravity = np.repeat(self.gravity_m_s2[None], count, axis=0)
+        half = np.full(count, 0.5 * self.length_m)
+        return bend(parameters, self.length_m, gravity, half, np.zeros((count, 2)), sweeps=4)
+
+
+def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> FreeAntenna:
+    """A straight antenna of nominal stiffness and mass, clamped in the frame that is looked for; gravity (3,) in it."""
+    shape = [BOW_STD_PER_M, BOW_STD_PER_M, _LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
+    std = [0.0, 0.0, _CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
+    known = antenna.length_m, _LENGTH_STD_M, antenna.diameter_m, nominal_parameters(antenna), np.diag(np.square(std))
+    return FreeAntenna(*known, np.asarray(gravity_m_s2, float))
+
+
+@dataclass(frozen=True, eq=False)
+class OverSetup:
+    """The antenna over the board, as described.
+
+    spec : the board, flat on plane C. antenna : the free antenna above it.
+    height_m, height_std_m : of the antenna's axis at the clamp above the print.
+    clamp : the clamp's visible edge, where it is known.
+    """
+
+    spec: BoardSpec
+    camera: Camera
+    antenna: FreeAntenna
+    height_m: float
+    height_std_m: float
+    clamp: LineEnd | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,80 +13,22 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
-from vbaa_calib.antenna.shape import Curves, bend
-from vbaa_calib.calibrate.antenna.session_rig import BOW_STD_PER_M, CLAMP_GIVE_STD_M, LOG_MASS_STD, nominal_parameters
-from vbaa_calib.calibrate.over_board.fit import Mark, OverProblem, solve_over
+from targets.board import corner_points
+from vbaa_calib.calibrate.over_board.fit import FreeAntenna, Mark, OverProblem, OverSetup, solve_over
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, require_size, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig.reprojection import see
-from vbaa_calib.session import NominalAntenna
 
-_LENGTH_STD_M, _CLAMP_OUT_OF_PLANE_STD_RAD, _LOG_STIFFNESS_STD = 3e-4, 0.01, 0.15
-"""What a nominal antenna is trusted with besides the priors of bundle adjustment: its length to a ruler's reading,
-its clamp's tangent to be as parallel to the board as a gauge makes it, and its stiffness to four per cent of the
-diameter."""
 _TOO_LONG = 1.15
 _AMBIGUOUS_SIDE = 0.6
 _ALONG = 0.5
 _MOVED = 0.6
 _HARD_SHADOW = 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class FreeAntenna:
-    """What is known of the free antenna before the picture.
-
-    length_m, length_std_m : from the clamp to the tip. diameter_m : of the wire.
-    parameters : (9,) `antenna.shape.PARAMETERS` in the frame that is looked for, with their covariance (9, 9). With
-        clamp offsets and angles of zero that frame is the clamp's own.
-    gravity_m_s2 : (3,) antenna frame, at the joints' angles of the pictures.
-    """
-
-    length_m: float
-    length_std_m: float
-    diameter_m: float
-    parameters: np.ndarray
-    covariance: np.ndarray
-    gravity_m_s2: np.ndarray
-
-    def curves(self, parameters: np.ndarray) -> Curves:
-        """The free antenna with each of K parameter vectors (K, 9)."""
-        count = len(parameters)
-        gravity = np.repeat(self.gravity_m_s2[None], count, axis=0)
-        half = np.full(count, 0.5 * self.length_m)
-        return bend(parameters, self.length_m, gravity, half, np.zeros((count, 2)), sweeps=4)
-
-
-def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> FreeAntenna:
-    """A straight antenna of nominal stiffness and mass, clamped in the frame that is looked for; gravity (3,) in it."""
-    shape = [BOW_STD_PER_M, BOW_STD_PER_M, _LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M]
-    std = [0.0, 0.0, _CLAMP_OUT_OF_PLANE_STD_RAD, 0.0, *shape]
-    known = antenna.length_m, _LENGTH_STD_M, antenna.diameter_m, nominal_parameters(antenna), np.diag(np.square(std))
-    return FreeAntenna(*known, np.asarray(gravity_m_s2, float))
-
-
-@dataclass(frozen=True, eq=False)
-class OverSetup:
-    """The antenna over the board, as described.
-
-    spec : the board, flat on plane C. antenna : the free antenna above it.
-    height_m, height_std_m : of the antenna's axis at the clamp above the print.
-    clamp : the clamp's visible edge, where it is known.
-    """
-
-    spec: BoardSpec
-    camera: Camera
-    antenna: FreeAntenna
-    height_m: float
-    height_std_m: float
-    clamp: LineEnd | None = None
 
 
 def refuse_touching(setup: OverSetup, toward: float) -> None:
