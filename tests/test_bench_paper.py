@@ -34,7 +34,7 @@ def found() -> SimpleNamespace:
         patch.setattr(paper_yielding, "STIFFNESSES_N_M", (50.0, 1e5))
         for module in (paper_sensing, paper_friction, paper_yielding):
             patch.setattr(module, "TRUE_RIGS", 1)
-        friction, path = paper_friction.run(1, 1, (0.3,), slip_scale_m=1e-5)
+        friction, path = paper_friction.run(1, 1, (0.3,))
         return SimpleNamespace(
             sensing=paper_sensing.run(2, 1), friction=friction, path=path, yielding=paper_yielding.run(2, 1)
         )

@@ -18,8 +18,8 @@ from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
-from vbaa_calib.simulate.contact.holding import Touch, stacked
-from vbaa_calib.simulate.contact.touch import touch_strokes
+from vbaa_calib.simulate.contact.stick_slip import Bases
+from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
 from vbaa_calib.simulate.plan.joint_paths import sweep_joints
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Sweep
@@ -222,8 +222,8 @@ def _pixels(rig: Rig, rod: Rod, touched: Touch, points: int) -> np.ndarray:
 
 def _truth(touched: Touch, poses: Sequence[Pose], radius_m: float) -> Truth:
     """Of one stroke."""
-    turn, origin = stacked(poses)
-    point = np.einsum("bij,bj->bi", turn, touched.contact_antenna_m) + origin
+    bases = Bases.of(poses)
+    turn, point = bases.rotation, bases.world(touched.contact_antenna_m)
     force = np.einsum("bij,bj->bi", turn, touched.force_antenna_N)
     along = np.nan_to_num(touched.contact_m)[:, None]
     tangent = np.einsum("bij,bj->bi", turn, sample_shape(touched.shape, along)[1][:, 0])

@@ -18,8 +18,7 @@ from estimator.object.estimate import ObjectEstimate
 from estimator.paper.two_point import contact_position
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.rig import Rig
-from vbaa_calib.simulate.contact.holding import Touch
-from vbaa_calib.simulate.contact.touch import touch
+from vbaa_calib.simulate.contact.touch import Touch, touch
 
 from .rig import FELT, Pictures, free_point, free_shape, object_of, paper_rig, taken
 from .sensing import ALL_POINTS, SIGMAS_PX, TWO_POINTS, by_camera_a, direction_deg, knife_edge
@@ -58,17 +57,14 @@ def joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return cos * against - sin * along, sin * against + cos * along, part
 
 
-def dragged(true: Rig, friction: float, slip_scale_m: float | None = None) -> _Dragged:
-    """The antenna pressed along the edge's normal, then carried along the edge and back.
-
-    `slip_scale_m` asks for the simulator's simpler friction which is faster.
-    """
+def dragged(true: Rig, friction: float) -> _Dragged:
+    """The antenna pressed along the edge's normal, then carried along the edge and back."""
     pan, tilt, _ = joints()
     at = free_point(true, DISTANCE_M)
     radius = 0.5 * true.antenna.diameter_m
     obj = knife_edge(NORMAL_DEG, at, radius, radius_m=EDGE_RADIUS_M, friction=friction)
     poses = [true.kinematics.T_world_antenna(float(p), float(t)) for p, t in zip(pan, tilt, strict=True)]
-    found: Touch = touch(rod_of(true), radius, obj, poses, true.gravity_world_m_s2, slip_scale_m=slip_scale_m)
+    found: Touch = touch(rod_of(true), radius, obj, poses, true.gravity_world_m_s2)
     rotation = np.stack([pose.rotation for pose in poses])
     free = free_shape(true, true.gravity_world_m_s2 @ rotation)
     point = np.array([pose @ contact for pose, contact in zip(poses, found.contact_antenna_m, strict=True)])
@@ -169,16 +165,14 @@ def cone(trace: Trace) -> Cone:
     return Cone(normal, there - normal, normal - back)
 
 
-def run(
-    draws: int, seed: int, frictions: Sequence[float] = FRICTIONS, slip_scale_m: float | None = None
-) -> tuple[list[FrictionRow], list[PathRow]]:
+def run(draws: int, seed: int, frictions: Sequence[float] = FRICTIONS) -> tuple[list[FrictionRow], list[PathRow]]:
     """All coefficients, noises and ways; the path of the first draw at `SHOWN`."""
     rig, rng = paper_rig(), np.random.default_rng(seed)
     trues = [drawn_truth(rig, rng) for _ in range(min(TRUE_RIGS, draws))]
     rows: list[FrictionRow] = []
     shown: list[PathRow] = []
     for friction in frictions:
-        frames = [dragged(true, friction, slip_scale_m) for true in trues]
+        frames = [dragged(true, friction) for true in trues]
         for sigma_px in SIGMAS_PX:
             cones: dict[str, list[Cone]] = {TWO_POINTS: [], ALL_POINTS: []}
             estimates = []

@@ -8,8 +8,7 @@ from estimator.paper.baselines import Noise, Press, Ring, Wire
 from estimator.paper.baselines.press import world_turn
 from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.simulate.contact.holding import Touch
-from vbaa_calib.simulate.contact.touch import touch
+from vbaa_calib.simulate.contact.touch import Touch, touch
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from . import vibrations

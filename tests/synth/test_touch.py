@@ -9,8 +9,7 @@ import pytest
 from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.simulate.contact.holding import Touch
-from vbaa_calib.simulate.contact.touch import touch
+from vbaa_calib.simulate.contact.touch import Touch, touch
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 L, EI, RADIUS = 0.24, 3.9e-3, 4e-4
@@ -203,31 +202,6 @@ def test_a_push_runs_from_the_inside_to_the_tip() -> None:
     assert result.contact_m[0] < L
     assert result.contact_m[-1] == L
     assert (np.diff(result.contact_m[3:]) >= 0.0).all()
-
-
-def test_friction_is_in_the_cone_and_against_the_slip() -> None:
-    mu, poses = 0.3, panned(-3.0, 15.0, 30, tilt_deg=2.0)
-    slick = touch(real_rod(), RADIUS, OBJECTS["cylinder"], poses, WEIGHT)
-    rough = touch(real_rod(), RADIUS, cylinder(0.16, 0.015, friction=mu), poses, WEIGHT, slip_scale_m=1e-6)
-    touching = np.flatnonzero(rough.in_contact)
-    np.testing.assert_array_equal(touching, np.flatnonzero(slick.in_contact))
-    at = world(poses, rough.contact_antenna_m)[touching]
-    distance, normal = OBJECTS["cylinder"].signed_distance(at)
-    np.testing.assert_allclose(distance, RADIUS, atol=1e-9)
-    force = turned(poses, rough.force_antenna_N)[touching]
-    press = (force * normal).sum(axis=1)
-    sideways = force - press[:, None] * normal
-    ratio = np.linalg.norm(sideways, axis=1) / press
-    assert (ratio <= mu + 1e-9).all()
-    assert ratio[3:].min() > 0.9 * mu
-    earlier = np.array(
-        [
-            sample_shape(rough.shape, np.full((len(poses), 1), s))[0][i - 1, 0]
-            for i, s in zip(touching, rough.contact_m[touching], strict=True)
-        ]
-    )
-    slip = at - world([poses[i - 1] for i in touching], earlier)
-    assert ((slip * sideways).sum(axis=1)[3:] < 0.0).all()
 
 
 def test_no_slip_no_friction() -> None:

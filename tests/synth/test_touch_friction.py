@@ -8,10 +8,9 @@ import pytest
 from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.simulate.contact.holding import Setting, Touch
-from vbaa_calib.simulate.contact.stick_slip import gripped
+from vbaa_calib.simulate.contact.stick_slip import Bases, Setting, gripped
 from vbaa_calib.simulate.contact.strokes import follow
-from vbaa_calib.simulate.contact.touch import touch, touch_strokes
+from vbaa_calib.simulate.contact.touch import Touch, touch, touch_strokes
 from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import TouchObject
 
@@ -112,14 +111,14 @@ def test_a_pressed_beam_sticks_then_slides_and_back() -> None:
 def test_without_friction_step_by_step_is_all_at_once(stiffness: float) -> None:
     poses, obj = pressed_and_swept(3), cylinder(stiffness_N_m=stiffness)
     once = touch(real_rod(), RADIUS, obj, poses, WEIGHT)
-    followed = follow(Setting(real_rod(), RADIUS, obj), [poses], WEIGHT)
-    np.testing.assert_array_equal(followed.touches[0], once.in_contact)
+    (followed,) = follow(Setting(real_rod(), RADIUS, obj, WEIGHT), [Bases.of(poses)])
+    np.testing.assert_array_equal(followed.touches, once.in_contact)
     on = np.flatnonzero(once.in_contact)
-    place, press = (np.array([getattr(followed.contacts[i], n)[0] for i in on]) for n in ("arclength_m", "press_N"))
-    np.testing.assert_allclose(place, once.contact_m[on], atol=1e-9)
-    np.testing.assert_allclose(press, np.linalg.norm(once.force_antenna_N[on], axis=1), rtol=1e-7)
+    held = followed.held
+    np.testing.assert_allclose(held.arclength_m[on], once.contact_m[on], atol=1e-9)
+    np.testing.assert_allclose(held.press_N[on], np.linalg.norm(once.force_antenna_N[on], axis=1), rtol=1e-7)
     # the slips of the two are worked out from other numbers, in steps and frame by frame
-    np.testing.assert_allclose(followed.slipped_m[0, on[1:]], once.slip_world_m[on[1:]], atol=2e-5)
+    np.testing.assert_allclose(held.slipped_m[on[1:]], once.slip_world_m[on[1:]], atol=2e-5)
 
 
 def test_a_rounded_edge_is_a_cylinder_between_its_faces_and_a_ball_without_bumps_a_sphere() -> None:

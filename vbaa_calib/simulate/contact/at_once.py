@@ -1,138 +1,252 @@
-"""All frames of a stroke at once: contacts that hang on nothing but the side from which the antenna came.
+"""Frictionless contacts with a cylinder, a sphere or a knife edge: all frames of a stroke at once.
 
-Friction, where it is asked for, is in full slip: against the slip of the frictionless solution, fading out as that
-vanishes. Sticking stands in `strokes`.
+They hang on nothing but the side from which the antenna came, which is a matter of history. Around a line (the
+cylinder's axis, the knife's edge) the antenna with tangent t passes at the signed offset D along t × axis. The side of
+a contact is the sign of D when the antenna was last free, or in the first frame if that one touches already; it is
+kept, however far beyond the axis the antenna, bent by its weight alone, would be by then, until D is outside the object
+on that same side again, or the antenna passes the object's end or no longer reaches it. A knife edge is only touched
+from the side its wedge points away from. A sphere leaves no choice: the antenna is in stable equilibrium only on the
+side on which it would pass unloaded.
+
+Per frame the clamp moment M(0), the contact's arc length s, the normal force N and the outward normal n satisfy
+
+    M(L) = 0                                  the rod is in equilibrium under N n at s
+    r(s) − nearest core point = (R + antenna radius − N/k) n          the surfaces touch, indented by N/k
+    n·t(s) = 0, or s = L and n·t ≤ 0          s is the nearest point: inside the antenna, or its tip
+
+all solved together. The normal starts on the side from which the antenna came, and stays within 90° of it. An
+indentation deeper than the object's radius counts as the object giving way along n.
+
+A frame's state is (7,): M(0) in EI/L, s in L, N in EI/L², and two coordinates of n in the plane that touches the unit
+sphere at the normal at which it started.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
+from vbaa_calib.antenna.newton import newton
+from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, Rod, RodShape, sample_shape, shoot, solve_rod
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.scene.objects import LINES, TouchObject
+from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .approach import Core, find_approach
-from .equilibrium import Problem, first_guess, solve_equilibrium, unpack
-from .holding import Touch, stacked
+from .stick_slip import TOLERANCE, Bases, Contacts, Held, Setting, tangent_axes
 
-
-def touch_at_once(
-    rod: Rod,
-    antenna_radius_m: float,
-    obj: TouchObject,
-    T_world_antenna: Sequence[Pose],
-    gravity_world_m_s2: np.ndarray,
-    slip_scale_m: float | None,
-) -> Touch:
-    """As `touch.touch`, of a cylinder, a sphere or a knife edge; without `slip_scale_m` friction is left out."""
-    rotations, origins = stacked(T_world_antenna)
-    gravity = np.asarray(gravity_world_m_s2, float) @ rotations
-    reach = obj.radius_m + antenna_radius_m
-    core = _core_seen(obj, rotations, origins)
-    mid = np.full(len(rotations), rod.length_m / 2)
-    unloaded = solve_rod(rod, gravity, mid, np.zeros_like(gravity))
-    approach = find_approach(obj, core, unloaded, rotations, reach)
-    problem = Problem(rod, core, gravity, approach, reach, 1.0 / obj.stiffness_N_m, np.zeros_like(gravity))
-    rows = np.flatnonzero(approach.touches)
-    state = solve_equilibrium(problem, rows, first_guess(problem, rows, unloaded))
-    result = _assemble(problem, rows, state, rotations, origins, antenna_radius_m)
-    if slip_scale_m is not None and obj.friction > 0.0 and rows.size:
-        against = _against_slip(result, problem, rows, state, rotations, origins, slip_scale_m)
-        problem = replace(problem, friction=obj.friction * against)
-        state = solve_equilibrium(problem, rows, state)
-        result = _assemble(problem, rows, state, rotations, origins, antenna_radius_m)
-    _check(obj, problem, rows, state, result)
-    return result
+_SAMPLES = 400
+_PARALLEL = 0.05
+_DEPTH_LADDER = np.linspace(0.0, 1.0, 13)[1:] ** 1.5
 
 
-def _core_seen(obj: TouchObject, rotations: np.ndarray, origins: np.ndarray) -> Core:
-    return Core(
-        center_m=np.einsum("bji,bj->bi", rotations, obj.center_world_m - origins),
-        axis=np.asarray(obj.axis_world, float) @ rotations,
-        wedge=np.asarray(obj.wedge_world, float) @ rotations,
-        across=np.swapaxes(rotations, 1, 2) @ obj.across @ rotations,
-    )
+@dataclass(frozen=True, eq=False)
+class _Core:
+    """The object's core line or point in B antenna frames; `across` (B, 3, 3) projects on what lies across it."""
+
+    center_m: np.ndarray
+    axis: np.ndarray
+    wedge: np.ndarray
+    across: np.ndarray
+
+    def offset(self, points_m: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """(B, ..., 3) from the nearest point of the core to points (B, ..., 3), of the frames `rows`."""
+        center = self.center_m[rows]
+        center = center.reshape(len(center), *(1,) * (points_m.ndim - 2), 3)
+        return np.einsum("bij,b...j->b...i", self.across[rows], points_m - center)
 
 
-def _assemble(
-    problem: Problem, rows: np.ndarray, state: np.ndarray, rotations: np.ndarray, origins: np.ndarray, radius_m: float
-) -> Touch:
-    rod, count = problem.rod, len(problem.gravity)
-    _, arclength, press, normal, pushing = unpack(problem, state, rows)
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """All B frames of a stroke, each in its own antenna frame.
+
+    gravity : (B, 3). unloaded : the antenna under its weight alone. reach_m : the object's radius plus the antenna's.
+    touches, depth_m : (B,) whether, and how far, the unloaded antenna's centreline would be too deep. arclength_m :
+    (B,) of its point nearest to the core. normal : (B, 3) outward from the object, on the side that touches.
+    """
+
+    rod: Rod
+    core: _Core
+    gravity: np.ndarray
+    unloaded: RodShape
+    reach_m: float
+    compliance_m_N: float
+    touches: np.ndarray
+    depth_m: np.ndarray
+    arclength_m: np.ndarray
+    normal: np.ndarray
+
+
+def touch_at_once(setting: Setting, bases: Bases) -> Contacts:
+    """The contacts of one stroke of B frames; the object's friction is left out.
+
+    Raises SolveError naming the first frame in which a real antenna could not be held.
+    """
+    problem = _problem(setting, bases)
+    rows = np.flatnonzero(problem.touches)
+    _, arclength, press, normal = _unpacked(problem, _solved(problem, rows), rows)
+    pulls = (press <= 0.0) & (problem.depth_m[rows] > 1e-7)
+    if pulls.any():
+        raise SolveError(f"frame {rows[np.argmax(pulls)]}: the force would have to pull")
     # within the solver's accuracy of first touch the force may come out as nothing
     firm = press > 0.0
-    rows, arclength, press, normal, pushing = (values[firm] for values in (rows, arclength, press, normal, pushing))
-    in_contact, contact = np.zeros(count, bool), np.full(count, np.nan)
-    force, point = np.zeros((count, 3)), np.full((count, 3), np.nan)
-    in_contact[rows], contact[rows], force[rows] = True, arclength, pushing
-    where = np.where(in_contact, contact, rod.length_m / 2)
-    shape = solve_rod(rod, problem.gravity, where, force)
-    at, along = (values[:, 0] for values in sample_shape(shape, where[:, None]))
-    point[rows] = at[rows]
-    outward, touched = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
-    outward[rows] = np.einsum("bij,bj->bi", rotations[rows], normal)
-    in_world = np.einsum("bij,bj->bi", rotations, point) + origins
-    depth = radius_m - press * problem.compliance_m_N
-    touched[rows] = in_world[rows] - depth[:, None] * outward[rows]
-    slip = _slip(in_world, contact, np.einsum("bij,bj->bi", rotations, along), outward)
-    return Touch(in_contact, contact, force, point, touched, outward, np.zeros(count, bool), slip, shape)
+    touches, held, at = np.zeros(len(problem.touches), bool), Held.nowhere(len(problem.touches)), rows[firm]
+    touches[at], held.arclength_m[at], held.press_N[at], held.grip_N[at] = True, arclength[firm], press[firm], 0.0
+    held.normal[at] = np.einsum("bij,bj->bi", bases.rotation[at], normal[firm])
+    return Contacts(touches, np.zeros_like(touches), held)
 
 
-def _slip(points: np.ndarray, arclength: np.ndarray, tangents: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(B, 3) ΔX − t Δs across the normal, world frame; zero where the frame before has no contact."""
-    middle = tangents[1:] + tangents[:-1]
-    middle = middle / np.linalg.norm(middle, axis=1, keepdims=True)
-    way = np.diff(points, axis=0) - np.diff(arclength)[:, None] * middle
-    way = way - (way * normal[1:]).sum(axis=1, keepdims=True) * normal[1:]
-    return np.nan_to_num(np.vstack([np.zeros((1, 3)), way]))
+def _problem(setting: Setting, bases: Bases) -> _Problem:
+    rod, obj = setting.rod, setting.object
+    core = _Core(
+        center_m=np.einsum("bji,bj->bi", bases.rotation, obj.center_world_m - bases.origin_m),
+        axis=np.asarray(obj.axis_world, float) @ bases.rotation,
+        wedge=np.asarray(obj.wedge_world, float) @ bases.rotation,
+        across=np.swapaxes(bases.rotation, 1, 2) @ obj.across @ bases.rotation,
+    )
+    reach = obj.radius_m + setting.antenna_radius_m
+    gravity = setting.gravity_world_m_s2 @ bases.rotation
+    unloaded = solve_rod(rod, gravity, np.full(len(gravity), rod.length_m / 2), np.zeros_like(gravity))
+    arclength, point, tangent = _nearest(core, unloaded)
+    offset, reaches = core.offset(point), arclength < unloaded.arclength_m[:, -1]
+    if obj.shape == "sphere":
+        touches, depth, normal = _sphere(offset, reaches, bases.rotation, reach)
+    else:
+        within = np.abs(np.einsum("bi,bi->b", core.axis, point - core.center_m)) <= obj.half_length_m
+        touches, depth, normal = _line(obj, core, offset, tangent, (reaches, within), reach)
+    compliance = 1.0 / obj.stiffness_N_m
+    return _Problem(rod, core, gravity, unloaded, reach, compliance, touches, depth, arclength, normal)
 
 
-def _against_slip(
-    result: Touch,
-    problem: Problem,
-    rows: np.ndarray,
-    state: np.ndarray,
-    rotations: np.ndarray,
-    origins: np.ndarray,
-    slip_scale_m: float,
-) -> np.ndarray:
-    """(B, 3) direction of friction in the antenna frame, shorter than 1 where the slip is small; zero in frame 0."""
-    _, arclength, _, normal, _ = unpack(problem, state, rows)
-
-    def in_world(frames: np.ndarray) -> np.ndarray:
-        shapes = RodShape(*(getattr(result.shape, each.name)[frames] for each in fields(RodShape)))
-        points = sample_shape(shapes, arclength[:, None])[0][:, 0]
-        return np.einsum("bij,bj->bi", rotations[frames], points) + origins[frames]
-
-    moved = in_world(rows) - in_world(np.maximum(rows - 1, 0))
-    slip = np.einsum("bji,bj->bi", rotations[rows], moved)
-    slip = slip - (slip * normal).sum(axis=1, keepdims=True) * normal
-    size = np.linalg.norm(slip, axis=1, keepdims=True)
-    against = np.zeros((len(rotations), 3))
-    against[rows] = -np.tanh(size / slip_scale_m) * slip / np.maximum(size, 1e-15)
-    return against
+def _nearest(core: _Core, shape: RodShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Arc length (B,), point and tangent (B, 3) where each shape is nearest to the core."""
+    length = shape.arclength_m[:, -1:]
+    grid = np.linspace(0.0, 1.0, _SAMPLES + 1) * length
+    square = (core.offset(sample_shape(shape, grid)[0]) ** 2).sum(axis=-1)
+    inner = np.clip(np.argmin(square, axis=1), 1, _SAMPLES - 1)[:, None]
+    low, middle, high = (np.take_along_axis(square, inner + i, axis=1) for i in (-1, 0, 1))
+    curvature = low - 2.0 * middle + high
+    shift = 0.5 * (low - high) / np.where(curvature > 0.0, curvature, np.inf)
+    # at an end only the parabola's minimum inside the rod counts
+    arclength = np.clip((inner + np.clip(shift, -1.0, 1.0)) / _SAMPLES, 0.0, 1.0) * length
+    point, tangent = sample_shape(shape, arclength)
+    return arclength[:, 0], point[:, 0], tangent[:, 0]
 
 
-def _check(obj: TouchObject, problem: Problem, rows: np.ndarray, state: np.ndarray, result: Touch) -> None:
-    """Refuse equilibria that a real antenna could not hold."""
-    core, approach = problem.core, problem.approach
-    _, _, press, normal, _ = unpack(problem, state, rows)
-    reach = problem.reach_m - press * problem.compliance_m_N
-    away = np.linalg.norm(core.offset(result.shape.points_m), axis=-1).min(axis=1)[rows]
-    along = np.einsum("bi,bi->b", core.axis, result.contact_antenna_m - core.center_m)[rows]
-    reasons = {
-        "the force would have to pull": (press <= 0.0) & (approach.depth_m[rows] > 1e-7),
-        "the antenna would pass through the object elsewhere": (reach > 0.0) & (away < reach - 1e-6),
-    }
-    if obj.shape in LINES:
-        reasons["the contact lies beyond the object's end"] = np.abs(along) > obj.half_length_m
+def _sphere(
+    offset: np.ndarray, reaches: np.ndarray, rotations: np.ndarray, reach_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Touches, depth and normal."""
+    away = np.linalg.norm(offset, axis=1)
+    in_world = np.einsum("bij,bj->bi", rotations, offset)
+    for i in range(1, len(away)):
+        before, after = in_world[i - 1], in_world[i]
+        step = after - before
+        share = np.clip(-(before @ step) / max(float(step @ step), 1e-30), 0.0, 1.0)
+        passes = before @ after < 0.0 and np.linalg.norm(before + share * step) < reach_m
+        if passes and reaches[i - 1] and reaches[i]:
+            raise SolveError(
+                f"frame {i}: pushed past the sphere's centre since the last frame, the antenna would slip off round the"
+                " sphere; push less far, or use a cylinder"
+            )
+    return away < reach_m, reach_m - away, offset / np.maximum(away, 1e-12)[:, None]
+
+
+def _line(
+    obj: TouchObject,
+    core: _Core,
+    offset: np.ndarray,
+    tangent: np.ndarray,
+    reaches_within: tuple[np.ndarray, np.ndarray],
+    reach_m: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Touches, depth and normal."""
+    reaches, within = reaches_within
+    normal = np.cross(tangent, core.axis)
+    sine = np.linalg.norm(normal, axis=1)
+    normal = normal / np.maximum(sine, 1e-12)[:, None]
+    signed = np.einsum("bi,bi->b", offset, normal)
+    present = within & (reaches | (np.linalg.norm(offset, axis=1) < reach_m))
     if obj.shape == "knife_edge":
-        reasons["the antenna lies on the blade's flank"] = (core.wedge[rows] * normal).sum(axis=1) >= 0.0
-    for reason, found in reasons.items():
-        if found.any():
-            raise SolveError(f"frame {rows[np.flatnonzero(found)[0]]}: {reason}")
+        side = np.where(np.einsum("bi,bi->b", core.wedge, normal) > 0.0, -1.0, 1.0)
+    else:
+        side = np.where(signed < 0.0, -1.0, 1.0)
+        for i in range(1, len(side)):
+            if present[i]:
+                side[i] = side[i - 1]
+    depth = reach_m - side * signed
+    touches = present & (depth > 0.0)
+    along = np.flatnonzero(touches & (sine < _PARALLEL))
+    if along.size:
+        raise SolveError(f"frame {along[0]}: the antenna lies along the object's axis; a point contact needs an angle")
+    return touches, depth, side[:, None] * normal
+
+
+def _unpacked(problem: _Problem, x: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Clamp moment (B, 3), arc length (B,), normal force (B,) and normal (B, 3)."""
+    rod, start = problem.rod, problem.normal[rows]
+    normal = start + np.einsum("bi,bij->bj", x[:, 5:], tangent_axes(start))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    unit = rod.bending_stiffness_Nm2 / rod.length_m
+    return x[:, :3] * unit, x[:, 3] * rod.length_m, x[:, 4] * unit / rod.length_m, normal
+
+
+def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
+    """(R, 7) of frames `rows` (R,): a straight cantilever and the object's spring in series, displaced by the depth."""
+    rod = problem.rod
+    arclength = np.clip(problem.arclength_m[rows], 0.05 * rod.length_m, 0.999 * rod.length_m)
+    compliance = arclength**3 / (3.0 * rod.bending_stiffness_Nm2) + problem.compliance_m_N
+    force = problem.depth_m[rows] / compliance
+    tangent = rod.T_antenna_clamp.rotation[:, 0]
+    weight = rod.mass_per_length_kg_m * rod.length_m * problem.gravity[rows]
+    moment = problem.unloaded.clamp_moment_Nm[rows] - np.cross(rod.T_antenna_clamp.translation_m, weight)
+    moment = moment + np.cross(arclength[:, None] * tangent, force[:, None] * problem.normal[rows])
+    unit = rod.bending_stiffness_Nm2 / rod.length_m
+    scaled = (moment / unit, arclength[:, None] / rod.length_m, force[:, None] * rod.length_m / unit)
+    return np.hstack([*scaled, np.zeros((rows.size, 2))])
+
+
+def _solved(problem: _Problem, rows: np.ndarray) -> np.ndarray:
+    """States (rows, 7); frames that do not converge at once are pushed in by and by."""
+    length, start = problem.rod.length_m, _first_guess(problem, rows)
+    steep = length / np.maximum(problem.arclength_m[rows], 0.05 * length)
+    ones = np.ones_like(steep)
+    upper = np.stack([*[50.0 * steep] * 3, ones, 50.0 * steep**2, 3.0 * ones, 3.0 * ones], axis=1)
+    lower = np.where(np.arange(7) == 3, 0.01, -upper)
+
+    def attempt(at: np.ndarray, begin: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+        def residual(x: np.ndarray, which: np.ndarray) -> np.ndarray:
+            return _residual(problem, x, rows[at[which]], share)
+
+        return newton(residual, begin, tolerance=TOLERANCE, lower=lower[at], upper=upper[at])
+
+    state, size = attempt(np.arange(rows.size), start, 1.0)
+    failed = np.flatnonzero(~(size <= TOLERANCE))
+    if failed.size:
+        pushed = start[failed] * np.where(np.arange(7) == 4, _DEPTH_LADDER[0], 1.0)
+        for share in _DEPTH_LADDER:
+            pushed, size = attempt(failed, pushed, float(share))
+        state[failed] = pushed
+        if not (size <= TOLERANCE).all():
+            frame = int(rows[failed[np.flatnonzero(~(size <= TOLERANCE))[0]]])
+            raise SolveError(
+                f"frame {frame}: no equilibrium against the object, {1e3 * problem.depth_m[frame]:.1f} mm past"
+                " first touch; the antenna may have slipped off"
+            )
+    return state
+
+
+def _residual(problem: _Problem, x: np.ndarray, rows: np.ndarray, share: float) -> np.ndarray:
+    """(B, 7) scaled; with a share below 1 the object is drawn back until only that share of the depth is left."""
+    rod, core = problem.rod, problem.core
+    moment, arclength, press, normal = _unpacked(problem, x, rows)
+    nodes = shoot(rod, problem.gravity[rows], arclength, press[:, None] * normal, moment)
+    contact = np.where(arclength < rod.length_m, nodes[STEPS_PER_SEGMENT], nodes[-1])
+    back = (1.0 - share) * problem.depth_m[rows, None] * problem.normal[rows]
+    offset = core.offset(contact[0].T + back, rows)
+    reach = problem.reach_m - press * problem.compliance_m_N
+    in_plane = np.einsum("bij,bj->bi", core.across[rows], normal)
+    # along a line core the offset says nothing; there the normal's own component has to vanish
+    gap = (offset - reach[:, None] * in_plane) / rod.length_m + (normal - in_plane)
+    nearest = np.minimum(1.0 - x[:, 3], -(normal * contact[1].T).sum(axis=1))
+    tip = nodes[-1, 3].T * rod.length_m / rod.bending_stiffness_Nm2
+    return np.hstack([tip, gap, nearest[:, None]])

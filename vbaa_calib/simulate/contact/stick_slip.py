@@ -11,23 +11,127 @@ force) and place p satisfy
 
 with n the object's normal at p and Δu = Δr − t Δs, across n, the way of the antenna's material point at the contact:
 the contact may roll on without it. This is backward Euler's return mapping. K is a tiny compliance of the grip in place
-of none: an antenna that sticks gives way by |g|/K, with `holding.STICK` a micrometre or two at the cone's rim.
+of none: an antenna that sticks gives way by |g|/K, with `STICK` a micrometre or two at the cone's rim.
 
 All but the last line is smooth: Newton's method, in which the last line, with Δu and N linear in g, is solved for
-itself (`coulomb`).
+itself (`gripped`).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 
-from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, shoot
+from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, Rod, shoot
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .holding import Bases, Held, Setting
-
+TOLERANCE = 1e-11
+"""On lengths in L, moments in EI/L and n·t."""
+_GRIP_TOLERANCE = 1e-8
+"""On the grip in EI/L²."""
+_STICK = 1e5
+"""Stiffness K of a sticking contact in EI/L³: 28 kN/m for the steel whisker, whose own stiffness at the tip is 3."""
 _DOUBLINGS, _BISECTIONS = 60, 60
+_DIFFERENCE = -1e-7
+_ITERATIONS = 20
+_ROOM = 0.3
+"""Of the contact's place in one step, in L."""
+
+_Rows = TypeVar("_Rows", "Bases", "Held")
+
+
+def picked(of: _Rows, rows: np.ndarray) -> _Rows:
+    """Some of the rows of all fields."""
+    return type(of)(*(getattr(of, each.name)[rows] for each in fields(of)))
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What does not change in a recording. `antenna_radius_m` is half the antenna's diameter, gravity (3,)."""
+
+    rod: Rod
+    antenna_radius_m: float
+    object: TouchObject
+    gravity_world_m_s2: np.ndarray
+
+    @property
+    def moment_unit_Nm(self) -> float:
+        """EI/L."""
+        return self.rod.bending_stiffness_Nm2 / self.rod.length_m
+
+    @property
+    def force_unit_N(self) -> float:
+        """EI/L²."""
+        return self.moment_unit_Nm / self.rod.length_m
+
+
+@dataclass(frozen=True, eq=False)
+class Bases:
+    """Where B bases are: R_world_antenna (B, 3, 3), and the antenna frame's origin (B, 3) in the world."""
+
+    rotation: np.ndarray
+    origin_m: np.ndarray
+
+    @staticmethod
+    def of(T_world_antenna: Sequence[Pose]) -> Bases:
+        """Of B poses."""
+        turns, origins = zip(*((pose.rotation, pose.translation_m) for pose in T_world_antenna), strict=True)
+        return Bases(np.stack(turns), np.stack(origins))
+
+    def world(self, points_m: np.ndarray) -> np.ndarray:
+        """(B, ..., 3) points of the antenna frames in the world."""
+        turned = np.einsum("bij,b...j->b...i", self.rotation, points_m)
+        return turned + self.origin_m.reshape(len(turned), *(1,) * (turned.ndim - 2), 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """B contacts.
+
+    Attributes
+    ----------
+    moment_Nm : (B, 3) M(0), antenna frame. arclength_m, press_N : (B,).
+    grip_N : (B, 3) friction force on the antenna. place_m : (B, 3) p. normal : (B, 3) there.
+    point_m, tangent : (B, 3) of the centreline at the contact. All of these in the world frame.
+    slipped_m : (B, 3) way along the object in the step, world frame.
+    """
+
+    moment_Nm: np.ndarray
+    arclength_m: np.ndarray
+    press_N: np.ndarray
+    grip_N: np.ndarray
+    place_m: np.ndarray
+    normal: np.ndarray
+    point_m: np.ndarray
+    tangent: np.ndarray
+    slipped_m: np.ndarray
+
+    def put(self, rows: np.ndarray, others: Held) -> None:
+        """Overwrite some of them."""
+        for each in fields(self):
+            getattr(self, each.name)[rows] = getattr(others, each.name)
+
+    @staticmethod
+    def nowhere(count: int) -> Held:
+        """No contacts yet: NaN."""
+        short = ("arclength_m", "press_N")
+        return Held(*(np.full(count if each.name in short else (count, 3), np.nan) for each in fields(Held)))
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """One stroke of B frames: who touches, who sticks (B,), and the contacts, which mean nothing where none is.
+
+    A contact sticks if it has slid by less than `strokes.STICKS_M` since the frame before, in which it touched too.
+    """
+
+    touches: np.ndarray
+    sticks: np.ndarray
+    held: Held
 
 
 def gripped(
@@ -88,32 +192,21 @@ def gripped(
     return np.where(slides[:, None], at(high)[0], grip)
 
 
-TOLERANCE = 1e-11
-"""On lengths in L, moments in EI/L and n·t."""
-_GRIP_TOLERANCE = 1e-8
-"""On the grip in EI/L²."""
-_DIFFERENCE = -1e-7
-_ITERATIONS = 20
-_ROOM = 0.3
-"""Of the contact's place in one step, in L."""
-
-
 def advance(setting: Setting, bases: Bases, before: Held, start: Held, friction: float) -> tuple[Held, np.ndarray]:
     """The contacts at these bases, and which of them (B,) were found.
 
     `before` is the state at the step's beginning, `start` where the search begins, `friction` the coefficient.
     """
-    count, frame = len(start.press_N), _tangent_axes(start.normal)
+    count, frame = len(start.press_N), tangent_axes(start.normal)
     x, size = _packed(setting, start, frame), np.full(count, np.inf)
     step, good = np.zeros_like(x), np.zeros(count, bool)
-    stick = setting.stick_N_m * setting.rod.length_m / setting.force_unit_N
     grip = np.einsum("bij,bj->bi", frame, before.grip_N) / setting.force_unit_N
     open_rows = np.arange(count)
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_ITERATIONS):
             rows = open_rows
             left, slopes = _linearised(
-                setting, bases.picked(rows), before.picked(rows), start.picked(rows), frame[rows], x[rows]
+                setting, picked(bases, rows), picked(before, rows), picked(start, rows), frame[rows], x[rows]
             )
             now = np.abs(left[:, :8]).max(axis=1)
             now = np.where(np.isfinite(now) & np.isfinite(slopes).all(axis=(1, 2)), now, np.inf)
@@ -123,7 +216,7 @@ def advance(setting: Setting, bases: Bases, before: Held, start: Held, friction:
             better = ~worse
             at = rows[better]
             size[at] = now[better]
-            step[at] = _newton_step(x[at], left[better], slopes[better], grip[at], friction, stick)
+            step[at] = _newton_step(x[at], left[better], slopes[better], grip[at], friction)
             done = (size[at] <= TOLERANCE) & (np.abs(step[at, 8:]).max(axis=1, initial=0.0) <= _GRIP_TOLERANCE)
             good[at[done]] = True
             moving = at[~done]
@@ -135,7 +228,7 @@ def advance(setting: Setting, bases: Bases, before: Held, start: Held, friction:
                 break
     held, _, _, axes = _unpacked(setting, bases, start, frame, x)
     change = np.einsum("bi,bij->bj", x[:, 8:] - grip, axes) * setting.force_unit_N
-    slipped = _way(before, held) + change / setting.stick_N_m
+    slipped = _way(before, held) + change * setting.rod.length_m / (_STICK * setting.force_unit_N)
     return replace(held, slipped_m=slipped), good
 
 
@@ -146,14 +239,12 @@ def _linearised(
     count, size = x.shape
     every = np.tile(np.arange(count), size + 1)
     trials = np.concatenate([x, (x + _DIFFERENCE * np.eye(size)[:, None]).reshape(-1, size)])
-    trial = _unpacked(setting, bases.picked(every), start.picked(every), frame[every], trials)
-    values = _left(setting, before.picked(every), *trial).reshape(size + 1, count, -1)
+    trial = _unpacked(setting, picked(bases, every), picked(start, every), frame[every], trials)
+    values = _left(setting, picked(before, every), *trial).reshape(size + 1, count, -1)
     return values[0], np.moveaxis((values[1:] - values[0]) / _DIFFERENCE, 0, -1)
 
 
-def _newton_step(
-    x: np.ndarray, left: np.ndarray, slopes: np.ndarray, grip: np.ndarray, friction: float, stick: float
-) -> np.ndarray:
+def _newton_step(x: np.ndarray, left: np.ndarray, slopes: np.ndarray, grip: np.ndarray, friction: float) -> np.ndarray:
     """(B, 10) with the law of friction kept exactly by the linearised rest; zero where that is singular."""
     usable = np.isfinite(slopes).all(axis=(1, 2))
     inverse = np.zeros((len(x), 8, 8))
@@ -163,7 +254,7 @@ def _newton_step(
     lean = -inverse @ slopes[:, :8, 8:]
     way = left[:, 8:] + np.einsum("bij,bj->bi", slopes[:, 8:, :8], plain)
     give = slopes[:, 8:, 8:] + slopes[:, 8:, :8] @ lean
-    change = gripped(x[:, 8:], grip, way, give, x[:, 4] + plain[:, 4], lean[:, 4], friction, stick) - x[:, 8:]
+    change = gripped(x[:, 8:], grip, way, give, x[:, 4] + plain[:, 4], lean[:, 4], friction, _STICK) - x[:, 8:]
     return np.hstack([plain + np.einsum("bij,bj->bi", lean, change), change])
 
 
@@ -177,7 +268,7 @@ def _limited(x: np.ndarray) -> np.ndarray:
     return np.clip(x, least, most)
 
 
-def _tangent_axes(normal: np.ndarray) -> np.ndarray:
+def tangent_axes(normal: np.ndarray) -> np.ndarray:
     """(B, 2, 3) two orthogonal unit vectors across each normal."""
     least = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
     first = np.cross(normal, least)
@@ -230,7 +321,7 @@ def _unpacked(
     axes = _turned(frame, start.normal, normal)
     grip = np.einsum("bi,bij->bj", x[:, 8:] * unit, axes)
     force = np.einsum("bji,bj->bi", bases.rotation, press[:, None] * normal + grip)
-    nodes = shoot(rod, bases.gravity, arclength, force, moment)
+    nodes = shoot(rod, setting.gravity_world_m_s2 @ bases.rotation, arclength, force, moment)
     contact = np.where(arclength < rod.length_m, nodes[STEPS_PER_SEGMENT], nodes[-1])
     tangent = np.einsum("bij,jb->bi", bases.rotation, contact[1])
     point = bases.world(contact[0].T)

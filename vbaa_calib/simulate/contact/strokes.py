@@ -1,70 +1,156 @@
 """Antennas that stroke an object, in order of time: where they touch, stick, slide and lift off.
 
 All strokes of a recording go on together, each from a free antenna or from one that has just been pressed on. Between
-two frames the base moves evenly, in steps of `base_path.STEP_M` at most; a step that finds no equilibrium is halved.
+two frames the base moves evenly, in steps of `_STEP_M` at most; a step that finds no equilibrium is halved.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from vbaa_calib.geometry import Pose
+from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
+from vbaa_calib.core.errors import SolveError
+from vbaa_calib.simulate.scene.objects import WEDGES
 
-from .base_path import MOST_STEPS, STEP_M, Path, Place, between, gaps, interpolated, path_of, refused
-from .holding import Bases, Held, Setting
-from .stick_slip import advance
+from .stick_slip import Bases, Contacts, Held, Setting, advance, picked
 
 STICKS_M = 1e-6
 """Along itself the antenna hardly gives way, so that a contact that else sticks creeps by nanometres."""
-_HALVINGS = 6
-_SNAP_M = 2e-4
+_STEP_M = 4e-3
+"""How far the free antenna may be carried in one step. Against steps of half a millimetre on a cylinder, μ = 0.3:
+the contact's place within 0.3 µm, friction's direction within 0.5° but for the frame of landing, N within 0.5 %."""
+_MOST_STEPS = 100
+_HALVINGS, _DOUBLINGS = 6, 8
+_SNAP_M, _CLEAR_M = 2e-4, 2e-3
+_FINE = 24
+
+_Place = tuple[Bases, np.ndarray]
+"""Bases, and the free antenna's nodes (B, N, 3) in their frames."""
 
 
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """B strokes of T frames.
+def follow(setting: Setting, strokes: Sequence[Bases]) -> list[Contacts]:
+    """The contacts of all strokes of one recording, each its bases (at least one) in order of time.
 
-    Attributes
-    ----------
-    touches, sticks : (B, T) bool; an antenna sticks in a frame if it has slid by less than `STICKS_M` since the frame
-        before, in which it touched too.
-    contacts : T states of B contacts each; meaningless where nothing is touched.
-    slipped_m : (B, T, 3) way of the antenna's material point along the object since the frame before, world frame.
-    """
-
-    touches: np.ndarray
-    sticks: np.ndarray
-    contacts: Sequence[Held]
-    slipped_m: np.ndarray
-
-
-def follow(setting: Setting, strokes: Sequence[Sequence[Pose]], gravity_world_m_s2: np.ndarray) -> Followed:
-    """All strokes of one recording, each T_world_antenna (at least one) in order of time.
-
-    Shorter strokes rest at their ends. A stroke that begins in contact is pressed on along the object's normal first,
-    without friction.
+    A stroke that begins in contact is pressed on along the object's normal first, without friction.
 
     Raises
     ------
     SolveError : names the first stroke and frame without a trustworthy equilibrium, and why.
     """
-    path = path_of(setting, strokes, gravity_world_m_s2)
-    count, frames = path.points_m.shape[:2]
-    walk = _Walk(setting, path, Held.nowhere(count), np.zeros(count, bool), np.zeros(count))
-    touches, sticks = np.zeros((2, frames, count), bool)
-    slipped, contacts = np.zeros((frames, count, 3)), []
-    walk = replace(walk, gap_m=gaps(setting, *path.at(1, 0.0), path.arclength_m)[0])
-    for frame in range(1, frames):
+    path, count = _path(setting, strokes), len(strokes)
+    gap = _gaps(setting, path.at(1, 0.0), path.arclength_m)[0]
+    walk = _Walk(setting, path, Held.nowhere(count), np.zeros(count, bool), gap)
+    touches, sticks, held = [], [], []
+    for frame in range(1, len(path.bases)):
+        # the first frame is where it is pressed on
         friction = 0.0 if frame == 1 else setting.object.friction
         before = walk.touches
         walk, way, slid_m = _to_frame(walk, frame, friction)
-        touches[frame], slipped[frame] = walk.touches, way
-        sticks[frame] = before & walk.touches & (slid_m < STICKS_M) & (friction > 0.0)
-        contacts.append(walk.contacts)
-    return Followed(touches[1:].T, sticks[1:].T, contacts, np.swapaxes(slipped[1:], 0, 1))
+        touches.append(walk.touches)
+        sticks.append(before & walk.touches & (slid_m < STICKS_M) & (friction > 0.0))
+        held.append(replace(walk.contacts, slipped_m=way))
+
+    def of(stroke: int, frames: int) -> Contacts:
+        columns = ([getattr(at, each.name)[stroke] for at in held[:frames]] for each in fields(Held))
+        touching, sticking = (np.array(each)[:frames, stroke] for each in (touches, sticks))
+        return Contacts(touching, sticking, Held(*map(np.array, columns)))
+
+    return [of(stroke, len(bases.origin_m)) for stroke, bases in enumerate(strokes)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """The bases of B strokes in T frames, and the free antenna's nodes (B, N, 3) and their arc lengths (N,) there."""
+
+    bases: list[Bases]
+    points_m: list[np.ndarray]
+    arclength_m: np.ndarray
+
+    def at(self, frame: int, share: float) -> _Place:
+        """A share of the way from the frame before to a frame."""
+        points = self.points_m[frame - 1] * (1.0 - share) + self.points_m[frame] * share
+        return _between(self.bases[frame - 1], self.bases[frame], share), points
+
+    def ways(self, frame: int) -> np.ndarray:
+        """(B,) how far the free antenna is carried from the frame before to a frame, where that is furthest."""
+        start, end = (self.bases[i].world(self.points_m[i]) for i in (frame - 1, frame))
+        return np.asarray(np.linalg.norm(end - start, axis=-1).max(axis=1))
+
+
+def _between(start: Bases, end: Bases, share: float) -> Bases:
+    turn = Rotation.from_matrix(end.rotation @ np.swapaxes(start.rotation, 1, 2)).as_rotvec()
+    rotation = Rotation.from_rotvec(share * turn).as_matrix() @ start.rotation
+    return Bases(rotation, start.origin_m + share * (end.origin_m - start.origin_m))
+
+
+def _path(setting: Setting, strokes: Sequence[Bases]) -> _Path:
+    """With one frame before the first, in which no stroke touches; shorter strokes rest at their ends."""
+    bases = []
+    for frame in range(max(len(each.origin_m) for each in strokes)):
+        at = [min(frame, len(each.origin_m) - 1) for each in strokes]
+        rotation, origin = (
+            np.array([getattr(each, name)[i] for each, i in zip(strokes, at, strict=True)])
+            for name in ("rotation", "origin_m")
+        )
+        bases.append(Bases(rotation, origin))
+    gravity = np.concatenate([setting.gravity_world_m_s2 @ at.rotation for at in bases])
+    shape = solve_rod(setting.rod, gravity, np.full(len(gravity), setting.rod.length_m / 2), np.zeros_like(gravity))
+    points = list(shape.points_m.reshape(len(bases), len(strokes), -1, 3))
+    path = _Path([bases[0], *bases], [points[0], *points], shape.arclength_m[0])
+    path.bases[0] = _drawn_back(setting, path)
+    return path
+
+
+def _drawn_back(setting: Setting, path: _Path) -> Bases:
+    """The bases of the first frame moved out of the object, in strokes that begin in contact."""
+    home, points = path.at(1, 1.0)
+    gap, _, _, normal = _gaps(setting, (home, points), path.arclength_m)
+    outward = -setting.object.wedge_world if setting.object.shape in WEDGES else normal
+    away = np.where(gap < 0.0, _CLEAR_M - gap, 0.0)
+    for _ in range(_DOUBLINGS):
+        back = replace(path.bases[0], origin_m=path.bases[0].origin_m + away[:, None] * outward)
+        inside = _gaps(setting, (back, points), path.arclength_m)[0] < 0.0
+        if not inside.any():
+            return back
+        away = np.where(inside, 2.0 * away, away)
+    raise _refused(len(gap), int(np.argmax(inside)), 0, "the antenna begins inside the object")
+
+
+def _refused(count: int, stroke: int, frame: int, reason: str) -> SolveError:
+    return SolveError(f"{f'stroke {stroke}, ' if count > 1 else ''}frame {frame}: {reason}")
+
+
+def _gaps(
+    setting: Setting, place: _Place, arclength_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """How clear (B,) the free antenna is of the object, at which arc length (B,), point and normal (B, 3) in the world.
+
+    Where the nearest point lies beyond the object's ends or is the clamp, it counts as clear.
+    """
+    bases, points_m = place
+    rows = np.arange(len(points_m))
+    nearest = setting.object.rough_distance(bases.world(points_m)).argmin(axis=1)
+    low = arclength_m[np.maximum(nearest - 1, 0)]
+    high = arclength_m[np.minimum(nearest + 1, len(arclength_m) - 1)]
+    fine = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _FINE)
+    close = bases.world(_interpolated(points_m, arclength_m, fine))
+    distance, normal = setting.object.signed_distance(close)
+    best = distance.argmin(axis=1)
+    gap = distance[rows, best] - setting.antenna_radius_m
+    passes = ~setting.object.within(close[rows, best]) | (fine[rows, best] < 0.01 * setting.rod.length_m)
+    return np.where(passes, np.abs(gap) + _CLEAR_M, gap), fine[rows, best], close[rows, best], normal[rows, best]
+
+
+def _interpolated(points_m: np.ndarray, arclength_m: np.ndarray, at_m: np.ndarray) -> np.ndarray:
+    """(B, K, 3) points at arc lengths (B, K) by a smooth curve through nodes (B, N, 3)."""
+    tangents = np.gradient(points_m, arclength_m, axis=1)
+    tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
+    nodes = np.broadcast_to(arclength_m, points_m.shape[:2])
+    return sample_shape(RodShape(nodes, points_m, tangents, np.empty(0)), at_m)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +158,7 @@ class _Walk:
     """How far the strokes have come: contacts, who touches (B,), and how clear of the object (B,) the free ones are."""
 
     setting: Setting
-    path: Path
+    path: _Path
     contacts: Held
     touches: np.ndarray
     gap_m: np.ndarray
@@ -81,10 +167,10 @@ class _Walk:
 def _to_frame(walk: _Walk, frame: int, friction: float) -> tuple[_Walk, np.ndarray, np.ndarray]:
     """On to a frame: how far the contacts slid (B, 3), and the length of that way (B,)."""
     setting, path = walk.setting, walk.path
-    ways, gap = path.ways(frame), gaps(setting, *path.at(frame, 1.0), path.arclength_m)[0]
+    ways, gap = path.ways(frame), _gaps(setting, path.at(frame, 1.0), path.arclength_m)[0]
     # a free antenna may also have met the object on its way
     busy = walk.touches | (walk.gap_m + gap < ways)
-    steps = int(np.clip(np.ceil(ways[busy].max(initial=0.0) / STEP_M), 1, MOST_STEPS))
+    steps = int(np.clip(np.ceil(ways[busy].max(initial=0.0) / _STEP_M), 1, _MOST_STEPS))
     slipped, slid_m = np.zeros_like(walk.contacts.point_m), np.zeros(len(walk.touches))
     for step in range(1, steps + 1):
         ends = path.at(frame, (step - 1) / steps), path.at(frame, step / steps)
@@ -93,14 +179,14 @@ def _to_frame(walk: _Walk, frame: int, friction: float) -> tuple[_Walk, np.ndarr
     return walk, slipped, slid_m
 
 
-def _step(walk: _Walk, ends: tuple[Place, Place], friction: float, frame: int) -> tuple[_Walk, np.ndarray]:
+def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int) -> tuple[_Walk, np.ndarray]:
     """One step of the base: contacts that last, begin and end, and how far they slid (B, 3)."""
-    near = gaps(walk.setting, *ends[1], walk.path.arclength_m)
+    near = _gaps(walk.setting, ends[1], walk.path.arclength_m)
     gap, count = near[0], len(near[0])
     before, guess, after = (Held.nowhere(count) for _ in range(3))
     lasting, landing = np.flatnonzero(walk.touches), np.flatnonzero(~walk.touches & (gap < 0.0))
     for state in (before, guess):
-        state.put(lasting, walk.contacts.picked(lasting))
+        state.put(lasting, picked(walk.contacts, lasting))
     if landing.size:
         met, start = _landing(walk, ends, near, landing)
         before.put(landing, met)
@@ -108,29 +194,25 @@ def _step(walk: _Walk, ends: tuple[Place, Place], friction: float, frame: int) -
     rows = np.concatenate([lasting, landing])
     touches, way = np.zeros(count, bool), np.zeros((count, 3))
     if rows.size:
-        bases = ends[0][0].picked(rows), ends[1][0].picked(rows)
-        found, good = _carry(walk, bases, before.picked(rows), guess.picked(rows), friction, _HALVINGS)
+        bases = picked(ends[0][0], rows), picked(ends[1][0], rows)
+        found, good = _carry(walk.setting, bases, picked(before, rows), picked(guess, rows), friction, _HALVINGS)
         if not good.all():
-            raise refused(count, int(rows[np.argmin(good)]), frame, "no equilibrium; the antenna may have slipped off")
+            raise _refused(count, int(rows[np.argmin(good)]), frame, "no equilibrium; the antenna may have slipped off")
         after.put(rows, found)
         touches[rows] = (found.press_N > 0.0) & walk.setting.object.within(found.place_m)
         way[touches] = after.slipped_m[touches]
-    snapped = walk.touches & (after.press_N <= 0.0) & _behind(walk, ends[1])
+    # the free antenna would lie on the other side of where it has touched last
+    at = np.nan_to_num(walk.contacts.arclength_m)[:, None]
+    point = ends[1][0].world(_interpolated(ends[1][1], walk.path.arclength_m, at))[:, 0]
+    behind = ((point - walk.contacts.place_m) * walk.contacts.normal).sum(axis=1) < -_SNAP_M
+    snapped = walk.touches & (after.press_N <= 0.0) & behind
     if snapped.any():
-        raise refused(count, int(np.argmax(snapped)), frame, "the antenna has slipped off the object")
+        raise _refused(count, int(np.argmax(snapped)), frame, "the antenna has slipped off the object")
     return replace(walk, contacts=after, touches=touches, gap_m=gap), way
 
 
-def _behind(walk: _Walk, free: Place) -> np.ndarray:
-    """(B,) whether the free antenna would lie on the other side of where it has touched last."""
-    at = np.nan_to_num(walk.contacts.arclength_m)[:, None]
-    point = free[0].world(interpolated(free[1], walk.path.arclength_m, at))[:, 0]
-    height = ((point - walk.contacts.place_m) * walk.contacts.normal).sum(axis=1)
-    return np.asarray(height < -_SNAP_M)
-
-
 def _landing(
-    walk: _Walk, ends: tuple[Place, Place], near: tuple[np.ndarray, ...], rows: np.ndarray
+    walk: _Walk, ends: tuple[_Place, _Place], near: tuple[np.ndarray, ...], rows: np.ndarray
 ) -> tuple[Held, Held]:
     """The moment in which free antennas meet the object in a step, and a guess of the contact at its end.
 
@@ -139,43 +221,36 @@ def _landing(
     setting, rod = walk.setting, walk.setting.rod
     gap, at, point, normal = (values[rows] for values in near)
     at = np.clip(at, 0.05 * rod.length_m, 0.999 * rod.length_m)
-    was = ends[0][0].world(interpolated(ends[0][1], walk.path.arclength_m, _filled(at, rows, len(walk.touches))))
+    (bases, nodes), (start, start_nodes) = ((picked(end[0], rows), end[1][rows]) for end in reversed(ends))
+    was = start.world(_interpolated(start_nodes, walk.path.arclength_m, at[:, None]))[:, 0]
     share = (walk.gap_m[rows] / np.maximum(walk.gap_m[rows] - gap, 1e-12))[:, None]
-    met = was[rows, 0] + share * (point - was[rows, 0])
-    bases, nodes = ends[1][0].picked(rows), ends[1][1][rows]
     pair = at[:, None] + np.array([-1e-4, 1e-4]) * rod.length_m
-    tangent = np.diff(bases.world(interpolated(nodes, walk.path.arclength_m, pair)), axis=1)[:, 0]
+    tangent = np.diff(bases.world(_interpolated(nodes, walk.path.arclength_m, pair)), axis=1)[:, 0]
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     press = -gap / (at**3 / (3.0 * rod.bending_stiffness_Nm2) + 1.0 / setting.object.stiffness_N_m)
     force = np.einsum("bji,bj->bi", bases.rotation, press[:, None] * normal)
-    weight = rod.mass_per_length_kg_m * rod.length_m * bases.gravity
+    weight = rod.mass_per_length_kg_m * rod.length_m * (setting.gravity_world_m_s2 @ bases.rotation)
     along = rod.T_antenna_clamp.rotation[:, 0]
     moment = np.cross(along, at[:, None] * force + rod.length_m / 2 * weight)
     nothing = np.zeros_like(normal)
     guess = Held(moment, at, press, nothing, point - gap[:, None] * normal, normal, point, tangent, nothing)
-    return replace(guess, point_m=met), guess
-
-
-def _filled(values: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
-    whole = np.zeros((count, 1))
-    whole[rows, 0] = values
-    return whole
+    return replace(guess, point_m=was + share * (point - was)), guess
 
 
 def _carry(
-    walk: _Walk, ends: tuple[Bases, Bases], before: Held, guess: Held, friction: float, halvings: int
+    setting: Setting, ends: tuple[Bases, Bases], before: Held, guess: Held, friction: float, halvings: int
 ) -> tuple[Held, np.ndarray]:
     """The contacts at the end of a step, and which were found; what fails is tried in two halves."""
-    found, good = advance(walk.setting, ends[1], before, guess, friction)
+    found, good = advance(setting, ends[1], before, guess, friction)
     rows = np.flatnonzero(~good)
     if rows.size == 0 or halvings == 0:
         return found, good
-    start, end = ends[0].picked(rows), ends[1].picked(rows)
-    middle = between(start, end, 0.5, walk.path.gravity_world_m_s2)
-    first, fine = _carry(walk, (start, middle), before.picked(rows), guess.picked(rows), friction, halvings - 1)
+    start, end = (picked(bases, rows) for bases in ends)
+    middle = _between(start, end, 0.5)
+    first, fine = _carry(setting, (start, middle), picked(before, rows), picked(guess, rows), friction, halvings - 1)
     if not fine.all():
         return found, good
-    second, fine = _carry(walk, (middle, end), first, first, friction, halvings - 1)
+    second, fine = _carry(setting, (middle, end), first, first, friction, halvings - 1)
     found.put(rows, replace(second, slipped_m=first.slipped_m + second.slipped_m))
     good[rows] = fine
     return found, good

@@ -1,8 +1,8 @@
 """Pressing the antenna against an object: where it touches and how hard, for each frame of a recording.
 
 Two ways lead there. Frictionless contacts with a cylinder, a sphere or a knife edge hang on nothing but the side from
-which the antenna came: `equilibrium` solves all frames at once, `approach` knows the side. With friction, and on the
-other objects, the frames follow one another (`strokes`): Coulomb's friction with sticking (`grip`).
+which the antenna came: all frames are solved for at once (`at_once`). With friction, and on the other objects, the
+frames follow one another (`strokes`): Coulomb's friction with sticking (`stick_slip`).
 
 Friction's lever of one antenna radius about the centreline is left out: it twists and bends a thin antenna by less
 than a part in a hundred. So is the way by which the wire rolls about its own axis.
@@ -11,21 +11,47 @@ than a part in a hundred. So is the way by which the wire rolls about its own ax
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.antenna.rod import Rod, sample_shape, solve_rod
+from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .at_once import touch_at_once
-from .holding import Setting, Touch, stacked
-from .strokes import Followed, follow
+from .stick_slip import Bases, Contacts, Setting
+from .strokes import follow
 
-__all__ = ["Touch", "touch", "touch_strokes"]
 
-_AT_ONCE = ("cylinder", "sphere", "knife_edge")
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """The contact in each of B frames.
+
+    Attributes
+    ----------
+    in_contact : (B,) bool.
+    contact_m : (B,) arc length of the contact from the clamp; NaN without contact.
+    force_antenna_N : (B, 3) the object's force on the antenna, antenna frame; zero without contact.
+    contact_antenna_m : (B, 3) point of the centreline at the contact, antenna frame; NaN without contact.
+    touched_world_m, normal_world : (B, 3) the touched point of the object's undeformed surface and the outward normal
+        there; NaN without contact.
+    sticks : (B,) bool; touched in the frame before too, and not slid since (`strokes.STICKS_M`).
+    slip_world_m : (B, 3) way of the antenna's material point at the contact along the object since the frame before;
+        zero where there was no contact.
+    shape : the antenna under its weight and this force.
+    """
+
+    in_contact: np.ndarray
+    contact_m: np.ndarray
+    force_antenna_N: np.ndarray
+    contact_antenna_m: np.ndarray
+    touched_world_m: np.ndarray
+    normal_world: np.ndarray
+    sticks: np.ndarray
+    slip_world_m: np.ndarray
+    shape: RodShape
 
 
 def touch(
@@ -34,8 +60,6 @@ def touch(
     obj: TouchObject,
     T_world_antenna: Sequence[Pose],
     gravity_world_m_s2: np.ndarray,
-    *,
-    slip_scale_m: float | None = None,
 ) -> Touch:
     """The antenna pressed against the object, in every frame of one stroke.
 
@@ -44,22 +68,13 @@ def touch(
     antenna_radius_m : half the antenna's diameter.
     T_world_antenna : B poses in order of time: the side of the contact and the friction depend on the frames before.
     gravity_world_m_s2 : (3,).
-    slip_scale_m : friction of a simpler kind, for cylinder, sphere and knife edge: full slip, μN·tanh(slip since the
-        frame before / this), the slip that of the frictionless antenna. Nothing sticks, and friction turns at once
-        where a path turns back. Frames close together slip little: pressing a cylinder by 0.5° a frame slips about
-        0.02 mm each. The first frame is frictionless.
 
     Raises
     ------
     InputError : no frames, or a radius that is not positive.
     SolveError : names the first frame without a trustworthy equilibrium, and why.
     """
-    if slip_scale_m is None:
-        return touch_strokes(rod, antenna_radius_m, obj, [T_world_antenna], gravity_world_m_s2)[0]
-    _checked(antenna_radius_m, [T_world_antenna])
-    if obj.shape not in _AT_ONCE:
-        raise InputError(f"a {obj.shape} takes no slip_scale_m", where="touch", remedy="leave it out")
-    return touch_at_once(rod, antenna_radius_m, obj, T_world_antenna, gravity_world_m_s2, slip_scale_m)
+    return touch_strokes(rod, antenna_radius_m, obj, [T_world_antenna], gravity_world_m_s2)[0]
 
 
 def touch_strokes(
@@ -70,60 +85,50 @@ def touch_strokes(
     gravity_world_m_s2: np.ndarray,
 ) -> list[Touch]:
     """As `touch`, of several strokes that know nothing of each other, which is faster than one by one."""
-    _checked(antenna_radius_m, strokes)
-    if obj.friction == 0.0 and obj.shape in _AT_ONCE:
-        return [touch_at_once(rod, antenna_radius_m, obj, poses, gravity_world_m_s2, None) for poses in strokes]
-    setting = Setting(rod, antenna_radius_m, obj)
-    followed = follow(setting, strokes, gravity_world_m_s2)
-    return [_followed(setting, followed, i, poses, gravity_world_m_s2) for i, poses in enumerate(strokes)]
-
-
-def _checked(antenna_radius_m: float, strokes: Sequence[Sequence[Pose]]) -> None:
     fewest = min((len(poses) for poses in strokes), default=0)
     if not fewest or not antenna_radius_m > 0.0:
         raise InputError(f"{fewest} frames, antenna radius {antenna_radius_m} m", where="touch")
+    setting = Setting(rod, antenna_radius_m, obj, np.asarray(gravity_world_m_s2, float))
+    bases = [Bases.of(poses) for poses in strokes]
+    if obj.friction == 0.0 and obj.shape in ("cylinder", "sphere", "knife_edge"):
+        return [_touch(setting, at, touch_at_once(setting, at)) for at in bases]
+    followed = zip(bases, follow(setting, bases), strict=True)
+    return [replace(_touch(setting, at, found), slip_world_m=found.held.slipped_m) for at, found in followed]
 
 
-def _followed(
-    setting: Setting, followed: Followed, stroke: int, poses: Sequence[Pose], gravity_world_m_s2: np.ndarray
-) -> Touch:
-    """One stroke's contacts, and the antenna's shapes under their forces."""
-    rotations, origins = stacked(poses)
-    count, rod, radius = len(poses), setting.rod, setting.antenna_radius_m
-    touching = followed.touches[stroke, :count]
-    states = [contacts.picked(np.array([stroke])) for contacts in followed.contacts[:count]]
-    arclength, press, grip, place, normal = (
-        np.concatenate([getattr(state, name) for state in states])
-        for name in ("arclength_m", "press_N", "grip_N", "place_m", "normal")
-    )
+def _touch(setting: Setting, bases: Bases, contacts: Contacts) -> Touch:
+    """The antenna's shapes under the forces of contacts that a real one could hold."""
+    rod, obj, radius = setting.rod, setting.object, setting.antenna_radius_m
+    touching, held = contacts.touches, contacts.held
     lost = ~touching[:, None]
-    force_world = np.where(lost, 0.0, press[:, None] * normal + grip)
-    force = np.einsum("bji,bj->bi", rotations, force_world)
-    gravity = np.asarray(gravity_world_m_s2, float) @ rotations
-    where = np.where(touching, arclength, rod.length_m / 2)
-    shape = solve_rod(rod, gravity, where, force)
-    point = sample_shape(shape, where[:, None])[0][:, 0]
-    result = Touch(
-        in_contact=touching,
-        contact_m=np.where(touching, arclength, np.nan),
-        force_antenna_N=force,
-        contact_antenna_m=np.where(lost, np.nan, point),
-        touched_world_m=np.where(lost, np.nan, place - radius * normal),
-        normal_world=np.where(lost, np.nan, normal),
-        sticks=followed.sticks[stroke, :count],
-        slip_world_m=followed.slipped_m[stroke, :count],
-        shape=shape,
-    )
-    whole = np.einsum("bij,bnj->bni", rotations, shape.points_m) + origins[:, None]
-    deepest = setting.object.signed_distance(whole)[0].min(axis=1)
+    normal = np.where(lost, np.nan, held.normal)
+    force_world = np.where(lost, 0.0, held.press_N[:, None] * held.normal + held.grip_N)
+    force = np.einsum("bji,bj->bi", bases.rotation, force_world)
+    where = np.where(touching, held.arclength_m, rod.length_m / 2)
+    shape = solve_rod(rod, setting.gravity_world_m_s2 @ bases.rotation, where, force)
+    point, tangent = (values[:, 0] for values in sample_shape(shape, where[:, None]))
+    point = np.where(lost, np.nan, point)
+    in_world, indentation = bases.world(point), held.press_N / obj.stiffness_N_m
+    contact = np.where(touching, held.arclength_m, np.nan)
+    slip = _slips(in_world, contact, np.einsum("bij,bj->bi", bases.rotation, tangent), normal)
+    deepest = obj.signed_distance(bases.world(shape.points_m))[0].min(axis=1)
     reasons = {
-        "the antenna would pass through the object elsewhere": deepest
-        < radius - press / setting.object.stiffness_N_m - 1e-6,
-        "the contact lies beyond the object's end": ~setting.object.within(place),
+        "the antenna would pass through the object elsewhere": deepest < radius - indentation - 1e-6,
+        "the contact lies beyond the object's end": ~obj.within(in_world),
     }
-    if setting.object.shape == "knife_edge":
-        reasons["the antenna lies on the blade's flank"] = normal @ setting.object.wedge_world >= 0.0
+    if obj.shape == "knife_edge":
+        reasons["the antenna lies on the blade's flank"] = normal @ obj.wedge_world >= 0.0
     for reason, found in reasons.items():
         if (found & touching).any():
             raise SolveError(f"frame {np.flatnonzero(found & touching)[0]}: {reason}")
-    return result
+    touched = in_world - (radius - indentation)[:, None] * normal
+    return Touch(touching, contact, force, point, touched, normal, contacts.sticks, slip, shape)
+
+
+def _slips(points: np.ndarray, arclength: np.ndarray, tangents: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(B, 3) ΔX − t Δs across the normal, world frame; zero where the frame before has no contact."""
+    middle = tangents[1:] + tangents[:-1]
+    middle = middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    way = np.diff(points, axis=0) - np.diff(arclength)[:, None] * middle
+    way = way - (way * normal[1:]).sum(axis=1, keepdims=True) * normal[1:]
+    return np.nan_to_num(np.vstack([np.zeros((1, 3)), way]))

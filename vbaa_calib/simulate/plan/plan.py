@@ -13,8 +13,7 @@ from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import Rod, RodShape, solve_rod
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.contact.holding import Touch
-from vbaa_calib.simulate.contact.touch import touch_strokes
+from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
 from vbaa_calib.simulate.scene.lens import Lens, normalise
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, Scene, true_rod
 
