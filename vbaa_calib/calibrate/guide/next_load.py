@@ -32,226 +32,7 @@ _STRAIGHT = np.cos(np.deg2rad(10.0))
 """Loads that pull further off gravity than this hang over a pulley."""
 _LEAST_VISIBLE = 0.97
 """Part of the visible free antenna that must also be visible of the loaded one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Pull:
-    """A direction in which a weight can pull, at a place of the joints.
-
-    direction : (2,) unit (y, z), antenna frame. over_pulley : it does not hang straight down.
-    """
-
-    pan_rad: float
-    tilt_rad: float
-    direction: np.ndarray
-    gravity_m_s2: np.ndarray
-    over_pulley: bool
-
-
-@dataclass(frozen=True, eq=False)
-class LoadCandidate:
-    """A load that could be hung.
-
-    jacobian : (N, 17 + P) whitened rows that it would add.
-    by_readings : (N, 2) derivatives of its residuals by its distance, per m, and by the logarithm of its force.
-    """
-
-    load: Load
-    mass_kg: float
-    pull: Pull
-    jacobian: np.ndarray
-    by_readings: np.ndarray
-
-
-def pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[Pull]:
-    """Straight down at the joints so far, where that is across the antenna; over a pulley to all four sides where the
-    session did so before, or is weightless."""
-    joints = {(0.0, 0.0), *((one.still.pan_rad, one.still.tilt_rad) for one in observations)}
-    home = [Still(None, pan, tilt, 0.0) for pan, tilt in sorted(joints, key=lambda at: (abs(at[0]) + abs(at[1]), at))]
-    gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, home)
-    found: list[Pull] = []
-    for still, pull in zip(home, gravity, strict=True):
-        size, across = float(np.linalg.norm(pull)), float(np.hypot(pull[1], pull[2]))
-        if size > 0 and abs(pull[0]) <= _SIDEWAYS * size:
-            down = pull[1:] / across
-            if all(down @ known.direction < _STRAIGHT for known in found):
-                found.append(Pull(still.pan_rad, still.tilt_rad, down, pull, False))
-    pulled = [(one.load_N, one.gravity_m_s2) for one in observations]
-    aside = any(load @ pull[1:] < _STRAIGHT * np.linalg.norm(load) * np.linalg.norm(pull) for load, pull in pulled)
-    if aside or not any(one.gravity_m_s2.any() for one in observations):
-        for direction in np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]):
-            if all(direction @ known.direction < _STRAIGHT for known in found):
-                found.append(Pull(home[0].pan_rad, home[0].tilt_rad, direction, gravity[0], True))
-    return found
-
-
-def load_candidates(
-    joint: BundleAdjustment, session: Session, kinematics: Kinematics, masses_kg: Sequence[float]
-) -> list[LoadCandidate]:
-    """Every weight at every place and pull that the elastica and the picture support."""
-    length = session.antenna.length_m
-    grid = np.arange(_RULER_M, length - _FARTHEST_M + 1e-9, _RULER_M)
-    grid = grid[grid >= _NEAREST * length]
-    if not len(grid):
-        grid = np.array([length - _FARTHEST_M])
-    places = np.unique(grid[np.linspace(0, len(grid) - 1, min(_PLACES, len(grid))).round().astype(int)])
-    stiffness = float(np.exp(joint.parameters[ANTENNA][6]))
-    wanted = []
-    for pull in pulls(session, kinematics, joint.problem.observations):
-        weight = float(np.linalg.norm(pull.gravity_m_s2)) or _STANDARD_GRAVITY_M_S2
-        for mass in sorted(set(masses_kg)):
-            force = mass * weight * pull.direction
-            wanted += [
-                (mass, pull, Load(None, pull.pan_rad, pull.tilt_rad, 0.0, float(at), float(force[0]), float(force[1])))
-                for at in places
-                if mass * weight * at**2 / (2.0 * stiffness) <= _STEEPEST_RAD
-            ]
-    if not wanted:
-        return []
-    observations = [Observation(load, np.zeros((0, 2)), np.zeros(0), pull.gravity_m_s2) for _, pull, load in wanted]
-    placed, inside = _predicted(joint, observations)
-    chosen = [item for item, seen in zip(wanted, inside, strict=True) if seen]
-    if not chosen:
-        return []
-    at = joint.solution.parameters[: joint.problem.lens.stop]
-    problem = joint.problem.over(placed).relinearised(at)
-    found = zip(chosen, problem.by_still(at), problem.whitened_by_load(at), strict=True)
-    return [LoadCandidate(load, mass, pull, rows, by_load) for (mass, pull, load), (_, rows), by_load in found]
-
-
-def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> tuple[list[Observation], list[bool]]:
-    """The stills that stay in the picture, with the points that would be seen of them; and which these are."""
-    problem, parameters = joint.problem, joint.solution.parameters
-    free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
-    curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
-    camera, view = problem.camera(parameters), joint.T_antenna_camera.inverse()
-    pixels, valid = camera.project(curves.points_m @ view.rotation.T + view.translation_m)
-    seen = valid & ((pixels >= 0) & (pixels <= np.subtract(camera.image_size, 1))).all(axis=-1)
-    share = np.gradient(curves.arclength_m, axis=1) / problem.length_m
-    visible = (share * seen).sum(axis=1)
-    usual = [one for one, kept in zip(problem.observations, problem.kept, strict=True) if kept]
-    points = float(np.median([len(one.points_px) for one in usual])) / max(float(visible[0]), 1e-3)
-    sigma = float(np.median(np.concatenate([one.sigma_px for one in usual])))
-    inside = [bool(own >= _LEAST_VISIBLE * visible[0] > 0) for own in visible[1:]]
-    placed = []
-    for index in (np.flatnonzero(inside) + 1).tolist():
-        # a node stands for all the points of its piece of the antenna
-        which = seen[index]
-        each = sigma / np.sqrt(np.maximum(points * share[index, which], 1e-3))
-        placed.append(replace(wanted[index - 1], points_px=pixels[index, which], sigma_px=each))
-    return placed, inside
-
-
 _LOG_STIFFNESS = ANTENNA.start + 6
-
-
-@dataclass(frozen=True)
-class StiffnessStd:
-    """Relative standard deviations of EI: by the pictures' noise, by the places, by the weights, by everything."""
-
-    noise: float
-    distance: float
-    mass: float
-    total: float
-
-
-@dataclass(frozen=True, eq=False)
-class StiffnessForecast:
-    """Uncertainty of EI now, and after further loads.
-
-    A weight that hangs twice is off by the same both times, and so is a place that is used twice: their errors do not
-    average out.
-
-    information : (17 + P, 17 + P) of the joint solve, in parameters scaled by `scale` (17 + P,).
-    sensitivity : (17 + P, K) Jᵀc of every place and weight, of the present loads, then of the candidates, in scaled
-        parameters; times its standard deviation.
-    groups : (K, G) which of them are the same weight or the same place. of_mass : (G,) which of these are weights.
-    grams : (K / 2, 2, 2) cᵀc of each still's place and weight, times their standard deviations.
-    counts : (K,) how often each takes part.
-    added : (C, 17 + P, 17 + P) information of each candidate, scaled. own : (C, K) its place and weight.
-    """
-
-    information: np.ndarray
-    scale: np.ndarray
-    sensitivity: np.ndarray
-    groups: np.ndarray
-    of_mass: np.ndarray
-    grams: np.ndarray
-    counts: np.ndarray
-    added: np.ndarray
-    own: np.ndarray
-
-    @staticmethod
-    def of(joint: BundleAdjustment, candidates: Sequence[LoadCandidate], readings: LoadReadings) -> StiffnessForecast:
-        """From a joint solution and the loads that could be hung next."""
-        rows = StillRows.of(joint)
-        solution, slopes = rows.solution, rows.by_load()
-        information, _, scale = solution.normal_equations()
-        jacobians = [one.jacobian / scale for one in candidates]
-        weighted = solution.jacobian * (solution.weights**2)[:, None] / scale
-        sensitivity, grams = [np.zeros((len(scale), 0))], []
-        for index, both in slopes.items():
-            mask = rows.of_stills([index])
-            sensitivity.append(weighted[mask].T @ both)
-            both = both * solution.weights[mask, None]
-            grams.append(both.T @ both)
-        for one, jacobian in zip(candidates, jacobians, strict=True):
-            sensitivity.append(jacobian.T @ one.by_readings)
-            grams.append(one.by_readings.T @ one.by_readings)
-        # as noted: corrected numbers cannot be shared with another load
-        present = [cast(Load, joint.noted[index].still) for index in slopes]
-        hung = [*present, *(one.load for one in candidates)]
-        keys = [key for load in hung for key in reading_keys(load)]
-        names = list(dict.fromkeys(keys))
-        std = np.array([readings.distance_std_m, readings.force_std_relative])
-        return StiffnessForecast(
-            information=information,
-            scale=scale,
-            sensitivity=np.hstack(sensitivity) * np.tile(std, len(hung)),
-            groups=np.array([[name == key for name in names] for key in keys], float).reshape(len(keys), len(names)),
-            of_mass=np.array([name[0] == "mass" for name in names], bool),
-            grams=np.array(grams).reshape(-1, 2, 2) * np.outer(std, std),
-            counts=np.repeat([1.0, 0.0], [2 * len(present), 2 * len(candidates)]),
-            added=np.array([rows.T @ rows for rows in jacobians]).reshape(-1, *information.shape),
-            own=np.repeat(np.eye(len(hung))[len(present) :], 2, axis=1),
-        )
-
-    def now(self) -> StiffnessStd:
-        """With the present loads."""
-        return self._std(self.information[None], self.counts[None])[0]
-
-    def after_each(self) -> list[StiffnessStd]:
-        """With each of the candidates besides."""
-        return self._std(self.information + self.added, self.counts + self.own)
-
-    def after(self, index: int) -> StiffnessForecast:
-        """With this candidate hung."""
-        return replace(self, information=self.information + self.added[index], counts=self.counts + self.own[index])
-
-    def _std(self, information: np.ndarray, counts: np.ndarray) -> list[StiffnessStd]:
-        none, every = np.zeros(len(self.of_mass), bool), np.ones(len(self.of_mass), bool)
-        noise, mass, total = (self._with(information, counts, which) for which in (none, self.of_mass, every))
-        place = np.sqrt(np.maximum(total**2 - mass**2, 0.0))
-        mass = np.sqrt(np.maximum(mass**2 - noise**2, 0.0))
-        return [StiffnessStd(*row) for row in np.column_stack([noise, place, mass, total]).tolist()]
-
-    def _with(self, information: np.ndarray, counts: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(C,) standard deviations of EI where these groups are solved for, under their priors."""
-        groups = self.groups[:, which]
-        size, count = len(self.scale), groups.shape[1]
-        joint = np.zeros((len(information), size + count, size + count))
-        joint[:, :size, :size] = information
-        mixed = (self.sensitivity * counts[:, None, :]) @ groups
-        joint[:, :size, size:], joint[:, size:, :size] = mixed, np.swapaxes(mixed, 1, 2)
-        pairs = groups.reshape(len(groups) // 2, 2, count)
-        each = np.einsum("kag,kab,kbh->kgh", pairs, self.grams, pairs)
-        joint[:, size:, size:] = np.eye(count) + np.einsum("ck,kgh->cgh", counts[:, ::2], each)
-        unit = np.zeros((len(joint), size + count, 1))
-        unit[:, _LOG_STIFFNESS] = 1.0
-        variance = np.linalg.solve(joint, unit)[:, _LOG_STIFFNESS, 0]
-        return np.asarray(np.sqrt(variance) / self.scale[_LOG_STIFFNESS])
-
-
 _AXES = {(0, 1): "+y", (0, -1): "−y", (1, 1): "+z", (1, -1): "−z"}
 _ALONG = 0.5
 """Part of a force along an axis from which the load counts as one along it."""
@@ -268,16 +49,201 @@ _AHEAD = 6
 
 
 @dataclass(frozen=True, eq=False)
-class LoadSuggestion:
+class _Pull:
+    """A direction in which a weight can pull, at a place of the joints.
+
+    direction : (2,) unit (y, z), antenna frame. over_pulley : it does not hang straight down.
+    """
+
+    pan_rad: float
+    tilt_rad: float
+    direction: np.ndarray
+    gravity_m_s2: np.ndarray
+    over_pulley: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _LoadCandidate:
+    """A load that could be hung.
+
+    jacobian : (N, 17 + P) whitened rows that it would add.
+    by_readings : (N, 2) derivatives of its residuals by its distance, per m, and by the logarithm of its force.
+    """
+
+    load: Load
+    mass_kg: float
+    pull: _Pull
+    jacobian: np.ndarray
+    by_readings: np.ndarray
+
+
+def _pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[_Pull]:
+    """Straight down at the joints so far, where that is across the antenna; over a pulley to all four sides where the
+    session did so before, or is weightless."""
+    joints = {(0.0, 0.0), *((one.still.pan_rad, one.still.tilt_rad) for one in observations)}
+    home = [Still(None, pan, tilt, 0.0) for pan, tilt in sorted(joints, key=lambda at: (abs(at[0]) + abs(at[1]), at))]
+    gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, home)
+    found: list[_Pull] = []
+    for still, pull in zip(home, gravity, strict=True):
+        size, across = float(np.linalg.norm(pull)), float(np.hypot(pull[1], pull[2]))
+        if size > 0 and abs(pull[0]) <= _SIDEWAYS * size:
+            down = pull[1:] / across
+            if all(down @ known.direction < _STRAIGHT for known in found):
+                found.append(_Pull(still.pan_rad, still.tilt_rad, down, pull, False))
+    pulled = [(one.load_N, one.gravity_m_s2) for one in observations]
+    aside = any(load @ pull[1:] < _STRAIGHT * np.linalg.norm(load) * np.linalg.norm(pull) for load, pull in pulled)
+    if aside or not any(one.gravity_m_s2.any() for one in observations):
+        for direction in np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]):
+            if all(direction @ known.direction < _STRAIGHT for known in found):
+                found.append(_Pull(home[0].pan_rad, home[0].tilt_rad, direction, gravity[0], True))
+    return found
+
+
+def _load_candidates(
+    joint: BundleAdjustment, session: Session, kinematics: Kinematics, masses_kg: Sequence[float]
+) -> list[_LoadCandidate]:
+    """Every weight at every place and pull that the elastica and the picture support."""
+    length = session.antenna.length_m
+    grid = np.arange(_RULER_M, length - _FARTHEST_M + 1e-9, _RULER_M)
+    grid = grid[grid >= _NEAREST * length] if (grid >= _NEAREST * length).any() else np.array([length - _FARTHEST_M])
+    places = np.unique(grid[np.linspace(0, len(grid) - 1, min(_PLACES, len(grid))).round().astype(int)])
+    stiffness = float(np.exp(joint.parameters[ANTENNA][6]))
+    wanted = []
+    for pull in _pulls(session, kinematics, joint.problem.observations):
+        weight = float(np.linalg.norm(pull.gravity_m_s2)) or _STANDARD_GRAVITY_M_S2
+        for mass in sorted(set(masses_kg)):
+            force = mass * weight * pull.direction
+            wanted += [
+                (mass, pull, Load(None, pull.pan_rad, pull.tilt_rad, 0.0, float(at), float(force[0]), float(force[1])))
+                for at in places
+                if mass * weight * at**2 / (2.0 * stiffness) <= _STEEPEST_RAD
+            ]
+    if not wanted:
+        return []
+    observations = [Observation(load, np.zeros((0, 2)), np.zeros(0), pull.gravity_m_s2) for _, pull, load in wanted]
+    placed = _predicted(joint, observations)
+    if not placed:
+        return []
+    at = joint.solution.parameters[: joint.problem.lens.stop]
+    problem = joint.problem.over([*placed.values()]).relinearised(at)
+    found = zip(placed, problem.by_still(at), problem.whitened_by_load(at), strict=True)
+    return [_LoadCandidate(wanted[index][2], *wanted[index][:2], rows, by_load) for index, (_, rows), by_load in found]
+
+
+def _predicted(joint: BundleAdjustment, wanted: Sequence[Observation]) -> dict[int, Observation]:
+    """The stills that stay in the picture, by their index, with the points that would be seen of them."""
+    problem, parameters = joint.problem, joint.solution.parameters
+    free = Observation(Still(None, 0.0, 0.0, 0.0), np.zeros((0, 2)), np.zeros(0), wanted[0].gravity_m_s2)
+    curves = replace(problem, observations=[free, *wanted]).curves(parameters[None, ANTENNA])
+    camera, view = problem.camera(parameters), joint.T_antenna_camera.inverse()
+    pixels, valid = camera.project(curves.points_m @ view.rotation.T + view.translation_m)
+    seen = valid & ((pixels >= 0) & (pixels <= np.subtract(camera.image_size, 1))).all(axis=-1)
+    share = np.gradient(curves.arclength_m, axis=1) / problem.length_m
+    visible = (share * seen).sum(axis=1)
+    usual = [one for one, kept in zip(problem.observations, problem.kept, strict=True) if kept]
+    points = float(np.median([len(one.points_px) for one in usual])) / max(float(visible[0]), 1e-3)
+    sigma = float(np.median(np.concatenate([one.sigma_px for one in usual])))
+    placed = {}
+    for index in np.flatnonzero((visible[1:] >= _LEAST_VISIBLE * visible[0]) & (visible[0] > 0)).tolist():
+        # a node stands for all the points of its piece of the antenna
+        which = seen[index + 1]
+        each = sigma / np.sqrt(np.maximum(points * share[index + 1, which], 1e-3))
+        placed[index] = replace(wanted[index], points_px=pixels[index + 1, which], sigma_px=each)
+    return placed
+
+
+@dataclass(frozen=True)
+class _StiffnessStd:
+    """Relative standard deviations of EI: by the pictures' noise, by the places, by the weights, by everything."""
+
+    noise: float
+    distance: float
+    mass: float
+    total: float
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessForecast:
+    """Uncertainty of EI now, and after further loads.
+
+    A weight that hangs twice is off by the same both times, and so is a place that is used twice: their errors do not
+    average out.
+
+    readings : the G different places and weights, as `reading_keys` names them.
+    scale : (17 + P,) of the joint solve's parameters.
+    information : (17 + P + G, 17 + P + G) of the scaled parameters, then of the readings' errors in their deviations.
+    added : (C, 17 + P + G, 17 + P + G) what each candidate adds to it.
+    """
+
+    readings: Sequence[tuple[str, str]]
+    scale: np.ndarray
+    information: np.ndarray
+    added: np.ndarray
+
+    @staticmethod
+    def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> StiffnessForecast:
+        """From a joint solution and the loads that could be hung next."""
+        rows = StillRows.of(joint)
+        solution, slopes = rows.solution, rows.by_load()
+        matrix, _, scale = solution.normal_equations()
+        # as noted: corrected numbers cannot be shared with another load
+        present = [cast(Load, joint.noted[index].still) for index in slopes]
+        names = list(
+            dict.fromkeys(key for one in (*present, *(c.load for c in candidates)) for key in reading_keys(one))
+        )
+        std, size = np.array([readings.distance_std_m, readings.force_std_relative]), len(scale)
+
+        def gram(load: Load, jacobian: np.ndarray, by_readings: np.ndarray) -> np.ndarray:
+            both = np.hstack([jacobian / scale, np.zeros((len(jacobian), len(names)))])
+            both[:, [size + names.index(key) for key in reading_keys(load)]] = by_readings * std
+            return both.T @ both
+
+        information = np.eye(size + len(names))
+        for load, (index, by_readings) in zip(present, slopes.items(), strict=True):
+            mask = rows.of_stills([index])
+            weights = solution.weights[mask, None]
+            information += gram(load, solution.jacobian[mask] * weights, by_readings * weights)
+        # the parameters' own part has the free antenna and the priors in it as well
+        information[:size, :size] = matrix
+        added = [gram(one.load, one.jacobian, one.by_readings) for one in candidates]
+        return StiffnessForecast(names, scale, information, np.array(added).reshape(-1, *information.shape))
+
+    def now(self) -> _StiffnessStd:
+        """With the present loads."""
+        return self._std(self.information[None])[0]
+
+    def after_each(self) -> list[_StiffnessStd]:
+        """With each of the candidates besides."""
+        return self._std(self.information + self.added)
+
+    def after(self, index: int) -> StiffnessForecast:
+        """With this candidate hung."""
+        return replace(self, information=self.information + self.added[index])
+
+    def _std(self, information: np.ndarray) -> list[_StiffnessStd]:
+        of_mass = np.array([kind == "mass" for kind, _ in self.readings], bool)
+        solved = []
+        for which in (np.zeros_like(of_mass), of_mass, np.ones_like(of_mass)):
+            free = np.flatnonzero(np.concatenate([np.ones(len(self.scale), bool), which]))
+            inverse = np.linalg.inv(information[:, free[:, None], free])
+            solved.append(np.sqrt(inverse[:, _LOG_STIFFNESS, _LOG_STIFFNESS]) / self.scale[_LOG_STIFFNESS])
+        noise, mass, total = solved
+        place = np.sqrt(np.maximum(total**2 - mass**2, 0.0))
+        mass = np.sqrt(np.maximum(mass**2 - noise**2, 0.0))
+        return [_StiffnessStd(*row) for row in np.column_stack([noise, place, mass, total]).tolist()]
+
+
+@dataclass(frozen=True, eq=False)
+class _LoadSuggestion:
     """The load to hang next: joints, distance and force to note, EI's deviations after it, and what a person does."""
 
     load: Load
-    after: StiffnessStd
+    after: _StiffnessStd
     words: str
 
 
 @dataclass(frozen=True, eq=False)
-class LoadProgress:
+class _LoadProgress:
     """How well EI is known.
 
     now : EI's deviations. suggestion : what to hang next; None where no weight helps.
@@ -285,8 +251,8 @@ class LoadProgress:
     missing : what the loads do not show, in words.
     """
 
-    now: StiffnessStd
-    suggestion: LoadSuggestion | None
+    now: _StiffnessStd
+    suggestion: _LoadSuggestion | None
     enough: bool
     reached: bool
     missing: tuple[str, ...]
@@ -299,7 +265,7 @@ def load_progress(
     masses_kg: Sequence[float],
     kinematics: Kinematics,
     goal_relative: float = 0.01,
-) -> LoadProgress:
+) -> _LoadProgress:
     """The uncertainty of EI by the stills so far, and the load that lowers it most.
 
     joint : of the stills so far, with or without loads.
@@ -307,7 +273,7 @@ def load_progress(
     kinematics : with the joints' zeros by a sweep.
     goal_relative : standard deviation of EI to reach, places and weights included.
     """
-    candidates = load_candidates(joint, session, kinematics, masses_kg)
+    candidates = _load_candidates(joint, session, kinematics, masses_kg)
     forecast = StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
     now, after = forecast.now(), [std.total for std in forecast.after_each()]
     kept = zip(joint.noted, joint.kept, strict=True)
@@ -337,8 +303,8 @@ def load_progress(
         words += ": none of these weights fits: each bends the antenna too far, or out of the picture"
     elif not reached and not reachable <= goal_relative:
         words += f": the best few loads of these weights lead to {_percent(reachable)}. What limits it is {_limit(now)}"
-    missing = _missing(hung, gain_std, pulls(session, kinematics, joint.problem.observations))
-    return LoadProgress(now, suggestion, enough, reached, missing, words)
+    missing = _missing(hung, gain_std, _pulls(session, kinematics, joint.problem.observations))
+    return _LoadProgress(now, suggestion, enough, reached, missing, words)
 
 
 def _reachable(forecast: StiffnessForecast) -> float:
@@ -350,7 +316,7 @@ def _reachable(forecast: StiffnessForecast) -> float:
     return reachable
 
 
-def _suggestion(one: LoadCandidate, after: StiffnessStd) -> LoadSuggestion:
+def _suggestion(one: _LoadCandidate, after: _StiffnessStd) -> _LoadSuggestion:
     load, direction = one.load, one.pull.direction
     axis = int(np.argmax(np.abs(direction)))
     pulling = f"over a pulley, pulling to {_AXES[axis, int(np.sign(direction[axis]))]}"
@@ -359,10 +325,10 @@ def _suggestion(one: LoadCandidate, after: StiffnessStd) -> LoadSuggestion:
         f"{pulling if one.pull.over_pulley else 'straight down'} (pan {np.rad2deg(load.pan_rad):.0f}°, tilt "
         f"{np.rad2deg(load.tilt_rad):.0f}°): EI to ± {_percent(after.total)}"
     )
-    return LoadSuggestion(load, after, words)
+    return _LoadSuggestion(load, after, words)
 
 
-def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[Pull]) -> tuple[str, ...]:
+def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[_Pull]) -> tuple[str, ...]:
     """What the loads so far do not show."""
     found = []
     if len(hung) < _LEAST_LOADS:
@@ -381,7 +347,7 @@ def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[Pull]) ->
     return tuple(found)
 
 
-def _limit(now: StiffnessStd) -> str:
+def _limit(now: _StiffnessStd) -> str:
     """The largest part of EI's uncertainty, and what would lower it."""
     if now.noise > np.hypot(now.distance, now.mass):
         return "the pictures: a heavier weight bends the antenna more"
