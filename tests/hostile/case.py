@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vbaa_calib.cli.main import main
-from vbaa_calib.wizard.state.store import LOCK
+from vbaa_calib.wizard.store import LOCK
 
 Damage = Callable[[Path], None]
 """What befalls a file, or the whole folder."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from vbaa_calib.wizard.ui.server import PageServer
+from vbaa_calib.wizard.server import PageServer
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,6 @@ from unittest import mock
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import sha256
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.steps import verdict
 from viz.cli import wizard as _wizard
 from viz.report import check as _check
 
@@ -109,6 +108,6 @@ if __name__ == "__main__":
     mock.patch.object(os, "fsync").start()
     if not plans.pop("seeing"):
         flow.STEP_BY_NAME.update(unseen_steps())
-        mock.patch.object(verdict, "conclude", unseen_conclude).start()
+        mock.patch.object(flow, "conclude", unseen_conclude).start()
     found = {name: killed(plan_path.parent / name, plan) for name, plan in plans.items()}
     plan_path.with_suffix(".found.json").write_text(json.dumps(found))

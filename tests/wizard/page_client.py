@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 
-from vbaa_calib.wizard.ui.server import PageServer
+from vbaa_calib.wizard.server import PageServer
 
 QUESTION: dict[str, Any] = {
     "key": "loads.1.mass",

@@ -23,12 +23,12 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml, write_json, write_text
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.wizard import flow
+from vbaa_calib.wizard.questions import PICTURES
+from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.sources.picture import Picture
-from vbaa_calib.wizard.state.questions import PICTURES
-from vbaa_calib.wizard.state.session_state import SessionState
-from vbaa_calib.wizard.state.store import LOCK
-from vbaa_calib.wizard.steps import verdict
-from vbaa_calib.wizard.steps.step import PictureCheck, Progress, Step
+from vbaa_calib.wizard.step import PictureCheck, Progress, Step
+from vbaa_calib.wizard.steps import REPORT, RIG
+from vbaa_calib.wizard.store import LOCK
 
 from ..small_scene import small_scene
 
@@ -129,6 +129,6 @@ def unseen_steps() -> dict[str, Step]:
 
 def unseen_conclude(root: Path, _page: object) -> dict[str, Any]:
     """A verdict that only says which pictures there were."""
-    write_json(root / verdict.RIG, {"pictures": sorted(name for name in tree(root) if name.endswith(".png"))})
-    write_text(root / verdict.REPORT, "report")
+    write_json(root / RIG, {"pictures": sorted(name for name in tree(root) if name.endswith(".png"))})
+    write_text(root / REPORT, "report")
     return {"words": "done", "verdict": "trust", "session_findings": [], "findings": [], "numbers": {}}

@@ -11,11 +11,11 @@ import pytest
 
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.asking import keep_answer, take_back
+from vbaa_calib.wizard.questions import QUESTIONS, Question
+from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.sources import Picture
-from vbaa_calib.wizard.state.questions import QUESTIONS, Question
-from vbaa_calib.wizard.state.session_state import SessionState
-from vbaa_calib.wizard.state.store import Store
-from vbaa_calib.wizard.ui.base import Interrupted, Ui, View
+from vbaa_calib.wizard.store import Store
+from vbaa_calib.wizard.ui import Interrupted, Ui, View
 
 from .small_session import answers, tiny_source, unseen_steps
 

@@ -14,9 +14,8 @@ import pytest
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard import flow as opening
 from vbaa_calib.wizard.sources.picture import Picture, SourceLost, frame_picture
-from vbaa_calib.wizard.state.journal import Journal
-from vbaa_calib.wizard.state.store import Store
-from vbaa_calib.wizard.steps.step import PictureCheck
+from vbaa_calib.wizard.step import PictureCheck
+from vbaa_calib.wizard.store import Journal, Store
 
 from .small_session import call, tree
 from .tiny_wizard import Tiny, expect_refused, finished, tiny

@@ -13,17 +13,17 @@ import pytest
 from targets.sheet import spec_document
 from vbaa_calib.wizard.capture import Capture
 from vbaa_calib.wizard.flow import STEP_BY_NAME
-from vbaa_calib.wizard.state.journal import StepRecord
-from vbaa_calib.wizard.state.session_state import SessionState
-from vbaa_calib.wizard.state.store import Store
-from vbaa_calib.wizard.steps import lens
-from vbaa_calib.wizard.steps.step import Progress
-from vbaa_calib.wizard.ui.base import LivePicture, Ui, View
-from vbaa_calib.wizard.ui.page import Page
+from vbaa_calib.wizard.page import Page
+from vbaa_calib.wizard.session_state import SessionState
+from vbaa_calib.wizard.step import Progress
+from vbaa_calib.wizard.steps import guidance
+from vbaa_calib.wizard.store import StepRecord, Store
+from vbaa_calib.wizard.ui import LivePicture, Ui, View
 
 from .obedient_camera import RIG, ObedientCamera
 
 MOST_FRAMES = 150
+LENS = STEP_BY_NAME["lens"]
 
 
 class Watching(View):
@@ -77,9 +77,9 @@ def obeyed(tmp_path_factory: pytest.TempPathFactory) -> Seen:
         watching = Watching()
         ui = Ui(watching, Page(state, {name: step.title for name, step in STEP_BY_NAME.items()}))
         try:
-            ui.begin(lens.STEP)
-            end = Capture(state, ui, lens.STEP, ObedientCamera(lambda: lens.guidance(state), MOST_FRAMES)).run()
-            return Seen(end, watching.lives, state.store.journal.of("lens"), lens.STEP.progress(state))
+            ui.begin(LENS)
+            end = Capture(state, ui, LENS, ObedientCamera(lambda: guidance(state), MOST_FRAMES)).run()
+            return Seen(end, watching.lives, state.store.journal.of("lens"), LENS.progress(state))
         finally:
             ui.close()
 

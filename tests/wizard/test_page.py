@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,15 +15,14 @@ import pytest
 
 from vbaa_calib.wizard.capture import GO_ON
 from vbaa_calib.wizard.flow import STEP_BY_NAME
+from vbaa_calib.wizard.page import Page
+from vbaa_calib.wizard.questions import Question
+from vbaa_calib.wizard.server import PageCommand
+from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.sources.picture import frame_picture
-from vbaa_calib.wizard.state.questions import Question
-from vbaa_calib.wizard.state.session_state import SessionState
-from vbaa_calib.wizard.state.store import Store
-from vbaa_calib.wizard.steps import board, lens
-from vbaa_calib.wizard.steps.step import PictureCheck
-from vbaa_calib.wizard.ui.base import LivePicture, Ui, View
-from vbaa_calib.wizard.ui.page import Page
-from vbaa_calib.wizard.ui.server import PageCommand
+from vbaa_calib.wizard.step import PictureCheck
+from vbaa_calib.wizard.store import Store
+from vbaa_calib.wizard.ui import LivePicture, Ui, View
 
 from .browser import BROWSER, Browser
 from .pseudo_terminal import PseudoTerminal
@@ -72,8 +72,8 @@ class Dialogue:
 
 @pytest.fixture
 def led(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Dialogue]:
-    monkeypatch.setattr("vbaa_calib.wizard.ui.page.PageServer", Shown)
-    monkeypatch.setattr(SessionState, "lens_corners", lambda _: np.array([[5.0, 5.0]]))
+    monkeypatch.setattr("vbaa_calib.wizard.page.PageServer", Shown)
+    monkeypatch.setattr(SessionState, "views", lambda *_: [SimpleNamespace(corners_px=np.array([[5.0, 5.0]]))])
     with Store(tmp_path / "rig") as store:
         page = Page(SessionState(store), {name: step.title for name, step in STEP_BY_NAME.items()})
         shown = page._server
@@ -87,9 +87,9 @@ def taken(store: Store) -> None:
 
 
 def test_only_what_can_be_done_is_offered(led: Dialogue) -> None:
-    led.ui.begin(board.STEP)
+    led.ui.begin(STEP_BY_NAME["board"])
     assert led.shown.state["can"] == ["redo", "quit"]
-    led.ui.begin(lens.STEP)
+    led.ui.begin(STEP_BY_NAME["lens"])
     assert led.shown.state["can"] == ["redo", "back", "quit"]
     taken(led.store)
     led.ui.live(LivePicture(np.full((90, 160), 100, np.uint8), PictureCheck(), 0.5))
@@ -104,7 +104,7 @@ def test_only_what_can_be_done_is_offered(led: Dialogue) -> None:
 
 
 def test_a_second_click_before_the_first_was_seen_does_nothing(led: Dialogue) -> None:
-    led.ui.begin(lens.STEP)
+    led.ui.begin(STEP_BY_NAME["lens"])
     taken(led.store)
     led.ui.say("took one")
     seen = led.shown.number

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from vbaa_calib.wizard.ui.server import FILES, STATIC, PageServer
+from vbaa_calib.wizard.server import FILES, STATIC, PageServer
 
 from .page_client import ask, command, cookie, jpeg, state, token
 

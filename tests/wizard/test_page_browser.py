@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from vbaa_calib.wizard.ui.server import PageCommand, PageServer
+from vbaa_calib.wizard.server import PageCommand, PageServer
 
 from .browser import BROWSER, Browser
 from .page_client import LIVE, QUESTION, STATE, jpeg, state

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.ui import server as module
-from vbaa_calib.wizard.ui.server import BODY_LIMIT, PageCommand, PageServer
+from vbaa_calib.wizard import server as module
+from vbaa_calib.wizard.server import BODY_LIMIT, PageCommand, PageServer
 
 from .page_client import ask, command, cookie, raw, state
 

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.state.questions import QUESTIONS, Question
+from vbaa_calib.wizard.questions import QUESTIONS, Question
 
 RNG_SEED = 11
 

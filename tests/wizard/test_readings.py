@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.state.readings import UNITS, ReadingsTable, complete, in_si, read_table, table_of
+from vbaa_calib.wizard.readings import UNITS, ReadingsTable, complete, in_si, read_table, table_of
 
 DOWN = np.array([0.0, 0.0, -9.80665])
 

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from vbaa_calib.wizard.ui.terminal import Screen
+from vbaa_calib.wizard.terminal import Screen
 
 
 class FakeTerminal(io.StringIO):

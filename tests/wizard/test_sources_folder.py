@@ -7,14 +7,15 @@ import os
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.wizard.sources import open_source
-from vbaa_calib.wizard.sources.folder import FolderSource, Pace
+from vbaa_calib.wizard.sources import files, open_source
+from vbaa_calib.wizard.sources.files import FolderSource, Pace
 
 QUICK = Pace(scan_s=0.02, settle_s=0.05, patience_s=0.25)
 
@@ -82,13 +83,17 @@ def test_a_picture_is_offered_only_when_it_is_written_whole(tmp_path: Path, suff
     assert source.notes == ()
 
 
-def test_a_file_whose_size_is_set_before_it_is_filled_is_waited_for(tmp_path: Path) -> None:
+def test_a_file_whose_size_is_set_before_it_is_filled_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A TIFF without compression, that decodes from its head and tail on, with black for what is missing."""
     pixels = np.random.default_rng(6).integers(1, 256, (48, 64), dtype=np.uint8)
     done, encoded = cv2.imencode(".tif", pixels, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
     assert done
     data, path, now_s = encoded.tobytes(), tmp_path / "x.tif", [0.0]
-    source = FolderSource(tmp_path, wait=True, pace=Pace(0.02, 0.05, 3.0), clock=lambda: now_s[0])
+    clock = SimpleNamespace(monotonic=lambda: now_s[0], time=time.time, sleep=time.sleep)
+    monkeypatch.setattr(files, "time", clock)
+    source = FolderSource(tmp_path, wait=True, pace=Pace(0.02, 0.05, 3.0))
     for written in range(8, len(data) - 400, 500):
         path.write_bytes(data[:written] + bytes(len(data) - 400 - written) + data[-400:])
         os.utime(path, ns=(written, written))

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.sources import Source, SourceLost, camera
-from vbaa_calib.wizard.sources.camera import CameraSettings, open_camera, parse_camera
-from vbaa_calib.wizard.sources.live import Patience
+from vbaa_calib.wizard.sources import Source, SourceLost, live
+from vbaa_calib.wizard.sources.live import CameraSettings, Patience, open_camera, parse_camera
 
 QUICK = Patience(open_s=0.6, silence_s=0.4, failures=3)
 
@@ -75,7 +74,7 @@ def plug(monkeypatch: pytest.MonkeyPatch):
         fake = FakeCamera(*args, **options)
         plugged.append(fake)
         monkeypatch.setattr(cv2, "VideoCapture", fake)
-        monkeypatch.setattr(camera, "_check_device", lambda *_: None)
+        monkeypatch.setattr(live, "_check_device", lambda *_: None)
         return fake
 
     yield plug

@@ -19,9 +19,8 @@ from hypothesis import strategies as st
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import gray_from_bytes
 from vbaa_calib.wizard.sources import Source, SourceLost, open_source
-from vbaa_calib.wizard.sources.live import Patience
+from vbaa_calib.wizard.sources.live import Patience, open_stream
 from vbaa_calib.wizard.sources.picture import frame_picture, without_secrets
-from vbaa_calib.wizard.sources.stream import open_stream
 
 QUICK = Patience(open_s=2.0, silence_s=1.5, failures=1, retries_s=(0.05, 0.1))
 

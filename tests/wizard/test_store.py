@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.wizard.sources.picture import Picture
-from vbaa_calib.wizard.state.journal import Journal
-from vbaa_calib.wizard.state.store import Store
+from vbaa_calib.wizard.store import Journal, Store
 
 IMAGE = np.zeros((2, 3), np.uint8)
 

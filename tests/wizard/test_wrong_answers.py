@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.questions import QUESTIONS, SOURCES, TABLES, Question
+from vbaa_calib.wizard.questions import QUESTIONS, SOURCES, TABLES, Question
 
 from .small_session import answers_file, call
 

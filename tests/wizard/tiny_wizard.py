@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.steps import verdict
 
 from .small_session import answers, answers_file, call, tiny_source, tree, unseen_conclude, unseen_steps
 
@@ -33,7 +32,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tiny]:
     with pytest.MonkeyPatch.context() as patch:
         for name, step in unseen_steps().items():
             patch.setitem(flow.STEP_BY_NAME, name, step)
-        patch.setattr(verdict, "conclude", unseen_conclude)
+        patch.setattr(flow, "conclude", unseen_conclude)
         code, said = call(made.session, "--answers", made.answers)
         assert code == 0, said
         yield made

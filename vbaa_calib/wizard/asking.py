@@ -13,22 +13,13 @@ from vbaa_calib.core.files import read_text, sha256, write_text
 from vbaa_calib.core.images import list_images, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
-from vbaa_calib.wizard.state.journal import AcceptedPicture
-from vbaa_calib.wizard.state.questions import (
-    BOARD_ANSWERS,
-    BY_KEY,
-    PICTURES,
-    QUESTIONS,
-    READINGS,
-    keeps_jig,
-    open_questions,
-)
-from vbaa_calib.wizard.state.session_file import answers_of, check_jig_axes, scale_of
-from vbaa_calib.wizard.state.session_state import SessionState
-from vbaa_calib.wizard.state.store import ASIDE, FOLDERS, WAYS, Store
-from vbaa_calib.wizard.steps.board import make_board, print_instructions
-from vbaa_calib.wizard.steps.step import Step
-from vbaa_calib.wizard.ui.base import Interrupted, Ui
+
+from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, QUESTIONS, READINGS, keeps_jig, open_questions
+from .session_state import SessionState, answers_of, check_jig_axes, scale_of
+from .step import Step
+from .steps import make_board, print_instructions
+from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
+from .ui import Interrupted, Ui
 
 _JIG = {key for key in BY_KEY if key.startswith("jig_")} | {"board_thickness_mm"}
 
@@ -78,8 +69,15 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             return
         question = questions[0]
         question = replace(question, default=store.retracted.get(question.key, question.default))
+        new = answers.get("board", "new") == "new"
+        facts = {
+            "measured_x": "the ruler along the sheet's lower edge" if new else "the pattern along x, from edge to edge",
+            "measured_y": "the ruler along the sheet's left edge" if new else "the pattern along y, from edge to edge",
+            "measure_x_mm": answers.get("measure_x_mm", float("nan")),
+            "measure_y_mm": answers.get("measure_y_mm", float("nan")),
+        }
         try:
-            value = ui.ask(question, _facts(answers))
+            value = ui.ask(question, facts)
         except Interrupted as interrupt:
             kind = interrupt.command
             if kind in ("redo", "quit") or (kind == "back" and not take_back(store, step.name)):
@@ -141,16 +139,6 @@ def check_together(answers: Mapping[str, Any]) -> None:
         check_jig_axes(x, y)
 
 
-def _facts(answers: Mapping[str, Any]) -> dict[str, Any]:
-    new = answers.get("board", "new") == "new"
-    return {
-        "measured_x": "the ruler along the sheet's lower edge" if new else "the pattern along x, from edge to edge",
-        "measured_y": "the ruler along the sheet's left edge" if new else "the pattern along y, from edge to edge",
-        "measure_x_mm": answers.get("measure_x_mm", float("nan")),
-        "measure_y_mm": answers.get("measure_y_mm", float("nan")),
-    }
-
-
 _READERS: Mapping[str, Callable[[Session], Sequence[Any]]] = {
     "noload": read_noload,
     "loads": read_loads,
@@ -176,10 +164,10 @@ def adopt(store: Store, ui: Ui) -> None:
         if not folder.is_dir():
             continue
         if folder.name in _READERS:
-            rows = _READERS[folder.name](session)
-            taken = tuple(_accepted(folder, row.image, _row_readings(row)) for row in rows)
+            rows = ((row.image, row) for row in _READERS[folder.name](session))
         else:
-            taken = tuple(_accepted(folder, image, {}) for image in list_images(folder))
+            rows = ((image, None) for image in list_images(folder))
+        taken = tuple(_accepted(folder, image, row) for image, row in rows)
         if taken:
             journal = journal.with_step(step, taken=taken)
             ui.say(f"{len(taken)} pictures {words} are there already")
@@ -187,18 +175,16 @@ def adopt(store: Store, ui: Ui) -> None:
     store.save(journal)
 
 
-def _accepted(folder: Path, image: Path, readings: Mapping[str, float]) -> AcceptedPicture:
+def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
+    """A picture that is there already; `row` of its table holds its readings, None without a table."""
     read_picture(image)
     if image.parent.resolve() != folder.resolve():
         raise InputError(
             f"lies outside {folder}", where=image, remedy="move it there, and correct its row in the table"
         )
     file = f"{folder.name}/{image.name}"
-    return AcceptedPicture(file=file, source=image.name, sha256=sha256(image), readings=dict(readings))
-
-
-def _row_readings(row: Any) -> dict[str, float]:
-    return {name: getattr(row, name) for name in _COLUMNS if getattr(row, name, None) is not None}
+    readings = {name: getattr(row, name) for name in _COLUMNS if getattr(row, name, None) is not None}
+    return AcceptedPicture(file=file, source=image.name, sha256=sha256(image), readings=readings)
 
 
 def set_unlisted_aside(store: Store, ui: Ui) -> None:

@@ -9,14 +9,14 @@ from typing import Any
 from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.session import Load, Still, gravity_antenna
-from vbaa_calib.wizard.state.questions import Question
-from vbaa_calib.wizard.state.readings import ReadingsTable, asked, complete, in_si
-from vbaa_calib.wizard.state.session_state import SessionState, still_of
-from vbaa_calib.wizard.steps.step import PictureCheck, Progress, Readings, Step
-from vbaa_calib.wizard.ui.base import Interrupted, LivePicture, Ui
 
+from .questions import Question
+from .readings import ReadingsTable, asked, complete, in_si
+from .session_state import SessionState, still_of
 from .sources import Picture, Source
+from .step import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
+from .ui import Interrupted, LivePicture, Ui
 
 _KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
 _NO = "no: more pictures may be taken"

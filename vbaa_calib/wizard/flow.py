@@ -7,20 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.core.errors import InputError, VbaaError
-from vbaa_calib.wizard.state.questions import BOARD_ANSWERS, BY_KEY, SOURCES, STEPS, Question
-from vbaa_calib.wizard.state.readings import ReadingsTable, read_table, table_of
-from vbaa_calib.wizard.state.session_state import SessionState
-from vbaa_calib.wizard.state.store import Store
-from vbaa_calib.wizard.steps import antenna, board, lens, plane, verdict
-from vbaa_calib.wizard.steps.step import Step
-from vbaa_calib.wizard.ui.base import Interrupted, Ui
 
 from .asking import answer_all, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture, NoMorePictures
+from .questions import BOARD_ANSWERS, BY_KEY, SOURCES, STEPS, Question
+from .readings import ReadingsTable, read_table, table_of
+from .session_state import SessionState
 from .sources import Source, SourceLost, open_source
+from .step import Step
+from .steps import REPORT, RIG, STEP_BY_NAME, Report, conclude
+from .store import Store
+from .ui import Interrupted, Ui
 
-_STEPS = (board.STEP, lens.STEP, plane.STEP, antenna.FREE, antenna.LOADS, antenna.SENSOR, verdict.STEP)
-STEP_BY_NAME = dict(zip(STEPS, _STEPS, strict=True))
 _TRY_AGAIN = Question("again", "", "Press Enter to try again", "what was taken is kept", kind="text", default="again")
 _BACK = "Press Enter to go back to the step before"
 _GO_BACK = Question("go_back", "", _BACK, "other pictures there may help", kind="text", default="back")
@@ -32,7 +30,7 @@ class Quit(Exception):
     """The person stops here."""
 
 
-def walk(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
+def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
     """All steps that are open, to the verdict; check.json's content, of which `report` makes the page.
 
     Raises Quit, InputError, SolveError.
@@ -82,7 +80,7 @@ def _step_before(store: Store, ui: Ui, at: int) -> int:
     return at
 
 
-def _conclude(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, Any]:
+def _conclude(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
     step, store = STEP_BY_NAME[STEPS[-1]], state.store
     ui.show(step, step.progress(state))
     state.write_files()
@@ -90,7 +88,7 @@ def _conclude(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, 
     set_unlisted_aside(store, ui)
     ui.working("everything in one solve")
     try:
-        return verdict.conclude(store.root, report)
+        return conclude(store.root, report)
     except VbaaError:
         _set_results_aside(store, ui)
         raise
@@ -98,7 +96,7 @@ def _conclude(state: SessionState, ui: Ui, report: verdict.Report) -> dict[str, 
 
 def _set_results_aside(store: Store, ui: Ui) -> None:
     """A rig that was solved from something else must not be taken for this session's."""
-    there = [path for path in (store.root / verdict.RIG, store.root / verdict.REPORT) if path.exists()]
+    there = [path for path in (store.root / RIG, store.root / REPORT) if path.exists()]
     if there:
         place = store.set_aside(there, "before")
         ui.say(f"{' and '.join(path.name for path in there)} of an earlier state: now in {place}")

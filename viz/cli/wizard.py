@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.wizard.state.questions import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES, Question
+from vbaa_calib.wizard.questions import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES, Question
 
 if TYPE_CHECKING:
-    from vbaa_calib.wizard.state.store import Store
+    from vbaa_calib.wizard.store import Store
 
 _OPTIONS = (*QUESTIONS, *SOURCES, *TABLES)
 _PATHS = {"board", "source"} | {question.key for question in (*SOURCES, *TABLES)}
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError, VbaaError
-    from vbaa_calib.wizard.state.store import Store
+    from vbaa_calib.wizard.store import Store
 
     if not 0 <= args.port <= _LAST_PORT:
         raise InputError(f"there is no port {args.port}", where="--port", remedy=f"0 for any, or up to {_LAST_PORT}")
@@ -80,7 +80,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import read_yaml
     from vbaa_calib.wizard.asking import absolute
-    from vbaa_calib.wizard.state.readings import table_of
+    from vbaa_calib.wizard.readings import table_of
 
     questions = {question.key: question for question in _OPTIONS}
     found: dict[str, Any] = {}
@@ -108,17 +108,17 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
 def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[str, Any]:
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
     from vbaa_calib.wizard.flow import STEP_BY_NAME, Quit, redo, walk
-    from vbaa_calib.wizard.state.session_state import SessionState
-    from vbaa_calib.wizard.steps.verdict import REPORT
-    from vbaa_calib.wizard.ui.base import Interrupted, Ui
+    from vbaa_calib.wizard.session_state import SessionState
+    from vbaa_calib.wizard.steps import REPORT
+    from vbaa_calib.wizard.ui import Interrupted, Ui
     from viz.report import check as report
 
     state, ui, url = SessionState(store), Ui(), ""
     titles = {name: step.title for name, step in STEP_BY_NAME.items()}
     # a stream is None where it was closed
     if not args.batch and all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr)):
-        from vbaa_calib.wizard.ui.page import Page
-        from vbaa_calib.wizard.ui.terminal import Terminal
+        from vbaa_calib.wizard.page import Page
+        from vbaa_calib.wizard.terminal import Terminal
 
         page = None if args.no_page else Page(state, titles, args.port)
         url = "" if page is None else page.url
@@ -182,7 +182,7 @@ def _greeting(store: Store, session: Path, url: str, titles: Mapping[str, str]) 
 
 
 def _result(store: Store, document: Mapping[str, Any] | None) -> dict[str, Any]:
-    from vbaa_calib.wizard.steps.verdict import REPORT, RIG
+    from vbaa_calib.wizard.steps import REPORT, RIG
 
     steps = {
         name: {"pictures": len(record.taken), "left": len(record.left), "closed": record.closed}

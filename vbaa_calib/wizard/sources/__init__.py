@@ -9,11 +9,9 @@ from pathlib import Path
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES
 
-from .camera import CameraSettings, open_camera, parse_camera
-from .folder import FolderSource
+from .files import FolderSource, VideoSource
+from .live import CameraSettings, open_camera, open_stream, parse_camera
 from .picture import Picture, Source, SourceLost, shown
-from .stream import open_stream
-from .video import VideoSource
 
 __all__ = ["Picture", "Source", "SourceLost", "open_source"]
 _LONGEST = 4096

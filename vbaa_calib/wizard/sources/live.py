@@ -1,24 +1,27 @@
-"""The newest frames of a camera or stream."""
+"""The newest frames of a camera at this computer, or of a stream from the net (rtsp, http, udp and others)."""
 
 from __future__ import annotations
 
 import os
+import re
+import sys
 import threading
 import time
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import parse_qsl, urlsplit
 
 import cv2
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-from .picture import Picture, SourceLost, frame_picture
+from .picture import Picture, SourceLost, frame_picture, shown, silence_opencv
 
-Fault = Literal["closed", "blank", "broken", "hung"]
+_Fault = Literal["closed", "blank", "broken", "hung"]
 """Could not be opened; opened but never gave a frame; its frames stopped; it does not answer."""
-
 _PAUSE_S = 0.05
 _LEAVE_S = 0.5
 
@@ -36,13 +39,6 @@ class Patience:
     retries_s: tuple[float, ...] = ()
 
 
-def silence_opencv() -> None:
-    """Keep OpenCV's and FFmpeg's own lines off the terminal: the sources report what matters."""
-    # FFmpeg's level is read once, when the first capture is opened; -8 is its "quiet"
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-
-
 class LiveSource:
     """The newest frames of a device: those that nobody took in time are dropped, and not decoded.
 
@@ -58,34 +54,34 @@ class LiveSource:
         name: str,
         opener: Callable[[], cv2.VideoCapture],
         patience: Patience,
-        faults: Mapping[Fault, tuple[str, str]],
+        faults: Mapping[_Fault, tuple[str, str]],
         seen: Container[str] = (),
+        notes: Sequence[str] = (),
     ) -> None:
         """Opens the device and waits for its first frame. faults : what is wrong, and the remedy.
 
-        Raises InputError when no frame comes.
+        notes : messages, which `opener` may add to. Raises InputError when no frame comes.
         """
         self.name = name
-        self._opener, self._patience, self._faults, self._seen = opener, patience, faults, seen
-        self._notes: tuple[str, ...] = ()
+        self._opener, self._patience, self._faults = opener, patience, faults
+        self._seen, self._notes = seen, notes
         self._number = self._reopened = 0
         self._changed, self._stop = threading.Condition(), threading.Event()
         self._start_s = time.monotonic()
         self._due_s = self._start_s + patience.open_s
         self._frame: tuple[np.ndarray, float] | None = None
         self._wanted, self._had_frames = True, False
-        self._fault: Fault | None = None
+        self._fault: _Fault | None = None
         self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
         self._thread.start()
         try:
             # a little longer than the thread's own patience, so that the thread finds what is wrong
             self._first = self._newest(patience.open_s + 1)
+            if self._first is None:
+                raise self._error(InputError, self._fault_now() or "hung")
         except BaseException:
             self.close()
             raise
-        if self._first is None:
-            self.close()
-            raise self._error(InputError, self._fault_now() or "hung")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -93,16 +89,11 @@ class LiveSource:
         times = range(1, self._reopened + 1)
         return (*self._notes, *(f"{self.name} broke off and was reached again, time {time}" for time in times))
 
-    def add_notes(self, *notes: str) -> None:
-        """Add messages, before the first frame is taken."""
-        self._notes += notes
-
     def next(self, timeout_s: float) -> Picture | None:
         """The newest frame, waited for if need be. Raises SourceLost when the device is gone."""
         frame, self._first = self._first or self._newest(timeout_s), None
         if frame is None:
-            fault = self._fault_now()
-            if fault is not None:
+            if (fault := self._fault_now()) is not None:
                 self.close()
                 raise self._error(SourceLost, fault)
             return None
@@ -116,16 +107,14 @@ class LiveSource:
         self._stop.set()
         self._thread.join(_LEAVE_S)
 
-    def _error(self, kind: type[InputError], fault: Fault) -> InputError:
+    def _error(self, kind: type[InputError], fault: _Fault) -> InputError:
         what, remedy = self._faults[fault]
         return kind(what, where=self.name, remedy=remedy)
 
-    def _fault_now(self) -> Fault | None:
+    def _fault_now(self) -> _Fault | None:
         """Why there are no more frames; None while there may be some."""
         with self._changed:
-            if self._fault is None and time.monotonic() > self._due_s:
-                return "hung"
-            return self._fault
+            return "hung" if self._fault is None and time.monotonic() > self._due_s else self._fault
 
     def _newest(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
         """A frame that was not given before, and its time; None when none came in time, or there is a fault."""
@@ -155,7 +144,7 @@ class LiveSource:
             self._expect_frame(wait_s + self._patience.open_s)
             self._stop.wait(wait_s)
 
-    def _read_until_it_breaks(self) -> tuple[Fault, int]:
+    def _read_until_it_breaks(self) -> tuple[_Fault, int]:
         """What happened, and how many frames came."""
         try:
             capture = self._opener()
@@ -200,3 +189,178 @@ class LiveSource:
     def _expect_frame(self, within_s: float) -> None:
         with self._changed:
             self._due_s = time.monotonic() + within_s
+
+
+_LIKE = "write it like camera:0 or camera:0?width=1920&height=1080&fourcc=MJPG"
+_MOST = {"width": 65535, "height": 65535, "fps": 1000}
+_PLUG = "check cable and plug, close other programs that use the camera, then run this again: it goes on where it was"
+_CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
+    "closed": ("the camera cannot be opened", "close other programs that use it, or name another camera"),
+    "blank": (
+        "the camera opens but gives no picture",
+        "close other programs that use it, try another size or fourcc=MJPG, or name another camera",
+    ),
+    "broken": ("the camera gives no more pictures", _PLUG),
+    "hung": ("the camera does not answer", _PLUG),
+}
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """Which camera (OpenCV's index, or a device file), and what is asked of it; None: the camera's default.
+
+    Many cameras are slow at full size without a fourcc such as MJPG.
+    """
+
+    device: int | str
+    width: int | None = None
+    height: int | None = None
+    fps: int | None = None
+    fourcc: str | None = None
+
+
+def parse_camera(text: str) -> CameraSettings:
+    """What stands behind "camera:". Raises InputError."""
+    device, _, query = text.partition("?")
+    where, given = f"camera:{shown(text)}", dict[str, Any]()
+    for key, value in parse_qsl(query, keep_blank_values=True):
+        if key == "fourcc" and re.fullmatch(r"[\x20-\x7e]{4}", value):
+            given[key] = value
+        elif key in _MOST and re.fullmatch(r"[0-9]{1,5}", value) and 1 <= int(value) <= _MOST[key]:
+            given[key] = int(value)
+        else:
+            known = key in _MOST or key == "fourcc"
+            what = f"{shown(key)} cannot be {shown(value)!r}" if known else f"{shown(key)!r} is not known of a camera"
+            remedy = f"width, height, fps and fourcc can be asked for; {_LIKE}"
+            raise InputError(what, where=where, remedy=remedy)
+    number = re.fullmatch(r"[0-9]{1,3}", device)
+    if not number and not device.startswith("/"):
+        raise InputError("is neither a camera's number nor its device", where=where, remedy=_LIKE)
+    return CameraSettings(int(device) if number else device, **given)
+
+
+def open_camera(settings: CameraSettings, seen: Container[str] = (), patience: Patience | None = None) -> LiveSource:
+    """A camera, running. Raises InputError when it is not there or gives no picture."""
+    name, notes = f"camera:{settings.device}", list[str]()
+    _check_device(settings.device, name)
+
+    def opened() -> cv2.VideoCapture:
+        silence_opencv()
+        backend = cv2.CAP_V4L2 if sys.platform.startswith("linux") else cv2.CAP_ANY
+        capture = cv2.VideoCapture(settings.device, backend)
+        if capture.isOpened():
+            exposure = "the camera's automatic exposure is left as it is"
+            notes[:] = [_ask_size(capture, settings), _stop_autofocus(capture), exposure]
+        return capture
+
+    return LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
+
+
+def _check_device(device: int | str, name: str) -> None:
+    """On Linux a camera is a file, so that what is missing is known without asking the driver."""
+    if not sys.platform.startswith("linux"):
+        return
+    path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
+    if not path.exists():
+        there = []
+        for each in sorted(Path("/dev").glob("video*"), key=lambda path: (len(path.name), path.name)):
+            try:
+                title = (Path("/sys/class/video4linux") / each.name / "name").read_text(errors="replace").strip()
+            except OSError:
+                title = ""
+            there.append(f"{each} ({title})" if title else str(each))
+        remedy = f"there are {', '.join(there)}" if there else "this computer shows no camera: plug one in"
+        raise InputError(f"there is no {shown(str(path))}", where=name, remedy=remedy)
+    if not os.access(path, os.R_OK | os.W_OK):
+        remedy = "let the user use cameras, usually `sudo usermod -aG video $USER`, then log in again"
+        raise InputError(f"{path} may not be used", where=name, remedy=remedy)
+
+
+def _ask_size(capture: cv2.VideoCapture, settings: CameraSettings) -> str:
+    # the pixel format first: it decides which sizes there are
+    if settings.fourcc:
+        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*settings.fourcc))
+    sides = {cv2.CAP_PROP_FRAME_WIDTH: settings.width, cv2.CAP_PROP_FRAME_HEIGHT: settings.height}
+    for key, value in {**sides, cv2.CAP_PROP_FPS: settings.fps}.items():
+        if value:
+            capture.set(key, value)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    has = [int(capture.get(key)) for key in sides]
+    if all(asked in (None, given) for asked, given in zip(sides.values(), has, strict=True)):
+        return f"the camera gives {has[0]}x{has[1]} px"
+    asked_for = "x".join(str(value or "any") for value in sides.values())
+    return f"{asked_for} px were asked for, but the camera gives {has[0]}x{has[1]} px"
+
+
+def _stop_autofocus(capture: cv2.VideoCapture) -> str:
+    if capture.set(cv2.CAP_PROP_AUTOFOCUS, 0) and capture.get(cv2.CAP_PROP_AUTOFOCUS) == 0:
+        return "autofocus is switched off"
+    return (
+        "autofocus could not be switched off; if the camera has one, switch it off in its own program, "
+        "since a lens that focuses anew is another lens"
+    )
+
+
+_SCHEMES = ("rtsp", "rtsps", "http", "https", "udp", "rtp", "rtmp", "tcp", "srt")
+_NO_HOST = ("udp", "rtp")
+_REACH = "check that camera and network are up, then run this again: it goes on where it was"
+_STREAM_FAULTS: dict[_Fault, tuple[str, str]] = {
+    "closed": ("the stream cannot be opened", "try the address, user and password in a video player"),
+    "blank": ("the stream opens but gives no picture", "try the address in a video player"),
+    "broken": ("the stream broke off and cannot be reached again", _REACH),
+    "hung": ("the stream does not answer", _REACH),
+}
+# FFmpeg has tried on its own before a read fails
+_STREAM_PATIENCE = Patience(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
+
+
+def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREAM_PATIENCE) -> LiveSource:
+    """A stream, running; when it breaks off it is opened again, a few times. Raises InputError.
+
+    User, password and tokens in the URL are never shown.
+    """
+    name, stored = shown(url), False
+    _check_url(url, name)
+    # shorter than the thread's own patience, so that FFmpeg ends by itself rather than being left behind
+    waits = {
+        cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 0.8 * patience.open_s,
+        cv2.CAP_PROP_READ_TIMEOUT_MSEC: 0.8 * patience.silence_s,
+    }
+    settings = [value for key, wait_s in waits.items() for value in (key, int(1000 * wait_s))]
+
+    def opened() -> cv2.VideoCapture:
+        nonlocal stored
+        silence_opencv()
+        capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, settings)
+        # a picture on its own is one "frame" long: that is a camera's snapshot, which is opened anew for each
+        if capture.isOpened() and capture.get(cv2.CAP_PROP_FRAME_COUNT) > 1:
+            stored = True
+            capture.release()
+        return capture
+
+    try:
+        return LiveSource(name, opened, patience, _STREAM_FAULTS, seen)
+    except InputError:
+        if not stored:
+            raise
+        what = "is a stored video, not a live stream"
+        raise InputError(what, where=name, remedy="save it and name the file") from None
+
+
+def _check_url(url: str, name: str) -> None:
+    like = "write it like rtsp://host:554/path"
+    try:
+        parts = urlsplit(url)
+        scheme, host, port = parts.scheme.lower(), parts.hostname, parts.port
+    except ValueError:
+        raise InputError("is not a valid URL", where=name, remedy=like) from None
+    kinds = ", ".join(f"{each}://" for each in _SCHEMES)
+    faults = (
+        (scheme == "file", "is a URL of a file", "name the file's path itself"),
+        (scheme not in _SCHEMES, f"{shown(parts.scheme)}:// is not read", f"these are: {kinds}"),
+        (re.search(r"\s", url) or not url.isprintable(), "holds blanks or control characters", "write a blank as %20"),
+        (not host and not (port and scheme in _NO_HOST), "names no host", like),
+    )
+    for wrong, what, remedy in faults:
+        if wrong:
+            raise InputError(what, where=name, remedy=remedy)

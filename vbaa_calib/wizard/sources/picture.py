@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -93,6 +94,13 @@ class Source(Protocol):
     def close(self) -> None:
         """Let go of device, file or connection. May be called twice."""
         ...
+
+
+def silence_opencv() -> None:
+    """Keep OpenCV's and FFmpeg's own lines off the terminal: the sources report what matters."""
+    # FFmpeg's level is read once, when the first capture is opened; -8 is its "quiet"
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 def frame_picture(name: str, pixels: np.ndarray, time_s: float) -> Picture:

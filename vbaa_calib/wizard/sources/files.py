@@ -1,18 +1,21 @@
-"""A folder that any program may fill while it is watched."""
+"""Pictures of a folder that any program may fill while it is watched, and the frames of a video file, each of them."""
 
 from __future__ import annotations
 
+import math
 import os
 import stat
 import time
-from collections.abc import Callable, Container
+from collections.abc import Container
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import cv2
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES, gray_from_bytes
 
-from .picture import Picture, SourceLost, shown
+from .picture import Picture, SourceLost, frame_picture, shown, silence_opencv
 
 _TEMPORARY = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".download", ".filepart", ".swp")
 _MOST_BYTES = 1_000_000_000
@@ -47,27 +50,24 @@ class FolderSource:
 
     live = False
 
-    def __init__(
-        self,
-        folder: Path,
-        seen: Container[str] = (),
-        wait: bool = False,
-        pace: Pace | None = None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, folder: Path, seen: Container[str] = (), wait: bool = False, pace: Pace | None = None) -> None:
         """Raises InputError when the folder cannot be read, or is empty and not waited for."""
         self.name = shown(str(folder))
         self.notes: tuple[str, ...] = ()
         self._folder, self._seen, self._wait = folder, seen, wait
-        self._pace, self._clock = pace or Pace(), clock
+        self._pace = pace or Pace()
         self._given: set[str] = set()
         self._watched: dict[str, _Watched] = {}
         self._ready: list[str] = []
         names = self._names(InputError)
         if not names and not wait:
             raise InputError("holds no pictures", where=self.name, remedy=f"put {', '.join(SUFFIXES)} files into it")
-        self._start_s = self._scanned_s = clock()
-        self._first_scan(names)
+        self._start_s = self._scanned_s = time.monotonic()
+        for name in filter(self._is_new, names):
+            if (state := self._state(name)) is not None:
+                # what was there for long need not be watched first
+                is_old = time.time() - 1e-9 * state[1] > _OLD_S
+                self._watched[name] = _Watched(state, self._start_s - (self._pace.patience_s if is_old else 0))
 
     @property
     def ended(self) -> bool:
@@ -76,11 +76,11 @@ class FolderSource:
 
     def next(self, timeout_s: float) -> Picture | None:
         """The next whole picture. Raises SourceLost when the folder is gone."""
-        until_s = self._clock() + timeout_s
+        until_s = time.monotonic() + timeout_s
         while True:
             # thousands of files take long to look at: not as long as some are known to wait
             if not self._ready:
-                if self._clock() - self._scanned_s >= self._pace.scan_s:
+                if time.monotonic() - self._scanned_s >= self._pace.scan_s:
                     self._scan()
                 self._ready = self._unchanging()
             while self._ready:
@@ -88,7 +88,7 @@ class FolderSource:
                 offered = self._read(name) if name not in self._seen else None
                 if offered is not None:
                     return offered
-            left_s = until_s - self._clock()
+            left_s = until_s - time.monotonic()
             if self.ended or left_s <= 0:
                 return None
             time.sleep(min(left_s, self._pace.scan_s))
@@ -98,7 +98,7 @@ class FolderSource:
 
     def _unchanging(self) -> list[str]:
         """Names, in order, that stand still and were not tried in this state; or once more at the end of patience."""
-        now_s = self._clock()
+        now_s = time.monotonic()
         unchanging = []
         for name, watched in sorted(self._watched.items()):
             wait_s = self._pace.patience_s if watched.failed else self._pace.settle_s
@@ -114,7 +114,7 @@ class FolderSource:
         path, watched = self._folder / name, self._watched[name]
         try:
             data = path.read_bytes() if watched.state[0] <= _MOST_BYTES else None
-            state = _state(path.stat())
+            status = path.stat()
         except FileNotFoundError:
             del self._watched[name]
             self._names(SourceLost)
@@ -123,8 +123,9 @@ class FolderSource:
             return self._failed(name, f"{name}: cannot be read ({error.strerror}); check its permissions")
         if data is None:
             return self._failed(name, f"{name}: is larger than {_MOST_BYTES / 1e9:g} GB; export a smaller picture")
+        state = status.st_size, status.st_mtime_ns
         if state != watched.state or len(data) != state[0]:
-            self._watched[name] = _Watched(state, self._clock())
+            self._watched[name] = _Watched(state, time.monotonic())
             return None
         try:
             image = gray_from_bytes(data, Path(name))
@@ -136,29 +137,19 @@ class FolderSource:
 
     def _failed(self, name: str, why: str) -> Picture | None:
         watched = self._watched[name]
-        over = self._clock() - watched.since_s >= self._pace.patience_s
+        over = time.monotonic() - watched.since_s >= self._pace.patience_s
         self._watched[name] = replace(watched, failed=True, reported=over)
         if over:
             self.notes += (why,)
         return None
 
-    def _first_scan(self, names: list[str]) -> None:
-        """What was there for long need not be watched first."""
-        for name in filter(self._is_new, names):
-            status = self._status(name)
-            if status is not None:
-                age_s = time.time() - status.st_mtime
-                since_s = self._start_s - (self._pace.patience_s if age_s > _OLD_S else 0)
-                self._watched[name] = _Watched(_state(status), since_s)
-
     def _scan(self) -> None:
-        now_s = self._scanned_s = self._clock()
+        now_s = self._scanned_s = time.monotonic()
         there = set(filter(self._is_new, self._names(SourceLost)))
         for name in sorted(there if self._wait else there & self._watched.keys()):
-            status = self._status(name)
-            watched = self._watched.get(name)
-            if status is not None and (watched is None or watched.state != _state(status)):
-                self._watched[name] = _Watched(_state(status), now_s)
+            state, watched = self._state(name), self._watched.get(name)
+            if state is not None and (watched is None or watched.state != state):
+                self._watched[name] = _Watched(state, now_s)
         for name in self._watched.keys() - there:
             del self._watched[name]
 
@@ -189,13 +180,69 @@ class FolderSource:
     def _is_new(self, name: str) -> bool:
         return name not in self._given and name not in self._seen
 
-    def _status(self, name: str) -> os.stat_result | None:
+    def _state(self, name: str) -> tuple[int, int] | None:
+        """Size and time of a file; None for what is none."""
         try:
             status = os.stat(os.path.join(self._folder, name))
         except OSError:
             return None
-        return status if stat.S_ISREG(status.st_mode) else None
+        return (status.st_size, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else None
 
 
-def _state(status: os.stat_result) -> tuple[int, int]:
-    return status.st_size, status.st_mtime_ns
+_AGAIN = "record or copy it again, or turn it into a folder of pictures"
+_USUAL_FPS = 30.0
+_READABLE_SHARE = 0.95
+
+
+class VideoSource:
+    """Every frame of a video, named by its place in it from 0 on: the same from run to run.
+
+    It is judged by holding still, like a live stream, but no frame is dropped, however slow the reader is.
+    """
+
+    live = True
+
+    def __init__(self, path: Path, seen: Container[str] = ()) -> None:
+        """Raises InputError when the file holds no video that can be read."""
+        silence_opencv()
+        self.name = shown(path.name)
+        self.ended = False
+        self.notes: tuple[str, ...] = ()
+        self._seen, self._index, self._time_s = seen, 0, -math.inf
+        self._capture = cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG)
+        # in the sensor's own orientation, as pictures are read
+        self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+        if not self._capture.isOpened() or not self._capture.grab():
+            self._capture.release()
+            raise InputError("is not a video that can be read", where=shown(str(path)), remedy=_AGAIN)
+        self._frame_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        fps = self._capture.get(cv2.CAP_PROP_FPS)
+        self._fps = fps if 1 <= fps <= 1000 else _USUAL_FPS
+
+    def next(self, timeout_s: float) -> Picture | None:
+        """The next frame; None at the end."""
+        while not self.ended:
+            name, time_s = f"frame {self._index}", self._stamp()
+            read, pixels = (False, None) if name in self._seen else self._capture.retrieve()
+            self._index += 1
+            if not self._capture.grab():
+                if self._index < _READABLE_SHARE * self._frame_count:
+                    part = f"{self._index} of its {self._frame_count:.0f} frames can be read"
+                    self.notes += (f"{self.name} is cut off or damaged: {part}",)
+                self.close()
+            if read and pixels is not None and pixels.size:
+                return frame_picture(name, pixels, time_s)
+        return None
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self.ended = True
+        self._capture.release()
+
+    def _stamp(self) -> float:
+        """The frame's time since the video began, s; one frame after the last where the file does not hold it."""
+        time_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        if not math.isfinite(time_s) or time_s < 0 or time_s <= self._time_s:
+            time_s = 0.0 if self._index == 0 else self._time_s + 1 / self._fps
+        self._time_s = time_s
+        return time_s

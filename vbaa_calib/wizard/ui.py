@@ -11,8 +11,9 @@ import numpy as np
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.state.questions import Question, typed
-from vbaa_calib.wizard.steps.step import PictureCheck, Progress, Step
+
+from .questions import Question, typed
+from .step import PictureCheck, Progress, Step
 
 COMMANDS = {
     "enough": "close this step with what it has",

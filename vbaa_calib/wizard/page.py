@@ -9,12 +9,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vbaa_calib.wizard.state.questions import STEPS, typed
-from vbaa_calib.wizard.state.session_state import SessionState
-from vbaa_calib.wizard.steps.step import counted
-
-from .base import LivePicture, Ui, View
+from .questions import STEPS, typed
 from .server import PageServer
+from .session_state import SessionState
+from .step import counted
+from .ui import LivePicture, Ui, View
 
 _COLUMNS, _ROWS = 12, 8
 _WIDEST_PX = 1280
@@ -73,9 +72,16 @@ class Page(View):
         step, progress = ui.step, ui.progress
         texts = {name: getattr(step, name, "") for name in ("name", "title", "what", "why")}
         verdict = {"level": ui.document["verdict"], "words": ui.document["words"]} if ui.document else None
+        lines = []
+        for name in STEPS:
+            record = self._state.store.journal.of(name)
+            now = step is not None and name == step.name and not ui.document
+            status = "now" if now else "done" if record.closed or ui.document else "todo"
+            note = counted(len(record.taken), "picture") if record.taken else ""
+            lines.append({"name": name, "title": self._titles[name], "status": status, "note": note})
         state = {
             "session": str(self._state.store.root),
-            "steps": [self._step_line(ui, name) for name in STEPS],
+            "steps": lines,
             "step": texts
             | {
                 "seen": progress.seen,
@@ -108,7 +114,7 @@ class Page(View):
     def _look(self, ui: Ui, view: LivePicture) -> None:
         height, width = view.image.shape
         check, target = view.check, ui.progress.target
-        u, v = self._state.lens_corners().T
+        u, v = np.concatenate([np.zeros((0, 2)), *(seen.corners_px for seen in self._state.views("lens"))]).T
         counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
         self._live = {
             "image_size": [width, height],
@@ -123,13 +129,6 @@ class Page(View):
         shrunk = min(1.0, _WIDEST_PX / width)
         small = cv2.resize(view.image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
         self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
-
-    def _step_line(self, ui: Ui, name: str) -> dict[str, str]:
-        record = self._state.store.journal.of(name)
-        now = ui.step is not None and name == ui.step.name and not ui.document
-        status = "now" if now else "done" if record.closed or ui.document else "todo"
-        note = counted(len(record.taken), "picture") if record.taken else ""
-        return {"name": name, "title": self._titles[name], "status": status, "note": note}
 
 
 def _asked(ui: Ui) -> dict[str, Any] | None:

@@ -14,10 +14,9 @@ from vbaa_calib.core.images import picture_from_bytes
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
-from vbaa_calib.wizard.sources.picture import Picture
-from vbaa_calib.wizard.state.session_state import SessionState, still_of
 
-ENOUGH = "enough, more will not help"
+from .session_state import SessionState, still_of
+from .sources import Picture
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from vbaa_calib.core.errors import InputError
 
 Answers = Mapping[str, Any]
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
 
 
 @dataclass(frozen=True)
@@ -48,30 +49,54 @@ class Question:
 
     def read(self, given: object, where: object = None) -> Any:
         """The answer that was typed, written or clicked, checked. Raises InputError saying what is expected."""
+        readers = {"number": self._number, "numbers": self._numbers, "choice": self._choice}
         try:
-            return _READERS[self.kind](self, given)
+            return readers.get(self.kind, _yesno if self.kind == "yesno" else _text)(given)
         except (TypeError, ValueError, OverflowError) as error:
+            unit = f" in {self.unit}" if self.unit else ""
+            if math.isfinite(self.low) and math.isfinite(self.high):
+                unit += f" from {self.low:g} to {self.high:g}"
+            expected = {
+                "number": f"a number{unit}",
+                "numbers": f"{self.length or 'some'} numbers{unit}, commas between them",
+                "choice": f"one of {', '.join(self.choices)}",
+                "yesno": "yes or no",
+                "text": f"a text: {self.words}",
+            }[self.kind]
             what = f"{self.key} is {_short(given)}: {error}"
-            raise InputError(what, where=where, remedy=self._expected()) from None
+            raise InputError(what, where=where, remedy=f"give {expected}") from None
 
-    def _expected(self) -> str:
-        unit = f" in {self.unit}" if self.unit else ""
-        if math.isfinite(self.low) and math.isfinite(self.high):
-            unit += f" from {self.low:g} to {self.high:g}"
-        return {
-            "number": f"give a number{unit}",
-            "numbers": f"give {self.length or 'some'} numbers{unit}, commas between them",
-            "choice": f"give one of {', '.join(self.choices)}",
-            "yesno": "give yes or no",
-            "text": f"give a text: {self.words}",
-        }[self.kind]
+    def _number(self, given: object) -> float:
+        value = _as_number(given)
+        if not self.low <= value <= self.high:
+            raise ValueError(f"{value:g}{' ' + self.unit if self.unit else ''} cannot be")
+        return value
+
+    def _numbers(self, given: object) -> list[float]:
+        parts = given
+        if isinstance(given, str):
+            parts = [part for part in given.replace(";", ",").split(",") if part.strip()]
+            parts = given.split() if len(parts) == 1 else parts
+        elif isinstance(given, int | float) and not isinstance(given, bool):
+            parts = [given]
+        if not isinstance(parts, list | tuple):
+            raise ValueError("those are not numbers")
+        if not parts or (self.length and len(parts) != self.length):
+            raise ValueError(f"those are {len(parts)} numbers")
+        return [self._number(part) for part in parts]
+
+    def _choice(self, given: object) -> str:
+        text = str(given).strip().lower() if isinstance(given, str | int | float) else ""
+        fitting = [choice for choice in self.choices if choice.lower() == text]
+        fitting = fitting or [choice for choice in self.choices if text and choice.lower().startswith(text)]
+        if len(fitting) != 1:
+            raise ValueError("that is none of them" if not fitting else f"that may be {' or '.join(fitting)}")
+        return fitting[0]
 
 
 def _short(given: object) -> str:
-    if given is None:
-        return "empty"
     try:
-        text = repr(given)
+        text = "empty" if given is None else repr(given)
     except ValueError:  # Python writes out no number of thousands of digits
         text = "a number of thousands of digits"
     return text if len(text) <= 60 else text[:57] + "..."
@@ -87,82 +112,36 @@ def typed(value: Any) -> str:
 
 
 def _as_number(given: object) -> float:
-    """A finite number. Raises ValueError; 1_0 and true are slips, not numbers; a decimal comma is named."""
+    """Raises ValueError; 1_0 and true are slips, not numbers; a decimal comma is named."""
     if isinstance(given, bool) or not isinstance(given, int | float | str):
         raise ValueError("that is not a number")
     if isinstance(given, str):
-        text = given.strip()
-        if "_" in text or not text.isascii():
+        given = given.strip()
+        if "_" in given or not given.isascii():
             raise ValueError("that is not a number")
-        if text.count(",") == 1 and "." not in text:
+        if given.count(",") == 1 and "." not in given:
             raise ValueError("the decimal sign is a point")
-        if not _NUMBER.fullmatch(text):
-            with_unit = _NUMBER.match(text) and not re.search(r"\d", _NUMBER.sub("", text, count=1))
+        if not _NUMBER.fullmatch(given):
+            with_unit = _NUMBER.match(given) and not re.search(r"\d", _NUMBER.sub("", given, count=1))
             raise ValueError("that is not a number" + (", leave the unit out" if with_unit else ""))
-        given = text
-    value = float(given)
-    if not math.isfinite(value):
+    if not math.isfinite(value := float(given)):
         raise ValueError("that is not a finite number")
     return value
 
 
-def _read_number(question: Question, given: object) -> float:
-    value = _as_number(given)
-    if not question.low <= value <= question.high:
-        raise ValueError(f"{value:g}{' ' + question.unit if question.unit else ''} cannot be")
-    return value
-
-
-def _read_numbers(question: Question, given: object) -> list[float]:
-    parts = given
-    if isinstance(given, str):
-        parts = [part for part in given.replace(";", ",").split(",") if part.strip()]
-        parts = given.split() if len(parts) == 1 else parts
-    elif isinstance(given, int | float) and not isinstance(given, bool):
-        parts = [given]
-    if not isinstance(parts, list | tuple):
-        raise ValueError("those are not numbers")
-    if not parts or (question.length and len(parts) != question.length):
-        raise ValueError(f"those are {len(parts)} numbers")
-    return [_read_number(question, part) for part in parts]
-
-
-def _read_choice(question: Question, given: object) -> str:
-    text = str(given).strip().lower() if isinstance(given, str | int | float) else ""
-    fitting = [choice for choice in question.choices if choice.lower() == text]
-    fitting = fitting or [choice for choice in question.choices if text and choice.lower().startswith(text)]
-    if len(fitting) != 1:
-        raise ValueError("that is none of them" if not fitting else f"that may be {' or '.join(fitting)}")
-    return fitting[0]
-
-
-_YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
-
-
-def _read_yesno(question: Question, given: object) -> bool:
-    if isinstance(given, bool):
-        return given
+def _yesno(given: object) -> bool:
     text = str(given).strip().lower()
     if text not in _YES_NO:
         raise ValueError("that is neither")
     return _YES_NO[text]
 
 
-def _read_text(question: Question, given: object) -> str:
+def _text(given: object) -> str:
     if not isinstance(given, str) or not given.strip():
         raise ValueError("that is no text")
     if "\0" in given or len(given) > 4096:
         raise ValueError("that cannot be")
     return given.strip()
-
-
-_READERS: Mapping[str, Callable[[Question, object], Any]] = {
-    "number": _read_number,
-    "numbers": _read_numbers,
-    "choice": _read_choice,
-    "yesno": _read_yesno,
-    "text": _read_text,
-}
 
 
 STEPS = ("board", "lens", "plane", "noload", "loads", "sensor", "verdict")
@@ -187,22 +166,18 @@ def _needed(only_if: Mapping[str, str], unless: str, answers: Answers) -> bool:
 
 
 def _question(step: str, key: str, entry: dict[str, Any]) -> Question:
-    low, high = entry.pop("range", (-float("inf"), float("inf")))
+    low, high = map(float, entry.pop("range", ("-inf", "inf")))
     entry["choices"] = tuple(entry.get("choices", ()))
     kind = entry.pop("kind", "choice" if entry["choices"] else "number")
     needed = partial(_needed, entry.pop("if", {}), entry.pop("unless", ""))
-    return Question(key, step, kind=kind, low=float(low), high=float(high), needed=needed, **entry)
+    return Question(key, step, kind=kind, low=low, high=high, needed=needed, **entry)
 
 
 _FILE = yaml.safe_load(Path(__file__).with_name("questions.yaml").read_text(encoding="utf-8"))
 QUESTIONS = tuple(_question(step, key, entry) for step, entries in _FILE.items() for key, entry in entries.items())
 BY_KEY: Mapping[str, Question] = {question.key: question for question in QUESTIONS}
-SOURCES = tuple(
-    Question(
-        f"{step}_source", step, f"Where do the pictures of the step {step} come from, if not from source?", kind="text"
-    )
-    for step in PICTURES
-)
+_ELSEWHERE = "Where do the pictures of the step {} come from, if not from source?"
+SOURCES = tuple(Question(f"{step}_source", step, _ELSEWHERE.format(step), kind="text") for step in PICTURES)
 """Never asked; flags and answers only."""
 TABLES = tuple(
     Question(f"{step}_readings", step, f"CSV with what was read with each picture of the step {step}", kind="text")

@@ -12,9 +12,8 @@ import time
 from collections.abc import Iterator
 from typing import Any, TextIO
 
-from vbaa_calib.wizard.state.questions import STEPS, Question, typed
-
-from .base import COMMANDS, LivePicture, Ui, View, progress_lines
+from .questions import STEPS, Question, typed
+from .ui import COMMANDS, LivePicture, Ui, View, progress_lines
 
 _WIDEST = 100
 _NARROWEST = 40

@@ -8,30 +8,155 @@ session.yaml follow from wizard.json and are written anew from it.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import shutil
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from filelock import FileLock, Timeout
+from pydantic import AfterValidator, BaseModel, ConfigDict, FiniteFloat, ValidationError, model_validator
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import replacing, sha256, write_json
+from vbaa_calib.core.files import read_json, replacing, sha256, write_json
 from vbaa_calib.core.images import SUFFIXES
-from vbaa_calib.wizard.sources.picture import Picture
 
-from .journal import AcceptedPicture, Journal, RefusedPicture, StepRecord
-from .questions import PICTURES
+from .questions import PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
+from .sources import Picture
 
 NAME = "wizard.json"
 ASIDE = "aside"
 LOCK = ".wizard-lock"
+_SCHEMA = "vbaa.wizard/1"
 _HALF_WRITTEN = re.compile(r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+")
+_REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
 FOLDERS = {"lens": "intrinsics", "noload": "noload", "loads": "loads"}
 """Step → folder of its pictures; plane C's depends on the way that was chosen."""
 WAYS = {"jig": "plane", "sweep": "sweep", "over": "over"}
+_TABLES = {question.key for question in TABLES}
+_FOLLOWING = (
+    *(Question(f"measure_{axis}_mm", "", "") for axis in "xy"),
+    *(Question(f"{name}_given", "", "", kind="yesno") for name in ("board", "jig", "over", "gravity")),
+)
+"""What is kept with the answers and follows from them or from a session that was there."""
+_QUESTIONS = {question.key: question for question in (*QUESTIONS, *SOURCES, *TABLES, *_FOLLOWING)}
+
+
+def _inside(file: str) -> str:
+    if Path(file).is_absolute() or ".." in Path(file).parts or "\0" in file:
+        raise ValueError(f"{file!r} is no file of this session")
+    return file
+
+
+def _step(name: str) -> str:
+    if name not in STEPS:
+        raise ValueError(f"names a step {name!r}")
+    return name
+
+
+def _answers(answers: dict[str, Any]) -> dict[str, Any]:
+    """Answers as they were given, checked again."""
+    for key in answers.keys() - _QUESTIONS.keys():
+        raise ValueError(f"{key!r} is no question")
+    try:
+        return {
+            key: value if key in _TABLES and isinstance(value, list) else _QUESTIONS[key].read(value)
+            for key, value in answers.items()
+        }
+    except InputError as error:
+        raise ValueError(str(error)) from None
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, strict=True)
+
+
+class AcceptedPicture(_Model):
+    """A picture that was taken: its file relative to the session, its name at the source, its readings in SI."""
+
+    file: Annotated[str, AfterValidator(_inside)]
+    source: str
+    sha256: str
+    readings: dict[str, FiniteFloat]
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> AcceptedPicture:
+        for name in READINGS.get(Path(self.file).parent.name, ()):
+            if name not in self.readings:
+                raise ValueError(f"{self.file} has no {name}")
+        return self
+
+
+class RefusedPicture(_Model):
+    """A picture that was not taken, and why."""
+
+    source: str
+    sha256: str
+    why: str
+
+
+class StepRecord(_Model):
+    """One step. `closed` says how it ended: "enough", "by hand", "all pictures seen"; empty while it is open."""
+
+    taken: tuple[AcceptedPicture, ...] = ()
+    left: tuple[RefusedPicture, ...] = ()
+    closed: str = ""
+
+    @property
+    def judged(self) -> frozenset[str]:
+        """Names, where they came from, of all pictures that were taken or refused."""
+        return frozenset({one.source for one in self.taken} | {one.source for one in self.left})
+
+
+class Journal(_Model):
+    """All answers and pictures: wizard.json. Changed only by making a new one."""
+
+    answers: Annotated[dict[str, Any], AfterValidator(_answers)]
+    steps: dict[Annotated[str, AfterValidator(_step)], StepRecord]
+
+    def of(self, step: str) -> StepRecord:
+        """The record of a step."""
+        return self.steps.get(step, StepRecord())
+
+    def with_answers(self, answers: Mapping[str, Any]) -> Journal:
+        """With exactly these answers."""
+        return self.model_copy(update={"answers": dict(answers)})
+
+    def without_answers(self, keys: Collection[str]) -> Journal:
+        """Without the answers to these questions."""
+        return self.with_answers(_without(self.answers, keys))
+
+    def with_step(self, step: str, **changes: Any) -> Journal:
+        """With these entries of the step's record changed."""
+        return self.model_copy(update={"steps": {**self.steps, step: self.of(step).model_copy(update=changes)}})
+
+    def to_dict(self) -> dict[str, Any]:
+        """wizard.json."""
+        return {"schema": _SCHEMA, **self.model_dump(mode="json")}
+
+    @staticmethod
+    def read(path: Path) -> Journal:
+        """wizard.json. Raises InputError naming what is wrong with it."""
+        try:
+            data = read_json(path)
+        except InputError as error:
+            raise InputError(error.what, where=error.where, remedy=_REMEDY) from None
+        if data.get("schema") != _SCHEMA:
+            raise InputError(f"schema is {data.get('schema')!r}, {_SCHEMA} is needed", where=path, remedy=_REMEDY)
+        try:
+            # as JSON, in which lists are tuples also where types are strict
+            return Journal.model_validate_json(json.dumps(data))
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"]))
+            what = f"is damaged ({place + ': ' if place else ''}{first['msg'].removeprefix('Value error, ')})"
+            raise InputError(what, where=path, remedy=_REMEDY) from None
+
+
+def _without(answers: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
+    return {key: value for key, value in answers.items() if key not in keys}
 
 
 class Store:
@@ -68,9 +193,12 @@ class Store:
             raise InputError(f"cannot be written ({error.strerror})", where=self.root, remedy=remedy) from None
         with contextlib.ExitStack() as undo:
             undo.callback(self._lock.release)
-            if (self.root / NAME).exists():
+            if not self.is_new:
                 self.journal = Journal.read(self.root / NAME)
-            self._remove_half_written()
+            for folder in (self.root, *(self.root / name for name in (*FOLDERS.values(), *WAYS.values()))):
+                for path in folder.iterdir() if folder.is_dir() else ():
+                    if _HALF_WRITTEN.fullmatch(path.name):
+                        path.unlink(missing_ok=True)
             undo.pop_all()
         return self
 
@@ -95,6 +223,9 @@ class Store:
         write_json(self.root / NAME, journal.to_dict())
         self.journal = journal
 
+    def _record(self, step: str, **changes: Any) -> None:
+        self.save(self.journal.with_step(step, **changes))
+
     def answer(self, answers: Mapping[str, Any], corrected: bool = False) -> None:
         """Keep answers. corrected : they replace others that were taken back.
 
@@ -113,7 +244,7 @@ class Store:
 
     def forget_answers(self, keys: Collection[str]) -> None:
         """Drop answers, so that they are asked for again."""
-        self.save(self.journal.with_answers(_without(self.journal.answers, keys)))
+        self.save(self.journal.without_answers(keys))
 
     def offer_no_more(self, keys: Collection[str]) -> None:
         """Drop answers that were taken back, so that they are no defaults."""
@@ -133,25 +264,25 @@ class Store:
             temporary.write_bytes(picture.data)
         file = path.relative_to(self.root).as_posix()
         taken = AcceptedPicture(file=file, source=picture.name, sha256=picture.sha256, readings=dict(readings))
-        self.save(self.journal.with_step(step, taken=(*before, taken)))
+        self._record(step, taken=(*before, taken))
         return taken
 
     def refuse(self, step: str, picture: Picture, why: str) -> None:
         """Remember that a picture was not taken."""
         refused = RefusedPicture(source=picture.name, sha256=picture.sha256, why=why)
-        self.save(self.journal.with_step(step, left=(*self.journal.of(step).left, refused)))
+        self._record(step, left=(*self.journal.of(step).left, refused))
 
     def close(self, step: str, how: str) -> None:
         """The step is done; `how` is empty to go on with it."""
         if self.journal.of(step).closed != how:
-            self.save(self.journal.with_step(step, closed=how))
+            self._record(step, closed=how)
 
     def drop(self, step: str, taken: AcceptedPicture) -> Path:
         """Take a picture back: it is set aside and not offered again. Where it is now."""
         record = self.journal.of(step)
         kept = tuple(one for one in record.taken if one is not taken)
         refused = RefusedPicture(source=taken.source, sha256=taken.sha256, why="taken back")
-        self.save(self.journal.with_step(step, taken=kept, left=(*record.left, refused), closed=""))
+        self._record(step, taken=kept, left=(*record.left, refused), closed="")
         target = self._new_aside("dropped") / self.path(taken).name
         with contextlib.suppress(FileNotFoundError):
             self.path(taken).rename(target)
@@ -162,10 +293,9 @@ class Store:
 
         What it had is set aside, and the folder comes back; None where it had nothing.
         """
-        record = self.journal.of(step)
-        again = self.journal.with_answers(_without(self.journal.answers, forget))
+        record, place = self.journal.of(step), None
+        again = self.journal.without_answers(forget)
         again = again.model_copy(update={"steps": {**again.steps, step: StepRecord()}})
-        place = None
         if record.taken:
             place = self._new_aside(step)
             write_json(place / "was.json", record.model_dump(mode="json"))
@@ -179,16 +309,13 @@ class Store:
         """Go on without the pictures that are not there any more, or have changed; these."""
         journal, lost = self.journal, list[AcceptedPicture]()
         for step, record in self.journal.steps.items():
-            gone = [one for one in record.taken if not self._is_whole(one)]
-            if gone:
-                kept = tuple(one for one in record.taken if one not in gone)
-                journal, lost = journal.with_step(step, taken=kept, closed=""), lost + gone
+            kept = [one for one in record.taken if self.path(one).is_file() and sha256(self.path(one)) == one.sha256]
+            if len(kept) < len(record.taken):
+                lost += [one for one in record.taken if one not in kept]
+                journal = journal.with_step(step, taken=tuple(kept), closed="")
         if lost:
             self.save(journal)
         return lost
-
-    def _is_whole(self, taken: AcceptedPicture) -> bool:
-        return self.path(taken).is_file() and sha256(self.path(taken)) == taken.sha256
 
     def unlisted(self) -> list[Path]:
         """Pictures in the steps' folders that the journal does not name, and folders of ways that were not chosen.
@@ -230,17 +357,6 @@ class Store:
             place = self.root / ASIDE / (name if number == 1 else f"{name}-{number}")
             try:
                 place.mkdir(parents=True)
+                return place
             except FileExistsError:
                 number += 1
-            else:
-                return place
-
-    def _remove_half_written(self) -> None:
-        for folder in (self.root, *(self.root / name for name in (*FOLDERS.values(), *WAYS.values()))):
-            for path in folder.iterdir() if folder.is_dir() else ():
-                if _HALF_WRITTEN.fullmatch(path.name):
-                    path.unlink(missing_ok=True)
-
-
-def _without(answers: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
-    return {key: value for key, value in answers.items() if key not in keys}

@@ -1,0 +1,352 @@
+"""What follows from answers and pictures: session.yaml, its tables, and what the calibration makes of them."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from targets.board import BoardSpec
+from targets.print_scale import READING_STD_MM, PrintScale, print_scale, rescaled
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
+from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
+from vbaa_calib.calibrate.faults.stills import still_diagnoses
+from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.pipeline import stills_prior
+from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
+from vbaa_calib.calibrate.pose.fusion import fused
+from vbaa_calib.calibrate.report import prior_doubts
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
+from vbaa_calib.core.files import read_yaml, write_text
+from vbaa_calib.core.images import read_gray, read_picture
+from vbaa_calib.core.yaml_text import UniqueKeyDumper
+from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.session import SCHEMA, Load, Session, Still, gravity_antenna, has_sweep, load_session, session_from
+
+from .questions import BY_KEY, READINGS
+from .store import AcceptedPicture, Store
+
+_Result = TypeVar("_Result")
+BOARD = "board.yaml"
+_STILLS = ("noload", "loads")
+_ALL = ("lens", "plane", *_STILLS)
+_MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
+"""What the rulers of the sheet say, and what was read on them."""
+_GRAVITY_M_S2 = 9.80665
+_DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
+_UNITS = {
+    "antenna": {
+        "length_m": ("antenna_length_mm", 1e-3, 1e3),
+        "diameter_m": ("antenna_diameter_mm", 1e-3, 1e3),
+        "youngs_modulus_Pa": ("youngs_modulus_GPa", 1e9, 1e-9),
+        "density_kg_m3": ("density_kg_m3", 1.0, 1.0),
+    },
+    "moment_sensor": {"std_Nm": ("moment_std_mNm", 1e-3, 1e3)},
+    "load_readings": {
+        "distance_std_m": ("distance_std_mm", 1e-3, 1e3),
+        "force_std_relative": ("mass_std_percent", 1e-2, 1e2),
+    },
+}
+"""Section and key of session.yaml → the answer, its size in SI, and SI's size in its unit."""
+_PASSING = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
+"""Taken until they are answered, since they have no default."""
+
+
+def scale_of(answers: Mapping[str, Any], require_square: bool = False) -> PrintScale | None:
+    """The print's scale; None before both readings were given.
+
+    Raises InputError for readings that cannot be; if required, for a print whose squares are not square, too.
+    """
+    if any(name not in answers for name in _MEASURED):
+        return None
+    where = "board_along_x_mm, board_along_y_mm"
+    x, along_x, y, along_y = (float(answers[name]) for name in _MEASURED)
+    try:
+        scale = print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", READING_STD_MM)))
+    except ValueError as error:
+        # targets.print_scale knows its own parameters, not what they are called here
+        what = str(error).replace("reading_std", "board_reading_std")
+        what = what.replace("reading_x", "board_along_x").replace("reading_y", "board_along_y")
+        raise InputError(what, where=where, remedy="measure it again") from None
+    if require_square and scale.differs:
+        raise InputError(scale.words, where=where, remedy=scale.remedy)
+    return scale
+
+
+def check_jig_axes(x: str, y: str) -> None:
+    """Raises InputError for axes of the board that run along the same line."""
+    if x.lstrip("-") == y.lstrip("-"):
+        what = f"the board's x runs along {x} and its y along {y}"
+        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
+
+
+def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
+    check_jig_axes(value["jig_board_x"], value["jig_board_y"])
+    x, y = (np.array(_DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
+    turn = Rotation.from_rotvec(value["jig_turn_deg"], degrees=True)
+    rotation = turn * Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
+    return {
+        "T_antenna_board": {
+            "translation_m": [1e-3 * part for part in value["jig_translation_mm"]],
+            "rotation_xyzw": [float(part) for part in rotation.as_quat()],
+        },
+        "translation_std_m": 1e-3 * value["jig_std_mm"],
+        "rotation_std_rad": float(np.radians(value["jig_std_deg"])),
+    }
+
+
+def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
+    """The table of a folder of pictures; numbers to the last bit. Untouched where it says the same already."""
+    timed = ["time_s"] if all("time_s" in one.readings for one in taken) else []
+    columns, text = ["image", *READINGS[path.stem], *timed], io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for one in taken:
+        writer.writerow([Path(one.file).name, *(repr(float(one.readings[name])) for name in columns[1:])])
+    if not path.exists() or path.read_text(encoding="utf-8", errors="replace") != text.getvalue():
+        write_text(path, text.getvalue())
+
+
+def answers_of(session_yaml: Path) -> dict[str, Any]:
+    """What a session.yaml that was written by hand answers already. Raises InputError where it is wrong."""
+    session, data = load_session(session_yaml.parent), read_yaml(session_yaml)
+    sections = {
+        "antenna": session.antenna,
+        "moment_sensor": SimpleNamespace(std_Nm=session.moment_std_Nm),
+        "load_readings": session.load_readings,
+    }
+    found: dict[str, Any] = {
+        name: per_si * getattr(sections[section], key)
+        for section, keys in _UNITS.items()
+        for key, (name, _, per_si) in keys.items()
+    }
+    for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
+        length_mm = 1e3 * session.board.square_m * squares
+        found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
+    ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
+    found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
+    found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
+    way = next((way for way, there in ways.items() if there), None)
+    return found if way is None else found | {"plane_way": way}
+
+
+class SessionState:
+    """A store, and what follows from it: worked out when it is asked for, again only when its inputs change.
+
+    Methods raise what the calibration beneath raises: InputError, SolveError.
+
+    live_size : (width, height) px of the live pictures, where there were some.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+        self.live_size: tuple[int, int] | None = None
+        self._cache: dict[Hashable, tuple[Hashable, Any]] = {}
+        self._session_yaml = store.root / "session.yaml"
+
+    def cached(self, name: Hashable, inputs: Hashable, make: Callable[[], _Result]) -> _Result:
+        """What was made of the same inputs before, a failure too; or made now."""
+        if name not in self._cache or self._cache[name][0] != inputs:
+            try:
+                self._cache[name] = inputs, make()
+            except VbaaError as error:
+                self._cache[name] = inputs, error
+        found = self._cache[name][1]
+        if isinstance(found, VbaaError):
+            raise found
+        return found
+
+    def inputs(self, *steps: str) -> Hashable:
+        """What changes when an answer or a picture of these steps does."""
+        answers = tuple(sorted((key, repr(value)) for key, value in self._answers.items()))
+        return answers, tuple((step, tuple(one.sha256 for one in self.taken(step))) for step in steps)
+
+    @property
+    def _answers(self) -> Mapping[str, Any]:
+        return self.store.journal.answers
+
+    @property
+    def nominal_board(self) -> BoardSpec:
+        """The board as it was meant."""
+        path = self.store.root / BOARD
+        stamp = path.stat().st_mtime_ns if path.exists() else 0
+        return self.cached("nominal board", stamp, lambda: load_board(path))
+
+    @property
+    def scale(self) -> PrintScale | None:
+        """The print's scale by the two readings; None before they were given."""
+        return scale_of(self._answers)
+
+    @property
+    def board(self) -> BoardSpec:
+        """The board as it was printed."""
+        scale = scale_of(self._answers, require_square=True)
+        return self.nominal_board if scale is None else rescaled(self.nominal_board, scale)
+
+    @property
+    def session(self) -> Session:
+        """session.yaml, as far as it is answered. Raises InputError for answers that do not go together."""
+        return session_from(self._session_data(self._written()), self.store.root, self._session_yaml)
+
+    def _written(self) -> dict[str, Any]:
+        return read_yaml(self._session_yaml) if self._session_yaml.exists() else {}
+
+    def _session_data(self, before: Mapping[str, Any]) -> dict[str, Any]:
+        """session.yaml out of the answers; what is not answered yet has its default.
+
+        before : what it holds, of which keys that nobody asks for stay.
+        """
+        answers, board, scale = self._answers, self.board, self.scale
+        value = {key: answers.get(key, question.default) for key, question in BY_KEY.items()}
+        read = {
+            section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size, _) in keys.items()}
+            for section, keys in _UNITS.items()
+        }
+        data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": read["antenna"]}
+        data["moment_sensor"] = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
+        if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
+            data["load_readings"] = read["load_readings"]
+        # a board that came with the session is as that says
+        if "board_given" not in answers and scale is not None and scale.std:
+            data["print_scale_std"] = round(scale.std / scale.scale, 9)
+        elif "board_given" not in answers:
+            data.pop("print_scale_std", None)
+        if "gravity" in answers or "gravity_world" not in before:
+            down = _DIRECTIONS.get(value["gravity"])
+            data["gravity_world"] = None if down is None else [_GRAVITY_M_S2 * float(part) for part in down]
+        way = value["plane_way"]
+        # the calibration takes every way that session.yaml names: one that was chosen before must not stay
+        for other in {"jig", "over"} - {way}:
+            if not answers.get(f"{other}_given"):
+                data.pop(other, None)
+        if way == "jig" and value["jig_translation_mm"] is not None:
+            data["jig"] = _jig(value)
+            data["board"]["thickness_m"] = 1e-3 * value["board_thickness_mm"]
+        if way == "over" and value["over_height_mm"] is not None:
+            data["over"] = dict(before.get("over") or {}) | {"height_m": 1e-3 * value["over_height_mm"]}
+        return data
+
+    def write_files(self) -> None:
+        """Bring session.yaml and the tables up to date, where they are not so already."""
+        before = self._written()
+        data = self._session_data(before)
+        without_default = ("board", "antenna_length_mm", "antenna_diameter_mm", "plane_way")
+        if data != before and all(key in self._answers for key in without_default):
+            style: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 110}
+            write_text(self._session_yaml, yaml.dump(data, Dumper=UniqueKeyDumper, allow_unicode=True, **style))
+        for step in ("plane", "noload", "loads"):
+            folder, taken = self.store.folder(step), self.taken(step)
+            if folder in READINGS and taken:
+                _write_table(self.store.root / folder / f"{folder}.csv", taken)
+
+    def taken(self, step: str) -> tuple[AcceptedPicture, ...]:
+        """The pictures of a step."""
+        return self.store.journal.of(step).taken
+
+    def _view(self, taken: AcceptedPicture) -> BoardView:
+        path, spec = self.store.path(taken), self.board
+        inputs = taken.sha256, repr(spec.to_dict())
+        return self.cached(("view", taken.file), inputs, lambda: detect_corners(read_gray(path), spec, path.name))
+
+    def views(self, step: str) -> list[BoardView]:
+        """The board in all pictures of a step."""
+        return [self._view(taken) for taken in self.taken(step)]
+
+    @property
+    def image_size(self) -> tuple[int, int] | None:
+        """(width, height) of the first picture that was taken."""
+        first = [*self.taken("lens")[:1], *self.taken("plane")[:1]]
+        return self._view(first[0]).image_size if first else None
+
+    def lens(self) -> LensSolution:
+        """The lens by its pictures."""
+        return self.cached("lens", self.inputs("lens"), lambda: solve_intrinsics(self.views("lens"), self.board))
+
+    def plane(self) -> PlaneC:
+        """The camera's pose on the antenna's base by the way that was chosen."""
+
+        def made() -> PlaneC:
+            way, lens, taken = self.store.folder("plane"), self.lens(), self.taken("plane")
+            if not taken:
+                raise InputError("no picture yet", where=self.store.root / way, remedy="take one")
+            if way == "over":
+                views = PlaneViews(None, None, {one.file: read_gray(self.store.path(one)) for one in taken})
+            elif way == "sweep":
+                _write_table(self.store.root / "sweep" / "sweep.csv", taken)
+                views = PlaneViews(None, self.views("plane"), None)
+            else:
+                views = PlaneViews(self.views("plane"), None, None)
+            return find_plane(self.session, lens.camera, lens.board_flex, views)
+
+        return self.cached("plane", self.inputs("lens", "plane"), made)
+
+    def work_plane(self) -> WorkPlane:
+        """Where the antenna will move, seen from the camera: by plane C where it was seen, else as the user says."""
+        length_m, answers = self.session.antenna.length_m, self._answers
+        if self.taken("plane"):
+            try:
+                pose = self.plane().estimates[0].T_antenna_camera
+                return WorkPlane(pose.inverse(), length_m, 0.25 * length_m)
+            except VbaaError:
+                pass
+        distance_m = 1e-3 * float(answers.get("camera_distance_mm", 400.0))
+        return WorkPlane.about(distance_m, float(np.radians(answers.get("camera_inclination_deg", 0.0))), length_m)
+
+    def observe(self, still: Still, step: str, image: np.ndarray) -> Observation:
+        """The antenna in a still that need not be taken yet; its picture as `read_picture` gives it."""
+        session, plane, camera = self.session, self.plane(), self.lens().camera
+        nominal = nominal_parameters(session.antenna)
+        pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
+        # the first free picture tells the antenna from its background
+        first = self.taken("noload")[:1]
+        paint = self._observation("noload", first[0]).paint if first and step != "noload" else None
+        expected = ExpectedAntenna(session.antenna, camera, fused(plane.estimates), nominal, paint)
+        return expected.observe(still, image, pull)
+
+    def _observation(self, step: str, taken: AcceptedPicture) -> Observation:
+        inputs = taken.sha256, tuple(taken.readings.items()), self.inputs("lens", "plane")
+        path = self.store.path(taken)
+        still = still_of(step, path, taken.readings)
+        return self.cached(("antenna", taken.file), inputs, lambda: self.observe(still, step, read_picture(path)))
+
+    def joint(self) -> BundleAdjustment:
+        """The bundle adjustment of lens, plane C, antenna and sensor, by the stills so far, the free ones first."""
+
+        def made() -> BundleAdjustment:
+            session = self.session
+            before = stills_prior(session, self.lens(), self.plane())
+            seen = [self._observation(step, one) for step in _STILLS for one in self.taken(step)]
+            if not seen:
+                raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")
+            return adjust_bundle(seen, before, session.antenna.length_m, session.moment_std_Nm)
+
+        return self.cached("joint", self.inputs(*_ALL), made)
+
+    def still_diagnoses(self) -> list[Diagnosis]:
+        """What is wrong, or looks wrong, with the pictures of the antenna and what was typed with them."""
+        joint = self.joint()
+        remedy = "check the answers about the jig (place, axes, turn, how well it is known) and the clamp"
+
+        def made() -> list[Diagnosis]:
+            against_plane = [
+                Diagnosis("antenna_contradicts_plane", words, remedy, grave=True) for words in prior_doubts(joint)
+            ]
+            return [*against_plane, *still_diagnoses(self.session, self.plane().kinematics, joint)]
+
+        return self.cached("diagnoses", self.inputs(*_ALL), made)
+
+
+def still_of(step: str, path: Path | None, readings: Mapping[str, float]) -> Still:
+    """A still with its readings, a load where the step is that."""
+    values = {name: readings[name] for name in READINGS[step]}
+    return (Load if step == "loads" else Still)(path, **values, time_s=readings.get("time_s"))

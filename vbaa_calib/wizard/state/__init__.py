@@ -1,1 +1,0 @@
-"""What the wizard knows and keeps: questions, answers, pictures, and what follows from them."""

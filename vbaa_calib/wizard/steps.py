@@ -1,0 +1,343 @@
+"""The steps of the wizard, in order: board, lens, plane C, the antenna free and loaded, its moment sensor, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from targets.paper import paper_named
+from targets.sheet import board_id, fill_in, lay_out, size_words, spec_document
+from targets.write_sheet import as_pdf, draw
+from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
+from vbaa_calib.calibrate.check.assessment import assess
+from vbaa_calib.calibrate.faults.views import same_pose, view_set_diagnoses
+from vbaa_calib.calibrate.guide.next_load import load_progress
+from vbaa_calib.calibrate.guide.next_view import LensProgress, lens_progress, plane_progress
+from vbaa_calib.calibrate.guide.suggestion import pose_match
+from vbaa_calib.calibrate.pipeline import calibrate
+from vbaa_calib.calibrate.report import doubts, rig_document
+from vbaa_calib.core.errors import VbaaError
+from vbaa_calib.core.files import write_json, write_text
+from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.session import load_session
+
+from .questions import PICTURES, STEPS
+from .session_state import BOARD, SessionState
+from .sources import Picture
+from .step import Number, PictureCheck, Progress, Readings, Step, Target, check_antenna, check_board, counted
+from .store import Store
+
+_ENOUGH = "enough, more will not help"
+_SHEET = "board.pdf"
+
+
+def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
+    """Put board.yaml into the session, and a sheet to print where the board is new.
+
+    Returns what is measured on the print, mm, for the journal. Raises InputError for a board.yaml that is none.
+    """
+    if answers["board"] != "new":
+        spec = load_board(Path(str(answers["board"])))
+        store.write(BOARD, spec_document(spec, f"from {answers['board']}").encode())
+        return {
+            "measure_x_mm": 1e3 * spec.square_m * spec.squares_x,
+            "measure_y_mm": 1e3 * spec.square_m * spec.squares_y,
+        }
+    paper = paper_named(str(answers["paper"]))
+    spec = fill_in(paper=paper)
+    layout = lay_out(spec, paper)
+    store.write(_SHEET, as_pdf(draw(spec, layout)))
+    store.write(BOARD, spec_document(spec, f"as the wizard drew it in {_SHEET}").encode())
+    return {"measure_x_mm": layout.ruler_x, "measure_y_mm": layout.ruler_y}
+
+
+def print_instructions(store: Store, answers: Mapping[str, Any]) -> str:
+    """What to do with the sheet."""
+    if answers["board"] != "new":
+        return "measure the print of your board"
+    return (
+        f"print {store.root / _SHEET} at 100 % (not fitted to the page), glue it on something flat and stiff, and "
+        "measure its two rulers from end line to end line"
+    )
+
+
+def _board_progress(state: SessionState) -> Progress:
+    scale = state.scale
+    seen = f"board {board_id(state.nominal_board)}: {size_words(state.board)}"
+    if scale is None:
+        return Progress((seen,), ("two readings of the print",))
+    number = Number("scale of the print", f"{100 * scale.scale:.2f} ± {100 * scale.std:.2f} %")
+    return Progress((seen, scale.words), next=scale.remedy, enough=True, usable=True, numbers=(number,))
+
+
+_GOAL_M = 1e-4
+_FEWEST_VIEWS = 3
+"""Pictures below which no lens is solved for."""
+
+
+def _check_lens(state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
+    view, check = check_board(state, picture, readings is None)
+    if check.refusal:
+        return check
+    again = same_pose(view, state.views("lens"), state.board)
+    if again is not None:
+        check = replace(check, refusal=str(again), hints=(*check.hints, again))
+    if readings is not None or (now := guidance(state)).suggestion is None:
+        return check
+    camera = None if now.solution is None else now.solution.camera
+    close, closer = pose_match(now.suggestion, view, state.board, camera, view.image_size)
+    return replace(check, closeness=close, closer=closer)
+
+
+def guidance(state: SessionState) -> LensProgress:
+    """How well the pictures determine points on plane C, and which pose improves that most."""
+    size = state.live_size or (1280, 720)
+
+    def made() -> LensProgress:
+        try:
+            solution = state.lens()
+        except VbaaError:
+            solution = None
+        return lens_progress(state.views("lens"), state.board, state.work_plane(), _GOAL_M, size, solution)
+
+    return state.cached("guidance", (state.inputs("lens", "plane"), size), made)
+
+
+def _lens_progress(state: SessionState) -> Progress:
+    views = state.views("lens")
+    seen = [f"{counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
+    try:
+        now = guidance(state)
+    except VbaaError as error:
+        return Progress(tuple(seen), (str(error),), "show the board in another pose")
+    target, diagnoses, missing = None, [], now.words
+    if now.suggestion is not None and not now.enough:
+        target = Target(now.suggestion.outline_px, now.suggestion.words)
+    if now.solution is not None:
+        diagnoses = view_set_diagnoses(views, now.solution, state.board)
+        seen.append(f"lens {now.solution.model}, rms {now.solution.rms_px:.2f} px")
+    if len(views) < _FEWEST_VIEWS:
+        missing = f"{counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
+    known = np.isfinite(now.std_m)
+    std = Number(
+        "plane C, one standard deviation",
+        f"{1e3 * now.std_m:.3f} mm" if known else "not known yet",
+        f"{1e3 * _GOAL_M:.2f} mm",
+        bool(now.std_m <= _GOAL_M) if known else None,
+    )
+    return Progress(
+        seen=tuple(seen),
+        missing=() if now.enough else (missing,),
+        next=_ENOUGH if now.enough else (target.words if target else ""),
+        enough=now.enough,
+        usable=now.solution is not None,
+        numbers=(std,),
+        target=target,
+        diagnoses=tuple(diagnoses),
+    )
+
+
+_WAYS = {
+    "plane": (1, 0, "the board in the jig, the jig fixed to the antenna's base"),
+    "sweep": (5, 10, "the board fixed in the world; turn pan and tilt to another place, let them rest, read them"),
+    "over": (1, 3, "the board flat under the free antenna, at rest"),
+}
+"""Way to plane C → pictures at least, pictures that are enough (the jig's tell it themselves), and what to shoot."""
+
+
+def _plane_progress(state: SessionState) -> Progress:
+    way, count = state.store.folder("plane"), len(state.taken("plane"))
+    least, most, shoot = _WAYS[way]
+    seen = counted(count, "picture")
+    if count < least:
+        return Progress((seen,), (f"{least - count} more at least",), shoot)
+    try:
+        plane = state.plane()
+    except VbaaError as error:
+        return Progress((seen,), (str(error),), shoot)
+    estimate, lens = plane.estimates[0], state.lens()
+    covariance = estimate.covariance
+    if lens.camera.covariance is not None:
+        covariance = covariance + estimate.lens_sensitivity @ lens.camera.covariance @ estimate.lens_sensitivity.T
+    std = np.sqrt(np.diag(covariance))
+    numbers = [
+        Number("camera's position, with the jig's own uncertainty", f"± {1e3 * std[3:].max():.2f} mm"),
+        Number("camera's angles, the same", f"± {1e3 * std[:3].max():.2f} mrad"),
+    ]
+    if way == "plane":
+        now = plane_progress(state.views("plane"), state.board, lens.camera, lens.board_flex.bend, state.work_plane())
+        enough, missing = now.enough, now.words
+        if now.std_m >= 0:
+            numbers.insert(0, Number("plane C by lens and jig's pictures", f"± {1e3 * now.std_m:.3f} mm"))
+    else:
+        enough, missing = count >= most, f"{most - count} more would average out noise and show a board that moves"
+    x, y, z = 1e3 * estimate.T_antenna_camera.translation_m
+    return Progress(
+        seen=(seen, f"camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame"),
+        missing=() if enough else (missing,),
+        next=_ENOUGH if enough else shoot,
+        enough=enough,
+        usable=True,
+        numbers=tuple(numbers),
+    )
+
+
+_FREE_LEAST, _FREE_ENOUGH, _LOADS_LEAST = 2, 5, 2
+_STIFFNESS_GOAL = 0.01
+"""Relative standard deviation of EI."""
+_POSES_DEG = ((0.0, 0.0), (0.0, 20.0), (0.0, -20.0), (20.0, 0.0), (-20.0, 0.0))
+
+
+def _free_progress(state: SessionState) -> Progress:
+    taken = state.taken("noload")
+    missing, diagnoses, solved = [], [], False
+    if len(taken) < _FREE_ENOUGH:
+        missing.append(counted(_FREE_ENOUGH - len(taken), "more picture"))
+    if taken and np.ptp([np.degrees(one.readings["tilt_rad"]) for one in taken]) < 20.0:
+        missing.append("another tilt: how the antenna sags under its weight shows gravity and the moment sensor's gain")
+    if len(taken) >= _FREE_LEAST:
+        try:
+            diagnoses = state.still_diagnoses()
+            solved = True
+        except VbaaError as error:
+            missing.append(str(error))
+    pan, tilt = _POSES_DEG[min(len(taken), len(_POSES_DEG) - 1)]
+    return Progress(
+        seen=(f"{counted(len(taken), 'picture')} of the free antenna",),
+        missing=tuple(missing),
+        next=f"free antenna at pan {pan:g}°, tilt {tilt:g}°, at rest" if missing else _ENOUGH,
+        enough=not missing,
+        usable=solved,
+        diagnoses=tuple(diagnoses),
+    )
+
+
+def _loads_progress(state: SessionState) -> Progress:
+    taken = state.taken("loads")
+    seen = (counted(len(taken), "load"),)
+    masses = [1e-3 * float(mass) for mass in state.store.journal.answers["weights_g"]]
+    try:
+        now = load_progress(state.joint(), state.session, masses, state.plane().kinematics, _STIFFNESS_GOAL)
+    except VbaaError as error:
+        then = "correct what is said above; `back` leads to it" if taken else "hang a weight on the antenna"
+        return Progress(seen, (str(error),), then)
+    enough = now.enough and len(taken) >= _LOADS_LEAST
+    std = Number(
+        "stiffness EI, one standard deviation",
+        f"{100 * now.now.total:.2f} %" if taken else "not known yet",
+        f"{100 * _STIFFNESS_GOAL:.0f} %",
+        now.reached if taken else None,
+    )
+    return Progress(
+        seen=seen,
+        missing=(*(() if enough else (now.words,)), *now.missing),
+        next=_ENOUGH if enough else now.suggestion.words if now.suggestion else "",
+        enough=enough,
+        usable=len(taken) >= _LOADS_LEAST,
+        numbers=(std,),
+        diagnoses=tuple(state.still_diagnoses()) if taken else (),
+    )
+
+
+def _sensor_progress(state: SessionState) -> Progress:
+    joint = state.joint()
+    gain, offset = joint.sensor_gain_offset
+    std = np.sqrt(np.diag(joint.covariance))[[GAIN, OFFSET]]
+    scatter = float(np.sqrt(np.mean(joint.moment_residuals_Nm**2)))
+    diagnoses = [one for one in state.still_diagnoses() if "sensor" in one.name or "moment" in one.name]
+    numbers = (
+        Number("gain", f"{gain:.4f} ± {std[0]:.4f}"),
+        Number("zero", f"{1e3 * offset:.3f} ± {1e3 * std[1]:.3f} mN·m"),
+    )
+    seen = f"{len(joint.moment_residuals_Nm)} readings, {1e3 * scatter:.3g} mN·m off the model (rms)"
+    remedy = diagnoses[0].remedy if diagnoses else ""
+    return Progress((seen,), (), remedy, enough=True, usable=True, numbers=numbers, diagnoses=tuple(diagnoses))
+
+
+RIG, REPORT = "rig.json", "check.html"
+Report = Callable[[dict[str, Any]], str]
+"""From check.json's content to its page: what draws stands above the wizard."""
+
+
+def conclude(root: Path, report: Report) -> dict[str, Any]:
+    """Calibrate the session from its files, write rig.json and check.html beside them. Returns check.json's content.
+
+    rig.json is the same for the same session: how the wizard was called is not in it. Raises InputError and SolveError
+    as `calibrate` does.
+    """
+    calibration = calibrate(load_session(root))
+    write_json(root / RIG, rig_document(calibration, doubts(calibration), ["vbaa", "wizard"]))
+    document = assess(root / RIG, root).to_dict()
+    write_text(root / REPORT, report(document))
+    return document
+
+
+def _verdict_progress(state: SessionState) -> Progress:
+    counts = [f"{len(state.taken(step))} {words}" for step, words in PICTURES.items()]
+    return Progress(seen=(f"pictures: {', '.join(counts)}",), next="everything is solved together; this takes a minute")
+
+
+_STEPS = (
+    Step(
+        "board",
+        "Board",
+        "Print the board at 100 %, glue it flat, and measure the print in both directions.",
+        "The board is the ruler of everything: a print 1 % too small makes every distance 1 % wrong, and EI with it.",
+        _board_progress,
+    ),
+    Step(
+        "lens",
+        "Lens",
+        "Hold the board before the camera in different places, distances and tilts, still each time.",
+        "A lens bends straight lines. What it does to the place where the antenna moves has to be known.",
+        _lens_progress,
+        _check_lens,
+    ),
+    Step(
+        "plane",
+        "Plane C",
+        "Show the camera where the antenna's base is: the board in its jig, a sweep of the joints, or the board under "
+        "it.",
+        "The antenna bends in this plane. Pixels become millimetres of the antenna only when it is known.",
+        _plane_progress,
+        lambda state, picture, readings: check_board(state, picture, readings is None)[1],
+    ),
+    Step(
+        "noload",
+        "Free antenna",
+        "Let nothing touch the antenna. Turn it to a few pan and tilt angles, wait until it rests, read the moment "
+        "sensor.",
+        "Nothing is straight and nothing weighs nothing: bow, sag and the sensor's zero have to be known before a "
+        "contact.",
+        _free_progress,
+        partial(check_antenna, "noload"),
+    ),
+    Step(
+        "loads",
+        "Known loads",
+        "Hang known masses on the antenna, one at a time, at measured distances from the clamp; let it rest.",
+        "How far a known force bends it is its stiffness EI, and EI turns every bend seen later into newtons.",
+        _loads_progress,
+        partial(check_antenna, "loads"),
+    ),
+    Step(
+        "sensor",
+        "Moment sensor",
+        "Nothing to shoot: the sensor is compared with the pictures of the free and the loaded antenna.",
+        "It locates a contact along the antenna; turned round or loose, it puts it in the wrong place.",
+        _sensor_progress,
+    ),
+    Step(
+        "verdict",
+        "Verdict",
+        "Nothing to do: lens, plane C, antenna and sensor are solved together from all pictures.",
+        "What one step calls certain another may contradict; the report says what to trust, and how far.",
+        _verdict_progress,
+    ),
+)
+STEP_BY_NAME = dict(zip(STEPS, _STEPS, strict=True))
