@@ -14,17 +14,35 @@ from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, Problem, still_curves
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
-from vbaa_calib.calibrate.check.change import Change, Information, estimate_change, joint_covariance
-from vbaa_calib.calibrate.check.finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Load, LoadReadings, Still
 
-POINTS, MOMENT, BOTH = slice(-1), slice(-1, None), slice(None)
+from .change import Change, Information, estimate_change, joint_covariance
+from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
+
+_POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)
 """Rows of a `CheckedStill`."""
 _WINDOW, _FAR = 25, 5.0
 """Points further than this many deviations from the median of their neighbours show something beside the antenna."""
+_CLAMP, _BOW, _STIFFNESS = ANTENNA.start + np.arange(4), ANTENNA.start + np.arange(4, 6), ANTENNA.start + 6
+_FREE_SHAPE = np.concatenate([_CLAMP, _BOW])
+_FREE_FLOOR_MM = 0.1
+_SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 1e-3, 0.05])
+"""Noticeable changes of pose, antenna and gain; the offset's is ten times the sensor's noise."""
+_WRONG_ROW_STD = 5.0
+_UNSEEN_MM = 2.0
+"""Standard deviation of the tip in a direction that the pictures do not show."""
+_NO_FREE, _NO_LOADS = "no picture of the free antenna (noload/)", "no known loads (loads/)"
+_UNREAD = "no reading was given with the picture of the free antenna (--moment)"
+_NUMBERS = {
+    "stiffness": ("EI {} % against the rig", 100.0, 100.0, "% of EI"),
+    "sensor_offset": ("offset {} mN·m against the rig", 1e3, 1e3, "mN·m"),
+    "sensor_gain": ("gain {} against the rig", 1.0, 100.0, "% of the reading"),
+}
+"""What is said of a change, the factor of the number in it, and factor and unit of its size."""
+_FLOOR_PERCENT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +50,7 @@ class CheckedStill:
     """One picture of the antenna, N points, against its prediction.
 
     arclength_m : (N,) where each point lies along the predicted antenna. residual_mm : (N,) its distance from it there.
-    residuals : (N + 1,) of points and moment, observed less predicted, in deviations. The moment's is NaN where it was
-        not read.
+    residuals : (N + 1,) of points and moment, observed less predicted, in deviations; the moment's NaN where not read.
     jacobian : (N + 1, 17 + P) of the predictions by the rig's parameters, in the same units.
     by_readings : (N + 1, 2) of them by the errors of a load's place and weight, each in its deviations.
     moment_residual_Nm : the sensor's reading less the prediction. moment_std_Nm : of that, by the sensor's noise and
@@ -52,33 +69,14 @@ class CheckedStill:
     deflection_m: float
 
     @property
-    def name(self) -> str:
-        """Of the picture."""
-        return self.still.image.name if self.still.image else "?"
-
-    @property
-    def rms_std(self) -> float:
-        """Root mean square of the points' residuals, in deviations."""
-        return float(np.sqrt((self.residuals[POINTS] ** 2).mean()))
-
-    @property
     def has_moment(self) -> bool:
         """Whether the moment sensor's reading was noted with it."""
         return bool(np.isfinite(self.still.moment_Nm))
 
-
-def information(stills: Sequence[CheckedStill], rows: slice, count: int) -> Information:
-    """Of some rows of stills about the rig's `count` parameters: places and weights that loads share are off alike."""
-    keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in stills]
-    names = list(dict.fromkeys(key for own in keys for key in own))
-    jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names)))]
-    for one, own in zip(stills, keys, strict=True):
-        by_names = np.zeros((len(one.residuals), len(names)))
-        by_names[:, [names.index(key) for key in own]] = one.by_readings[:, : len(own)]
-        jacobian.append(one.jacobian[rows])
-        residuals.append(one.residuals[rows])
-        nuisance.append(by_names[rows])
-    return Information.of(np.vstack(jacobian), np.concatenate(residuals), np.vstack(nuisance))
+    def common(self) -> dict[str, Any]:
+        """What check.json has of every picture: its name, and its points' residuals, rms in deviations."""
+        name = self.still.image.name if self.still.image else "?"
+        return {"image": name, "rms_std": float(np.sqrt((self.residuals[_POINTS] ** 2).mean()))}
 
 
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
@@ -100,11 +98,13 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     rows = zip(observations, problem.by_still(at), problem.whitened_by_load(at), strict=True)
     for index, (observation, (misfits, slopes), by_load) in enumerate(rows):
         own, points = curves.picked(np.array([index])), problem.seen_at_lens[index]
-        near = np.append(_undisturbed(misfits[POINTS]), True)
+        # points that lie where their neighbours do
+        off = misfits[_POINTS] - median_filter(misfits[_POINTS], min(_WINDOW, len(misfits) - 1), mode="nearest")
+        near = np.append(np.abs(off) <= _FAR * max(mad_std(off), 0.2), True)
         # points: distances from the prediction, which moves the other way; moment: the prediction less the reading
         sign = np.append(-np.ones(near.sum() - 1), 1.0)[:, None]
         residuals = -sign[:, 0] * misfits[near]
-        points = points.picked(near[POINTS])
+        points = points.picked(near[_POINTS])
         foot = feet(points, image_curves(own, view))
         depth = np.interp(foot, own.arclength_m[0], (view @ own.points_m[0])[:, 2])
         # the geometric mean over directions stands for the deviation along the normal: pixels are all but square
@@ -114,7 +114,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
             CheckedStill(
                 still=observation.still,
                 arclength_m=foot,
-                residual_mm=1e3 * residuals[POINTS] * across * depth,
+                residual_mm=1e3 * residuals[_POINTS] * across * depth,
                 residuals=residuals,
                 jacobian=sign * slopes[near],
                 by_readings=by_readings,
@@ -126,22 +126,95 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     return checked
 
 
-def _undisturbed(residuals: np.ndarray) -> np.ndarray:
-    """(N,) points that lie where their neighbours do."""
-    off = residuals - median_filter(residuals, min(_WINDOW, len(residuals)), mode="nearest")
-    return np.abs(off) <= _FAR * max(mad_std(off), 0.2)
+def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
+    """Free shape, then stiffness, then offset, then gain; what has changed is free in the estimates after it.
+
+    camera_known : the camera's pose was checked by a board.
+    """
+    free = [one for one in stills if not isinstance(one.still, Load)]
+    loaded = [one for one in stills if isinstance(one.still, Load)]
+    covariance = joint_covariance(rig)
+    count = len(covariance)
+    scale = np.concatenate([_SCALE, [10 * rig.moment_sensor.std_Nm], np.full(count - LENS, 0.01)])
+    changed: list[int] = []
+
+    def change(data: Information, wanted: Sequence[int] | np.ndarray) -> Change:
+        return estimate_change(data, covariance, np.asarray(wanted), scale, changed)
+
+    data = _information(free, _POINTS, count)
+    shape = _shape_finding(rig, free, [change(data, which) for which in (_FREE_SHAPE, _CLAMP, _BOW)], camera_known)
+    changed += _FREE_SHAPE.tolist() if shape.is_bad else []
+    by_load = [change(data + _information([one], _POINTS, count), [_STIFFNESS]) for one in loaded]
+    # the points of the loads come in again with their readings, of which they share the errors
+    bent = data + _information(loaded, _POINTS, count)
+    remedy = "check the loads' mass and place first; then the clamp; then calibrate again"
+    stiffness = _number_finding("stiffness", change(bent, [_STIFFNESS]) if loaded else _NO_LOADS, _NO_LOADS, remedy)
+    if stiffness.evidence is not None:
+        stiffness = replace(stiffness, words=f"{stiffness.words}, by {len(loaded)} load{'s' * (len(loaded) > 1)}")
+    changed += [_STIFFNESS] if stiffness.is_bad else []
+    read = [one for one in free if one.has_moment]
+    zero = _information(read, _MOMENT, count)
+    found = change(bent + zero, [OFFSET]) if read else _UNREAD if free else _NO_FREE
+    offset = _number_finding(
+        "sensor_offset", found, _NO_FREE, _offset_remedy(rig, read), 1e3 * rig.moment_sensor.std_Nm
+    )
+    changed += [OFFSET] if not read or offset.is_bad else []
+    found = change(data + zero + _information(loaded, _BOTH, count), [GAIN]) if loaded else _NO_LOADS
+    hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
+    remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
+    gain = _number_finding("sensor_gain", found, hidden, remedy)
+    rows = [_load_row(one, float(own.step[0]), float(own.std[0])) for one, own in zip(loaded, by_load, strict=True)]
+    document = {"noload": [_free_row(rig.antenna.length_m, one) for one in free], "loads": rows}
+    return Checked((shape, stiffness, offset, gain), document)
 
 
-def free_shape_moved_mm(rig: Rig, step: np.ndarray) -> float:
-    """Largest displacement of the weightless free antenna by a step (9,) of its parameters."""
-    points_m = _free_points_m(rig, np.stack([np.zeros_like(step), step]))
-    return 1e3 * float(np.linalg.norm(points_m[1] - points_m[0], axis=1).max())
+def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> Information:
+    """Of some rows of stills about the rig's `count` parameters: places and weights that loads share are off alike."""
+    keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in stills]
+    names = list(dict.fromkeys(key for own in keys for key in own))
+    jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names)))]
+    for one, own in zip(stills, keys, strict=True):
+        by_names = np.zeros((len(one.residuals), len(names)))
+        by_names[:, [names.index(key) for key in own]] = one.by_readings[:, : len(own)]
+        jacobian.append(one.jacobian[rows])
+        residuals.append(one.residuals[rows])
+        nuisance.append(by_names[rows])
+    return Information.of(np.vstack(jacobian), np.concatenate(residuals), np.vstack(nuisance))
 
 
-def tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
-    """Standard deviation of the free tip in its worst direction, by the (6, 6) covariance of clamp and bow."""
-    tips = _free_points_m(rig, np.vstack([np.zeros(9), np.diag(RIG_STEPS[ANTENNA])[:6]]))[:, -1]
-    slopes = ((tips[1:] - tips[0]) / RIG_STEPS[ANTENNA][:6, None]).T
+def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Change], camera_known: bool) -> Finding:
+    """changes : of clamp and bow together, and of each with the other fixed."""
+    shape, clamp, bow = changes
+    if shape.freedom == 0:
+        return not_given("free_antenna", _NO_FREE)
+    step = np.concatenate([shape.significant, [0.0, 0.0, 0.0]])
+    before_m, after_m = _free_points_m(rig, np.stack([np.zeros_like(step), step]))
+    moved_mm = 1e3 * float(np.linalg.norm(after_m - before_m, axis=1).max())
+    evidence = Evidence(shape.distance_std, shape.freedom, moved_mm, _FREE_FLOOR_MM, "mm along the antenna")
+    words = f"off by at most {moved_mm:.2f} mm" if moved_mm > 0 else "no difference beyond its uncertainty"
+    largest_mm = max(float(np.abs(one.residual_mm).max()) for one in free)
+    words += f"; single points lie within {largest_mm:.2f} mm"
+    if _tip_std_mm(rig, shape.covariance) > _UNSEEN_MM:
+        words += "; how far the tip lies along the line of sight does not show"
+    if evidence.level == HOLDS:
+        return judged("free_antenna", words, "", evidence)
+    if clamp.distance_std > bow.distance_std:
+        about_y, about_z = 1e3 * clamp.step[2:]
+        words += f"; best explained by a clamp that turned: {about_y:+.1f} mrad about y, {about_z:+.1f} about z"
+        remedy = "tighten the clamp, then calibrate again"
+    else:
+        words += f"; best explained by a bent wire: bow {bow.step[0]:+.3f} and {bow.step[1]:+.3f} per m"
+        remedy = "straighten or replace the wire, then calibrate again"
+    if not camera_known:
+        remedy = "put a board into the jig and check again: the camera may have moved instead. If not, " + remedy
+    return judged("free_antenna", words, remedy, evidence)
+
+
+def _tip_std_mm(rig: Rig, covariance: np.ndarray) -> float:
+    """Of the free tip in its worst direction, by the (6, 6) covariance of clamp and bow."""
+    steps = RIG_STEPS[ANTENNA]
+    tips = _free_points_m(rig, np.vstack([np.zeros(9), np.diag(steps)[:6]]))[:, -1]
+    slopes = ((tips[1:] - tips[0]) / steps[:6, None]).T
     return 1e3 * float(np.sqrt(np.linalg.eigvalsh(slopes @ covariance @ slopes.T)[-1]))
 
 
@@ -151,101 +224,17 @@ def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
     return bend(parameters, rig.antenna.length_m, zero, np.full(len(steps), 0.1), zero[:, 1:]).points_m
 
 
-_CLAMP, _BOW, _STIFFNESS = (ANTENNA.start + np.arange(4), ANTENNA.start + np.arange(4, 6), ANTENNA.start + 6)
-_FREE_SHAPE = np.concatenate([_CLAMP, _BOW])
-_FREE_FLOOR_MM = 0.1
-_STIFFNESS_FLOOR_PERCENT, _GAIN_FLOOR_PERCENT = 0.5, 0.5
-_SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 1e-3, 0.05])
-"""Noticeable changes of pose, antenna and gain; the offset's is ten times the sensor's noise."""
-_WRONG_ROW_STD = 5.0
-_UNSEEN_MM = 2.0
-"""Standard deviation of the tip in a direction that the pictures do not show."""
-
-
-_NO_FREE, _NO_LOADS = "no picture of the free antenna (noload/)", "no known loads (loads/)"
-_NUMBERS = {
-    "stiffness": ("EI {} % against the rig", 100.0, 100.0, "% of EI"),
-    "sensor_offset": ("offset {} mN·m against the rig", 1e3, 1e3, "mN·m"),
-    "sensor_gain": ("gain {} against the rig", 1.0, 100.0, "% of the reading"),
-}
-"""What is said of a change, the factor of the number in it, and factor and unit of its size."""
-
-
-def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
-    """Free shape, then stiffness, then offset, then gain; what has changed is free in the estimates after it.
-
-    camera_known : the camera's pose was checked by a board.
-    """
-    free = [one for one in stills if not isinstance(one.still, Load)]
-    loaded = [one for one in stills if isinstance(one.still, Load)]
-    covariance = joint_covariance(rig)
-    scale = np.concatenate([_SCALE, [10 * rig.moment_sensor.std_Nm], np.full(len(covariance) - LENS, 0.01)])
-    changed: list[int] = []
-
-    def change(data: Information, wanted: Sequence[int] | np.ndarray) -> Change:
-        return estimate_change(data, covariance, np.asarray(wanted), scale, changed)
-
-    data = information(free, POINTS, len(covariance))
-    shape = _shape_finding(rig, free, [change(data, which) for which in (_FREE_SHAPE, _CLAMP, _BOW)], camera_known)
-    changed += _FREE_SHAPE.tolist() if shape.is_bad else []
-    by_load = [change(data + information([one], POINTS, len(covariance)), [_STIFFNESS]) for one in loaded]
-    # the points of the loads come in again with their readings, of which they share the errors
-    bent = data + information(loaded, POINTS, len(covariance))
-    remedy = "check the loads' mass and place first; then the clamp; then calibrate again"
-    found = change(bent, [_STIFFNESS]) if loaded else _NO_LOADS
-    stiffness = _number_finding("stiffness", found, _NO_LOADS, _STIFFNESS_FLOOR_PERCENT, remedy)
-    if stiffness.evidence is not None:
-        stiffness = replace(stiffness, words=f"{stiffness.words}, by {len(loaded)} load{'s' * (len(loaded) > 1)}")
-    changed += [_STIFFNESS] if stiffness.is_bad else []
-    read = [one for one in free if one.has_moment]
-    zero = information(read, MOMENT, len(covariance))
-    unread = "no reading was given with the picture of the free antenna (--moment)" if free else _NO_FREE
-    found, floor = change(bent + zero, [OFFSET]) if read else unread, 1e3 * rig.moment_sensor.std_Nm
-    offset = _number_finding("sensor_offset", found, _NO_FREE, floor, _offset_remedy(rig, read))
-    changed += [OFFSET] if not read or offset.is_bad else []
-    found = change(data + zero + information(loaded, BOTH, len(covariance)), [GAIN]) if loaded else _NO_LOADS
-    hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
-    remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
-    gain = _number_finding("sensor_gain", found, hidden, _GAIN_FLOOR_PERCENT, remedy)
-    rows = [_load_row(one, float(own.step[0]), float(own.std[0])) for one, own in zip(loaded, by_load, strict=True)]
-    document = {"noload": [_free_row(rig.antenna.length_m, one) for one in free], "loads": rows}
-    return Checked((shape, stiffness, offset, gain), document)
-
-
-def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Change], camera_known: bool) -> Finding:
-    """changes : of clamp and bow together, and of each with the other fixed."""
-    shape, clamp, bow = changes
-    if shape.freedom == 0:
-        return not_given("free_antenna", _NO_FREE)
-    moved_mm = free_shape_moved_mm(rig, np.concatenate([shape.significant, [0.0, 0.0, 0.0]]))
-    evidence = Evidence(shape.distance_std, shape.freedom, moved_mm, _FREE_FLOOR_MM, "mm along the antenna")
-    words = f"off by at most {moved_mm:.2f} mm" if moved_mm > 0 else "no difference beyond its uncertainty"
-    largest_mm = max(float(np.abs(one.residual_mm).max()) for one in free)
-    words += f"; single points lie within {largest_mm:.2f} mm"
-    if tip_std_mm(rig, shape.covariance) > _UNSEEN_MM:
-        words += "; how far the tip lies along the line of sight does not show"
-    if evidence.level == HOLDS:
-        return judged("free_antenna", words, "", evidence)
-    remedy = "straighten or replace the wire, then calibrate again"
-    if clamp.distance_std > bow.distance_std:
-        about_y, about_z = 1e3 * clamp.step[2:]
-        words += f"; best explained by a clamp that turned: {about_y:+.1f} mrad about y, {about_z:+.1f} about z"
-        remedy = "tighten the clamp, then calibrate again"
-    else:
-        words += f"; best explained by a bent wire: bow {bow.step[0]:+.3f} and {bow.step[1]:+.3f} per m"
-    if not camera_known:
-        remedy = "put a board into the jig and check again: the camera may have moved instead. If not, " + remedy
-    return judged("free_antenna", words, remedy, evidence)
-
-
-def _number_finding(name: str, change: Change | str, hidden: str, floor: float, remedy: str) -> Finding:
+def _number_finding(
+    name: str, change: Change | str, hidden: str, remedy: str, floor: float = _FLOOR_PERCENT
+) -> Finding:
     """change : of one number; or why there is none. hidden : why the data may not show it."""
     if isinstance(change, str) or change.freedom == 0:
         return not_given(name, change if isinstance(change, str) else hidden)
     words, shown, factor, unit = _NUMBERS[name]
     said = words.format(plus_minus(shown * change.step[0], shown * change.std[0]))
-    size = factor * abs(float(change.step[0]))
-    return judged(name, said, remedy, Evidence(change.distance_std, 1, size, floor, unit))
+    return judged(
+        name, said, remedy, Evidence(change.distance_std, 1, factor * abs(float(change.step[0])), floor, unit)
+    )
 
 
 def _offset_remedy(rig: Rig, stills: Sequence[CheckedStill]) -> str:
@@ -265,8 +254,7 @@ def _load_row(one: CheckedStill, step: float, std: float) -> dict[str, Any]:
     """A load in check.json: prediction against observation. step, std : change of log EI by it alone."""
     load, residual = cast(Load, one.still), one.moment_residual_Nm
     wrong = abs(step) > max(_WRONG_ROW_STD * std, 0.02) or abs(residual) > _WRONG_ROW_STD * one.moment_std_Nm
-    return {
-        "image": one.name,
+    return one.common() | {
         "distance_mm": 1e3 * load.distance_m,
         "force_y_mN": 1e3 * load.force_y_N,
         "force_z_mN": 1e3 * load.force_z_N,
@@ -275,7 +263,6 @@ def _load_row(one: CheckedStill, step: float, std: float) -> dict[str, Any]:
         "seen_deflection_mm": 1e3 * one.deflection_m * float(np.exp(-step)),
         "stiffness_percent": 100 * step,
         "stiffness_std_percent": 100 * std,
-        "rms_std": one.rms_std,
         "moment_predicted_mNm": 1e3 * (load.moment_Nm - residual),
         "moment_read_mNm": 1e3 * load.moment_Nm,
         "moment_residual_mNm": 1e3 * residual,
@@ -288,10 +275,8 @@ def _free_row(length_m: float, one: CheckedStill) -> dict[str, Any]:
     edges = np.linspace(0.0, length_m, 51)
     place = np.digitize(one.arclength_m, edges)
     bins = [place == index for index in range(1, len(edges)) if (place == index).sum() >= 2]
-    return {
-        "image": one.name,
+    return one.common() | {
         "tilt_deg": float(np.degrees(one.still.tilt_rad)),
-        "rms_std": one.rms_std,
         "arclength_mm": [1e3 * float(np.median(one.arclength_m[inside])) for inside in bins],
         "residual_mm": [float(np.median(one.residual_mm[inside])) for inside in bins],
         "moment_read_mNm": 1e3 * one.still.moment_Nm if one.has_moment else None,

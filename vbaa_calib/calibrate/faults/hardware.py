@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,49 +22,60 @@ _USUAL = 3.0
 """A bow is reported beyond so many standard deviations of a careful builder's wire."""
 _LEAST_CHI_SQUARE = 50.0
 """A change between stills above this is no chance, however many places were tried."""
-_LEAST = {"turn": 4e-3, "place": 3e-4, "bow": 0.04}
-"""Least changes that are reported, rad, m and per m: a millimetre at the tip of 240 mm. Half a millimetre on the ruler
-and half a per cent on the balance look like a quarter of that."""
-_MOST = {"turn": 0.15, "place": 5e-3, "bow": 1.5}
-"""Beyond these, rows are wrong, or gravity."""
-_PRIOR_STD = {"turn": 0.05, "place": 1e-3, "bow": 0.3}
 _CLEARER = 1.5
 """Ratio of χ² of a slip and of a bend from which only one of the two is named."""
 _CLEAR_STD = 4.0
 _GIVE_STD = 3.0
-_KINDS = {
-    "turn": ("clamp_about_y_rad", "clamp_about_z_rad"),
-    "place": ("clamp_y_m", "clamp_z_m"),
-    "bow": ("bow_about_y_per_m", "bow_about_z_per_m"),
-}
-_CHANGE_UNITS = {"turn": ("° about", np.rad2deg(1.0)), "place": (" mm along", 1e3), "bow": (" per m about", 1.0)}
 
 
-def _indices(kind: str) -> list[int]:
-    """Of a kind's parameters in the joint solve."""
-    return [ANTENNA.start + PARAMETERS.index(name) for name in _KINDS[kind]]
+class _Kind(NamedTuple):
+    """A change of two parameters: which of the joint solve, its size and prior, and the unit and factor to say it in.
+
+    Below `least`, a millimetre at the tip of 240 mm, it is not reported: half a millimetre on the ruler and half a per
+    cent on the balance look like a quarter of that. Beyond `most` rows are wrong, or gravity.
+    """
+
+    which: list[int]
+    least: float
+    most: float
+    prior_std: float
+    unit: str
+    factor: float
+
+    def words(self, found: Further) -> str:
+        (y, z), (y_std, z_std) = self.factor * found.values, self.factor * found.std
+        return f"{y:.2f} ± {y_std:.2f}{self.unit} y and {z:.2f} ± {z_std:.2f}{self.unit} z"
+
+
+def _indices(*names: str) -> list[int]:
+    return [ANTENNA.start + PARAMETERS.index(name) for name in names]
+
+
+_TURN = _Kind(_indices("clamp_about_y_rad", "clamp_about_z_rad"), 4e-3, 0.15, 0.05, "° about", np.rad2deg(1.0))
+_PLACE = _Kind(_indices("clamp_y_m", "clamp_z_m"), 3e-4, 5e-3, 1e-3, " mm along", 1e3)
+_BOW = _Kind(_indices("bow_about_y_per_m", "bow_about_z_per_m"), 0.04, 1.5, 0.3, " per m about", 1.0)
+(_GIVE,) = _indices("clamp_give_m")
 
 
 def bow_diagnosis(joint: BundleAdjustment) -> Diagnosis | None:
     """A bow beyond the ordinary."""
-    length, which = joint.problem.length_m, _indices("bow")
+    length, which = joint.problem.length_m, _BOW.which
     found = Further(joint.parameters[which], joint.covariance[np.ix_(which, which)])
     bow, prior = found.values, joint.problem.prior.std[np.array(which) - ANTENNA.start]
     if not (np.abs(bow) > _USUAL * np.maximum(prior, found.std)).any():
         return None
     return Diagnosis(
         "antenna_bent",
-        f"the free antenna is bowed by {_words('bow', found)}: "
+        f"the free antenna is bowed by {_BOW.words(found)}: "
         f"{0.5e3 * float(np.linalg.norm(bow)) * length**2:.0f} mm at the tip of {1e3 * length:.0f} mm",
         "straighten or replace the wire, or set it with its bow in plane C, and check gravity_world",
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
+class _Step(NamedTuple):
     """A lasting change of a kind, from the still `first` on; `after` are the stills after it, in time."""
 
-    kind: str
+    kind: _Kind
     first: int
     found: Further
     after: tuple[int, ...]
@@ -77,16 +89,15 @@ def _steps(rows: StillRows) -> list[_Step]:
         whole = np.argsort(np.array(times, float), kind="stable").tolist()
     order = [index for index in whole if rows.moments[index] >= 0]
     best = []
-    for kind in _KINDS:
-        columns = rows.solution.jacobian[:, _indices(kind)]
+    for kind in (_TURN, _PLACE, _BOW):
+        columns = rows.solution.jacobian[:, kind.which]
         found = []
         for split in range(1, len(order)):
-            change = rows.further(np.where(rows.of_stills(order[split:])[:, None], columns, 0.0), _PRIOR_STD[kind])
+            change = rows.further(np.where(rows.of_stills(order[split:])[:, None], columns, 0.0), kind.prior_std)
             if change is not None:
                 found.append(_Step(kind, order[split], change, tuple(whole[whole.index(order[split]) :])))
-        if found:
-            best.append(max(found, key=lambda step: step.found.chi_square))
-    return best
+        best += [max(found, key=lambda step: step.found.chi_square)] if found else []
+    return sorted(best, key=lambda step: step.found.chi_square, reverse=True)
 
 
 def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float) -> Diagnosis | None:
@@ -94,37 +105,36 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
 
     own_scatter : of the points, see `picture_scatter`. None where neither explains all of the residuals.
     """
-    found = sorted(_steps(rows), key=lambda step: step.found.chi_square, reverse=True)
+    found = _steps(rows)
     if not found or found[0].found.chi_square < _LEAST_CHI_SQUARE:
         return None
     best = found[0]
-    if not _LEAST[best.kind] <= float(np.linalg.norm(best.found.values)) <= _MOST[best.kind]:
+    if not best.kind.least <= float(np.linalg.norm(best.found.values)) <= best.kind.most:
         return None
     if fits(joint.noise_scale, own_scatter) and not (np.abs(best.found.values) > _CLEAR_STD * best.found.std).any():
         # the stills fit as they are: only a change that is clear in itself is one
         return None
-    scatter = scatter_with_change(joint, _indices(best.kind), best.after, _PRIOR_STD[best.kind])
-    if not fits(scatter, own_scatter):
+    if not fits(scatter_with_change(joint, best.kind.which, best.after, best.kind.prior_std), own_scatter):
         return None
     rivals = [step for step in found[1:] if step.found.chi_square * _CLEARER > best.found.chi_square]
     still = joint.noted[best.first].still
     kind = "load" if isinstance(still, Load) else "no-load frame"
     named = f"{kind} {still.image.name}" if still.image else f"a {kind} at tilt {np.rad2deg(still.tilt_rad):.0f}°"
     since = f"from {named} on"
-    if best.kind == "bow" and not rivals:
+    if best.kind is _BOW and not rivals:
         return Diagnosis(
             "antenna_bent_between",
-            f"the antenna is bent by {_words(best.kind, best.found)} more {since} than before",
+            f"the antenna is bent by {_BOW.words(best.found)} more {since} than before",
             "a load has bent it for good: straighten or replace the wire, then take no-load frames and loads anew, "
             "with lighter loads",
             grave=True,
         )
-    slip = next((step for step in found if step.kind != "bow"), best)
-    other = ", or the antenna was bent" if any(step.kind == "bow" for step in (*rivals, best)) else ""
-    moved = "moved" if slip.kind == "place" else "turned"
+    slip = next((step for step in found if step.kind is not _BOW), best)
+    other = ", or the antenna was bent" if any(step.kind is _BOW for step in (*rivals, best)) else ""
+    moved = "moved" if slip.kind is _PLACE else "turned"
     return Diagnosis(
         "clamp_slipped_or_antenna_bent" if other else "clamp_slipped",
-        f"the clamp has {moved} by {_words(slip.kind, slip.found)} {since}, which the loads do not explain{other}",
+        f"the clamp has {moved} by {slip.kind.words(slip.found)} {since}, which the loads do not explain{other}",
         "tighten the clamp, then take no-load frames and loads anew",
         grave=True,
     )
@@ -132,10 +142,9 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
 
 def soft_clamp(rows: StillRows) -> Diagnosis | None:
     """A clamp that turns elastically, by more than one that is screwed tight does."""
-    index = ANTENNA.start + PARAMETERS.index("clamp_give_m")
     parameters, covariance = rows.estimate()
-    value, std = float(parameters[index]), float(np.sqrt(covariance[index, index]))
-    usual = float(rows.joint.problem.prior.std[index - ANTENNA.start])
+    value, std = float(parameters[_GIVE]), float(np.sqrt(covariance[_GIVE, _GIVE]))
+    usual = float(rows.joint.problem.prior.std[_GIVE - ANTENNA.start])
     if value < _GIVE_STD * max(usual, std):
         return None
     return Diagnosis(
@@ -144,12 +153,6 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
         f"one by {1e3 * usual:.1f} mm at most",
         "clamp it over a longer piece, between metal, and check where the distances are measured from",
     )
-
-
-def _words(kind: str, found: Further) -> str:
-    unit, factor = _CHANGE_UNITS[kind]
-    (y, z), (y_std, z_std) = factor * found.values, factor * found.std
-    return f"{y:.2f} ± {y_std:.2f}{unit} y and {z:.2f} ± {z_std:.2f}{unit} z"
 
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
@@ -174,10 +177,6 @@ _JOINT_SLIPS = (
     ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
 )
 """How the joints would have moved, what to correct, and the matrix (2, 2) that puts (pan, tilt) right."""
-
-
-_Hypothesis = tuple[Diagnosis, np.ndarray]
-"""What would be wrong with the session's record, and gravity (F, 3) in the frames if it were, antenna frame."""
 
 
 def gravity_diagnosis(
@@ -240,10 +239,10 @@ def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, 
 
 def _hypotheses(
     stills: Sequence[Still], kinematics: Kinematics, gravity_world_m_s2: np.ndarray, noted_m_s2: np.ndarray
-) -> list[_Hypothesis]:
-    """What could be wrong with gravity_world (3,) and with the joint readings, where it makes a difference.
+) -> list[tuple[Diagnosis, np.ndarray]]:
+    """What could be wrong with gravity_world (3,) and the joint readings, and gravity (F, 3) in the frames if it were.
 
-    noted_m_s2 : (F, 3) antenna frame, by what was noted.
+    noted_m_s2 : (F, 3) antenna frame, by what was noted; what makes no difference to it is left out.
     """
     size = float(np.linalg.norm(gravity_world_m_s2)) or _STANDARD_GRAVITY_M_S2
     worlds = {f"gravity pointed to {name} of the world": size * axis for name, axis in _AXES.items()}
@@ -260,10 +259,10 @@ def _hypotheses(
         moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(stills, angles, strict=True)]
         pull = gravity_antenna(kinematics, gravity_world_m_s2, moved)
         found.append((Diagnosis("joint_readings_wrong", words, f"correct {what}, in all tables", grave=True), pull))
-    different: list[_Hypothesis] = []
-    for other, pull in found:
-        if all(np.abs(pull - known).max() > _SAME_M_S2 for known in (noted_m_s2, *(pull for _, pull in different))):
-            different.append((other, pull))
+    different: list[tuple[Diagnosis, np.ndarray]] = []
+    for one in found:
+        if all(np.abs(one[1] - known).max() > _SAME_M_S2 for known in (noted_m_s2, *(pull for _, pull in different))):
+            different.append(one)
     return different
 
 
@@ -288,52 +287,6 @@ _EXPLAINED = 0.5
 _SIGNIFICANT_STD = 4.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Readings:
-    """Readings (F,), the moments (F,) that they should be, and the robust line through both.
-
-    gain_std : of the gain, by the scatter about the line.
-    """
-
-    read_Nm: np.ndarray
-    true_Nm: np.ndarray
-    gain: float
-    offset_Nm: float
-    gain_std: float
-
-    @staticmethod
-    def of(joint: BundleAdjustment, std_Nm: float) -> _Readings | None:
-        """Of the stills that took part; None with fewer than 3, or where no moment was read."""
-        _, moments = joint.problem.evaluate(joint.solution.parameters)
-        kept = joint.kept
-        read = np.array([one.still.moment_Nm for one in joint.noted])[kept]
-        true = moments[kept, 0]
-        if len(read) < 3 or not np.isfinite(read).all():
-            return None
-        # Theil and Sen's medians
-        i, j = np.triu_indices(len(true), 1)
-        far = np.abs(true[j] - true[i]) > 0.2 * np.ptp(true)
-        gain = float(np.median((read[j] - read[i])[far] / (true[j] - true[i])[far]))
-        offset = float(np.median(read - gain * true))
-        scatter = max(mad_std(read - gain * true - offset), std_Nm)
-        spread = float(np.sqrt(((true - true.mean()) ** 2).sum()))
-        return _Readings(read, true, gain, offset, scatter / max(spread, 1e-12))
-
-    @property
-    def follow(self) -> bool:
-        """Whether the line explains the readings' spread, by medians."""
-        about = np.median(np.abs(self.read_Nm - np.median(self.read_Nm)))
-        left = np.median(np.abs(self.read_Nm - self.gain * self.true_Nm - self.offset_Nm))
-        return float(1.0 - left / max(about, 1e-15)) > _EXPLAINED
-
-    @property
-    def units(self) -> list[tuple[str, str]]:
-        """Units, with their remedies, in which the gain would be 1."""
-        if self.gain <= 0:
-            return []
-        return [(unit, remedy) for unit, factor, remedy in _UNITS if abs(np.log(self.gain / factor)) < _UNIT_REACH]
-
-
 def sensor_diagnoses(
     joint: BundleAdjustment, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool
 ) -> list[Diagnosis]:
@@ -342,11 +295,21 @@ def sensor_diagnoses(
     drift : of its readings, N·m `per` s or row; None where it is not known.
     moments_known : the loads are what was noted. If not, only an unconnected sensor can be recognised.
     """
-    readings = _Readings.of(joint, std_Nm)
-    if readings is None or float(np.ptp(readings.true_Nm) / std_Nm) < _LEAST_SPREAD_STD:
+    _, moments = joint.problem.evaluate(joint.solution.parameters)
+    read = np.array([one.still.moment_Nm for one in joint.noted])[joint.kept]
+    true = moments[joint.kept, 0]
+    if len(read) < 3 or not np.isfinite(read).all() or np.ptp(true) / std_Nm < _LEAST_SPREAD_STD:
         return []
-    gain, std, follow, units = readings.gain, readings.gain_std, readings.follow, readings.units
-    spread = f"while the true moments span {1e3 * np.ptp(readings.true_Nm):.3g} mN·m"
+    # the line through readings and true moments by Theil and Sen's medians
+    i, j = np.triu_indices(len(true), 1)
+    far = np.abs(true[j] - true[i]) > 0.2 * np.ptp(true)
+    gain = float(np.median((read[j] - read[i])[far] / (true[j] - true[i])[far]))
+    left = read - gain * true - float(np.median(read - gain * true))
+    std = max(mad_std(left), std_Nm) / max(float(np.sqrt(((true - true.mean()) ** 2).sum())), 1e-12)
+    about = np.median(np.abs(read - np.median(read)))
+    follow = float(1.0 - np.median(np.abs(left)) / max(about, 1e-15)) > _EXPLAINED
+    units = [one for one in _UNITS if gain > 0 and abs(np.log(gain / one[1])) < _UNIT_REACH]
+    spread = f"while the true moments span {1e3 * np.ptp(true):.3g} mN·m"
     known = f"gain {gain:.3g} ± {std:.2g}"
     weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follow and units)
     far = follow and gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]
@@ -355,13 +318,13 @@ def sensor_diagnoses(
     moved = "" if drift is None else f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}"
     rules = (
         (
-            np.ptp(readings.read_Nm) <= 1e-3 * std_Nm,
+            np.ptp(read) <= 1e-3 * std_Nm,
             "sensor_not_connected",
-            f"all {len(readings.read_Nm)} moment readings are {readings.read_Nm[0]:.4g} N·m, {spread}",
+            f"all {len(read)} moment readings are {read[0]:.4g} N·m, {spread}",
             "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in",
         ),
         (
-            moments_known and (weak or np.ptp(readings.read_Nm) < _SIGNIFICANT_STD * 2 * std_Nm),
+            moments_known and (weak or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm),
             "sensor_not_connected",
             f"the moment readings do not follow the loads: {known}, {spread}",
             "check that the sensor is connected, sits between clamp and base, and that each row has its own reading",
@@ -375,8 +338,8 @@ def sensor_diagnoses(
         (
             moments_known and far and bool(units),
             "sensor_unit",
-            f"{words}, as if it were read in {' or '.join(unit for unit, _ in units)}",
-            f"{units[0][1] if units else ''}: moment_Nm is in N·m",
+            f"{words}, as if it were read in {' or '.join(unit for unit, *_ in units)}",
+            f"{units[0][2] if units else ''}: moment_Nm is in N·m",
         ),
         (
             moments_known and far,

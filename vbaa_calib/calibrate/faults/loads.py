@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,23 +53,33 @@ _TOO_STEEP_RAD = 1.2
 _TOO_FLAT_RAD = 1e-3
 """Slope that no picture shows well: a tenth of a millimetre at 150 mm."""
 _LIKELY_RAD = 0.2
+_NOMINAL_REACH, _KNOWN_REACH, _FAR_REACH = 0.3, 0.03, 1.0
+"""Largest |log| of EI over the free antenna's or E·πd⁴/64 (8 % of the diameter); over what other loads agree on; and in
+looking for loads that agree: no wrong unit is as little as this."""
+_STEP = 0.05
+_CONTRADICTS, _FITS = 0.22, 0.08
+"""An entry is wrong whose antenna lies further off the points than this part of the deflection, and right below the
+other. Half a millimetre on the ruler and half a per cent on the balance make 0.02."""
+_CLEARER = 3.0
+"""A right entry lies this many times nearer than the noted one."""
+_ALIKE = 0.01
+"""Entries whose misfits differ by less cannot be told apart."""
+_SAME_VALUE = 0.03
+"""Entries that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
+_SHOWN_STD = 5.0
+"""Least deflection, in deviations of single points, that tells entries apart."""
+_AGREE = 0.1
+"""Logarithm within which loads agree on EI."""
+_MOST_BENT = 6.0
+"""f·l²/EI beyond which an antenna hangs along its load: more looks the same."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """What a row may have meant.
-
-    what : "force" or "distance". how : the slip, to be read after "given". load : as it should have been.
-    """
+class _Entry(NamedTuple):
+    """What a row may have meant: "force" or "distance", the slip, to be read after "given", and the load meant."""
 
     what: str
     how: str
     load: Load
-
-    @property
-    def name(self) -> str:
-        """The same for the same slip."""
-        return f"{self.what} {self.how}"
 
     @property
     def is_turn(self) -> bool:
@@ -88,76 +99,57 @@ class Entry:
 
     def remedy(self, noted: Load) -> str:
         """The cells that would fit."""
-        if self.what == "distance":
-            return f"distance_m {noted.distance_m:.4g} → {self.load.distance_m:.4g}"
-        old, new = noted, self.load
-        pairs = (("force_y_N", old.force_y_N, new.force_y_N), ("force_z_N", old.force_z_N, new.force_z_N))
+        names = ["distance_m"] if self.what == "distance" else ["force_y_N", "force_z_N"]
+        pairs = [(name, getattr(noted, name), getattr(self.load, name)) for name in names]
         size = max(abs(value) for _, *values in pairs for value in values)
         return ", ".join(f"{name} {a:.4g} → {b:.4g}" for name, a, b in pairs if abs(a - b) > _SAME * size)
 
 
-def other_entries(load: Load, length_m: float) -> list[Entry]:
-    """Everything else that a row could have meant, one slip at a time."""
-
+def _other_entries(load: Load, length_m: float) -> list[_Entry]:
+    """Everything else that a row could have meant, one slip at a time, the commonest first."""
     y, z, at = load.force_y_N, load.force_z_N, load.distance_m
-    forces = [(how, (factor * y, factor * z)) for how, factor in _UNITS]
-    known = [(y, z)]
-    for how, (yy, yz, zy, zz) in _TURNS:
-        turned = yy * y + yz * z, zy * y + zz * z
-        if all(abs(turned[0] - a) + abs(turned[1] - b) > _SAME * (abs(y) + abs(z)) for a, b in known):
-            known.append(turned)
-            forces.append((how, turned))
     places = [(how, factor * at) for how, factor in _LENGTHS if 0 < factor * at <= length_m]
     if length_m - at > _SAME and abs(length_m - 2 * at) > 0.02 * length_m:
         places.append(("from the tip", length_m - at))
-    found = [Entry("force", how, replace(load, force_y_N=y, force_z_N=z)) for how, (y, z) in forces]
-    found[len(_UNITS) : len(_UNITS)] = [Entry("distance", how, replace(load, distance_m=x)) for how, x in places]
-    return found
+    turned, known = [], [(y, z)]
+    for how, (yy, yz, zy, zz) in _TURNS:
+        other = yy * y + yz * z, zy * y + zz * z
+        if all(abs(other[0] - a) + abs(other[1] - b) > _SAME * (abs(y) + abs(z)) for a, b in known):
+            known.append(other)
+            turned.append((how, other))
+
+    def forces(slips: Sequence[tuple[str, tuple[float, float]]]) -> list[_Entry]:
+        return [_Entry("force", how, replace(load, force_y_N=y, force_z_N=z)) for how, (y, z) in slips]
+
+    distances = [_Entry("distance", how, replace(load, distance_m=x)) for how, x in places]
+    return forces([(how, (factor * y, factor * z)) for how, factor in _UNITS]) + distances + forces(turned)
 
 
-def row_name(index: int, load: Load) -> str:
+def _row_name(index: int, load: Load) -> str:
     """Name of a row of loads.csv, its first load being row 1."""
     return f"row {index + 1}" + (f" ({load.image.name})" if load.image else "")
 
 
-def rows_name(rows: Sequence[tuple[int, Load]], count: int = 0) -> str:
+def _rows_name(rows: Sequence[tuple[int, Load]], count: int = 0) -> str:
     """Name of several rows of loads.csv, which has `count` loads; 0: unknown."""
     if len(rows) == count > 1:
         return f"all {count} rows of loads.csv"
     more = f" and {len(rows) - 4} more" if len(rows) > 4 else ""
-    return "loads.csv " + ", ".join(row_name(index, load) for index, load in rows[:4]) + more
-
-
-def _force_N(load: Load) -> float:
-    return math.hypot(load.force_y_N, load.force_z_N)
+    return "loads.csv " + ", ".join(_row_name(index, load) for index, load in rows[:4]) + more
 
 
 def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list[Diagnosis]:
     """Typed loads that are impossible by the nominal antenna alone."""
-    rows = list(enumerate(loads))
-    return _distances(rows, antenna) + _forces(rows, antenna)
-
-
-def _distances(rows: Sequence[tuple[int, Load]], antenna: NominalAntenna) -> list[Diagnosis]:
-    beyond = [(index, load) for index, load in rows if not 0 < load.distance_m <= antenna.length_m]
-    if not beyond:
-        return []
-    at, length_m = beyond[0][1].distance_m, antenna.length_m
-    units = [how for how, factor in _LENGTHS[:2] if 0.02 * length_m < factor * at <= length_m]
-    guess = f"was it given {' or '.join(units)}? " if units else ""
-    return [
-        Diagnosis(
-            "load_distance_unit",
-            f"{rows_name(beyond, len(rows))}: distance_m is {at:.4g}, the antenna is {length_m:g} m long",
-            f"{guess}Give metres from the clamp along the antenna",
-            grave=True,
-        )
-    ]
-
-
-def _forces(rows: Sequence[tuple[int, Load]], antenna: NominalAntenna) -> list[Diagnosis]:
-    found, length_m = [], antenna.length_m
+    rows, length_m, found = list(enumerate(loads)), antenna.length_m, []
     inside = [(index, load) for index, load in rows if 0 < load.distance_m <= length_m]
+    beyond = [row for row in rows if row not in inside]
+    if beyond:
+        at = beyond[0][1].distance_m
+        units = [how for how, factor in _LENGTHS[:2] if 0.02 * length_m < factor * at <= length_m]
+        guess = f"was it given {' or '.join(units)}? " if units else ""
+        words = f"{_rows_name(beyond, len(rows))}: distance_m is {at:.4g}, the antenna is {length_m:g} m long"
+        remedy = f"{guess}Give metres from the clamp along the antenna"
+        found.append(Diagnosis("load_distance_unit", words, remedy, grave=True))
 
     def slope_rad(row: tuple[int, Load]) -> float:
         """At the load, by the linear beam: f·l²/2EI."""
@@ -165,9 +157,8 @@ def _forces(rows: Sequence[tuple[int, Load]], antenna: NominalAntenna) -> list[D
 
     def described(row: tuple[int, Load], which: Sequence[tuple[int, Load]], digits: str) -> tuple[str, float]:
         """The rows' name with one of them, and how far its tip would move, mm."""
-        load = row[1]
-        tip_mm = 1e3 * slope_rad(row) * (length_m - load.distance_m / 3)
-        name = rows_name(which, len(rows))
+        load, tip_mm = row[1], 1e3 * slope_rad(row) * (length_m - row[1].distance_m / 3)
+        name = _rows_name(which, len(rows))
         return f"{name}: {_force_N(load):.4g} N at {1e3 * load.distance_m:{digits}} mm would", tip_mm
 
     steep = [row for row in inside if slope_rad(row) > _TOO_STEEP_RAD]
@@ -191,25 +182,8 @@ def _forces(rows: Sequence[tuple[int, Load]], antenna: NominalAntenna) -> list[D
     return found
 
 
-_NOMINAL_REACH, _KNOWN_REACH, _FAR_REACH = 0.3, 0.03, 1.0
-"""Largest |log| of EI over the free antenna's or E·πd⁴/64 (8 % of the diameter); over what other loads agree on; and in
-looking for loads that agree: no wrong unit is as little as this."""
-_STEP = 0.05
-_CONTRADICTS, _FITS = 0.22, 0.08
-"""An entry is wrong whose antenna lies further off the points than this part of the deflection, and right below the
-other. Half a millimetre on the ruler and half a per cent on the balance make 0.02."""
-_CLEARER = 3.0
-"""A right entry lies this many times nearer than the noted one."""
-_ALIKE = 0.01
-"""Entries whose misfits differ by less cannot be told apart."""
-_SAME_VALUE = 0.03
-"""Entries that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
-_SHOWN_STD = 5.0
-"""Least deflection, in deviations of single points, that tells entries apart."""
-_AGREE = 0.1
-"""Logarithm within which loads agree on EI."""
-_MOST_BENT = 6.0
-"""f·l²/EI beyond which an antenna hangs along its load: more looks the same."""
+def _force_N(load: Load) -> float:
+    return math.hypot(load.force_y_N, load.force_z_N)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,12 +196,11 @@ class Row:
 
     index: int
     load: Load
-    entry: Entry | None
+    entry: _Entry | None
     also: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
+class _Fit(NamedTuple):
     """The best fits of V loads to one picture, over a range of stiffness.
 
     misfit : (V,) mean distance of the points from the predicted antenna, over that from the free one.
@@ -249,7 +222,7 @@ def wrong_rows(free: BundleAdjustment, observations: Sequence[Observation], leng
         noted = _fit(free, one, [load], centre, reach).misfit[0]
         if noted <= _CONTRADICTS:
             continue
-        entries = other_entries(load, length_m)
+        entries = _other_entries(load, length_m)
         others = _fit(free, one, [entry.load for entry in entries], centre, reach)
         nearest = float(others.misfit.min())
         alike = np.flatnonzero(others.misfit <= nearest + _ALIKE).tolist()
@@ -272,22 +245,22 @@ def _differ(a: Load, b: Load) -> bool:
 
 def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
     """The rows, of `count` loads, that another entry explains, those with the same slip together."""
-    by_slip: dict[str, list[tuple[Row, Entry]]] = {}
+    by_slip: dict[tuple[str, str], list[tuple[Row, _Entry]]] = {}
     for row in rows:
         if row.entry is not None:
-            by_slip.setdefault(row.entry.name, []).append((row, row.entry))
+            by_slip.setdefault((row.entry.what, row.entry.how), []).append((row, row.entry))
     found = []
     for same in by_slip.values():
         first, entry = same[0]
         also = sorted({how for row, _ in same for how in row.also})
         words = (
-            f"{rows_name([(row.index, row.load) for row, _ in same], count)}: the picture contradicts the row, and "
+            f"{_rows_name([(row.index, row.load) for row, _ in same], count)}: the picture contradicts the row, and "
             f"would fit if the {entry.what} was given {entry.how}"
         )
         if also:
             words += f" (or {' or '.join(also[:2])}: the picture does not tell)"
         words += f". Is it {entry.question(first.load)}?"
-        cells = "; ".join(f"{row_name(row.index, row.load)}: {own.remedy(row.load)}" for row, own in same[:3])
+        cells = "; ".join(f"{_row_name(row.index, row.load)}: {own.remedy(row.load)}" for row, own in same[:3])
         found.append(Diagnosis(f"load_{entry.what}_mistyped", words, f"if so, correct {cells}", grave=True))
     return found
 
@@ -295,7 +268,7 @@ def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
 def unexplained(rows: Sequence[Row]) -> list[Diagnosis]:
     """The rows that their pictures contradict and no usual slip explains."""
     words = (
-        f"{rows_name([(row.index, row.load) for row in rows])}: the picture contradicts the row by a fifth of the "
+        f"{_rows_name([(row.index, row.load) for row in rows])}: the picture contradicts the row by a fifth of the "
         "deflection or more, and no usual slip explains it"
     )
     remedy = "check distance_m, force and sign of the row, that the picture belongs to it, and that the clamp held"
@@ -318,15 +291,15 @@ def corrected(observations: Sequence[Observation], rows: Sequence[Row]) -> list[
 def all_by_commonest(named: Sequence[Row], observations: Sequence[Observation], length_m: float) -> list[Row]:
     """Every load with the slip that most rows have: some pictures look alike either way. Empty where few have it."""
     loads = [one.still for one in observations if isinstance(one.still, Load)]
-    slips = [row.entry.name for row in named if row.entry is not None]
-    name = max(set(slips), key=slips.count, default="")
-    if 2 * slips.count(name) <= len(loads) or len(loads) < 2:
+    slips = [row.entry[:2] for row in named if row.entry is not None]
+    slip = max(set(slips), key=slips.count, default=None)
+    if slip is None or 2 * slips.count(slip) <= len(loads) or len(loads) < 2:
         return []
     return [
         Row(index, load, entry)
         for index, load in enumerate(loads)
-        for entry in other_entries(load, length_m)
-        if entry.name == name
+        for entry in _other_entries(load, length_m)
+        if entry[:2] == slip
     ]
 
 
