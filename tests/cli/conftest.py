@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from vbaa_calib.cli.main import main
-from viz.report import pictures as report_pictures
+from viz.report import make as report_make
 
 from ..small_scene import small_rig
 
@@ -71,5 +71,5 @@ def rig(made: Path, tmp_path: Path) -> Path:
 def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """The scene in reports has its own tests; drawing it takes seconds."""
     if "demo" not in request.node.nodeid:
-        nothing = report_pictures.Picture(b"", "not drawn here")
-        monkeypatch.setattr(report_pictures, "scene_picture", lambda *_, **__: nothing)
+        nothing = report_make.Picture(b"", "not drawn here")
+        monkeypatch.setattr(report_make, "scene_picture", lambda *_, **__: nothing)

@@ -10,7 +10,7 @@ import pytest
 
 from vbaa_calib.cli.main import main
 from viz.cli.demo import SCENES
-from viz.render.render import can_render
+from viz.render.probe import can_render
 
 from ..readme_table import table_in_readme, table_of
 

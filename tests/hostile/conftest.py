@@ -13,7 +13,7 @@ import yaml
 
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml
-from viz.report import pictures as report_pictures
+from viz.report import make as report_make
 
 from ..formats.files import SAMPLES
 from ..small_scene import small_rig, small_scene
@@ -83,5 +83,5 @@ def folder(made: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 @pytest.fixture(autouse=True)
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The scene in reports has its own tests; drawing it takes seconds."""
-    nothing = report_pictures.Picture(b"", "not drawn here")
-    monkeypatch.setattr(report_pictures, "scene_picture", lambda *_, **__: nothing)
+    nothing = report_make.Picture(b"", "not drawn here")
+    monkeypatch.setattr(report_make, "scene_picture", lambda *_, **__: nothing)

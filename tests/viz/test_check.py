@@ -11,8 +11,7 @@ import pytest
 
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.cli.main import main
-from viz.pages.page import _environment, prose
-from viz.pages.tables import fixed, listing, number, records, with_std
+from viz.pages.page import _environment, fixed, listing, number, prose, records, with_std
 from viz.report.check import LEVEL_COLOURS, page
 
 from ..calibrate.checked_rigs import QUALITY, month_later, rig_of, scene

@@ -16,9 +16,9 @@ import pyvista as pv
 
 from vbaa_calib.cli import main
 from viz.cli import estimate as estimate_cli
-from viz.render import render
-from viz.report import pictures as report_pictures
-from viz.report.pictures import Picture
+from viz.render import probe
+from viz.report import make as report_make
+from viz.report.recording import Picture
 
 
 def outcome(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:
@@ -75,7 +75,7 @@ def test_view_finds_the_object_itself(files: SimpleNamespace, capsys: pytest.Cap
 def test_view_without_a_display_says_what_to_do(
     files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, display: str | None
 ) -> None:
-    if not sys.platform.startswith("linux") or not render.can_render():
+    if not sys.platform.startswith("linux") or not probe.can_render():
         pytest.skip("no X11, or no OpenGL here")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -90,12 +90,12 @@ def test_view_without_a_display_says_what_to_do(
 def test_view_without_opengl_writes_the_page_and_says_what_to_install(
     files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(render, "PROBE", (sys.executable, "-c", "raise SystemExit(139)"))
-    render.can_render.cache_clear()
+    monkeypatch.setattr(probe, "PROBE", (sys.executable, "-c", "raise SystemExit(139)"))
+    probe.can_render.cache_clear()
     page, picture = files.folder / "scene.html", files.folder / "scene.png"
     argv = ["view", files.contacts, "--plain", "--html", page, "--screenshot", picture]
     code, _, said = outcome(capsys, *argv)
-    render.can_render.cache_clear()
+    probe.can_render.cache_clear()
     assert code == 1
     assert "libegl1" in said
     assert page.exists()
@@ -105,7 +105,7 @@ def test_view_without_opengl_writes_the_page_and_says_what_to_install(
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The scene has its own tests; drawing it takes seconds."""
-    monkeypatch.setattr(report_pictures, "scene_picture", lambda *_: Picture(b"", "No picture: not drawn here."))
+    monkeypatch.setattr(report_make, "scene_picture", lambda *_: Picture(b"", "No picture: not drawn here."))
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -19,7 +19,7 @@ from viz.figures.check import heat_map, residual_arrows
 from viz.figures.contacts import SLIDING, contact_maps, friction_cone, indentation
 from viz.figures.drawing import TEAL, ellipses, new_axes, svg, time_colours
 from viz.figures.time import TimeAxis, curve, lanes, signals
-from viz.scene.colours import UNKNOWN, scale
+from viz.scene.readable import UNKNOWN, scale
 
 from .estimates import STIFFNESS_N_M, object_estimate
 

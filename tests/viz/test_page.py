@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from viz.parts import all_parts
-from viz.render import page, render
-from viz.scene.colours import MODES
+from viz.parts.assemble import all_parts
+from viz.render.page import _CLEAR, write_page
+from viz.scene.readable import MODES
 from viz.scene.scene import Scene
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -24,7 +24,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 @pytest.fixture(scope="module")
 def written(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "scene.html"
-    render.write_page(scene, path, title="A & B <touch>")
+    write_page(scene, path, title="A & B <touch>")
     return path
 
 
@@ -37,7 +37,7 @@ def test_the_page_is_whole_offline_and_has_its_legend(scene: Scene, written: Pat
         assert str(escape(part.label)) in legend
     for words in ("90 contacts", "Friction &lt;is&gt; told.", "std of the surface, mm", *MODES):
         assert words in legend
-    assert page.CLEAR in text
+    assert _CLEAR in text
     assert 1_200_000 < len(text) < 6_000_000
 
 

@@ -11,10 +11,8 @@ import pyvista as pv
 from estimator.table.contacts import ContactTable
 from vbaa_calib.simulate.scene.bumps import Bump
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
-from viz.parts import Part, all_parts
-from viz.parts.contacts import MOST_SPREADS, contact_parts
-from viz.parts.part import ball, stamp
-from viz.parts.true_object import _truth_mesh
+from viz.parts.assemble import _truth_mesh, all_parts
+from viz.parts.part import Part, ball, stamp
 from viz.scene.readable import thinned
 from viz.scene.scene import ObjectMesh, Scene, build_scene
 
@@ -54,7 +52,7 @@ def test_arrows_begin_at_the_contacts_and_run_along_the_force(scene: Scene) -> N
 
 def test_ellipsoids_are_two_deviations_large_times_what_the_legend_says(scene: Scene) -> None:
     part = named(all_parts(scene), "spread")
-    chosen = thinned(np.arange(90), MOST_SPREADS)
+    chosen = thinned(np.arange(90), part.mesh.n_points // ball(2).n_points)
     offset = pieces(part, len(chosen)) - scene.contacts.points_m[chosen][:, None]
     weight = np.linalg.inv(scene.contacts.covariance_m2[chosen])
     distance = np.sqrt(np.einsum("kpi,kij,kpj->kp", offset, weight, offset))
@@ -66,12 +64,12 @@ def test_degenerate_covariances_and_missing_numbers_are_drawn_or_left_out(table:
     covariance, force = table.covariance_world_m2.copy(), table.force_world_N.copy()
     covariance[0], covariance[1], covariance[2] = 0.0, np.diag([1e-8, 0.0, 0.0]), np.nan
     force[0], force[1] = 0.0, np.nan
-    parts = contact_parts(build_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
+    parts = all_parts(build_scene(replace(table, covariance_world_m2=covariance, force_world_N=force)))
     assert all(np.isfinite(part.mesh.points).all() for part in parts)
     assert all(np.isfinite(part.mesh.point_data["Normals"]).all() for part in parts)
     assert len(named(parts, "forces").contact) == 88
     nothing = replace(table, covariance_world_m2=0 * covariance, force_world_N=np.full_like(force, np.nan))
-    assert {part.name for part in contact_parts(build_scene(nothing))} == {"contacts", "now"}
+    assert {part.name for part in all_parts(build_scene(nothing))} == {"contacts", "now"}
 
 
 def test_cones_open_by_the_friction_angle_around_the_normals(scene: Scene) -> None:

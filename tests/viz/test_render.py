@@ -15,28 +15,29 @@ import pytest
 import pyvista as pv
 
 from estimator.table.contacts import ContactTable
-from viz.parts import LOOK, all_parts
-from viz.parts.part import ANTENNA, CAMERA, CONE
-from viz.render import render, sheet
-from viz.render.stage import Stage
+from viz.parts.assemble import all_parts
+from viz.parts.part import LOOK
+from viz.render import probe
+from viz.render import screenshot as sheet
+from viz.render.gltf import write_gltf
+from viz.render.stage import Stage, view_direction
 from viz.render.window import Controls
-from viz.scene.colours import MODES
+from viz.scene.readable import MODES
 from viz.scene.scene import Scene, build_scene
-from viz.scene.views import _view_direction, look_at_contacts
 
 
 @pytest.fixture
 def no_opengl(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A machine on which the probe dies as VTK does."""
-    monkeypatch.setattr(render, "PROBE", (sys.executable, "-c", "import os; os.abort()"))
-    render.can_render.cache_clear()
+    monkeypatch.setattr(probe, "PROBE", (sys.executable, "-c", "import os; os.abort()"))
+    probe.can_render.cache_clear()
     yield
-    render.can_render.cache_clear()
+    probe.can_render.cache_clear()
 
 
 @pytest.fixture
 def opengl() -> None:
-    if not render.can_render():
+    if not probe.can_render():
         pytest.skip("OpenGL does not work here: install libegl1 libgl1-mesa-dri")
 
 
@@ -46,15 +47,17 @@ def close_to(pixels: np.ndarray, colour: str, tolerance: int = 60) -> np.ndarray
 
 @pytest.mark.usefixtures("opengl")
 def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> None:
-    render.screenshot(scene, tmp_path / "scene.png")
+    sheet.screenshot(scene, tmp_path / "scene.png")
     pixels = cv2.imread(str(tmp_path / "scene.png"))[..., ::-1]
     assert pixels.shape == (sheet.TALL, sheet.WIDE, 3)
     rig = pixels[: sheet.RIG_SIZE[1], : sheet.LEFT]
     near, strip = pixels[: sheet.NEAR_SIZE[1], sheet.LEFT :], pixels[sheet.NEAR_SIZE[1] :, sheet.LEFT :]
-    assert close_to(rig, CAMERA).sum() > 100
+    assert close_to(rig, LOOK["camera"][0]).sum() > 100
     assert close_to(rig, "#0af014").sum() > 100  # the camera's picture of the greatest force
-    assert close_to(near, ANTENNA).sum() > 500
-    assert close_to(pixels[sheet.RIG_SIZE[1] :, : sheet.LEFT], CONE, 10).sum() > 100  # its mark in the legend
+    assert close_to(near, LOOK["antenna"][0]).sum() > 500
+    assert (
+        close_to(pixels[sheet.RIG_SIZE[1] :, : sheet.LEFT], LOOK["cones"][0], 10).sum() > 100
+    )  # its mark in the legend
     # the ends of the scales of force and surface
     assert all(close_to(strip, colour, 12).sum() > 60 for colour in ("#0d0887", "#f9e721", "#085ba0"))
 
@@ -62,15 +65,15 @@ def test_the_picture_shows_rig_and_contacts(scene: Scene, tmp_path: Path) -> Non
 @pytest.mark.usefixtures("opengl")
 def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
     """A square of known size, drawn in the close-up's projection, is as many pixels wide as the sheet takes it for."""
-    plotter = pv.Plotter(off_screen=True, window_size=list(sheet.NEAR_SIZE))
     centre, radius = scene.bounding_ball_m
-    direction = _view_direction(scene, height=0.45, liking=0.0)
-    plotter.add_mesh(
+    direction = view_direction(scene, height=0.45, liking=0.0)
+    stage = Stage(replace(scene, rig=None), [], size=sheet.NEAR_SIZE)
+    stage.plotter.add_mesh(
         pv.Plane(center=centre, direction=direction, i_size=radius, j_size=radius), color="black", lighting=False
     )
-    half = look_at_contacts(plotter, replace(scene, rig=None))
-    pixels = np.asarray(plotter.screenshot(return_img=True))
-    plotter.close()
+    half = stage.look_at_contacts()
+    pixels = np.asarray(stage.plotter.screenshot(return_img=True))
+    stage.plotter.close()
     dark = (pixels[..., :3] < 40).all(axis=2)
     area = dark.sum() * (2 * half / sheet.NEAR_SIZE[1]) ** 2
     assert area == pytest.approx(radius**2, rel=0.02)
@@ -79,14 +82,13 @@ def test_the_scale_bar_is_as_long_as_it_says(scene: Scene) -> None:
 def test_a_view_shows_the_touched_side(table: ContactTable) -> None:
     scene = build_scene(table)
     outward = scene.contacts.force_N.sum(axis=0)
-    assert _view_direction(scene, height=0.4, liking=0.0)[:2] @ outward[:2] > 0
+    assert view_direction(scene, height=0.4, liking=0.0)[:2] @ outward[:2] > 0
     blind = build_scene(replace(table, force_world_N=np.full_like(table.force_world_N, np.nan)))
-    assert np.isfinite(_view_direction(blind, height=0.4, liking=0.0)).all()
+    assert np.isfinite(view_direction(blind, height=0.4, liking=0.0)).all()
 
 
 def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_opengl: None) -> None:
-    plotter = pv.Plotter(off_screen=True)
-    stage = Stage(plotter, scene, all_parts(scene))
+    stage = Stage(scene, all_parts(scene))
     shown = {part.name: actor for part, actor in zip(stage.parts, stage.actors, strict=True)}
     whole = shown["contacts"].mapper.dataset.n_cells
     stage.show(29, everything=False)
@@ -101,23 +103,23 @@ def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_open
     before = np.array(shown["contacts"].mapper.dataset.point_data["colour"])
     stage.paint("time")
     assert (before != shown["contacts"].mapper.dataset.point_data["colour"]).any()
-    plotter.close()
+    stage.plotter.close()
 
 
 def test_the_window_s_controls_choose_instant_colour_and_contacts(scene: Scene, no_opengl: None) -> None:
-    plotter = pv.Plotter(off_screen=True)
-    controls = Controls(plotter, Stage(plotter, scene, all_parts(scene)), "force")
+    stage = Stage(scene, all_parts(scene))
+    controls = Controls(stage, "force")
     controls.go(11.7)
     assert controls.instant == 12
     for mode in (*MODES[1:], MODES[0]):
         controls.next_mode()
         assert controls.mode == mode
     controls.toggle_everything()
-    words = plotter.actors["words"].GetText(2)  # the upper left corner
+    words = stage.plotter.actors["words"].GetText(2)  # the upper left corner
     assert "frame 12" in words
     assert "coloured by force" in words
-    assert list(plotter.scalar_bars.keys()) == ["force on the antenna, mN\n"]
-    plotter.close()
+    assert list(stage.plotter.scalar_bars.keys()) == ["force on the antenna, mN\n"]
+    stage.plotter.close()
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
@@ -125,7 +127,7 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
     scene: Scene, tmp_path: Path, no_opengl: None, suffix: str
 ) -> None:
     path = tmp_path / f"scene{suffix}"
-    render.write_gltf(scene, path)
+    write_gltf(scene, path)
     data = path.read_bytes()
     if suffix == ".glb":
         magic, version, size, length, kind = struct.unpack("<4sIII4s", data[:20])
@@ -149,6 +151,6 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
     turn = np.reshape(world["matrix"], (4, 4)).T[:3, :3]
     np.testing.assert_array_equal(turn @ [0, 0, 1], [0, 1, 0])
     read = pv.read(path).combine()
-    whole = Stage(pv.Plotter(off_screen=True), scene, [part for part in all_parts(scene) if part.name != "now"])
+    whole = Stage(scene, [part for part in all_parts(scene) if part.name != "now"])
     count = sum(actor.mapper.dataset.n_cells for actor in whole.actors)
     assert read.n_cells == count

@@ -16,12 +16,11 @@ from markupsafe import escape
 
 from estimator.table.contacts import COLUMNS, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
-from viz.render.render import can_render
-from viz.report.pictures import Picture, scene_picture
-from viz.report.recording import MOST_ROWS, Report, _drift_table, page
+from viz.render.probe import can_render
+from viz.report.make import scene_picture
+from viz.report.recording import MOST_ROWS, Picture, Report, _drift_table, page
 from viz.report.words import SYMBOLS, facts_of, frame_facts, headline, origin
-from viz.scene.facts import Fact
-from viz.scene.scene import build_scene
+from viz.scene.scene import Fact, build_scene
 from viz.scene.truth import true_contacts
 
 from .estimates import MU, object_estimate

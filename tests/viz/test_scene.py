@@ -14,8 +14,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
-from viz.scene.instants import instants_of
-from viz.scene.rig_items import rig_items
+from viz.scene.scene import build_scene, instants_of
 from viz.scene.truth import true_object
 
 
@@ -54,9 +53,7 @@ def with_joints(table: ContactTable, kinematics: Kinematics) -> ContactTable:
 
 def test_poses_come_from_the_joints_and_without_them_from_the_contacts(rig: Rig, table: ContactTable) -> None:
     bare = replace(table, pan_rad=np.full(len(table), np.nan), tilt_rad=np.full(len(table), np.nan))
-    given, found = (
-        rig_items(rig, contacts, instants_of(contacts)).poses for contacts in (with_joints(table, rig.kinematics), bare)
-    )
+    given, found = (build_scene(contacts, rig).rig.poses for contacts in (with_joints(table, rig.kinematics), bare))
     np.testing.assert_allclose(found[:90], given[:90], atol=1e-9)
     assert np.isfinite(given).all()
     # nothing says where the rig stood without contact
@@ -67,15 +64,15 @@ def test_contacts_of_another_rig_are_refused(rig: Rig, table: ContactTable) -> N
     moved = replace(rig, kinematics=Kinematics(rig.kinematics.T_actuator_antenna, np.array([0.0, 0.0, 0.3])))
     for contacts in (table, with_joints(table, rig.kinematics)):
         with pytest.raises(InputError, match="do not fit the rig's kinematics"):
-            rig_items(moved, contacts, instants_of(contacts))
+            build_scene(contacts, moved)
 
 
 def test_the_drawn_antenna_is_as_long_as_the_antenna_and_bends_from_its_free_shape(
     rig: Rig, table: ContactTable
 ) -> None:
     table = with_joints(table, rig.kinematics)
-    instants = instants_of(table)
-    items = rig_items(rig, table, instants)
+    scene = build_scene(table, rig)
+    items = scene.rig
     for shapes in (items.bent_m, items.free_m):
         length = np.linalg.norm(np.diff(shapes, axis=1), axis=2).sum(axis=1)
         np.testing.assert_allclose(length, 0.24, rtol=1e-3)
@@ -85,13 +82,13 @@ def test_the_drawn_antenna_is_as_long_as_the_antenna_and_bends_from_its_free_sha
     assert (np.einsum("mi,mi->m", aside, table.force_world_N[:90]) > 0).all()
     np.testing.assert_array_equal(items.bent_m[90:], items.free_m[90:])
     assert len(items.ghosts) in (5, 6)
-    assert instants.main not in items.ghosts
+    assert scene.instants.main not in items.ghosts
 
 
 @pytest.mark.parametrize("distortion", [[], [-0.6, 0.0, 0.0, 0.0]], ids=["no distortion", "no rays in the corners"])
 def test_the_drawn_picture_projects_to_the_picture(rig: Rig, table: ContactTable, distortion: list[float]) -> None:
     rig = replace(rig, camera=Camera("opencv", (960, 720), rig.camera.matrix, np.array(distortion)))
-    picture_m = rig_items(rig, table, instants_of(table)).picture_m
+    picture_m = build_scene(table, rig).rig.picture_m
     grid = rig.T_antenna_camera.inverse() @ picture_m
     np.testing.assert_allclose(grid[..., 2], grid[0, 0, 2])
     if not distortion:

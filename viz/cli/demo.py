@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate, calibrate, estimate, reconstruct, view; then compare with the truth."""
     from vbaa_calib.cli.main import run_verb
-    from viz.render.render import can_render
+    from viz.render.probe import can_render
 
     started = time.perf_counter()
     out: Path = args.out

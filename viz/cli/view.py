@@ -49,7 +49,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise _no_display()
 
     from vbaa_calib.core.console import say
-    from viz.render.render import require_opengl, screenshot, show, write_gltf, write_page
+    from viz.render.gltf import write_gltf
+    from viz.render.page import write_page
+    from viz.render.probe import require_opengl
+    from viz.render.screenshot import screenshot
+    from viz.render.window import show
 
     if not outputs:
         require_opengl()
@@ -94,9 +98,8 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig
     from viz.files.object_file import read_object
-    from viz.scene.instants import refuse_out_of_reach
     from viz.scene.rig_items import session_pictures, small_picture
-    from viz.scene.scene import build_scene
+    from viz.scene.scene import build_scene, refuse_out_of_reach
     from viz.scene.truth import true_object
 
     table = read_contacts(args.contacts)

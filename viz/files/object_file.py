@@ -1,9 +1,17 @@
 """The reconstructed object as a file: .vtp with everything that is known of it; .ply and .glb with its shape, coloured
-by its uncertainty."""
+by its uncertainty. No screen and no OpenGL are needed.
+
+.ply is ours to write and read: VTK's writer knows neither normals with colours nor lines, and its reader runs past the
+end of a file that is cut short, and dies. In .glb, glTF 2.0 in one binary file, vertices also carry their deviation as
+the number `_STD_M`, and a node turns the world's z up into glTF's y up.
+"""
 
 from __future__ import annotations
 
+import json
+import re
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +24,78 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 from estimator.object.surface import Surface
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_bytes, replacing
+from viz.render.gltf import Y_UP, linear, packed
+from viz.scene.readable import surface_scale
 from viz.scene.scene import ObjectMesh
 
-from .glb import glb_bytes, read_glb
 from .outputs import refuse_output
-from .ply import ply_bytes, read_ply
 
 SUFFIXES = (".vtp", ".ply", ".glb")
 _UNREADABLE = (struct.error, ValueError, KeyError, IndexError, TypeError, StopIteration, AttributeError)
+
+
+def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
+    """Write the surface, whole or not at all, in the format of the suffix; all in metres, world frame.
+
+    Raises InputError for another suffix, or when the file exists and `force` is off.
+    """
+    refuse_output(path, SUFFIXES, force)
+    suffix, mesh = path.suffix.lower(), ObjectMesh.of(surface)
+    with replacing(path, force) as temporary:
+        if suffix == ".vtp":
+            # VTK's own writing says nothing when the disk is full, and leaves half a file
+            writer = vtkXMLPolyDataWriter()
+            writer.SetInputData(_to_mesh(surface))
+            writer.SetDataModeToBinary()
+            writer.WriteToOutputStringOn()
+            writer.Write()
+            temporary.write_text(str(writer.GetOutputString()), encoding="utf-8")
+        else:
+            temporary.write_bytes(_ply_bytes(mesh) if suffix == ".ply" else _glb_bytes(mesh))
+
+
+def read_object(path: Path) -> ObjectMesh:
+    """Read back what is drawn of a .vtp or .ply, ours or another's, or of a .glb of ours.
+
+    Raises InputError when there is nothing in it.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError("is not a .vtp, .ply or .glb", where=path, remedy="the suffix chooses the format")
+    data = read_bytes(path)
+    try:
+        found = _read_vtp(path) if suffix == ".vtp" else _read_ply(data) if suffix == ".ply" else _read_glb(data)
+        return _checked(**found)
+    except _UNREADABLE:
+        what = f"holds no mesh{' of ours' if suffix == '.glb' else ''}"
+        raise InputError(what, where=path, remedy="write it again with vbaa reconstruct") from None
+
+
+def _checked(
+    points_m: np.ndarray,
+    triangles: np.ndarray,
+    lines: np.ndarray,
+    normals: np.ndarray | None,
+    std_m: np.ndarray | None,
+) -> ObjectMesh:
+    """The mesh; normals of its triangles where it has none. Raises ValueError for points that are not there."""
+    indices = np.concatenate([triangles.ravel(), lines.ravel()])
+    if not len(points_m) or not np.isfinite(points_m).all() or not ((indices >= 0) & (indices < len(points_m))).all():
+        raise ValueError
+    triangles, lines = triangles.astype(int), lines.astype(int)
+    if normals is None:
+        mesh = pv.PolyData.from_regular_faces(points_m, triangles)
+        mesh = mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False)
+        normals = mesh.point_data["Normals"] if len(triangles) else np.zeros_like(points_m)
+    normals = np.asarray(normals, float)
+    if normals.shape != points_m.shape or not np.isfinite(normals).all():
+        raise ValueError
+    if std_m is None or np.shape(std_m) != (len(points_m),):
+        std_m = np.full(len(points_m), np.nan)
+    return ObjectMesh(points_m, normals, triangles, lines, np.asarray(std_m, float))
+
+
+# --- .vtp
 
 
 def _to_mesh(surface: Surface) -> pv.PolyData:
@@ -64,70 +136,6 @@ def _cells(indices: np.ndarray) -> np.ndarray | None:
     return np.column_stack([np.full(len(indices), size), indices]).ravel() if len(indices) else None
 
 
-def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
-    """Write the surface, whole or not at all, in the format of the suffix; all in metres, world frame.
-
-    Raises InputError for another suffix, or when the file exists and `force` is off.
-    """
-    refuse_output(path, SUFFIXES, force)
-    suffix, mesh = path.suffix.lower(), ObjectMesh.of(surface)
-    with replacing(path, force) as temporary:
-        if suffix == ".vtp":
-            temporary.write_text(_vtp_text(_to_mesh(surface)), encoding="utf-8")
-        else:
-            temporary.write_bytes(ply_bytes(mesh) if suffix == ".ply" else glb_bytes(mesh))
-
-
-def _vtp_text(mesh: pv.PolyData) -> str:
-    """The file's contents. VTK's own writing says nothing when the disk is full, and leaves half a file."""
-    writer = vtkXMLPolyDataWriter()
-    writer.SetInputData(mesh)
-    writer.SetDataModeToBinary()
-    writer.WriteToOutputStringOn()
-    writer.Write()
-    return str(writer.GetOutputString())
-
-
-def read_object(path: Path) -> ObjectMesh:
-    """Read back what is drawn of a .vtp or .ply, ours or another's, or of a .glb of ours.
-
-    Raises InputError when there is nothing in it.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError("is not a .vtp, .ply or .glb", where=path, remedy="the suffix chooses the format")
-    data = read_bytes(path)
-    try:
-        return _checked(**(_read_vtp(path) if suffix == ".vtp" else (read_ply if suffix == ".ply" else read_glb)(data)))
-    except _UNREADABLE:
-        what = f"holds no mesh{' of ours' if suffix == '.glb' else ''}"
-        raise InputError(what, where=path, remedy="write it again with vbaa reconstruct") from None
-
-
-def _checked(
-    points_m: np.ndarray,
-    triangles: np.ndarray,
-    lines: np.ndarray,
-    normals: np.ndarray | None,
-    std_m: np.ndarray | None,
-) -> ObjectMesh:
-    """The mesh; normals of its triangles where it has none. Raises ValueError for points that are not there."""
-    indices = np.concatenate([triangles.ravel(), lines.ravel()])
-    if not len(points_m) or not np.isfinite(points_m).all() or not ((indices >= 0) & (indices < len(points_m))).all():
-        raise ValueError
-    triangles, lines = triangles.astype(int), lines.astype(int)
-    if normals is None:
-        mesh = pv.PolyData.from_regular_faces(points_m, triangles)
-        mesh = mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False)
-        normals = mesh.point_data["Normals"] if len(triangles) else np.zeros_like(points_m)
-    normals = np.asarray(normals, float)
-    if normals.shape != points_m.shape or not np.isfinite(normals).all():
-        raise ValueError
-    if std_m is not None and (np.shape(std_m) != (len(points_m),) or np.isnan(std_m).all()):
-        std_m = None
-    return ObjectMesh(points_m, normals, triangles, lines, None if std_m is None else np.asarray(std_m, float))
-
-
 def _read_vtp(path: Path) -> dict[str, Any]:
     """What VTK reads, without the pages that it prints about a file that it cannot read: that is an empty mesh."""
     reader = vtkXMLPolyDataReader()
@@ -154,3 +162,212 @@ def _read_vtp(path: Path) -> dict[str, Any]:
         "normals": mesh.point_data.get("Normals"),
         "std_m": np.asarray(mesh.point_data["std_m"], float) if "std_m" in mesh.point_data else None,
     }
+
+
+# --- .ply
+
+
+_HEADER = re.compile(rb"ply\r?\n(.*?)\bend_header\r?\n", re.DOTALL)
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_PLY_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+_Property = tuple[str, str | None, str]
+"""Name, type of a list's length (None for a single number), type of the number or numbers."""
+
+
+def _ply_bytes(mesh: ObjectMesh) -> bytes:
+    """A little-endian .ply: vertices with normals, deviation std_m and a colour by it; triangles; lines as edges."""
+    columns = [*zip(("x", "y", "z"), mesh.points_m.T, ["double"] * 3, strict=True)]
+    columns += zip(("nx", "ny", "nz", "std_m"), [*mesh.normals.T, mesh.std_m], ["float"] * 4, strict=True)
+    columns += zip(("red", "green", "blue"), surface_scale(mesh.std_m).rgb.T, ["uchar"] * 3, strict=True)
+    vertices = np.zeros(len(mesh.std_m), [(name, f"<{_PLY_TYPES[word]}") for name, _, word in columns])
+    for name, values, _ in columns:
+        vertices[name] = values
+    faces = np.zeros(len(mesh.triangles), [("size", "u1"), ("corners", "<i4", 3)])
+    faces["size"], faces["corners"] = 3, mesh.triangles
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment reconstructed object, metres, world frame",
+        f"element vertex {len(vertices)}",
+        *(f"property {word} {name}" for name, _, word in columns),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        f"element edge {len(mesh.lines)}",
+        "property int vertex1",
+        "property int vertex2",
+        "end_header\n",
+    ]
+    return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes() + mesh.lines.astype("<i4").tobytes()
+
+
+def _read_ply(data: bytes) -> dict[str, Any]:
+    """Points, triangles, lines, normals and deviations, None for those it has not; polygons are cut into triangles.
+
+    Raises KeyError, IndexError, ValueError or StopIteration where the header makes no sense or rows are missing.
+    """
+    header = _HEADER.match(data)
+    if header is None:
+        raise ValueError
+    lines = [line.split() for line in header[1].decode("ascii").splitlines()]
+    order = next(_ORDERS[words[1]] for words in lines if words[:1] == ["format"])
+    # numbers in words are read as if they were doubles
+    body = data[header.end() :] if order else np.array(data[header.end() :].split(), float).tobytes()
+    found, position = {}, 0
+    for name, (rows, properties) in _elements(lines, order).items():
+        found[name], position = _rows(body, position, rows, properties)
+    vertex, face, edge = (found.get(name, {}) for name in ("vertex", "face", "edge"))
+    polygons = face.get("vertex_indices", face.get("vertex_index", []))
+    fans = [
+        np.asarray(one)[..., [0, corner, corner + 1]].reshape(-1, 3)
+        for one in ([polygons] if isinstance(polygons, np.ndarray) else polygons)
+        for corner in range(1, one.shape[-1] - 1)
+    ]
+    return {
+        "points_m": _stacked(vertex, "x", "y", "z"),
+        "triangles": np.concatenate([np.empty((0, 3)), *fans]),
+        "lines": _stacked(edge, "vertex1", "vertex2") if edge else np.empty((0, 2)),
+        "normals": _stacked(vertex, "nx", "ny", "nz") if "nx" in vertex else None,
+        "std_m": vertex.get("std_m"),
+    }
+
+
+def _stacked(columns: Mapping[str, Any], *names: str) -> np.ndarray:
+    return np.stack([np.asarray(columns[name], float) for name in names], axis=1)
+
+
+def _elements(lines: list[list[str]], order: str) -> dict[str, tuple[int, list[_Property]]]:
+    """What the header announces: name → number of rows and their properties."""
+    elements: dict[str, tuple[int, list[_Property]]] = {}
+    for words in lines:
+        if words[:1] == ["element"]:
+            properties: list[_Property] = []
+            elements[words[1]] = int(words[2]), properties
+        elif words[:1] == ["property"]:
+            kinds = [order + _PLY_TYPES[word] if order else "<f8" for word in words[1:-1] if word != "list"]
+            properties.append((words[-1], kinds[0] if words[1] == "list" else None, kinds[-1]))
+    return elements
+
+
+def _rows(body: bytes, position: int, rows: int, properties: list[_Property]) -> tuple[dict[str, Any], int]:
+    """Each property's values, (rows,), (rows, K) or a list of lists, and where they end. Raises ValueError."""
+    if rows <= 0:
+        if rows < 0:
+            raise ValueError
+        return {}, position
+    kind, lengths = _row_kind(body, position, properties), [f"{name}#" for name, count, _ in properties if count]
+    if position + rows * kind.itemsize <= len(body):
+        values = np.frombuffer(body, kind, rows, position)
+        if all((values[name] == values[name][0]).all() for name in lengths):
+            return {name: values[name] for name, *_ in properties}, position + rows * kind.itemsize
+    if not lengths:
+        raise ValueError
+    each = []
+    for _ in range(rows):
+        kind = _row_kind(body, position, properties)
+        each.append(np.frombuffer(body, kind, 1, position)[0])
+        position += kind.itemsize
+    return {name: [row[name] for row in each] for name, *_ in properties}, position
+
+
+def _row_kind(body: bytes, position: int, properties: list[_Property]) -> np.dtype:
+    """One row, its lists as long as they are at this position."""
+    fields: list[Any] = []
+    for name, count, kind in properties:
+        if count is not None:
+            (length,) = np.frombuffer(body, count, 1, position + np.dtype(fields).itemsize)
+            fields += [(f"{name}#", count), (name, kind, (int(length),))]
+        else:
+            fields.append((name, kind))
+    return np.dtype(fields)
+
+
+# --- .glb
+
+
+_NAME = "reconstructed object"
+_TRIANGLES, _LINES, _POINTS = 4, 1, 0
+_GLB_TYPES = {5126: "<f4", 5125: "<u4"}
+_UNKNOWN_STD_M = -1.0
+"""Stands for NaN, which glTF does not allow."""
+
+
+def _glb_bytes(mesh: ObjectMesh) -> bytes:
+    """The file's contents; lengths in metres."""
+    made: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "vbaa reconstruct"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": "world", "matrix": Y_UP, "children": [1]}, {"name": _NAME, "mesh": 0}],
+        "materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.7}}],
+        "accessors": [],
+        "bufferViews": [],
+    }
+    blob, std = bytearray(), mesh.std_m
+    scale = surface_scale(std)
+    size = np.linalg.norm(mesh.normals, axis=1, keepdims=True)
+    attributes = {
+        "POSITION": mesh.points_m,
+        "NORMAL": np.where(size > 1e-6, mesh.normals / np.maximum(size, 1e-6), [0.0, 0.0, 1.0]),
+        "COLOR_0": linear(scale.rgb / 255.0),
+        "_STD_M": np.where(np.isfinite(std), std, _UNKNOWN_STD_M),
+    }
+    numbers = {name: _add(made, blob, np.asarray(values, "<f4"), 5126) for name, values in attributes.items()}
+    loose = np.setdiff1d(np.arange(len(std)), np.union1d(mesh.triangles, mesh.lines))
+    primitives = []
+    for mode, indices in ((_TRIANGLES, mesh.triangles), (_LINES, mesh.lines), (_POINTS, loose)):
+        if len(indices):
+            added = _add(made, blob, indices.astype("<u4").ravel(), 5125)
+            primitives.append({"attributes": numbers, "material": 0, "mode": mode, "indices": added})
+    legend = {"colour": scale.title, "unit": scale.unit, "low": scale.ticks[0], "high": scale.ticks[-1]}
+    made["meshes"] = [{"name": _NAME, "primitives": primitives, "extras": legend}]
+    return packed(made, bytes(blob), ".glb")
+
+
+def _add(made: dict[str, Any], blob: bytearray, data: np.ndarray, kind: int) -> int:
+    """Numbers (N,) or (N, 3) into the buffer; the number of their accessor."""
+    rows = data.reshape(len(data), -1)
+    about = {"componentType": kind, "type": "SCALAR" if data.ndim == 1 else "VEC3", "count": len(data)}
+    ends = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+    target = 34962 if kind == 5126 else 34963  # vertices, indices
+    view = {"buffer": 0, "byteOffset": len(blob), "byteLength": data.nbytes, "target": target}
+    made["bufferViews"].append(view)
+    made["accessors"].append({"bufferView": len(made["accessors"]), **about, **ends})
+    blob += data.tobytes()
+    return len(made["accessors"]) - 1
+
+
+def _read_glb(data: bytes) -> dict[str, Any]:
+    """Points, triangles, lines, normals and deviations in a file that `_glb_bytes` made.
+
+    Raises struct.error, ValueError, KeyError, IndexError, TypeError, StopIteration or AttributeError for anything else.
+    """
+    magic, version, length = struct.unpack_from("<4sII", data)
+    text_size, text_kind = struct.unpack_from("<I4s", data, 12)
+    made = json.loads(data[20 : 20 + text_size])
+    size, kind = struct.unpack_from("<I4s", data, 20 + text_size)
+    blob = data[28 + text_size : 28 + text_size + size]
+    (mesh,) = made["meshes"]
+    expected = (b"glTF", 2, b"JSON", b"BIN\0", _NAME)
+    if (magic, version, text_kind, kind, mesh["name"]) != expected or length > len(data):
+        raise ValueError
+    parts = {part["mode"]: part for part in mesh["primitives"]}
+    names = next(iter(parts.values()))["attributes"]
+    points, normals, std = (_values(made, blob, names[name]) for name in ("POSITION", "NORMAL", "_STD_M"))
+    triangles, lines = (
+        _values(made, blob, parts[mode]["indices"]).reshape(-1, corners) if mode in parts else np.empty((0, corners))
+        for mode, corners in ((_TRIANGLES, 3), (_LINES, 2))
+    )
+    std = np.where(std >= 0, std, np.nan)
+    return {"points_m": points, "triangles": triangles, "lines": lines, "normals": normals, "std_m": std}
+
+
+def _values(made: dict[str, Any], blob: bytes, number: int) -> np.ndarray:
+    """An accessor's numbers. Raises ValueError where the data end before them."""
+    about = made["accessors"][number]
+    start, width = made["bufferViews"][about["bufferView"]]["byteOffset"], {"SCALAR": 1, "VEC3": 3}[about["type"]]
+    values = np.frombuffer(blob, _GLB_TYPES[about["componentType"]], about["count"] * width, start).astype(float)
+    return values.reshape(-1, width) if width > 1 else values

@@ -1,16 +1,38 @@
-"""Templates to pages that stand alone: style, figures and script are inside, every value is escaped."""
+"""Templates to pages that stand alone: style, figures and script are inside, every value is escaped; and the tables and
+numbers on them as a person writes them."""
 
 from __future__ import annotations
 
 import base64
 import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import jinja2
+import numpy as np
 from markupsafe import Markup, escape
 
-from .tables import number
+_UNITS = (
+    ("_percent", "%", 1.0),
+    ("_kg_m3", "kg/m³", 1.0),
+    ("_kg_m", "g/m", 1e3),
+    ("_Nm2", "N·m²", 1.0),
+    ("_Nm_per_s", "µN·m/s", 1e6),
+    ("_Nm_per_row", "µN·m per row", 1e6),
+    ("_Nm", "mN·m", 1e3),
+    ("_per_m", "1/m", 1.0),
+    ("_mrad", "mrad", 1.0),
+    ("_rad", "mrad", 1e3),
+    ("_mm", "mm", 1.0),
+    ("_m", "mm", 1e3),
+    ("_px", "px", 1.0),
+    ("_N", "mN", 1e3),
+    ("_s", "s", 1.0),
+)
+_DEEPEST = 3
+_MOST_ROWS = 400
 
 
 def prose(text: str) -> Markup:
@@ -35,3 +57,96 @@ def _environment() -> jinja2.Environment:
     made.policies["json.dumps_kwargs"] = {"allow_nan": False}
     made.filters |= {"prose": prose, "number": number, "base64": lambda data: base64.b64encode(data).decode()}
     return made
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells row by row, as text or as HTML; the columns named in `text` stand to the left.
+
+    `cut` is a sentence over the table where it does not hold all rows.
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    text: Sequence[str] = ()
+    cut: str = ""
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """With so many digits; a dash where there is none."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if not isinstance(value, int | float) or not np.isfinite(value):
+        return "–"
+    return f"{value:.{digits}g}".replace("-", "−")
+
+
+def fixed(value: float, decimals: int) -> str:
+    """With so many decimals, without a minus where nothing is left of it."""
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0 else text.replace("-", "−")
+
+
+def decimals_of(std: float) -> int:
+    """Decimals that show two digits of a standard deviation."""
+    return int(np.clip(1 - np.floor(np.log10(std)), 0, 12))
+
+
+def with_std(value: float, std: float | None, scale: float = 1.0) -> str:
+    """With the digits that the standard deviation leaves it, and that; as HTML."""
+    value, std = scale * value, None if std is None else scale * std
+    if std is None or not np.isfinite(std) or std <= 0:
+        return number(value, 6)
+    digits = decimals_of(std)
+    return Markup(f"{value:.{digits}f} <small>± {std:.{digits}f}</small>".replace("-", "−"))
+
+
+def records(rows: Any, columns: Sequence[tuple[str, str, int | None]], text_columns: int = 1) -> Table:
+    """A table of mappings by (key, heading, decimals); a key that a row does not have is a dash."""
+    found = [row for row in rows if isinstance(row, Mapping)] if isinstance(rows, list) else []
+    cells = [[_cell(row.get(key), decimals) for key, _, decimals in columns] for row in found[:_MOST_ROWS]]
+    head = [heading for _, heading, _ in columns]
+    return Table(head, cells, head[:text_columns])
+
+
+def listing(data: Any) -> Table:
+    """Any section of rig.json: names, values, units."""
+    rows = list(_flat(data)) if isinstance(data, Mapping) else []
+    return Table(("what", "value", "unit"), rows[:_MOST_ROWS], ("what",))
+
+
+def at(data: Any, *keys: str) -> Any:
+    """What lies at a path of keys; None where the path ends."""
+    for key in keys:
+        data = data.get(key) if isinstance(data, Mapping) else None
+    return data
+
+
+def _cell(value: Any, decimals: int | None = None) -> str:
+    if isinstance(value, str):
+        return value
+    if decimals is None or isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        return number(value)
+    return fixed(value, decimals)
+
+
+def _flat(data: Mapping[str, Any], before: str = "", depth: int = 0) -> Iterator[list[str]]:
+    for key, value in data.items():
+        name = f"{before}{key}"
+        items = value if isinstance(value, list) else [value]
+        if any(isinstance(item, Mapping) for item in items):
+            for index, item in enumerate(items):
+                if isinstance(item, Mapping) and depth < _DEEPEST:
+                    numbered = f"{name} {index + 1}" if isinstance(value, list) else name
+                    yield from _flat(item, f"{numbered} · ", depth + 1)
+        elif not any(isinstance(item, list) for item in items):
+            yield _row(name, items)
+
+
+def _row(name: str, values: Sequence[Any]) -> list[str]:
+    found = next((unit for unit in _UNITS if name.endswith(unit[0]) or f"{unit[0]} ·" in name), None)
+    suffix, unit, scale = found or ("", "", 1.0)
+    label = name.replace(suffix, "", 1) if suffix else name
+    numeric = bool(values) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    shown = ", ".join(number(scale * v) if numeric else _cell(v) for v in values)
+    return [label.replace("_", " "), shown or "–", unit if numeric else ""]

@@ -1,24 +1,234 @@
-"""All parts of a scene."""
+"""All parts of a scene: contacts, reconstructed and true object, the rig at every instant, a grid that tells sizes."""
 
 from __future__ import annotations
 
-from viz.scene.scene import Scene
+from typing import Any
 
-from .contacts import contact_parts
-from .object import grid_part, object_parts
-from .part import Part
-from .rig import rig_parts
-from .true_object import truth_part
+import numpy as np
+import pyvista as pv
+
+from vbaa_calib.simulate.scene.bumps import surface_radius
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
+from viz.scene.readable import enlargement, surface_scale, thinned
+from viz.scene.rig_items import RigItems
+from viz.scene.scene import ObjectMesh, Scene
+
+from .part import OBJECT, Part, along, arrow, ball, cone, joined, stamp, triangles, wire, wires
+
+_MOST_BALLS, _MOST_ARROWS, _MOST_SPREADS, _MOST_CONES = 2500, 100, 60, 16
+_THICKER = 1.8  # wires are drawn thicker than life: 0.8 mm would be less than a pixel
+_NODES = 29  # of the drawn antenna
+_ARC = 12  # steps along the rounding of the box's edge
+_GRID_STEPS_M = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def all_parts(scene: Scene) -> list[Part]:
     """Every part that this scene shows, opaque ones in any order; their number does not grow with the recording."""
-    parts = contact_parts(scene)
+    parts = _contact_parts(scene)
     if scene.object is not None:
-        parts += object_parts(scene.object, scene.bounding_ball_m[1])
+        parts += _object_parts(scene.object, scene.bounding_ball_m[1])
     if scene.truth is not None:
-        parts.append(truth_part(scene.truth))
+        mesh = _truth_mesh(scene.truth).compute_normals(cell_normals=False, split_vertices=True, feature_angle=40)
+        seen_through = triangles(mesh.points, mesh.regular_faces, mesh.point_data["Normals"])
+        parts.append(Part("truth", seen_through, opacity=0.22))
     if scene.rig is not None:
-        parts += rig_parts(scene, scene.rig)
-    grid = grid_part(scene)
-    return parts if grid is None else [*parts, grid]
+        parts += [*_rig_parts(scene, scene.rig), *_grid(scene, scene.rig)]
+    return parts
+
+
+def _contact_parts(scene: Scene) -> list[Part]:
+    """Balls, force arrows, ellipsoids, friction cones, in the order of time: an instant shows those up to then."""
+    contacts, (_, reach) = scene.contacts, scene.bounding_ball_m
+    count = len(contacts.points_m)
+    chosen = thinned(np.arange(count), _MOST_BALLS)
+    note = f"{len(chosen)} of {count}" if len(chosen) < count else ""
+    size = 0.02 * reach * np.eye(3)
+    sphere = ball(2 if len(chosen) <= 400 else 1)
+    parts = [_stamped(scene, "contacts", chosen, sphere, size, note=note)]
+    shown = np.flatnonzero(np.isin(contacts.row, scene.instants.row))
+    if len(shown):
+        parts.append(_stamped(scene, "now", shown, sphere, 1.9 * size, opacity=0.35))
+    pushed = thinned(np.flatnonzero(contacts.size_mN > 0), _MOST_ARROWS)
+    if len(pushed):
+        lengths = 0.45 * reach * contacts.size_mN[pushed] / contacts.size_mN[pushed].max()
+        turns = along(contacts.force_N[pushed])
+        parts.append(_stamped(scene, "forces", pushed, arrow(), lengths[:, None, None] * turns))
+    axes, std = contacts.principal
+    half = 2 * std
+    known = np.flatnonzero(half[:, 2] > 0)
+    if len(known):
+        factor, chosen = enlargement(half[known, 2], 0.04 * reach), thinned(known, _MOST_SPREADS)
+        # flat ones are given some thickness: a mesh without any has no normals
+        half = np.maximum(half[chosen], 0.02 * half[chosen, 2:])
+        note = f"{factor}x enlarged" if factor > 1 else ""
+        linear = factor * axes[chosen] * half[:, None, :]
+        parts.append(_stamped(scene, "spread", chosen, ball(2), linear, opacity=0.22, note=note))
+    return [*parts, *_cones(scene, reach)]
+
+
+def _cones(scene: Scene, reach: float) -> list[Part]:
+    if scene.normals is None or scene.cone_rad is None:
+        return []
+    chosen = thinned(np.flatnonzero(np.isfinite(scene.normals).all(axis=1)), _MOST_CONES)
+    if not len(chosen):
+        return []
+    # steep cones are drawn shorter, for the rim to stay as near
+    half = min(scene.cone_rad, 1.5)
+    height = 0.42 * reach * np.cos(half)
+    stretch = np.diag([height, height * np.tan(half), height * np.tan(half)])
+    note = f"half angle {np.degrees(scene.cone_rad):.1f}°"
+    return [_stamped(scene, "cones", chosen, cone(), along(scene.normals[chosen]) @ stretch, opacity=0.28, note=note)]
+
+
+def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, linear: np.ndarray, **look: Any) -> Part:
+    """`mesh` at the chosen contacts; an instant shows those up to then, or of "now" only its own frame's."""
+    rows, instants = scene.contacts.row[chosen], scene.instants.row
+    last = np.searchsorted(rows, instants, side="right")
+    first = np.searchsorted(rows, instants, side="left") if name == "now" else np.zeros_like(last)
+    coloured = name in ("contacts", "forces")
+    return Part(
+        name,
+        stamp(mesh, np.broadcast_to(linear, (len(chosen), 3, 3)), scene.contacts.points_m[chosen]),
+        span=mesh.n_cells * np.column_stack([first, last]),
+        history=name != "now",
+        contact=chosen if coloured else None,
+        painted=coloured,
+        **look,
+    )
+
+
+def _object_parts(mesh: ObjectMesh, reach_m: float) -> list[Part]:
+    """The reconstructed object, coloured by how well it is known where that is known.
+
+    Points that belong to no triangle are discs across their normal: a piece of the object, however little of it was
+    touched. Those without a normal are balls.
+    """
+    disc_m, grey = 0.03 * reach_m, np.array([pv.Color(OBJECT).int_rgb], np.uint8)
+    known = np.isfinite(mesh.std_m).any()
+    rgb = surface_scale(mesh.std_m).rgb if known else np.repeat(grey, len(mesh.points_m), axis=0)
+    pieces: list[tuple[pv.PolyData, np.ndarray]] = []
+    if len(mesh.triangles):
+        pieces.append((triangles(mesh.points_m, mesh.triangles, mesh.normals), rgb))
+    loose = np.setdiff1d(np.arange(len(mesh.points_m)), mesh.triangles)
+    flat = np.linalg.norm(mesh.normals[loose], axis=1) > 0.5
+    disc = pv.Disc(inner=0.0, outer=disc_m, normal=(1, 0, 0), c_res=24).triangulate()
+    disc = triangles(disc.points, disc.regular_faces, np.tile([1.0, 0, 0], (disc.n_points, 1)))
+    small = np.broadcast_to(0.4 * disc_m * np.eye(3), ((~flat).sum(), 3, 3))
+    for shape, at, linear in ((disc, loose[flat], along(mesh.normals[loose[flat]])), (ball(1), loose[~flat], small)):
+        if len(at):
+            pieces.append((stamp(shape, linear, mesh.points_m[at]), np.repeat(rgb[at], shape.n_points, axis=0)))
+    ends = mesh.points_m[mesh.lines]
+    ends = ends[np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > 0]
+    if len(ends):
+        tubes = wires(list(ends), 0.22 * disc_m, 8)
+        pieces.append((tubes, np.repeat(grey, tubes.n_points, axis=0)))
+    if not pieces:
+        return []
+    whole, _ = joined([piece for piece, _ in pieces])
+    whole.point_data["colour"] = np.concatenate([colours for _, colours in pieces])
+    return [Part("object", whole, painted=True)]
+
+
+def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
+    """Antenna, the same without the object, its ghosts, plane C, the camera and what it saw; as at each instant."""
+    width = _THICKER * rig.antenna_radius_m
+    edge = float(np.linalg.norm(rig.plane_m[1] - rig.plane_m[0]))
+    known = np.isfinite(rig.poses[:, 0, 0])
+    keep = np.linspace(0, rig.bent_m.shape[1] - 1, _NODES).round().astype(int)
+    antenna, span = _over_time(rig.bent_m[:, keep], known, width)
+    free, free_span = _over_time(rig.free_m[:, keep[::4]], known, 0.45 * width, sides=6)
+    parts = [Part("antenna", antenna, span=span), Part("free", free, span=free_span, opacity=0.6)]
+    if len(rig.ghosts):
+        ghosts = wires([rig.bent_m[index] for index in rig.ghosts], 0.6 * width)
+        parts.append(Part("ghosts", ghosts, opacity=0.3))
+    corners = rig.plane_m[[0, 1, 2, 3, 0]]
+    plane = triangles(rig.plane_m, np.array([[0, 1, 2], [0, 2, 3]]))
+    parts.append(Part("plane", plane, opacity=0.09, poses=rig.poses, lit=False))
+    parts.append(Part("plane", wires([corners], 0.0015 * edge, 6), opacity=0.55, poses=rig.poses))
+    grid, centre = rig.picture_m, rig.camera_m
+    rim = np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2:0:-1, 0], grid[:1, 0]])
+    rays = (np.stack([centre, corner]) for corner in (grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0]))
+    lens = pv.Icosphere(radius=0.012 * edge, center=centre, nsub=2)
+    lens = triangles(lens.points, lens.regular_faces, (lens.points - centre) / (0.012 * edge))
+    parts.append(Part("camera", joined([wires([rim, *rays], 0.0016 * edge, 6), lens])[0], poses=rig.poses))
+    seen = any(picture is not None for picture in scene.pictures)
+    opacity = 1.0 if seen else 0.16
+    return [*parts, Part("camera", _sheet(grid), opacity=opacity, poses=rig.poses, textured=seen, lit=False)]
+
+
+def _over_time(
+    paths_m: np.ndarray, known: np.ndarray, radius_m: float, sides: int = 8
+) -> tuple[pv.PolyData, np.ndarray]:
+    """The wire of every known instant in one mesh, and which triangles are whose."""
+    mesh, starts = joined([wire(path, radius_m, sides) for path in paths_m[known]])
+    span = np.zeros((len(known), 2), int)
+    span[known] = np.column_stack([starts[:-1], starts[1:]])
+    return mesh, span
+
+
+def _sheet(grid: np.ndarray) -> pv.PolyData:
+    """The grid (H, W, 3) as triangles; texture coordinates run right and up over the picture."""
+    rows, columns = grid.shape[:2]
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    mesh = triangles(grid.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    right, down = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
+    mesh.active_texture_coordinates = np.column_stack([right.ravel(), 1 - down.ravel()]).astype(np.float32)
+    return mesh
+
+
+def _grid(scene: Scene, rig: RigItems) -> list[Part]:
+    """A level grid under everything, in round squares, to read sizes from."""
+    centre, reach = scene.bounding_ball_m
+    known = np.isfinite(rig.poses[:, 0, 0])
+    points = np.vstack([rig.bent_m[known].reshape(-1, 3), centre + reach, centre - reach])
+    low, high = points.min(axis=0), points.max(axis=0)
+    side = float(np.hypot(*(high - low)[:2]))
+    step = next((size for size in _GRID_STEPS_M if side / size <= 12), None)
+    if step is None:
+        return []
+    first, last = np.floor(low[:2] / step - 0.25) * step, np.ceil(high[:2] / step + 0.25) * step
+    level = low[2] - 0.02 * side
+    x, y = (np.arange(a, b + step / 2, step) for a, b in zip(first, last, strict=True))
+    rows = [np.array([[first[0], at, level], [last[0], at, level]]) for at in y]
+    columns = [np.array([[at, first[1], level], [at, last[1], level]]) for at in x]
+    squares = wires([*rows, *columns], 0.0011 * side, 4)
+    return [Part("grid", squares, opacity=0.5, lit=False, note=f"{1e3 * step:g} mm")]
+
+
+def _truth_mesh(truth: TouchObject) -> pv.PolyData:
+    """The true object; of a box its two faces as deep as simulated pictures show them.
+
+    Of a knife, as much of the blade as the edge is half as long."""
+    radius, half, wedge = truth.radius_m, truth.half_length_m, truth.wedge_world
+    if truth.shape in ("sphere", "freeform"):
+        mesh = pv.Icosphere(radius=1.0, nsub=5)
+        directions = np.asarray(mesh.points, float)
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        away = surface_radius(directions, radius, truth.bumps)[:, None] * directions
+        return pv.PolyData.from_regular_faces(truth.center_world_m + away, mesh.regular_faces)
+    side = np.cross(truth.axis_world, wedge)
+    if truth.shape == "box_edge":
+        # across the edge, from the centre of the rounding: face, rounding, face
+        turn = np.linspace(-np.pi / 4, np.pi / 4, _ARC + 1)[:, None]
+        rounding = radius * (np.sin(turn) * side - np.cos(turn) * wedge)
+        faces = BOX_FACE_M * truth.into_faces
+        return _extruded(truth, np.vstack([rounding[:1] + faces[0], rounding, rounding[-1:] + faces[1]]))
+    place = {"center": truth.center_world_m, "direction": truth.axis_world}
+    rod = pv.Cylinder(**place, radius=radius, height=2 * half, resolution=128).triangulate()
+    if truth.shape == "cylinder":
+        return rod
+    thick, into = radius * side, half * wedge
+    return rod.append_polydata(_extruded(truth, np.array([thick, thick + into, into - thick, -thick])))
+
+
+def _extruded(truth: TouchObject, outline: np.ndarray) -> pv.PolyData:
+    """The convex outline (K, 3) across the axis, from one end of the object to the other, closed."""
+    count, ends = len(outline), np.array([-1.0, 1.0])[:, None, None]
+    points = truth.center_world_m + outline + truth.half_length_m * ends * truth.axis_world
+    here, there = np.arange(count), np.roll(np.arange(count), -1)
+    fan = np.column_stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)])
+    sides = [np.column_stack([here, there, there + count]), np.column_stack([here, there + count, here + count])]
+    mesh = pv.PolyData.from_regular_faces(points.reshape(-1, 3), np.vstack([*sides, fan[:, ::-1], fan + count]))
+    # the outline may run either way round
+    return mesh.flip_faces() if mesh.volume < 0 else mesh

@@ -7,23 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 import pyvista as pv
 
-ANTENNA, FREE, GHOST, NOW = "#1b2430", "#8a94a3", "#9aa7b8", "#111827"
-PLANE, CAMERA, OBJECT, TRUTH = "#3b82f6", "#b45309", "#0d9488", "#c9b791"
-SPREAD, CONE, GRID, INK = "#0ea5e9", "#7c3aed", "#aab4c2", "#1f2937"
+OBJECT, INK = "#0d9488", "#1f2937"
 LOOK = {
     "contacts": (OBJECT, "contact, on the antenna's centreline"),
     "forces": (OBJECT, "force on the antenna"),
-    "now": (NOW, "contact at this moment"),
-    "spread": (SPREAD, "ellipsoid of 2 std"),
-    "cones": (CONE, "friction cone"),
+    "now": ("#111827", "contact at this moment"),
+    "spread": ("#0ea5e9", "ellipsoid of 2 std"),
+    "cones": ("#7c3aed", "friction cone"),
     "object": (OBJECT, "reconstructed surface"),
-    "truth": (TRUTH, "true object"),
-    "antenna": (ANTENNA, "antenna at this moment"),
-    "free": (FREE, "antenna without the object"),
-    "ghosts": (GHOST, "antenna at other moments"),
-    "plane": (PLANE, "plane C"),
-    "camera": (CAMERA, "camera and its picture"),
-    "grid": (GRID, "level grid"),
+    "truth": ("#c9b791", "true object"),
+    "antenna": ("#1b2430", "antenna at this moment"),
+    "free": ("#8a94a3", "antenna without the object"),
+    "ghosts": ("#9aa7b8", "antenna at other moments"),
+    "plane": ("#3b82f6", "plane C"),
+    "camera": ("#b45309", "camera and its picture"),
+    "grid": ("#aab4c2", "level grid"),
 }
 """Name of a part → its colour and what it is called in legends."""
 
@@ -58,7 +56,7 @@ class Part:
 
     @property
     def colour(self) -> str:
-        """Hex colour of what is not painted."""
+        """Of what is not painted, as hex."""
         return LOOK[self.name][0]
 
     @property

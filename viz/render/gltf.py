@@ -1,4 +1,4 @@
-"""A scene as glTF 2.0: .gltf as one text file, .glb as one binary file. VTK writes it; names and frame are ours."""
+"""glTF 2.0: a scene as VTK writes it, with our names and frame; .gltf is one text file, .glb one binary file."""
 
 from __future__ import annotations
 
@@ -13,11 +13,32 @@ import numpy as np
 import pyvista as pv
 from vtkmodules.vtkIOExport import vtkGLTFExporter
 
+from vbaa_calib.core.files import replacing
+from viz.parts.assemble import all_parts
+from viz.scene.scene import Scene
+
+from .stage import Stage, quiet
+
 Y_UP = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
 """glTF's y is up, the world's z: a turn about x by −90°, by columns."""
 
 
-def document(plotter: pv.Plotter, names: list[str]) -> tuple[dict[str, Any], bytes]:
+@quiet()
+def write_gltf(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
+    """Write a .gltf or .glb with all contacts, and the rig at the greatest force; y is up. OpenGL is not needed.
+
+    Raises InputError when the file exists and `force` is off.
+    """
+    stage = Stage(scene, [part for part in all_parts(scene) if part.name != "now"], mode)
+    stage.look_at_all()
+    shown = [part.name for part, actor in zip(stage.parts, stage.actors, strict=True) if actor.visibility]
+    made = packed(*_document(stage.plotter, shown), path.suffix.lower())
+    stage.plotter.close()
+    with replacing(path, force) as temporary:
+        temporary.write_bytes(made)
+
+
+def _document(plotter: pv.Plotter, names: list[str]) -> tuple[dict[str, Any], bytes]:
     """The active view as a glTF document and the one buffer that it refers to; `names` are the actors', in order."""
     for actor in plotter.actors.values():
         mesh = actor.mapper.dataset
@@ -80,15 +101,12 @@ def _to_linear(made: dict[str, Any], blob: bytearray) -> None:
 
 def _one_buffer(made: dict[str, Any]) -> bytearray:
     """VTK writes a buffer per array; a .glb has only one."""
-    parts: list[bytes] = []
-    starts, size = [], 0
+    blob, starts = bytearray(), []
     for buffer in made["buffers"]:
-        data = base64.b64decode(buffer["uri"].partition(",")[2])
-        data += b"\0" * (-len(data) % 4)
-        starts.append(size)
-        size += len(data)
-        parts.append(data)
+        starts.append(len(blob))
+        blob += base64.b64decode(buffer["uri"].partition(",")[2])
+        blob += b"\0" * (-len(blob) % 4)
     for view in made["bufferViews"]:
         view["byteOffset"] = view.get("byteOffset", 0) + starts[view["buffer"]]
         view["buffer"] = 0
-    return bytearray(b"".join(parts))
+    return blob

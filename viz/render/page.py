@@ -3,47 +3,96 @@
 from __future__ import annotations
 
 import base64
+import io
+import json
+import zipfile
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from trame_vtk.modules.vtk.serializers import reference_id
+import pyvista as pv
+from trame_vtk.modules.vtk.serializers import (
+    SynchronizationContext,
+    extract_array_hash,
+    initialize_serializers,
+    reference_id,
+    serialize,
+)
+from trame_vtk.tools.vtksz2html import write_html
 
+from vbaa_calib.core.files import write_text
 from viz.pages.page import render
-from viz.parts import Part, layers_of
-from viz.scene.colours import MODES, Scale, contact_scale, object_scale
+from viz.parts.assemble import all_parts
+from viz.parts.part import Part, layers_of
+from viz.scene.readable import MODES, contact_scale, object_scale
 from viz.scene.scene import Scene
 
-from .stage import Stage
+from .stage import Stage, quiet
 
 _JPEG_QUALITY = 80
-DARKENED, CLEAR = "max(t2Color,0.01)", "max(t2Color,0.00001)"
+_DARKENED, _CLEAR = "max(t2Color,0.01)", "max(t2Color,0.00001)"
 """In the viewer's shader: the weight below which it draws what is seen through as black. What is far off or nearly
 clear weighs less, and would lose its colour."""
 
 
-def page_data(stage: Stage, mode: str, views: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
-    """Data of the page's script: parts by the viewer's ids, moments, colours, points of view (position, focus)."""
-    scene, instants = stage.scene, stage.scene.instants
+@quiet()
+def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", force: bool = False) -> None:
+    """Write an HTML page with the scene to turn, its times to go through, and its legend.
+
+    It opens offline, in any browser with WebGL; OpenGL is not needed to write it. Raises InputError when the file
+    exists and `force` is off.
+    """
+    stage = Stage(scene, all_parts(scene), mode)
+    camera, views = stage.plotter.camera, []
+    if scene.rig is not None:
+        stage.look_at_all()
+        views.append((camera.position, camera.focal_point))
+    stage.look_at_contacts(parallel=False)
+    views.append((camera.position, camera.focal_point))
+    stage.unfold()
+    packed, instants = _packed(stage.plotter), scene.instants
     seen, pictures = _pictures(scene)
-    return {
+    scales = {name: contact_scale(scene, name) for name in MODES}
+    data = {
         "main": instants.main,
         "mode": mode,
         "times": np.round(instants.time_s, 4).tolist(),
         "frames": instants.frame.tolist(),
         "words": list(instants.words),
         "parts": [_part(part, reference_id(actor)) for part, actor in zip(stage.parts, stage.actors, strict=True)],
-        "modes": [_mode(name, contact_scale(scene, name)) for name in MODES],
+        "modes": [
+            {"name": name, "rgb": _base64(scale.rgb.tobytes()), "gradient": scale.gradient, "ends": scale.ends}
+            for name, scale in scales.items()
+        ],
         "views": [{"position": list(map(float, at)), "focus": list(map(float, to))} for at, to in views],
         "seen": seen,
         "pictures": pictures,
     }
+    stage.plotter.close()
+    cards = render(
+        "scene.html.j2",
+        title=title,
+        contacts=len(scene.contacts.points_m),
+        modes=MODES,
+        object_scale=object_scale(scene),
+        rig=scene.rig is not None,
+        layers=layers_of(stage.parts),
+        facts=scene.facts,
+        last=len(instants) - 1,
+        data=data,
+    )
+    viewer = io.StringIO()
+    write_html(packed, viewer)
+    html = viewer.getvalue().replace(_DARKENED, _CLEAR)
+    start, end = html.index("<title>"), html.index("</title>")
+    head, body, rest = (html[:start] + f"<title>{escape(title)}" + html[end:]).partition("<body>")
+    write_text(path, f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}", force)
 
 
-def _mode(name: str, scale: Scale) -> dict[str, Any]:
-    rgb = base64.b64encode(scale.rgb.tobytes()).decode()
-    return {"name": name, "rgb": rgb, "gradient": scale.gradient, "ends": scale.ends}
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()
 
 
 def _part(part: Part, identity: str) -> dict[str, Any]:
@@ -67,25 +116,31 @@ def _pictures(scene: Scene) -> tuple[list[str], list[int | None]]:
     seen = []
     for picture in different.values():
         _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        seen.append("data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode())
+        seen.append("data:image/jpeg;base64," + _base64(jpeg.tobytes()))
     return seen, [order.get(id(picture)) for picture in scene.pictures] or [None] * len(scene.instants)
 
 
-def scene_page(viewer_html: str, scene: Scene, parts: list[Part], title: str, data: dict[str, Any]) -> str:
-    """The viewer's page with our title, cards and script in it."""
-    cards = render(
-        "scene.html.j2",
-        title=title,
-        contacts=len(scene.contacts.points_m),
-        modes=MODES,
-        object_scale=object_scale(scene),
-        rig=scene.rig is not None,
-        layers=layers_of(parts),
-        facts=scene.facts,
-        last=len(scene.instants) - 1,
-        data=data,
-    )
-    viewer_html = viewer_html.replace(DARKENED, CLEAR)
-    start, end = viewer_html.index("<title>"), viewer_html.index("</title>")
-    head, body, rest = (viewer_html[:start] + f"<title>{escape(title)}" + viewer_html[end:]).partition("<body>")
-    return f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}"
+def _packed(plotter: pv.Plotter) -> bytes:
+    """The render window as the archive that the offline viewer of trame-vtk opens."""
+    initialize_serializers()
+    context, window = SynchronizationContext(), plotter.render_window
+    state = serialize(None, window, reference_id(window), context, 0)
+    centre, camera = list(plotter.camera.focal_point), reference_id(plotter.camera)
+    state["extra"] = {"vtkRefId": reference_id(window), "centerOfRotation": centre, "camera": camera}
+    _let_textures_change(state)
+    arrays = {
+        entry["hash"]: {**entry, "content": context.get_cached_data_array(entry["hash"], False)}
+        for entry in extract_array_hash(state)
+    }
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as stream:
+        stream.writestr("index.json", json.dumps({"scene": state, "hashes": arrays}))
+    return archive.getvalue()
+
+
+def _let_textures_change(state: dict[str, Any]) -> None:
+    """Let the viewer's textures be written again, for the camera's picture to change with time."""
+    if state.get("type") == "vtkTexture":
+        state["properties"]["resizable"] = True
+    for child in state.get("dependencies", []):
+        _let_textures_change(child)

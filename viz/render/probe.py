@@ -1,8 +1,47 @@
-"""`python -m viz.render.probe`: exit code 0 where 3-D pictures can be drawn, 1 where not. For the Makefile."""
+"""Whether 3-D pictures can be drawn here; OpenGL is tried before it can kill the process.
 
+`python -m viz.render.probe`: exit code 0 where it works, 1 where not.
+"""
+
+from __future__ import annotations
+
+import functools
+import subprocess
 import sys
 
-from .render import can_render
+from vbaa_calib.core.errors import VbaaError
+
+PROBE = (
+    sys.executable,
+    "-c",
+    "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(32, 32)); p.add_mesh(pv.Sphere()); "
+    "p.screenshot(return_img=True)",
+)
+_PROBE_SECONDS = 60
+
+
+class OpenGLError(VbaaError):
+    """This machine cannot draw in three dimensions."""
+
+
+@functools.cache
+def can_render() -> bool:
+    """Whether OpenGL works here. Tried in a process of its own: without a driver VTK ends the one that asks."""
+    try:
+        tried = subprocess.run(PROBE, capture_output=True, timeout=_PROBE_SECONDS, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return tried.returncode == 0
+
+
+def require_opengl() -> None:
+    """Raises OpenGLError, with what to install, where pictures cannot be drawn."""
+    if not can_render():
+        raise OpenGLError(
+            "3-D pictures need OpenGL, which does not work here; install libegl1 and libgl1-mesa-dri "
+            "(apt-get install libegl1 libgl1-mesa-dri), or libosmesa6; --html and --gltf work without"
+        )
+
 
 if __name__ == "__main__":
     sys.exit(not can_render())

@@ -1,38 +1,52 @@
-"""A scene's parts in a pyvista plotter, at any instant and by any colour scale."""
+"""A scene's parts in a pyvista plotter, at any instant, by any colour scale, and from the side that shows most."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import pyvista as pv
+from vtkmodules.vtkCommonCore import vtkLogger
 
-from viz.parts import Part
-from viz.scene.colours import contact_scale
+from viz.parts.part import Part
+from viz.scene.readable import contact_scale
 from viz.scene.scene import Scene
 
 
 class Stage:
-    """What draws a scene in one plotter's active view.
+    """What draws a scene in a plotter of its own.
 
     Attributes
     ----------
     parts, actors : each part and what draws it, in the same order.
     """
 
-    def __init__(self, plotter: pv.Plotter, scene: Scene, parts: list[Part], mode: str = "force") -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        parts: list[Part],
+        mode: str = "force",
+        size: tuple[int, int] = (1200, 800),
+        *,
+        off_screen: bool = True,
+    ) -> None:
+        self.plotter = pv.Plotter(off_screen=off_screen, window_size=list(size), title="vbaa")
+        self.plotter.set_background("#ffffff")
         self.scene, self.parts = scene, parts
         # one part may stand on several stages: what changes with time and colours is the stage's own
         self._meshes = [part.mesh.copy(deep=False) for part in parts]
         self._faces = [part.mesh.regular_faces for part in parts]
         self.paint(mode)
-        self.actors = [self._add(plotter, part, mesh) for part, mesh in zip(parts, self._meshes, strict=True)]
+        self.actors = [self._add(part, mesh) for part, mesh in zip(parts, self._meshes, strict=True)]
         self.show(scene.instants.main)
 
-    def _add(self, plotter: pv.Plotter, part: Part, mesh: pv.PolyData) -> pv.Actor:
+    def _add(self, part: Part, mesh: pv.PolyData) -> pv.Actor:
         colour = {"scalars": "colour", "rgb": True} if part.painted else {"color": part.colour}
         if part.textured:
             # any other colour would tint the picture
             colour = {"color": "white", "texture": _texture(next(p for p in self.scene.pictures if p is not None))}
-        actor = plotter.add_mesh(
+        actor = self.plotter.add_mesh(
             mesh, opacity=part.opacity, lighting=part.lit, copy_mesh=False, reset_camera=False, render=False, **colour
         )
         if part.painted:
@@ -44,7 +58,7 @@ class Stage:
         return actor
 
     def paint(self, mode: str) -> None:
-        """Colour the contacts by force, time or uncertainty."""
+        """Colour the contacts by one of `colours.MODES`."""
         rgb = contact_scale(self.scene, mode).rgb
         for part, mesh in zip(self.parts, self._meshes, strict=True):
             if part.contact is not None:
@@ -74,6 +88,28 @@ class Stage:
             mesh.regular_faces = faces
             actor.visibility = True
 
+    def look_at_all(self) -> None:
+        """The whole rig, from beside and above, on the side that was touched."""
+        self.plotter.view_vector(view_direction(self.scene, height=0.75, liking=0.8), viewup=(0, 0, 1))
+        camera = self.plotter.camera
+        focus = np.array(camera.focal_point)
+        camera.position = focus + (np.array(camera.position) - focus) / 1.15
+        self.plotter.reset_camera_clipping_range()
+
+    def look_at_contacts(self, *, parallel: bool = True) -> float:
+        """What was touched, close up, in parallel projection or in perspective. Returns half the height it shows, m."""
+        centre, radius = self.scene.bounding_ball_m
+        half = 1.3 * radius
+        away = half / np.tan(np.radians(15))
+        direction = view_direction(self.scene, height=0.45, liking=0.35)
+        self.plotter.camera_position = [centre + away * direction, centre, (0.0, 0.0, 1.0)]
+        self.plotter.camera.view_angle = 30
+        if parallel:
+            self.plotter.enable_parallel_projection()
+            self.plotter.camera.parallel_scale = half
+        self.plotter.reset_camera_clipping_range()
+        return half
+
 
 def _texture(picture: np.ndarray) -> pv.Texture:
     """(H, W, 3) uint8 with its first row at the top."""
@@ -81,3 +117,38 @@ def _texture(picture: np.ndarray) -> pv.Texture:
     made.interpolate = True
     made.repeat = False
     return made
+
+
+def view_direction(scene: Scene, height: float, liking: float) -> np.ndarray:
+    """(3,) towards the viewer: from the side of the touched surface that shows it and its forces best, and from above.
+
+    `liking` is how much to stay beside the antenna, on either side.
+    """
+    angle = np.radians(np.arange(0, 360, 10))
+    views = np.column_stack([np.cos(angle), np.sin(angle), np.full(len(angle), height)])
+    views /= np.linalg.norm(views, axis=1, keepdims=True)
+    score = np.zeros(len(views))
+    size = np.linalg.norm(scene.contacts.force_N, axis=1, keepdims=True)
+    known = np.nan_to_num(size[:, 0]) > 0
+    if known.any():
+        facing = (scene.contacts.force_N[known] / size[known]) @ views.T
+        # seen from outside, yet not along the arrows
+        score += (np.clip(facing, -0.2, 0.6) + 0.5 * np.sqrt(1 - np.minimum(facing**2, 1.0))).mean(axis=0)
+    if scene.rig is not None:
+        forward = scene.rig.poses[np.isfinite(scene.rig.poses[:, 0, 0])][:, :2, 0].mean(axis=0)
+        forward /= max(float(np.linalg.norm(forward)), 1e-12)
+        beside = views[:, :2] @ np.array([forward[1], -forward[0]])
+        # the clamp on the left is how the paper draws it
+        score += liking * np.abs(beside) + 0.15 * beside
+    return views[int(np.argmax(score))]
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """VTK warns on stderr when it looks for a display first and finds none; that is no news to anyone."""
+    before = vtkLogger.GetCurrentVerbosityCutoff()
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
+    try:
+        yield
+    finally:
+        vtkLogger.SetStderrVerbosity(before)

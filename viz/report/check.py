@@ -7,8 +7,7 @@ from typing import Any
 
 from viz.figures import check as figures
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, svg
-from viz.pages.page import render
-from viz.pages.tables import Table, at, fixed, listing, number, records, with_std
+from viz.pages.page import Table, at, fixed, listing, number, records, render, with_std
 
 LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
 

@@ -1,16 +1,34 @@
-"""From files to report.html: the one way that `vbaa report`, `vbaa estimate` and `vbaa demo` take."""
+"""From files to report.html: the one way that `vbaa report`, `vbaa estimate` and `vbaa demo` take; with its pictures,
+the scene in three dimensions, and one of the recording with what was seen in it."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
+import numpy as np
+
+from estimator.table.contacts import ContactTable
+from vbaa_calib.core.errors import InputError, VbaaError
 from viz.files.outputs import PAGES, refuse_output
 
+from .recording import Picture, Report, SummaryRow, page
+from .words import object_found, origin
+
 if TYPE_CHECKING:
-    from .recording import SummaryRow
+    from estimator.object.estimate import ObjectEstimate
+    from vbaa_calib.rig import Rig
+
+_WIDEST_PX = 1600
+_QUALITY = 88
+_CAPTION = (
+    "The scene, what was touched close up. Arrows are the object's forces on the antenna; `vbaa view` shows the scene "
+    "to turn, zoom and follow in time."
+)
 
 
 @dataclass(frozen=True)
@@ -62,10 +80,6 @@ def make_report(
     from vbaa_calib.rig import Rig
     from viz.scene.truth import true_contacts
 
-    from .pictures import scene_from_file, scene_picture, seen_picture
-    from .recording import Report, page
-    from .words import object_found, origin
-
     refuse_output(path, PAGES, force)
     table = read_contacts(sources.contacts)
     rig = None if sources.rig is None else Rig.load(sources.rig)
@@ -77,10 +91,89 @@ def make_report(
     if sources.picture is None:
         pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
     else:
-        pictures = [scene_from_file(sources.picture)]
+        pictures = [_scene_from_file(sources.picture)]
     if sources.session is not None and rig is not None:
-        pictures.append(seen_picture(table, rig, sources.session, sources.background))
+        pictures.append(_seen_picture(table, rig, sources.session, sources.background))
     files = {name: getattr(sources, name) for name in ("contacts", "rig", "session", "truth")}
     rows = origin(files, rig, argv)
     made = Report(title, table, rig, estimate, track, facts, truth, summary, pictures, rows, sources.drift)
     write_text(path, page(made), force)
+
+
+def _scene_from_file(path: Path) -> Picture:
+    """The scene as `vbaa view --screenshot` has drawn it. Raises InputError when the file is no picture."""
+    image = cv2.imread(str(path))
+    if image is None:
+        raise InputError("is not a picture", where=path, remedy="give the PNG that vbaa view --screenshot wrote")
+    return Picture(_packed(image), _CAPTION)
+
+
+def _packed(image: np.ndarray) -> bytes:
+    """(H, W, 3) uint8, blue, green, red, as a JPEG that is not wider than a page needs."""
+    scale = _WIDEST_PX / image.shape[1]
+    if scale < 1.0:
+        size = (_WIDEST_PX, max(1, round(image.shape[0] * scale)))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+
+
+def scene_picture(
+    table: ContactTable,
+    rig: Rig | None,
+    estimate: ObjectEstimate | None,
+    truth: Mapping[str, Any] | None,
+    session: Path | None,
+) -> Picture:
+    """The scene as `vbaa view --screenshot` draws it, or why there is none. `truth` is truth.json's contents."""
+    from viz.render.probe import can_render
+    from viz.render.screenshot import screenshot
+    from viz.scene.rig_items import session_pictures
+    from viz.scene.scene import build_scene
+    from viz.scene.truth import true_object
+
+    if not table.located.any():
+        return Picture(b"", "No picture of the scene: no frame has a located contact.")
+    if not can_render():
+        return Picture(b"", "No picture of the scene: OpenGL does not work here (libegl1 and libgl1-mesa-dri give it).")
+    try:
+        scene = build_scene(table, rig, estimate, None if truth is None else true_object(truth))
+        if rig is not None and session is not None:
+            main, frames = scene.instants.main, scene.instants.frame
+            seen = session_pictures(session, frames[main : main + 1], rig.camera.image_size)[0]
+            scene = replace(scene, pictures=tuple(seen if index == main else None for index in range(len(frames))))
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "scene.png"
+            screenshot(scene, path)
+            return _scene_from_file(path)
+    except VbaaError as error:
+        return Picture(b"", f"No picture of the scene: {error}")
+
+
+def _seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path | None = None) -> Picture:
+    """The recording's picture of the greatest force with what was seen and estimated, or why there is none."""
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.overlay import frame_picture
+    from estimator.contact.recording import estimate_picture, read_ground
+    from vbaa_calib.session import load_session, read_recording
+
+    whole = np.linalg.norm(table.force_world_N, axis=1)
+    force = np.where(np.isfinite(whole), whole, np.hypot(table.force_y_N, table.force_z_N))
+    row = int(np.argmax(np.where(table.located, force, -1.0)))
+    try:
+        frames = {frame.frame: frame for frame in read_recording(load_session(session))}
+        frame = frames.get(int(table.frame[row])) if table.located[row] else None
+        if frame is None or frame.image is None:
+            return Picture(b"", "No picture of the recording: it has none, or none with a located contact.")
+        # estimated anew, as the table's row was
+        estimator = ContactEstimator(rig, str(table.model[row]), friction=table.assumed_friction_rad)
+        if not np.isfinite(table.moment_residual_Nm[row]):
+            frame = replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan)
+        ground = None if background is None else read_ground(rig, background)
+        image = frame_picture(estimator, estimate_picture(estimator, frame, ground))
+    except VbaaError as error:
+        return Picture(b"", f"No picture of the recording: {error}")
+    return Picture(
+        _packed(image),
+        f"Frame {frame.frame}, the one of the greatest force, with what was seen of the antenna, the fitted shape, the "
+        "contact and the force; `vbaa estimate --overlay` draws every frame so.",
+    )

@@ -15,13 +15,11 @@ from vbaa_calib.rig import Rig
 from viz.figures.contacts import OBJECT, contact_maps, forces_across, friction_cone, indentation
 from viz.figures.drawing import RAMP, svg
 from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals
-from viz.pages.page import render
-from viz.pages.tables import Table, fixed, with_std
-from viz.scene.facts import Fact
+from viz.pages.page import Table, fixed, render, with_std
 from viz.scene.readable import thinned
+from viz.scene.scene import Fact
 from viz.scene.truth import TrueContacts
 
-from .pictures import Picture
 from .words import MODELS, PHASES, SYMBOLS, dotted, frame_facts, glossary, headline, shown_unit
 
 if TYPE_CHECKING:
@@ -33,6 +31,14 @@ MOST_ROWS = 500
 SummaryRow = tuple[str, float, str, float | None]
 """Name, value, unit, and the goal that the value must not exceed, if there is one."""
 _GOAL = {True: Markup('<span class="good">met</span>'), False: Markup('<span class="bad">missed</span>')}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture of the report. `jpeg` is empty where there is none, and `words` say why."""
+
+    jpeg: bytes
+    words: str
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,8 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from viz.figures.drawing import AMBER, SLATE, TEAL
-from viz.pages.tables import Table, decimals_of, number
-from viz.scene.facts import Fact, object_facts, sentence
+from viz.pages.page import Table, decimals_of, number
+from viz.scene.scene import Fact, object_facts, sentence
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate

@@ -17,7 +17,6 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 
-from .instants import Instants
 from .readable import thinned
 
 _GHOSTS, _WIDEST_PX = 6, 360
@@ -50,28 +49,27 @@ class RigItems:
     picture_m: np.ndarray
 
 
-def rig_items(rig: Rig, table: ContactTable, instants: Instants) -> RigItems:
-    """The rig at these instants, and which of them become ghosts: some spread over the located contacts.
+def rig_items(rig: Rig, table: ContactTable, rows: np.ndarray, main: int) -> RigItems:
+    """The rig at the instants of these rows (M,), and which of them become ghosts: some spread over the located
+    contacts, `main` not among them.
 
     Raises InputError when the contacts are not of this rig.
     """
-    angles = (angle[instants.row] for angle in joint_angles(rig.kinematics, table))
-    poses = np.tile(np.eye(4), (len(instants), 1, 1))
+    angles = (angle[rows] for angle in joint_angles(rig.kinematics, table))
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rig.kinematics.world_antenna(*angles)
     poses[~np.isfinite(poses).all(axis=(1, 2))] = np.nan
-    located = np.flatnonzero(table.located[instants.row])
-    spread = thinned(located, _GHOSTS)
+    spread = thinned(np.flatnonzero(table.located[rows]), _GHOSTS)
     length = rig.antenna.length_m
-    bent, free = (_shapes(rig, table, instants.row, poses, share) for share in (1.0, 0.0))
-    centre = rig.T_antenna_camera.translation_m
+    bent, free = (_shapes(rig, table, rows, poses, share) for share in (1.0, 0.0))
     return RigItems(
         poses=poses,
         bent_m=bent,
         free_m=free,
-        ghosts=spread[spread != instants.main],
+        ghosts=spread[spread != main],
         antenna_radius_m=rig.antenna.diameter_m / 2,
         plane_m=length * np.array([[0, -0.3, 0], [1.05, -0.3, 0], [1.05, 0.3, 0], [0, 0.3, 0]]),
-        camera_m=centre,
+        camera_m=rig.T_antenna_camera.translation_m,
         picture_m=rig.T_antenna_camera @ _picture_grid(rig.camera, 0.4 * length),
     )
 

@@ -1,4 +1,4 @@
-"""What there is to see, as plain arrays in the world frame. `viz.parts` draws it; pyvista stays there."""
+"""What there is to see, as plain arrays in the world frame, and in words. `viz.parts` draws it; pyvista stays there."""
 
 from __future__ import annotations
 
@@ -8,19 +8,43 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.table.contacts import ContactTable
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.objects import TouchObject
 
-from .facts import object_facts, sentence
-from .instants import Instants, instants_of
+from .readable import thinned
 from .rig_items import RigItems, rig_items
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.surface import Surface
 
+_MOST_INSTANTS = 240
+"""Longer recordings are shown at this many instants spread over them, and at the one of the greatest force."""
 _VAGUE_RAD = np.radians(20)
 """A normal less well known than this is not drawn: it would show the force's direction, not the object's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """M instants in the order of time.
+
+    Attributes
+    ----------
+    row : (M,) index into the contact table. frame : (M,) number of the frame.
+    time_s : (M,) since the recording's first frame.
+    main : the instant of the greatest force: what a picture that stands still shows.
+    words : M sentences on what is known of each instant.
+    """
+
+    row: np.ndarray
+    time_s: np.ndarray
+    frame: np.ndarray
+    main: int
+    words: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +53,8 @@ class Contacts:
 
     Attributes
     ----------
-    points_m : (P, 3) on the antenna's centreline.
-    force_N : (P, 3) the object's force on the antenna.
-    covariance_m2 : (P, 3, 3) of the points.
-    time_s : (P,) since the recording's first frame.
+    points_m : (P, 3) on the antenna's centreline. force_N : (P, 3) the object's force on the antenna.
+    covariance_m2 : (P, 3, 3) of the points. time_s : (P,) since the recording's first frame.
     row : (P,) index into the contact table.
     """
 
@@ -41,18 +63,6 @@ class Contacts:
     covariance_m2: np.ndarray
     time_s: np.ndarray
     row: np.ndarray
-
-    @staticmethod
-    def of(table: ContactTable) -> Contacts:
-        """The located contacts of a table."""
-        row = np.flatnonzero(table.located)
-        return Contacts(
-            table.point_world_m[row],
-            table.force_world_N[row],
-            table.covariance_world_m2[row],
-            table.time_s[row] - table.time_s[0],
-            row,
-        )
 
     @property
     def size_mN(self) -> np.ndarray:
@@ -66,24 +76,19 @@ class Contacts:
         variance, axes = np.linalg.eigh(np.where(known[:, None, None], self.covariance_m2, 0.0))
         return axes, np.where(known[:, None], np.sqrt(np.maximum(variance, 0.0)), np.nan)
 
-    @property
-    def std_mm(self) -> np.ndarray:
-        """(P,) standard deviation along the most uncertain direction."""
-        return 1e3 * self.principal[1][:, -1]
-
 
 @dataclass(frozen=True, eq=False)
 class ObjectMesh:
     """The reconstructed object: points (V, 3), normals (V, 3), triangles (T, 3), lines (E, 2).
 
-    `std_m` (V,) is each point's standard deviation along its normal, NaN where it is not known; None for none.
+    `std_m` (V,) is each point's standard deviation along its normal, NaN where it is not known.
     """
 
     points_m: np.ndarray
     normals: np.ndarray
     triangles: np.ndarray
     lines: np.ndarray
-    std_m: np.ndarray | None = None
+    std_m: np.ndarray
 
     @staticmethod
     def of(surface: Surface) -> ObjectMesh:
@@ -132,11 +137,13 @@ def build_scene(
 ) -> Scene:
     """The scene without the camera's pictures; the object is that of the estimate, or else `mesh`.
 
-    Raises InputError when nothing is located, or the contacts are not of this rig.
+    Raises InputError when nothing is located, a contact is out of reach, or the contacts are not of this rig.
     """
     instants = instants_of(table, None if estimate is None else estimate.track.phase)
-    items = None if rig is None else rig_items(rig, table, instants)
-    contacts = Contacts.of(table)
+    items = None if rig is None else rig_items(rig, table, instants.row, instants.main)
+    row, time_s = np.flatnonzero(table.located), table.time_s - table.time_s[0]
+    points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
+    contacts = Contacts(points[row], forces[row], covariances[row], time_s[row], row)
     if estimate is None:
         return Scene(contacts, instants, items, mesh, truth)
     friction, known = estimate.friction, estimate.normals.std_rad < _VAGUE_RAD
@@ -149,7 +156,89 @@ def build_scene(
         items,
         ObjectMesh.of(estimate.surface),
         truth,
-        normals=normals[contacts.row],
+        normals=normals[row],
         cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
         facts=(*said, *map(sentence, estimate.surface.notes)),
     )
+
+
+def instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int = _MOST_INSTANTS) -> Instants:
+    """The instants of a recording. `phase` (B,) is a word per frame on its motion, as `estimator.track` gives it.
+
+    Raises InputError when no frame has a located contact, or one is out of reach.
+    """
+    refuse_out_of_reach(table)
+    if not table.located.any():
+        raise InputError(
+            "no frame has a located contact (status ok or tip_contact)", remedy="see the reason column of contacts.csv"
+        )
+    # tables of other makers may have points without forces
+    force = np.linalg.norm(table.force_world_N, axis=1)
+    strongest = int(np.argmax(np.where(table.located, np.nan_to_num(force), -1.0)))
+    rows = np.union1d(thinned(np.arange(len(table)), most), strongest)
+    return Instants(
+        row=rows,
+        time_s=table.time_s[rows] - table.time_s[0],
+        frame=table.frame[rows],
+        main=int(np.searchsorted(rows, strongest)),
+        words=tuple(_words(table, int(row), "" if phase is None else str(phase[row]), force[row]) for row in rows),
+    )
+
+
+def refuse_out_of_reach(table: ContactTable, where: object = None) -> None:
+    """Raises InputError for a contact beyond 10 km or 10 kN: single precision, in which all is drawn, fails there."""
+    for values, unit in ((table.force_world_N, "N"), (table.point_world_m, "m")):
+        beyond = np.flatnonzero(table.located & (np.abs(np.nan_to_num(values)) > 1e4).any(axis=1))
+        if len(beyond):
+            what = f"frame {table.frame[beyond[0]]} has a contact beyond 10000 {unit}"
+            raise InputError(what, where=where, remedy="estimate it again: no antenna reaches that far")
+
+
+def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
+    """For example "sliding: 157.4 ± 0.2 mm from the clamp, 69.1 mN"."""
+    status = str(table.status[row]).replace("_", " ")
+    known = [phase] if phase not in ("", "unknown", "free") else []
+    head = ", ".join(known if known and status == "ok" else [*known, "located" if status == "ok" else status])
+    if not table.located[row]:
+        return head
+    distance, std = table.distance_m[row], table.distance_std_m[row]
+    parts = []
+    if np.isfinite(distance):
+        spread = f" ± {1e3 * std:.2g}" if np.isfinite(std) else ""
+        parts.append(f"{1e3 * distance:.1f}{spread} mm from the clamp")
+    if np.isfinite(force):
+        parts.append(f"{1e3 * force:.1f} mN")
+    return f"{head}: {', '.join(parts)}" if parts else head
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A line of a verdict. `kind` is "undetermined", "look" for what is amiss, or empty."""
+
+    label: str
+    words: str
+    kind: str = ""
+
+
+def sentence(text: str) -> str:
+    """With a capital at its begin and a full stop at its end."""
+    text = text.strip().rstrip(".")
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def object_facts(estimate: ObjectEstimate) -> tuple[Fact, Fact]:
+    """μ and the object's stiffness with their intervals, or why they are undetermined."""
+    friction, compliance = estimate.friction, estimate.surface.compliance
+    slides = Fact("Friction", sentence(f"Undetermined: {friction.reason}"), "undetermined")
+    if friction.determined:
+        low, high = friction.interval
+        alpha = np.degrees(friction.cone_half_angle_rad)
+        words = f"μ = {friction.mu:.3f} ± {friction.std:.3f} (95 %: {low:.3f} to {high:.3f}), cone half angle α = "
+        slides = Fact("Friction", "; ".join(filter(None, [f"{words}{alpha:.1f}°", friction.reason.rstrip(".")])) + ".")
+    low, high = compliance.interval_N_m
+    if compliance.determined:
+        most = f"to {high:.4g} N/m" if np.isfinite(high) else "upwards"
+        return slides, Fact("Stiffness", f"{compliance.stiffness_N_m:.4g} N/m (95 %: {low:.4g} {most}).")
+    bound = np.isfinite(low) and low > 0
+    words = compliance.reason if bound else f"Undetermined: {compliance.reason}"
+    return slides, Fact("Stiffness", sentence(words), "undetermined")

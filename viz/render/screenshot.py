@@ -1,0 +1,116 @@
+"""The picture of a scene: the whole rig, the contacts close up, and what the colours mean, on one sheet."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from vbaa_calib.core.files import replacing
+from viz.parts.assemble import all_parts
+from viz.parts.part import INK, Part, layers_of
+from viz.scene.readable import Scale, contact_scale, object_scale, round_down
+from viz.scene.scene import Scene
+
+from .probe import require_opengl
+from .stage import Stage, quiet
+
+_DPI = 100
+WIDE, TALL = 1900, 1080
+LEFT, STRIP = 740, 120
+"""Pixels: width of the column with the rig, height of the strip with the scales under the close-up."""
+RIG_SIZE, NEAR_SIZE = (LEFT, 700), (WIDE - LEFT, TALL - STRIP)
+_QUIET = "#64748b"
+
+
+@quiet()
+def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = False) -> None:
+    """Write a PNG: the whole rig on the left, what was touched on the right, and what the colours mean.
+
+    `mode` is what contacts are coloured by, one of `colours.MODES`. Raises InputError when the file exists and `force`
+    is off, OpenGLError where pictures cannot be drawn.
+    """
+    with replacing(path, force) as temporary:
+        require_opengl()
+        parts = all_parts(scene)
+        near = Stage(scene, _without(parts, "grid", "plane", "camera", "now"), mode, NEAR_SIZE)
+        half_m = near.look_at_contacts()
+        close_up, overview = _drawn(near), None
+        if scene.rig is not None:
+            whole = Stage(scene, _without(parts, "spread", "cones", "now"), mode, RIG_SIZE)
+            whole.look_at_all()
+            overview = _drawn(whole)
+        figure = Figure(figsize=(WIDE / _DPI, TALL / _DPI), dpi=_DPI, facecolor="white")
+        canvas = FigureCanvasAgg(figure)
+        _axes(figure, LEFT, STRIP, NEAR_SIZE).imshow(close_up, interpolation="none")
+        if overview is not None:
+            _axes(figure, 0, TALL - RIG_SIZE[1], RIG_SIZE).imshow(overview, interpolation="none")
+        sheet = _axes(figure, 0, 0, (WIDE, TALL))
+        sheet.set(xlim=(0, WIDE), ylim=(0, TALL), facecolor="none")
+        _scale_bar(sheet, 2 * half_m / NEAR_SIZE[1])
+        _legend(sheet, scene, parts, TALL - RIG_SIZE[1] if overview is not None else TALL)
+        bars = [bar for bar in (contact_scale(scene, mode), object_scale(scene)) if bar is not None]
+        for index, bar in enumerate(bars):
+            _colour_bar(_axes(figure, LEFT + 60 + index * 560, 46, (460, 18)), bar)
+        canvas.print_png(str(temporary))
+
+
+def _without(parts: list[Part], *names: str) -> list[Part]:
+    return [part for part in parts if part.name not in names]
+
+
+def _drawn(stage: Stage) -> np.ndarray:
+    """(H, W, 3) of what the stage shows, whose plotter is then closed."""
+    plotter = stage.plotter
+    plotter.enable_anti_aliasing("ssaa")
+    plotter.enable_depth_peeling(8)
+    plotter.add_axes(color=INK, line_width=3, viewport=(0.0, 0.0, 0.13, 0.13))
+    pixels = plotter.screenshot(return_img=True)
+    plotter.close()
+    return np.asarray(pixels)[..., :3]
+
+
+def _axes(figure: Figure, x: int, y: int, size: tuple[int, int]) -> Axes:
+    axes = figure.add_axes((x / WIDE, y / TALL, size[0] / WIDE, size[1] / TALL))
+    axes.axis("off")
+    return axes
+
+
+def _scale_bar(sheet: Axes, m_per_pixel: float) -> None:
+    length = round_down(0.16 * NEAR_SIZE[0] * m_per_pixel)
+    left, right, y = WIDE - 40 - length / m_per_pixel, WIDE - 40, STRIP + 34
+    sheet.plot([left, right], [y, y], color=INK, lw=3.5, solid_capstyle="butt")
+    sheet.text((left + right) / 2, y + 9, f"{1e3 * length:g} mm", ha="center", color=INK, size=13)
+
+
+def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
+    scaled = ("contacts", "forces", "now", *(["object"] if object_scale(scene) is not None else []))
+    rows = [part for part in layers_of(parts) if part.name not in scaled]
+    y, half = top - 30, (len(rows) + 1) // 2
+    title = f"{len(scene.contacts.points_m)} contacts in {scene.instants.time_s[-1]:.3g} s"
+    sheet.text(36, y, title, size=17, weight="bold", color=INK, va="center")
+    for index, part in enumerate(rows):
+        x, height = 36 + 345 * (index // half), y - 42 - 29 * (index % half)
+        sheet.add_patch(Rectangle((x, height - 7), 15, 15, color=part.colour))
+        label = "antenna at the greatest force" if part.name == "antenna" else part.label
+        sheet.text(x + 24, height, label, size=11.5, color=INK, va="center")
+    below = y - 42 - 29 * half - 8
+    lines = [line for fact in scene.facts for line in textwrap.wrap(fact, 82)][: max((below - 16) // 23, 0)]
+    for index, line in enumerate(lines):
+        sheet.text(36, below - 23 * index, line, size=11.5, color=_QUIET, va="center")
+
+
+def _colour_bar(axes: Axes, scale: Scale) -> None:
+    axes.axis("on")
+    ends = (scale.ticks[0], scale.ticks[-1], 0, 1)
+    axes.imshow(np.linspace(0, 1, 256)[None], aspect="auto", cmap=scale.colormap, extent=ends)
+    axes.set_yticks([])
+    axes.set_xticks(scale.ticks, [f"{tick:.4g}" for tick in scale.ticks])
+    axes.tick_params(labelsize=12, color=INK, labelcolor=INK, length=3)
+    axes.set_title(scale.ends[1], size=13.5, color=INK, pad=7)
+    axes.spines[:].set_visible(False)
