@@ -43,6 +43,11 @@ class CommonErrors:
     tangent: np.ndarray
     own_m2: np.ndarray
 
+    @property
+    def known(self) -> bool:
+        """Whether there are common errors to tell from noise."""
+        return self.point_m.shape[2] > 0
+
     @staticmethod
     def none(table: ContactTable) -> CommonErrors:
         """Of frames whose rig is not known: all of their covariance counts as their own."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.contact.common_errors import CommonErrors
-from estimator.object.track.result import Track
+from estimator.object.track.onset import Track
 from estimator.table.contacts import ContactTable
 
 from .track_tables import located

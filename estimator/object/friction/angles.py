@@ -15,7 +15,7 @@ from .coefficient import SLIDING, STICKING, UNUSED, Angles, FrictionTouches
 if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
     from estimator.object.surface import Surface
-    from estimator.object.track.result import Track
+    from estimator.object.track.onset import Track
 
 
 _LEAST_STD_RAD = 1e-4  # no direction is known better: rigs said to be exact would else be believed without limit
@@ -86,7 +86,7 @@ def _force_directions(table: ContactTable, shared: CommonErrors, rows: np.ndarra
     across = np.hypot(_dot(force, axes.normal), _dot(force, axes.lateral))
     across, whole = np.where(across > 0.0, across, np.nan), _roll_std_rad(table)[rows]
     angle = np.arctan2(_dot(force, axes.lateral), _dot(force, axes.normal))
-    if shared.point_m.shape[2]:
+    if shared.known:
         modes = np.einsum("pi,pis->ps", axes.lateral, shared.force_N[rows]) / across[:, None]
         own = np.sqrt(np.maximum(whole**2 - np.sum(modes**2, axis=1), (_LEAST_OWN * whole) ** 2))
     else:  # how much is common is not known: it counts as both, as a turn of all forces and as a stretch
@@ -188,7 +188,7 @@ def _friction_angles(
     seen = (std > 0.0) & (std < _SEEN * before) & (table.status[rows] != "tip_contact")
     widened = 1.0 / (1.0 - np.where(seen, std / before, 0.0) ** 2)
     angle, whole = estimated * widened, std * np.sqrt(widened)
-    if not shared.point_m.shape[2]:
+    if not shared.known:
         return Angles(np.where(seen, angle, np.nan), whole, np.nan_to_num(whole)[:, None] * [0.0, 0.0, 1.0])
     force = table.force_world_N[rows]
     across = np.hypot(_dot(force, axes.normal), _dot(force, axes.lateral))[:, None]

@@ -17,7 +17,7 @@ from .coefficient import WRONG, Angles, Coefficient, Evidence, FrictionTouches, 
 if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
     from estimator.object.surface import Surface
-    from estimator.object.track.result import Track
+    from estimator.object.track.onset import Track
     from vbaa_calib.rig import Rig
 
 

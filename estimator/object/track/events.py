@@ -13,9 +13,22 @@ from scipy.special import log_ndtr, logsumexp
 from estimator.contact.motion import Beam
 from estimator.table.contacts import LOCATED, ContactTable
 
-from .onset import Change, ContactStates, baseline_candidates
-from .result import FIRST_CONTACT, LOSS, RINGING, ROLLING, SLIDING, SLIP_END, SLIP_START, STICKING, Event
-from .slip import HALF_WINDOW_S, median_step
+from .onset import (
+    FIRST_CONTACT,
+    HALF_WINDOW_S,
+    LOSS,
+    RINGING,
+    ROLLING,
+    SLIDING,
+    SLIP_END,
+    SLIP_START,
+    STICKING,
+    Change,
+    ContactStates,
+    Event,
+    baseline_candidates,
+    median_step,
+)
 
 # swinging frames no further apart belong together, the frames between them too: at its turning points an antenna
 # swings, half way between them it looks at rest
@@ -143,24 +156,21 @@ def _instant(growth: _Growth) -> tuple[float, float]:
         std = float(np.sqrt(weight @ (at - mean) ** 2 + step**2 / 12.0))
         reach = 6.0 * np.hypot(std, step)
         low, high = max(low, mean - reach), min(high, mean + reach)
-    return mean, float(np.hypot(std, _HIDDEN * _common(growth) / _rate(growth, mean)))
+    # the rate by the last frame whose evidence can be trusted or, beyond, is known to be more
+    after = np.flatnonzero((growth.time_s > mean) & np.isfinite(growth.evidence))
+    if not len(after):
+        return mean, std
+    trusted = after[growth.evidence[after] <= _TRUSTED]
+    last = trusted[-1] if len(trusted) else after[0]
+    more = max(float(growth.evidence[last]) - _free_level(growth.free_evidence)[0], 1.0)
+    rate_per_s = float(np.sqrt(2.0 * more) / (growth.time_s[last] - mean))
+    return mean, float(np.hypot(std, _HIDDEN * _common(growth) / rate_per_s))
 
 
 def _common(growth: _Growth) -> float:
     """The common error in deviations."""
     level, noise = _free_level(growth.free_evidence)
     return float(np.sqrt(max(2.0 * level - 3.0 * noise, 0.0)))
-
-
-def _rate(growth: _Growth, instant_s: float) -> float:
-    """Deviations per second, by the last frame whose evidence can be trusted or, beyond, is known to be more."""
-    after = np.flatnonzero((growth.time_s > instant_s) & np.isfinite(growth.evidence))
-    if len(after) == 0:
-        return np.inf
-    trusted = after[growth.evidence[after] <= _TRUSTED]
-    last = trusted[-1] if len(trusted) else after[0]
-    more = max(float(growth.evidence[last]) - _free_level(growth.free_evidence)[0], 1.0)
-    return float(np.sqrt(2.0 * more) / (growth.time_s[last] - instant_s))
 
 
 def _free_level(evidence: np.ndarray) -> tuple[float, float]:

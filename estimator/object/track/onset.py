@@ -1,4 +1,5 @@
-"""When contact begins and ends: a sequential test on the evidence that each frame gives for a contact.
+"""What following a recording in time gives; and when contact begins and ends: a sequential test on the evidence that
+each frame gives for a contact.
 
 A slow approach shows in several frames together before one alone tells it, but not in their sum: the calibration's
 error is common to all frames, and a rig that is off within its covariance gives every free frame the same little
@@ -19,6 +20,55 @@ import numpy as np
 from scipy.stats import t as student
 
 from estimator.table.contacts import ContactTable
+
+FREE, TOUCHING, STICKING, SLIDING, ROLLING, UNKNOWN = "free", "touching", "sticking", "sliding", "rolling", "unknown"
+FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING = "first_contact", "loss", "slip_start", "slip_end", "ringing"
+
+HALF_WINDOW_S = 0.1
+"""Slips are slopes over the frames within this time."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened: its kind, and the number of the frame with which it was known.
+
+    `time_s`, `time_std_s` say when it happened, NaN where that cannot be told, `delay_s` how much later it was known,
+    `words` the same for a reader.
+    """
+
+    kind: str
+    frame: int
+    time_s: float
+    time_std_s: float
+    delay_s: float
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A recording of B frames in time.
+
+    Attributes
+    ----------
+    phase : (B,) "free", "touching": the motion is undecided, "sticking", "sliding", "rolling", or "unknown": not even
+        contact is known.
+    slip_velocity_m_s, slip_covariance_m2_s2 : (B, 3), (B, 3, 3) world, of the antenna's material point at the contact
+        against the object, in the plane of contact; NaN where the data do not hold it.
+    slip_std_m_s : (B,) largest standard deviation of its components.
+    longitudinal_m_s, lateral_m_s : (B,) along the antenna towards the tip, and along normal × tangent.
+    ringing : (B,) bool. events : in order of time. notes : what the recording could not tell, in words.
+    """
+
+    phase: np.ndarray
+    slip_velocity_m_s: np.ndarray
+    slip_std_m_s: np.ndarray
+    longitudinal_m_s: np.ndarray
+    lateral_m_s: np.ndarray
+    slip_covariance_m2_s2: np.ndarray
+    ringing: np.ndarray
+    events: tuple[Event, ...]
+    notes: tuple[str, ...]
+
 
 _WINDOWS = (3, 6, 12)  # last frames that are taken together
 _ALARM = 1e-6  # probability of a false alarm by each of the windows, in a frame of the free antenna
@@ -75,7 +125,8 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
         if table.time_s[row] - last > _GAP_S:
             now, run = -1, []
         last, alone = float(table.time_s[row]), int(said[row])
-        base = _baseline(run if now == 0 else _before_contact(changes), row, joints, root)
+        before = changes[-1].known_before if changes and changes[-1].begins else np.empty(0, int)
+        base = _baseline(run if now == 0 else before.tolist(), row, joints, root)
         if now == 1:
             late = np.array([*run[1 - _LEAVING :], row])
             if not (table.evidence[run[-_RECENT:]] <= _FIRM).all():
@@ -95,11 +146,6 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
         run.append(row)
         state[row] = now
     return ContactStates(state, tuple(changes), tested)
-
-
-def _before_contact(changes: Sequence[Change]) -> Sequence[int]:
-    """The free frames before the contact that holds now."""
-    return changes[-1].known_before[-_BASELINE - _LAG :].tolist() if changes and changes[-1].begins else []
 
 
 def baseline_candidates(free: Sequence[int]) -> Sequence[int]:
@@ -148,3 +194,10 @@ def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
 @lru_cache(maxsize=_BASELINE)
 def _threshold(freedom: int) -> float:
     return float(student.isf(_ALARM, freedom))
+
+
+def median_step(time_s: np.ndarray) -> float:
+    """Median time from frame to frame; infinite where there is none."""
+    steps = np.diff(time_s[np.isfinite(time_s)])
+    steps = steps[steps > 0.0]
+    return float(np.median(steps)) if len(steps) else np.inf

@@ -18,9 +18,8 @@ from estimator.table.contacts import ContactTable
 from estimator.table.joint_angles import joint_angles
 from vbaa_calib.rig import Rig
 
-from .follow import follow
-from .result import LOSS, SLIP_END, SLIP_START, Track
-from .slip import runs
+from .follow import follow, runs
+from .onset import LOSS, SLIP_END, SLIP_START, Track
 
 # trial intensities of the walk, about the one that would move the path by its own noise in its mean step
 _DECADES, _TRIALS = (-8.0, 4.0), 37
